@@ -1,0 +1,68 @@
+"""What the skin can tell apart: Weber's law and the published thresholds hapticnet starts from."""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+from hapticnet.errors import SettingsError
+
+SUBJECT_JND_N: Final = (0.05, 0.04, 0.06, 0.05, 0.05, 0.06, 0.05, 0.04)
+"""Force JND [N] of the eight subjects of "Cutaneous haptic deadband compression", ascending method of limits."""
+
+JND_REFERENCE_FORCES_N: Final = (0.5, 1.0, 1.5)
+"""Reference forces [N] at which those JNDs were taken."""
+
+PAPER_WEBER_FRACTION: Final = (sum(SUBJECT_JND_N) / len(SUBJECT_JND_N)) / (
+    sum(JND_REFERENCE_FORCES_N) / len(JND_REFERENCE_FORCES_N)
+)
+"""Mean JND of the eight subjects over their mean reference force: k = 0.05 N / 1 N."""
+
+PAPER_FLOOR_N: Final = PAPER_WEBER_FRACTION * min(JND_REFERENCE_FORCES_N)
+"""The JND at the weakest force the paper tested, 0.025 N.
+
+Weber's law is not supported below the weakest force tested, and k·|I| goes to zero with the force, so that noise
+alone would fire the deadband: below 0.5 N the JND is held at its value there.
+"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WeberLaw:
+    """When two stimuli can be told apart.
+
+    ``threshold(ref) = multiplier · max(weber_fraction · |ref|, floor_n)``, with ``|·|`` the Euclidean norm.
+
+    Attributes
+    ----------
+    weber_fraction
+        JND as a fraction of the reference stimulus (dimensionless, 0 to 1). Weber 1834; k·|I| in the paper.
+    floor_n
+        Smallest JND [N], which holds where k·|I| falls below it.
+    multiplier
+        How many JNDs the threshold is. The paper's conditions are 1, 2 and 4.
+
+    Raises
+    ------
+    SettingsError
+        When a value is not finite, negative, or a Weber fraction is above 1.
+    """
+
+    weber_fraction: float = PAPER_WEBER_FRACTION
+    floor_n: float = PAPER_FLOOR_N
+    multiplier: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name, value, largest in (
+            ("Weber fraction", self.weber_fraction, 1.0),
+            ("JND floor", self.floor_n, 1e9),
+            ("JND multiplier", self.multiplier, 1e3),
+        ):
+            if not (math.isfinite(value) and 0.0 <= value <= largest):
+                raise SettingsError(f"{name} is {value}; it must be between 0 and {largest:g}")
+
+    def jnd_n(self, reference_n: float) -> float:
+        """Return the just-noticeable difference [N] from a stimulus of magnitude `reference_n` [N]."""
+        return max(self.weber_fraction * reference_n, self.floor_n)
+
+    def threshold_n(self, reference_n: float) -> float:
+        """Return the deadband threshold [N] around a stimulus of magnitude `reference_n` [N]."""
+        return self.multiplier * max(self.weber_fraction * reference_n, self.floor_n)

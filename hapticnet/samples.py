@@ -1,0 +1,70 @@
+"""Position and force samples: the two things that travel through hapticnet.
+
+A vector is a tuple of floats, one per axis, because numpy costs tens of microseconds on a single sample.
+"""
+
+import math
+from collections.abc import Iterable
+from typing import NamedTuple, TypeAlias
+
+from hapticnet.errors import SampleError
+
+Vector: TypeAlias = tuple[float, ...]
+
+MAX_AXES = 3
+LARGEST_COMPONENT = 1e15
+"""Largest magnitude of one component, in SI units. Far above anything haptic, and its squares stay finite."""
+
+
+class PositionSample(NamedTuple):
+    """Where the operator's tool tip was at one time.
+
+    Attributes
+    ----------
+    t_us
+        Sampling time [µs] on the master's monotonic clock.
+    position_m
+        Position [m], one value per axis. On the needle's axis it grows into the tissue.
+    """
+
+    t_us: int
+    position_m: Vector
+
+
+class ForceSample(NamedTuple):
+    """The contact force that belongs to one position sample.
+
+    Attributes
+    ----------
+    t_us
+        Sampling time [µs] of the position this force answers, on the master's monotonic clock.
+    force_n
+        Force [N], one value per axis, positive when it pushes the operator out of the tissue.
+    """
+
+    t_us: int
+    force_n: Vector
+
+
+def checked_vector(values: Iterable[float], what: str) -> Vector:
+    """Return `values` as a vector, refusing anything that must not enter hapticnet.
+
+    Raises
+    ------
+    SampleError
+        When there are no or more than three components, or one of them is NaN, infinite or beyond
+        `LARGEST_COMPONENT`.
+    """
+    vector = tuple(float(value) for value in values)
+    if not 1 <= len(vector) <= MAX_AXES:
+        raise SampleError(f"{what} has {len(vector)} axes; 1 to {MAX_AXES} are supported")
+    for component in vector:
+        # Written so that NaN, which compares false with everything, is refused too.
+        if not -LARGEST_COMPONENT <= component <= LARGEST_COMPONENT:
+            raise SampleError(f"{what} is {component}; it must be finite and within ±{LARGEST_COMPONENT:g}")
+    return vector
+
+
+def magnitude(vector: Vector) -> float:
+    """Return the Euclidean norm of a vector."""
+    return abs(vector[0]) if len(vector) == 1 else math.hypot(*vector)
