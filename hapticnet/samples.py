@@ -66,5 +66,14 @@ def checked_vector(values: Iterable[float], what: str) -> Vector:
 
 
 def magnitude(vector: Vector) -> float:
-    """Return the Euclidean norm of a vector."""
-    return abs(vector[0]) if len(vector) == 1 else math.hypot(*vector)
+    """Return the Euclidean norm of a vector.
+
+    The plain root of the sum of squares rather than `math.hypot`, which rounds differently: array kernels must get
+    the same bits as a stream. Differences below 1e-154 therefore count as zero.
+    """
+    if len(vector) == 1:
+        return abs(vector[0])
+    square = 0.0
+    for component in vector:
+        square += component * component
+    return math.sqrt(square)

@@ -1,0 +1,1 @@
+"""Codecs: which stimuli are transmitted, as which bytes, and what the receiver applies in between."""

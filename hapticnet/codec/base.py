@@ -1,0 +1,103 @@
+"""What every codec is: a frozen description that makes encoders, decoders and whole-array encodings."""
+
+from typing import Any, ClassVar, NamedTuple, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from hapticnet.perception import WeberLaw
+from hapticnet.samples import Vector
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class Encoder(Protocol):
+    """The sending half. Its state follows what was put on the wire, never the unrounded input."""
+
+    def encode(self, t_us: int, stimulus: Vector) -> bytes | None:
+        """Return the payload to transmit for the stimulus of time `t_us`, or None when there is no need to.
+
+        Raises
+        ------
+        SampleError
+            When the stimulus is not finite or out of range.
+        """
+        ...
+
+    def refresh(self) -> None:
+        """Make the next stimulus a transmitted one, because the last update is believed lost."""
+        ...
+
+
+class Decoder(Protocol):
+    """The receiving half, bit-identical in state to the encoder wherever nothing was lost."""
+
+    def decode(self, t_us: int, payload: bytes) -> None:
+        """Take in a payload that belongs to time `t_us`.
+
+        Raises
+        ------
+        PeerError
+            When the payload is not one of this codec's, or its values are not finite or out of range. The state
+            is then unchanged.
+        """
+        ...
+
+    def reconstruct(self, t_us: int) -> Vector:
+        """Return the stimulus to apply at time `t_us`; zeros before the first payload."""
+        ...
+
+
+class Encoding(NamedTuple):
+    """What a codec does to a whole recording of n stimuli with a axes.
+
+    Attributes
+    ----------
+    sent
+        Indices of the transmitted stimuli, shape (m,), int64.
+    decoded
+        What the receiver applies at every sample, in the unit of the input, shape (n, a).
+    payload_bytes
+        Size of each transmitted payload [B], shape (m,), int64.
+    """
+
+    sent: npt.NDArray[np.int64]
+    decoded: FloatArray
+    payload_bytes: npt.NDArray[np.int64]
+
+
+class Codec(Protocol):
+    """A compression scheme with its parameters. Fields other than `law` are its negotiable parameters."""
+
+    name: ClassVar[str]
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    @property
+    def law(self) -> WeberLaw:
+        """The perceptual law of the person at the master."""
+        ...
+
+    def encoder(self, axes: int) -> Encoder:
+        """Return a new encoder for stimuli of 1 to 3 axes."""
+        ...
+
+    def decoder(self, axes: int) -> Decoder:
+        """Return a new decoder for stimuli of 1 to 3 axes."""
+        ...
+
+    def encode_array(self, t_us: npt.NDArray[np.int64], stimuli: FloatArray) -> Encoding:
+        """Encode a whole recording, sample for sample as the streaming pair does.
+
+        Parameters
+        ----------
+        t_us
+            Time stamps [µs], shape (n,).
+        stimuli
+            Finite stimuli, shape (n, a) with 1 ≤ a ≤ 3.
+
+        Raises
+        ------
+        SampleError
+            When a stimulus is not finite or out of range.
+        """
+        ...

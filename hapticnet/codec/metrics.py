@@ -1,0 +1,94 @@
+"""How far the applied stimulus is from the true one, for whole recordings and as a running account."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from hapticnet.codec.base import FloatArray
+from hapticnet.perception import WeberLaw
+from hapticnet.samples import Vector, magnitude
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ErrorReport:
+    """Error of the applied stimuli against the true ones.
+
+    Attributes
+    ----------
+    rmse_n
+        Root of the mean squared norm of the difference [N].
+    max_error_n
+        Largest norm of the difference [N].
+    exceed_jnd_fraction
+        Fraction of samples at which a person could tell the two apart: ``|F - F̂| > max(k·|F̂|, floor)``. The
+        reference is the applied stimulus F̂, because that is the one the skin is feeling; one JND, whatever the
+        multiplier of the codec.
+    """
+
+    rmse_n: float
+    max_error_n: float
+    exceed_jnd_fraction: float
+
+
+def error_report(law: WeberLaw, true: FloatArray, applied: FloatArray) -> ErrorReport:
+    """Compare stimuli of shape (n, a); zeros when there are none."""
+    if not len(true):
+        return ErrorReport(rmse_n=0.0, max_error_n=0.0, exceed_jnd_fraction=0.0)
+    error = _norms(true - applied)
+    jnd = np.maximum(law.weber_fraction * _norms(applied), law.floor_n)
+    return ErrorReport(
+        rmse_n=float(np.sqrt(np.mean(error * error))),
+        max_error_n=float(error.max()),
+        exceed_jnd_fraction=float(np.mean(error > jnd)),
+    )
+
+
+class RunningError:
+    """The same account, sample by sample, in constant memory."""
+
+    __slots__ = ("_exceeded", "_largest", "_law", "_squares", "samples")
+
+    def __init__(self, law: WeberLaw) -> None:
+        self._law = law
+        self.samples = 0
+        self._squares = 0.0
+        self._largest = 0.0
+        self._exceeded = 0
+
+    def add(self, true: Vector, applied: Vector) -> None:
+        """Take in one sample."""
+        if len(true) == 1:
+            error = abs(true[0] - applied[0])
+        else:
+            error = magnitude(tuple(x - y for x, y in zip(true, applied, strict=True)))
+        self.samples += 1
+        self._squares += error * error
+        if error > self._largest:
+            self._largest = error
+        if error > self._law.jnd_n(magnitude(applied)):
+            self._exceeded += 1
+
+    def report(self) -> ErrorReport:
+        """Return the account so far; zeros when nothing was added."""
+        samples = max(self.samples, 1)
+        return ErrorReport(
+            rmse_n=math.sqrt(self._squares / samples),
+            max_error_n=self._largest,
+            exceed_jnd_fraction=self._exceeded / samples,
+        )
+
+
+def worst_window_packets(t_us: npt.NDArray[np.int64], window_us: int = 100_000) -> int:
+    """Return the largest number of packets sent within any window [µs], closed at its start and open at its end."""
+    if not len(t_us):
+        return 0
+    ordered = np.sort(t_us)
+    ends = np.searchsorted(ordered, ordered + window_us, side="left")
+    return int(np.max(ends - np.arange(len(ordered))))
+
+
+def _norms(vectors: FloatArray) -> FloatArray:
+    norms: FloatArray = np.sqrt(np.sum(vectors * vectors, axis=1))
+    return norms

@@ -1,0 +1,174 @@
+"""The deadband law, for every input, in a stream and over a whole recording."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
+
+from hapticnet.codec import deadband as deadband_module
+from hapticnet.codec.base import Codec, Encoding
+from hapticnet.codec.deadband import Deadband, dead_zone
+from hapticnet.codec.registry import CODECS, codec_parameters, make_codec
+from hapticnet.errors import PeerError, SampleError, SettingsError
+from hapticnet.perception import WeberLaw
+from hapticnet.samples import magnitude
+
+# Forces of every size there is, exact zeros, sign changes and repeats included.
+anything = st.floats(-1e15, 1e15, allow_nan=False)
+haptic = st.floats(-10.0, 10.0)
+recordings = st.integers(1, 3).flatmap(
+    lambda axes: npst.arrays(
+        np.float64, st.tuples(st.integers(0, 60), st.just(axes)), elements=st.one_of(haptic, anything, st.just(0.0))
+    )
+)
+laws = st.builds(
+    WeberLaw,
+    weber_fraction=st.one_of(st.just(0.0), st.floats(0.0, 1.0)),
+    floor_n=st.one_of(st.just(0.0), st.floats(0.0, 2.0)),
+    multiplier=st.sampled_from([0.0, 0.3, 1.0, 2.0, 4.0]),
+)
+
+
+def stream(codec: Codec, stimuli: np.ndarray) -> Encoding:
+    """Run the streaming pair over a recording."""
+    axes = stimuli.shape[1]
+    encoder, decoder = codec.encoder(axes), codec.decoder(axes)
+    sent, sizes, decoded = [], [], []
+    for index, row in enumerate(stimuli):
+        payload = encoder.encode(index, tuple(row.tolist()))
+        if payload is not None:
+            decoder.decode(index, payload)
+            sent.append(index)
+            sizes.append(len(payload))
+        decoded.append(decoder.reconstruct(index))
+    return Encoding(np.array(sent, np.int64), np.array(decoded).reshape(-1, axes), np.array(sizes, np.int64))
+
+
+def assert_same(one: Encoding, other: Encoding) -> None:
+    assert one.sent.tolist() == other.sent.tolist()
+    assert one.payload_bytes.tolist() == other.payload_bytes.tolist()
+    assert one.decoded.tobytes() == other.decoded.tobytes()
+
+
+@given(recordings, laws)
+@example(np.array([[0.1], [0.1 + 1e-17], [1e15], [-1e15]]), WeberLaw(weber_fraction=0.0, floor_n=1e-9))
+@example(np.array([[1e-310], [0.0], [5e-324]]), WeberLaw(weber_fraction=0.0, floor_n=0.0))
+def test_the_held_force_is_within_the_threshold_at_every_sample(stimuli, law):
+    decoded = stream(Deadband(law=law), stimuli).decoded
+    for true, held in zip(stimuli.tolist(), decoded.tolist(), strict=True):
+        distance = magnitude(tuple(t - h for t, h in zip(true, held, strict=True)))
+        assert distance <= law.threshold_n(magnitude(tuple(held)))
+
+
+@given(recordings, laws, st.sampled_from(sorted(CODECS)))
+def test_stream_and_whole_array_agree_sample_for_sample(stimuli, law, name):
+    codec = make_codec(name, law)
+    t_us = np.arange(len(stimuli), dtype=np.int64)
+    assert_same(stream(codec, stimuli), codec.encode_array(t_us, stimuli))
+
+
+@pytest.mark.parametrize("axes", [1, 2, 3])
+@pytest.mark.parametrize("law", [WeberLaw(), WeberLaw(multiplier=0.0), WeberLaw(weber_fraction=0.0, floor_n=1e-12)])
+def test_compiled_kernels_agree_with_plain_python(monkeypatch, axes, law):
+    rng = np.random.default_rng(axes)
+    steps = rng.normal(0.0, 0.05, (40_000, axes))
+    steps[rng.random(40_000) < 0.001] *= 1e6
+    stimuli = np.cumsum(steps, axis=0)
+    codec, t_us = Deadband(law=law), np.arange(40_000, dtype=np.int64)
+    plain = codec.encode_array(t_us, stimuli)
+    monkeypatch.setattr(deadband_module, "COMPILE_ABOVE_SAMPLES", 0)
+    assert_same(plain, codec.encode_array(t_us, stimuli))
+    with pytest.raises(SampleError, match="sample 7 is"):
+        codec.encode_array(t_us, np.where(np.arange(40_000)[:, None] == 7, np.nan, stimuli))
+
+
+@given(st.floats(-1e15, 1e15), st.floats(0.0, 1e15))
+def test_the_dead_zone_is_never_wider_than_the_threshold_and_at_most_two_steps_narrower(reference, threshold):
+    low, high = dead_zone(reference, threshold)
+    assert low <= reference <= high
+    assert reference - low <= threshold
+    assert high - reference <= threshold
+    outside = math.nextafter(math.nextafter(high, math.inf), math.inf)
+    assert outside - reference >= threshold
+
+
+def test_weber_worked_example_of_the_paper():
+    law = WeberLaw(weber_fraction=0.05, floor_n=0.0)
+    assert law.threshold_n(1.0) == 0.05
+    stimuli = np.array([[1.0], [1.049], [0.951], [1.051], [1.10], [1.104], [0.99]])
+    encoding = stream(Deadband(law=law), stimuli)
+    assert encoding.sent.tolist() == [0, 3, 5, 6]
+
+
+def test_a_difference_of_exactly_the_threshold_is_not_transmitted():
+    law = WeberLaw(weber_fraction=0.25, floor_n=0.0)
+    encoding = stream(Deadband(law=law), np.array([[1.0], [1.25], [0.75], [math.nextafter(1.25, 2)]]))
+    assert encoding.sent.tolist() == [0, 3]
+
+
+def test_noise_around_zero_does_not_fire_the_deadband_below_its_floor():
+    noise = np.random.default_rng(3).uniform(-0.012, 0.012, (5000, 1))
+    assert stream(Deadband(law=WeberLaw(floor_n=0.025)), noise).sent.tolist() == [0]
+
+
+def test_a_force_that_changes_sign_is_transmitted_when_it_leaves_the_threshold():
+    encoding = stream(Deadband(law=WeberLaw(weber_fraction=0.1, floor_n=0.01)), np.array([[0.5], [-0.5], [-0.51]]))
+    assert encoding.sent.tolist() == [0, 1]
+
+
+def test_the_first_sample_is_always_sent_even_when_it_is_zero():
+    for axes in (1, 2, 3):
+        assert Deadband(law=WeberLaw(floor_n=1.0)).encoder(axes).encode(0, (0.0,) * axes) is not None
+
+
+@pytest.mark.parametrize("axes", [1, 2, 3])
+@pytest.mark.parametrize("name", sorted(CODECS))
+def test_refresh_makes_the_next_stimulus_a_transmitted_one(name, axes):
+    encoder = make_codec(name, WeberLaw()).encoder(axes)
+    encoder.encode(0, (1.0,) * axes)
+    encoder.refresh()
+    assert encoder.encode(1, (1.0,) * axes) is not None
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e300])
+@pytest.mark.parametrize("axes", [1, 2, 3])
+@pytest.mark.parametrize("name", sorted(CODECS))
+def test_what_is_not_finite_or_out_of_range_is_refused_and_leaves_the_encoder_usable(name, axes, bad):
+    codec = make_codec(name, WeberLaw())
+    encoder = codec.encoder(axes)
+    encoder.encode(0, (1.0,) * axes)
+    with pytest.raises(SampleError, match="finite and within"):
+        encoder.encode(1, (*(1.0,) * (axes - 1), bad))
+    assert encoder.encode(2, (3.0,) * axes) is not None
+    with pytest.raises(SampleError, match="sample 1"):
+        codec.encode_array(np.arange(2, dtype=np.int64), np.array([[1.0] * axes, [1.0] * (axes - 1) + [bad]]))
+
+
+@pytest.mark.parametrize("name", sorted(CODECS))
+@given(payload=st.binary(max_size=30), axes=st.integers(1, 3))
+def test_a_corrupt_payload_is_refused_or_finite_and_never_half_applied(name, payload, axes):
+    decoder = make_codec(name, WeberLaw()).decoder(axes)
+    before = decoder.reconstruct(0)
+    try:
+        decoder.decode(0, payload)
+    except PeerError:
+        assert decoder.reconstruct(0) == before
+    else:
+        assert all(abs(component) <= 1e15 for component in decoder.reconstruct(0))
+
+
+def test_an_unknown_codec_or_parameter_is_refused_with_what_there_is():
+    with pytest.raises(SettingsError, match=r"unknown codec 'mp3'; there are: raw, deadband"):
+        make_codec("mp3", WeberLaw())
+    with pytest.raises(SettingsError, match="has no parameter 'bitrate'"):
+        make_codec("deadband", WeberLaw(), {"bitrate": 1.0})
+    assert codec_parameters(make_codec("deadband", WeberLaw())) == {}
+
+
+@pytest.mark.parametrize("shape", [(2, 4), (2, 0), (2, 2, 2)])
+def test_a_recording_of_a_shape_that_cannot_be_is_refused(shape):
+    with pytest.raises(SampleError, match="recording of shape"):
+        Deadband().encode_array(np.arange(2, dtype=np.int64), np.zeros(shape))
