@@ -1,0 +1,68 @@
+"""What became of the datagrams of one direction: new, late, duplicate or lost."""
+
+import enum
+
+from hapticnet.protocol.serial_number import distance, wrap
+
+WINDOW = 1024
+"""Sequence numbers remembered below the newest: one second at 1 kHz, longer than any reordering worth telling from
+loss. What is older counts as late."""
+
+
+class Arrival(enum.Enum):
+    """What a datagram is, by its sequence number."""
+
+    NEW = "new"
+    LATE = "late"
+    DUPLICATE = "duplicate"
+
+
+class ArrivalWindow:
+    """Sorts arrivals by sequence number and counts what never came.
+
+    Parameters
+    ----------
+    first
+        The sequence number of the datagram that opened the session; it counts as arrived.
+    """
+
+    __slots__ = ("_expected", "_newest", "_seen", "_unique")
+
+    def __init__(self, first: int) -> None:
+        self._newest = first
+        self._seen = 1  # bit i: the sequence number i below the newest has arrived
+        self._expected = 1
+        self._unique = 1
+
+    @property
+    def lost(self) -> int:
+        """Datagrams sent before the newest one that have not arrived (yet)."""
+        return self._expected - self._unique
+
+    def arrive(self, sequence: int) -> Arrival:
+        """Take note of an arrival and say what it is."""
+        ahead = distance(sequence, self._newest)
+        if ahead == 1:  # the common case, kept short
+            self._seen = (self._seen << 1 | 1) & _MASK
+        elif ahead > 0:
+            self._seen = (self._seen << ahead | 1) & _MASK if ahead < WINDOW else 1
+        else:
+            return self._arrive_behind(-ahead)
+        self._newest = wrap(sequence)
+        self._expected += ahead
+        self._unique += 1
+        return Arrival.NEW
+
+    def _arrive_behind(self, behind: int) -> Arrival:
+        if behind >= WINDOW:
+            return Arrival.LATE
+        if self._seen >> behind & 1:
+            return Arrival.DUPLICATE
+        self._seen |= 1 << behind
+        # What was sent before the session opened was never expected, so its arrival makes up for no loss.
+        if self.lost:
+            self._unique += 1
+        return Arrival.LATE
+
+
+_MASK = (1 << WINDOW) - 1

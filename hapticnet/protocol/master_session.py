@@ -1,0 +1,275 @@
+"""The master's end of a session, sans-I/O."""
+
+from collections import deque
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from hapticnet.errors import PeerError
+from hapticnet.protocol.messages import (
+    REASON_BYTES,
+    Close,
+    Force,
+    Hello,
+    Keepalive,
+    Position,
+    Welcome,
+    clipped,
+    pack_hello,
+    unpack_close,
+    unpack_force,
+    unpack_keepalive,
+    unpack_refuse,
+    unpack_welcome,
+)
+from hapticnet.protocol.serial_number import MODULUS, unwrap, wrap
+from hapticnet.protocol.settings import SessionSettings
+from hapticnet.protocol.states import MASTER_TRANSITIONS, MasterState, Trigger
+from hapticnet.protocol.stats import Distribution, Traffic
+from hapticnet.protocol.wire import Datagram, Kind, pack, pack_body, unpack
+
+
+class Connected(NamedTuple):
+    """A session stands; also after a reconnect."""
+
+    welcome: Welcome
+
+
+class ForceArrived(NamedTuple):
+    """A force newer than all before it."""
+
+    t_us: int
+    payload: bytes
+
+
+class HoldConfirmed(NamedTuple):
+    """The slave heard us and has sent nothing newer than what we hold."""
+
+
+class LinkStale(NamedTuple):
+    """Nothing was heard for the age limit."""
+
+
+class LinkRecovered(NamedTuple):
+    """The session is heard again after it was stale."""
+
+
+class SessionLost(NamedTuple):
+    """The slave ended or forgot the session; another one is being asked for."""
+
+    reason: str
+
+
+class Ended(NamedTuple):
+    """The session is over. `refused`: it never began, and `reason` is the slave's."""
+
+    reason: str
+    refused: bool
+
+
+MasterEvent: TypeAlias = Connected | ForceArrived | HoldConfirmed | LinkStale | LinkRecovered | SessionLost | Ended
+
+
+class MasterSession:
+    """Asks for a session, keeps it, and asks again when the slave has lost it.
+
+    Parameters
+    ----------
+    request
+        The HELLO to send; its nonce is replaced by a fresh one for each session.
+    rng
+        Where nonces come from.
+    """
+
+    def __init__(self, request: Hello, settings: SessionSettings, rng: np.random.Generator) -> None:
+        self.state = MasterState.CONNECTING
+        self.sent = Traffic()
+        self.received = Traffic()
+        self.round_trip = Distribution()
+        self._request = request
+        self._settings = settings
+        self._rng = rng
+        self._session = 0
+        self._sequence = settings.first_sequence
+        self._newest_force: int | None = None
+        self._next_try_us: int | None = None
+        self._tries_left = settings.close_tries
+        self._close_reason = ""
+        self._heard_us = 0
+        self._outbox: list[bytes] = []
+        self._events: deque[MasterEvent] = deque()
+        self._new_nonce()
+
+    @property
+    def streaming(self) -> bool:
+        """Whether positions are sent: while a session stands, stale or not, so that it can recover."""
+        return self.state is MasterState.ESTABLISHED or self.state is MasterState.STALE
+
+    def send_position(self, t_us: int, payload: bytes) -> None:
+        """Send a position of time `t_us` [µs]; nothing is sent unless `streaming`."""
+        if self.streaming:
+            self._send(Kind.POSITION, Position(wrap(t_us), self._newest_force, payload))
+
+    def close(self, reason: str, now_us: int) -> None:
+        """End the session; the slave is told until it answers or the tries are used up."""
+        if self.state in (MasterState.CLOSING, MasterState.CLOSED):
+            return
+        self._close_reason = clipped(reason, REASON_BYTES)
+        if self.state is MasterState.CONNECTING:
+            self._end(Trigger.CLOSE, self._close_reason)
+            return
+        self._move(Trigger.CLOSE)
+        self._next_try_us = now_us
+        self.tick(now_us)
+
+    def tick(self, now_us: int) -> None:
+        """Do what time asks for: say HELLO or CLOSE again, call the link stale."""
+        if self.state is MasterState.ESTABLISHED:
+            if now_us - self._heard_us > self._settings.stale_after_us:
+                self._move(Trigger.SILENCE)
+                self._events.append(LinkStale())
+        elif self.state is MasterState.CONNECTING:
+            if self._is_time_to_try(now_us, self._settings.hello_interval_us):
+                hello = pack_hello(self._request, self._settings.first_sequence)
+                self.sent.add(Kind.HELLO, len(hello))
+                self._outbox.append(hello)
+        elif self.state is MasterState.CLOSING and self._is_time_to_try(now_us, self._settings.close_interval_us):
+            if self._tries_left:
+                self._tries_left -= 1
+                self._send(Kind.CLOSE, Close(self._close_reason))
+            else:
+                self._end(Trigger.GAVE_UP, self._close_reason)
+
+    def next_timer_us(self) -> int | None:
+        """Return when `tick` has something to do if nothing is heard until then [µs]; None: never."""
+        if self.state is MasterState.ESTABLISHED:
+            return self._heard_us + self._settings.stale_after_us + 1
+        if self.state in (MasterState.CONNECTING, MasterState.CLOSING):
+            return self._next_try_us if self._next_try_us is not None else 0
+        return None
+
+    def datagrams_to_send(self) -> list[bytes]:
+        """Return what is to be sent now."""
+        outbox, self._outbox = self._outbox, []
+        return outbox
+
+    def next_event(self) -> MasterEvent | None:
+        """Return what happened next, or None."""
+        return self._events.popleft() if self._events else None
+
+    def receive_datagram(self, data: bytes, now_us: int) -> None:
+        """Take in a datagram. Whatever it holds, nothing is raised: what is not ours is counted."""
+        try:
+            datagram = unpack(data)
+            self._receive(datagram, len(data), now_us)
+        except PeerError:
+            self.received.add_malformed(len(data))
+
+    def payload_was_malformed(self) -> None:
+        """Count a payload of a `ForceArrived` that its codec refused."""
+        self.received.malformed += 1
+
+    def _receive(self, datagram: Datagram, size: int, now_us: int) -> None:
+        kind = datagram.kind
+        if kind is Kind.WELCOME or kind is Kind.REFUSE:
+            self._receive_answer(datagram, size, now_us)
+            return
+        if datagram.session != self._session or self._session == 0:
+            self._count_stray(kind, size)
+            return
+        if kind is Kind.RESET:
+            self.received.add(kind, size)
+            self._reconnect(Trigger.RESET, "the slave does not know the session", now_us)
+            return
+        if kind is Kind.FORCE:
+            force = unpack_force(datagram.body)
+            self.received.add(kind, size)
+            if self._is_newest(datagram.sequence, now_us):
+                self._newest_force = datagram.sequence
+                t_us = self._account_round_trip(force.t_us, now_us)
+                self._events.append(ForceArrived(t_us, force.payload))
+        elif kind is Kind.KEEPALIVE:
+            keepalive: Keepalive = unpack_keepalive(datagram.body)
+            self.received.add(kind, size)
+            if self._is_newest(datagram.sequence, now_us):
+                self._account_round_trip(keepalive.t_us, now_us)
+                if keepalive.newest_force == self._newest_force:
+                    self._events.append(HoldConfirmed())
+        elif kind is Kind.CLOSE:
+            reason = unpack_close(datagram.body).reason
+            self.received.add(kind, size)
+            if self.state is MasterState.CLOSING:
+                self._end(Trigger.PEER_CLOSED, self._close_reason)
+            else:
+                self._reconnect(Trigger.PEER_CLOSED, f"the slave closed: {reason}", now_us)
+        else:
+            self._count_stray(kind, size)
+
+    def _receive_answer(self, datagram: Datagram, size: int, now_us: int) -> None:
+        welcome = unpack_welcome(datagram.body) if datagram.kind is Kind.WELCOME else None
+        answer = welcome or unpack_refuse(datagram.body)
+        self.received.add(datagram.kind, size)
+        if answer.nonce != self._request.nonce:
+            self.received.stray += 1
+        elif self.state is not MasterState.CONNECTING:
+            self.received.duplicate += 1
+        elif welcome is None:
+            self._end(Trigger.REFUSED, unpack_refuse(datagram.body).reason, refused=True)
+        else:
+            self._session = datagram.session
+            self._sequence = wrap(self._settings.first_sequence + 1)
+            self._newest_force = None
+            self._heard_us = now_us
+            self.received.open_window(datagram.sequence)
+            self._move(Trigger.WELCOMED)
+            self._events.append(Connected(welcome))
+
+    def _is_newest(self, sequence: int, now_us: int) -> bool:
+        """Account for a sequence number; old datagrams are dropped, but prove the link alive all the same."""
+        self._heard_us = now_us
+        if self.state is MasterState.STALE:
+            self._move(Trigger.HEARD)
+            self._events.append(LinkRecovered())
+        return self.received.arrive(sequence)
+
+    def _account_round_trip(self, echoed_t_us: int, now_us: int) -> int:
+        """Return the unwrapped time [µs] of the position that was answered."""
+        t_us = unwrap(echoed_t_us, now_us)
+        self.round_trip.add(now_us - t_us)
+        return t_us
+
+    def _reconnect(self, trigger: Trigger, reason: str, now_us: int) -> None:
+        if self.state is MasterState.CLOSING:
+            self._end(trigger, self._close_reason)
+            return
+        self._move(trigger)
+        self._session = 0
+        self._new_nonce()
+        self._next_try_us = now_us
+        self._events.append(SessionLost(reason))
+
+    def _end(self, trigger: Trigger, reason: str, *, refused: bool = False) -> None:
+        self._move(trigger)
+        self._events.append(Ended(reason, refused=refused))
+
+    def _count_stray(self, kind: Kind, size: int) -> None:
+        self.received.add(kind, size)
+        self.received.stray += 1
+
+    def _is_time_to_try(self, now_us: int, interval_us: int) -> bool:
+        if self._next_try_us is not None and now_us < self._next_try_us:
+            return False
+        self._next_try_us = now_us + interval_us
+        return True
+
+    def _send(self, kind: Kind, message: Position | Close | Force) -> None:
+        datagram = pack(kind, self._session, self._sequence, pack_body(message))
+        self._sequence = wrap(self._sequence + 1)
+        self.sent.add(kind, len(datagram))
+        self._outbox.append(datagram)
+
+    def _new_nonce(self) -> None:
+        self._request = self._request._replace(nonce=int(self._rng.integers(MODULUS)))
+
+    def _move(self, trigger: Trigger) -> None:
+        self.state = MASTER_TRANSITIONS[self.state, trigger]

@@ -1,0 +1,21 @@
+"""Numbers that wrap at 2³²: sequence numbers and microsecond time stamps (serial number arithmetic, RFC 1982)."""
+
+from typing import Final
+
+MODULUS: Final = 1 << 32
+HALF: Final = 1 << 31
+
+
+def wrap(number: int) -> int:
+    """Return a number as it stands on the wire, 0 to 2³² - 1."""
+    return number & (MODULUS - 1)
+
+
+def distance(newer: int, older: int) -> int:
+    """Return how far `newer` is ahead of `older`, from -2³¹ to 2³¹ - 1."""
+    return ((newer - older + HALF) & (MODULUS - 1)) - HALF
+
+
+def unwrap(number: int, near: int) -> int:
+    """Return the unwrapped number closest to the unwrapped number `near`."""
+    return near + distance(number, near)

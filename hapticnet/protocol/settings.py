@@ -1,0 +1,48 @@
+"""The timings of a session, shared by both ends."""
+
+from dataclasses import dataclass
+
+from hapticnet.errors import SettingsError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SessionSettings:
+    """Timings [µs] and limits of sessions.
+
+    Attributes
+    ----------
+    hello_interval_us
+        How often a master that is not connected says HELLO.
+    stale_after_us
+        Silence after which a master calls the link stale; the age limit of a held force.
+    keepalive_us
+        How long a slave lets a master go without a datagram while it hears positions. Four keepalives may be lost in
+        a row before the link goes stale.
+    close_interval_us, close_tries
+        How often, and how many times, a master says CLOSE before it gives up on the answer.
+    idle_after_us
+        Silence after which a slave forgets an open session.
+    half_open_us
+        Silence after which a slave forgets a session whose master never sent a position.
+    most_sessions
+        Sessions a slave holds at once.
+    first_sequence
+        Sequence number of the first datagram of a session.
+    """
+
+    hello_interval_us: int = 100_000
+    stale_after_us: int = 200_000
+    keepalive_us: int = 45_000
+    close_interval_us: int = 50_000
+    close_tries: int = 5
+    idle_after_us: int = 5_000_000
+    half_open_us: int = 1_000_000
+    most_sessions: int = 64
+    first_sequence: int = 0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.keepalive_us < self.stale_after_us:
+            raise SettingsError(
+                f"keepalive interval is {self.keepalive_us} µs; it must be shorter than the age limit of"
+                f" {self.stale_after_us} µs, or silence would pass for a dead link"
+            )

@@ -1,0 +1,132 @@
+"""The slave's end of one session, sans-I/O. The table of all sessions is `node.slave`'s."""
+
+from hapticnet.protocol.messages import (
+    REASON_BYTES,
+    Close,
+    Force,
+    Hello,
+    Keepalive,
+    Position,
+    Welcome,
+    clipped,
+    unpack_close,
+    unpack_position,
+)
+from hapticnet.protocol.repair import Repair
+from hapticnet.protocol.serial_number import unwrap, wrap
+from hapticnet.protocol.settings import SessionSettings
+from hapticnet.protocol.states import SLAVE_TRANSITIONS, SlaveState, Trigger
+from hapticnet.protocol.stats import Traffic
+from hapticnet.protocol.wire import Datagram, Kind, pack, pack_body
+
+
+class SlaveSession:
+    """Sorts a master's positions and numbers the forces that answer them.
+
+    Parameters
+    ----------
+    session
+        The number of the session, never 0.
+    hello, first_sequence
+        The HELLO that opened it, and its sequence number.
+    """
+
+    def __init__(
+        self, session: int, hello: Hello, settings: SessionSettings, *, first_sequence: int, now_us: int
+    ) -> None:
+        self.session = session
+        self.hello = hello
+        self.state = SlaveState.HALF_OPEN
+        self.sent = Traffic()
+        self.received = Traffic()
+        self.received.open_window(first_sequence)
+        self.end_reason: str | None = None
+        self._settings = settings
+        self._sequence = settings.first_sequence
+        self._newest_force: int | None = None
+        self._position_t_us: int | None = None
+        self._heard_us = now_us
+        self._spoke_us = now_us
+        self._repair = Repair()
+
+    def welcome(self, rate_hz: float, scene: str) -> bytes:
+        """Return the WELCOME; a repeated HELLO gets the same one again."""
+        message = Welcome(self.hello.nonce, rate_hz, self._settings.keepalive_us, scene)
+        datagram = pack(Kind.WELCOME, self.session, self._settings.first_sequence, pack_body(message))
+        self._sequence = wrap(self._settings.first_sequence + 1)
+        self.sent.add(Kind.WELCOME, len(datagram))
+        return datagram
+
+    def receive(self, datagram: Datagram, size: int, now_us: int) -> Position | None:
+        """Take in a datagram of this session; return the position in it when it is the newest one.
+
+        The position's time stamp comes back unwrapped. A CLOSE moves the session to CLOSED.
+
+        Raises
+        ------
+        PeerError
+            When the body is malformed; the caller counts it.
+        """
+        if datagram.kind is Kind.POSITION:
+            position = unpack_position(datagram.body)
+            self.received.add(datagram.kind, size)
+            self._heard_us = now_us
+            if not self.received.arrive(datagram.sequence):
+                return None
+            if self.state is SlaveState.HALF_OPEN:
+                self._move(Trigger.POSITION)
+            if position.newest_force is not None:
+                self._repair.acknowledged(position.newest_force, now_us)
+            near = position.t_us if self._position_t_us is None else self._position_t_us
+            self._position_t_us = unwrap(position.t_us, near)
+            return position._replace(t_us=self._position_t_us)
+        if datagram.kind is Kind.CLOSE:
+            close = unpack_close(datagram.body)
+            self.received.add(datagram.kind, size)
+            self.end(Trigger.PEER_CLOSED, f"the master closed: {close.reason}")
+        else:
+            self.received.add(datagram.kind, size)
+            self.received.stray += 1
+        return None
+
+    def update_is_overdue(self, now_us: int) -> bool:
+        """Tell whether the newest force is believed lost and must be replaced by the current one."""
+        return self._repair.overdue(now_us)
+
+    def force(self, t_us: int, payload: bytes, now_us: int) -> bytes:
+        """Return a FORCE that answers the position of time `t_us`."""
+        self._newest_force = self._sequence
+        self._repair.sent(self._sequence, now_us)
+        return self._datagram(Kind.FORCE, Force(wrap(t_us), payload), now_us)
+
+    def keepalive_is_due(self, now_us: int) -> bool:
+        """Tell whether the master has gone without a datagram for the keepalive interval."""
+        return now_us - self._spoke_us >= self._settings.keepalive_us
+
+    def keepalive(self, t_us: int, now_us: int) -> bytes:
+        """Return a KEEPALIVE that answers the position of time `t_us`."""
+        return self._datagram(Kind.KEEPALIVE, Keepalive(wrap(t_us), self._newest_force), now_us)
+
+    def close(self, reason: str, now_us: int) -> bytes:
+        """Return a CLOSE."""
+        return self._datagram(Kind.CLOSE, Close(clipped(reason, REASON_BYTES)), now_us)
+
+    def expires_us(self) -> int:
+        """Return when the session is forgotten if nothing is heard until then [µs]."""
+        half_open = self.state is SlaveState.HALF_OPEN
+        return self._heard_us + (self._settings.half_open_us if half_open else self._settings.idle_after_us)
+
+    def end(self, trigger: Trigger, reason: str) -> None:
+        """Move to CLOSED."""
+        self._move(trigger)
+        self.end_reason = reason
+
+    def _datagram(self, kind: Kind, message: Force | Keepalive | Close, now_us: int) -> bytes:
+        datagram = pack(kind, self.session, self._sequence, pack_body(message))
+        self._sequence = wrap(self._sequence + 1)
+        self._spoke_us = now_us
+        self.sent.add(kind, len(datagram))
+        return datagram
+
+    def _move(self, trigger: Trigger) -> None:
+        self.state = SLAVE_TRANSITIONS[self.state, trigger]

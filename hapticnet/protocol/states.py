@@ -1,0 +1,71 @@
+"""The states of a session at either end, and every transition there is. docs/protocol.md draws these tables."""
+
+import enum
+from collections.abc import Mapping
+from typing import Final
+
+
+class MasterState(enum.Enum):
+    """Where the master's session stands."""
+
+    CONNECTING = "connecting"
+    ESTABLISHED = "established"
+    STALE = "stale"
+    CLOSING = "closing"
+    CLOSED = "closed"
+
+
+class SlaveState(enum.Enum):
+    """Where one of the slave's sessions stands."""
+
+    HALF_OPEN = "half open"
+    OPEN = "open"
+    CLOSED = "closed"
+
+
+class Trigger(enum.Enum):
+    """What moves a session from one state to the next."""
+
+    WELCOMED = "WELCOME received"
+    REFUSED = "REFUSE received"
+    SILENCE = "nothing heard for the age limit"
+    HEARD = "anything of the session heard"
+    RESET = "RESET received: the slave does not know the session"
+    CLOSE = "our side closes"
+    PEER_CLOSED = "CLOSE received"
+    GAVE_UP = "no answer after the last try"
+    POSITION = "first POSITION received"
+    IDLE = "nothing heard for the idle limit"
+    REPLACED = "the same master said HELLO anew, or the place was needed"
+
+
+_M, _S, _T = MasterState, SlaveState, Trigger
+
+MASTER_TRANSITIONS: Final[Mapping[tuple[MasterState, Trigger], MasterState]] = {
+    (_M.CONNECTING, _T.WELCOMED): _M.ESTABLISHED,
+    (_M.CONNECTING, _T.REFUSED): _M.CLOSED,
+    (_M.CONNECTING, _T.CLOSE): _M.CLOSED,
+    (_M.ESTABLISHED, _T.SILENCE): _M.STALE,
+    (_M.ESTABLISHED, _T.RESET): _M.CONNECTING,
+    (_M.ESTABLISHED, _T.CLOSE): _M.CLOSING,
+    (_M.ESTABLISHED, _T.PEER_CLOSED): _M.CONNECTING,
+    (_M.STALE, _T.HEARD): _M.ESTABLISHED,
+    (_M.STALE, _T.RESET): _M.CONNECTING,
+    (_M.STALE, _T.CLOSE): _M.CLOSING,
+    (_M.STALE, _T.PEER_CLOSED): _M.CONNECTING,
+    (_M.CLOSING, _T.PEER_CLOSED): _M.CLOSED,
+    (_M.CLOSING, _T.RESET): _M.CLOSED,
+    (_M.CLOSING, _T.GAVE_UP): _M.CLOSED,
+}
+
+SLAVE_TRANSITIONS: Final[Mapping[tuple[SlaveState, Trigger], SlaveState]] = {
+    (_S.HALF_OPEN, _T.POSITION): _S.OPEN,
+    (_S.HALF_OPEN, _T.IDLE): _S.CLOSED,
+    (_S.HALF_OPEN, _T.REPLACED): _S.CLOSED,
+    (_S.HALF_OPEN, _T.PEER_CLOSED): _S.CLOSED,
+    (_S.HALF_OPEN, _T.CLOSE): _S.CLOSED,
+    (_S.OPEN, _T.IDLE): _S.CLOSED,
+    (_S.OPEN, _T.REPLACED): _S.CLOSED,
+    (_S.OPEN, _T.PEER_CLOSED): _S.CLOSED,
+    (_S.OPEN, _T.CLOSE): _S.CLOSED,
+}

@@ -1,0 +1,138 @@
+"""Accounts of traffic: every datagram and byte, per direction, and distributions in constant memory."""
+
+import math
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Final
+
+from hapticnet.protocol.arrivals import Arrival, ArrivalWindow
+from hapticnet.protocol.wire import UDP_IPV4_HEADER_BYTES, Kind
+
+
+@dataclass(slots=True)
+class Traffic:
+    """Datagrams of one direction.
+
+    Attributes
+    ----------
+    packets, payload_bytes
+        Datagrams and their bytes, UDP and IP headers not included.
+    by_kind
+        Datagrams of each kind.
+    late, duplicate
+        Older than the newest one seen; seen before. Both are dropped.
+    malformed
+        Not of the protocol, or with contents that cannot be.
+    stray
+        Well formed, but of no session that stands.
+    lost_before
+        Datagrams lost in sessions that have ended.
+    """
+
+    packets: int = 0
+    payload_bytes: int = 0
+    by_kind: Counter[Kind] = field(default_factory=Counter)
+    late: int = 0
+    duplicate: int = 0
+    malformed: int = 0
+    stray: int = 0
+    lost_before: int = 0
+    window: ArrivalWindow | None = None
+
+    def add(self, kind: Kind, size: int) -> None:
+        """Count one well-formed datagram of `size` bytes."""
+        self.packets += 1
+        self.payload_bytes += size
+        self.by_kind[kind] += 1
+
+    def add_malformed(self, size: int) -> None:
+        """Count one malformed datagram of `size` bytes."""
+        self.packets += 1
+        self.payload_bytes += size
+        self.malformed += 1
+
+    def open_window(self, first: int) -> None:
+        """Start to watch the sequence numbers of a new session, whose first datagram was `first`."""
+        self.lost_before = self.lost
+        self.window = ArrivalWindow(first)
+
+    def arrive(self, sequence: int) -> bool:
+        """Take note of a sequence number; tell whether the datagram is newer than all before it."""
+        assert self.window is not None, "no session is open"  # noqa: S101 - the caller's fault, not the peer's
+        arrival = self.window.arrive(sequence)
+        if arrival is Arrival.NEW:
+            return True
+        if arrival is Arrival.LATE:
+            self.late += 1
+        else:
+            self.duplicate += 1
+        return False
+
+    @property
+    def lost(self) -> int:
+        """Datagrams that never arrived, over all sessions."""
+        return self.lost_before + (self.window.lost if self.window else 0)
+
+    @property
+    def wire_bytes(self) -> int:
+        """Bytes with UDP and IPv4 headers."""
+        return self.payload_bytes + self.packets * UDP_IPV4_HEADER_BYTES
+
+    def report(self) -> dict[str, object]:
+        """Return the account for JSON. A direction that is only sent knows nothing of arrivals."""
+        account: dict[str, object] = {
+            "packets": self.packets,
+            "payload_bytes": self.payload_bytes,
+            "wire_bytes": self.wire_bytes,
+            "by_kind": {kind.name.lower(): count for kind, count in sorted(self.by_kind.items())},
+        }
+        if self.window or self.malformed or self.stray:
+            account |= {
+                "lost": self.lost,
+                "late": self.late,
+                "duplicate": self.duplicate,
+                "malformed": self.malformed,
+                "stray": self.stray,
+            }
+        return account
+
+
+class Distribution:
+    """Durations [µs] in buckets one per cent wide: percentiles of any number of them in constant memory."""
+
+    RATIO: Final = 1.01
+    __slots__ = ("_counts", "_scale", "count", "largest")
+
+    def __init__(self) -> None:
+        self._counts: dict[int, int] = {}
+        self._scale = 1.0 / math.log(self.RATIO)
+        self.count = 0
+        self.largest = 0.0
+
+    def add(self, value_us: float) -> None:
+        """Take in one duration; negative ones, which only a clock that went back can make, count as zero."""
+        bucket = int(math.log(value_us) * self._scale) if value_us > 1.0 else 0
+        self._counts[bucket] = self._counts.get(bucket, 0) + 1
+        self.count += 1
+        if value_us > self.largest:
+            self.largest = value_us
+
+    def percentile(self, percent: float) -> float | None:
+        """Return the upper edge [µs] of the bucket that holds the percentile; None when nothing was added."""
+        rank = percent / 100.0 * self.count
+        seen = 0
+        for bucket in sorted(self._counts):
+            seen += self._counts[bucket]
+            if seen >= rank:
+                return float(min(self.RATIO ** (bucket + 1), self.largest))
+        return None
+
+    def report(self) -> dict[str, object]:
+        """Return count, percentiles and maximum [µs] for JSON; None where nothing was measured."""
+        return {
+            "count": self.count,
+            "p50_us": self.percentile(50),
+            "p99_us": self.percentile(99),
+            "p99_9_us": self.percentile(99.9),
+            "max_us": self.largest if self.count else None,
+        }

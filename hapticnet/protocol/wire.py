@@ -1,0 +1,143 @@
+"""One datagram: a msgpack array [version, kind, session, sequence, body].
+
+The body is a byte string: the msgpack array of the message's fields, or in a sealed session its ciphertext. The first
+four elements stay readable, are what a seal authenticates, and `sequence` never repeats within a session and direction,
+so that it can be the nonce.
+"""
+
+import enum
+from typing import Any, Final, NamedTuple
+
+import msgpack
+import numpy as np
+import numpy.typing as npt
+
+from hapticnet.errors import PeerError
+from hapticnet.protocol.serial_number import MODULUS
+
+VERSION: Final = 1
+
+MAX_DATAGRAM_BYTES: Final = 1200
+"""Larger datagrams are not ours. Fits every IPv6 path without fragments (RFC 8200 §5: 1280 B links)."""
+
+UDP_IPV4_HEADER_BYTES: Final = 28
+"""IPv4 header without options (RFC 791, 20 B) and UDP header (RFC 768, 8 B)."""
+
+
+class Kind(enum.IntEnum):
+    """What a datagram is."""
+
+    HELLO = 1
+    WELCOME = 2
+    REFUSE = 3
+    POSITION = 4
+    FORCE = 5
+    KEEPALIVE = 6
+    CLOSE = 7
+    RESET = 8
+
+
+_pack = msgpack.Packer().pack
+"""One packer for all: making a new one for each datagram costs as much again as packing it."""
+
+KINDS: Final = {int(kind): kind for kind in Kind}
+
+
+ANY_VERSION: Final = (Kind.HELLO, Kind.REFUSE)
+"""Kinds whose frame and first body field are the same in every version, so that versions can tell each other apart."""
+
+
+class Datagram(NamedTuple):
+    """A datagram whose frame is sound; its body is not looked at yet."""
+
+    version: int
+    kind: Kind
+    session: int
+    sequence: int
+    body: bytes
+
+
+def pack(kind: int, session: int, sequence: int, body: bytes) -> bytes:
+    """Return a datagram."""
+    datagram: bytes = _pack((VERSION, kind, session, sequence, body))
+    return datagram
+
+
+def pack_body(fields: tuple[Any, ...]) -> bytes:
+    """Return the body of a message: its fields as a msgpack array."""
+    body: bytes = _pack(fields)
+    return body
+
+
+def unpack(data: bytes) -> Datagram:
+    """Return the datagram in `data`.
+
+    Raises
+    ------
+    PeerError
+        When it is oversized, not msgpack, not an array of the right shape, or of another version and not one of
+        `ANY_VERSION`.
+    """
+    if len(data) > MAX_DATAGRAM_BYTES:
+        raise PeerError(f"datagram of {len(data)} bytes; at most {MAX_DATAGRAM_BYTES} are read")
+    fields = _decode(data)
+    if len(fields) != 5:
+        raise PeerError(f"datagram of {len(fields)} elements instead of 5")
+    version, number, session, sequence, body = fields
+    if not (is_uint32(session) and is_uint32(sequence) and type(body) is bytes and type(number) is int):
+        raise PeerError("datagram frame of the wrong types")
+    kind = KINDS.get(number)
+    if kind is None:
+        raise PeerError(f"datagram of unknown kind {number}")
+    if version != VERSION and kind not in ANY_VERSION:
+        raise PeerError(f"datagram of protocol version {version!r}; this is version {VERSION}")
+    return Datagram(version, kind, session, sequence, body)
+
+
+def unpack_body(body: bytes, length: int) -> tuple[Any, ...]:
+    """Return the `length` fields of a body; a PeerError says what is wrong with it."""
+    fields = _decode(body)
+    if len(fields) != length:
+        raise PeerError(f"body of {len(fields)} fields instead of {length}")
+    return fields
+
+
+def unpack_nonce(body: bytes) -> int:
+    """Return the nonce of a HELLO of whatever version: its first field."""
+    fields = _decode(body)
+    if not fields or not is_uint32(fields[0]):
+        raise PeerError("HELLO without a nonce")
+    nonce: int = fields[0]
+    return nonce
+
+
+def is_uint32(value: object) -> bool:
+    """Tell whether a decoded value is an unsigned 32-bit integer (and no boolean)."""
+    return type(value) is int and 0 <= value < MODULUS
+
+
+def force_datagram_bytes(
+    sequence: npt.NDArray[np.int64], t_us: npt.NDArray[np.int64], payload_bytes: npt.NDArray[np.int64]
+) -> npt.NDArray[np.int64]:
+    """Return the size [B] of FORCE datagrams, without UDP and IP headers, shapes (m,).
+
+    The arithmetic of msgpack: one byte for each array head, version and kind, five for a session, two for each byte
+    string's head, and one to five for an unsigned integer by its size.
+    """
+    return 12 + _uint_bytes(sequence) + _uint_bytes(t_us) + payload_bytes + 1
+
+
+def _uint_bytes(values: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    sizes = np.array([1, 2, 3, 5], dtype=np.int64)
+    return sizes[np.searchsorted([1 << 7, 1 << 8, 1 << 16], values % MODULUS, side="right")]
+
+
+def _decode(data: bytes) -> tuple[Any, ...]:
+    try:
+        fields = msgpack.unpackb(data, use_list=False, max_array_len=16, max_map_len=16, max_ext_len=0)
+    # msgpack raises a ValueError of some kind for all that is malformed, TypeError for keys that cannot be hashed.
+    except (ValueError, TypeError) as error:
+        raise PeerError(f"not msgpack: {error!r}") from error
+    if type(fields) is not tuple:
+        raise PeerError(f"a msgpack {type(fields).__name__} instead of an array")
+    return fields
