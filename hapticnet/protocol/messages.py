@@ -118,27 +118,26 @@ def unpack_refuse(body: bytes) -> Refuse:
 
 def unpack_position(body: bytes) -> Position:
     """Return the POSITION in a body; a PeerError says what is wrong with it."""
-    fields = unpack_body(body, 3)
-    t_us, newest_force, payload = fields
+    t_us, newest_force, payload = unpack_body(body, 3)
     if not (is_uint32(t_us) and (newest_force is None or is_uint32(newest_force)) and type(payload) is bytes):
         raise PeerError("POSITION of the wrong types")
-    return Position._make(fields)
+    return Position(t_us, newest_force, payload)
 
 
 def unpack_force(body: bytes) -> Force:
     """Return the FORCE in a body; a PeerError says what is wrong with it."""
-    fields = unpack_body(body, 2)
-    if not (is_uint32(fields[0]) and type(fields[1]) is bytes):
+    t_us, payload = unpack_body(body, 2)
+    if not (is_uint32(t_us) and type(payload) is bytes):
         raise PeerError("FORCE of the wrong types")
-    return Force._make(fields)
+    return Force(t_us, payload)
 
 
 def unpack_keepalive(body: bytes) -> Keepalive:
     """Return the KEEPALIVE in a body; a PeerError says what is wrong with it."""
-    fields = unpack_body(body, 2)
-    if not (is_uint32(fields[0]) and (fields[1] is None or is_uint32(fields[1]))):
+    t_us, newest_force = unpack_body(body, 2)
+    if not (is_uint32(t_us) and (newest_force is None or is_uint32(newest_force))):
         raise PeerError("KEEPALIVE of the wrong types")
-    return Keepalive._make(fields)
+    return Keepalive(t_us, newest_force)
 
 
 def unpack_close(body: bytes) -> Close:

@@ -79,7 +79,7 @@ class SlaveSession:
                 self._repair.acknowledged(position.newest_force, now_us)
             near = position.t_us if self._position_t_us is None else self._position_t_us
             self._position_t_us = unwrap(position.t_us, near)
-            return position._replace(t_us=self._position_t_us)
+            return Position(self._position_t_us, position.newest_force, position.payload)
         if datagram.kind is Kind.CLOSE:
             close = unpack_close(datagram.body)
             self.received.add(datagram.kind, size)

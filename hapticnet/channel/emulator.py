@@ -1,0 +1,256 @@
+"""The channel itself: packets go in with the time they are sent, and come out when they are due."""
+
+import heapq
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final, Generic, TypeVar
+
+import numpy as np
+
+from hapticnet.channel.loss import BernoulliLoss
+from hapticnet.channel.settings import ChannelSettings
+
+T = TypeVar("T")
+
+HEADER_BYTES: Final = 20 + 8
+"""IPv4 header without options (RFC 791) and UDP header (RFC 768), which every packet takes on the wire."""
+
+MAX_IN_FLIGHT: Final = 100_000
+"""Most packets an emulator holds, so that one nobody takes packets out of does not fill the memory."""
+
+_NS_PER_US: Final = 1_000
+_NS_PER_S: Final = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChannelCounters:
+    """What became of the packets so far: accepted + duplicated = delivered + lost + queue_dropped + in flight.
+
+    Attributes
+    ----------
+    accepted
+        Packets pushed in.
+    delivered
+        Packets handed out, duplicates included.
+    lost
+        Packets the loss model took.
+    queue_dropped
+        Packets that found the bottleneck's queue full, or `MAX_IN_FLIGHT` packets under way.
+    duplicated
+        Copies made.
+    reordered
+        Packets delivered after one that was pushed in later (RFC 4737, section 3).
+    accepted_bytes, delivered_bytes, lost_bytes, queue_dropped_bytes, duplicated_bytes
+        The same in bytes on the wire, UDP and IPv4 headers included.
+    """
+
+    accepted: int
+    delivered: int
+    lost: int
+    queue_dropped: int
+    duplicated: int
+    reordered: int
+    accepted_bytes: int
+    delivered_bytes: int
+    lost_bytes: int
+    queue_dropped_bytes: int
+    duplicated_bytes: int
+
+
+class Emulator(Generic[T]):
+    """One direction of an emulated network.
+
+    A packet's fate depends only on the seed, the settings, its size, and the packets pushed before it, not on when
+    `due` is called; each kind of chance has a random stream of its own, so that the same packets are lost whatever
+    the jitter is. A time stamp earlier than the one before is taken as it is: the packet still waits for those it
+    must not overtake, and for a bottleneck that is busy.
+
+    Parameters
+    ----------
+    settings
+        What happens to packets; parts that are not set cost nothing.
+    rng
+        Where chance comes from. Child streams are spawned from it; nothing is drawn from it.
+    """
+
+    __slots__ = (
+        "_accepted",
+        "_accepted_bytes",
+        "_delay_us",
+        "_delivered",
+        "_delivered_bytes",
+        "_duplicated",
+        "_duplicated_bytes",
+        "_duplicates",
+        "_fifo",
+        "_heap",
+        "_hold_back_us",
+        "_hold_backs",
+        "_jitter_us",
+        "_keeps_order",
+        "_last_due_us",
+        "_link_free_ns",
+        "_losses",
+        "_lost",
+        "_lost_bytes",
+        "_newest_delivered",
+        "_plain",
+        "_queue_dropped",
+        "_queue_dropped_bytes",
+        "_queue_ns",
+        "_rate_bit_per_s",
+        "_reordered",
+        "_reorders",
+    )
+
+    def __init__(self, settings: ChannelSettings, rng: np.random.Generator) -> None:
+        loss_rng, duplicate_rng, jitter_rng, reorder_rng = rng.spawn(4)
+        loss, jitter = settings.loss, settings.jitter
+        self._losses = loss.fates(loss_rng) if loss is not None and loss.mean > 0.0 else None
+        self._duplicates = _chances(settings.duplicate_probability, duplicate_rng)
+        self._hold_backs = _chances(settings.reorder_probability, reorder_rng)
+        self._hold_back_us = settings.hold_back_us
+        self._jitter_us = jitter.delays_us(jitter_rng) if jitter is not None and jitter.deviation_us else None
+        self._keeps_order = jitter is None or jitter.keeps_order
+        self._delay_us = settings.delay_us
+        self._rate_bit_per_s = settings.rate_bit_per_s
+        self._queue_ns = settings.queue_us * _NS_PER_US
+        self._link_free_ns = 0
+
+        self._reorders = self._hold_backs is not None or (self._jitter_us is not None and not self._keeps_order)
+        self._plain = not self._reorders and all(
+            part is None for part in (self._losses, self._duplicates, self._jitter_us, self._rate_bit_per_s)
+        )
+        # Packets under way are in one of these. In the queue, a packet waits for the one before it whatever its own
+        # time. The heap is for when some may overtake others; there a packet is (due, number, copy, item, size),
+        # so that no two compare equal before their items.
+        self._fifo: deque[tuple[int, T, int]] = deque()
+        self._heap: list[tuple[int, int, bool, T, int]] = []
+        self._last_due_us = 0
+        self._newest_delivered = 0
+
+        self._accepted = self._accepted_bytes = 0
+        self._delivered = self._delivered_bytes = 0
+        self._lost = self._lost_bytes = 0
+        self._queue_dropped = self._queue_dropped_bytes = 0
+        self._duplicated = self._duplicated_bytes = 0
+        self._reordered = 0
+
+    @property
+    def in_flight(self) -> int:
+        """Packets pushed in and neither handed out nor dropped yet, copies included."""
+        return len(self._fifo) + len(self._heap)
+
+    @property
+    def counters(self) -> ChannelCounters:
+        """What became of the packets so far."""
+        return ChannelCounters(
+            accepted=self._accepted,
+            delivered=self._delivered,
+            lost=self._lost,
+            queue_dropped=self._queue_dropped,
+            duplicated=self._duplicated,
+            reordered=self._reordered,
+            accepted_bytes=self._accepted_bytes + self._accepted * HEADER_BYTES,
+            delivered_bytes=self._delivered_bytes + self._delivered * HEADER_BYTES,
+            lost_bytes=self._lost_bytes + self._lost * HEADER_BYTES,
+            queue_dropped_bytes=self._queue_dropped_bytes + self._queue_dropped * HEADER_BYTES,
+            duplicated_bytes=self._duplicated_bytes + self._duplicated * HEADER_BYTES,
+        )
+
+    def push(self, item: T, size_bytes: int, now_us: int) -> None:
+        """Send a packet.
+
+        Parameters
+        ----------
+        item
+            What comes out again.
+        size_bytes
+            Size of the UDP payload.
+        now_us
+            Time of sending [µs].
+        """
+        self._accepted += 1
+        self._accepted_bytes += size_bytes
+        if self._plain:
+            fifo = self._fifo
+            if len(fifo) >= MAX_IN_FLIGHT:
+                self._drop(size_bytes)
+            else:
+                fifo.append((now_us + self._delay_us, item, size_bytes))
+            return
+        if self._losses is not None and next(self._losses):
+            self._lost += 1
+            self._lost_bytes += size_bytes
+            return
+        self._forward(item, size_bytes, now_us, is_copy=False)
+        if self._duplicates is not None and next(self._duplicates):
+            self._duplicated += 1
+            self._duplicated_bytes += size_bytes
+            self._forward(item, size_bytes, now_us, is_copy=True)
+
+    def due(self, now_us: int) -> list[T]:
+        """Take out the packets whose time of delivery has come by `now_us` [µs], in the order of delivery."""
+        items: list[T] = []
+        if self._reorders:
+            heap = self._heap
+            while heap and heap[0][0] <= now_us:
+                _, number, _, item, size_bytes = heapq.heappop(heap)
+                items.append(item)
+                self._delivered_bytes += size_bytes
+                if number < self._newest_delivered:
+                    self._reordered += 1
+                else:
+                    self._newest_delivered = number
+        else:
+            fifo = self._fifo
+            while fifo and fifo[0][0] <= now_us:
+                _, item, size_bytes = fifo.popleft()
+                items.append(item)
+                self._delivered_bytes += size_bytes
+        self._delivered += len(items)
+        return items
+
+    def next_timer_us(self) -> int | None:
+        """Return when [µs] the next packet is due, or None when none is under way."""
+        if self._fifo:
+            return self._fifo[0][0]
+        return self._heap[0][0] if self._heap else None
+
+    def _forward(self, item: T, size_bytes: int, now_us: int, *, is_copy: bool) -> None:
+        """Send a packet or a copy of one through the bottleneck, and on."""
+        under_way = self._heap or self._fifo
+        if len(under_way) >= MAX_IN_FLIGHT:
+            self._drop(size_bytes)
+            return
+        if self._rate_bit_per_s is not None:
+            # Whole nanoseconds, rounded up: exact at any time stamp, and never faster than the rate.
+            start_ns = max(now_us * _NS_PER_US, self._link_free_ns)
+            if start_ns - now_us * _NS_PER_US > self._queue_ns:
+                self._drop(size_bytes)
+                return
+            bits = (size_bytes + HEADER_BYTES) * 8
+            self._link_free_ns = start_ns - -bits * _NS_PER_S // self._rate_bit_per_s
+            now_us = -(-self._link_free_ns // _NS_PER_US)
+        due_us = now_us + self._delay_us
+        if self._jitter_us is not None:
+            due_us += next(self._jitter_us)
+        if not self._reorders:
+            self._fifo.append((due_us, item, size_bytes))
+            return
+        if self._keeps_order and under_way and due_us < self._last_due_us:
+            due_us = self._last_due_us
+        if self._hold_backs is not None and next(self._hold_backs):
+            due_us += self._hold_back_us
+        else:
+            self._last_due_us = due_us
+        heapq.heappush(self._heap, (due_us, self._accepted, is_copy, item, size_bytes))
+
+    def _drop(self, size_bytes: int) -> None:
+        self._queue_dropped += 1
+        self._queue_dropped_bytes += size_bytes
+
+
+def _chances(probability: float, rng: np.random.Generator) -> Iterator[bool] | None:
+    return BernoulliLoss(probability).fates(rng) if probability > 0.0 else None

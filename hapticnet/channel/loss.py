@@ -1,0 +1,175 @@
+"""Which packets a channel loses: independently, in bursts, or by an explicit pattern."""
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final, TypeAlias
+
+import numpy as np
+
+from hapticnet.channel.quantities import format_share, parse_share
+from hapticnet.errors import SettingsError
+
+BLOCK: Final = 1024
+"""Random numbers drawn at once: one at a time they would cost more than all the rest of a packet's way."""
+
+LONGEST_PATTERN: Final = 1_000_000
+
+
+def _check_shares(what: str, shares: dict[str, float]) -> None:
+    for name, share in shares.items():
+        # Written so that NaN, which compares false with everything, is refused too.
+        if not 0.0 <= share <= 1.0:
+            raise SettingsError(f"{what}: {name} is {share}; it must be between 0 and 1")
+
+
+@dataclass(frozen=True, slots=True)
+class BernoulliLoss:
+    """Each packet is lost with the same probability, whatever became of the others.
+
+    Attributes
+    ----------
+    probability
+        Probability that a packet is lost, 0 to 1.
+
+    Raises
+    ------
+    SettingsError
+        When the probability is not between 0 and 1.
+    """
+
+    probability: float
+
+    def __post_init__(self) -> None:
+        _check_shares("loss", {"probability": self.probability})
+
+    @property
+    def mean(self) -> float:
+        """Share of packets lost in the long run."""
+        return self.probability
+
+    def describe(self) -> str:
+        """Return the text `parse_loss` reads."""
+        return format_share(self.probability)
+
+    def fates(self, rng: np.random.Generator) -> Iterator[bool]:
+        """Yield for each packet in turn whether it is lost."""
+        while True:
+            yield from (rng.random(BLOCK) < self.probability).tolist()
+
+
+@dataclass(frozen=True, slots=True)
+class GilbertElliottLoss:
+    """Losses in bursts: a Markov chain that changes between a good and a bad state, once a packet.
+
+    Gilbert, "Capacity of a burst-noise channel", Bell System Technical Journal 39 (1960) 1253–1265, with k = 1;
+    Elliott, "Estimates of error rates for codes on burst-noise channels", same journal 42 (1963) 1977–1997, with
+    k below 1. The chain is in the bad state for a share p / (p + r) of the packets, so that the stationary loss
+    rate is ``(1 − h)·p/(p + r) + (1 − k)·r/(p + r)``; a stay in the bad state lasts 1/r packets on average. The
+    first packet finds the chain in its stationary distribution.
+
+    Attributes
+    ----------
+    p
+        Probability that the bad state follows on the good one.
+    r
+        Probability that the good state follows on the bad one.
+    h
+        Probability that a packet gets through in the bad state; none does by default.
+    k
+        Probability that a packet gets through in the good state; every one does by default.
+
+    Raises
+    ------
+    SettingsError
+        When a probability is not between 0 and 1, or p and r are both 0, so that there is no stationary state.
+    """
+
+    p: float
+    r: float
+    h: float = 0.0
+    k: float = 1.0
+
+    def __post_init__(self) -> None:
+        _check_shares("loss gilbert", {"p": self.p, "r": self.r, "h": self.h, "k": self.k})
+        if self.p + self.r == 0.0:
+            raise SettingsError("loss gilbert: p and r are both 0; the state would never change")
+
+    @property
+    def mean(self) -> float:
+        """Share of packets lost in the long run."""
+        bad = self.p / (self.p + self.r)
+        return (1.0 - self.h) * bad + (1.0 - self.k) * (1.0 - bad)
+
+    def describe(self) -> str:
+        """Return the text `parse_loss` reads."""
+        return "gilbert:" + ",".join(format_share(share) for share in (self.p, self.r, self.h, self.k))
+
+    def fates(self, rng: np.random.Generator) -> Iterator[bool]:
+        """Yield for each packet in turn whether it is lost."""
+        to_bad, stay_bad, loss_good, loss_bad = self.p, 1.0 - self.r, 1.0 - self.k, 1.0 - self.h
+        bad = bool(rng.random() < self.p / (self.p + self.r))
+        while True:
+            for loss_draw, state_draw in rng.random((BLOCK, 2)).tolist():
+                yield loss_draw < (loss_bad if bad else loss_good)
+                bad = state_draw < (stay_bad if bad else to_bad)
+
+
+@dataclass(frozen=True, slots=True)
+class PatternLoss:
+    """Losses by an explicit pattern, repeated without end.
+
+    Attributes
+    ----------
+    pattern
+        One character a packet: 1 is lost, 0 gets through.
+
+    Raises
+    ------
+    SettingsError
+        When the pattern is empty, too long or has other characters than 0 and 1.
+    """
+
+    pattern: str
+
+    def __post_init__(self) -> None:
+        if not 1 <= len(self.pattern) <= LONGEST_PATTERN or set(self.pattern) - {"0", "1"}:
+            raise SettingsError(
+                f'loss pattern is "{self.pattern[:40]}"; it must be 1 to {LONGEST_PATTERN} characters 0 '
+                "(gets through) or 1 (is lost), such as 0010110"
+            )
+
+    @property
+    def mean(self) -> float:
+        """Share of packets lost in the long run."""
+        return self.pattern.count("1") / len(self.pattern)
+
+    def describe(self) -> str:
+        """Return the text `parse_loss` reads."""
+        return f"pattern:{self.pattern}"
+
+    def fates(self, _rng: np.random.Generator) -> Iterator[bool]:
+        """Yield for each packet in turn whether it is lost; there is nothing random in it."""
+        return itertools.cycle([mark == "1" for mark in self.pattern])
+
+
+Loss: TypeAlias = BernoulliLoss | GilbertElliottLoss | PatternLoss
+
+
+def parse_loss(text: str) -> Loss:
+    """Return the loss written as ``2%``, ``gilbert:p,r[,h[,k]]`` or ``pattern:0010110``.
+
+    Raises
+    ------
+    SettingsError
+        When it is none of these.
+    """
+    model, colon, arguments = text.partition(":")
+    if not colon:
+        return BernoulliLoss(parse_share(text))
+    if model == "pattern":
+        return PatternLoss(arguments)
+    shares = arguments.split(",")
+    if model == "gilbert" and 2 <= len(shares) <= 4:
+        return GilbertElliottLoss(*(parse_share(share) for share in shares))
+    raise SettingsError(f'"{text[:60]}" is none of 2%, gilbert:p,r[,h[,k]] and pattern:0010110')

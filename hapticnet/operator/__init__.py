@@ -1,0 +1,1 @@
+"""Where positions come from: scripted insertions of a needle, or a recorded motion."""

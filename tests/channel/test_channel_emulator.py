@@ -1,0 +1,346 @@
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hapticnet.channel import emulator as emulator_module
+from hapticnet.channel.emulator import HEADER_BYTES, Emulator
+from hapticnet.channel.presets import PRESETS
+from hapticnet.channel.settings import parse_channel
+
+EVERYTHING = (
+    "delay=3ms,jitter=pareto:2ms,order=free,loss=gilbert:5%,30%,20%,99%,reorder=5%:4ms,duplicate=5%,"
+    "rate=400kbit/s,queue=4ms"
+)
+SPECS = [
+    "perfect",
+    "delay=3ms",
+    "delay=3ms,jitter=normal:1ms",
+    "delay=3ms,jitter=uniform:2ms,order=free",
+    "loss=20%,duplicate=10%",
+    "delay=1ms,reorder=20%:2500us",
+    "rate=300kbit/s,queue=3ms,duplicate=20%",
+    "loss=100%",
+    EVERYTHING,
+    *PRESETS,
+]
+specs = st.sampled_from(SPECS)
+seeds = st.integers(0, 2**32)
+# Gaps between packets and their sizes: bursts, a 1 kHz stream, silence.
+streams = st.lists(
+    st.tuples(st.sampled_from([0, 1, 500, 1000, 20_000]) | st.integers(0, 5000), st.integers(0, 1472)), max_size=60
+)
+
+
+def make(spec, seed=7):
+    return Emulator(parse_channel(spec), np.random.default_rng(seed))
+
+
+def deliveries(emulator):
+    """Take everything out, as (time of delivery, item)."""
+    taken = []
+    while (due_us := emulator.next_timer_us()) is not None:
+        assert emulator.due(due_us - 1) == []
+        items = emulator.due(due_us)
+        assert items
+        taken += [(due_us, item) for item in items]
+    return taken
+
+
+def send_all(emulator, stream, start_us=0):
+    """Push a stream of (gap, size); return what was sent, as (time, size) by number."""
+    sent = []
+    now_us = start_us
+    for gap_us, size_bytes in stream:
+        now_us += gap_us
+        emulator.push(len(sent), size_bytes, now_us)
+        sent.append((now_us, size_bytes))
+    return sent
+
+
+def assert_conserved(emulator):
+    counters = emulator.counters
+    assert counters.accepted + counters.duplicated == (
+        counters.delivered + counters.lost + counters.queue_dropped + emulator.in_flight
+    )
+
+
+def test_a_perfect_channel_delivers_at_once_in_order():
+    emulator = make("perfect")
+    emulator.push("a", 10, 5)
+    emulator.push("b", 10, 5)
+    assert emulator.next_timer_us() == 5
+    assert emulator.due(5) == ["a", "b"]
+    assert emulator.due(5) == []
+    assert emulator.next_timer_us() is None
+
+
+def test_a_constant_delay_is_kept_to_the_microsecond():
+    emulator = make("delay=20ms")
+    emulator.push("a", 10, 1000)
+    assert emulator.due(20_999) == []
+    assert emulator.in_flight == 1
+    assert emulator.due(21_000) == ["a"]
+    assert emulator.in_flight == 0
+
+
+@given(specs, seeds, streams, st.lists(st.integers(0, 60), max_size=5))
+def test_every_packet_is_accounted_for_at_any_moment(spec, seed, stream, services):
+    emulator = make(spec, seed)
+    now_us = 0
+    for number, (gap_us, size_bytes) in enumerate(stream):
+        now_us += gap_us
+        emulator.push(number, size_bytes, now_us)
+        if number in services:
+            emulator.due(now_us)
+        assert_conserved(emulator)
+    delivered_before = emulator.counters.delivered
+    assert len(deliveries(emulator)) == emulator.counters.delivered - delivered_before
+    assert emulator.in_flight == 0
+    assert_conserved(emulator)
+    counters = emulator.counters
+    assert counters.accepted == len(stream)
+    assert counters.accepted_bytes == sum(size_bytes + HEADER_BYTES for _, size_bytes in stream)
+    assert counters.accepted_bytes + counters.duplicated_bytes == (
+        counters.delivered_bytes + counters.lost_bytes + counters.queue_dropped_bytes
+    )
+
+
+@given(specs, seeds, streams)
+def test_nothing_is_delivered_before_its_delay(spec, seed, stream):
+    emulator = make(spec, seed)
+    sent = send_all(emulator, stream)
+    for due_us, number in deliveries(emulator):
+        assert due_us >= sent[number][0] + parse_channel(spec).delay_us
+
+
+@given(specs, seeds, streams)
+def test_the_same_seed_gives_the_same_fate_however_often_it_is_served(spec, seed, stream):
+    at_the_end, at_once = make(spec, seed), make(spec, seed)
+    send_all(at_the_end, stream)
+    expected = deliveries(at_the_end)
+
+    taken = []
+    now_us = 0
+    for number, (gap_us, size_bytes) in enumerate(stream):
+        now_us += gap_us
+        while (due_us := at_once.next_timer_us()) is not None and due_us <= now_us:
+            taken += [(due_us, item) for item in at_once.due(due_us)]
+        at_once.push(number, size_bytes, now_us)
+    taken += deliveries(at_once)
+    # Packets of the same microsecond: those already taken out cannot be put in order with a later one.
+    assert sorted(taken) == sorted(expected)
+    assert [due_us for due_us, _ in taken] == [due_us for due_us, _ in expected]
+
+
+def test_different_seeds_give_different_fates():
+    first, second = make("loss=50%", 1), make("loss=50%", 2)
+    stream = [(1000, 20)] * 100
+    send_all(first, stream)
+    send_all(second, stream)
+    assert deliveries(first) != deliveries(second)
+
+
+@pytest.mark.parametrize("spec", [spec for spec in SPECS if "order=free" not in spec and "reorder" not in spec])
+@given(seed=seeds, stream=streams)
+def test_packets_keep_their_order_unless_asked(spec, seed, stream):
+    emulator = make(spec, seed)
+    send_all(emulator, stream)
+    numbers = [number for _, number in deliveries(emulator)]
+    assert numbers == sorted(numbers)
+    assert emulator.counters.reordered == 0
+
+
+@given(seeds, streams)
+def test_keeping_the_order_is_waiting_for_those_before(seed, stream):
+    free, kept = make("delay=1ms,jitter=normal:3ms,order=free", seed), make("delay=1ms,jitter=normal:3ms", seed)
+    send_all(free, stream)
+    send_all(kept, stream)
+    own_us = [due_us for due_us, _ in sorted(deliveries(free), key=lambda delivery: delivery[1])]
+    assert [due_us for due_us, _ in deliveries(kept)] == list(itertools.accumulate(own_us, max))
+
+
+def test_free_order_lets_packets_overtake_and_counts_them():
+    emulator = make("jitter=uniform:5ms,order=free")
+    send_all(emulator, [(1000, 20)] * 500)
+    numbers = [number for _, number in deliveries(emulator)]
+    late = sum(number < max(numbers[:index], default=-1) for index, number in enumerate(numbers))
+    assert late > 100
+    assert emulator.counters.reordered == late
+
+
+@given(seeds)
+def test_a_held_back_packet_is_overtaken_and_holds_up_nobody(seed):
+    emulator = make("delay=2ms,reorder=20%:3500us", seed)
+    sent = send_all(emulator, [(1000, 20)] * 200)
+    taken = deliveries(emulator)
+    transits_us = {number: due_us - sent[number][0] for due_us, number in taken}
+    assert set(transits_us.values()) == {2000, 5500}
+    held = {number for number, transit_us in transits_us.items() if transit_us == 5500}
+    assert 10 < len(held) < 80
+    for kind in (held, transits_us.keys() - held):
+        numbers = [number for _, number in taken if number in kind]
+        assert numbers == sorted(numbers)
+
+
+def test_a_packet_held_back_after_which_none_follows_is_not_reordered():
+    emulator = make("reorder=100%:5ms")
+    send_all(emulator, [(1000, 20)] * 20)
+    assert [number for _, number in deliveries(emulator)] == list(range(20))
+    assert emulator.counters.reordered == 0
+
+
+def test_a_pattern_loses_exactly_its_packets():
+    emulator = make("loss=pattern:0010110")
+    send_all(emulator, [(1000, 20)] * 14)
+    assert [number for _, number in deliveries(emulator)] == [0, 1, 3, 6, 7, 8, 10, 13]
+    assert emulator.counters.lost == 6
+    assert emulator.counters.lost_bytes == 6 * 48
+
+
+@pytest.mark.parametrize(
+    "other", ["jitter=normal:3ms", "reorder=10%", "duplicate=10%", "delay=1s", "rate=1Gbit/s", EVERYTHING]
+)
+def test_the_same_packets_are_lost_whatever_else_the_channel_does(other):
+    emulators = [
+        make(f"{parts},loss=30%") for parts in ("delay=0ms", other.replace("loss=gilbert:5%,30%,20%,99%,", ""))
+    ]
+    arrived = []
+    for emulator in emulators:
+        # More than one block of random numbers.
+        send_all(emulator, [(50_000, 20)] * 2500)
+        arrived.append({number for _, number in deliveries(emulator)})
+    assert arrived[0] == arrived[1]
+    assert 1600 < len(arrived[0]) < 1900
+
+
+def test_duplicates_follow_their_original_and_are_counted():
+    emulator = make("delay=1ms,duplicate=30%")
+    send_all(emulator, [(1000, 20)] * 1000)
+    numbers = [number for _, number in deliveries(emulator)]
+    counters = emulator.counters
+    assert numbers == sorted(numbers)
+    assert set(numbers) == set(range(1000))
+    assert counters.duplicated == len(numbers) - 1000
+    assert 240 < counters.duplicated < 360
+    assert counters.duplicated_bytes == counters.duplicated * 48
+
+
+def test_duplicates_are_not_reordered_packets():
+    emulator = make("reorder=100%:5ms,duplicate=100%")
+    send_all(emulator, [(1000, 20)] * 20)
+    assert [number for _, number in deliveries(emulator)] == [number for number in range(20) for _ in range(2)]
+    assert emulator.counters.reordered == 0
+
+
+def test_a_lost_packet_is_not_duplicated():
+    emulator = make("loss=100%,duplicate=100%")
+    send_all(emulator, [(1000, 20)] * 50)
+    assert emulator.counters.lost == 50
+    assert emulator.counters.duplicated == 0
+    assert emulator.next_timer_us() is None
+
+
+@given(seeds, streams, st.sampled_from([9_600, 300_000, 1_000_000, 7_777_777]))
+def test_no_window_carries_more_than_the_rate_and_one_packet(seed, stream, rate_bit_per_s):
+    emulator = make(f"delay=5ms,rate={rate_bit_per_s}bit/s,queue=50ms,duplicate=20%", seed)
+    sent = send_all(emulator, stream)
+    taken = [(due_us, (sent[number][1] + HEADER_BYTES) * 8) for due_us, number in deliveries(emulator)]
+    for first in range(len(taken)):
+        carried_bits = 0
+        for due_us, bits in taken[first + 1 :]:
+            carried_bits += bits
+            # Times of delivery are rounded up to whole microseconds.
+            window_us = due_us - taken[first][0] + 1
+            assert carried_bits * 1_000_000 <= rate_bit_per_s * window_us
+
+
+def test_the_bottleneck_takes_as_long_as_its_rate_says_headers_included():
+    emulator = make("rate=1Mbit/s")
+    emulator.push("a", 97, 0)
+    emulator.push("b", 97, 0)
+    assert deliveries(emulator) == [(1000, "a"), (2000, "b")]
+    emulator = make("rate=3Mbit/s")
+    emulator.push("a", 97, 0)
+    assert emulator.next_timer_us() == 334
+
+
+def test_a_bottleneck_is_never_faster_than_its_rate_however_small_the_fractions():
+    emulator = make("rate=3Gbit/s")
+    for number in range(10_000):
+        emulator.push(number, 97, 0)
+    taken = deliveries(emulator)
+    assert taken[0][0] == 1
+    # 10,000 packets of 1,000 bits take 3,333.3 µs.
+    assert 3334 <= taken[-1][0] <= 3341
+
+
+def test_a_full_queue_drops_the_newest_and_counts_them():
+    emulator = make("rate=1Mbit/s,queue=3ms")
+    send_all(emulator, [(0, 97)] * 10)
+    assert emulator.counters.queue_dropped == 6
+    assert emulator.counters.queue_dropped_bytes == 6 * 125
+    # One on the link, and three that wait for 1, 2 and 3 ms.
+    assert deliveries(emulator) == [(1000, 0), (2000, 1), (3000, 2), (4000, 3)]
+
+
+def test_the_queue_empties_as_time_goes_on():
+    emulator = make("rate=1Mbit/s,queue=3ms")
+    send_all(emulator, [(1000, 97)] * 1000)
+    assert emulator.counters.queue_dropped == 0
+    assert [due_us for due_us, _ in deliveries(emulator)] == [1000 * (number + 2) for number in range(1000)]
+
+
+def test_a_packet_too_large_for_the_queue_still_passes_an_idle_link():
+    emulator = make("rate=9600bit/s,queue=1ms")
+    emulator.push("large", 1472, 0)
+    assert deliveries(emulator) == [(1_250_000, "large")]
+
+
+@pytest.mark.parametrize("spec", ["perfect", "delay=1s,jitter=normal:1ms", "delay=1s,reorder=10%", EVERYTHING])
+def test_an_emulator_nobody_serves_is_bounded_and_counts_what_it_drops(monkeypatch, spec):
+    monkeypatch.setattr(emulator_module, "MAX_IN_FLIGHT", 25)
+    emulator = make(spec.replace("delay=3ms", "delay=1s"))
+    send_all(emulator, [(10_000, 20)] * 100)
+    assert emulator.in_flight == 25
+    assert_conserved(emulator)
+    assert emulator.counters.queue_dropped + emulator.counters.lost >= 75
+    assert len(deliveries(emulator)) == 25
+
+
+@given(specs, seeds, st.lists(st.integers(-(2**63), 2**63) | st.integers(0, 3000), max_size=40))
+def test_a_clock_that_jumps_anywhere_raises_nothing_and_loses_no_count(spec, seed, times_us):
+    emulator = make(spec, seed)
+    for number, now_us in enumerate(times_us):
+        emulator.push(number, 20, now_us)
+        emulator.due(now_us - 500)
+        assert_conserved(emulator)
+    emulator.due(2**80)
+    assert emulator.in_flight == 0
+    assert_conserved(emulator)
+
+
+def test_packets_stay_in_order_when_the_clock_steps_back():
+    emulator = make("delay=1ms")
+    emulator.push("a", 20, 5000)
+    emulator.push("b", 20, 4000)
+    assert emulator.due(5500) == []
+    assert emulator.due(6000) == ["a", "b"]
+
+
+def test_an_idle_channel_goes_on_at_once_after_the_clock_stepped_back():
+    for spec in ("delay=1ms", "delay=1ms,jitter=uniform:1us", "delay=1ms,duplicate=1%,reorder=1%"):
+        emulator = make(spec)
+        emulator.push("a", 20, 10**12)
+        assert "a" in emulator.due(10**12 + 20_000)
+        emulator.push("b", 20, 0)
+        assert "b" in emulator.due(20_000)
+
+
+def test_items_need_not_be_comparable():
+    emulator = make("delay=1ms,reorder=50%,duplicate=100%")
+    for number in range(20):
+        emulator.push({"number": number}, 20, 0)
+    assert len(emulator.due(10**6)) == 40

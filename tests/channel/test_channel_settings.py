@@ -1,0 +1,257 @@
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hapticnet.channel.jitter import Jitter
+from hapticnet.channel.loss import BernoulliLoss, GilbertElliottLoss, PatternLoss
+from hapticnet.channel.presets import (
+    FIBRE_FLOOR_MS,
+    HORIZON_HOP_MS,
+    LONDON_NEW_YORK_KM,
+    OVERHEAD_HOP_MS,
+    PRESETS,
+)
+from hapticnet.channel.quantities import LONGEST_US
+from hapticnet.channel.settings import ChannelSettings, parse_channel
+from hapticnet.errors import SettingsError
+
+shares = st.floats(0.0, 1.0)
+times_us = st.integers(0, LONGEST_US)
+jitters = st.one_of(
+    st.builds(
+        Jitter,
+        distribution=st.sampled_from(["normal", "uniform"]),
+        deviation_us=times_us,
+        keeps_order=st.booleans(),
+    ),
+    st.builds(
+        Jitter,
+        distribution=st.just("pareto"),
+        deviation_us=times_us,
+        shape=st.floats(2.0, 1000.0, exclude_min=True),
+        keeps_order=st.booleans(),
+    ),
+)
+losses = st.one_of(
+    st.builds(BernoulliLoss, shares),
+    st.builds(GilbertElliottLoss, st.floats(1e-9, 1.0), shares, shares, shares),
+    st.builds(PatternLoss, st.text("01", min_size=1)),
+)
+settings_of_every_kind = st.builds(
+    ChannelSettings,
+    delay_us=times_us,
+    jitter=st.none() | jitters,
+    loss=st.none() | losses,
+    reorder_probability=shares,
+    hold_back_us=st.integers(1, LONGEST_US),
+    duplicate_probability=shares,
+    rate_bit_per_s=st.none() | st.integers(1, 10**12),
+    queue_us=st.integers(1, LONGEST_US),
+)
+
+
+@given(settings_of_every_kind)
+def test_what_is_described_is_parsed_back_exactly(settings):
+    assert parse_channel(settings.describe()) == settings
+
+
+def test_every_part_is_understood():
+    spec = "delay=20ms,jitter=normal:5ms,order=free,loss=2%,reorder=1%:10ms,duplicate=0.1%,rate=1Mbit/s,queue=50ms"
+    assert parse_channel(spec) == ChannelSettings(
+        delay_us=20_000,
+        jitter=Jitter(distribution="normal", deviation_us=5_000, keeps_order=False),
+        loss=BernoulliLoss(0.02),
+        reorder_probability=0.01,
+        hold_back_us=10_000,
+        duplicate_probability=0.001,
+        rate_bit_per_s=1_000_000,
+        queue_us=50_000,
+    )
+    assert parse_channel(spec).describe() == spec
+
+
+@pytest.mark.parametrize(
+    ("spec", "loss"),
+    [
+        ("loss=0.02", BernoulliLoss(0.02)),
+        ("loss=57%", BernoulliLoss(0.57)),
+        ("loss=100%", BernoulliLoss(1.0)),
+        ("loss=gilbert:1%,30%", GilbertElliottLoss(0.01, 0.3)),
+        ("loss=gilbert:0.01,0.3,0.5,0.99", GilbertElliottLoss(0.01, 0.3, 0.5, 0.99)),
+        ("loss=pattern:0010110", PatternLoss("0010110")),
+    ],
+)
+def test_the_three_kinds_of_loss_are_understood(spec, loss):
+    assert parse_channel(spec).loss == loss
+    assert parse_channel(f"delay=1ms,{spec},queue=3ms") == ChannelSettings(delay_us=1000, loss=loss, queue_us=3000)
+
+
+@pytest.mark.parametrize(
+    ("spec", "settings"),
+    [
+        (" Delay = 1.5 ms , RATE=9.6kbit/s", ChannelSettings(delay_us=1500, rate_bit_per_s=9600)),
+        ("delay=250us", ChannelSettings(delay_us=250)),
+        ("delay=.25s", ChannelSettings(delay_us=250_000)),
+        ("reorder=5%", ChannelSettings(reorder_probability=0.05, hold_back_us=10_000)),
+        (
+            "jitter=pareto:2ms:2.5",
+            ChannelSettings(jitter=Jitter(distribution="pareto", deviation_us=2000, shape=2.5)),
+        ),
+        ("PERFECT", ChannelSettings()),
+    ],
+)
+def test_units_and_capitals(spec, settings):
+    assert parse_channel(spec) == settings
+
+
+def test_parts_after_a_preset_replace_what_it_says():
+    wifi = PRESETS["wifi"].settings
+    assert parse_channel("wifi") == wifi
+    lossier = parse_channel("wifi,loss=5%")
+    assert lossier.loss == BernoulliLoss(0.05)
+    assert (lossier.delay_us, lossier.jitter, lossier.rate_bit_per_s) == (
+        wifi.delay_us,
+        wifi.jitter,
+        wifi.rate_bit_per_s,
+    )
+    free = parse_channel("wifi,order=free").jitter
+    assert free is not None
+    assert not free.keeps_order
+
+
+def test_none_takes_a_part_of_a_preset_out():
+    spec = "satellite,delay=none,jitter=none,loss=none,reorder=none,duplicate=none,rate=none,queue=none"
+    assert parse_channel(spec) == ChannelSettings()
+
+
+@pytest.mark.parametrize(
+    ("spec", "names", "allows"),
+    [
+        ("", '""', "perfect, lan, wifi, 4g, transatlantic, satellite"),
+        ("wfi", '"wfi"', "perfect, lan, wifi, 4g, transatlantic, satellite"),
+        ("wifi,", '""', "delay, jitter, order, loss, reorder, duplicate, rate, queue"),
+        ("speed=3", '"speed=3"', "delay, jitter, order, loss, reorder, duplicate, rate, queue"),
+        ("delay=1ms,wifi", '"wifi"', "delay, jitter, order, loss, reorder, duplicate, rate, queue"),
+        ("delay=1ms,delay=2ms", '"delay"', "given twice, as 1ms and 2ms"),
+        ("delay=20", '"20"', "us, ms or s"),
+        ("delay=20min", '"20min"', "us, ms or s"),
+        ("delay=-5ms", '"-5ms"', "up to 3600s"),
+        ("delay=1e300ms", '"1e300ms"', "up to 3600s"),
+        ("delay=1e999s", '"1e999s"', "up to 3600s"),
+        ("delay=nan", '"nan"', "us, ms or s"),
+        ("delay=infms", '"infms"', "us, ms or s"),
+        ("delay=", '""', "us, ms or s"),
+        ("delay=١ms", '"١ms"', "us, ms or s"),
+        ("loss=2", '"2"', "2% or 0.02"),
+        ("loss=101%", '"101%"', "from 0% to 100%"),
+        ("loss=-1%", '"-1%"', "from 0% to 100%"),
+        ("loss=nan%", '"nan%"', "from 0% to 100%"),
+        ("loss=burst:3", '"burst:3"', "gilbert:p,r"),
+        ("loss=gilbert:1%", '"gilbert:1%"', "gilbert:p,r"),
+        ("loss=gilbert:1%,2%,3%,4%,5%", '"gilbert:1%,2%,3%,4%,5%"', "gilbert:p,r"),
+        ("loss=gilbert:0,0", "p and r", "never change"),
+        ("loss=pattern:", '""', "such as 0010110"),
+        ("loss=pattern:0120", '"0120"', "such as 0010110"),
+        ("jitter=5ms", '"5ms"', "normal:5ms, uniform:5ms and pareto:5ms"),
+        ("jitter=normal:5ms:3", '"normal:5ms:3"', "normal:5ms, uniform:5ms and pareto:5ms"),
+        ("jitter=gauss:5ms", '"gauss:5ms"', "normal:5ms, uniform:5ms and pareto:5ms"),
+        ("jitter=pareto:5ms:2", "shape is 2.0", "above 2"),
+        ("jitter=pareto:5ms:nan", "shape is nan", "above 2"),
+        ("jitter=pareto:5ms:3%", '"3%"', "bare number"),
+        ("order=free", "order=free", "jitter=normal:5ms"),
+        ("wifi,jitter=none,order=free", "order=free", "jitter=normal:5ms"),
+        ("wifi,order=random", '"random"', "keep nor free"),
+        ("reorder=1%:0ms", "hold_back_us is 0", "between 1 and"),
+        ("reorder=1%:", '""', "us, ms or s"),
+        ("rate=0Mbit/s", "rate_bit_per_s is 0", "between 1 and"),
+        ("rate=1Mbps", '"1mbps"', "bit/s, kbit/s, Mbit/s or Gbit/s"),
+        ("rate=2Tbit/s", '"2tbit/s"', "up to 1000Gbit/s"),
+        ("queue=0ms", "queue_us is 0", "between 1 and"),
+    ],
+)
+def test_a_bad_part_is_named_with_what_is_allowed_in_one_line(spec, names, allows):
+    with pytest.raises(SettingsError) as caught:
+        parse_channel(spec)
+    message = str(caught.value)
+    assert message.startswith("channel: ")
+    assert names in message
+    assert allows in message
+    assert "\n" not in message
+    assert len(message) < 300
+
+
+def test_a_long_bad_part_does_not_flood_the_message():
+    with pytest.raises(SettingsError) as caught:
+        parse_channel("loss=pattern:" + "2" * 10_000)
+    assert len(str(caught.value)) < 300
+
+
+@given(st.text(alphabet="delayjitrosnc=,:%.0123456789+-e/Mµb "))
+def test_any_text_is_parsed_or_refused(text):
+    try:
+        settings = parse_channel(text)
+    except SettingsError:
+        return
+    assert parse_channel(settings.describe()) == settings
+
+
+@pytest.mark.parametrize("value", [-1, math.nan, math.inf, 1e300])
+@pytest.mark.parametrize(
+    "name",
+    ["delay_us", "reorder_probability", "hold_back_us", "duplicate_probability", "rate_bit_per_s", "queue_us"],
+)
+def test_values_out_of_range_are_refused_by_name(name, value):
+    with pytest.raises(SettingsError, match=name):
+        ChannelSettings(**{name: value})
+
+
+@pytest.mark.parametrize("value", [-1, math.nan, math.inf, 1e300])
+def test_jitter_and_losses_out_of_range_are_refused(value):
+    with pytest.raises(SettingsError, match="deviation"):
+        Jitter(distribution="normal", deviation_us=value)
+    with pytest.raises(SettingsError, match="probability"):
+        BernoulliLoss(value)
+    with pytest.raises(SettingsError, match="r is"):
+        GilbertElliottLoss(0.5, value)
+
+
+def test_only_pareto_has_a_shape_and_only_known_distributions_exist():
+    with pytest.raises(SettingsError, match="only pareto"):
+        Jitter(distribution="normal", deviation_us=1, shape=4.0)
+    with pytest.raises(SettingsError, match="one of normal, uniform, pareto"):
+        Jitter(distribution="cauchy", deviation_us=1)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("spec", ["perfect", "loss=0%", "loss=pattern:00", "jitter=normal:0ms", "queue=1ms"])
+def test_a_channel_that_does_nothing_is_perfect(spec):
+    assert parse_channel(spec).is_perfect
+
+
+@pytest.mark.parametrize(
+    "spec",
+    ["delay=1us", "jitter=normal:1us", "loss=pattern:0001", "reorder=1%", "duplicate=1%", "rate=1Gbit/s", "lan"],
+)
+def test_a_channel_that_does_something_is_not_perfect(spec):
+    assert not parse_channel(spec).is_perfect
+
+
+def test_presets_are_ordered_by_delay_and_say_where_they_are_from():
+    delays_us = [preset.settings.delay_us for preset in PRESETS.values()]
+    assert delays_us == sorted(delays_us)
+    assert all(preset.source for preset in PRESETS.values())
+    for name, preset in PRESETS.items():
+        assert parse_channel(name) == parse_channel(preset.settings.describe()) == preset.settings
+
+
+def test_the_physical_floors_of_the_presets_follow_from_their_geometry():
+    london, new_york = (51.51, -0.13), (40.71, -74.01)
+    (lat1, lon1), (lat2, lon2) = (tuple(map(math.radians, city)) for city in (london, new_york))
+    cosine = math.sin(lat1) * math.sin(lat2) + math.cos(lat1) * math.cos(lat2) * math.cos(lon2 - lon1)
+    assert pytest.approx(LONDON_NEW_YORK_KM, abs=5.0) == 6371.0 * math.acos(cosine)
+    assert pytest.approx(27.3, abs=0.05) == FIBRE_FLOOR_MS
+    assert pytest.approx(238.7, abs=0.05) == OVERHEAD_HOP_MS
+    assert pytest.approx(278.1, abs=0.05) == HORIZON_HOP_MS
+    assert PRESETS["transatlantic"].settings.delay_us >= FIBRE_FLOOR_MS * 1000
+    assert PRESETS["satellite"].settings.delay_us >= HORIZON_HOP_MS * 1000
