@@ -1,0 +1,133 @@
+"""What a step of the scene costs: over the number of layers, and for each property a tissue declares."""
+
+import argparse
+import statistics
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import record
+
+from hapticnet.samples import PositionSample
+from hapticnet.scene.presets import paper_scene
+from hapticnet.scene.scene import Scene
+from hapticnet.scene.tissue import Tissue
+
+LAYERS = (3, 10, 100, 1_000, 10_000)
+FEATURES: dict[str, dict[str, float]] = {
+    "nothing more": {},
+    "stiffening": {"stiffening_per_m": 50.0},
+    "viscosity": {"viscosity_n_s_per_m": 1.0},
+    "recovery": {"recovery_time_s": 0.5},
+    "all three": {"stiffening_per_m": 50.0, "viscosity_n_s_per_m": 1.0, "recovery_time_s": 0.5},
+}
+GAP_M = 20e-3
+PERIOD_US = 1_000
+STEPS = 10_000
+
+
+def layered(layers: int, **declared: float) -> Scene:
+    """Return a scene of equal tissues that breach at half their gap, as the paper's do."""
+    return Scene(
+        [
+            Tissue(
+                name=f"tissue {number}",
+                rest_position_m=number * GAP_M,
+                stiffness_n_per_m=200.0,
+                breach_force_n=2.0,
+                **declared,
+            )
+            for number in range(1, layers + 1)
+        ]
+    )
+
+
+def ns_per_step(scene: Scene, path_m: Sequence[float], repetitions: int) -> dict[str, float]:
+    """Walk `path_m` from the scene's front as often as asked and return the time per step [ns]."""
+    samples = [PositionSample(k * PERIOD_US, (position_m,)) for k, position_m in enumerate(path_m)]
+    times_ns = []
+    for _ in range(repetitions):
+        scene.reset()
+        step = scene.step
+        step(samples[0])
+        start_ns = time.perf_counter_ns()
+        for sample in samples:
+            step(sample)
+        times_ns.append((time.perf_counter_ns() - start_ns) / len(samples))
+    return {"median": statistics.median(times_ns), "best": min(times_ns)}
+
+
+def in_contact_m(rng: np.random.Generator, layer: int) -> list[float]:
+    """Return positions that press on one layer, with all before it penetrated, and do not breach it."""
+    path_m: list[float] = (GAP_M * (layer + rng.uniform(0.05, 0.25, STEPS))).tolist()
+    return path_m
+
+
+def penetrated_m(rng: np.random.Generator, layer: int) -> list[float]:
+    """Return positions between the place where one layer breaches and the next layer."""
+    path_m: list[float] = (GAP_M * (layer + rng.uniform(0.75, 0.95, STEPS))).tolist()
+    return path_m
+
+
+def insertion_m(depth_m: float) -> list[float]:
+    """Return positions of a steady push to `depth_m` and back."""
+    way_in: list[float] = np.linspace(0.0, depth_m, STEPS // 2).tolist()
+    return way_in + way_in[::-1]
+
+
+def measure(seed: int, repetitions: int) -> dict[str, dict[str, dict[str, float]]]:
+    """Return the time per step [ns] of every case."""
+    rng = np.random.default_rng(seed)
+    plain, rubbing = layered(3), layered(3, shaft_friction_n=0.2)
+    one_penetrated_m = penetrated_m(rng, 1)
+    return {
+        "the paper's scene, whole insertions": {
+            f"paper:{seed}": ns_per_step(Scene(paper_scene(seed).tissues), insertion_m(4 * GAP_M), repetitions)
+        },
+        "layers, in contact with the middle one": {
+            str(layers): ns_per_step(layered(layers), in_contact_m(rng, (layers + 1) // 2), repetitions)
+            for layers in LAYERS
+        },
+        "layers, each recovering": {
+            str(layers): ns_per_step(
+                layered(layers, recovery_time_s=0.5), in_contact_m(rng, (layers + 1) // 2), repetitions
+            )
+            for layers in LAYERS
+        },
+        "declared, in contact with one of 3": {
+            name: ns_per_step(layered(3, **declared), in_contact_m(rng, 2), repetitions)
+            for name, declared in FEATURES.items()
+        },
+        "declared, 1 of 3 penetrated": {
+            "nothing more": ns_per_step(plain, one_penetrated_m, repetitions),
+            "shaft friction": ns_per_step(rubbing, one_penetrated_m, repetitions),
+        },
+    }
+
+
+def main() -> None:
+    """Measure, print a table and, if asked, write the record."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", type=Path, help="write the results to this file")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the positions and the paper's scene")
+    parser.add_argument("--repetitions", type=int, default=15, help=f"runs of {STEPS} steps per case")
+    arguments = parser.parse_args()
+    results = measure(arguments.seed, arguments.repetitions)
+    for title, cases in results.items():
+        print(f"{title:<40} ns per step: median   best")
+        for name, times_ns in cases.items():
+            print(f"  {name:<50}{times_ns['median']:>8.0f}{times_ns['best']:>7.0f}")
+    if arguments.json:
+        record.write(
+            arguments.json,
+            name="scene_cost",
+            seed=arguments.seed,
+            unit="ns per step",
+            repetitions=arguments.repetitions,
+            results=results,
+        )
+
+
+if __name__ == "__main__":
+    main()

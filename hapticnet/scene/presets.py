@@ -1,0 +1,87 @@
+"""Scenes that come with hapticnet."""
+
+import re
+from importlib.resources import files
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from hapticnet.errors import SettingsError
+from hapticnet.scene.tissue import SceneSettings, Tissue
+
+PAPER_BREACH_FORCES_N: Final = (2.0, 3.5, 5.0)
+"""Breach forces [N] of the three tissues of "Cutaneous haptic deadband compression"."""
+
+PAPER_GAP_M: Final = 20e-3
+"""Distance [m] from one surface to the next, and before the first. The paper states none: an assumption."""
+
+_PRESETS: Final = files("hapticnet.scene") / "presets"
+
+
+def paper_scene(seed: int) -> SceneSettings:
+    """Return the paper's three tissues, their breach forces in an order drawn from `seed`.
+
+    Each breaches at half the distance to the next, which gives 200, 350 and 500 N/m; the last has the same
+    distance behind it.
+
+    Raises
+    ------
+    SettingsError
+        When the seed is negative.
+    """
+    if seed < 0:
+        raise SettingsError(f"the seed of the paper's scene is {seed}; it must be a whole number from 0")
+    breach_forces_n = np.random.default_rng(seed).permutation(PAPER_BREACH_FORCES_N).tolist()
+    return SceneSettings(
+        name=f"paper:{seed}",
+        tissues=tuple(
+            Tissue(
+                name=f"tissue {number}",
+                rest_position_m=number * PAPER_GAP_M,
+                stiffness_n_per_m=breach_force_n / (PAPER_GAP_M / 2.0),
+                breach_force_n=breach_force_n,
+            )
+            for number, breach_force_n in enumerate(breach_forces_n, start=1)
+        ),
+    )
+
+
+def find_scene(spec: str) -> SceneSettings:
+    """Return the scene that is meant by ``paper``, ``paper:SEED``, a preset's name or a path to a TOML file.
+
+    ``paper`` alone is ``paper:0``.
+
+    Raises
+    ------
+    SettingsError
+        When there is no such scene, or its values cannot be used.
+    FileError
+        When the file is missing, unreadable or malformed.
+    """
+    if spec == "paper" or spec.startswith("paper:"):
+        return paper_scene(_paper_seed(spec))
+    # Imported here because pydantic is slow to import and the paper's scene does not need it.
+    from hapticnet.scene.config import load_scene, parse_scene
+
+    if spec in scene_names():
+        return parse_scene((_PRESETS / f"{spec}.toml").read_text(encoding="utf-8"), spec)
+    path = Path(spec)
+    if path.suffix != ".toml":
+        raise SettingsError(
+            f"unknown scene {spec!r}; there are: paper, paper:SEED, {', '.join(scene_names())}, "
+            "or the path of a .toml file"
+        )
+    return load_scene(path)
+
+
+def scene_names() -> list[str]:
+    """Return the names of the scenes that come as TOML files."""
+    return sorted(entry.name.removesuffix(".toml") for entry in _PRESETS.iterdir() if entry.name.endswith(".toml"))
+
+
+def _paper_seed(spec: str) -> int:
+    seed = spec.removeprefix("paper").removeprefix(":") if spec != "paper" else "0"
+    if not re.fullmatch("[0-9]{1,18}", seed):
+        raise SettingsError(f"scene {spec!r}: after 'paper:' comes a seed, a whole number from 0, not {seed!r}")
+    return int(seed)

@@ -1,0 +1,110 @@
+import dataclasses
+from pathlib import Path
+
+import pytest
+
+from hapticnet.errors import FileError, SettingsError
+from hapticnet.scene.config import load_scene, parse_scene
+from hapticnet.scene.tissue import SceneSettings, Tissue
+
+SCENE = """\
+name = "two"
+
+[[tissue]]
+name = "back"
+rest_position_m = 0.04
+stiffness_n_per_m = 350
+breach_force_n = 3.5
+viscosity_n_s_per_m = 1.0
+shaft_friction_n = 0.2
+shaft_presliding_m = 0.001
+stiffening_per_m = 50.0
+recovery_time_s = 0.5
+
+[[tissue]]
+name = "front"
+rest_position_m = 0.02
+stiffness_n_per_m = 200.0
+breach_force_n = 2.0
+"""
+
+
+def test_a_file_describes_tissues_by_their_attributes() -> None:
+    front = Tissue(name="front", rest_position_m=0.02, stiffness_n_per_m=200.0, breach_force_n=2.0)
+    back = Tissue(
+        name="back",
+        rest_position_m=0.04,
+        stiffness_n_per_m=350.0,
+        breach_force_n=3.5,
+        viscosity_n_s_per_m=1.0,
+        shaft_friction_n=0.2,
+        shaft_presliding_m=0.001,
+        stiffening_per_m=50.0,
+        recovery_time_s=0.5,
+    )
+    assert parse_scene(SCENE, "two.toml") == SceneSettings(name="two", tissues=(front, back))
+
+
+def test_every_attribute_of_a_tissue_is_a_key() -> None:
+    assert all(f"\n{field.name} = " in SCENE for field in dataclasses.fields(Tissue))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('name = "two"\n', 'name = "two"\nspeed = 1\n', r"unknown key 'speed'; the keys are name, tissue"),
+        ("shaft_friction_n", "friction_n", r"tissue 1: unknown key 'friction_n'; the keys are .*shaft_friction_n"),
+        ("breach_force_n = 2.0\n", "", r"tissue 2: breach_force_n is missing"),
+        ('name = "two"\n', "", r"name is missing"),
+        ("= 350", '= "350"', r"tissue 1: stiffness_n_per_m is '350'"),
+        ("= 350", "= true", r"tissue 1: stiffness_n_per_m is True"),
+        ("= 350", "= nan", r"tissue 'back': stiffness_n_per_m is nan"),
+        ("= 350", "= -inf", r"tissue 'back': stiffness_n_per_m is -inf"),
+        ("= 350", "= 1e300", r"tissue 'back': stiffness_n_per_m is 1e\+300"),
+        ("= 350", "= 1" + "0" * 400, r"tissue 1: stiffness_n_per_m is 10+\.\.\.0+; "),
+        ("= 0.04", "= 0.02", r"tissues 'back' and 'front' both rest at 0.02 m"),
+        (SCENE, 'name = "none"\ntissue = []', r"the scene has no tissue"),
+        (SCENE, 'name = "odd"\ntissue = [3]', r"tissue 1: the table is 3"),
+        (SCENE, 'name = "odd"\ntissue = 3', r"tissue is 3"),
+    ],
+)
+def test_a_mistake_is_told_in_one_line_with_file_and_key(old: str, new: str, message: str) -> None:
+    assert old in SCENE
+    with pytest.raises(SettingsError, match=r"^two\.toml: " + message) as caught:
+        parse_scene(SCENE.replace(old, new, 1), "two.toml")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('name = "a"\n[[tissue]\n', r"line 2, column \d+"),
+        ('name = "a"\nother =', r"line 2, column 8"),
+        ('name = "a"\nname = "b"\n', r"line 2, column"),
+        ("a = " + "1" * 5000, r"digits"),
+        ("a = " + "[" * 5000, r"recursion"),
+    ],
+)
+def test_malformed_toml_is_refused_with_its_place(text: str, message: str) -> None:
+    with pytest.raises(FileError, match=r"^bad\.toml: not a TOML file: .*" + message):
+        parse_scene(text, "bad.toml")
+
+
+def test_a_file_is_loaded_from_its_path(tmp_path: Path) -> None:
+    path = tmp_path / "two.toml"
+    path.write_text(SCENE)
+    assert load_scene(path) == parse_scene(SCENE, "two.toml")
+
+
+@pytest.mark.parametrize("content", [None, b'name = "\xff"'])
+def test_a_file_that_cannot_be_read_is_named(tmp_path: Path, content: bytes | None) -> None:
+    path = tmp_path / "odd.toml"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(FileError, match=r"odd\.toml: "):
+        load_scene(path)
+
+
+def test_a_directory_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="directory"):
+        load_scene(tmp_path)

@@ -1,0 +1,285 @@
+import math
+from itertools import pairwise
+
+import pytest
+
+from hapticnet.errors import SettingsError
+from hapticnet.samples import ForceSample, PositionSample
+from hapticnet.scene.presets import paper_scene
+from hapticnet.scene.scene import Scene
+from hapticnet.scene.tissue import Contact, Tissue
+
+NONE, CONTACT, PENETRATED = Contact
+SECOND_US = 1_000_000
+
+
+def tissue(rest_position_m: float = 0.0, **changes: float) -> Tissue:
+    # Powers of two, so that forces at the chosen depths are exact: it breaches beyond 1/128 m.
+    plain = {"stiffness_n_per_m": 256.0, "breach_force_n": 2.0}
+    return Tissue(name=f"tissue at {rest_position_m}", rest_position_m=rest_position_m, **(plain | changes))
+
+
+def step(scene: Scene, tip_m: float, t_us: int = 0) -> float:
+    return scene.step(PositionSample(t_us, (tip_m,))).force_n[0]
+
+
+# Contact, breach and healing ------------------------------------------------------------------------------
+
+
+def test_no_force_before_the_surface() -> None:
+    scene = Scene([tissue(0.02)])
+    assert step(scene, 0.02) == 0.0
+    assert scene.contacts() == (NONE,)
+    assert scene.surfaces_m() == (0.02,)
+
+
+def test_a_scene_that_was_never_stepped_is_untouched() -> None:
+    scene = Scene([tissue(0.02)])
+    assert (scene.force_n, scene.contacts(), scene.surfaces_m(), scene.breaches) == (0.0, (NONE,), (0.02,), 0)
+
+
+def test_in_contact_the_force_is_elastic_and_the_surface_follows_the_needle() -> None:
+    scene = Scene([tissue()])
+    assert step(scene, 2.0**-8) == 1.0
+    assert scene.force_n == 1.0
+    assert scene.contacts() == (CONTACT,)
+    assert scene.surfaces_m() == (2.0**-8,)
+
+
+def test_the_force_carries_the_time_of_its_position() -> None:
+    assert Scene([tissue()]).step(PositionSample(42, (2.0**-8,))) == ForceSample(42, (1.0,))
+
+
+def test_withdrawal_from_an_unbreached_tissue_follows_the_same_force_back() -> None:
+    scene = Scene([tissue()])
+    step(scene, 2.0**-7)
+    assert step(scene, 2.0**-9) == 0.5
+    assert step(scene, -1.0) == 0.0
+    assert scene.contacts() == (NONE,)
+
+
+def test_a_tissue_gives_way_strictly_above_its_breach_force() -> None:
+    scene = Scene([tissue()])
+    assert step(scene, 2.0**-7) == 2.0
+    assert scene.breaches == 0
+    assert step(scene, math.nextafter(2.0**-7, 1.0)) == 0.0
+    assert scene.breaches == 1
+    assert scene.contacts() == (PENETRATED,)
+    assert scene.surfaces_m() == (0.0,)
+
+
+def test_a_penetrated_tissue_is_not_felt_until_the_needle_has_left_it() -> None:
+    scene = Scene([tissue()])
+    step(scene, 0.1)
+    assert [step(scene, tip_m) for tip_m in (2.0**-8, 0.05, 2.0**-9)] == [0.0, 0.0, 0.0]
+    assert scene.contacts() == (PENETRATED,)
+    step(scene, -0.001)
+    assert scene.contacts() == (NONE,)
+    assert step(scene, 2.0**-8) == 1.0
+    step(scene, 0.1)
+    assert scene.breaches == 2
+
+
+def test_a_needle_that_crosses_all_tissues_in_one_step_breaches_them_all() -> None:
+    scene = Scene(paper_scene(5).tissues)
+    assert step(scene, 0.5) == 0.0
+    assert scene.breaches == 3
+    assert scene.contacts() == (PENETRATED,) * 3
+    assert step(scene, -0.5) == 0.0
+    assert scene.contacts() == (NONE,) * 3
+
+
+def test_what_is_crossed_without_exceeding_its_breach_force_stays_in_contact() -> None:
+    soft = tissue(0.0, stiffness_n_per_m=16.0, breach_force_n=100.0)
+    scene = Scene([tissue(2.0**-4), soft, tissue(2.0**-5)])
+    assert step(scene, 2.0**-4 + 2.0**-8) == 16.0 * (2.0**-4 + 2.0**-8) + 1.0
+    assert scene.contacts() == (CONTACT, PENETRATED, CONTACT)
+
+
+def test_tissues_may_come_in_any_order() -> None:
+    scene = Scene([tissue(0.3), tissue(0.1), tissue(0.2)])
+    assert [layer.rest_position_m for layer in scene.tissues] == [0.1, 0.2, 0.3]
+
+
+def test_a_scene_needs_tissues_with_gaps_between_them() -> None:
+    with pytest.raises(SettingsError, match="no tissue"):
+        Scene([])
+    with pytest.raises(SettingsError, match=r"both rest at 0\.1 m"):
+        Scene([tissue(0.1), tissue(0.1)])
+
+
+def test_oscillating_on_a_surface_neither_breaches_nor_jumps() -> None:
+    scene = Scene([tissue(viscosity_n_s_per_m=0.0)])
+    forces_n = [step(scene, 1e-6 * (-1) ** k, k * 1_000) for k in range(1_000)]
+    assert set(forces_n) == {0.0, 256.0 * 1e-6}
+    assert scene.breaches == 0
+
+
+def test_oscillating_about_the_breach_depth_breaches_once() -> None:
+    scene = Scene([tissue()])
+    forces_n = [step(scene, 2.0**-7 + 1e-6 * (-1) ** (k + 1), k * 1_000) for k in range(1_000)]
+    assert forces_n[0] == pytest.approx(2.0, rel=1e-3)
+    assert forces_n[1:] == [0.0] * 999
+    assert scene.breaches == 1
+
+
+def test_a_reset_scene_is_as_new_but_goes_on_counting_breaches() -> None:
+    scene = Scene([tissue(shaft_friction_n=0.2, recovery_time_s=1.0)])
+    step(scene, 0.1)
+    scene.reset()
+    assert (scene.force_n, scene.contacts(), scene.surfaces_m()) == (0.0, (NONE,), (0.0,))
+    assert step(scene, 2.0**-8) == 1.0
+    assert scene.breaches == 1
+
+
+# Recovery -------------------------------------------------------------------------------------------------
+
+
+def breached(time_constant_s: float = 1.0, **changes: float) -> Scene:
+    """Return a scene whose tissue broke at 1/128 m, at time 0, under a needle that is 0.1 m deep."""
+    scene = Scene([tissue(recovery_time_s=time_constant_s, **changes)])
+    step(scene, 0.1, 0)
+    return scene
+
+
+def test_a_surface_recovers_from_where_it_broke_however_far_the_needle_jumped() -> None:
+    assert breached().surfaces_m() == (2.0**-7,)
+
+
+def test_recovery_is_exact_and_does_not_depend_on_the_steps() -> None:
+    at_once, stepwise = breached(), breached()
+    step(at_once, 0.1, 700_000)
+    for t_us in range(1_000, 701_000, 1_000):
+        step(stepwise, 0.1, t_us)
+    assert stepwise.surfaces_m() == at_once.surfaces_m()
+    assert at_once.surfaces_m()[0] == pytest.approx(2.0**-7 * math.exp(-0.7), rel=1e-14)
+
+
+def test_withdrawing_behind_a_recovering_surface_heals_it_where_it_is() -> None:
+    scene = breached()
+    surface_m = 2.0**-7 * math.exp(-0.5)
+    step(scene, surface_m + 1e-6, 500_000)
+    assert scene.contacts() == (PENETRATED,)
+    assert step(scene, surface_m - 1e-6, 500_000) == 0.0
+    assert scene.contacts() == (NONE,)
+    assert scene.surfaces_m() == pytest.approx((surface_m,))
+    assert step(scene, surface_m + 1e-6, 500_000) == pytest.approx(256e-6)
+    assert scene.contacts() == (CONTACT,)
+
+
+def test_pushing_again_against_a_recovering_surface_starts_without_force() -> None:
+    scene = breached()
+    step(scene, 0.0, 100_000)
+    forces_n = [step(scene, k * 1e-6, 100_000 + k * 100) for k in range(10_000)]
+    largest_rise_n = 256.0 * (1e-6 + 2.0**-7 * 100e-6)
+    rises_n = [after_n - before_n for before_n, after_n in pairwise(forces_n)]
+    assert min(forces_n) == 0.0
+    assert 1.0 < max(forces_n) < 2.0
+    assert min(rises_n) >= -1e-12
+    assert max(rises_n) <= largest_rise_n
+
+
+def test_a_surface_that_recovers_onto_a_resting_needle_presses_on_it_without_a_jump() -> None:
+    scene = breached()
+    forces_n = [step(scene, 2.0**-8, t_us) for t_us in range(10_000, 20 * SECOND_US, 10_000)]
+    assert forces_n[0] == 0.0
+    assert forces_n == sorted(forces_n)
+    assert max(after - before for before, after in pairwise(forces_n)) < 256.0 * 1e-4
+    assert forces_n[-1] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("rest_m", "tip_m"), [(0.0, 0.033), (0.02, 0.053)])
+def test_a_breach_is_not_undone_by_a_repeated_sample(rest_m: float, tip_m: float) -> None:
+    """The tip stands on the surface that it broke, or a rounding error before it."""
+    scene = Scene([tissue(rest_m, stiffness_n_per_m=100.0, breach_force_n=3.3, recovery_time_s=1.0)])
+    assert 100.0 * (tip_m - rest_m) > 3.3
+    assert tip_m <= rest_m + 3.3 / 100.0
+    for t_us in (0, 0, 1, 1, 2):
+        step(scene, tip_m, t_us)
+        assert scene.contacts() == (PENETRATED,)
+    assert scene.breaches == 1
+
+
+def test_a_healed_surface_takes_its_place_before_those_behind_it() -> None:
+    scene = Scene([tissue(recovery_time_s=1.0), tissue(0.004, breach_force_n=100.0)])
+    step(scene, 0.01)
+    assert step(scene, 0.006) == pytest.approx(256.0 * 0.002)
+    assert scene.contacts() == (NONE, CONTACT)
+    assert step(scene, 0.002) == 0.0
+    assert scene.contacts() == (NONE, NONE)
+
+
+def test_a_tissue_that_is_breached_while_it_recovers_recovers_from_there() -> None:
+    scene = breached()
+    step(scene, 0.0, 500_000)
+    step(scene, 0.1, 500_000)
+    assert scene.breaches == 2
+    assert scene.surfaces_m() == pytest.approx((2.0**-7 * (1.0 + math.exp(-0.5)),))
+
+
+# Time -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("t_us", [SECOND_US, SECOND_US - 1, -(10**15)])
+def test_a_stamp_that_repeats_or_goes_backwards_neither_decays_nor_damps(t_us: int) -> None:
+    scene = breached()
+    step(scene, 0.1, SECOND_US)
+    before_m = scene.surfaces_m()
+    step(scene, 0.1, t_us)
+    assert scene.surfaces_m() == before_m
+    viscous = Scene([tissue(viscosity_n_s_per_m=10.0)])
+    step(viscous, 0.0, SECOND_US)
+    assert step(viscous, 2.0**-8, t_us) == 1.0
+
+
+@pytest.mark.parametrize("jump_us", [3600 * SECOND_US, 10**15, 10**400])
+def test_a_clock_that_jumps_ahead_finishes_recovery_and_leaves_the_spring(jump_us: int) -> None:
+    scene = breached(viscosity_n_s_per_m=10.0)
+    step(scene, -0.001, 1_000)
+    assert step(scene, 2.0**-8, jump_us) == pytest.approx(1.0, abs=1e-4)
+
+
+def test_recovery_goes_on_after_the_clock_was_set_back() -> None:
+    scene = breached()
+    step(scene, 0.1, -(10**12))
+    step(scene, 0.1, -(10**12) + SECOND_US)
+    assert scene.surfaces_m() == pytest.approx((2.0**-7 / math.e,))
+
+
+def test_viscosity_adds_to_contact_in_proportion_to_speed() -> None:
+    scene = Scene([tissue(viscosity_n_s_per_m=10.0)])
+    step(scene, 2.0**-8 - 1e-4, 0)
+    assert step(scene, 2.0**-8, 1_000) == pytest.approx(1.0 + 10.0 * 0.1)
+    assert step(scene, 2.0**-8, 2_000) == 1.0
+    assert step(scene, 2.0**-9, 3_000) == 0.0
+
+
+def test_viscosity_is_bounded_however_close_the_stamps() -> None:
+    scene = Scene([tissue(viscosity_n_s_per_m=10.0)])
+    step(scene, -1.0, 0)
+    assert step(scene, 2.0**-8, 1) == pytest.approx(1.0 + 10.0 * 10.0)
+
+
+# Friction -------------------------------------------------------------------------------------------------
+
+
+def test_friction_acts_after_the_breach_and_holds_the_needle_on_withdrawal() -> None:
+    scene = Scene([tissue(shaft_friction_n=0.25)])
+    assert step(scene, 2.0**-8) == 1.0
+    assert step(scene, 0.1) == pytest.approx(0.25)
+    assert step(scene, 0.1) == pytest.approx(0.25)
+    assert step(scene, 0.05) == pytest.approx(-0.25)
+    assert step(scene, -0.001) == 0.0
+
+
+def test_friction_starts_where_the_tissue_broke_whatever_the_step() -> None:
+    in_one, in_many = Scene([tissue(shaft_friction_n=0.25)]), Scene([tissue(shaft_friction_n=0.25)])
+    for k in range(2_149):  # the tissue breaks at 2 048
+        step(in_many, k * 2.0**-18)
+    assert step(in_one, 2_148 * 2.0**-18) == pytest.approx(in_many.force_n, rel=1e-12)
+    assert 0.0 < in_one.force_n < 0.25
+
+
+def test_friction_of_several_tissues_adds_up() -> None:
+    scene = Scene([tissue(k * 0.1, shaft_friction_n=0.25) for k in range(5)])
+    assert step(scene, 1.0) == pytest.approx(5 * 0.25)
