@@ -77,9 +77,9 @@ class InsertionSettings:
     approach_m: float = 0.014
     depth_m: float = 0.074
     approach_s: float = 0.5
-    push_s: float = 1.2
+    push_s: float = 2.8
     push_steps: int = 4
-    pause_s: float = 0.1
+    pause_s: float = 0.2
     withdraw_s: float = 0.7
     rest_s: float = 0.4
     insertions: int = 5

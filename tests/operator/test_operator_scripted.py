@@ -32,9 +32,9 @@ def test_it_has_one_axis():
     assert sample.t_us == 1_000_000
 
 
-def test_the_default_script_takes_3_2_s_an_insertion():
-    assert make(**STEADY, insertions=1).duration_us == 3_200_000
-    assert make(insertions=200).duration_us == pytest.approx(200 * 3_200_000, rel=0.02)
+def test_the_default_script_takes_5_2_s_an_insertion():
+    assert make(**STEADY, insertions=1).duration_us == 5_200_000
+    assert make(insertions=200).duration_us == pytest.approx(200 * 5_200_000, rel=0.02)
 
 
 def test_the_default_script_passes_the_papers_tissues_and_comes_back_each_time():
@@ -102,23 +102,23 @@ def test_outside_the_script_the_hand_rests_at_the_start(t_us):
 
 def test_without_variation_all_insertions_are_the_same():
     operator = make(**STEADY, insertions=3)
-    assert operator.duration_us == 9_600_000
-    for t_us in range(0, 3_200_000, 1733):
+    assert operator.duration_us == 15_600_000
+    for t_us in range(0, 5_200_000, 1733):
         first = operator.sample(t_us).position_m[0]
-        assert operator.sample(t_us + 6_400_000).position_m[0] == pytest.approx(first, abs=1e-12)
+        assert operator.sample(t_us + 10_400_000).position_m[0] == pytest.approx(first, abs=1e-12)
 
 
 def test_insertions_vary_in_speed_and_pauses_within_their_bounds():
     seconds = [make(seed, insertions=1, variation=0.2).duration_us * 1e-6 for seed in range(200)]
-    assert min(seconds) >= 2.4 / 1.2 + 0.8 * 0.8
-    assert max(seconds) <= 2.4 / 0.8 + 0.8 * 1.2
+    assert min(seconds) >= 4.0 / 1.2 + 1.2 * 0.8
+    assert max(seconds) <= 4.0 / 0.8 + 1.2 * 1.2
     assert np.std(seconds) > 0.2
 
 
 def test_one_speed_holds_for_all_movements_of_an_insertion():
     for seed in range(20):
         operator = make(seed, insertions=1, variation=0.5, pause_s=0.0, rest_s=0.0, tremor_rms_m=0.0)
-        deepest_us = round(operator.duration_us * (0.5 + 1.2) / (0.5 + 1.2 + 0.7))
+        deepest_us = round(operator.duration_us * (0.5 + 2.8) / (0.5 + 2.8 + 0.7))
         assert operator.sample(deepest_us).position_m[0] == pytest.approx(0.074, abs=1e-9)
 
 

@@ -1,0 +1,71 @@
+"""What the device may be asked for: clamp and slew limit of the target force."""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+from hapticnet.errors import SettingsError
+
+DEVICE_MAX_FORCE_N: Final = 5.0
+"""Largest force [N] the paper's fingertip device renders."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LimitSettings:
+    """Limits of the target force.
+
+    Attributes
+    ----------
+    max_force_n
+        Largest target [N].
+    slew_n_per_s
+        Fastest rise of the target [N/s]. The default is an assumption: 0 to 5 N in 100 ms is two thirds of what the
+        HS-55 can do on a 12 mm arm against a 1 N/mm finger (74 mm/s), so honest stimuli lose no time and a wrong one
+        no longer strikes.
+
+    Raises
+    ------
+    SettingsError
+        When a limit is not finite, zero, negative or above what the device is built for.
+    """
+
+    max_force_n: float = DEVICE_MAX_FORCE_N
+    slew_n_per_s: float = 50.0
+
+    def __post_init__(self) -> None:
+        for name, value, largest in (
+            ("largest force [N]", self.max_force_n, DEVICE_MAX_FORCE_N),
+            ("slew limit [N/s]", self.slew_n_per_s, 1e6),
+        ):
+            if not 0.0 < value <= largest:
+                raise SettingsError(f"{name} is {value}; it must be above 0 and at most {largest:g}")
+
+
+class ForceLimiter:
+    """Clamp and slew limit for a device that can only press.
+
+    The target lies between 0 and the largest force and never rises faster than the slew limit. It falls as fast as
+    asked: a fall moves the platform away from the finger, and delaying it would only prolong a force that is no
+    longer wanted. What is not a finite positive force asks for none.
+    """
+
+    __slots__ = ("_force_n", "_max_force_n", "_now_us", "_slew_n_per_us")
+
+    def __init__(self, settings: LimitSettings) -> None:
+        self._max_force_n = settings.max_force_n
+        self._slew_n_per_us = settings.slew_n_per_s * 1e-6
+        self._force_n = 0.0
+        self._now_us: int | None = None
+
+    def limit(self, force_n: float, now_us: int) -> float:
+        """Return the force [N] nearest to `force_n` that the limits allow now; the first call returns 0."""
+        before_us = self._now_us
+        self._now_us = now_us
+        # Written so that NaN is refused too.
+        if not 0.0 < force_n < math.inf:
+            self._force_n = 0.0
+            return 0.0
+        elapsed_us = now_us - before_us if before_us is not None and now_us > before_us else 0
+        highest_n = min(self._max_force_n, self._force_n + self._slew_n_per_us * elapsed_us)
+        self._force_n = min(force_n, highest_n)
+        return self._force_n

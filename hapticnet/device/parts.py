@@ -1,0 +1,149 @@
+"""What the simulated device is made of: servo, finger and sensor, each number with its source."""
+
+import math
+from dataclasses import dataclass
+
+from hapticnet.errors import SettingsError
+
+
+def _check(*ranges: tuple[str, float, float, float]) -> None:
+    for name, value, smallest, largest in ranges:
+        if not smallest <= value <= largest:
+            raise SettingsError(f"{name} is {value}; it must be between {smallest:g} and {largest:g}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Servo:
+    """One HS-55 hobby servo.
+
+    Attributes
+    ----------
+    frame_us
+        Period [µs] at which it takes a new pulse; 50 Hz is the convention of analog servos.
+    deadband_us
+        Change of pulse [µs] below which it does not stir; 8 is typical.
+    lag_s
+        Time constant [s] of its first-order lag; 20 to 40 ms is typical.
+    rate_deg_s
+        Greatest speed [deg/s]: 60° in 0.17 s at 4.8 V, HS-55 data sheet.
+    backlash_deg
+        Play of the gears [deg] at the arm; 0.5 is typical of plastic gears.
+    stall_nm
+        Torque [N·m] at which it stalls; 0.108 at 4.8 V is typical.
+    """
+
+    frame_us: int = 20_000
+    deadband_us: float = 8.0
+    lag_s: float = 0.03
+    rate_deg_s: float = 353.0
+    backlash_deg: float = 0.5
+    stall_nm: float = 0.108
+
+    def __post_init__(self) -> None:
+        _check(
+            ("servo frame [µs]", self.frame_us, 1_000, 100_000),
+            ("servo deadband [µs]", self.deadband_us, 0.0, 50.0),
+            ("servo lag [s]", self.lag_s, 1e-4, 1.0),
+            ("servo speed limit [deg/s]", self.rate_deg_s, 1.0, 1e5),
+            ("servo backlash [deg]", self.backlash_deg, 0.0, 10.0),
+            ("servo stall torque [N·m]", self.stall_nm, 1e-4, 10.0),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finger:
+    """A fingertip pressed by a flat plate: its force grows exponentially with compression.
+
+    ``force = k0 / b · (exp(b · compression) − 1)``, the form Pawluk and Howe (1999, "Dynamic contact of the human
+    fingerpad against a flat surface") found for 0 to 2 N, here without their relaxation. Its tangent stiffness is
+    ``k0 + b · force``; k0 and b are chosen so that this is `stiffness_n_m` at 1 N.
+
+    Attributes
+    ----------
+    stiffness_n_m
+        Tangent stiffness [N/m] at 1 N; fingers range from 300 to 3000, typical.
+    stiffening
+        Share of that stiffness which comes from the force (dimensionless, 0 to 0.9): 0 is a linear spring. The
+        default is an assumption.
+    contact_m
+        Platform displacement [m] at which it touches the finger. An assumption.
+    """
+
+    stiffness_n_m: float = 1000.0
+    stiffening: float = 0.3
+    contact_m: float = 0.002
+
+    def __post_init__(self) -> None:
+        _check(
+            ("finger stiffness [N/m]", self.stiffness_n_m, 1.0, 1e5),
+            ("finger stiffening", self.stiffening, 0.0, 0.9),
+            ("finger contact [m]", self.contact_m, 0.0, 1.0),
+        )
+
+    def force_n(self, displacement_m: float) -> float:
+        """Return the force [N] on a platform at `displacement_m` [m]; never negative, the finger does not stick."""
+        compression_m = displacement_m - self.contact_m
+        if compression_m <= 0.0:
+            return 0.0
+        if self.stiffening == 0.0:
+            return self.stiffness_n_m * compression_m
+        growth = self.stiffening * self.stiffness_n_m
+        return (1.0 - self.stiffening) / self.stiffening * math.expm1(min(growth * compression_m, 50.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sensor:
+    """An FSR 408 with a divider resistor to ground and the ATmega328P's 10-bit converter.
+
+    Conductance is ``force ** exponent / ohm_at_1_n`` above the threshold and nothing below, and counts are
+    ``2 ** adc_bits · R · G / (1 + R · G)``. Interlink's FSR 400 series data sheet gives threshold, hysteresis and an
+    open resistance above 10 MΩ (here: no conductance at all); drift (under 5 % per decade of time) is not modelled.
+
+    Attributes
+    ----------
+    threshold_n
+        Force [N] below which it does not conduct; about 0.2, data sheet.
+    ohm_at_1_n
+        Resistance [Ω] at 1 N; about 9.5 kΩ is typical.
+    exponent
+        Exponent of the conductance (dimensionless); 0.9 to 1.1 is typical.
+    hysteresis
+        How much lower the resistance is at the same force while unloading; 10 % on average, data sheet.
+    divider_ohm
+        The divider's resistor [Ω].
+    adc_bits
+        Resolution of the converter.
+    noise_counts
+        Standard deviation [counts] of one reading's noise; about one count is typical of this converter.
+    """
+
+    threshold_n: float = 0.2
+    ohm_at_1_n: float = 9500.0
+    exponent: float = 1.0
+    hysteresis: float = 0.1
+    divider_ohm: float = 10_000.0
+    adc_bits: int = 10
+    noise_counts: float = 1.0
+
+    def __post_init__(self) -> None:
+        _check(
+            ("sensor threshold [N]", self.threshold_n, 0.0, 5.0),
+            ("sensor resistance at 1 N [Ω]", self.ohm_at_1_n, 10.0, 1e7),
+            ("sensor exponent", self.exponent, 0.5, 2.0),
+            ("sensor hysteresis", self.hysteresis, 0.0, 0.9),
+            ("divider [Ω]", self.divider_ohm, 10.0, 1e7),
+            ("converter bits", self.adc_bits, 8, 16),
+            ("sensor noise [counts]", self.noise_counts, 0.0, 100.0),
+        )
+
+    @property
+    def unloading_gain(self) -> float:
+        """How much more force the sensor seems to feel while unloading (dimensionless, 1 or more)."""
+        return math.pow(1.0 - self.hysteresis, -1.0 / self.exponent)
+
+    def counts(self, force_n: float) -> float:
+        """Return the converter's mean counts for a force [N] while loading, without noise or rounding."""
+        if force_n < self.threshold_n:
+            return 0.0
+        ratio = self.divider_ohm / self.ohm_at_1_n * math.pow(force_n, self.exponent)
+        return (1 << self.adc_bits) * ratio / (1.0 + ratio)

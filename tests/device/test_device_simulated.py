@@ -1,0 +1,68 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hapticnet.device.base import Device
+from hapticnet.device.parts import Finger
+from hapticnet.device.plant import PlantSettings
+from hapticnet.device.simulated import SimulatedDevice
+
+ANY = st.floats(allow_nan=True, allow_infinity=True)
+
+
+def device(settings: PlantSettings | None = None, seed: int = 0) -> SimulatedDevice:
+    return SimulatedDevice(settings or PlantSettings(), np.random.default_rng(seed))
+
+
+def test_is_a_device_that_describes_itself() -> None:
+    made = device(PlantSettings(finger=Finger(stiffness_n_m=600.0)))
+    assert Device in SimulatedDevice.__mro__
+    assert "0.6 N/mm" in made.description
+    assert made.max_force_n == 5.0
+    assert 0.015 <= made.travel_m < 0.016
+
+
+def test_pressing_a_finger_reads_the_true_force_within_the_sensor_s_error() -> None:
+    made = device()
+    for ms in range(2_000):
+        reading = made.exchange(2e-6 * ms, ms * 1_000)
+        assert reading.t_us == ms * 1_000
+        if made.contact_force_n > 0.25:
+            assert reading.force_n == pytest.approx(made.contact_force_n, rel=0.04, abs=0.05)
+    assert made.contact_force_n > 1.5
+
+
+def test_goes_where_it_is_told_within_the_servos_resolution() -> None:
+    made = device(PlantSettings(finger=Finger(contact_m=0.05)))
+    for number, displacement_m in enumerate((0.002, 0.0021, 0.008, 0.00795, 0.001)):
+        for ms in range(500):
+            made.exchange(displacement_m, (500 * number + ms) * 1_000)
+        # A quarter of the 8 µs deadband and half of the 5 µs backlash, on a 12 mm arm at 10 µs per degree.
+        assert made.plant.displacement_m == pytest.approx(displacement_m, abs=0.012 * math.radians(0.45))
+
+
+@given(st.lists(st.tuples(ANY, st.integers(-(10**15), 10**15)), max_size=60))
+def test_never_raises_and_stays_within_the_travel(calls: list[tuple[float, int]]) -> None:
+    made = device()
+    for displacement_m, now_us in calls:
+        reading = made.exchange(displacement_m, now_us)
+        assert 0 <= reading.adc <= 1023
+        assert 0.0 <= reading.force_n <= 20.0
+        assert -4e-4 <= made.plant.displacement_m <= made.travel_m + 4e-4
+
+
+def test_not_a_number_retracts() -> None:
+    made = device()
+    for ms in range(1_000):
+        made.exchange(0.005 if ms < 500 else math.nan, ms * 1_000)
+    assert made.contact_force_n == 0.0
+    assert made.plant.displacement_m == pytest.approx(0.0, abs=1e-4)
+
+
+def test_the_same_seed_gives_the_same_readings() -> None:
+    runs = [[made.exchange(0.004, ms * 1_000) for ms in range(500)] for made in (device(seed=1), device(seed=1))]
+    other = device(seed=2)
+    assert runs[0] == runs[1] != [other.exchange(0.004, ms * 1_000) for ms in range(500)]
