@@ -1,0 +1,5 @@
+"""``python -m hapticnet``."""
+
+from hapticnet.cli import main
+
+main()

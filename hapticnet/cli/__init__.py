@@ -1,0 +1,58 @@
+"""The command line: one thin module per verb. Nothing heavy is imported before a verb needs it."""
+
+import sys
+
+import typer
+
+from hapticnet.cli import channel, demo, encode, master, scene, slave
+from hapticnet.cli.console import complain
+from hapticnet.errors import HapticnetError
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    help="Haptic teleoperation with perceptual deadband compression.",
+)
+app.command()(demo.demo)
+app.command()(slave.slave)
+app.command()(master.master)
+app.command()(channel.channel)
+app.command()(encode.encode)
+app.add_typer(scene.app, name="scene")
+
+
+@app.callback(invoke_without_command=True)
+def _root(version: bool = typer.Option(False, "--version", help="Print the version and exit.")) -> None:
+    if version:
+        from hapticnet import __version__
+
+        print(__version__)
+        raise typer.Exit
+
+
+def main() -> None:
+    """Run the command line. Errors are one line on stderr and exit code 2; never a traceback."""
+    try:
+        code = app(standalone_mode=False)
+    except HapticnetError as error:
+        complain(str(error))
+        code = 2
+    except KeyboardInterrupt:
+        code = 130
+    except BrokenPipeError:  # whoever read our output has gone
+        sys.stderr.close()
+        code = 1
+    except Exception as error:
+        if not hasattr(error, "format_message"):  # what the argument parser raises
+            raise
+        complain(f"{error.format_message()} (see {_command_path(error)} --help)")
+        code = 2
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def _command_path(error: Exception) -> str:
+    context = getattr(error, "ctx", None)
+    return str(context.command_path) if context else "hapticnet"

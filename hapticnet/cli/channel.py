@@ -1,0 +1,61 @@
+"""``hapticnet channel``: an emulated network as a process of its own."""
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hapticnet.cli import options
+
+if TYPE_CHECKING:
+    from hapticnet.runtime.relay import Relay
+
+
+def channel(
+    to: Annotated[str, typer.Option(metavar="HOST:PORT", help="Where the slave listens.")],
+    listen: Annotated[str, typer.Option(metavar="HOST:PORT", help="Where masters connect to.")] = "127.0.0.1:47801",
+    forward: Annotated[str, typer.Option(metavar="SPEC", help="Network from master to slave.")] = "perfect",
+    feedback: Annotated[str, typer.Option(metavar="SPEC", help="Network from slave to master.")] = "perfect",
+    duration: Annotated[float | None, typer.Option(min=0.0, help="Stop after this many seconds.")] = None,
+    seed: options.Seed = 0,
+    realtime: options.Realtime = True,
+    json: options.Json = False,
+    report: options.Report = None,
+    quiet: options.Quiet = False,
+) -> None:
+    """Stand between masters and a slave, and treat their datagrams as a network would.
+
+    SPEC is a preset (perfect, lan, wifi, 4g, transatlantic, satellite), or parts such as
+    delay=20ms,jitter=normal:5ms,loss=2%, or a preset followed by parts.
+    """
+    import numpy as np
+
+    from hapticnet.channel.settings import parse_channel
+    from hapticnet.cli.console import Console, deliver
+    from hapticnet.runtime.realtime import prefer_realtime, run
+    from hapticnet.runtime.relay import run_relay
+    from hapticnet.runtime.udp import bound_address, parse_host_port
+    from hapticnet.runtime.udp import listen as listen_on
+
+    there, back = parse_channel(forward), parse_channel(feedback)
+    target = parse_host_port(to)
+    sock = listen_on(parse_host_port(listen, lowest_port=0))
+    console = Console("channel", quiet=quiet)
+
+    def on_status(relay: "Relay") -> None:
+        console.status(f"{relay.clients} clients")
+
+    scheduling = prefer_realtime() if realtime else "SCHED_OTHER"
+    console.say(f"listening on {bound_address(sock)}, to {target}: {there.describe()}; back: {back.describe()}")
+    account = run(
+        run_relay(
+            sock,
+            target,
+            forward=there,
+            feedback=back,
+            rng=np.random.default_rng([seed, 5]),
+            duration_s=duration,
+            on_status=on_status,
+        )
+    )
+    console.finish()
+    deliver({"scheduling": scheduling, **account}, as_json=json, file=report)

@@ -1,0 +1,62 @@
+"""``hapticnet demo``: the paper's experiment on this machine, in under a minute."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hapticnet.cli import options
+
+if TYPE_CHECKING:
+    from hapticnet.experiment.conditions import Condition
+
+
+def demo(
+    seed: options.Seed = 1,
+    insertions: Annotated[int, typer.Option(min=1, help="Insertions per condition, three penetrations each.")] = 2,
+    device: Annotated[str, typer.Option(help="Fingertip device: sim, or none.")] = "sim",
+    rate: Annotated[float, typer.Option(help="Positions a second.")] = 1000.0,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where pictures, JSON and recordings go.")] = Path(
+        "results/demo"
+    ),
+    json: options.Json = False,
+    quiet: options.Quiet = False,
+) -> None:
+    """Play the paper's four conditions with a slave and a master process on loopback, and compare them."""
+    import json as json_module
+
+    from hapticnet.cli.console import Console, write_text
+    from hapticnet.cli.demo_table import print_table
+    from hapticnet.errors import UnavailableError
+    from hapticnet.experiment.conditions import CONDITIONS
+    from hapticnet.experiment.demo import play_conditions, results
+    from hapticnet.experiment.figures import draw_bytes_per_penetration, draw_force_stretch
+
+    console = Console("demo", quiet=quiet)
+    console.say(f"a needle, three tissues and {insertions} insertions, felt four ways; about a minute")
+    announced: set[str] = set()
+
+    def on_progress(condition: "Condition", seconds: float) -> None:
+        if condition.name not in announced:
+            announced.add(condition.name)
+            console.say(f"condition {len(announced)} of {len(CONDITIONS)}: {condition.name}")
+        console.status(f"{condition.name}: {seconds:.0f} s")
+
+    played = play_conditions(
+        out, seed=seed, insertions=insertions, device=device, rate_hz=rate, on_progress=on_progress
+    )
+    console.finish()
+    rows = results(played)
+    account: dict[str, Any] = {"seed": seed, "insertions": insertions, "rate_hz": rate, "device": device}
+    account["conditions"] = rows
+    text = json_module.dumps(account, indent=2)
+    write_text(out / "demo.json", text + "\n")
+    print(text) if json else print_table(rows)
+    try:
+        draw_bytes_per_penetration(rows, out / "bytes_per_penetration.png")
+        draw_force_stretch(played[1], out / "force.png")
+    except UnavailableError as error:
+        console.say(str(error))
+    else:
+        console.say(f"pictures: {out}/bytes_per_penetration.png, {out}/force.png")
+    console.say(f"all figures: {out}/demo.json")

@@ -1,0 +1,79 @@
+"""The demo's table: one column a condition, the paper's figures beside ours."""
+
+from collections.abc import Callable
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+Row = dict[str, Any]
+
+
+def print_table(rows: list[Row]) -> None:
+    """Print the results of the conditions on stdout."""
+    table = Table(title="Four conditions, the same insertions", box=box.SIMPLE_HEAD, padding=(0, 2, 0, 0))
+    table.add_column("")
+    for row in rows:
+        table.add_column(row["condition"], justify="right")
+    for label, cell in _LINES:
+        table.add_row(label, *(cell(row) for row in rows))
+    Console(highlight=False).print(table)
+    print(_FOOTNOTE)
+
+
+def _percent(value: float | None, sign: str = "") -> str:
+    return "–" if value is None else f"{sign}{value:.1%}"
+
+
+def _milliseconds(key: str, name: str) -> Callable[[Row], str]:
+    def cell(row: Row) -> str:
+        value = row[key][name]
+        return "–" if value is None else f"{value / 1000:.2f} ms"
+
+    return cell
+
+
+def _reduction(row: Row) -> str:
+    return "–" if row["multiplier"] and row["codec"] == "raw" else _percent(row["byte_reduction"], "−")
+
+
+def _paper_reduction(row: Row) -> str:
+    if row["codec"] == "raw":
+        return "–"
+    return _percent(row["paper_byte_reduction"], "−") if row["paper_byte_reduction"] else "more"
+
+
+def _tracking(row: Row) -> str:
+    return "–" if row["tracking_rmse_n"] is None else f"{row['tracking_rmse_n']:.3f} N"
+
+
+_FOOTNOTE = """\
+Paper: "Cutaneous haptic deadband compression". It states neither its sampling
+rate nor its motion, on which the reduction depends: see bench/packet_rate.py.
+Bytes include UDP and IPv4 headers. "As felt" is the force held at each tick
+against the true force at the position of that tick, so delay counts too.
+"""
+
+_LINES: tuple[tuple[str, Callable[[Row], str]], ...] = (
+    ("samples", lambda row: f"{row['samples']:,}"),
+    ("force packets", lambda row: f"{row['force_packets']:,}"),
+    ("packet-rate reduction", lambda row: _percent(row["packet_rate_reduction"])),
+    ("bytes per penetration", lambda row: f"{row['bytes_per_penetration']:,.0f}"),
+    ("  standard deviation", lambda row: f"{row['bytes_deviation']:,.0f}"),
+    ("  against none", _reduction),
+    ("  paper", _paper_reduction),
+    ("paper: right order", lambda row: _percent(row["paper_correct"])),
+    ("RMSE of the codec", lambda row: f"{row['rmse_n']:.4f} N"),
+    ("largest error", lambda row: f"{row['max_error_n']:.4f} N"),
+    ("exceed-JND fraction", lambda row: _percent(row["exceed_jnd_fraction"])),
+    ("RMSE as felt", lambda row: f"{row['felt']['rmse_n']:.4f} N"),
+    ("device tracking RMSE", _tracking),
+    ("round trip p50", _milliseconds("round_trip", "p50_us")),
+    ("  p99", _milliseconds("round_trip", "p99_us")),
+    ("  p99.9", _milliseconds("round_trip", "p99_9_us")),
+    ("tick lateness p50", _milliseconds("lateness", "p50_us")),
+    ("  p99", _milliseconds("lateness", "p99_us")),
+    ("  p99.9", _milliseconds("lateness", "p99_9_us")),
+    ("missed ticks", lambda row: f"{row['missed_ticks']}"),
+)

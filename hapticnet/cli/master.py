@@ -1,0 +1,158 @@
+"""``hapticnet master``: the operator's side."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hapticnet.cli import options
+from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION
+
+if TYPE_CHECKING:
+    from hapticnet.device.base import Device
+    from hapticnet.operator.base import Operator
+
+
+def master(
+    connect: Annotated[str, typer.Option(metavar="HOST:PORT", help="Where the slave listens.")] = "127.0.0.1:47800",
+    operator: Annotated[
+        str, typer.Option(help="Where positions come from: scripted, or trace:FILE.csv (columns t_s, position_m).")
+    ] = "scripted",
+    insertions: Annotated[int, typer.Option(min=1, help="Insertions of the scripted operator.")] = 5,
+    device: Annotated[str, typer.Option(help="Fingertip device: sim, or none.")] = "sim",
+    duration: Annotated[
+        float | None,
+        typer.Option(min=0.0, help="Stop this many seconds after connecting; else when the operator is done."),
+    ] = None,
+    codec: options.Codec = "deadband",
+    weber: options.Weber = PAPER_WEBER_FRACTION,
+    floor: options.Floor = PAPER_FLOOR_N,
+    multiplier: options.Multiplier = 1.0,
+    rate: Annotated[float, typer.Option(help="Positions a second.")] = 1000.0,
+    name: Annotated[str, typer.Option(help="What the slave's report calls this master.")] = "master",
+    channel_out: options.ChannelOut = "perfect",
+    seed: options.Seed = 0,
+    connect_timeout: Annotated[
+        float | None, typer.Option(min=0.0, help="Give up when no slave answers for this many seconds.")
+    ] = None,
+    record: Annotated[Path | None, typer.Option(metavar="FILE", help="Write every tick to FILE as CSV.")] = None,
+    realtime: options.Realtime = True,
+    json: options.Json = False,
+    report: options.Report = None,
+    quiet: options.Quiet = False,
+) -> None:
+    """Stream the operator's position to a slave and drive the fingertip device with the force that comes back.
+
+    Waits for the slave when it is not there yet, and again when it goes away. Ends on Ctrl-C, SIGTERM or when the
+    operator is done, and then prints its report.
+    """
+    import numpy as np
+
+    from hapticnet.channel.emulator import Emulator
+    from hapticnet.channel.settings import parse_channel
+    from hapticnet.cli.console import Console, deliver
+    from hapticnet.cli.slave import channel_account
+    from hapticnet.errors import RefusedError, UnavailableError
+    from hapticnet.node.master import MasterNode, MasterSettings, NodeEvent
+    from hapticnet.perception import WeberLaw
+    from hapticnet.protocol.master_session import Connected, Ended, LinkRecovered, LinkStale, SessionLost
+    from hapticnet.runtime.clock import now_us
+    from hapticnet.runtime.processes import run_master
+    from hapticnet.runtime.realtime import prefer_realtime, run
+    from hapticnet.runtime.udp import open_toward, parse_host_port
+    from hapticnet.tables import write_csv
+
+    law = WeberLaw(weber_fraction=weber, floor_n=floor, multiplier=multiplier)
+    settings = MasterSettings(codec=codec, law=law, rate_hz=rate, name=name, record=record is not None)
+    hand = _operator(operator, insertions, seed)
+    node = MasterNode(hand, _device(device, seed), settings, np.random.default_rng())
+    out = parse_channel(channel_out)
+    channel = None if out.is_perfect else Emulator[Any](out, np.random.default_rng([seed, 2]))
+    if duration is None and hand.duration_us is not None:
+        duration = hand.duration_us / 1e6
+    address = parse_host_port(connect)
+    sock, slave = open_toward(address)
+    console = Console(name, quiet=quiet)
+
+    def on_event(event: NodeEvent) -> None:
+        if isinstance(event, Connected):
+            console.say(f"connected to {address}, scene {event.welcome.scene}, {event.welcome.rate_hz:g} Hz granted")
+        elif isinstance(event, LinkStale):
+            console.say("link stale: nothing heard from the slave; the held force decays to zero")
+        elif isinstance(event, LinkRecovered):
+            console.say("link recovered")
+        elif isinstance(event, SessionLost):
+            console.say(f"session lost ({event.reason}); asking for a new one")
+        elif isinstance(event, Ended):
+            console.say(f"session ended: {event.reason}")
+
+    def on_status() -> None:
+        session = node.session
+        round_trip_us = session.round_trip.percentile(50)
+        console.status(
+            f"{session.state.value}, holding {node.held_force_n(now_us()):.2f} N, {session.sent.packets} packets out,"
+            f" {session.received.packets} in, {session.received.lost} lost"
+            + (f", round trip {round_trip_us / 1000:.2f} ms" if round_trip_us else "")
+        )
+
+    scheduling = prefer_realtime() if realtime else "SCHED_OTHER"
+    console.say(f"asking {address} for {codec}, {rate:g} Hz, device {device}, {scheduling}")
+    outcome = run(
+        run_master(
+            node,
+            sock,
+            slave,
+            channel=channel,
+            duration_s=duration,
+            connect_timeout_s=connect_timeout,
+            on_event=on_event,
+            on_status=on_status,
+        )
+    )
+    console.finish()
+    if node.refused:
+        raise RefusedError(f"{address} refused the session: {node.end_reason}")
+    if record is not None and node.recording is not None:
+        write_csv(record, node.recording.table())
+    account = {
+        "scheduling": scheduling,
+        "end_reason": outcome.end_reason,
+        **node.report(),
+        "lateness": outcome.lateness,
+        "missed_ticks": outcome.missed_ticks,
+        "send_errors": outcome.send_errors,
+    }
+    if channel is not None:
+        account["channel_out"] = channel_account(out, channel)
+    deliver(account, as_json=json, file=report)
+    if not outcome.connected and connect_timeout is not None:
+        raise UnavailableError(f"no slave answered at {address} within {connect_timeout:g} s")
+
+
+def _operator(spec: str, insertions: int, seed: int) -> "Operator":
+    import numpy as np
+
+    from hapticnet.errors import SettingsError
+    from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
+    from hapticnet.operator.trace import load_trace
+
+    kind, _, file = spec.partition(":")
+    if kind == "scripted" and not file:
+        return ScriptedOperator(InsertionSettings(insertions=insertions), np.random.default_rng([seed, 3]))
+    if kind == "trace" and file:
+        return load_trace(Path(file))
+    raise SettingsError(f"unknown operator {spec!r}; there are: scripted, trace:FILE.csv")
+
+
+def _device(spec: str, seed: int) -> "Device | None":
+    import numpy as np
+
+    from hapticnet.device.plant import PlantSettings
+    from hapticnet.device.simulated import SimulatedDevice
+    from hapticnet.errors import SettingsError
+
+    if spec == "none":
+        return None
+    if spec == "sim":
+        return SimulatedDevice(PlantSettings(), np.random.default_rng([seed, 4]))
+    raise SettingsError(f"unknown device {spec!r}; there are: sim, none")

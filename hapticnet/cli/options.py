@@ -1,0 +1,24 @@
+"""Options that several verbs share, so that they are called and explained the same everywhere."""
+
+from pathlib import Path
+from typing import Annotated, TypeAlias
+
+import typer
+
+Codec: TypeAlias = Annotated[str, typer.Option(help="Feedback codec: raw, deadband.")]
+Weber: TypeAlias = Annotated[float, typer.Option(help="Weber fraction k: JND = k·|force|. The paper's mean: 0.05.")]
+Floor: TypeAlias = Annotated[float, typer.Option(help="Smallest JND [N], where k·|force| falls below it.")]
+Multiplier: TypeAlias = Annotated[float, typer.Option(help="Deadband threshold in JNDs. The paper's: 1, 2, 4.")]
+Seed: TypeAlias = Annotated[int, typer.Option(min=0, help="Seed of everything random that can be repeated.")]
+Json: TypeAlias = Annotated[bool, typer.Option("--json", help="Print the report as JSON on stdout.")]
+Report: TypeAlias = Annotated[Path | None, typer.Option(metavar="FILE", help="Write the report to FILE as JSON too.")]
+Quiet: TypeAlias = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors and the report.")]
+ChannelOut: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        metavar="SPEC",
+        help="Emulated network for what this side sends: a preset (lan, wifi, 4g, transatlantic, satellite) or parts"
+        " such as delay=20ms,jitter=normal:5ms,loss=2%.",
+    ),
+]
+Realtime: TypeAlias = Annotated[bool, typer.Option(help="Ask for real-time scheduling (SCHED_FIFO); go on without.")]

@@ -1,0 +1,66 @@
+"""``hapticnet scene``: look at a scene without a network."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hapticnet.cli import options
+
+app = typer.Typer(no_args_is_help=True, help="Look at a scene without a network.")
+
+Spec = Annotated[str, typer.Argument(help="paper, paper:SEED, a preset, or a TOML file.")]
+
+
+@app.command()
+def show(scene: Spec = "paper", json: options.Json = False, report: options.Report = None) -> None:
+    """Print the tissues of a scene, from front to back."""
+    from dataclasses import asdict
+
+    from hapticnet.cli.console import deliver
+    from hapticnet.scene.presets import find_scene, scene_names
+
+    settings = find_scene(scene)
+    tissues = []
+    for tissue in settings.tissues:
+        declared = {key: value for key, value in asdict(tissue).items() if value != 0.0}
+        tissues.append({**declared, "breaches_at_m": tissue.rest_position_m + tissue.breach_depth_m})
+    others = ["paper:SEED", *scene_names()]
+    deliver({"name": settings.name, "tissue": tissues, "other scenes": ", ".join(others)}, as_json=json, file=report)
+
+
+@app.command("run")
+def run_scene(
+    scene: Spec,
+    positions: Annotated[Path, typer.Option(metavar="FILE", help="Positions: .csv or .npy.")],
+    column: Annotated[str, typer.Option(help="Column with the position [m], by name or number from 0.")] = "position_m",
+    rate: Annotated[
+        float | None, typer.Option(metavar="HZ", help="Sampling rate; else from a column t_s, time_s or t_us.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write there instead of to stdout.")] = None,
+) -> None:
+    """Move the needle along recorded positions; print state and force of every sample as CSV."""
+    import numpy as np
+
+    from hapticnet.experiment.recordings import load_recording
+    from hapticnet.samples import PositionSample
+    from hapticnet.scene.presets import find_scene
+    from hapticnet.scene.scene import Scene
+    from hapticnet.tables import write_csv
+
+    settings = find_scene(scene)
+    recording = load_recording(positions, columns=[column], rate_hz=rate)
+    world = Scene(settings.tissues, name=settings.name)
+    layers = [tissue.name for tissue in world.tissues]
+    rows = []
+    for t_us, position_m in zip(recording.t_us.tolist(), recording.values[:, 0].tolist(), strict=True):
+        force = world.step(PositionSample(t_us, (position_m,)))
+        rows.append((t_us, position_m, *force.force_n, world.breaches, *world.contacts(), *world.surfaces_m()))
+    names = ["t_us", "position_m", "force_n", "breaches"]
+    names += [f"{layer}_contact" for layer in layers] + [f"{layer}_surface_m" for layer in layers]
+    table = np.array(rows, dtype=np.float64).reshape(-1, len(names))
+    whole = {"t_us", "breaches", *(f"{layer}_contact" for layer in layers)}
+    columns = {
+        name: table[:, index].astype(np.int64) if name in whole else table[:, index] for index, name in enumerate(names)
+    }
+    write_csv(out or Path("/dev/stdout"), columns)

@@ -1,0 +1,120 @@
+"""``hapticnet slave``: host the scene and answer masters."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hapticnet.cli import options
+
+if TYPE_CHECKING:
+    from hapticnet.channel.emulator import Emulator
+    from hapticnet.channel.settings import ChannelSettings
+    from hapticnet.node.station import Station
+
+
+def slave(
+    listen: Annotated[str, typer.Option(metavar="HOST:PORT", help="Where to listen; port 0 takes a free one.")] = (
+        "127.0.0.1:47800"
+    ),
+    scene: Annotated[str, typer.Option(help="Scene: paper, paper:SEED, a preset, or a TOML file.")] = "paper",
+    duration: Annotated[float | None, typer.Option(min=0.0, help="Stop after this many seconds.")] = None,
+    fastest_rate: Annotated[float, typer.Option(help="Highest sample rate granted to a master [Hz].")] = 10_000.0,
+    most_sessions: Annotated[int, typer.Option(min=1, help="Masters served at once.")] = 64,
+    channel_out: options.ChannelOut = "perfect",
+    seed: options.Seed = 0,
+    record: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write each session's samples to DIR/NAME-SESSION.csv.")
+    ] = None,
+    realtime: options.Realtime = True,
+    json: options.Json = False,
+    report: options.Report = None,
+    quiet: options.Quiet = False,
+) -> None:
+    """Host the virtual tissues: each master that comes touches a scene of its own.
+
+    Ends on Ctrl-C, SIGTERM or after --duration, and then prints its report.
+    """
+    import numpy as np
+
+    from hapticnet.channel.emulator import Emulator
+    from hapticnet.channel.settings import parse_channel
+    from hapticnet.cli.console import Console, deliver
+    from hapticnet.node.slave import MasterJoined, MasterLeft, SlaveEvent, SlaveNode, SlaveSettings
+    from hapticnet.protocol.settings import SessionSettings
+    from hapticnet.runtime.processes import run_slave
+    from hapticnet.runtime.realtime import prefer_realtime, run
+    from hapticnet.runtime.udp import bound_address, parse_host_port
+    from hapticnet.runtime.udp import listen as listen_on
+    from hapticnet.scene.presets import find_scene
+    from hapticnet.scene.scene import Scene
+    from hapticnet.tables import write_csv
+
+    settings = find_scene(scene)
+    out = parse_channel(channel_out)
+    sock = listen_on(parse_host_port(listen, lowest_port=0))
+    address = bound_address(sock)
+    node = SlaveNode(
+        lambda: Scene(settings.tissues, name=settings.name),
+        SlaveSettings(
+            fastest_rate_hz=fastest_rate,
+            record=record is not None,
+            session=SessionSettings(most_sessions=most_sessions),
+        ),
+        np.random.default_rng(),  # session numbers must not be foreseen
+    )
+    channel = None if out.is_perfect else Emulator[Any](out, np.random.default_rng([seed, 1]))
+    console = Console("slave", quiet=quiet)
+    to_write: list[Station] = []
+
+    def on_event(event: SlaveEvent) -> None:
+        session = event.station.session
+        if isinstance(event, MasterJoined):
+            hello = session.hello
+            console.say(
+                f"{hello.name!r} joined from {_place(event.station.address)}: {hello.codec}, {hello.rate_hz:g} Hz"
+            )
+        elif isinstance(event, MasterLeft):
+            console.say(f"{session.hello.name!r} left: {session.end_reason} ({event.station.steps} steps)")
+            to_write.append(event.station)
+        # Files are written while nobody waits for a force.
+        if not node.stations:
+            write_recordings()
+
+    def write_recordings() -> None:
+        while to_write:
+            station = to_write.pop(0)
+            if record is not None and station.recording is not None:
+                name = "".join(c if c.isalnum() or c in "-_" else "_" for c in station.session.hello.name)
+                record.mkdir(parents=True, exist_ok=True)
+                write_csv(record / f"{name}-{station.session.session:08x}.csv", station.recording.table())
+
+    def on_status() -> None:
+        forces = sum(station.session.sent.packets for station in node.stations)
+        steps = sum(station.steps for station in node.stations)
+        console.status(f"{len(node.stations)} masters, {steps} steps, {forces} packets sent")
+
+    if address.host not in ("127.0.0.1", "::1"):
+        console.say("warning: the link is not encrypted and anyone who can reach it is served; use a network you trust")
+    scheduling = prefer_realtime() if realtime else "SCHED_OTHER"
+    console.say(f"listening on {address}, scene {settings.name}, {scheduling}")
+    run(run_slave(node, sock, channel=channel, duration_s=duration, on_event=on_event, on_status=on_status))
+    console.finish()
+    write_recordings()
+    account = {"scheduling": scheduling, **node.report()}
+    if channel is not None:
+        account["channel_out"] = channel_account(out, channel)
+    deliver(account, as_json=json, file=report)
+
+
+def channel_account(settings: "ChannelSettings", channel: "Emulator[Any]") -> dict[str, Any]:
+    """Return what an emulated channel did, for a report."""
+    from dataclasses import asdict
+
+    return {"settings": settings.describe(), **asdict(channel.counters)}
+
+
+def _place(address: Any) -> str:
+    from hapticnet.runtime.udp import HostPort
+
+    return str(HostPort(address[0], address[1]))

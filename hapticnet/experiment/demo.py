@@ -1,0 +1,156 @@
+"""The paper's four conditions, played by a slave and a master process on loopback, and what came of each."""
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from hapticnet.codec.base import FloatArray
+from hapticnet.errors import UnavailableError
+from hapticnet.experiment.analysis import Columns, bytes_per_penetration, felt_error
+from hapticnet.experiment.conditions import CONDITIONS, Condition
+from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION, WeberLaw
+from hapticnet.runtime.children import Child
+from hapticnet.tables import read_csv
+
+POLL_S: Final = 0.1
+CONNECT_TIMEOUT_S: Final = 10.0
+
+Progress = Callable[[Condition, float], None]
+"""Called with the condition being played and how long it has been playing [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Played:
+    """One condition's raw results.
+
+    Attributes
+    ----------
+    slave, master
+        The reports of the two processes on this session.
+    slave_samples, master_samples
+        Their recordings.
+    """
+
+    condition: Condition
+    slave: dict[str, Any]
+    master: dict[str, Any]
+    slave_samples: Columns
+    master_samples: Columns
+
+
+def play_conditions(
+    folder: Path, *, seed: int, insertions: int, device: str, rate_hz: float, on_progress: Progress
+) -> list[Played]:
+    """Play the same insertions under each condition, one after the other, and return what both sides recorded.
+
+    Parameters
+    ----------
+    folder
+        Where recordings and reports of the processes go.
+
+    Raises
+    ------
+    UnavailableError
+        When a process cannot do its part; repeats what it said.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    slave_report = folder / "slave.json"
+    with _slave(folder, seed, slave_report) as address:
+        for condition in CONDITIONS:
+            arguments = ["master", "--connect", address, "--name", condition.slug, "--seed", str(seed)]
+            arguments += ["--codec", condition.codec, "--multiplier", str(condition.multiplier)]
+            arguments += ["--insertions", str(insertions), "--device", device, "--rate", str(rate_hz)]
+            arguments += ["--connect-timeout", str(CONNECT_TIMEOUT_S), "--record", str(_samples(folder, condition))]
+            arguments += ["--report", str(folder / f"master-{condition.slug}.json"), "--quiet"]
+            _play(condition, arguments, on_progress)
+    sessions = json.loads(slave_report.read_text())["sessions"]
+    return [_played(condition, folder, sessions) for condition in CONDITIONS]
+
+
+def results(played: list[Played]) -> list[dict[str, Any]]:
+    """Return one row of figures per condition, for the table, the JSON file and the figure."""
+    law = WeberLaw(weber_fraction=PAPER_WEBER_FRACTION, floor_n=PAPER_FLOOR_N)
+    rows: list[dict[str, Any]] = []
+    for each in played:
+        penetrations = bytes_per_penetration(each.slave_samples)
+        uncompressed = rows[0]["bytes_per_penetration"] if rows else penetrations.mean
+        rows.append(
+            {
+                "condition": each.condition.name,
+                "codec": each.condition.codec,
+                "multiplier": each.condition.multiplier,
+                "samples": each.slave["steps"],
+                "force_packets": each.slave["sent"]["by_kind"].get("force", 0),
+                "keepalives": each.slave["sent"]["by_kind"].get("keepalive", 0),
+                "packet_rate_reduction": each.slave["packet_rate_reduction"],
+                "penetrations": len(penetrations.each),
+                "bytes_of_each_penetration": penetrations.each,
+                "bytes_per_penetration": penetrations.mean,
+                "bytes_deviation": penetrations.deviation,
+                "byte_reduction": 1.0 - penetrations.mean / uncompressed if uncompressed else None,
+                "paper_byte_reduction": each.condition.paper_byte_reduction,
+                "paper_correct": each.condition.paper_correct,
+                "rmse_n": each.slave["rmse_n"],
+                "max_error_n": each.slave["max_error_n"],
+                "exceed_jnd_fraction": each.slave["exceed_jnd_fraction"],
+                "felt": asdict(felt_error(law, each.slave_samples, each.master_samples)),
+                "tracking_rmse_n": each.master["tracking_rmse_n"],
+                "round_trip": each.master["round_trip"],
+                "lateness": each.master["lateness"],
+                "ticks": each.master["ticks"],
+                "missed_ticks": each.master["missed_ticks"],
+                "lost": each.master["received"]["lost"] + each.slave["received"]["lost"],
+                "scheduling": each.master["scheduling"],
+            }
+        )
+    return rows
+
+
+@contextmanager
+def _slave(folder: Path, seed: int, report: Path) -> Iterator[str]:
+    """Run a slave on a free port and yield its address; its report is written when it ends."""
+    arguments = ["slave", "--listen", "127.0.0.1:0", "--scene", f"paper:{seed}"]
+    slave = Child([*arguments, "--record", str(folder / "slave"), "--report", str(report)])
+    try:
+        yield slave.address()
+    finally:
+        slave.end()
+
+
+def _play(condition: Condition, arguments: list[str], on_progress: Progress) -> None:
+    started = time.monotonic()
+    master = Child(arguments)
+    try:
+        while not master.poll():
+            on_progress(condition, time.monotonic() - started)
+            time.sleep(POLL_S)
+        master.finish()
+    finally:
+        master.end()
+
+
+def _played(condition: Condition, folder: Path, sessions: list[dict[str, Any]]) -> Played:
+    session = next((each for each in sessions if each["master"] == condition.slug), None)
+    if session is None:
+        raise UnavailableError(f"the slave has no session of condition {condition.name!r}")
+    slave_file = folder / "slave" / f"{condition.slug}-{session['session']:08x}.csv"
+    return Played(
+        condition=condition,
+        slave=session,
+        master=json.loads((folder / f"master-{condition.slug}.json").read_text()),
+        slave_samples=_columns(slave_file),
+        master_samples=_columns(_samples(folder, condition)),
+    )
+
+
+def _samples(folder: Path, condition: Condition) -> Path:
+    return folder / f"master-{condition.slug}.csv"
+
+
+def _columns(file: Path) -> dict[str, FloatArray]:
+    table = read_csv(file)
+    return {name: table.column(name) for name in table.names}

@@ -1,0 +1,1 @@
+"""The two ends, and both together in virtual time: the only place where the rooms meet."""

@@ -1,0 +1,230 @@
+"""The master: streams the operator's position, holds the last force, and drives the fingertip device with it."""
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from hapticnet.codec.raw import Raw
+from hapticnet.codec.registry import codec_parameters, make_codec
+from hapticnet.control.force import ForceController, ForceControlSettings
+from hapticnet.control.hold import Hold, HoldSettings
+from hapticnet.control.limits import ForceLimiter, LimitSettings
+from hapticnet.device.base import Device, Reading
+from hapticnet.errors import PeerError, SettingsError
+from hapticnet.node.recording import MASTER_COLUMNS, Recording
+from hapticnet.operator.base import Operator
+from hapticnet.perception import WeberLaw
+from hapticnet.protocol.master_session import (
+    Connected,
+    Ended,
+    ForceArrived,
+    HoldConfirmed,
+    LinkRecovered,
+    LinkStale,
+    MasterEvent,
+    MasterSession,
+    SessionLost,
+)
+from hapticnet.protocol.messages import NAME_BYTES, Hello, clipped
+from hapticnet.protocol.settings import SessionSettings
+
+NodeEvent = Connected | LinkStale | LinkRecovered | SessionLost | Ended
+"""What a master tells the outside; forces and confirmations stay inside."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MasterSettings:
+    """What a master asks for and how it treats the forces it gets.
+
+    Attributes
+    ----------
+    codec, parameters, law
+        The feedback codec, its own parameters, and the JND of the person at this master.
+    rate_hz
+        Positions per second asked for; the slave may grant less.
+    name
+        How the slave's report calls this master.
+    record
+        Whether every tick is remembered.
+    """
+
+    codec: str = "deadband"
+    parameters: dict[str, float] = field(default_factory=dict)
+    law: WeberLaw = field(default_factory=WeberLaw)
+    rate_hz: float = 1000.0
+    name: str = "master"
+    record: bool = False
+    session: SessionSettings = field(default_factory=SessionSettings)
+    hold: HoldSettings = field(default_factory=HoldSettings)
+    limits: LimitSettings = field(default_factory=LimitSettings)
+    control: ForceControlSettings = field(default_factory=ForceControlSettings)
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.rate_hz) and 1.0 <= self.rate_hz <= 100_000.0):
+            raise SettingsError(f"rate is {self.rate_hz} Hz; it must be between 1 and 100000")
+
+
+class MasterNode:
+    """One operator, one session, one device.
+
+    Parameters
+    ----------
+    device
+        The fingertip device, or None to run without one.
+    rng
+        Where nonces come from.
+    """
+
+    def __init__(
+        self, operator: Operator, device: Device | None, settings: MasterSettings, rng: np.random.Generator
+    ) -> None:
+        self.settings = settings
+        self.period_us = round(1e6 / settings.rate_hz)
+        self.ticks = 0
+        self.end_reason: str | None = None
+        self.refused = False
+        self.recording = Recording(MASTER_COLUMNS) if settings.record else None
+        self._operator = operator
+        self._device = device
+        self._codec = make_codec(settings.codec, settings.law, settings.parameters)
+        request = Hello(
+            nonce=0,
+            codec=settings.codec,
+            parameters=codec_parameters(self._codec),
+            weber_fraction=settings.law.weber_fraction,
+            floor_n=settings.law.floor_n,
+            multiplier=settings.law.multiplier,
+            rate_hz=settings.rate_hz,
+            axes=operator.axes,
+            name=clipped(settings.name, NAME_BYTES),
+        )
+        self.session = MasterSession(request, settings.session, rng)
+        self._positions = Raw().encoder(operator.axes)
+        self._decoder = self._codec.decoder(operator.axes)
+        self._hold = Hold(settings.hold, axes=operator.axes)
+        self._limiter = ForceLimiter(settings.limits)
+        self._controller = ForceController(settings.control)
+        self._reading: Reading | None = None
+        self._script_start_us: int | None = None
+        self._position_m = 0.0
+        self._connections = 0
+        self._tracking_squares = 0.0
+        self._tracking_largest_n = 0.0
+        self._scene = ""
+        self._events: deque[NodeEvent] = deque()
+
+    @property
+    def connected(self) -> bool:
+        """Whether there has been a session."""
+        return self._connections > 0
+
+    @property
+    def finished(self) -> bool:
+        """Whether the session is over; `end_reason` says why, `refused` that it never began."""
+        return self.end_reason is not None
+
+    def receive_datagram(self, data: bytes, now_us: int) -> None:
+        """Take in a datagram from the slave. Whatever it holds, nothing is raised."""
+        self.session.receive_datagram(data, now_us)
+        self._digest_events(now_us)
+
+    def tick(self, now_us: int) -> None:
+        """Send the operator's position. `drive` belongs to the same tick, after the datagrams are on their way."""
+        self.ticks += 1
+        self.session.tick(now_us)
+        self._digest_events(now_us)
+        if self._script_start_us is not None and self.session.streaming:
+            sample = self._operator.sample(now_us - self._script_start_us)
+            self._position_m = sample.position_m[0]
+            self.session.send_position(now_us, self._positions.encode(now_us, sample.position_m))
+
+    def drive(self, now_us: int) -> None:
+        """Bring the device one step nearer to the held force."""
+        held_n = self._hold.value(now_us)[0]
+        target_n = self._limiter.limit(held_n, now_us)
+        sensed_n = displacement_m = 0.0
+        if self._device is not None:
+            # Before its first reading the device is taken at its word to touch nothing.
+            sensed_n = self._reading.force_n if self._reading else 0.0
+            displacement_m = self._controller.update(target_n, sensed_n, now_us)
+            self._reading = self._device.exchange(displacement_m, now_us)
+            sensed_n = self._reading.force_n
+            tracking_n = abs(sensed_n - target_n)
+            self._tracking_squares += tracking_n * tracking_n
+            if tracking_n > self._tracking_largest_n:
+                self._tracking_largest_n = tracking_n
+        if self.recording is not None:
+            self.recording.add((now_us, self._position_m, held_n, target_n, sensed_n, displacement_m))
+
+    def close(self, reason: str, now_us: int) -> None:
+        """End the session; `finished` turns true once the slave has answered or the tries are used up."""
+        self.session.close(reason, now_us)
+        self._digest_events(now_us)
+
+    def held_force_n(self, now_us: int) -> float:
+        """Return the force being held [N], decayed where the link is stale."""
+        return self._hold.value(now_us)[0]
+
+    def datagrams_to_send(self) -> list[bytes]:
+        """Return what is to be sent to the slave now."""
+        return self.session.datagrams_to_send()
+
+    def next_timer_us(self) -> int | None:
+        """Return when the session needs a tick even if no sample is due [µs]; None: never."""
+        return self.session.next_timer_us()
+
+    def next_event(self) -> NodeEvent | None:
+        """Return what happened next, or None."""
+        return self._events.popleft() if self._events else None
+
+    def report(self) -> dict[str, Any]:
+        """Return the account of this master for JSON."""
+        with_device = self._device is not None and self.ticks > 0
+        return {
+            "master": self.settings.name,
+            "scene": self._scene,
+            "codec": self._codec.name,
+            "parameters": codec_parameters(self._codec),
+            "weber_fraction": self.settings.law.weber_fraction,
+            "floor_n": self.settings.law.floor_n,
+            "multiplier": self.settings.law.multiplier,
+            "rate_hz": self.settings.rate_hz,
+            "ticks": self.ticks,
+            "connections": self._connections,
+            "device": self._device.description if self._device else None,
+            "tracking_rmse_n": math.sqrt(self._tracking_squares / self.ticks) if with_device else None,
+            "tracking_max_n": self._tracking_largest_n if with_device else None,
+            "round_trip": self.session.round_trip.report(),
+            "sent": self.session.sent.report(),
+            "received": self.session.received.report(),
+        }
+
+    def _digest_events(self, now_us: int) -> None:
+        while (event := self.session.next_event()) is not None:
+            self._digest(event, now_us)
+
+    def _digest(self, event: MasterEvent, now_us: int) -> None:
+        if isinstance(event, ForceArrived):
+            try:
+                self._decoder.decode(event.t_us, event.payload)
+            except PeerError:
+                self.session.payload_was_malformed()
+            else:
+                self._hold.receive(self._decoder.reconstruct(event.t_us), now_us)
+            return
+        if isinstance(event, HoldConfirmed):
+            self._hold.confirm(now_us)
+            return
+        if isinstance(event, Connected):
+            self._connections += 1
+            self._scene = event.welcome.scene
+            self.period_us = max(self.period_us, round(1e6 / event.welcome.rate_hz))
+            self._decoder = self._codec.decoder(self._operator.axes)
+            if self._script_start_us is None:
+                self._script_start_us = now_us
+        elif isinstance(event, Ended):
+            self.end_reason, self.refused = event.reason, event.refused
+        self._events.append(event)

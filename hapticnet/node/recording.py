@@ -1,0 +1,35 @@
+"""What a node remembers of every sample, for the table and the figure afterwards."""
+
+from array import array
+
+import numpy as np
+
+from hapticnet.codec.base import FloatArray
+
+SLAVE_COLUMNS = ("t_us", "position_m", "force_n", "held_n", "datagram_bytes", "breaches")
+"""Per position answered: its time stamp (the master's clock), the true force, what the master applies when nothing is
+lost, UDP payload bytes of the FORCE it caused (0: none), and surfaces breached so far."""
+
+MASTER_COLUMNS = ("t_us", "position_m", "held_n", "target_n", "sensed_n", "displacement_m")
+"""Per tick: time on the master's clock, position sent, held force, force asked of the device after all limits, force
+its sensor reads, and displacement of its platform."""
+
+
+class Recording:
+    """Rows of numbers, appended by one `extend` of a flat array: eight bytes a number and no object per row."""
+
+    def __init__(self, columns: tuple[str, ...]) -> None:
+        self.columns = columns
+        self._numbers = array("d")
+
+    def __len__(self) -> int:
+        return len(self._numbers) // len(self.columns)
+
+    def add(self, row: tuple[float, ...]) -> None:
+        """Append a row, one number per column."""
+        self._numbers.extend(row)
+
+    def table(self) -> dict[str, FloatArray]:
+        """Return the columns by name, shape (n,)."""
+        rows = np.array(self._numbers, dtype=np.float64).reshape(-1, len(self.columns))
+        return {name: rows[:, index] for index, name in enumerate(self.columns)}

@@ -1,0 +1,229 @@
+"""The slave: answers each master's positions with the forces of a scene of its own."""
+
+from collections import deque
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from hapticnet.codec.registry import make_codec
+from hapticnet.errors import PeerError, SampleError, SettingsError
+from hapticnet.node.station import Station
+from hapticnet.perception import WeberLaw
+from hapticnet.protocol.messages import HELLO_BYTES, REASON_BYTES, Hello, Refuse, clipped, unpack_hello
+from hapticnet.protocol.settings import SessionSettings
+from hapticnet.protocol.slave_session import SlaveSession
+from hapticnet.protocol.states import SlaveState, Trigger
+from hapticnet.protocol.stats import Traffic
+from hapticnet.protocol.wire import VERSION, Datagram, Kind, pack, pack_body, unpack, unpack_nonce
+from hapticnet.scene.scene import Scene
+
+Address: TypeAlias = Hashable
+"""Where a datagram comes from or goes to. Opaque here; the runtime uses (host, port)."""
+
+SMALLEST_SESSION = 1 << 16
+"""Session numbers start here, so that every one takes five bytes and datagram sizes do not depend on chance."""
+
+REPORTS_KEPT = 1000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SlaveSettings:
+    """What a slave grants.
+
+    Attributes
+    ----------
+    fastest_rate_hz
+        Highest sample rate granted to a master [Hz].
+    record
+        Whether each session remembers every sample.
+    """
+
+    fastest_rate_hz: float = 10_000.0
+    record: bool = False
+    session: SessionSettings = field(default_factory=SessionSettings)
+
+    def __post_init__(self) -> None:
+        if not 1.0 <= self.fastest_rate_hz <= 1e6:
+            raise SettingsError(f"fastest rate is {self.fastest_rate_hz} Hz; it must be between 1 and 1000000")
+
+
+@dataclass(frozen=True, slots=True)
+class MasterJoined:
+    """A master has a session."""
+
+    station: Station
+
+
+@dataclass(frozen=True, slots=True)
+class MasterLeft:
+    """A master's session is over; `station` holds its final account."""
+
+    station: Station
+
+
+SlaveEvent: TypeAlias = MasterJoined | MasterLeft
+
+
+class SlaveNode:
+    """Serves any number of masters, each with its own scene, codec and account.
+
+    Parameters
+    ----------
+    make_scene
+        Called for each session; every master touches a scene of its own.
+    rng
+        Where session numbers come from.
+    """
+
+    def __init__(self, make_scene: Callable[[], Scene], settings: SlaveSettings, rng: np.random.Generator) -> None:
+        self.strangers = Traffic()
+        self._make_scene = make_scene
+        self._settings = settings
+        self._rng = rng
+        self._stations: dict[int, Station] = {}
+        self._ended: deque[dict[str, Any]] = deque(maxlen=REPORTS_KEPT)
+        self._outbox: list[tuple[bytes, Address]] = []
+        self._events: deque[SlaveEvent] = deque()
+        self._next_expiry_us: int | None = None
+
+    @property
+    def stations(self) -> tuple[Station, ...]:
+        """The sessions that stand."""
+        return tuple(self._stations.values())
+
+    def receive_datagram(self, data: bytes, address: Address, now_us: int) -> None:
+        """Take in a datagram and answer it. Whatever it holds, nothing is raised: what is not ours is counted."""
+        account = self.strangers
+        try:
+            datagram = unpack(data)
+            if datagram.kind is Kind.HELLO:
+                self._receive_hello(datagram, len(data), address, now_us)
+                return
+            station = self._stations.get(datagram.session)
+            if station is None or station.address != address:
+                self._receive_stray(datagram, len(data), address)
+                return
+            account = station.session.received
+            answer = station.receive(datagram, len(data), now_us)
+        except (PeerError, SampleError):
+            account.add_malformed(len(data))
+            return
+        if answer is not None:
+            self._outbox.append((answer, address))
+        if station.session.state is SlaveState.CLOSED:
+            self._outbox.append((station.session.close("as asked", now_us), address))
+            self._forget(station)
+
+    def tick(self, now_us: int) -> None:
+        """Forget the sessions that have fallen silent."""
+        for station in self.stations:
+            if now_us >= station.session.expires_us():
+                station.session.end(Trigger.IDLE, "nothing heard from the master")
+                self._forget(station)
+        self._next_expiry_us = min((station.session.expires_us() for station in self.stations), default=None)
+
+    def next_timer_us(self) -> int | None:
+        """Return when `tick` may have something to do [µs]; None: never, until a master comes."""
+        return self._next_expiry_us
+
+    def datagrams_to_send(self) -> list[tuple[bytes, Address]]:
+        """Return what is to be sent now, and where to."""
+        outbox, self._outbox = self._outbox, []
+        return outbox
+
+    def next_event(self) -> SlaveEvent | None:
+        """Return what happened next, or None."""
+        return self._events.popleft() if self._events else None
+
+    def close(self, reason: str, now_us: int) -> None:
+        """End every session and tell the masters."""
+        for station in self.stations:
+            self._outbox.append((station.session.close(reason, now_us), station.address))
+            station.session.end(Trigger.CLOSE, f"the slave closed: {reason}")
+            self._forget(station)
+
+    def report(self) -> dict[str, Any]:
+        """Return the account of all sessions, ended ones first, for JSON."""
+        return {
+            "sessions": [*self._ended, *(station.report() for station in self.stations)],
+            "strangers": self.strangers.report(),
+        }
+
+    def _receive_hello(self, datagram: Datagram, size: int, address: Address, now_us: int) -> None:
+        if size < HELLO_BYTES:
+            raise PeerError(f"HELLO of {size} bytes; it is padded to {HELLO_BYTES}")
+        if datagram.version != VERSION:
+            nonce = unpack_nonce(datagram.body)
+            self._count_stranger(Kind.HELLO, size)
+            self._refuse(nonce, f"this slave speaks protocol version {VERSION} only", address)
+            return
+        hello = unpack_hello(datagram.body)
+        station = next((station for station in self.stations if station.address == address), None)
+        if station is None or station.session.hello.nonce != hello.nonce:
+            if station is not None:
+                station.session.end(Trigger.REPLACED, "the master asked for a new session")
+                self._forget(station)
+            try:
+                self._make_room()
+                station = self._open(hello, datagram.sequence, address, now_us)
+            except SettingsError as error:
+                self._count_stranger(Kind.HELLO, size)
+                self._refuse(hello.nonce, str(error), address)
+                return
+        # A HELLO that is said again, because the answer was lost, gets the same answer again.
+        station.session.received.add(Kind.HELLO, size)
+        self._outbox.append((self._welcome(station), address))
+
+    def _open(self, hello: Hello, sequence: int, address: Address, now_us: int) -> Station:
+        """Make a session; a SettingsError says why the slave cannot serve what the master asks for."""
+        law = WeberLaw(weber_fraction=hello.weber_fraction, floor_n=hello.floor_n, multiplier=hello.multiplier)
+        scene = self._make_scene()
+        if hello.axes != scene.axes:
+            raise SettingsError(f"{hello.axes} axes asked for; scene {scene.name!r} has {scene.axes}")
+        codec = make_codec(hello.codec, law, hello.parameters)
+        number = int(self._rng.integers(SMALLEST_SESSION, 1 << 32))
+        while number in self._stations:
+            number = int(self._rng.integers(SMALLEST_SESSION, 1 << 32))
+        session = SlaveSession(number, hello, self._settings.session, first_sequence=sequence, now_us=now_us)
+        station = Station(session, address, scene, codec, record=self._settings.record, now_us=now_us)
+        self._stations[number] = station
+        self._next_expiry_us = min(self._next_expiry_us or session.expires_us(), session.expires_us())
+        self._events.append(MasterJoined(station))
+        return station
+
+    def _welcome(self, station: Station) -> bytes:
+        rate_hz = min(station.session.hello.rate_hz, self._settings.fastest_rate_hz)
+        return station.session.welcome(rate_hz, station.scene.name)
+
+    def _make_room(self) -> None:
+        """Free a place for a new session: one whose master never spoke again gives way; one in use never does."""
+        most = self._settings.session.most_sessions
+        if len(self._stations) < most:
+            return
+        for station in self.stations:
+            if station.session.state is SlaveState.HALF_OPEN:
+                station.session.end(Trigger.REPLACED, "its place was needed")
+                self._forget(station)
+                return
+        raise SettingsError(f"all {most} sessions of this slave are taken")
+
+    def _receive_stray(self, datagram: Datagram, size: int, address: Address) -> None:
+        """Tell a master whose session we do not know that it is gone, so that it asks for a new one at once."""
+        self._count_stranger(datagram.kind, size)
+        self.strangers.stray += 1
+        if datagram.kind is Kind.POSITION or datagram.kind is Kind.CLOSE:
+            self._outbox.append((pack(Kind.RESET, datagram.session, datagram.sequence, b""), address))
+
+    def _refuse(self, nonce: int, reason: str, address: Address) -> None:
+        body = pack_body(Refuse(nonce, clipped(reason, REASON_BYTES)))
+        self._outbox.append((pack(Kind.REFUSE, 0, 0, body), address))
+
+    def _count_stranger(self, kind: Kind, size: int) -> None:
+        self.strangers.add(kind, size)
+
+    def _forget(self, station: Station) -> None:
+        del self._stations[station.session.session]
+        self._ended.append(station.report())
+        self._events.append(MasterLeft(station))

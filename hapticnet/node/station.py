@@ -1,0 +1,98 @@
+"""One master's place at the slave: its session, its scene, its codec and its account."""
+
+from collections.abc import Hashable
+from typing import Any
+
+from hapticnet.codec.base import Codec
+from hapticnet.codec.metrics import RunningError
+from hapticnet.codec.raw import Raw
+from hapticnet.codec.registry import codec_parameters
+from hapticnet.node.recording import SLAVE_COLUMNS, Recording
+from hapticnet.protocol.slave_session import SlaveSession
+from hapticnet.protocol.wire import Datagram, Kind
+from hapticnet.samples import PositionSample
+from hapticnet.scene.scene import Scene
+
+
+class Station:
+    """Takes a position through decoder, scene and encoder, on arrival and in one go."""
+
+    def __init__(
+        self, session: SlaveSession, address: Hashable, scene: Scene, codec: Codec, *, record: bool, now_us: int
+    ) -> None:
+        self.session = session
+        self.address = address
+        self.scene = scene
+        self.codec = codec
+        self.steps = 0
+        self.recording = Recording(SLAVE_COLUMNS) if record else None
+        self._opened_us = now_us
+        self._stepped_us = now_us
+        self._positions = Raw().decoder(scene.axes)
+        self._encoder = codec.encoder(scene.axes)
+        # A decoder fed with what we send: it holds what the master holds wherever nothing is lost.
+        self._mirror = codec.decoder(scene.axes)
+        self._error = RunningError(codec.law)
+
+    def receive(self, datagram: Datagram, size: int, now_us: int) -> bytes | None:
+        """Take in a datagram of this session and return what answers it, if anything.
+
+        Raises
+        ------
+        PeerError, SampleError
+            When its contents are malformed; the scene has not moved then.
+        """
+        position = self.session.receive(datagram, size, now_us)
+        if position is None:
+            return None
+        t_us = position.t_us
+        self._positions.decode(t_us, position.payload)
+        sample = PositionSample(t_us, self._positions.reconstruct(t_us))
+        force = self.scene.step(sample)
+        if self.session.update_is_overdue(now_us):
+            self._encoder.refresh()
+        payload = self._encoder.encode(t_us, force.force_n)
+        answer = None
+        if payload is not None:
+            self._mirror.decode(t_us, payload)
+            answer = self.session.force(t_us, payload, now_us)
+        held_n = self._mirror.reconstruct(t_us)
+        self._error.add(force.force_n, held_n)
+        self.steps += 1
+        self._stepped_us = now_us
+        if self.recording is not None:
+            bytes_sent = 0 if answer is None else len(answer)
+            self.recording.add(
+                (t_us, sample.position_m[0], force.force_n[0], held_n[0], bytes_sent, self.scene.breaches)
+            )
+        if answer is None and self.session.keepalive_is_due(now_us):
+            answer = self.session.keepalive(t_us, now_us)
+        return answer
+
+    def report(self) -> dict[str, Any]:
+        """Return the account of this session for JSON."""
+        error = self._error.report()
+        forces = self.session.sent.by_kind[Kind.FORCE]
+        hello = self.session.hello
+        return {
+            "session": self.session.session,
+            "master": hello.name,
+            "address": str(self.address),
+            "scene": self.scene.name,
+            "codec": self.codec.name,
+            "parameters": codec_parameters(self.codec),
+            "weber_fraction": hello.weber_fraction,
+            "floor_n": hello.floor_n,
+            "multiplier": hello.multiplier,
+            "state": self.session.state.value,
+            "end_reason": self.session.end_reason,
+            "duration_s": (self._stepped_us - self._opened_us) / 1e6,
+            "steps": self.steps,
+            "breaches": self.scene.breaches,
+            "packet_rate_reduction": 1.0 - forces / self.steps if self.steps else None,
+            "rmse_n": error.rmse_n,
+            "max_error_n": error.max_error_n,
+            "exceed_jnd_fraction": error.exceed_jnd_fraction,
+            "sent": self.session.sent.report(),
+            "received": self.session.received.report(),
+        }

@@ -1,0 +1,1 @@
+"""The only sockets, clocks, timers and processes: what carries the sans-I/O nodes through real time."""

@@ -1,0 +1,64 @@
+"""hapticnet's own processes as children of another: started, listened to, and ended by their process id."""
+
+import signal
+import subprocess
+import sys
+from collections.abc import Sequence
+from typing import Final
+
+from hapticnet.errors import UnavailableError
+
+LISTENING: Final = "listening on "
+"""What a slave says once it can be reached, followed by its address and a comma."""
+
+END_WITHIN_S: Final = 5.0
+
+
+class Child:
+    """A ``hapticnet`` process with its stderr on a pipe."""
+
+    def __init__(self, arguments: Sequence[str]) -> None:
+        self._arguments = arguments
+        self._process = subprocess.Popen(  # noqa: S603 - our own program, arguments not through a shell
+            [sys.executable, "-m", "hapticnet", *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            encoding="utf-8",
+        )
+
+    def address(self) -> str:
+        """Wait until the process says where it listens and return that; an UnavailableError repeats what it said."""
+        assert self._process.stderr is not None  # noqa: S101 - for the type checker: stderr is a pipe
+        said = []
+        for line in self._process.stderr:
+            if LISTENING in line:
+                return line.split(LISTENING, 1)[1].split(",", 1)[0].strip()
+            said.append(line.strip())
+        raise UnavailableError(f"'{self._command}' ended before it listened: {'; '.join(said)}")
+
+    def poll(self) -> bool:
+        """Tell whether the process has ended."""
+        return self._process.poll() is not None
+
+    def finish(self) -> None:
+        """Wait for the process to end by itself; an UnavailableError repeats what it said if it failed."""
+        _, said = self._process.communicate()
+        if self._process.returncode:
+            last = said.strip().splitlines()[-1:] or ["nothing"]
+            raise UnavailableError(f"'{self._command}' failed ({self._process.returncode}); it said: {last[0]}")
+
+    def end(self) -> None:
+        """Ask the process to end in good order, and make it after `END_WITHIN_S`."""
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGTERM)
+            try:
+                self._process.communicate(timeout=END_WITHIN_S)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.communicate()
+
+    @property
+    def _command(self) -> str:
+        return f"hapticnet {self._arguments[0]}"

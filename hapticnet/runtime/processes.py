@@ -1,0 +1,182 @@
+"""The slave, master and channel processes: nodes carried through real time until a signal or the end."""
+
+import asyncio
+import signal
+import socket
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from hapticnet.node.master import MasterNode, NodeEvent
+from hapticnet.node.slave import SlaveEvent, SlaveNode
+from hapticnet.runtime.clock import now_us
+from hapticnet.runtime.timer import Alarm, Ticker
+from hapticnet.runtime.udp import OutgoingChannel, SocketAddress, UdpPort
+
+STATUS_INTERVAL_S: Final = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MasterRun:
+    """How a master's run went in real time, for its report."""
+
+    end_reason: str
+    connected: bool
+    lateness: dict[str, object]
+    missed_ticks: int
+    send_errors: int
+
+
+async def run_slave(
+    node: SlaveNode,
+    sock: socket.socket,
+    *,
+    channel: OutgoingChannel | None,
+    duration_s: float | None,
+    on_event: Callable[[SlaveEvent], None],
+    on_status: Callable[[], None],
+) -> None:
+    """Serve until SIGINT, SIGTERM or the end of `duration_s` [s], then close every session.
+
+    The slave has no tick: it steps a scene when a position arrives, so that the answer waits for nothing.
+    """
+    loop = asyncio.get_running_loop()
+    stop = stop_on_signals(loop)
+
+    def receive(data: bytes, address: SocketAddress, now: int) -> None:
+        node.receive_datagram(data, address, now)
+        flush()
+
+    def flush() -> None:
+        for data, address in node.datagrams_to_send():
+            port.send(data, address)
+        while (event := node.next_event()) is not None:
+            on_event(event)
+        alarm.set(node.next_timer_us())
+
+    def ring() -> None:
+        node.tick(now_us())
+        flush()
+
+    alarm = Alarm(loop, ring)
+    port = UdpPort(loop, sock, receive, channel=channel)
+    status = Repeating(loop, on_status)
+    try:
+        await until(stop, duration_s)
+    finally:
+        status.cancel()
+        node.close("shutting down", now_us())
+        flush()
+        alarm.stop()
+        port.close()
+
+
+async def run_master(
+    node: MasterNode,
+    sock: socket.socket,
+    slave: SocketAddress,
+    *,
+    channel: OutgoingChannel | None,
+    duration_s: float | None,
+    connect_timeout_s: float | None,
+    on_event: Callable[[NodeEvent], None],
+    on_status: Callable[[], None],
+) -> MasterRun:
+    """Run until SIGINT, SIGTERM, a refusal, or `duration_s` [s] after the first connection; then close the session."""
+    loop = asyncio.get_running_loop()
+    stop = stop_on_signals(loop)
+    ended = asyncio.Event()
+    connected = asyncio.Event()
+
+    def receive(data: bytes, _: SocketAddress, now: int) -> None:
+        node.receive_datagram(data, now)
+        flush()
+
+    def tick(now: int) -> None:
+        node.tick(now)
+        flush()
+        node.drive(now)
+
+    def flush() -> None:
+        for data in node.datagrams_to_send():
+            port.send(data, slave)
+        while (event := node.next_event()) is not None:
+            on_event(event)
+            if node.connected:
+                connected.set()
+        if node.finished:
+            ended.set()
+            stop.set()
+        if node.period_us != ticker.period_us:
+            ticker.set_period(node.period_us)
+
+    port = UdpPort(loop, sock, receive, peer=slave, channel=channel)
+    ticker = Ticker(loop, node.period_us, tick)
+    status = Repeating(loop, on_status)
+    reason = "done"
+    try:
+        if not await _either(connected, stop, connect_timeout_s):
+            reason = "no slave answered"
+        elif not stop.is_set() and duration_s is not None:
+            await until(stop, duration_s)
+        else:
+            await stop.wait()
+        if stop.is_set():
+            reason = node.end_reason or "stopped"
+        node.close(reason, now_us())
+        flush()
+        await ended.wait()
+    finally:
+        status.cancel()
+        ticker.stop()
+        port.close()
+    return MasterRun(
+        end_reason=reason,
+        connected=connected.is_set(),
+        lateness=ticker.lateness.report(),
+        missed_ticks=ticker.missed,
+        send_errors=port.send_errors,
+    )
+
+
+def stop_on_signals(loop: asyncio.AbstractEventLoop) -> asyncio.Event:
+    """Return an event that SIGINT and SIGTERM set."""
+    stop = asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, stop.set)
+    return stop
+
+
+async def until(event: asyncio.Event, timeout_s: float | None) -> bool:
+    """Wait for an event for at most `timeout_s` [s]; tell whether it came."""
+    try:
+        await asyncio.wait_for(event.wait(), timeout_s)
+    except TimeoutError:
+        return False
+    return True
+
+
+async def _either(one: asyncio.Event, other: asyncio.Event, timeout_s: float | None) -> bool:
+    """Wait for either of two events for at most `timeout_s` [s]; tell whether one came."""
+    waits = [asyncio.ensure_future(event.wait()) for event in (one, other)]
+    done, pending = await asyncio.wait(waits, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED)
+    for wait in pending:
+        wait.cancel()
+    return bool(done)
+
+
+class Repeating:
+    """Calls back at the status interval until cancelled."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
+        self._loop = loop
+        self._callback = callback
+        self._handle = loop.call_later(STATUS_INTERVAL_S, self._fire)
+
+    def cancel(self) -> None:
+        """Call back no more."""
+        self._handle.cancel()
+
+    def _fire(self) -> None:
+        self._callback()
+        self._handle = self._loop.call_later(STATUS_INTERVAL_S, self._fire)

@@ -1,0 +1,172 @@
+"""The channel process: an emulated network between masters and a slave on other hosts."""
+
+import asyncio
+import socket
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any, Final
+
+import numpy as np
+
+from hapticnet.channel.emulator import ChannelCounters, Emulator
+from hapticnet.channel.settings import ChannelSettings
+from hapticnet.errors import UnavailableError
+from hapticnet.runtime.clock import now_us
+from hapticnet.runtime.processes import Repeating, stop_on_signals, until
+from hapticnet.runtime.udp import HostPort, SocketAddress, UdpPort, open_toward
+
+MOST_CLIENTS: Final = 256
+
+IDLE_AFTER_US: Final = 30_000_000
+"""A client that is silent this long is forgotten; longer than any session lives without a word."""
+
+
+class Relay:
+    """Carries datagrams between any number of clients and one target, each client on a socket of its own.
+
+    Parameters
+    ----------
+    forward, feedback
+        What happens to datagrams on the way to the target, and on the way back. Every client gets channels of its
+        own, as if it came over its own access link.
+    """
+
+    def __init__(
+        self,
+        loop: asyncio.AbstractEventLoop,
+        sock: socket.socket,
+        target: HostPort,
+        *,
+        forward: ChannelSettings,
+        feedback: ChannelSettings,
+        rng: np.random.Generator,
+    ) -> None:
+        self.turned_away = 0
+        self._loop = loop
+        self._sock = sock
+        self._target = target
+        self._settings = forward, feedback
+        self._rng = rng
+        self._clients: dict[SocketAddress, _Client] = {}
+        self._ended: list[tuple[ChannelCounters, ChannelCounters]] = []
+        self._front = UdpPort(loop, sock, self._from_client)
+
+    @property
+    def clients(self) -> int:
+        """How many clients there are now."""
+        return len(self._clients)
+
+    def forget_idle(self) -> None:
+        """Forget the clients that have fallen silent."""
+        now = now_us()
+        for address, client in list(self._clients.items()):
+            if now - client.heard_us > IDLE_AFTER_US:
+                self._forget(address)
+
+    def close(self) -> None:
+        """Let go of every client and of the socket."""
+        for address in list(self._clients):
+            self._forget(address)
+        self._front.close()
+
+    def report(self) -> dict[str, Any]:
+        """Return what became of the packets of all clients, for JSON."""
+        counters = [*self._ended, *(client.counters() for client in self._clients.values())]
+        forward, feedback = self._settings
+        return {
+            "forward": {"settings": forward.describe(), **_sum(forward for forward, _ in counters)},
+            "feedback": {"settings": feedback.describe(), **_sum(feedback for _, feedback in counters)},
+            "clients": len(counters),
+            "turned_away": self.turned_away,
+        }
+
+    def _from_client(self, data: bytes, address: SocketAddress, now: int) -> None:
+        client = self._clients.get(address)
+        if client is None:
+            if len(self._clients) >= MOST_CLIENTS:
+                self.turned_away += 1
+                return
+            try:
+                client = _Client(self._loop, self._sock, address, self._target, self._settings, self._rng)
+            except UnavailableError:
+                self.turned_away += 1
+                return
+            self._clients[address] = client
+        client.heard_us = now
+        client.send(data)
+
+    def _forget(self, address: SocketAddress) -> None:
+        client = self._clients.pop(address)
+        self._ended.append(client.counters())
+        client.close()
+
+
+class _Client:
+    """One client's socket toward the target, and its two channels."""
+
+    def __init__(
+        self,
+        loop: asyncio.AbstractEventLoop,
+        front: socket.socket,
+        address: SocketAddress,
+        target: HostPort,
+        settings: tuple[ChannelSettings, ChannelSettings],
+        rng: np.random.Generator,
+    ) -> None:
+        forward, feedback = (Emulator[tuple[bytes, SocketAddress]](each, rng.spawn(1)[0]) for each in settings)
+        self.heard_us = now_us()
+        sock, self._target = open_toward(target)
+        self._upstream = UdpPort(loop, sock, self._from_target, peer=self._target, channel=forward)
+        self._back = UdpPort(loop, front.dup(), None, channel=feedback)
+        self._address = address
+        self._channels = forward, feedback
+
+    def counters(self) -> tuple[ChannelCounters, ChannelCounters]:
+        forward, feedback = self._channels
+        return forward.counters, feedback.counters
+
+    def close(self) -> None:
+        self._upstream.close()
+        self._back.close()
+
+    def send(self, data: bytes) -> None:
+        self._upstream.send(data, self._target)
+
+    def _from_target(self, data: bytes, _: SocketAddress, __: int) -> None:
+        self._back.send(data, self._address)
+
+
+async def run_relay(
+    sock: socket.socket,
+    target: HostPort,
+    *,
+    forward: ChannelSettings,
+    feedback: ChannelSettings,
+    rng: np.random.Generator,
+    duration_s: float | None,
+    on_status: Callable[[Relay], None],
+) -> dict[str, Any]:
+    """Relay until SIGINT, SIGTERM or the end of `duration_s` [s]; return the account."""
+    loop = asyncio.get_running_loop()
+    stop = stop_on_signals(loop)
+    relay = Relay(loop, sock, target, forward=forward, feedback=feedback, rng=rng)
+
+    def status() -> None:
+        relay.forget_idle()
+        on_status(relay)
+
+    repeating = Repeating(loop, status)
+    try:
+        await until(stop, duration_s)
+        return relay.report()
+    finally:
+        repeating.cancel()
+        relay.close()
+
+
+def _sum(counters: Any) -> dict[str, int]:
+    total = dict.fromkeys(ChannelCounters.__dataclass_fields__, 0)
+    for each in counters:
+        for name, value in asdict(each).items():
+            total[name] += value
+    return total

@@ -1,0 +1,193 @@
+"""UDP sockets, addresses, and datagrams that go through an emulated channel on their way out."""
+
+import asyncio
+import errno
+import os
+import socket
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final, TypeAlias
+
+from hapticnet.channel.emulator import Emulator
+from hapticnet.errors import SettingsError, UnavailableError
+from hapticnet.protocol.wire import MAX_DATAGRAM_BYTES
+from hapticnet.runtime.clock import now_us
+from hapticnet.runtime.timer import Alarm
+
+SocketAddress: TypeAlias = Any
+"""What the socket module uses: (host, port), or four values for IPv6."""
+
+OutgoingChannel: TypeAlias = Emulator[tuple[bytes, SocketAddress]]
+"""A channel that datagrams go through on their way out, each with where it goes."""
+
+READ_BYTES: Final = MAX_DATAGRAM_BYTES + 1
+"""One more than is allowed, so that an oversized datagram shows itself."""
+
+DRAIN_AT_MOST: Final = 256
+"""Datagrams read before timers get their turn again, so that a flood cannot starve the tick."""
+
+BUFFER_BYTES: Final = 1 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class HostPort:
+    """An address as written: HOST:PORT, or [HOST]:PORT for IPv6."""
+
+    host: str
+    port: int
+
+    def __str__(self) -> str:
+        return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
+
+
+def parse_host_port(text: str, *, lowest_port: int = 1) -> HostPort:
+    """Return the address written as `text`; a SettingsError says what is wrong with it."""
+    host, separator, port = text.rpartition(":")
+    if host.startswith("[") and host.endswith("]"):
+        host = host[1:-1]
+    elif ":" in host:
+        raise SettingsError(f"address {text!r}: write an IPv6 host in brackets, [HOST]:PORT")
+    if not separator or not host:
+        raise SettingsError(f"address {text!r} must be HOST:PORT, such as 127.0.0.1:47800")
+    if not (port.isascii() and port.isdigit() and lowest_port <= int(port) <= 65535):
+        raise SettingsError(f"port {port!r} of address {text!r} must be a number from {lowest_port} to 65535")
+    return HostPort(host, int(port))
+
+
+def listen(address: HostPort) -> socket.socket:
+    """Return a socket bound to `address`; an UnavailableError says why there can be none."""
+    family, target = _resolve(address)
+    sock = _socket(family)
+    try:
+        sock.bind(target)
+    except OSError as error:
+        sock.close()
+        if error.errno == errno.EADDRINUSE:
+            raise UnavailableError(f"cannot listen on {address}: the port is in use") from error
+        raise UnavailableError(f"cannot listen on {address}: {_words(error)}") from error
+    return sock
+
+
+def open_toward(address: HostPort) -> tuple[socket.socket, SocketAddress]:
+    """Return a socket to talk with `address`, and that address resolved; an UnavailableError says why there is none.
+
+    The socket is not connected: on a connected one the news that nobody listens (yet) arrives as a poll error, after
+    which libuv watches the socket no more, and a master that was started first would stay deaf.
+    """
+    family, target = _resolve(address)
+    return _socket(family), target
+
+
+def bound_address(sock: socket.socket) -> HostPort:
+    """Return the address a socket is bound to."""
+    host, port, *_ = sock.getsockname()
+    return HostPort(host, port)
+
+
+class UdpPort:
+    """A socket on an event loop: drains arrivals, and sends at once or through an emulated channel.
+
+    Parameters
+    ----------
+    receive
+        Called with each datagram, where it came from, and the time [µs]; None: this port only sends.
+    peer
+        The only address that is listened to, or None to listen to all.
+    channel
+        The channel that outgoing datagrams go through first, or None.
+
+    Attributes
+    ----------
+    strangers
+        Datagrams that came from another address than the peer's, and were dropped.
+    send_errors
+        Datagrams the system would not take; they count as lost on the way.
+    """
+
+    def __init__(
+        self,
+        loop: asyncio.AbstractEventLoop,
+        sock: socket.socket,
+        receive: Callable[[bytes, SocketAddress, int], None] | None,
+        *,
+        peer: SocketAddress | None = None,
+        channel: OutgoingChannel | None = None,
+    ) -> None:
+        self.strangers = 0
+        self.send_errors = 0
+        self._loop = loop
+        self._sock = sock
+        self._receive = receive
+        self._peer = peer
+        self._channel = channel
+        self._alarm = Alarm(loop, self._deliver) if channel else None
+        if receive is not None:
+            loop.add_reader(sock.fileno(), self._drain)
+
+    def send(self, data: bytes, address: SocketAddress) -> None:
+        """Send a datagram to `address`."""
+        if self._channel is None:
+            self._send_now(data, address)
+        else:
+            self._channel.push((data, address), len(data), now_us())
+            self._deliver()
+
+    def close(self) -> None:
+        """Stop reading and close the socket; what a channel still holds is lost."""
+        self._loop.remove_reader(self._sock.fileno())
+        if self._alarm:
+            self._alarm.stop()
+        self._sock.close()
+
+    def _drain(self) -> None:
+        if self._receive is None:
+            return
+        receive_from = self._sock.recvfrom
+        for _ in range(DRAIN_AT_MOST):
+            try:
+                data, address = receive_from(READ_BYTES)
+            except BlockingIOError:
+                return
+            except OSError:  # news of an earlier send; what was sent counts as lost on the way
+                self.send_errors += 1
+                continue
+            if self._peer is None or address == self._peer:
+                self._receive(data, address, now_us())
+            else:
+                self.strangers += 1
+
+    def _deliver(self) -> None:
+        if self._channel is None or self._alarm is None:
+            return
+        for data, address in self._channel.due(now_us()):
+            self._send_now(data, address)
+        self._alarm.set(self._channel.next_timer_us())
+
+    def _send_now(self, data: bytes, address: SocketAddress) -> None:
+        try:
+            self._sock.sendto(data, address)
+        except OSError:
+            self.send_errors += 1
+
+
+def _resolve(address: HostPort) -> tuple[socket.AddressFamily, SocketAddress]:
+    try:
+        found = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)
+    except (OSError, UnicodeError) as error:
+        raise UnavailableError(f"cannot find host {address.host!r}: {_words(error)}") from error
+    family, _, _, _, target = found[0]
+    return family, target
+
+
+def _socket(family: socket.AddressFamily) -> socket.socket:
+    sock = socket.socket(family, socket.SOCK_DGRAM)
+    sock.setblocking(False)
+    # Room for a second of a dozen masters, should this process be kept from running that long.
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
+    return sock
+
+
+def _words(error: Exception) -> str:
+    number = getattr(error, "errno", None)
+    return os.strerror(number) if isinstance(error, OSError) and number and number > 0 else str(error)

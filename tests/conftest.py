@@ -1,0 +1,76 @@
+"""What tests of several rooms share: both nodes in virtual time."""
+
+import os
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from hapticnet.channel.emulator import Emulator
+from hapticnet.channel.settings import parse_channel
+from hapticnet.device.plant import PlantSettings
+from hapticnet.device.simulated import SimulatedDevice
+from hapticnet.node.loopback import Loopback
+from hapticnet.node.master import MasterNode, MasterSettings
+from hapticnet.node.slave import SlaveNode, SlaveSettings
+from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
+from hapticnet.protocol.settings import SessionSettings
+from hapticnet.scene.presets import paper_scene
+from hapticnet.scene.scene import Scene
+
+IN_CI = bool(os.environ.get("CI"))
+
+
+def make_slave(seed: int = 1, *, session: SessionSettings | None = None, record: bool = True) -> SlaveNode:
+    scene = paper_scene(seed)
+    return SlaveNode(
+        lambda: Scene(scene.tissues, name=scene.name),
+        SlaveSettings(record=record, session=session or SessionSettings()),
+        np.random.default_rng([seed, 10]),
+    )
+
+
+def make_master(
+    seed: int = 1, *, settings: MasterSettings | None = None, device: bool = False, insertions: int = 1
+) -> MasterNode:
+    operator = ScriptedOperator(InsertionSettings(insertions=insertions), np.random.default_rng([seed, 11]))
+    plant = SimulatedDevice(PlantSettings(), np.random.default_rng([seed, 12])) if device else None
+    return MasterNode(operator, plant, settings or MasterSettings(record=True), np.random.default_rng([seed, 13]))
+
+
+@pytest.fixture
+def loopback() -> Callable[..., Loopback]:
+    """Return a maker of both nodes in virtual time, joined by channels of the given specifications."""
+
+    def make(
+        seed: int = 1,
+        *,
+        forward: str = "perfect",
+        feedback: str = "perfect",
+        settings: MasterSettings | None = None,
+        session: SessionSettings | None = None,
+        device: bool = False,
+        insertions: int = 1,
+        start_us: int = 0,
+    ) -> Loopback:
+        return Loopback(
+            make_master(seed, settings=settings, device=device, insertions=insertions),
+            make_slave(seed, session=session),
+            forward=Emulator(parse_channel(forward), np.random.default_rng([seed, 14])),
+            feedback=Emulator(parse_channel(feedback), np.random.default_rng([seed, 15])),
+            start_us=start_us,
+        )
+
+    return make
+
+
+@pytest.fixture
+def tool_is_missing() -> Callable[[str], None]:
+    """Return what to call when a test's tool is missing: a failure in CI, a skip with a clear line elsewhere."""
+
+    def missing(what: str) -> None:
+        if IN_CI:
+            pytest.fail(f"{what}; CI must have it")
+        pytest.skip(what)
+
+    return missing

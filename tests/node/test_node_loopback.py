@@ -1,0 +1,203 @@
+"""The whole way of a force, in virtual time: what is promised holds over every network."""
+
+import hashlib
+import json
+
+import numpy as np
+import pytest
+
+from hapticnet.channel.emulator import Emulator
+from hapticnet.channel.settings import parse_channel
+from hapticnet.node.master import MasterSettings
+from hapticnet.perception import WeberLaw
+from hapticnet.protocol.settings import SessionSettings
+from hapticnet.protocol.states import SlaveState
+
+SECOND = 1_000_000
+
+
+def run(link, seconds=5.5):
+    link.run(round(seconds * SECOND))
+    link.close()
+    return link.master.report(), link.slave.report()["sessions"][-1]
+
+
+def digest(link):
+    master, slave = run(link)
+    recordings = [link.master.recording.table()]
+    text = json.dumps([master, slave], sort_keys=True)
+    for table in recordings:
+        text += "".join(f"{name}:{column.tobytes().hex()}" for name, column in table.items())
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def test_one_insertion_breaches_three_tissues_and_is_felt_within_the_threshold(loopback):
+    link = loopback()
+    master, slave = run(link)
+    assert slave["breaches"] == 3
+    assert slave["exceed_jnd_fraction"] == 0.0
+    assert slave["max_error_n"] > 0.0
+    assert master["sent"]["packets"] == slave["received"]["packets"]
+    assert master["received"]["packets"] == slave["sent"]["packets"]
+    assert slave["packet_rate_reduction"] > 0.5
+
+
+def test_the_master_holds_what_the_slave_believes_it_holds_at_every_tick(loopback):
+    link = loopback()
+    link.run(3 * SECOND)
+    station = link.slave.stations[0]
+    slave, master = station.recording.table(), link.master.recording.table()
+    # Over a perfect channel the answer to a tick's position is there before that tick drives the device.
+    order = np.searchsorted(master["t_us"], slave["t_us"])
+    assert (master["t_us"][order] == slave["t_us"]).all()
+    assert (master["held_n"][order] == slave["held_n"]).all()
+
+
+@pytest.mark.parametrize(
+    "network",
+    [
+        "perfect",
+        "wifi",
+        "4g",
+        "delay=20ms,jitter=normal:5ms,order=free,loss=10%,duplicate=5%",
+        "satellite,loss=gilbert:0.02,0.2",
+        "loss=30%,reorder=10%:8ms",
+    ],
+)
+def test_the_same_seed_gives_byte_identical_runs(loopback, network):
+    assert digest(loopback(3, forward=network, feedback=network, device=True)) == digest(
+        loopback(3, forward=network, feedback=network, device=True)
+    )
+    assert digest(loopback(3, forward=network, feedback=network)) != digest(
+        loopback(4, forward=network, feedback=network)
+    )
+
+
+@pytest.mark.parametrize("loss", ["1%", "10%", "30%"])
+def test_a_lost_update_is_repaired_though_nothing_changes_any_more(loopback, loss):
+    """Press on a tissue and keep still: what is held must come true although no new force is due."""
+    wide = WeberLaw(weber_fraction=0.3, floor_n=0.2)
+    link = loopback(2, feedback=f"delay=5ms,loss={loss}", settings=MasterSettings(law=wide, record=True))
+    link.run(round(0.98 * SECOND))
+    for _ in range(300):
+        link.run(10_000)
+        station = link.slave.stations[0]
+        held = link.master.held_force_n(link.now_us)
+        true = station.scene.force_n
+        if true > 0.5 and abs(held - true) <= wide.threshold_n(held):
+            return
+    pytest.fail("the held force never came within the threshold")
+
+
+def test_every_datagram_is_accounted_for_over_a_lossy_reordering_network(loopback):
+    link = loopback(5, forward="loss=5%", feedback="loss=10%,duplicate=5%,reorder=5%:4ms")
+    link.run(4 * SECOND)
+    link.master.close("done", link.now_us)
+    link.run(SECOND)
+    master, slave = link.master.report(), link.slave.report()["sessions"][-1]
+    forward, feedback = link.forward.counters, link.feedback.counters
+    assert master["sent"]["packets"] == forward.accepted
+    assert master["sent"]["wire_bytes"] == forward.accepted_bytes
+    assert slave["sent"]["packets"] + link.slave.strangers.report()["packets"] >= feedback.accepted - 1
+    received = master["received"]
+    assert received["packets"] == feedback.delivered
+    assert received["duplicate"] == pytest.approx(feedback.duplicated, abs=2)
+    assert received["late"] > 0
+    unseen = feedback.accepted - feedback.lost - received["packets"] + received["duplicate"]
+    assert abs(unseen) <= 2
+    assert abs(received["lost"] - feedback.lost) <= 3
+
+
+def test_with_every_packet_lost_the_master_waits_and_the_finger_feels_nothing(loopback):
+    link = loopback(forward="loss=100%", device=True)
+    link.run(3 * SECOND)
+    assert not link.master.connected
+    table = link.master.recording.table()
+    assert (table["held_n"] == 0.0).all()
+    assert (table["sensed_n"] == 0.0).all()
+    assert link.slave.report()["sessions"] == []
+
+
+@pytest.mark.parametrize("direction", ["forward", "feedback"])
+def test_a_held_force_never_outlives_its_age_limit_when_either_channel_dies(loopback, direction):
+    link = loopback(1)
+    while link.master.held_force_n(link.now_us) < 1.0:
+        link.run(5_000)
+    cut_us = link.now_us
+    setattr(link, direction, Emulator(parse_channel("loss=100%"), np.random.default_rng(0)))
+    link.run(SECOND)
+    table = link.master.recording.table()
+    after = table["t_us"] > cut_us + 200_000 + 45_000 + 100_000 + 2_000
+    assert after.any()
+    assert (table["held_n"][after] == 0.0).all()
+    assert (table["target_n"][after] <= 0.5).all()
+
+
+def test_sequence_numbers_and_time_stamps_wrap_without_a_trace(loopback):
+    session = SessionSettings(first_sequence=(1 << 32) - 1500)
+    settings = MasterSettings(record=True, session=session)
+    wrapping = loopback(7, start_us=(1 << 32) - 2 * SECOND, session=session, settings=settings)
+    plain = loopback(7, start_us=0, settings=MasterSettings(record=True))
+    (master, slave), (plain_master, plain_slave) = run(wrapping), run(plain)
+    assert slave["received"]["lost"] == master["received"]["lost"] == 0
+    assert slave["steps"] == plain_slave["steps"]
+    assert slave["breaches"] == plain_slave["breaches"]
+    for column in ("position_m", "held_n"):
+        assert (wrapping.master.recording.table()[column] == plain.master.recording.table()[column]).all()
+    assert master["round_trip"]["max_us"] == plain_master["round_trip"]["max_us"]
+
+
+@pytest.mark.parametrize("jump_s", [0.5, 3600.0, -0.5, -3600.0])
+def test_a_clock_that_jumps_costs_at_most_a_reconnect(loopback, jump_s):
+    link = loopback(8, insertions=3)
+    link.run(SECOND)
+    link.now_us = max(0, link.now_us + round(jump_s * SECOND))
+    link._next_tick_us = link.now_us
+    link.run(2 * SECOND)
+    before = link.slave.stations[0].steps
+    link.run(SECOND)
+    assert link.slave.stations[0].steps - before >= 990
+    table = link.master.recording.table()
+    assert np.isfinite(table["held_n"]).all()
+    assert (table["held_n"] <= 5.0).all()
+
+
+def test_the_granted_rate_is_kept_when_it_is_lower_than_what_was_asked_for(loopback):
+    link = loopback(settings=MasterSettings(rate_hz=20_000.0))
+    link.run(SECOND // 2)
+    assert link.slave.stations[0].steps == pytest.approx(5_000, rel=0.01)
+
+
+def test_a_codec_that_the_slave_does_not_have_is_refused_with_what_there_is(loopback, monkeypatch):
+    from hapticnet.node import slave
+
+    def nothing(name, *_):
+        raise slave.SettingsError(f"unknown codec {name!r}; there are: none")
+
+    link = loopback()
+    monkeypatch.setattr(slave, "make_codec", nothing)
+    link.run(SECOND)
+    assert link.master.refused
+    assert link.master.end_reason == "unknown codec 'deadband'; there are: none"
+    assert link.slave.stations == ()
+
+
+def test_one_slave_serves_many_masters_each_with_a_scene_of_its_own():
+    from tests.conftest import make_master, make_slave
+
+    slave = make_slave()
+    masters = {f"master {number}": make_master(number) for number in range(5)}
+    for now in range(0, 5 * SECOND, 1000):
+        for number, (address, master) in enumerate(masters.items()):
+            if now >= number * 200_000:
+                master.tick(now)
+                master.drive(now)
+            for datagram in master.datagrams_to_send():
+                slave.receive_datagram(datagram, address, now)
+        for datagram, address in slave.datagrams_to_send():
+            masters[address].receive_datagram(datagram, now)
+    breaches = [station.scene.breaches for station in slave.stations]
+    assert len(breaches) == 5
+    assert sorted(breaches, reverse=True)[0] == 3
+    assert len({id(station.scene) for station in slave.stations}) == 5
+    assert all(station.session.state is SlaveState.OPEN for station in slave.stations)

@@ -1,0 +1,41 @@
+"""The cost of a codec on a recording is the cost it has in a session."""
+
+import numpy as np
+import pytest
+
+from hapticnet.codec.registry import CODECS, make_codec
+from hapticnet.node.master import MasterSettings
+from hapticnet.node.offline import cost_report
+from hapticnet.perception import WeberLaw
+from hapticnet.protocol.wire import Kind
+
+LAW = WeberLaw()
+
+
+@pytest.mark.parametrize("name", sorted(CODECS))
+def test_offline_and_session_agree_on_packets_bytes_and_errors(loopback, name):
+    link = loopback(6, settings=MasterSettings(codec=name, law=LAW, record=True), start_us=1 << 20)
+    link.run(3_000_000)
+    (station,) = link.slave.stations
+    table, session = station.recording.table(), station.report()
+    forces = table["force_n"][:, np.newaxis]
+    t_us = table["t_us"].astype(np.int64)
+    codec = make_codec(name, LAW)
+    report = cost_report(codec, t_us, forces, codec.encode_array(t_us, forces))
+    assert report.sent == station.session.sent.by_kind[Kind.FORCE]
+    assert report.packet_rate_reduction == session["packet_rate_reduction"]
+    # Sequence numbers below 2¹⁶ take fewer bytes, and keepalives share them: at most two bytes a packet apart.
+    assert report.payload_bytes == pytest.approx(table["datagram_bytes"].sum(), abs=2 * report.sent)
+    assert report.rmse_n == pytest.approx(session["rmse_n"])
+    assert report.exceed_jnd_fraction == session["exceed_jnd_fraction"]
+
+
+def test_raw_saves_nothing_and_an_empty_recording_costs_nothing():
+    codec = make_codec("raw", LAW)
+    t_us, forces = np.arange(5) * 1000, np.arange(5.0)[:, np.newaxis]
+    report = cost_report(codec, t_us, forces, codec.encode_array(t_us, forces))
+    assert (report.packet_rate_reduction, report.wire_byte_reduction) == (0.0, 0.0)
+    assert report.worst_100ms_packets == 5
+    nothing = np.empty((0, 1))
+    report = cost_report(codec, t_us[:0], nothing, codec.encode_array(t_us[:0], nothing))
+    assert (report.samples, report.sent, report.wire_bytes) == (0, 0, 0)
