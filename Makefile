@@ -1,0 +1,57 @@
+# make demo and make test do all of their own set-up on a fresh Debian or Ubuntu with Python 3.11 or newer.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+APT := $(if $(filter 0,$(shell id -u)),,sudo )apt-get
+
+.PHONY: help demo test check bench clean system-packages
+.DEFAULT_GOAL := help
+
+help:
+	@echo 'make demo    install, and play the paper in under a minute'
+	@echo 'make test    install everything the tests need, and run them all'
+	@echo 'make check   linters, types, layers'
+	@echo 'make bench   run every benchmark, results and figures in results/bench'
+	@echo 'make clean   remove the virtual environment and all results'
+
+demo: $(VENV)/installed-plot
+	$(BIN)/hapticnet demo
+
+test: system-packages check
+	$(BIN)/pytest
+
+check: $(VENV)/installed-dev
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: system-packages $(VENV)/installed-dev
+	$(BIN)/python bench/packet_rate.py --out results/bench
+	$(BIN)/python bench/scene_cost.py --json results/bench/scene_cost.json
+	$(BIN)/python bench/codec_speed.py --json results/bench/codec_speed.json
+	$(BIN)/python bench/virtual_time.py --json results/bench/virtual_time.json
+	$(BIN)/python bench/loop.py --json results/bench/loop.json
+
+# The C programs that bench/ measures against, and the network namespaces of the two-host test.
+system-packages:
+	@if ! { command -v gcc && command -v ip; } >/dev/null; then \
+		if command -v apt-get >/dev/null; then \
+			$(APT) update -qq && $(APT) install -y -qq --no-install-recommends gcc libc6-dev iproute2; \
+		else echo 'gcc and iproute2 are missing: the tests that need them are skipped'; fi; \
+	fi
+
+$(VENV)/installed-%: pyproject.toml $(BIN)/python
+	$(BIN)/pip install -q --disable-pip-version-check -e '.[$*]'
+	@touch $@
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+		{ echo 'hapticnet needs Python 3.11 or newer; name one with: make PYTHON=python3.12 ...'; exit 1; }
+	@if ! $(PYTHON) -c 'import ensurepip' 2>/dev/null; then \
+		$(APT) update -qq && $(APT) install -y -qq --no-install-recommends python3-venv; fi
+	$(PYTHON) -m venv $(VENV)
+
+clean:
+	rm -rf $(VENV) results build dist

@@ -1,0 +1,150 @@
+"""Whatever is wrong with what a person gives us: one clear line on stderr, exit code 2, no traceback."""
+
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+TISSUE = """name = "x"
+[[tissue]]
+name = "skin"
+rest_position_m = 0.02
+stiffness_n_per_m = 300.0
+breach_force_n = 2.0
+"""
+ROOT = Path(__file__).parents[2]
+
+
+def hapticnet(*arguments, **keywords):
+    return subprocess.run(
+        [sys.executable, "-m", "hapticnet", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        **keywords,
+    )
+
+
+def assert_one_line(done, *words):
+    assert done.returncode == 2, done.stderr
+    assert done.stdout == ""
+    lines = [line for line in done.stderr.splitlines() if line.startswith("hapticnet: ")]
+    assert len(lines) == 1
+    assert done.stderr.splitlines()[-1] == lines[0]
+    assert "Traceback" not in done.stderr
+    for word in words:
+        assert word in lines[0], lines[0]
+
+
+@pytest.fixture
+def files(tmp_path):
+    made = {
+        "broken.toml": "name = 'x'\n[[tissue]]\nstiffness = = 3\n",
+        "unknown.toml": TISSUE + "colour = 'red'\n",
+        "cells.csv": "t_s,force_N\n0.0,1.0\n0.001,abc\n",
+        "ragged.csv": "t_s,force_N\n0.0,1.0\n0.001\n",
+        "nan.csv": "t_s,force_N\n0.0,1.0\n0.001,nan\n",
+        "big.csv": "t_s,force_N\n0.0,1.0\n0.001,1e300\n",
+        "two.csv": "t_s,fx,fy\n0,1,2\n",
+        "timeless.csv": "force_N\n1\n2\n",
+        "empty.csv": "",
+        "latin.csv": b"t_s,force_N\n0,1\n0,\xe9\n",
+        "text.npy": "not an array",
+    }
+    for name, text in made.items():
+        (tmp_path / name).write_bytes(text if isinstance(text, bytes) else text.encode())
+    np.save(tmp_path / "nan.npy", np.array([0.0, np.nan]))
+    np.save(tmp_path / "objects.npy", np.array([{}], dtype=object), allow_pickle=True)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("file", "words"),
+    [
+        ("missing.csv", ("missing.csv", "No such file")),
+        ("cells.csv", ("cells.csv, line 3", "force_N", "abc")),
+        ("ragged.csv", ("ragged.csv, line 3",)),
+        ("nan.csv", ("nan.csv, line 3", "force_N")),
+        ("big.csv", ("sample 1", "1e+300", "within")),
+        ("two.csv", ("which column?", "t_s, fx, fy")),
+        ("timeless.csv", ("--rate",)),
+        ("empty.csv", ("nothing in it",)),
+        ("latin.csv", ("line 3", "UTF-8")),
+        ("text.npy", ("not a .npy file",)),
+        ("nan.npy", ("row 1", "not finite")),
+        ("objects.npy", ("not a .npy file",)),
+        ("", ("Is a directory",)),
+    ],
+)
+def test_recordings_that_cannot_be_encoded(files, file, words):
+    assert_one_line(hapticnet("encode", files / file), *words)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--codec", "mp3"), ("unknown codec 'mp3'", "raw, deadband")),
+        (("--weber", "nan"), ("Weber fraction is nan",)),
+        (("--floor", "-1"), ("JND floor is -1.0",)),
+        (("--multiplier", "inf"), ("JND multiplier is inf",)),
+        (("--rate", "0"), ("rate is 0.0",)),
+        (("--rate", "inf"), ("rate is inf",)),
+        (("--column", "x"), ("x",)),
+        (("--column", "fx,fy,fx,fy"), ("4 columns",)),
+        (("--weber", "many"), ("--weber",)),
+        (("--colour", "red"), ("--colour",)),
+        (("--column", "fx", "--out", "/nonexistent/out.csv"), ("/nonexistent/out.csv",)),
+    ],
+)
+def test_flags_of_encode_that_cannot_be(files, arguments, words):
+    assert_one_line(hapticnet("encode", files / "two.csv", *arguments), *words)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("slave", "--scene", "liver"), ("unknown scene 'liver'", "paper")),
+        (("slave", "--scene", "missing.toml"), ("missing.toml", "No such file")),
+        (("slave", "--scene", "{files}/broken.toml"), ("broken.toml", "line 3, column")),
+        (("slave", "--scene", "{files}/unknown.toml"), ("unknown.toml", "colour")),
+        (("slave", "--listen", "here"), ("'here' must be HOST:PORT",)),
+        (("slave", "--listen", "127.0.0.1:99999"), ("99999", "0 to 65535")),
+        (("slave", "--listen", "::1:5"), ("brackets",)),
+        (("slave", "--channel-out", "carrier-pigeon"), ("carrier-pigeon", "wifi")),
+        (("slave", "--channel-out", "loss=200%"), ("loss=200%",)),
+        (("slave", "--seed", "-1"), ("--seed",)),
+        (("master", "--codec", "mp3"), ("unknown codec 'mp3'",)),
+        (("master", "--operator", "robot"), ("unknown operator 'robot'", "scripted")),
+        (("master", "--operator", "trace:missing.csv"), ("missing.csv",)),
+        (("master", "--device", "glove"), ("unknown device 'glove'", "sim")),
+        (("master", "--rate", "0"), ("rate is 0.0 Hz",)),
+        (("master", "--rate", "nan"), ("rate is nan Hz",)),
+        (("master", "--connect", "no.such.host.invalid:1"), ("cannot find host 'no.such.host.invalid'",)),
+        (("channel", "--to", "nowhere"), ("HOST:PORT",)),
+        (("channel",), ("to",)),
+        (("scene", "show", "paper:x"), ("paper:x", "seed")),
+        (("scene", "run", "paper", "--positions", "missing.csv"), ("missing.csv",)),
+        (("fly",), ("fly",)),
+        (("demo", "--device", "glove", "--out", "{files}/demo"), ("unknown device 'glove'",)),
+    ],
+)
+def test_flags_and_files_that_cannot_be(files, arguments, words):
+    assert_one_line(hapticnet(*(argument.format(files=files) for argument in arguments)), *words)
+
+
+@pytest.mark.parametrize("verb", ["slave", "channel"])
+def test_a_port_in_use(verb):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{taken.getsockname()[1]}"
+        extra = ("--to", "127.0.0.1:1") if verb == "channel" else ()
+        assert_one_line(hapticnet(verb, "--listen", address, *extra), address, "in use")
+
+
+def test_an_address_that_is_not_this_machines():
+    assert_one_line(hapticnet("slave", "--listen", "192.0.2.1:47800"), "192.0.2.1:47800", "cannot listen")

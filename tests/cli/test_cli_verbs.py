@@ -1,0 +1,111 @@
+"""What the verbs that need no network print."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from hapticnet.tables import read_csv
+from tests.cli.test_cli_errors import hapticnet
+
+KEYS = {
+    "samples", "sent", "packet_rate_reduction", "payload_bytes", "wire_bytes", "wire_byte_reduction", "rmse_n",
+    "max_error_n", "exceed_jnd_fraction", "worst_100ms_packets", "samples_per_second",
+}  # fmt: skip
+
+
+@pytest.fixture
+def trace(tmp_path):
+    t = np.arange(2000) / 1000
+    path = tmp_path / "force.csv"
+    rows = zip(t, 2 + np.sin(2 * np.pi * t), np.cos(2 * np.pi * t), strict=True)
+    path.write_text("t_s,fx,fy\n" + "".join(f"{a},{b},{c}\n" for a, b, c in rows))
+    return path
+
+
+def test_encode_reports_every_key_and_holds_the_law(trace, tmp_path):
+    out = tmp_path / "decoded.csv"
+    done = hapticnet("encode", trace, "--column", "fx,fy", "--json", "--out", out)
+    report = json.loads(done.stdout)
+    assert set(report) == KEYS
+    assert report["samples"] == 2000
+    assert report["exceed_jnd_fraction"] == 0.0
+    assert 0.5 < report["packet_rate_reduction"] < 1.0
+    decoded = read_csv(out)
+    assert decoded.names == ("t_us", "fx", "fy")
+    error = read_csv(trace).column("fx") - decoded.column("fx")
+    assert 0.0 < np.abs(error).max() <= report["max_error_n"]
+
+
+def test_encode_takes_columns_by_number_from_csv_and_npy(trace, tmp_path):
+    array = np.column_stack([read_csv(trace).column(name) for name in ("t_s", "fx", "fy")])
+    np.save(tmp_path / "force.npy", array)
+    reports = [
+        json.loads(hapticnet("encode", file, "--column", "1", "--rate", "1000", "--json").stdout)
+        for file in (trace, tmp_path / "force.npy")
+    ]
+    for report in reports:
+        report.pop("samples_per_second")
+    assert reports[0] == reports[1]
+
+
+def test_raw_costs_everything_and_the_deadband_less_with_more_jnds(trace):
+    sent = []
+    for arguments in (("raw",), ("deadband",), ("deadband", "--multiplier", "2"), ("deadband", "--multiplier", "4")):
+        done = hapticnet("encode", trace, "--column", "fx", "--json", "--codec", *arguments)
+        sent.append(json.loads(done.stdout)["sent"])
+    assert sent[0] == 2000
+    assert sent[0] > sent[1] > sent[2] > sent[3] > 0
+
+
+def test_a_report_for_a_person_has_the_same_figures(trace):
+    done = hapticnet("encode", trace, "--column", "fx")
+    assert {line.split()[0] for line in done.stdout.splitlines()} == KEYS
+
+
+def test_scene_show_lists_the_tissues():
+    report = json.loads(hapticnet("scene", "show", "paper:3", "--json").stdout)
+    assert sorted(tissue["breach_force_n"] for tissue in report["tissue"]) == [2.0, 3.5, 5.0]
+
+
+def test_scene_run_follows_recorded_positions(tmp_path):
+    positions, out = tmp_path / "positions.csv", tmp_path / "forces.csv"
+    depth = np.concatenate([np.linspace(0, 0.075, 4000), np.linspace(0.075, 0, 2000)])
+    positions.write_text("position_m\n" + "".join(f"{value}\n" for value in depth))
+    arguments = ("scene", "run", "paper:1", "--positions", positions, "--rate", "1000")
+    printed = hapticnet(*arguments).stdout
+    assert hapticnet(*arguments, "--out", out).returncode == 0
+    assert out.read_text() == printed
+    table = read_csv(out)
+    assert table.column("breaches")[-1] == 3
+    assert table.column("force_n").max() == pytest.approx(5.0, abs=0.02)
+    assert table.column("force_n").min() == 0.0
+    assert set(table.column("tissue 2_contact")) == {0.0, 1.0, 2.0}
+
+
+def test_version_and_help():
+    from hapticnet import __version__
+
+    assert hapticnet("--version").stdout.strip() == __version__
+    for verb in ((), ("demo",), ("slave",), ("master",), ("channel",), ("encode",), ("scene",), ("scene", "run")):
+        done = hapticnet(*verb, "--help")
+        assert done.returncode == 0
+        assert "Usage:" in done.stdout
+
+
+HELP_AND_LIST_MODULES = """
+import sys
+sys.argv = ["hapticnet", "--help"]
+from hapticnet.cli import main
+try:
+    main()
+except SystemExit:
+    print(sorted({"numpy", "msgpack", "pydantic", "uvloop", "asyncio", "matplotlib", "rich"} & set(sys.modules)))
+"""
+
+
+def test_help_imports_nothing_heavy():
+    done = subprocess.run([sys.executable, "-c", HELP_AND_LIST_MODULES], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"

@@ -1,0 +1,66 @@
+import numpy as np
+import pytest
+
+from hapticnet.experiment.analysis import bytes_per_penetration, felt_error, matched
+from hapticnet.experiment.conditions import CONDITIONS
+from hapticnet.node.master import MasterSettings
+from hapticnet.perception import WeberLaw
+
+
+def columns(force_n, breaches, datagram_bytes):
+    return {
+        "force_n": np.array(force_n, float),
+        "breaches": np.array(breaches, float),
+        "datagram_bytes": np.array(datagram_bytes, float),
+    }
+
+
+def test_a_penetration_is_paid_from_first_touch_to_breach_headers_included():
+    slave = columns(
+        force_n=[0, 0, 1, 2, 0, 0, 3, 4, 0, 0],
+        breaches=[0, 0, 0, 0, 1, 1, 1, 1, 2, 2],
+        datagram_bytes=[10, 10, 10, 0, 10, 10, 10, 0, 10, 10],
+    )
+    assert bytes_per_penetration(slave).each == (2 * 38, 2 * 38)
+
+
+def test_breaches_without_a_pause_between_share_nothing():
+    slave = columns(force_n=[0, 1, 1, 2, 0], breaches=[0, 0, 1, 1, 2], datagram_bytes=[10, 10, 10, 10, 10])
+    assert bytes_per_penetration(slave).each == (2 * 38, 2 * 38)
+
+
+def test_without_a_penetration_nothing_is_paid():
+    report = bytes_per_penetration(columns([0, 1, 0], [0, 0, 0], [10, 10, 10]))
+    assert (report.each, report.mean, report.deviation) == ((), 0.0, 0.0)
+
+
+def test_every_condition_of_the_paper_penetrates_three_tissues_and_costs_less_than_the_one_before(loopback):
+    means = []
+    for condition in CONDITIONS:
+        law = WeberLaw(multiplier=condition.multiplier)
+        link = loopback(1, settings=MasterSettings(codec=condition.codec, law=law, record=True))
+        link.run(5_000_000)
+        report = bytes_per_penetration(link.slave.stations[0].recording.table())
+        assert len(report.each) == 3
+        means.append(report.mean)
+    assert means == sorted(means, reverse=True)
+
+
+def test_what_is_felt_lags_by_the_round_trip_and_matches_across_the_wrap(loopback):
+    start_us = (1 << 32) - 2_000_000
+    quick = loopback(1, start_us=start_us)
+    slow = loopback(1, forward="delay=20ms", feedback="delay=20ms", start_us=start_us)
+    reports = []
+    for link in (quick, slow):
+        link.run(4_000_000)
+        slave, master = link.slave.stations[0].recording.table(), link.master.recording.table()
+        assert len(matched(slave, master)[0]) == len(slave["t_us"])
+        reports.append(felt_error(WeberLaw(), slave, master))
+    assert reports[0].exceed_jnd_fraction == 0.0
+    assert reports[1].exceed_jnd_fraction > 0.05
+    assert reports[1].rmse_n > 2 * reports[0].rmse_n
+
+
+def test_the_papers_figures_are_on_record():
+    assert [condition.paper_correct for condition in CONDITIONS] == [0.775, 0.80, 0.675, 0.5375]
+    assert CONDITIONS[1].paper_byte_reduction == pytest.approx(0.617)

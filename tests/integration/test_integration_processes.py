@@ -1,0 +1,180 @@
+"""Slave, master and channel as processes on loopback. Wall-clock limits are loose: they only catch hanging."""
+
+import json
+import signal
+import socket
+import time
+
+import numpy as np
+import pytest
+
+from hapticnet.tables import read_csv
+
+FAST = ("--no-realtime",)
+
+
+def test_an_insertion_over_loopback_and_every_packet_accounted_for(start, slave, tmp_path):
+    server, address = slave
+    report, record = tmp_path / "deep" / "master.json", tmp_path / "master.csv"
+    master = start(
+        "master", "--connect", address, "--insertions", "1", "--report", str(report), "--record", str(record), *FAST
+    )
+    assert master.process.wait(30) == 0, master.said()
+    assert server.end() == 0
+    account = json.loads(report.read_text())
+    (session,) = server.report()["sessions"]
+    assert session["end_reason"] == "the master closed: done"
+    assert session["breaches"] == 3
+    assert session["exceed_jnd_fraction"] == 0.0
+    assert session["received"]["packets"] == account["sent"]["packets"]
+    assert account["received"]["lost"] == 0
+    assert account["connections"] == 1
+    assert "packet_rate_reduction" not in master.output.read_text(), "the report is for a person without --json"
+    table = read_csv(record)
+    assert table.column("held_n").max() > 4.0
+    assert (np.diff(table.column("t_us")) > 0).all()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_either_side_with_its_report(start, slave, number):
+    server, address = slave
+    master = start("master", "--connect", address, "--json", "--duration", "60", *FAST)
+    master.wait_for("connected to")
+    assert master.end(number) == 0
+    assert master.report()["end_reason"] == "stopped"
+    server.wait_for("left: the master closed: stopped")
+    assert server.end(number) == 0
+    assert server.report()["sessions"][0]["end_reason"] == "the master closed: stopped"
+
+
+def test_the_master_may_start_first_and_the_slave_may_die_and_come_back(start):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{probe.getsockname()[1]}"
+    master = start("master", "--connect", address, "--duration", "60", "--json", *FAST)
+    master.wait_for("asking")
+    server = start("slave", "--listen", address)
+    master.wait_for("connected to")
+    server.process.kill()
+    server.process.wait()
+    master.wait_for("link stale")
+    start("slave", "--listen", address).wait_for("joined from")
+    master.wait_for("session lost")
+    master.wait_for("connected to", count=2)
+    assert master.end() == 0
+    assert master.report()["connections"] == 2
+
+
+def test_the_master_may_die_and_come_back(start, slave):
+    server, address = slave
+    first = start("master", "--connect", address, "--duration", "60", "--name", "first", *FAST)
+    first.wait_for("connected to")
+    first.process.kill()
+    second = start("master", "--connect", address, "--duration", "60", "--name", "second", *FAST)
+    second.wait_for("connected to")
+    server.wait_for("'first' left: nothing heard from the master")
+    assert second.end() == 0
+    assert server.end() == 0
+    assert [session["master"] for session in server.report()["sessions"]] == ["first", "second"]
+
+
+def test_one_slave_serves_several_masters_at_once(start, slave):
+    server, address = slave
+    masters = [
+        start("master", "--connect", address, "--name", f"m{n}", "--rate", "200", "--duration", "1.5", *FAST)
+        for n in range(3)
+    ]
+    assert [master.process.wait(30) for master in masters] == [0, 0, 0]
+    server.end()
+    sessions = server.report()["sessions"]
+    assert sorted(session["master"] for session in sessions) == ["m0", "m1", "m2"]
+    assert all(session["steps"] > 200 for session in sessions)
+
+
+def test_a_channel_process_delays_and_loses_what_passes_through_it(start, slave):
+    server, address = slave
+    channel = start(
+        "channel",
+        "--listen",
+        "127.0.0.1:0",
+        "--to",
+        address,
+        "--forward",
+        "delay=10ms,loss=5%",
+        "--feedback",
+        "delay=15ms",
+        "--json",
+    )
+    between = channel.wait_for(r"listening on ([\d.]+:\d+)").group(1)
+    master = start("master", "--connect", between, "--duration", "2", "--rate", "500", "--json", *FAST)
+    assert master.process.wait(30) == 0, master.said()
+    assert channel.end() == 0
+    server.end()
+    assert master.report()["round_trip"]["p50_us"] > 25_000
+    account = channel.report()
+    assert account["forward"]["lost"] > 10
+    assert account["forward"]["accepted"] == master.report()["sent"]["packets"]
+    lost = server.report()["sessions"][0]["received"]["lost"]
+    assert abs(lost - account["forward"]["lost"]) <= 2
+
+
+def test_a_channel_inside_the_master_does_the_same(start, slave):
+    _, address = slave
+    master = start(
+        "master",
+        "--connect",
+        address,
+        "--duration",
+        "1.5",
+        "--rate",
+        "500",
+        "--channel-out",
+        "delay=20ms,loss=5%",
+        "--json",
+        *FAST,
+    )
+    assert master.process.wait(30) == 0, master.said()
+    report = master.report()
+    assert report["round_trip"]["p50_us"] > 20_000
+    assert report["channel_out"]["lost"] > 5
+    assert report["channel_out"]["accepted"] == report["sent"]["packets"]
+
+
+def test_garbage_at_the_port_is_counted_and_the_session_goes_on(start, slave):
+    server, address = slave
+    master = start("master", "--connect", address, "--duration", "2", "--rate", "200", *FAST)
+    master.wait_for("connected to")
+    host, port = address.split(":")
+    rng = np.random.default_rng(0)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        for number in range(10_000):
+            sock.sendto(rng.bytes(int(rng.integers(0, 2000))), (host, int(port)))
+            if number % 100 == 0:
+                time.sleep(0.002)
+    assert master.process.wait(30) == 0
+    server.end()
+    report = server.report()
+    assert report["strangers"]["malformed"] > 1000
+    assert report["sessions"][0]["received"]["lost"] <= 400
+    assert report["sessions"][0]["received"]["malformed"] == 0
+
+
+def test_a_slower_rate_is_granted_and_a_refusal_is_one_line_and_exit_code_2(start):
+    server = start("slave", "--listen", "127.0.0.1:0", "--fastest-rate", "100", "--most-sessions", "1")
+    address = server.wait_for(r"listening on ([\d.]+:\d+)").group(1)
+    first = start("master", "--connect", address, "--duration", "60", *FAST)
+    first.wait_for("100 Hz granted")
+    second = start("master", "--connect", address, *FAST)
+    assert second.process.wait(30) == 2
+    refusal = "refused the session: all 1 sessions of this slave are taken"
+    assert second.said().splitlines()[-1] == f"hapticnet: {address} {refusal}"
+    assert "Traceback" not in second.said()
+
+
+def test_a_master_that_finds_no_slave_says_so_and_fails(start):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{probe.getsockname()[1]}"
+    master = start("master", "--connect", address, "--connect-timeout", "0.5", *FAST)
+    assert master.process.wait(30) == 2
+    assert master.said().splitlines()[-1] == f"hapticnet: no slave answered at {address} within 0.5 s"
