@@ -2,9 +2,13 @@
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from hapticnet.errors import SettingsError
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
 
 SUBJECT_JND_N: Final = (0.05, 0.04, 0.06, 0.05, 0.05, 0.06, 0.05, 0.04)
 """Force JND [N] of the eight subjects of "Cutaneous haptic deadband compression", ascending method of limits."""
@@ -65,4 +69,11 @@ class WeberLaw:
 
     def threshold_n(self, reference_n: float) -> float:
         """Return the deadband threshold [N] around a stimulus of magnitude `reference_n` [N]."""
-        return self.multiplier * max(self.weber_fraction * reference_n, self.floor_n)
+        # The multiplier goes inside, so that array code can take it out of its loop and still get the same bits.
+        return max(self.multiplier * self.weber_fraction * reference_n, self.multiplier * self.floor_n)
+
+    def thresholds_n(self, references_n: "npt.NDArray[np.float64]") -> "npt.NDArray[np.float64]":
+        """Return `threshold_n` of each of an array of magnitudes [N], the same to the bit."""
+        import numpy as np
+
+        return np.maximum(self.multiplier * self.weber_fraction * references_n, self.multiplier * self.floor_n)

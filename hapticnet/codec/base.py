@@ -58,12 +58,12 @@ class Encoding(NamedTuple):
     decoded
         What the receiver applies at every sample, in the unit of the input, shape (n, a).
     payload_bytes
-        Size of each transmitted payload [B], shape (m,), int64.
+        Size of each transmitted payload [B], shape (m,), uint16.
     """
 
     sent: npt.NDArray[np.int64]
     decoded: FloatArray
-    payload_bytes: npt.NDArray[np.int64]
+    payload_bytes: npt.NDArray[np.uint16]
 
 
 class Codec(Protocol):

@@ -11,8 +11,10 @@ from numba import njit
 
 from hapticnet.codec.arrays import refuse_out_of_range
 from hapticnet.codec.base import Encoding, FloatArray
+from hapticnet.codec.deadband import MARGIN
 from hapticnet.codec.payload import DOUBLE_BYTES, SINGLE_BYTES
 from hapticnet.perception import WeberLaw
+from hapticnet.samples import LARGEST_COMPONENT
 
 IntArray = npt.NDArray[np.int64]
 
@@ -20,86 +22,98 @@ IntArray = npt.NDArray[np.int64]
 def deadband(law: WeberLaw, stimuli: FloatArray) -> Encoding:
     """Encode stimuli of shape (n, a) with the deadband of `law`; a SampleError refuses what is out of range."""
     samples, axes = stimuli.shape
+    # Memory that is never written is never made resident, so room for the worst case costs nothing.
     sent = np.empty(samples, dtype=np.int64)
-    wide = np.empty(samples, dtype=np.bool_)
+    wide = np.empty(samples, dtype=np.int64)
     decoded = np.empty_like(stimuli)
-    parameters = (law.weber_fraction, law.floor_n, law.multiplier)
+    parameters = law.multiplier * law.weber_fraction, law.multiplier * law.floor_n
     if axes == 1:
-        count = _scalar(stimuli[:, 0], *parameters, sent, wide, decoded[:, 0])
+        count, wide_count = _scalar(stimuli[:, 0], *parameters, sent, wide, decoded[:, 0])
     else:
-        count = _vector(stimuli, *parameters, sent, wide, decoded)
-    refuse_out_of_range(stimuli, sent[:count])
-    sizes = np.where(wide[:count], DOUBLE_BYTES * axes, SINGLE_BYTES * axes).astype(np.int64)
-    return Encoding(sent=sent[:count].copy(), decoded=decoded, payload_bytes=sizes)
+        count, wide_count = _vector(stimuli, *parameters, sent, wide, decoded)
+    refuse_out_of_range(stimuli, sent[count : count + 1] if wide_count < 0 else sent[:0])
+    sizes = np.full(count, SINGLE_BYTES * axes, dtype=np.uint16)
+    sizes[wide[:wide_count]] = DOUBLE_BYTES * axes
+    return Encoding(sent=sent[:count], decoded=decoded, payload_bytes=sizes)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _scalar(
     stimuli: FloatArray,
-    weber_fraction: float,
-    floor_n: float,
-    multiplier: float,
+    weber: float,
+    floor: float,
     sent: IntArray,
-    wide: npt.NDArray[np.bool_],
+    wide: IntArray,
     decoded: FloatArray,
-) -> int:
-    count = 0
-    low, high, reference = math.inf, -math.inf, 0.0
+) -> tuple[int, int]:
+    """Return how many were sent, and how many of those as float64: their places among the sent are in `wide`.
+
+    A stimulus that is out of range ends it: it is the next in `sent`, and the second number is negative.
+    """
+    count, wide_count = 0, 0
+    low, high, reference, threshold = math.inf, -math.inf, 0.0, -1.0
+    # The shortcut's half width, so that it needs no more steps than the rule itself: each send waits for it.
+    inner_weber, inner_floor = weber * (1.0 - MARGIN), floor * (1.0 - MARGIN)
     for i in range(stimuli.shape[0]):
         x = stimuli[i]
-        if not low <= x <= high:
-            reference = np.float64(np.float32(x))
-            threshold = multiplier * max(weber_fraction * abs(reference), floor_n)
-            wide[count] = not abs(x - reference) <= threshold
-            if wide[count]:
-                reference = x
-                threshold = multiplier * max(weber_fraction * abs(reference), floor_n)
-            high = reference + threshold
-            if high - reference > threshold:
-                high = np.nextafter(high, -math.inf)
-            low = reference - threshold
-            if reference - low > threshold:
-                low = np.nextafter(low, math.inf)
+        if not low <= x <= high and not abs(x - reference) <= threshold:
             sent[count] = i
+            if not abs(x) <= LARGEST_COMPONENT:
+                return count, -1
+            reference = np.float64(np.float32(x))
+            threshold = max(weber * abs(reference), floor)
+            if not abs(x - reference) <= threshold:
+                wide[wide_count] = count
+                wide_count += 1
+                reference = x
+                threshold = max(weber * abs(reference), floor)
+            half = max(inner_weber * abs(reference), inner_floor) - MARGIN * abs(reference)
+            low, high = reference - half, reference + half
             count += 1
         decoded[i] = reference
-    return count
+    return count, wide_count
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _vector(
     stimuli: FloatArray,
-    weber_fraction: float,
-    floor_n: float,
-    multiplier: float,
+    weber: float,
+    floor: float,
     sent: IntArray,
-    wide: npt.NDArray[np.bool_],
+    wide: IntArray,
     decoded: FloatArray,
-) -> int:
+) -> tuple[int, int]:
+    """Return how many were sent, and how many of those as float64: their places among the sent are in `wide`.
+
+    A stimulus that is out of range ends it: it is the next in `sent`, and the second number is negative.
+    """
     axes = stimuli.shape[1]
     reference = np.zeros(axes)
     threshold = -1.0
-    count = 0
+    count, wide_count = 0, 0
     for i in range(stimuli.shape[0]):
         distance = 0.0
         for a in range(axes):
             distance += (stimuli[i, a] - reference[a]) ** 2
         if threshold < 0.0 or not math.sqrt(distance) <= threshold:
+            sent[count] = i
             square, rounding = 0.0, 0.0
             for a in range(axes):
+                if not abs(stimuli[i, a]) <= LARGEST_COMPONENT:
+                    return count, -1
                 reference[a] = np.float64(np.float32(stimuli[i, a]))
                 square += reference[a] * reference[a]
                 rounding += (stimuli[i, a] - reference[a]) ** 2
-            threshold = multiplier * max(weber_fraction * math.sqrt(square), floor_n)
-            wide[count] = not math.sqrt(rounding) <= threshold
-            if wide[count]:
+            threshold = max(weber * math.sqrt(square), floor)
+            if not math.sqrt(rounding) <= threshold:
+                wide[wide_count] = count
+                wide_count += 1
                 square = 0.0
                 for a in range(axes):
                     reference[a] = stimuli[i, a]
                     square += reference[a] * reference[a]
-                threshold = multiplier * max(weber_fraction * math.sqrt(square), floor_n)
-            sent[count] = i
+                threshold = max(weber * math.sqrt(square), floor)
             count += 1
         for a in range(axes):
             decoded[i, a] = reference[a]
-    return count
+    return count, wide_count

@@ -41,7 +41,7 @@ class Raw:
         return Encoding(
             sent=sent,
             decoded=stimuli.astype(np.float32).astype(np.float64),
-            payload_bytes=np.full(samples, SINGLE_BYTES * axes, dtype=np.int64),
+            payload_bytes=np.full(samples, SINGLE_BYTES * axes, dtype=np.uint16),
         )
 
 

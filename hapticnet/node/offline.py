@@ -48,7 +48,7 @@ def cost_report(codec: Codec, t_us: npt.NDArray[np.int64], stimuli: FloatArray, 
     sent_us = t_us[encoding.sent]
     payload_bytes = _datagram_bytes(sent_us, encoding.payload_bytes)
     wire_bytes = payload_bytes + len(sent_us) * UDP_IPV4_HEADER_BYTES
-    raw_bytes = _datagram_bytes(t_us, np.full(samples, 4 * axes, dtype=np.int64)) + samples * UDP_IPV4_HEADER_BYTES
+    raw_bytes = _datagram_bytes(t_us, np.full(samples, 4 * axes, dtype=np.uint16)) + samples * UDP_IPV4_HEADER_BYTES
     error = error_report(codec.law, stimuli, encoding.decoded)
     return CostReport(
         samples=samples,
@@ -64,7 +64,7 @@ def cost_report(codec: Codec, t_us: npt.NDArray[np.int64], stimuli: FloatArray, 
     )
 
 
-def _datagram_bytes(t_us: npt.NDArray[np.int64], payload_bytes: npt.NDArray[np.int64]) -> int:
+def _datagram_bytes(t_us: npt.NDArray[np.int64], payload_bytes: npt.NDArray[np.uint16]) -> int:
     # A session's sequence numbers begin with the WELCOME, which takes 0.
     sequence = np.arange(1, len(t_us) + 1, dtype=np.int64)
     return int(force_datagram_bytes(sequence, t_us, payload_bytes).sum())

@@ -123,7 +123,7 @@ def is_uint32(value: object) -> bool:
 
 
 def force_datagram_bytes(
-    sequence: npt.NDArray[np.int64], t_us: npt.NDArray[np.int64], payload_bytes: npt.NDArray[np.int64]
+    sequence: npt.NDArray[np.int64], t_us: npt.NDArray[np.int64], payload_bytes: npt.NDArray[np.uint16]
 ) -> npt.NDArray[np.int64]:
     """Return the size [B] of FORCE datagrams, without UDP and IP headers, shapes (m,).
 

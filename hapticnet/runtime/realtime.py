@@ -40,7 +40,7 @@ def prefer_realtime() -> str:
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIFO_PRIORITY))
     except PermissionError:
-        return f"{OTHER} (SCHED_FIFO refused: it takes root or CAP_SYS_NICE, and a real-time budget where cgroups give one)"
+        return f"{OTHER} (SCHED_FIFO refused: it takes root or CAP_SYS_NICE, and in a container a real-time budget)"
     except OSError as error:
         return f"{OTHER} (SCHED_FIFO refused: {error.strerror})"
     return f"SCHED_FIFO {FIFO_PRIORITY}"

@@ -10,7 +10,7 @@ from hypothesis.extra import numpy as npst
 
 from hapticnet.codec import deadband as deadband_module
 from hapticnet.codec.base import Codec, Encoding
-from hapticnet.codec.deadband import Deadband, dead_zone
+from hapticnet.codec.deadband import Deadband, shortcut
 from hapticnet.codec.registry import CODECS, codec_parameters, make_codec
 from hapticnet.errors import PeerError, SampleError, SettingsError
 from hapticnet.perception import WeberLaw
@@ -86,13 +86,12 @@ def test_compiled_kernels_agree_with_plain_python(monkeypatch, axes, law):
 
 
 @given(st.floats(-1e15, 1e15), st.floats(0.0, 1e15))
-def test_the_dead_zone_is_never_wider_than_the_threshold_and_at_most_two_steps_narrower(reference, threshold):
-    low, high = dead_zone(reference, threshold)
-    assert low <= reference <= high
-    assert reference - low <= threshold
-    assert high - reference <= threshold
-    outside = math.nextafter(math.nextafter(high, math.inf), math.inf)
-    assert outside - reference >= threshold
+def test_the_shortcut_lies_within_the_dead_zone_and_all_but_fills_it(reference, threshold):
+    low, high = shortcut(reference, threshold)
+    if low <= high:
+        assert reference - low <= threshold
+        assert high - reference <= threshold
+    assert high - low >= 2 * threshold - 1e-14 * (abs(reference) + threshold)
 
 
 def test_weber_worked_example_of_the_paper():

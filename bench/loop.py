@@ -1,0 +1,144 @@
+"""How punctual the 1 kHz loop is, and how soon a position comes back as a force.
+
+Each is measured beside its limit in the same run, in turns, under the same scheduling class: the master's ticks beside
+a C program that sleeps with clock_nanosleep, position to force beside a bare UDP echo between two uvloop processes.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import record
+
+from hapticnet.runtime.children import Child
+
+PEERS = Path(__file__).parent / "peers"
+PERCENTILES = (50, 99, 99.9)
+CODECS = ("raw", "deadband")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=8.0, help="length of each measurement")
+    parser.add_argument("--repetitions", type=int, default=3)
+    parser.add_argument("--no-realtime", action="store_true", help="leave everything in SCHED_OTHER")
+    parser.add_argument("--json", type=Path, metavar="FILE")
+    arguments = parser.parse_args()
+    fifo = not arguments.no_realtime and fifo_is_granted()
+    print(
+        f"scheduling: {'SCHED_FIFO 10' if fifo else 'SCHED_OTHER'}; {arguments.repetitions} × {arguments.seconds:g} s"
+    )
+    runs: dict[str, list[Any]] = {"c_tick": [], "udp_echo": [], **{codec: [] for codec in CODECS}}
+    with tempfile.TemporaryDirectory() as folder:
+        tick = compile_c(Path(folder))
+        for _ in range(arguments.repetitions):
+            runs["c_tick"].append(c_tick(tick, arguments.seconds, fifo))
+            runs["udp_echo"].append(udp_echo(arguments.seconds, fifo))
+            for codec in CODECS:
+                runs[codec].append(hapticnet(codec, arguments.seconds, fifo, Path(folder)))
+    results = summary(runs)
+    show(results)
+    if arguments.json:
+        record.write(
+            arguments.json,
+            name="loop",
+            seed=1,
+            unit="us",
+            repetitions=arguments.repetitions,
+            results={"scheduling": "SCHED_FIFO" if fifo else "SCHED_OTHER", **results},
+        )
+
+
+def fifo_is_granted() -> bool:
+    """Tell whether this user may have SCHED_FIFO, by asking in a process of its own."""
+    code = "import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))"
+    return subprocess.run([sys.executable, "-c", code], stderr=subprocess.DEVNULL, check=False).returncode == 0
+
+
+def compile_c(folder: Path) -> Path:
+    subprocess.run(["gcc", "-O2", "-o", folder / "tick", PEERS / "tick.c"], check=True)
+    return folder / "tick"
+
+
+def c_tick(program: Path, seconds: float, fifo: bool) -> list[float]:
+    done = subprocess.run(
+        [program, str(round(1000 * seconds)), "10" if fifo else "0"], capture_output=True, text=True, check=True
+    )
+    return [float(line) for line in done.stdout.split()]
+
+
+def udp_echo(seconds: float, fifo: bool) -> list[float]:
+    command = [sys.executable, str(PEERS / "udp_echo.py"), *(["--realtime"] if fifo else [])]
+    environment = os.environ | {"PYTHONPATH": str(PEERS.parents[1])}
+    server = subprocess.Popen([*command, "server"], stdout=subprocess.PIPE, text=True, env=environment)
+    try:
+        assert server.stdout is not None
+        port = server.stdout.readline().strip()
+        client = subprocess.run(
+            [*command, "client", port, str(seconds)], capture_output=True, text=True, check=True, env=environment
+        )
+        return [float(line) for line in client.stdout.split()]
+    finally:
+        server.terminate()
+        server.communicate()
+
+
+def hapticnet(codec: str, seconds: float, fifo: bool, folder: Path) -> dict[str, Any]:
+    """Run a slave and a master process and return the master's report."""
+    scheduling = "--realtime" if fifo else "--no-realtime"
+    report = folder / "master.json"
+    slave = Child(["slave", "--listen", "127.0.0.1:0", "--scene", "paper:1", scheduling])
+    try:
+        arguments = ["master", "--connect", slave.address(), "--codec", codec, "--duration", str(seconds), scheduling]
+        Child([*arguments, "--connect-timeout", "10", "--report", str(report), "--quiet"]).finish()
+    finally:
+        slave.end()
+    account: dict[str, Any] = json.loads(report.read_text())
+    return account
+
+
+def summary(runs: dict[str, list[Any]]) -> dict[str, Any]:
+    """Return percentiles as medians over the repetitions, and their ratios to the limits."""
+    limits = {
+        name: [float(np.median([np.percentile(run, percent) for run in runs[name]])) for percent in PERCENTILES]
+        for name in ("c_tick", "udp_echo")
+    }
+    results: dict[str, Any] = {
+        "tick lateness": {"C clock_nanosleep": limits["c_tick"]},
+        "position to force": {"bare UDP echo": limits["udp_echo"]},
+    }
+    for codec in CODECS:
+        for measure, key in (("tick lateness", "lateness"), ("position to force", "round_trip")):
+            results[measure][f"hapticnet, {codec}"] = [
+                float(np.median([run[key][name] for run in runs[codec]])) for name in ("p50_us", "p99_us", "p99_9_us")
+            ]
+    results["missed ticks"] = {codec: [run["missed_ticks"] for run in runs[codec]] for codec in CODECS}
+    results["ratio"] = {
+        "tick lateness p99, worst codec / C": max(results["tick lateness"][f"hapticnet, {c}"][1] for c in CODECS)
+        / limits["c_tick"][1],
+        "position to force p50, raw / bare echo": results["position to force"]["hapticnet, raw"][0]
+        / limits["udp_echo"][0],
+    }
+    return results
+
+
+def show(results: dict[str, Any]) -> None:
+    for measure in ("tick lateness", "position to force"):
+        print(f"\n{measure} [us]".ljust(41) + "".join(f"p{percent}".rjust(9) for percent in PERCENTILES))
+        for name, values in results[measure].items():
+            print(f"  {name}".ljust(40) + "".join(f"{value:9.1f}" for value in values))
+    print()
+    for codec, missed in results["missed ticks"].items():
+        print(f"missed ticks, {codec}: {missed}")
+    for name, ratio in results["ratio"].items():
+        print(f"{name}: {ratio:.2f}")
+
+
+if __name__ == "__main__":
+    main()

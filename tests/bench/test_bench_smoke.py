@@ -1,0 +1,151 @@
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+REPOSITORY = Path(__file__).parents[2]
+RATES_HZ = [50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0]
+CONDITIONS = ["none", "1 JND", "2 JND", "4 JND"]
+TINY = ("--seeds", "1", "--insertions", "1")
+
+
+def bench(script, *arguments):
+    environment = os.environ | {"PYTHONPATH": str(REPOSITORY)}
+    command = [sys.executable, REPOSITORY / "bench" / script, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=100, check=False)
+
+
+def recorded(file, done):
+    """Return the results of a script that has ended, once its record has been found whole."""
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip()
+    record = json.loads(file.read_text())
+    assert record["name"] == file.stem
+    assert record["revision"]
+    assert record["unit"]
+    assert type(record["seed"]) is int
+    assert record["repetitions"] >= 1
+    assert record["machine"]["cores"] >= 1
+    assert record["machine"]["python"].endswith(".".join(map(str, sys.version_info[:3])))
+    return record["results"]
+
+
+@pytest.fixture(scope="module")
+def packet_rate(tmp_path_factory):
+    """Return the record of a tiny run over the scene and one trace, and the run itself."""
+    folder = tmp_path_factory.mktemp("packet_rate")
+    t_s = np.arange(500) / 1000
+    columns = np.column_stack([t_s, t_s, 2.0 + np.sin(20.0 * t_s)])
+    np.savetxt(folder / "wave.csv", columns, delimiter=",", header="t_s,position_m,force_n", comments="")
+    done = bench("packet_rate.py", *TINY, "--out", folder, f"{folder / 'wave.csv'}:force_n")
+    return folder / "packet_rate.json", done
+
+
+def test_packet_rate_keeps_the_laws_of_the_deadband_at_every_rate(packet_rate):
+    results = recorded(*packet_rate)
+    assert [(row["rate_hz"], row["condition"]) for row in results["scene"]] == [
+        (rate_hz, condition) for rate_hz in RATES_HZ for condition in CONDITIONS
+    ]
+    for start in range(0, len(results["scene"]), 4):
+        rows = results["scene"][start : start + 4]
+        assert [row["penetrations"] for row in rows] == [3] * 4
+        assert rows[0]["packets"] == rows[0]["samples"]
+        assert rows[0]["byte_reduction"] == 0.0
+        assert rows[1]["exceed_jnd_fraction"] == 0.0
+        reductions = [row["byte_reduction"] for row in rows]
+        assert reductions == sorted(reductions)
+        assert all(0.0 < row["rmse_n"] < row["max_error_n"] for row in rows[1:])
+
+
+def test_packet_rate_agrees_with_both_nodes_in_virtual_time(packet_rate):
+    results = recorded(*packet_rate)
+    assert [row["condition"] for row in results["check"]] == CONDITIONS
+    for row in results["check"]:
+        assert row["samples_difference"] == row["packets_difference"] == row["rmse_n_difference"] == 0
+        # Keepalives take sequence numbers, and in so short a run those grow by two bytes a packet at most.
+        assert 0.0 <= row["bytes_per_penetration_mean_difference"] <= 2 * row["packets"] / 3
+
+
+def test_packet_rate_says_where_the_papers_reduction_falls(packet_rate):
+    results = recorded(*packet_rate)
+    assert results["paper_byte_reduction"] == 0.617
+    for curve in [*results["over_speeds"], results["without_floor"]]:
+        crossing_hz = curve["crossing_hz"]
+        assert crossing_hz is None or RATES_HZ[0] < crossing_hz <= RATES_HZ[-1]
+    assert "61.7%" in packet_rate[1].stdout
+    assert "neither rate nor motion" in packet_rate[1].stdout.replace("\n", " ")
+
+
+def test_packet_rate_runs_every_condition_on_a_recorded_trace(packet_rate):
+    rows = recorded(*packet_rate)["traces"]
+    assert [(row["trace"], row["condition"]) for row in rows] == [("wave", condition) for condition in CONDITIONS]
+    assert [row["samples"] for row in rows] == [500] * 4
+    assert rows[0]["worst_100ms_packets"] == 100
+    reductions = [row["wire_byte_reduction"] for row in rows]
+    assert reductions[0] == 0.0
+    assert reductions == sorted(reductions)
+
+
+@pytest.mark.parametrize("arguments", [("missing.csv",), ("--insertions", "0"), ("--seeds", "0")])
+def test_packet_rate_refuses_what_it_cannot_use_in_one_line(arguments):
+    done = bench("packet_rate.py", *arguments)
+    assert done.returncode == 2
+    assert "error:" in done.stderr.splitlines()[-1]
+    assert "Traceback" not in done.stderr
+
+
+def test_the_plot_of_packet_rate_is_a_picture(packet_rate, tmp_path):
+    file, _ = packet_rate
+    done = bench("plot_packet_rate.py", file, "--out", tmp_path / "curve.png")
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "curve.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_virtual_time_answers_positions_in_every_case(tmp_path):
+    file = tmp_path / "virtual_time.json"
+    results = recorded(file, bench("virtual_time.py", "--insertions", 1, "--repetitions", 2, "--json", file))
+    cases = results["cases"]
+    assert list(cases) == ["no device", "simulated device", "simulated device, wifi", "simulated device, 4g"]
+    for figures in cases.values():
+        assert 0.0 < figures["times_real_time_median"] <= figures["times_real_time_best"]
+        # A position each virtual millisecond, but for those lost, late, or before the session stood.
+        assert 0.9 < figures["positions_answered"] / (1000.0 * figures["virtual_s"]) <= 1.0
+
+
+def test_scene_cost_measures_every_case(tmp_path):
+    file = tmp_path / "scene_cost.json"
+    results = recorded(file, bench("scene_cost.py", "--repetitions", 1, "--json", file))
+    assert results
+    for cases in results.values():
+        assert cases
+        assert all(0.0 < times_ns["best"] <= times_ns["median"] for times_ns in cases.values())
+
+
+def test_codec_speed_measures_every_way_on_the_same_signal(tmp_path, tool_is_missing):
+    if shutil.which("gcc") is None:
+        tool_is_missing("gcc is missing: the C loop cannot be compiled")
+    file = tmp_path / "codec_speed.json"
+    done = bench("codec_speed.py", "--samples", 20_000, "--repetitions", 1, "--json", file)
+    results = recorded(file, done)
+    assert results["samples"] == 20_000
+    assert [row["sent"] for row in results["rows"]] == pytest.approx([0.01, 0.1, 0.4], abs=0.05)
+    for row in results["rows"]:
+        assert min(row[way] for way in ("c", "plain", "stream")) > 0.0
+
+
+def test_loop_measures_hapticnet_beside_its_limits(tmp_path, tool_is_missing):
+    if shutil.which("gcc") is None:
+        tool_is_missing("gcc is missing: the C tick cannot be compiled")
+    file = tmp_path / "loop.json"
+    results = recorded(file, bench("loop.py", "--seconds", 0.3, "--repetitions", 1, "--json", file))
+    for measure, limit in (("tick lateness", "C clock_nanosleep"), ("position to force", "bare UDP echo")):
+        assert list(results[measure]) == [limit, "hapticnet, raw", "hapticnet, deadband"]
+        for percentiles_us in results[measure].values():
+            assert len(percentiles_us) == 3
+            assert percentiles_us == sorted(percentiles_us)
+            assert percentiles_us[-1] > 0.0
