@@ -24,9 +24,11 @@ def show(scene: Spec = "paper", json: options.Json = False, report: options.Repo
     tissues = []
     for tissue in settings.tissues:
         declared = {key: value for key, value in asdict(tissue).items() if value != 0.0}
+        if not tissue.shaft_friction_n:
+            del declared["shaft_presliding_m"]  # says how friction sets in, and there is none
         tissues.append({**declared, "breaches_at_m": tissue.rest_position_m + tissue.breach_depth_m})
     others = ["paper:SEED", *scene_names()]
-    deliver({"name": settings.name, "tissue": tissues, "other scenes": ", ".join(others)}, as_json=json, file=report)
+    deliver({"name": settings.name, "tissue": tissues, "other_scenes": ", ".join(others)}, as_json=json, file=report)
 
 
 @app.command("run")

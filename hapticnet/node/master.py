@@ -2,7 +2,7 @@
 
 import math
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -106,7 +106,7 @@ class MasterNode:
         self._decoder = self._codec.decoder(operator.axes)
         self._hold = Hold(settings.hold, axes=operator.axes)
         self._limiter = ForceLimiter(settings.limits)
-        self._controller = ForceController(settings.control)
+        self._controller = ForceController(_within_reach(settings.control, device))
         self._reading: Reading | None = None
         self._script_start_us: int | None = None
         self._position_m = 0.0
@@ -228,3 +228,14 @@ class MasterNode:
         elif isinstance(event, Ended):
             self.end_reason, self.refused = event.reason, event.refused
         self._events.append(event)
+
+
+def _within_reach(settings: ForceControlSettings, device: Device | None) -> ForceControlSettings:
+    """Return the settings with no more travel and force than the device has."""
+    if device is None:
+        return settings
+    return replace(
+        settings,
+        travel_m=min(settings.travel_m, device.travel_m),
+        max_force_n=min(settings.max_force_n, device.max_force_n),
+    )

@@ -77,7 +77,7 @@ class Station:
         return {
             "session": self.session.session,
             "master": hello.name,
-            "address": str(self.address),
+            "address": ":".join(map(str, self.address[:2])) if isinstance(self.address, tuple) else str(self.address),
             "scene": self.scene.name,
             "codec": self.codec.name,
             "parameters": codec_parameters(self.codec),

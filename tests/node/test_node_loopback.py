@@ -12,6 +12,7 @@ from hapticnet.node.master import MasterSettings
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.states import SlaveState
+from tests.conftest import make_master, make_slave
 
 SECOND = 1_000_000
 
@@ -183,7 +184,6 @@ def test_a_codec_that_the_slave_does_not_have_is_refused_with_what_there_is(loop
 
 
 def test_one_slave_serves_many_masters_each_with_a_scene_of_its_own():
-    from tests.conftest import make_master, make_slave
 
     slave = make_slave()
     masters = {f"master {number}": make_master(number) for number in range(5)}
@@ -201,3 +201,21 @@ def test_one_slave_serves_many_masters_each_with_a_scene_of_its_own():
     assert sorted(breaches, reverse=True)[0] == 3
     assert len({id(station.scene) for station in slave.stations}) == 5
     assert all(station.session.state is SlaveState.OPEN for station in slave.stations)
+
+
+@pytest.mark.parametrize("network", ["perfect", "delay=30ms,jitter=uniform:10ms,order=free,loss=5%,duplicate=5%"])
+def test_a_slave_that_starts_anew_is_found_within_a_second_and_its_past_stays_behind(loopback, network):
+    link = loopback(9, forward=network, feedback=network, insertions=3)
+    link.run(1_500_000)
+    (old,) = link.slave.stations
+    link.slave = make_slave(10)  # what the old one sent is still on its way
+    restart_us = link.now_us
+    link.run(SECOND)
+    (station,) = link.slave.stations
+    assert link.master.report()["connections"] == 2
+    assert station.steps > 100, "of positions that overtake each other only the newest ones count"
+    assert station.session.session != old.session.session
+    table, slave = link.master.recording.table(), station.recording.table()
+    settled = table["t_us"] > restart_us + 600_000
+    possible = {0.0, *slave["held_n"].tolist()}
+    assert set(table["held_n"][settled].tolist()) <= possible, "a force of the old session was felt in the new one"
