@@ -5,15 +5,16 @@ VENV := .venv
 BIN := $(VENV)/bin
 APT := $(if $(filter 0,$(shell id -u)),,sudo )apt-get
 
-.PHONY: help demo test check bench clean system-packages
+.PHONY: help demo test check docker-check bench clean system-packages
 .DEFAULT_GOAL := help
 
 help:
-	@echo 'make demo    install, and play the paper in under a minute'
-	@echo 'make test    install everything the tests need, and run them all'
-	@echo 'make check   linters, types, layers'
-	@echo 'make bench   run every benchmark, results and figures in results/bench'
-	@echo 'make clean   remove the virtual environment and all results'
+	@echo 'make demo           install, and play the paper in under a minute'
+	@echo 'make test           install everything the tests need, and run them all'
+	@echo 'make check          linters, types, layers'
+	@echo 'make docker-check   build the image and play every scenario of docker/ (needs a Docker engine)'
+	@echo 'make bench          run every benchmark, results and figures in results/bench'
+	@echo 'make clean          remove the virtual environment and all results'
 
 demo: $(VENV)/installed-plot
 	$(BIN)/hapticnet demo
@@ -26,6 +27,9 @@ check: $(VENV)/installed-dev
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+docker-check: $(VENV)/installed-dev
+	$(BIN)/pytest -m docker tests/docker
 
 bench: system-packages $(VENV)/installed-dev
 	$(BIN)/python bench/packet_rate.py --out results/bench

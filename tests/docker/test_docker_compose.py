@@ -1,0 +1,61 @@
+"""The compose file, built and run: slave, channel and master in containers on networks of their own."""
+
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+pytestmark = [pytest.mark.docker, pytest.mark.timeout(900)]
+
+DOCKER = Path(__file__).parents[2] / "docker"
+RESULTS = DOCKER / "results"
+
+
+def succeeds(*command):
+    return subprocess.run(command, capture_output=True, check=False).returncode == 0
+
+
+@pytest.fixture
+def compose(tool_is_missing):
+    """Return what runs a compose command in a scenario; everything is taken down afterwards."""
+    if shutil.which("docker") is None or not succeeds("docker", "info"):
+        tool_is_missing("no Docker engine runs here")
+    plugin = succeeds("docker", "compose", "version")
+    if not plugin and shutil.which("docker-compose") is None:
+        tool_is_missing("neither 'docker compose' nor 'docker-compose' is installed")
+    program = ["docker", "compose"] if plugin else ["docker-compose"]
+    # Where only the host reaches the package index, images are built on its network.
+    environment = {"BUILD_NETWORK": "host", "INSERTIONS": "1"} | os.environ
+
+    def run(scenario, *arguments):
+        command = [*program, "-f", DOCKER / "compose.yaml", "--env-file", DOCKER / "scenarios" / f"{scenario}.env"]
+        return subprocess.run([*command, *arguments], capture_output=True, text=True, check=False, env=environment)
+
+    yield run
+    run("loopback", "down", "--volumes", "--rmi", "local")
+    shutil.rmtree(RESULTS, ignore_errors=True)
+
+
+def test_every_scenario_plays_an_insertion_and_reports_on_stdout_and_in_the_folder(compose):
+    built = compose("loopback", "build")
+    assert built.returncode == 0, built.stderr[-2000:]
+    reductions = {}
+    for scenario in sorted(path.stem for path in (DOCKER / "scenarios").glob("*.env")):
+        done = compose(scenario, "up", "--abort-on-container-exit", "--exit-code-from", "master")
+        assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+        assert "end_reason" in done.stdout
+        master, slave, channel = (
+            json.loads((RESULTS / f"{name}.json").read_text()) for name in ("master", "slave", "channel")
+        )
+        assert master["end_reason"] == "done"
+        assert channel["forward"]["accepted"] >= slave["sessions"][-1]["steps"]
+        assert slave["sessions"][-1]["breaches"] == 3
+        reductions[scenario] = slave["sessions"][-1]["packet_rate_reduction"]
+        if scenario == "transatlantic":
+            assert master["round_trip"]["p50_us"] > 70_000
+            assert channel["forward"]["lost"] > 0
+    assert reductions["uncompressed"] == 0.0
+    assert reductions["loopback"] > 0.8
