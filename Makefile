@@ -33,6 +33,7 @@ docker-check: $(VENV)/installed-dev
 
 bench: system-packages $(VENV)/installed-dev
 	$(BIN)/python bench/packet_rate.py --out results/bench
+	$(BIN)/python bench/plot_packet_rate.py results/bench/packet_rate.json
 	$(BIN)/python bench/scene_cost.py --json results/bench/scene_cost.json
 	$(BIN)/python bench/codec_speed.py --json results/bench/codec_speed.json
 	$(BIN)/python bench/virtual_time.py --json results/bench/virtual_time.json

@@ -55,7 +55,7 @@ def checked_vector(values: Iterable[float], what: str) -> Vector:
         When there are no or more than three components, or one of them is NaN, infinite or beyond
         `LARGEST_COMPONENT`.
     """
-    vector = tuple(float(value) for value in values)
+    vector = tuple(map(float, values))
     if not 1 <= len(vector) <= MAX_AXES:
         raise SampleError(f"{what} has {len(vector)} axes; 1 to {MAX_AXES} are supported")
     for component in vector:

@@ -192,6 +192,9 @@ class Emulator(Generic[T]):
 
     def due(self, now_us: int) -> list[T]:
         """Take out the packets whose time of delivery has come by `now_us` [µs], in the order of delivery."""
+        under_way = self._heap or self._fifo
+        if not under_way or under_way[0][0] > now_us:
+            return []
         items: list[T] = []
         if self._reorders:
             heap = self._heap

@@ -51,8 +51,9 @@ def _tracking(row: Row) -> str:
 _FOOTNOTE = """\
 Paper: "Cutaneous haptic deadband compression". It states neither its sampling
 rate nor its motion, on which the reduction depends: see bench/packet_rate.py.
-Bytes include UDP and IPv4 headers. "As felt" is the force held at each tick
-against the true force at the position of that tick, so delay counts too.
+Bytes include UDP and IPv4 headers; a penetration's are those of its forces,
+"all bytes back" is everything the slave sent. "As felt" is the force held at
+each tick against the true force at the position of that tick: delay counts.
 """
 
 _LINES: tuple[tuple[str, Callable[[Row], str]], ...] = (
@@ -63,6 +64,8 @@ _LINES: tuple[tuple[str, Callable[[Row], str]], ...] = (
     ("  standard deviation", lambda row: f"{row['bytes_deviation']:,.0f}"),
     ("  against none", _reduction),
     ("  paper", _paper_reduction),
+    ("all bytes back, kB", lambda row: f"{row['feedback_wire_bytes'] / 1000:,.1f}"),
+    ("  keepalives in them", lambda row: f"{row['keepalives']:,}"),
     ("paper: right order", lambda row: _percent(row["paper_correct"])),
     ("RMSE of the codec", lambda row: f"{row['rmse_n']:.4f} N"),
     ("largest error", lambda row: f"{row['max_error_n']:.4f} N"),

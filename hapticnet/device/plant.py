@@ -66,9 +66,10 @@ class Plant:
     """
 
     __slots__ = (
-        "_arms_us", "_counts", "_finger", "_full_scale", "_goals_us", "_handed_us", "_lag_decay", "_lag_decay_us",
-        "_loaded_n", "_mean_counts", "_moving", "_next_frame_us", "_noise", "_noise_at", "_now_us", "_rng",
-        "_servos_us", "_settings", "_stall_n", "contact_force_n", "displacement_m", "latched_us",
+        "_arms_us", "_counts", "_finger", "_full_scale", "_goals_us", "_half_play_us", "_handed_us", "_lag_decay",
+        "_lag_decay_us", "_loaded_n", "_lowest", "_mean_counts", "_moving", "_next_frame_us", "_noise", "_noise_at",
+        "_now_us", "_radians_per_us", "_rate", "_rng", "_servos_us", "_settings", "_slow_us", "_stall_n",
+        "contact_force_n", "displacement_m", "latched_us",
     )  # fmt: skip
 
     def __init__(self, settings: PlantSettings, rng: np.random.Generator) -> None:
@@ -88,6 +89,12 @@ class Plant:
         self._loaded_n = 0.0
         self._mean_counts = 0.0
         self._counts = 0
+        linkage, servo = settings.linkage, settings.servo
+        self._half_play_us = 0.5 * servo.backlash_deg * linkage.us_per_degree
+        self._rate = servo.rate_deg_s * linkage.us_per_degree * 1e-6  # µs of pulse per µs
+        self._slow_us = self._rate * servo.lag_s * 1e6  # nearer than this the lag is slower than the limit
+        self._radians_per_us = math.pi / 180.0 / linkage.us_per_degree
+        self._lowest = math.sin((linkage.retracted_us - linkage.level_us) * self._radians_per_us)
         self._stall_n = 3.0 * settings.servo.stall_nm / settings.linkage.arm_m
         self._full_scale = (1 << settings.sensor.adc_bits) - 1
         self._finger = settings.finger
@@ -145,15 +152,12 @@ class Plant:
 
     def _move(self, elapsed_us: int) -> None:
         settings = self._settings
+        lag_s = settings.servo.lag_s
         if elapsed_us != self._lag_decay_us:
             self._lag_decay_us = elapsed_us
-            self._lag_decay = math.exp(-elapsed_us * 1e-6 / settings.servo.lag_s)
-        linkage = settings.linkage
-        half_play_us = 0.5 * settings.servo.backlash_deg * linkage.us_per_degree
-        radians_per_us = math.pi / 180.0 / linkage.us_per_degree
-        level_us = linkage.level_us
-        rate = settings.servo.rate_deg_s * linkage.us_per_degree * 1e-6  # µs of pulse per µs
-        slow_us = rate * settings.servo.lag_s * 1e6  # nearer than this the lag is slower than the limit
+            self._lag_decay = math.exp(-elapsed_us * 1e-6 / lag_s)
+        half_play_us, rate, slow_us = self._half_play_us, self._rate, self._slow_us
+        level_us, radians_per_us = settings.linkage.level_us, self._radians_per_us
         moving = False
         height = 0.0
         for i in range(3):
@@ -167,7 +171,7 @@ class Plant:
                     distance_us -= rate * elapsed_us
                 else:
                     coasting_us = elapsed_us - (distance_us - slow_us) / rate
-                    distance_us = slow_us * math.exp(-coasting_us * 1e-6 / settings.servo.lag_s)
+                    distance_us = slow_us * math.exp(-coasting_us * 1e-6 / lag_s)
                 if distance_us < AT_REST_US:
                     servo_us = self._goals_us[i]
                 else:
@@ -181,8 +185,7 @@ class Plant:
                     self._arms_us[i] = servo_us + half_play_us
             height += math.sin((self._arms_us[i] - level_us) * radians_per_us)
         self._moving = moving
-        lowest = math.sin((linkage.retracted_us - level_us) * radians_per_us)
-        self.displacement_m = linkage.arm_m * (height / 3.0 - lowest)
+        self.displacement_m = settings.linkage.arm_m * (height / 3.0 - self._lowest)
         self._press()
 
     def _press(self) -> None:

@@ -94,6 +94,7 @@ def results(played: list[Played]) -> list[dict[str, Any]]:
                 "byte_reduction": 1.0 - penetrations.mean / uncompressed if uncompressed else None,
                 "paper_byte_reduction": each.condition.paper_byte_reduction,
                 "paper_correct": each.condition.paper_correct,
+                "feedback_wire_bytes": each.slave["sent"]["wire_bytes"],
                 "rmse_n": each.slave["rmse_n"],
                 "max_error_n": each.slave["max_error_n"],
                 "exceed_jnd_fraction": each.slave["exceed_jnd_fraction"],

@@ -60,7 +60,7 @@ def load_recording(file: Path, *, columns: Sequence[str] | None = None, rate_hz:
     if columns is None:
         columns = [name for name in source.names if name not in TIME_COLUMNS]
         if len(columns) != 1:
-            raise FileError(f"{file}: which column? There are: {', '.join(source.names)}; name it with --column")
+            raise FileError(f"{file}: which column? There are: {', '.join(source.names)}; choose one to three of them")
     if not 1 <= len(columns) <= MAX_AXES:
         raise SettingsError(f"{len(columns)} columns are named; 1 to {MAX_AXES} make a signal")
     values = np.column_stack([source.column(name) for name in columns])

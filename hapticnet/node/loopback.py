@@ -47,9 +47,12 @@ class Loopback:
                 self._next_tick_us += self.master.period_us
             else:
                 self._exchange()
-            times = (self._next_tick_us, self.forward.next_timer_us(), self.feedback.next_timer_us())
+            next_us = self._next_tick_us
+            for due_us in (self.forward.next_timer_us(), self.feedback.next_timer_us()):
+                if due_us is not None and due_us < next_us:
+                    next_us = due_us
             # What is due at this very instant is exchanged already, so that time always moves on.
-            self.now_us = min(max(time, self.now_us + 1) for time in times if time is not None)
+            self.now_us = max(next_us, self.now_us + 1)
         self.now_us = max(self.now_us, end_us)
 
     def close(self, reason: str = "done") -> None:

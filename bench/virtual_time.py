@@ -1,0 +1,117 @@
+"""How many times faster than real time both nodes run in virtual time: plain Python, every packet built and parsed."""
+
+import argparse
+import os
+import statistics
+import time
+from pathlib import Path
+
+import numpy as np
+import record
+
+from hapticnet.channel.emulator import Emulator
+from hapticnet.channel.settings import parse_channel
+from hapticnet.device.plant import PlantSettings
+from hapticnet.device.simulated import SimulatedDevice
+from hapticnet.node.loopback import Loopback
+from hapticnet.node.master import MasterNode, MasterSettings
+from hapticnet.node.slave import SlaveNode, SlaveSettings
+from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
+from hapticnet.scene.presets import paper_scene
+from hapticnet.scene.scene import Scene
+
+CASES = {
+    "no device": ("perfect", False),
+    "simulated device": ("perfect", True),
+    "simulated device, wifi": ("wifi", True),
+    "simulated device, 4g": ("4g", True),
+}
+"""Channel of either direction, and whether a device is driven. Always the paper's scene, 1 kHz and 1 JND."""
+
+
+def both_nodes(
+    seed: int,
+    operator: ScriptedOperator,
+    settings: MasterSettings,
+    *,
+    channel: str = "perfect",
+    device: bool = False,
+    start_us: int = 0,
+) -> Loopback:
+    """Return a slave with the paper's scene and a master, joined by two channels of one specification."""
+    scene = paper_scene(seed)
+    forward, feedback, plant, nonces, sessions = np.random.default_rng(seed).spawn(5)
+    return Loopback(
+        MasterNode(operator, SimulatedDevice(PlantSettings(), plant) if device else None, settings, nonces),
+        SlaveNode(
+            lambda: Scene(scene.tissues, name=scene.name),
+            SlaveSettings(record=settings.record, session=settings.session),
+            sessions,
+        ),
+        forward=Emulator(parse_channel(channel), forward),
+        feedback=Emulator(parse_channel(channel), feedback),
+        start_us=start_us,
+    )
+
+
+def run(case: str, seed: int, insertions: int) -> dict[str, float]:
+    """Play the insertions once; return how long they were and how long that took."""
+    channel, device = CASES[case]
+    operator = ScriptedOperator(InsertionSettings(insertions=insertions), np.random.default_rng(seed))
+    loopback = both_nodes(seed, operator, MasterSettings(), channel=channel, device=device)
+    started_s = time.perf_counter()
+    loopback.run(operator.duration_us)
+    taken_s = time.perf_counter() - started_s
+    (station,) = loopback.slave.stations
+    return {"virtual_s": operator.duration_us / 1e6, "taken_s": taken_s, "steps": station.steps}
+
+
+def summary(runs: list[dict[str, float]]) -> dict[str, float]:
+    """Return best and median over the repetitions of one case, which all do the same."""
+    (virtual_s,) = {each["virtual_s"] for each in runs}
+    (steps,) = {each["steps"] for each in runs}
+    times_real_time = [virtual_s / each["taken_s"] for each in runs]
+    return {
+        "virtual_s": virtual_s,
+        "positions_answered": steps,
+        "times_real_time_best": max(times_real_time),
+        "times_real_time_median": statistics.median(times_real_time),
+        "us_per_virtual_ms_best": 1000.0 / max(times_real_time),
+    }
+
+
+def main() -> None:
+    """Measure the cases in turns, print a table and, if asked, write the record."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--insertions", type=int, default=5, help="insertions per run")
+    parser.add_argument("--repetitions", type=int, default=7)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the results to this file")
+    arguments = parser.parse_args()
+    runs: dict[str, list[dict[str, float]]] = {case: [] for case in CASES}
+    for _ in range(arguments.repetitions):
+        for case, measured in runs.items():
+            measured.append(run(case, arguments.seed, arguments.insertions))
+    results = {case: summary(measured) for case, measured in runs.items()}
+    print(f"{'':26}{'positions':>10}{'µs per virtual ms':>19}{'times real time':>17}")
+    print(f"{'':26}{'answered':>10}{'best':>19}{'best':>10}{'median':>8}")
+    for case, figures in results.items():
+        print(
+            f"{case:26}{figures['positions_answered']:10,}{figures['us_per_virtual_ms_best']:19.1f}"
+            f"{figures['times_real_time_best']:10.1f}{figures['times_real_time_median']:8.1f}"
+        )
+    load = os.getloadavg()[0]
+    print(f"\nload average {load:.1f} on {os.cpu_count()} cores: with other work on the machine the figures drift")
+    if arguments.json:
+        record.write(
+            arguments.json,
+            name="virtual_time",
+            seed=arguments.seed,
+            unit="as in each name; times_real_time is virtual time over wall-clock time",
+            repetitions=arguments.repetitions,
+            results={"load_average": load, "cases": results},
+        )
+
+
+if __name__ == "__main__":
+    main()
