@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hapticnet.channel.emulator import Emulator
-from hapticnet.channel.settings import parse_channel
+from hapticnet.channel.spec import parse_channel
 from hapticnet.device.plant import PlantSettings
 from hapticnet.device.simulated import SimulatedDevice
 from hapticnet.node.loopback import Loopback

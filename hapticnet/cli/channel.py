@@ -29,7 +29,7 @@ def channel(
     """
     import numpy as np
 
-    from hapticnet.channel.settings import parse_channel
+    from hapticnet.channel.spec import parse_channel
     from hapticnet.cli.console import Console, deliver
     from hapticnet.runtime.realtime import prefer_realtime, run
     from hapticnet.runtime.relay import run_relay

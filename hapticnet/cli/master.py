@@ -49,7 +49,7 @@ def master(
     import numpy as np
 
     from hapticnet.channel.emulator import Emulator
-    from hapticnet.channel.settings import parse_channel
+    from hapticnet.channel.spec import parse_channel
     from hapticnet.cli.console import Console, deliver
     from hapticnet.cli.slave import channel_account
     from hapticnet.errors import RefusedError, UnavailableError

@@ -38,7 +38,7 @@ def slave(
     import numpy as np
 
     from hapticnet.channel.emulator import Emulator
-    from hapticnet.channel.settings import parse_channel
+    from hapticnet.channel.spec import parse_channel
     from hapticnet.cli.console import Console, deliver
     from hapticnet.node.slave import MasterJoined, MasterLeft, SlaveEvent, SlaveNode, SlaveSettings
     from hapticnet.protocol.settings import SessionSettings

@@ -2,6 +2,7 @@
 
 import importlib.util
 from functools import cache
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +17,9 @@ COMPILE_ABOVE_SAMPLES = 2_000_000
 Loading a cached kernel costs about 0.6 s, in which plain Python encodes some ten million samples; compiling it for
 the first time costs two to three times that.
 """
+
+MARGIN: Final = 2.0**-50
+"""By how much, of reference and threshold, a shortcut is narrower than its dead zone: more than they round."""
 
 
 def as_recording(stimuli: FloatArray) -> FloatArray:

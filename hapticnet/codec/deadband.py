@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from hapticnet.codec.arrays import (
     COMPILE_ABOVE_SAMPLES,
+    MARGIN,
     as_recording,
     fast_extra_installed,
     refuse_out_of_range,
@@ -31,9 +32,6 @@ from hapticnet.codec.payload import (
 from hapticnet.errors import SampleError
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector, checked_vector, magnitude
-
-MARGIN: Final = 2.0**-50
-"""By how much, of reference and threshold, the shortcut is narrower than the dead zone: more than their rounding."""
 
 EMPTY: Final = (math.inf, -math.inf, -1.0)
 """Ends of the shortcut and threshold that let nothing pass in silence."""

@@ -9,9 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from hapticnet.codec.arrays import refuse_out_of_range
+from hapticnet.codec.arrays import MARGIN, refuse_out_of_range
 from hapticnet.codec.base import Encoding, FloatArray
-from hapticnet.codec.deadband import MARGIN
 from hapticnet.codec.payload import DOUBLE_BYTES, SINGLE_BYTES
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import LARGEST_COMPONENT

@@ -14,7 +14,8 @@ from hapticnet.channel.presets import (
     PRESETS,
 )
 from hapticnet.channel.quantities import LONGEST_US
-from hapticnet.channel.settings import ChannelSettings, parse_channel
+from hapticnet.channel.settings import ChannelSettings
+from hapticnet.channel.spec import parse_channel
 from hapticnet.errors import SettingsError
 
 shares = st.floats(0.0, 1.0)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hapticnet.channel.emulator import Emulator
-from hapticnet.channel.settings import parse_channel
+from hapticnet.channel.spec import parse_channel
 from hapticnet.node.master import MasterSettings
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.settings import SessionSettings
