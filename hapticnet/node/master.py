@@ -3,7 +3,7 @@
 import math
 from collections import deque
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -30,6 +30,8 @@ from hapticnet.protocol.master_session import (
 )
 from hapticnet.protocol.messages import NAME_BYTES, Hello, clipped
 from hapticnet.protocol.settings import SessionSettings
+
+FASTEST_HZ: Final = 100_000.0
 
 NodeEvent = Connected | LinkStale | LinkRecovered | SessionLost | Ended
 """What a master tells the outside; forces and confirmations stay inside."""
@@ -63,8 +65,10 @@ class MasterSettings:
     control: ForceControlSettings = field(default_factory=ForceControlSettings)
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.rate_hz) and 1.0 <= self.rate_hz <= 100_000.0):
-            raise SettingsError(f"rate is {self.rate_hz} Hz; it must be between 1 and 100000")
+        # The slave speaks only when it hears: the link must be heard of several times within the age limit.
+        slowest_hz = 4e6 / self.session.stale_after_us
+        if not slowest_hz <= self.rate_hz <= FASTEST_HZ:
+            raise SettingsError(f"rate is {self.rate_hz} Hz; it must be between {slowest_hz:g} and {FASTEST_HZ:g}")
 
 
 class MasterNode:

@@ -27,6 +27,9 @@ SMALLEST_SESSION = 1 << 16
 
 REPORTS_KEPT = 1000
 
+SLOWEST_HZ = 20.0
+"""No master is slowed down further: it speaks at least every 50 ms, or the link would pass for stale."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SlaveSettings:
@@ -45,8 +48,10 @@ class SlaveSettings:
     session: SessionSettings = field(default_factory=SessionSettings)
 
     def __post_init__(self) -> None:
-        if not 1.0 <= self.fastest_rate_hz <= 1e6:
-            raise SettingsError(f"fastest rate is {self.fastest_rate_hz} Hz; it must be between 1 and 1000000")
+        if not SLOWEST_HZ <= self.fastest_rate_hz <= 1e6:
+            raise SettingsError(
+                f"fastest rate is {self.fastest_rate_hz} Hz; it must be between {SLOWEST_HZ:g} and 1000000"
+            )
 
 
 @dataclass(frozen=True, slots=True)
