@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable
 
+import hypothesis
 import numpy as np
 import pytest
 
@@ -19,6 +20,13 @@ from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
 
 IN_CI = bool(os.environ.get("CI"))
+
+# No deadlines: they would measure the machine. In CI the same examples every time; elsewhere new ones, which may find
+# what nobody thought of; `pytest --hypothesis-profile thorough` for a long look.
+hypothesis.settings.register_profile("ci", deadline=None, derandomize=True)
+hypothesis.settings.register_profile("fresh", deadline=None)
+hypothesis.settings.register_profile("thorough", deadline=None, max_examples=2000)
+hypothesis.settings.load_profile("ci" if IN_CI else "fresh")
 
 
 def make_slave(seed: int = 1, *, session: SessionSettings | None = None, record: bool = True) -> SlaveNode:

@@ -104,8 +104,8 @@ class Linkage:
         """Return the three pulses [µs] that bring the servos' mean as near to a displacement [m] as they can.
 
         Every servo keeps the pulse it holds or gets one at least a deadband away, so that what is sent is what the
-        servos do. The mean pulse misses its goal by less than a quarter of a deadband, and the servos stay within two
-        deadbands of each other: 1.6° of arm, or 0.3 mm across the platform.
+        servos do. The mean pulse misses its goal by less than a quarter of a deadband, and the servos stay at most two
+        deadbands apart: 1.6° of arm, or 0.3 mm across the platform.
 
         Parameters
         ----------

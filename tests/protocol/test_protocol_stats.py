@@ -38,7 +38,7 @@ def test_percentiles_are_within_a_bucket_of_the_sorted_list(values, percent):
     for value in values:
         distribution.add(value)
     exact = float(np.percentile(values, percent, method="inverted_cdf"))
-    assert distribution.percentile(percent) == pytest.approx(exact, rel=0.0101, abs=1.0)
+    assert distribution.percentile(percent) == pytest.approx(exact, rel=0.0101, abs=1.02)
     assert distribution.report()["max_us"] == max(values)
 
 
