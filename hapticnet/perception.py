@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from statistics import fmean
 from typing import TYPE_CHECKING, Final
 
 from hapticnet.errors import SettingsError
@@ -16,9 +17,7 @@ SUBJECT_JND_N: Final = (0.05, 0.04, 0.06, 0.05, 0.05, 0.06, 0.05, 0.04)
 JND_REFERENCE_FORCES_N: Final = (0.5, 1.0, 1.5)
 """Reference forces [N] at which those JNDs were taken."""
 
-PAPER_WEBER_FRACTION: Final = (sum(SUBJECT_JND_N) / len(SUBJECT_JND_N)) / (
-    sum(JND_REFERENCE_FORCES_N) / len(JND_REFERENCE_FORCES_N)
-)
+PAPER_WEBER_FRACTION: Final = round(fmean(SUBJECT_JND_N) / fmean(JND_REFERENCE_FORCES_N), 9)
 """Mean JND of the eight subjects over their mean reference force: k = 0.05 N / 1 N."""
 
 PAPER_FLOOR_N: Final = PAPER_WEBER_FRACTION * min(JND_REFERENCE_FORCES_N)

@@ -7,9 +7,9 @@ unless every cell of it is a number: then the columns are called "0", "1", ….
 
 import csv
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TextIO, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -137,8 +137,10 @@ def read_csv(path: Path) -> Table:
     return Table(path, names, line_numbers=line_numbers, cells=cells)
 
 
-def write_csv(path: Path, columns: Mapping[str, Sequence[float] | NDArray[Any]]) -> None:
-    """Write columns of equal length under a header of their names; numbers read back bit for bit.
+def write_csv(target: Path | TextIO, columns: Mapping[str, Sequence[float] | NDArray[Any]]) -> None:
+    """Write columns of equal length under a header of their names, to a file or an open stream.
+
+    Numbers read back bit for bit.
 
     Raises
     ------
@@ -151,13 +153,20 @@ def write_csv(path: Path, columns: Mapping[str, Sequence[float] | NDArray[Any]])
     lengths = {name: len(column) for name, column in columns.items()}
     if len(set(lengths.values())) > 1:
         raise ValueError(f"columns of unequal length: {lengths}")
-    try:
-        with path.open("w", encoding="utf-8", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(columns)
-            writer.writerows(zip(*values, strict=True))
-    except OSError as error:
-        raise FileError(f"{path}: {error.strerror}") from error
+    if isinstance(target, Path):
+        try:
+            with target.open("w", encoding="utf-8", newline="") as file:
+                _write_rows(file, columns, values)
+        except OSError as error:
+            raise FileError(f"{target}: {error.strerror}") from error
+    else:
+        _write_rows(target, columns, values)
+
+
+def _write_rows(file: TextIO, names: Iterable[str], values: list[Any]) -> None:
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(names)
+    writer.writerows(zip(*values, strict=True))
 
 
 def _lines(path: Path) -> list[str]:

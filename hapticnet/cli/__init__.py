@@ -48,7 +48,11 @@ def main() -> None:
     except Exception as error:
         if not hasattr(error, "format_message"):  # what the argument parser raises
             raise
-        complain(f"{error.format_message()} (see {_command_path(error)} --help)")
+        message = error.format_message()
+        if message.startswith("Usage:"):  # a verb is missing, and this is the help
+            print(message, file=sys.stderr)
+        else:
+            complain(f"{message} (see {_command_path(error)} --help)")
         code = 2
     sys.exit(code if isinstance(code, int) else 0)
 

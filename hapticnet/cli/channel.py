@@ -30,7 +30,7 @@ def channel(
     import numpy as np
 
     from hapticnet.channel.spec import parse_channel
-    from hapticnet.cli.console import Console, deliver
+    from hapticnet.cli.console import Console, check_writable, deliver
     from hapticnet.runtime.realtime import prefer_realtime, run
     from hapticnet.runtime.relay import run_relay
     from hapticnet.runtime.udp import bound_address, parse_host_port
@@ -39,6 +39,7 @@ def channel(
     there, back = parse_channel(forward), parse_channel(feedback)
     target = parse_host_port(to)
     sock = listen_on(parse_host_port(listen, lowest_port=0))
+    check_writable(report)
     console = Console("channel", quiet=quiet)
 
     def on_status(relay: "Relay") -> None:

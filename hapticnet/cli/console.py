@@ -27,19 +27,19 @@ class Console:
     def __init__(self, name: str, *, quiet: bool = False) -> None:
         self._name = name
         self._quiet = quiet
-        self._live = sys.stderr.isatty() and not quiet
+        self._live = not quiet and sys.stderr is not None and sys.stderr.isatty()
         self._shown = False
 
     def say(self, line: str) -> None:
         """Print a line that stays."""
         if not self._quiet:
             self._clear()
-            print(f"{self._name}: {line}", file=sys.stderr, flush=True)
+            _to_stderr(f"{self._name}: {line}\n")
 
     def status(self, line: str) -> None:
         """Replace the live status line, where a terminal can show one."""
         if self._live:
-            print(f"\r\x1b[2K{self._name}: {line}", end="", file=sys.stderr, flush=True)
+            _to_stderr(f"\r\x1b[2K{self._name}: {line}")
             self._shown = True
 
     def finish(self) -> None:
@@ -48,35 +48,77 @@ class Console:
 
     def _clear(self) -> None:
         if self._shown:
-            print("\r\x1b[2K", end="", file=sys.stderr, flush=True)
+            _to_stderr("\r\x1b[2K")
             self._shown = False
 
 
 def complain(message: str) -> None:
     """Print an error as one line on stderr."""
-    print(f"hapticnet: {' '.join(message.split())}", file=sys.stderr)
+    _to_stderr(f"hapticnet: {' '.join(message.split())}\n")
 
 
 def deliver(report: Mapping[str, Any], *, as_json: bool, file: Path | None) -> None:
-    """Print a report on stdout, as JSON or for a person, and write it to `file` as JSON where one is named."""
-    text = json.dumps(report, indent=2)
-    if file is not None:
-        write_text(file, text + "\n")
-    if as_json:
-        print(text, flush=True)
-    else:
-        for line in _lines(report):
-            print(line)
+    """Print a report on stdout, as JSON or for a person, and write it to `file` as JSON where one is named.
+
+    Raises
+    ------
+    FileError
+        When stdout or the file cannot be written; the other one is written all the same.
+    """
+    text = json.dumps(report, indent=2) + "\n"
+    try:
+        sys.stdout.write(text if as_json else "\n".join(_lines(report)) + "\n")
         sys.stdout.flush()
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise FileError(f"stdout cannot be written: {error.strerror}") from error
+    finally:
+        if file is not None:
+            write_text(file, text)
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file, making its folder where it is missing; a FileError says why it cannot be written."""
+    """Write a file; a FileError says why it cannot be written."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise FileError(f"{path}: cannot be written: {error.strerror}") from error
+
+
+def check_writable(path: Path | None) -> None:
+    """Find out before a run whether its result can be written after it; makes the folder where it is missing.
+
+    Raises
+    ------
+    FileError
+        When it cannot.
+    """
+    if path is None:
+        return
+    make_folder(path.parent)
+    try:
+        with path.open("a"):
+            pass
+    except OSError as error:
+        raise FileError(f"{path}: cannot be written: {error.strerror}") from error
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder and all above it where they are missing; a FileError says why it cannot be made."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileError(f"{path}: the folder cannot be made: {error.strerror}") from error
+
+
+def _to_stderr(text: str) -> None:
+    """Write for a person who may have gone: a closed stderr must not end a run that others depend on."""
+    try:
+        sys.stderr.write(text)
+        sys.stderr.flush()
+    except (OSError, ValueError, AttributeError):  # closed at the other end, at ours, or never there
+        pass
 
 
 def _lines(report: Mapping[str, Any], indent: str = "") -> list[str]:

@@ -24,14 +24,20 @@ def demo(
 ) -> None:
     """Play the paper's four conditions with a slave and a master process on loopback, and compare them."""
     import json as json_module
+    import signal
+    import sys
 
-    from hapticnet.cli.console import Console, write_text
+    from hapticnet.cli.console import Console, check_writable, make_folder, write_text
     from hapticnet.cli.demo_table import print_table
     from hapticnet.errors import UnavailableError
     from hapticnet.experiment.conditions import CONDITIONS
     from hapticnet.experiment.demo import play_conditions, results
     from hapticnet.experiment.figures import draw_bytes_per_penetration, draw_force_stretch
 
+    make_folder(out)
+    check_writable(out / "demo.json")
+    # Python does not clean up after SIGTERM by itself; this way the two processes are ended before we are.
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     console = Console("demo", quiet=quiet)
     console.say(f"a needle, three tissues and {insertions} insertions, felt four ways; about a minute")
     announced: set[str] = set()

@@ -35,7 +35,7 @@ def _milliseconds(key: str, name: str) -> Callable[[Row], str]:
 
 
 def _reduction(row: Row) -> str:
-    return "–" if row["multiplier"] and row["codec"] == "raw" else _percent(row["byte_reduction"], "−")
+    return "–" if row["codec"] == "raw" else _percent(row["byte_reduction"], "−")
 
 
 def _paper_reduction(row: Row) -> str:
@@ -51,9 +51,9 @@ def _tracking(row: Row) -> str:
 _FOOTNOTE = """\
 Paper: "Cutaneous haptic deadband compression". It states neither its sampling
 rate nor its motion, on which the reduction depends: see bench/packet_rate.py.
-Bytes include UDP and IPv4 headers; a penetration's are those of its forces,
-"all bytes back" is everything the slave sent. "As felt" is the force held at
-each tick against the true force at the position of that tick: delay counts.
+Bytes are all that the slave sent, keepalives, UDP and IPv4 headers included.
+"As felt" is the force held at each tick against the true force at the position
+of that tick, so delay counts too.
 """
 
 _LINES: tuple[tuple[str, Callable[[Row], str]], ...] = (

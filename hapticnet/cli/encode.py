@@ -30,7 +30,7 @@ def encode(
     import time
     from dataclasses import asdict
 
-    from hapticnet.cli.console import deliver
+    from hapticnet.cli.console import check_writable, deliver
     from hapticnet.codec.registry import make_codec
     from hapticnet.errors import FileError, SampleError
     from hapticnet.experiment.recordings import load_recording
@@ -38,6 +38,8 @@ def encode(
     from hapticnet.perception import WeberLaw
     from hapticnet.tables import write_csv
 
+    check_writable(out)
+    check_writable(report)
     chosen = make_codec(codec, WeberLaw(weber_fraction=weber, floor_n=floor, multiplier=multiplier))
     recording = load_recording(file, columns=column.split(",") if column else None, rate_hz=rate)
     started = time.perf_counter()

@@ -50,7 +50,7 @@ def master(
 
     from hapticnet.channel.emulator import Emulator
     from hapticnet.channel.spec import parse_channel
-    from hapticnet.cli.console import Console, deliver
+    from hapticnet.cli.console import Console, check_writable, deliver
     from hapticnet.cli.slave import channel_account
     from hapticnet.errors import RefusedError, UnavailableError
     from hapticnet.node.master import MasterNode, MasterSettings, NodeEvent
@@ -72,6 +72,8 @@ def master(
         duration = hand.duration_us / 1e6
     address = parse_host_port(connect)
     sock, slave = open_toward(address)
+    check_writable(record)
+    check_writable(report)
     console = Console(name, quiet=quiet)
 
     def on_event(event: NodeEvent) -> None:
@@ -112,8 +114,6 @@ def master(
     console.finish()
     if node.refused:
         raise RefusedError(f"{address} refused the session: {node.end_reason}")
-    if record is not None and node.recording is not None:
-        write_csv(record, node.recording.table())
     account = {
         "scheduling": scheduling,
         "end_reason": outcome.end_reason,
@@ -121,12 +121,16 @@ def master(
         "lateness": outcome.lateness,
         "missed_ticks": outcome.missed_ticks,
         "send_errors": outcome.send_errors,
+        "strangers": outcome.strangers,
     }
     if channel is not None:
         account["channel_out"] = channel_account(out, channel)
     deliver(account, as_json=json, file=report)
+    if record is not None and node.recording is not None:
+        write_csv(record, node.recording.table())
     if not outcome.connected and connect_timeout is not None:
-        raise UnavailableError(f"no slave answered at {address} within {connect_timeout:g} s")
+        hint = ", though datagrams came from another address: name the one it answers from" if outcome.strangers else ""
+        raise UnavailableError(f"no slave answered at {address} within {connect_timeout:g} s{hint}")
 
 
 def _operator(spec: str, insertions: int, seed: int) -> "Operator":

@@ -42,14 +42,18 @@ def run_scene(
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write there instead of to stdout.")] = None,
 ) -> None:
     """Move the needle along recorded positions; print state and force of every sample as CSV."""
+    import sys
+
     import numpy as np
 
+    from hapticnet.cli.console import check_writable
     from hapticnet.experiment.recordings import load_recording
     from hapticnet.samples import PositionSample
     from hapticnet.scene.presets import find_scene
     from hapticnet.scene.scene import Scene
     from hapticnet.tables import write_csv
 
+    check_writable(out)
     settings = find_scene(scene)
     recording = load_recording(positions, columns=[column], rate_hz=rate)
     world = Scene(settings.tissues, name=settings.name)
@@ -65,4 +69,4 @@ def run_scene(
     columns = {
         name: table[:, index].astype(np.int64) if name in whole else table[:, index] for index, name in enumerate(names)
     }
-    write_csv(out or Path("/dev/stdout"), columns)
+    write_csv(out or sys.stdout, columns)

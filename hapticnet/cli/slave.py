@@ -39,7 +39,7 @@ def slave(
 
     from hapticnet.channel.emulator import Emulator
     from hapticnet.channel.spec import parse_channel
-    from hapticnet.cli.console import Console, deliver
+    from hapticnet.cli.console import Console, check_writable, deliver, make_folder
     from hapticnet.node.slave import MasterJoined, MasterLeft, SlaveEvent, SlaveNode, SlaveSettings
     from hapticnet.protocol.settings import SessionSettings
     from hapticnet.runtime.processes import run_slave
@@ -62,8 +62,12 @@ def slave(
             session=SessionSettings(most_sessions=most_sessions),
         ),
         np.random.default_rng(),  # session numbers must not be foreseen
+        write_address=_place,
     )
     channel = None if out.is_perfect else Emulator[Any](out, np.random.default_rng([seed, 1]))
+    if record is not None:
+        make_folder(record)
+    check_writable(report)
     console = Console("slave", quiet=quiet)
     to_write: list[Station] = []
 
@@ -86,7 +90,6 @@ def slave(
             station = to_write.pop(0)
             if record is not None and station.recording is not None:
                 name = "".join(c if c.isalnum() or c in "-_" else "_" for c in station.session.hello.name)
-                record.mkdir(parents=True, exist_ok=True)
                 write_csv(record / f"{name}-{station.session.session:08x}.csv", station.recording.table())
 
     def on_status() -> None:

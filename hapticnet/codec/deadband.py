@@ -59,7 +59,7 @@ class Deadband:
 
     def decoder(self, axes: int) -> HoldDecoder:
         """Return a new decoder."""
-        return HoldDecoder(check_axes(axes))
+        return HoldDecoder(check_axes(axes), may_be_wide=True)
 
     def encode_array(self, t_us: npt.NDArray[np.int64], stimuli: FloatArray) -> Encoding:  # noqa: ARG002
         """Encode a whole recording; see `Codec.encode_array`."""

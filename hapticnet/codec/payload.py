@@ -19,8 +19,8 @@ def pack_single(stimulus: Vector) -> bytes:
     return SINGLE[len(stimulus)].pack(*checked_vector(stimulus, "stimulus"))
 
 
-def unpack_stimulus(payload: bytes, axes: int) -> Vector:
-    """Return the stimulus in a payload of float32 or float64.
+def unpack_stimulus(payload: bytes, axes: int, *, may_be_wide: bool = True) -> Vector:
+    """Return the stimulus in a payload of float32, or of float64 where the codec has that.
 
     Raises
     ------
@@ -29,10 +29,11 @@ def unpack_stimulus(payload: bytes, axes: int) -> Vector:
     """
     if len(payload) == axes * SINGLE_BYTES:
         stimulus: Vector = SINGLE[axes].unpack(payload)
-    elif len(payload) == axes * DOUBLE_BYTES:
+    elif may_be_wide and len(payload) == axes * DOUBLE_BYTES:
         stimulus = DOUBLE[axes].unpack(payload)
     else:
-        raise PeerError(f"payload of {len(payload)} bytes; {axes} axes take {4 * axes} or {8 * axes}")
+        wide = f" or {DOUBLE_BYTES * axes}" if may_be_wide else ""
+        raise PeerError(f"payload of {len(payload)} bytes; {axes} axes take {SINGLE_BYTES * axes}{wide}")
     for component in stimulus:
         if not -LARGEST_COMPONENT <= component <= LARGEST_COMPONENT:
             raise PeerError(f"payload holds {component}; it must be finite and within ±{LARGEST_COMPONENT:g}")
@@ -42,15 +43,16 @@ def unpack_stimulus(payload: bytes, axes: int) -> Vector:
 class HoldDecoder:
     """Zero-order hold: applies the last stimulus received until the next one. Satisfies `Decoder`."""
 
-    __slots__ = ("_axes", "_held")
+    __slots__ = ("_axes", "_held", "_may_be_wide")
 
-    def __init__(self, axes: int) -> None:
+    def __init__(self, axes: int, *, may_be_wide: bool) -> None:
         self._axes = axes
+        self._may_be_wide = may_be_wide
         self._held: Vector = (0.0,) * axes
 
     def decode(self, t_us: int, payload: bytes) -> None:  # noqa: ARG002 - a hold has no use for the time
         """Take in a payload."""
-        self._held = unpack_stimulus(payload, self._axes)
+        self._held = unpack_stimulus(payload, self._axes, may_be_wide=self._may_be_wide)
 
     def reconstruct(self, t_us: int) -> Vector:  # noqa: ARG002 - a hold has no use for the time
         """Return the held stimulus."""

@@ -30,7 +30,7 @@ class Raw:
 
     def decoder(self, axes: int) -> HoldDecoder:
         """Return a new decoder: a zero-order hold, for the samples that get lost."""
-        return HoldDecoder(check_axes(axes))
+        return HoldDecoder(check_axes(axes), may_be_wide=False)
 
     def encode_array(self, t_us: npt.NDArray[np.int64], stimuli: FloatArray) -> Encoding:  # noqa: ARG002
         """Encode a whole recording; see `Codec.encode_array`."""

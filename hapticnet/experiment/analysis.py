@@ -21,7 +21,7 @@ STAMP_MODULUS: Final = 1 << 32
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BytesPerPenetration:
-    """Feedback bytes between touching a tissue and breaching it, UDP and IPv4 headers included.
+    """Feedback bytes between touching a tissue and breaching it: keepalives, UDP and IPv4 headers included.
 
     Attributes
     ----------

@@ -57,7 +57,6 @@ def play_conditions(
     UnavailableError
         When a process cannot do its part; repeats what it said.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     slave_report = folder / "slave.json"
     with _slave(folder, seed, slave_report) as address:
         for condition in CONDITIONS:

@@ -42,7 +42,7 @@ def draw_bytes_per_penetration(rows: list[dict[str, Any]], file: Path) -> None:
             )
     axes.set_xticks(range(len(rows)), [row["condition"] for row in rows])
     axes.set_ylim(0, 1.22 * top if top else 1)
-    axes.set_ylabel("feedback bytes per penetration\n(UDP/IPv4 headers included)")
+    axes.set_ylabel("feedback bytes per penetration\n(keepalives and UDP/IPv4 headers included)")
     axes.set_xlabel("deadband threshold")
     axes.set_title("Bytes per penetration: mean, standard deviation, every penetration", fontsize=10)
     axes.grid(axis="y", linewidth=0.4, alpha=0.5, zorder=0)
@@ -57,7 +57,7 @@ def draw_force_stretch(played: Played, file: Path) -> None:
     slave, master = played.slave_samples, played.master_samples
     slave_s, master_s = _seconds(slave["t_us"], master["t_us"][0]), _seconds(master["t_us"], master["t_us"][0])
     start_s, end_s = _first_insertion(slave_s, slave["force_n"], slave["breaches"])
-    sent = slave["datagram_bytes"] > 0
+    sent = slave["transmitted"] > 0
     figure, (above, below) = plt.subplots(2, 1, figsize=(9, 6), sharex=True, sharey=True, layout="constrained")
     above.plot(slave_s, slave["force_n"], color=TRUE_COLOUR, linewidth=1.0, label="true force (slave)")
     above.scatter(

@@ -65,10 +65,10 @@ class MasterSettings:
     control: ForceControlSettings = field(default_factory=ForceControlSettings)
 
     def __post_init__(self) -> None:
-        # The slave speaks only when it hears: the link must be heard of several times within the age limit.
-        slowest_hz = 4e6 / self.session.stale_after_us
-        if not slowest_hz <= self.rate_hz <= FASTEST_HZ:
-            raise SettingsError(f"rate is {self.rate_hz} Hz; it must be between {slowest_hz:g} and {FASTEST_HZ:g}")
+        if not self.session.slowest_hz <= self.rate_hz <= FASTEST_HZ:
+            raise SettingsError(
+                f"rate is {self.rate_hz} Hz; it must be between {self.session.slowest_hz:g} and {FASTEST_HZ:g}"
+            )
 
 
 class MasterNode:
@@ -176,10 +176,6 @@ class MasterNode:
         """Return what is to be sent to the slave now."""
         return self.session.datagrams_to_send()
 
-    def next_timer_us(self) -> int | None:
-        """Return when the session needs a tick even if no sample is due [µs]; None: never."""
-        return self.session.next_timer_us()
-
     def next_event(self) -> NodeEvent | None:
         """Return what happened next, or None."""
         return self._events.popleft() if self._events else None
@@ -217,6 +213,7 @@ class MasterNode:
             except PeerError:
                 self.session.payload_was_malformed()
             else:
+                self.session.applied(event)
                 self._hold.receive(self._decoder.reconstruct(event.t_us), now_us)
             return
         if isinstance(event, HoldConfirmed):
@@ -225,7 +222,8 @@ class MasterNode:
         if isinstance(event, Connected):
             self._connections += 1
             self._scene = event.welcome.scene
-            self.period_us = max(self.period_us, round(1e6 / event.welcome.rate_hz))
+            rate_hz = max(self.settings.session.slowest_hz, min(self.settings.rate_hz, event.welcome.rate_hz))
+            self.period_us = round(1e6 / rate_hz)
             self._decoder = self._codec.decoder(self._operator.axes)
             if self._script_start_us is None:
                 self._script_start_us = now_us

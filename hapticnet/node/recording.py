@@ -6,9 +6,10 @@ import numpy as np
 
 from hapticnet.codec.base import FloatArray
 
-SLAVE_COLUMNS = ("t_us", "position_m", "force_n", "held_n", "datagram_bytes", "breaches")
-"""Per position answered: its time stamp (the master's clock), the true force, what the master applies when nothing is
-lost, UDP payload bytes of the FORCE it caused (0: none), and surfaces breached so far."""
+SLAVE_COLUMNS = ("t_us", "position_m", "force_n", "held_n", "transmitted", "datagram_bytes", "breaches")
+"""Per position answered: its time stamp (the master's clock), the position, the true force, what the master applies
+when nothing is lost, whether a FORCE was transmitted, UDP payload bytes of the FORCE or KEEPALIVE it caused (0:
+neither), and surfaces breached so far."""
 
 MASTER_COLUMNS = ("t_us", "position_m", "held_n", "target_n", "sensed_n", "displacement_m")
 """Per tick: time on the master's clock, position sent, held force, force asked of the device after all limits, force

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from hapticnet.codec.registry import make_codec
-from hapticnet.errors import PeerError, SampleError, SettingsError
+from hapticnet.errors import PeerError, SettingsError
 from hapticnet.node.station import Station
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.messages import HELLO_BYTES, REASON_BYTES, Hello, Refuse, clipped, unpack_hello
@@ -27,8 +27,7 @@ SMALLEST_SESSION = 1 << 16
 
 REPORTS_KEPT = 1000
 
-SLOWEST_HZ = 20.0
-"""No master is slowed down further: it speaks at least every 50 ms, or the link would pass for stale."""
+NONCES_KEPT = 256
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,9 +47,9 @@ class SlaveSettings:
     session: SessionSettings = field(default_factory=SessionSettings)
 
     def __post_init__(self) -> None:
-        if not SLOWEST_HZ <= self.fastest_rate_hz <= 1e6:
+        if not self.session.slowest_hz <= self.fastest_rate_hz <= 1e6:
             raise SettingsError(
-                f"fastest rate is {self.fastest_rate_hz} Hz; it must be between {SLOWEST_HZ:g} and 1000000"
+                f"fastest rate is {self.fastest_rate_hz} Hz; it must be between {self.session.slowest_hz:g} and 1000000"
             )
 
 
@@ -80,14 +79,26 @@ class SlaveNode:
         Called for each session; every master touches a scene of its own.
     rng
         Where session numbers come from.
+    write_address
+        How a report writes an address.
     """
 
-    def __init__(self, make_scene: Callable[[], Scene], settings: SlaveSettings, rng: np.random.Generator) -> None:
+    def __init__(
+        self,
+        make_scene: Callable[[], Scene],
+        settings: SlaveSettings,
+        rng: np.random.Generator,
+        *,
+        write_address: Callable[[Address], str] = str,
+    ) -> None:
+        self._write_address = write_address
         self.strangers = Traffic()
         self._make_scene = make_scene
         self._settings = settings
         self._rng = rng
         self._stations: dict[int, Station] = {}
+        self._past: deque[tuple[Address, int]] = deque(maxlen=NONCES_KEPT)
+        self.never_used = 0
         self._ended: deque[dict[str, Any]] = deque(maxlen=REPORTS_KEPT)
         self._outbox: list[tuple[bytes, Address]] = []
         self._events: deque[SlaveEvent] = deque()
@@ -111,10 +122,13 @@ class SlaveNode:
                 self._receive_stray(datagram, len(data), address)
                 return
             account = station.session.received
+            half_open = station.session.state is SlaveState.HALF_OPEN
             answer = station.receive(datagram, len(data), now_us)
-        except (PeerError, SampleError):
+        except PeerError:
             account.add_malformed(len(data))
             return
+        if half_open and station.steps:
+            self._events.append(MasterJoined(station))
         if answer is not None:
             self._outbox.append((answer, address))
         if station.session.state is SlaveState.CLOSED:
@@ -150,11 +164,15 @@ class SlaveNode:
             self._forget(station)
 
     def report(self) -> dict[str, Any]:
-        """Return the account of all sessions, ended ones first, for JSON."""
+        """Return the account of all sessions that were used, ended ones first, for JSON."""
         return {
-            "sessions": [*self._ended, *(station.report() for station in self.stations)],
+            "sessions": [*self._ended, *(self._report(station) for station in self.stations if station.steps)],
+            "never_used": self.never_used,
             "strangers": self.strangers.report(),
         }
+
+    def _report(self, station: Station) -> dict[str, Any]:
+        return {"address": self._write_address(station.address), **station.report()}
 
     def _receive_hello(self, datagram: Datagram, size: int, address: Address, now_us: int) -> None:
         if size < HELLO_BYTES:
@@ -167,27 +185,35 @@ class SlaveNode:
         hello = unpack_hello(datagram.body)
         station = next((station for station in self.stations if station.address == address), None)
         if station is None or station.session.hello.nonce != hello.nonce:
-            if station is not None:
-                station.session.end(Trigger.REPLACED, "the master asked for a new session")
-                self._forget(station)
+            if (address, hello.nonce) in self._past:  # overtaken on its way by the session that followed
+                self._count_stranger(Kind.HELLO, size)
+                self.strangers.late += 1
+                return
             try:
-                self._make_room()
-                station = self._open(hello, datagram.sequence, address, now_us)
+                station = self._open(hello, datagram.sequence, address, now_us, replaces=station)
             except SettingsError as error:
                 self._count_stranger(Kind.HELLO, size)
                 self._refuse(hello.nonce, str(error), address)
                 return
         # A HELLO that is said again, because the answer was lost, gets the same answer again.
         station.session.received.add(Kind.HELLO, size)
-        self._outbox.append((self._welcome(station), address))
+        self._outbox.append((self._welcome(station, now_us), address))
 
-    def _open(self, hello: Hello, sequence: int, address: Address, now_us: int) -> Station:
-        """Make a session; a SettingsError says why the slave cannot serve what the master asks for."""
+    def _open(self, hello: Hello, sequence: int, address: Address, now_us: int, *, replaces: Station | None) -> Station:
+        """Make a session; a SettingsError says why the slave cannot serve what the master asks for.
+
+        Nothing has changed then: the session it would have replaced goes on, and nobody lost a place for it.
+        """
         law = WeberLaw(weber_fraction=hello.weber_fraction, floor_n=hello.floor_n, multiplier=hello.multiplier)
         scene = self._make_scene()
         if hello.axes != scene.axes:
             raise SettingsError(f"{hello.axes} axes asked for; scene {scene.name!r} has {scene.axes}")
         codec = make_codec(hello.codec, law, hello.parameters)
+        if replaces is None:
+            self._make_room(now_us)
+        else:
+            replaces.session.end(Trigger.REPLACED, "the master asked for a new session")
+            self._forget(replaces)
         number = int(self._rng.integers(SMALLEST_SESSION, 1 << 32))
         while number in self._stations:
             number = int(self._rng.integers(SMALLEST_SESSION, 1 << 32))
@@ -195,20 +221,20 @@ class SlaveNode:
         station = Station(session, address, scene, codec, record=self._settings.record, now_us=now_us)
         self._stations[number] = station
         self._next_expiry_us = min(self._next_expiry_us or session.expires_us(), session.expires_us())
-        self._events.append(MasterJoined(station))
         return station
 
-    def _welcome(self, station: Station) -> bytes:
+    def _welcome(self, station: Station, now_us: int) -> bytes:
         rate_hz = min(station.session.hello.rate_hz, self._settings.fastest_rate_hz)
-        return station.session.welcome(rate_hz, station.scene.name)
+        return station.session.welcome(rate_hz, station.scene.name, now_us)
 
-    def _make_room(self) -> None:
-        """Free a place for a new session: one whose master never spoke again gives way; one in use never does."""
+    def _make_room(self, now_us: int) -> None:
+        """Free a place for a new session: one whose master has fallen silent gives way; one in use never does."""
         most = self._settings.session.most_sessions
         if len(self._stations) < most:
             return
         for station in self.stations:
-            if station.session.state is SlaveState.HALF_OPEN:
+            half_open = station.session.state is SlaveState.HALF_OPEN
+            if half_open or station.session.silent_us(now_us) > self._settings.session.gives_way_us:
                 station.session.end(Trigger.REPLACED, "its place was needed")
                 self._forget(station)
                 return
@@ -230,5 +256,9 @@ class SlaveNode:
 
     def _forget(self, station: Station) -> None:
         del self._stations[station.session.session]
-        self._ended.append(station.report())
-        self._events.append(MasterLeft(station))
+        self._past.append((station.address, station.session.hello.nonce))
+        if station.steps:
+            self._ended.append(self._report(station))
+            self._events.append(MasterLeft(station))
+        else:
+            self.never_used += 1

@@ -7,6 +7,7 @@ from hapticnet.codec.base import Codec
 from hapticnet.codec.metrics import RunningError
 from hapticnet.codec.raw import Raw
 from hapticnet.codec.registry import codec_parameters
+from hapticnet.errors import PeerError, SampleError
 from hapticnet.node.recording import SLAVE_COLUMNS, Recording
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import Datagram, Kind
@@ -39,16 +40,20 @@ class Station:
 
         Raises
         ------
-        PeerError, SampleError
-            When its contents are malformed; the scene has not moved then.
+        PeerError
+            When its body is malformed; the caller counts it.
         """
         position = self.session.receive(datagram, size, now_us)
         if position is None:
             return None
         t_us = position.t_us
-        self._positions.decode(t_us, position.payload)
-        sample = PositionSample(t_us, self._positions.reconstruct(t_us))
-        force = self.scene.step(sample)
+        try:
+            self._positions.decode(t_us, position.payload)
+            sample = PositionSample(t_us, self._positions.reconstruct(t_us))
+            force = self.scene.step(sample)
+        except (PeerError, SampleError):  # counted as a datagram already, so not by `add_malformed`
+            self.session.received.malformed += 1
+            return None
         if self.session.update_is_overdue(now_us):
             self._encoder.refresh()
         payload = self._encoder.encode(t_us, force.force_n)
@@ -60,13 +65,20 @@ class Station:
         self._error.add(force.force_n, held_n)
         self.steps += 1
         self._stepped_us = now_us
-        if self.recording is not None:
-            bytes_sent = 0 if answer is None else len(answer)
-            self.recording.add(
-                (t_us, sample.position_m[0], force.force_n[0], held_n[0], bytes_sent, self.scene.breaches)
-            )
         if answer is None and self.session.keepalive_is_due(now_us):
             answer = self.session.keepalive(t_us, now_us)
+        if self.recording is not None:
+            self.recording.add(
+                (
+                    t_us,
+                    sample.position_m[0],
+                    force.force_n[0],
+                    held_n[0],
+                    payload is not None,
+                    0 if answer is None else len(answer),
+                    self.scene.breaches,
+                )
+            )
         return answer
 
     def report(self) -> dict[str, Any]:
@@ -77,7 +89,6 @@ class Station:
         return {
             "session": self.session.session,
             "master": hello.name,
-            "address": ":".join(map(str, self.address[:2])) if isinstance(self.address, tuple) else str(self.address),
             "scene": self.scene.name,
             "codec": self.codec.name,
             "parameters": codec_parameters(self.codec),

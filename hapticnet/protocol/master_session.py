@@ -1,7 +1,8 @@
 """The master's end of a session, sans-I/O."""
 
 from collections import deque
-from typing import NamedTuple, TypeAlias
+from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -9,7 +10,6 @@ from hapticnet.errors import PeerError
 from hapticnet.protocol.messages import (
     REASON_BYTES,
     Close,
-    Force,
     Hello,
     Keepalive,
     Position,
@@ -29,38 +29,46 @@ from hapticnet.protocol.stats import Distribution, Traffic
 from hapticnet.protocol.wire import Datagram, Kind, pack, pack_body, unpack
 
 
-class Connected(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Connected:
     """A session stands; also after a reconnect."""
 
     welcome: Welcome
 
 
-class ForceArrived(NamedTuple):
-    """A force newer than all before it."""
+@dataclass(frozen=True, slots=True)
+class ForceArrived:
+    """A force newer than all before it; `MasterSession.applied` once it was good and is held."""
 
+    sequence: int
     t_us: int
     payload: bytes
 
 
-class HoldConfirmed(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class HoldConfirmed:
     """The slave heard us and has sent nothing newer than what we hold."""
 
 
-class LinkStale(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class LinkStale:
     """Nothing was heard for the age limit."""
 
 
-class LinkRecovered(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class LinkRecovered:
     """The session is heard again after it was stale."""
 
 
-class SessionLost(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class SessionLost:
     """The slave ended or forgot the session; another one is being asked for."""
 
     reason: str
 
 
-class Ended(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Ended:
     """The session is over. `refused`: it never began, and `reason` is the slave's."""
 
     reason: str
@@ -125,6 +133,7 @@ class MasterSession:
     def tick(self, now_us: int) -> None:
         """Do what time asks for: say HELLO or CLOSE again, call the link stale."""
         if self.state is MasterState.ESTABLISHED:
+            self._heard_us = min(self._heard_us, now_us)  # a clock that went back makes no silence shorter
             if now_us - self._heard_us > self._settings.stale_after_us:
                 self._move(Trigger.SILENCE)
                 self._events.append(LinkStale())
@@ -139,14 +148,6 @@ class MasterSession:
                 self._send(Kind.CLOSE, Close(self._close_reason))
             else:
                 self._end(Trigger.GAVE_UP, self._close_reason)
-
-    def next_timer_us(self) -> int | None:
-        """Return when `tick` has something to do if nothing is heard until then [µs]; None: never."""
-        if self.state is MasterState.ESTABLISHED:
-            return self._heard_us + self._settings.stale_after_us + 1
-        if self.state in (MasterState.CONNECTING, MasterState.CLOSING):
-            return self._next_try_us if self._next_try_us is not None else 0
-        return None
 
     def datagrams_to_send(self) -> list[bytes]:
         """Return what is to be sent now."""
@@ -165,12 +166,19 @@ class MasterSession:
         except PeerError:
             self.received.add_malformed(len(data))
 
+    def applied(self, force: ForceArrived) -> None:
+        """Acknowledge a force from now on: it is the one that is held."""
+        self._newest_force = force.sequence
+
     def payload_was_malformed(self) -> None:
-        """Count a payload of a `ForceArrived` that its codec refused."""
+        """Count a payload of a `ForceArrived` that its codec refused. It is not acknowledged, so it is repaired."""
         self.received.malformed += 1
 
     def _receive(self, datagram: Datagram, size: int, now_us: int) -> None:
         kind = datagram.kind
+        if self.state is MasterState.CLOSED:
+            self._count_stray(kind, size)
+            return
         if kind is Kind.WELCOME or kind is Kind.REFUSE:
             self._receive_answer(datagram, size, now_us)
             return
@@ -185,9 +193,8 @@ class MasterSession:
             force = unpack_force(datagram.body)
             self.received.add(kind, size)
             if self._is_newest(datagram.sequence, now_us):
-                self._newest_force = datagram.sequence
                 t_us = self._account_round_trip(force.t_us, now_us)
-                self._events.append(ForceArrived(t_us, force.payload))
+                self._events.append(ForceArrived(datagram.sequence, t_us, force.payload))
         elif kind is Kind.KEEPALIVE:
             keepalive: Keepalive = unpack_keepalive(datagram.body)
             self.received.add(kind, size)
@@ -207,6 +214,8 @@ class MasterSession:
 
     def _receive_answer(self, datagram: Datagram, size: int, now_us: int) -> None:
         welcome = unpack_welcome(datagram.body) if datagram.kind is Kind.WELCOME else None
+        if welcome and not datagram.session:
+            raise PeerError("WELCOME without a session")
         answer = welcome or unpack_refuse(datagram.body)
         self.received.add(datagram.kind, size)
         if answer.nonce != self._request.nonce:
@@ -257,12 +266,12 @@ class MasterSession:
         self.received.stray += 1
 
     def _is_time_to_try(self, now_us: int, interval_us: int) -> bool:
-        if self._next_try_us is not None and now_us < self._next_try_us:
+        if self._next_try_us is not None and self._next_try_us - interval_us <= now_us < self._next_try_us:
             return False
         self._next_try_us = now_us + interval_us
         return True
 
-    def _send(self, kind: Kind, message: Position | Close | Force) -> None:
+    def _send(self, kind: Kind, message: Position | Close) -> None:
         datagram = pack(kind, self._session, self._sequence, pack_body(message))
         self._sequence = wrap(self._sequence + 1)
         self.sent.add(kind, len(datagram))

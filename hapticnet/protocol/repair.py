@@ -46,7 +46,8 @@ class Repair:
 
     def overdue(self, now_us: int) -> bool:
         """Tell whether the newest update must be replaced now; each time it must, the timeout doubles."""
-        if self._newest is None or now_us - self._sent_us <= self._timeout_us:
+        # A clock that went back tells nothing of how long it has been: better once too often.
+        if self._newest is None or 0 <= now_us - self._sent_us <= self._timeout_us:
             return False
         self._timeout_us = min(2 * self._timeout_us, LONGEST_TIMEOUT_US)
         return True

@@ -24,6 +24,8 @@ class SessionSettings:
         Silence after which a slave forgets an open session.
     half_open_us
         Silence after which a slave forgets a session whose master never sent a position.
+    gives_way_us
+        Silence after which an open session gives its place to a new master, where there is no other.
     most_sessions
         Sessions a slave holds at once.
     first_sequence
@@ -37,8 +39,14 @@ class SessionSettings:
     close_tries: int = 5
     idle_after_us: int = 5_000_000
     half_open_us: int = 1_000_000
+    gives_way_us: int = 1_000_000
     most_sessions: int = 64
     first_sequence: int = 0
+
+    @property
+    def slowest_hz(self) -> float:
+        """Fewest positions a second: a slave speaks only when it hears, so it must hear four in an age limit."""
+        return 4e6 / self.stale_after_us
 
     def __post_init__(self) -> None:
         if not 0 < self.keepalive_us < self.stale_after_us:

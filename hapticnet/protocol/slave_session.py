@@ -42,18 +42,18 @@ class SlaveSession:
         self.received.open_window(first_sequence)
         self.end_reason: str | None = None
         self._settings = settings
-        self._sequence = settings.first_sequence
+        self._sequence = wrap(settings.first_sequence + 1)
         self._newest_force: int | None = None
         self._position_t_us: int | None = None
         self._heard_us = now_us
         self._spoke_us = now_us
         self._repair = Repair()
 
-    def welcome(self, rate_hz: float, scene: str) -> bytes:
-        """Return the WELCOME; a repeated HELLO gets the same one again."""
+    def welcome(self, rate_hz: float, scene: str, now_us: int) -> bytes:
+        """Return the WELCOME; a HELLO that is said again gets the same one again, and shows the master alive."""
+        self._heard_us = now_us
         message = Welcome(self.hello.nonce, rate_hz, self._settings.keepalive_us, scene)
         datagram = pack(Kind.WELCOME, self.session, self._settings.first_sequence, pack_body(message))
-        self._sequence = wrap(self._settings.first_sequence + 1)
         self.sent.add(Kind.WELCOME, len(datagram))
         return datagram
 
@@ -101,7 +101,8 @@ class SlaveSession:
 
     def keepalive_is_due(self, now_us: int) -> bool:
         """Tell whether the master has gone without a datagram for the keepalive interval."""
-        return now_us - self._spoke_us >= self._settings.keepalive_us
+        # A clock that went back must not silence us until it has caught up.
+        return not 0 <= now_us - self._spoke_us < self._settings.keepalive_us
 
     def keepalive(self, t_us: int, now_us: int) -> bytes:
         """Return a KEEPALIVE that answers the position of time `t_us`."""
@@ -110,6 +111,10 @@ class SlaveSession:
     def close(self, reason: str, now_us: int) -> bytes:
         """Return a CLOSE."""
         return self._datagram(Kind.CLOSE, Close(clipped(reason, REASON_BYTES)), now_us)
+
+    def silent_us(self, now_us: int) -> int:
+        """Return for how long nothing was heard [µs]."""
+        return now_us - self._heard_us
 
     def expires_us(self) -> int:
         """Return when the session is forgotten if nothing is heard until then [µs]."""

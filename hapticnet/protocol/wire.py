@@ -95,7 +95,7 @@ def unpack(data: bytes) -> Datagram:
     kind = KINDS.get(number)
     if kind is None:
         raise PeerError(f"datagram of unknown kind {number}")
-    if version != VERSION and kind not in ANY_VERSION:
+    if type(version) is not int or (version != VERSION and kind not in ANY_VERSION):
         raise PeerError(f"datagram of protocol version {version!r}; this is version {VERSION}")
     return Datagram(version, kind, session, sequence, body)
 

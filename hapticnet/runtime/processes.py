@@ -15,6 +15,9 @@ from hapticnet.runtime.udp import OutgoingChannel, SocketAddress, UdpPort
 
 STATUS_INTERVAL_S: Final = 0.5
 
+PARTING_S: Final = 1.0
+"""How long a process waits for its last words to leave its emulated channel."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MasterRun:
@@ -25,6 +28,7 @@ class MasterRun:
     lateness: dict[str, object]
     missed_ticks: int
     send_errors: int
+    strangers: int
 
 
 async def run_slave(
@@ -50,9 +54,9 @@ async def run_slave(
     def flush() -> None:
         for data, address in node.datagrams_to_send():
             port.send(data, address)
+        alarm.set(node.next_timer_us())
         while (event := node.next_event()) is not None:
             on_event(event)
-        alarm.set(node.next_timer_us())
 
     def ring() -> None:
         node.tick(now_us())
@@ -67,6 +71,7 @@ async def run_slave(
         status.cancel()
         node.close("shutting down", now_us())
         flush()
+        await port.drained(PARTING_S)
         alarm.stop()
         port.close()
 
@@ -100,15 +105,15 @@ async def run_master(
     def flush() -> None:
         for data in node.datagrams_to_send():
             port.send(data, slave)
-        while (event := node.next_event()) is not None:
-            on_event(event)
-            if node.connected:
-                connected.set()
+        if node.connected:
+            connected.set()
         if node.finished:
             ended.set()
             stop.set()
         if node.period_us != ticker.period_us:
             ticker.set_period(node.period_us)
+        while (event := node.next_event()) is not None:
+            on_event(event)
 
     port = UdpPort(loop, sock, receive, peer=slave, channel=channel)
     ticker = Ticker(loop, node.period_us, tick)
@@ -126,6 +131,7 @@ async def run_master(
         node.close(reason, now_us())
         flush()
         await ended.wait()
+        await port.drained(PARTING_S)
     finally:
         status.cancel()
         ticker.stop()
@@ -136,6 +142,7 @@ async def run_master(
         lateness=ticker.lateness.report(),
         missed_ticks=ticker.missed,
         send_errors=port.send_errors,
+        strangers=port.strangers,
     )
 
 

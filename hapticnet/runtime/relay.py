@@ -1,6 +1,7 @@
 """The channel process: an emulated network between masters and a slave on other hosts."""
 
 import asyncio
+import contextlib
 import socket
 from collections.abc import Callable
 from dataclasses import asdict
@@ -15,7 +16,8 @@ from hapticnet.runtime.clock import now_us
 from hapticnet.runtime.processes import Repeating, stop_on_signals, until
 from hapticnet.runtime.udp import HostPort, SocketAddress, UdpPort, open_toward
 
-MOST_CLIENTS: Final = 256
+MOST_CLIENTS: Final = 128
+"""Each takes up to four descriptors; a process usually has 1024."""
 
 IDLE_AFTER_US: Final = 30_000_000
 """A client that is silent this long is forgotten; longer than any session lives without a word."""
@@ -88,7 +90,7 @@ class Relay:
                 return
             try:
                 client = _Client(self._loop, self._sock, address, self._target, self._settings, self._rng)
-            except UnavailableError:
+            except (UnavailableError, OSError):  # out of descriptors, or the target's name is gone
                 self.turned_away += 1
                 return
             self._clients[address] = client
@@ -116,8 +118,12 @@ class _Client:
         forward, feedback = (Emulator[tuple[bytes, SocketAddress]](each, rng.spawn(1)[0]) for each in settings)
         self.heard_us = now_us()
         sock, self._target = open_toward(target)
-        self._upstream = UdpPort(loop, sock, self._from_target, peer=self._target, channel=forward)
-        self._back = UdpPort(loop, front.dup(), None, channel=feedback)
+        with contextlib.ExitStack() as undo:
+            undo.callback(sock.close)
+            self._back = UdpPort(loop, front.dup(), None, channel=feedback)
+            undo.callback(self._back.close)
+            self._upstream = UdpPort(loop, sock, self._from_target, peer=self._target, channel=forward)
+            undo.pop_all()
         self._address = address
         self._channels = forward, feedback
 

@@ -26,6 +26,8 @@ READ_BYTES: Final = MAX_DATAGRAM_BYTES + 1
 DRAIN_AT_MOST: Final = 256
 """Datagrams read before timers get their turn again, so that a flood cannot starve the tick."""
 
+POLL_S: Final = 0.01
+
 BUFFER_BYTES: Final = 1 << 20
 
 
@@ -132,6 +134,12 @@ class UdpPort:
             self._channel.push((data, address), len(data), now_us())
             self._deliver()
 
+    async def drained(self, within_s: float) -> None:
+        """Wait until the channel has delivered everything, or for `within_s` [s]."""
+        end_us = now_us() + round(within_s * 1e6)
+        while self._channel is not None and self._channel.in_flight and now_us() < end_us:
+            await asyncio.sleep(POLL_S)
+
     def close(self) -> None:
         """Stop reading and close the socket; what a channel still holds is lost."""
         self._loop.remove_reader(self._sock.fileno())
@@ -180,7 +188,10 @@ def _resolve(address: HostPort) -> tuple[socket.AddressFamily, SocketAddress]:
 
 
 def _socket(family: socket.AddressFamily) -> socket.socket:
-    sock = socket.socket(family, socket.SOCK_DGRAM)
+    try:
+        sock = socket.socket(family, socket.SOCK_DGRAM)
+    except OSError as error:
+        raise UnavailableError(f"no socket to be had: {_words(error)}") from error
     sock.setblocking(False)
     # Room for a second of a dozen masters, should this process be kept from running that long.
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)

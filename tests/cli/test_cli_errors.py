@@ -98,7 +98,7 @@ def test_recordings_that_cannot_be_encoded(files, file, words):
         (("--column", "fx,fy,fx,fy"), ("4 columns",)),
         (("--weber", "many"), ("--weber",)),
         (("--colour", "red"), ("--colour",)),
-        (("--column", "fx", "--out", "/nonexistent/out.csv"), ("/nonexistent/out.csv",)),
+        (("--column", "fx", "--out", "/proc/nowhere/out.csv"), ("/proc/nowhere",)),
     ],
 )
 def test_flags_of_encode_that_cannot_be(files, arguments, words):
@@ -135,6 +135,40 @@ def test_flags_of_encode_that_cannot_be(files, arguments, words):
 )
 def test_flags_and_files_that_cannot_be(files, arguments, words):
     assert_one_line(hapticnet(*(argument.format(files=files) for argument in arguments)), *words)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("master", "--record", "/proc/nowhere/x.csv"),
+        ("master", "--report", "/proc"),
+        ("slave", "--listen", "127.0.0.1:0", "--record", "/proc/nowhere"),
+        ("slave", "--listen", "127.0.0.1:0", "--report", "/proc/nowhere/x.json"),
+        ("channel", "--listen", "127.0.0.1:0", "--to", "127.0.0.1:1", "--report", "/proc/nowhere/x.json"),
+        ("scene", "run", "paper", "--positions", "missing.csv", "--out", "/proc/nowhere/x.csv"),
+        ("demo", "--out", "/proc/nowhere"),
+    ],
+)
+def test_results_that_cannot_be_written_are_refused_before_the_run(arguments):
+    assert_one_line(hapticnet(*arguments), "/proc")
+
+
+def test_a_full_disk_under_stdout_is_one_line():
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "hapticnet", "scene", "show"], stdout=full, stderr=subprocess.PIPE, text=True,
+            env=os.environ | {"PYTHONPATH": str(ROOT)}, check=False,
+        )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr == "hapticnet: stdout cannot be written: No space left on device\n"
+
+
+@pytest.mark.parametrize("verb", [(), ("scene",)])
+def test_without_a_verb_the_help_is_shown_as_it_is_meant_to_be_read(verb):
+    done = hapticnet(*verb)
+    assert done.returncode == 2
+    assert done.stderr.startswith("Usage: ")
+    assert len(done.stderr.splitlines()) > 8
 
 
 @pytest.mark.parametrize("verb", ["slave", "channel"])

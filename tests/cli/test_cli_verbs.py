@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hapticnet.tables import read_csv
-from tests.cli.test_cli_errors import hapticnet
+from tests.cli.test_cli_errors import ROOT, hapticnet
 
 KEYS = {
     "samples", "sent", "packet_rate_reduction", "payload_bytes", "wire_bytes", "wire_byte_reduction", "rmse_n",
@@ -78,6 +78,11 @@ def test_scene_run_follows_recorded_positions(tmp_path):
     printed = hapticnet(*arguments).stdout
     assert hapticnet(*arguments, "--out", out).returncode == 0
     assert out.read_text() == printed
+    with (tmp_path / "log").open("a") as log:
+        log.write("kept\n")
+        log.flush()
+        subprocess.run([sys.executable, "-m", "hapticnet", *map(str, arguments)], stdout=log, check=True, cwd=ROOT)
+    assert (tmp_path / "log").read_text() == "kept\n" + printed
     table = read_csv(out)
     assert table.column("breaches")[-1] == 3
     assert table.column("force_n").max() == pytest.approx(5.0, abs=0.02)

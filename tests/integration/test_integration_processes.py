@@ -3,7 +3,10 @@
 import json
 import signal
 import socket
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +14,7 @@ import pytest
 from hapticnet.tables import read_csv
 
 FAST = ("--no-realtime",)
+ROOT = Path(__file__).parents[2]
 
 
 def test_an_insertion_over_loopback_and_every_packet_accounted_for(start, slave, tmp_path):
@@ -178,3 +182,35 @@ def test_a_master_that_finds_no_slave_says_so_and_fails(start):
     master = start("master", "--connect", address, "--connect-timeout", "0.5", *FAST)
     assert master.process.wait(30) == 2
     assert master.said().splitlines()[-1] == f"hapticnet: no slave answered at {address} within 0.5 s"
+
+
+def test_a_slave_behind_a_delay_still_says_that_it_closes(start):
+    server = start("slave", "--listen", "127.0.0.1:0", "--channel-out", "delay=50ms")
+    address = server.wait_for(r"listening on ([\d.]+:\d+)").group(1)
+    master = start("master", "--connect", address, "--duration", "60", *FAST)
+    master.wait_for("connected to")
+    assert server.end() == 0
+    master.wait_for("session lost .the slave closed: shutting down")
+
+
+def test_a_master_whose_stderr_nobody_reads_plays_to_its_end_and_reports(slave):
+    _, address = slave
+    command = [sys.executable, "-m", "hapticnet", "master", "--connect", address, "--duration", "1", "--json", *FAST]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT) as process:
+        process.stderr.close()
+        report = process.stdout.read()
+    assert process.returncode == 0
+    assert json.loads(report)["connections"] == 1
+
+
+def test_a_demo_that_is_ended_ends_its_processes_first(tmp_path):
+    command = [sys.executable, "-m", "hapticnet", "demo", "--out", str(tmp_path)]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, cwd=ROOT) as demo:
+        next(line for line in demo.stderr if "condition 1" in line)
+        time.sleep(0.5)
+        children = Path(f"/proc/{demo.pid}/task/{demo.pid}/children").read_text().split()
+        assert len(children) == 2
+        demo.terminate()
+        demo.communicate(timeout=20)
+    assert demo.returncode == 128 + signal.SIGTERM
+    assert not any(Path(f"/proc/{child}").exists() for child in children)

@@ -9,9 +9,12 @@ import pytest
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.node.master import MasterSettings
-from hapticnet.perception import WeberLaw
+from hapticnet.protocol.messages import pack_hello
 from hapticnet.protocol.settings import SessionSettings
+from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.states import SlaveState
+from hapticnet.protocol.wire import Kind
+from hapticnet.samples import PositionSample
 from tests.conftest import make_master, make_slave
 
 SECOND = 1_000_000
@@ -74,20 +77,71 @@ def test_the_same_seed_gives_byte_identical_runs(loopback, network):
     )
 
 
-@pytest.mark.parametrize("loss", ["1%", "10%", "30%"])
-def test_a_lost_update_is_repaired_though_nothing_changes_any_more(loopback, loss):
-    """Press on a tissue and keep still: what is held must come true although no new force is due."""
-    wide = WeberLaw(weber_fraction=0.3, floor_n=0.2)
-    link = loopback(2, feedback=f"delay=5ms,loss={loss}", settings=MasterSettings(law=wide, record=True))
-    link.run(round(0.98 * SECOND))
-    for _ in range(300):
-        link.run(10_000)
-        station = link.slave.stations[0]
-        held = link.master.held_force_n(link.now_us)
-        true = station.scene.force_n
-        if true > 0.5 and abs(held - true) <= wide.threshold_n(held):
-            return
-    pytest.fail("the held force never came within the threshold")
+class Still:
+    """An operator who presses on the first tissue, five millimetres deep, and keeps still."""
+
+    axes = 1
+    duration_us = None
+
+    def sample(self, t_us):
+        return PositionSample(t_us, (0.025,))
+
+
+@pytest.mark.parametrize("delay_ms", [0, 5, 40])
+def test_a_lost_update_is_repaired_within_a_few_round_trips_though_nothing_changes_any_more(loopback, delay_ms):
+    network = f"delay={delay_ms}ms" if delay_ms else "perfect"
+    link = loopback(2, forward=network, feedback=network)
+    link.master._operator = Still()
+    link.run(SECOND)
+    true_n = link.slave.stations[0].scene.force_n
+    assert link.master.held_force_n(link.now_us) == pytest.approx(true_n)
+    link.slave.stations[0]._encoder.refresh()  # the next update is sent, and lost
+    feedback, link.feedback = link.feedback, Emulator(parse_channel("loss=100%"), np.random.default_rng(0))
+    link.master._hold.receive((0.0,), link.now_us)  # as if it had been missed when it mattered
+    link.run(2_000)
+    link.feedback = feedback
+    # One round trip is known so far: RFC 6298 then waits for three, and the repair takes a fourth.
+    link.run(4 * 2 * delay_ms * 1000 + 30_000)
+    assert link.master.held_force_n(link.now_us) == pytest.approx(true_n)
+
+
+@pytest.mark.parametrize("rate_hz", [5e-324, 1e-300, 0.001, 20.0, 1e6])
+def test_whatever_rate_a_slave_grants_the_master_keeps_its_own_limits(loopback, monkeypatch, rate_hz):
+    monkeypatch.setattr(SlaveSession, "welcome", granting(rate_hz, SlaveSession.welcome))
+    link = loopback(1, settings=MasterSettings(rate_hz=500.0, record=True))
+    link.run(SECOND)
+    assert 2_000 <= link.master.period_us <= 50_000
+    assert link.master.ticks >= 20
+
+
+def granting(rate_hz, welcome):
+    return lambda session, _, scene, now_us: welcome(session, rate_hz, scene, now_us)
+
+
+def test_a_late_hello_does_not_make_the_finger_deaf(loopback):
+    link = loopback(1, insertions=2)
+    link.run(100_000)
+    hello = pack_hello(link.slave.stations[0].session.hello, 0)
+    link.run(900_000)
+    link.slave.receive_datagram(hello, "loopback", link.now_us)
+    link.run(4 * SECOND)
+    received = link.master.report()["received"]
+    assert (received["duplicate"], received["late"], received["lost"]) == (1, 0, 0), "the WELCOME, said again"
+
+
+@pytest.mark.parametrize("copies", ["50%", "100%"])
+def test_duplicates_disturb_no_end(loopback, copies):
+    link = loopback(1, forward=f"duplicate={copies},delay=3ms", feedback=f"duplicate={copies},delay=3ms")
+    link.run(SECOND)
+    link.close()
+    assert link.master.end_reason == "done"
+
+
+def test_a_link_with_a_round_trip_of_two_seconds_connects_once(loopback):
+    link = loopback(1, forward="delay=1000ms", feedback="delay=1000ms")
+    link.run(6 * SECOND)
+    assert link.master.report()["connections"] == 1
+    assert link.slave.stations[0].steps > 1000
 
 
 def test_every_datagram_is_accounted_for_over_a_lossy_reordering_network(loopback):
@@ -149,18 +203,21 @@ def test_sequence_numbers_and_time_stamps_wrap_without_a_trace(loopback):
 
 
 @pytest.mark.parametrize("jump_s", [0.5, 3600.0, -0.5, -3600.0])
-def test_a_clock_that_jumps_costs_at_most_a_reconnect(loopback, jump_s):
-    link = loopback(8, insertions=3)
+def test_a_clock_that_jumps_costs_at_most_the_age_limit_of_feeling(loopback, jump_s):
+    link = loopback(8, start_us=10_000 * SECOND)
+    link.master._operator = Still()
     link.run(SECOND)
-    link.now_us = max(0, link.now_us + round(jump_s * SECOND))
+    true_n = link.slave.stations[0].scene.force_n
+    link.now_us += round(jump_s * SECOND)
     link._next_tick_us = link.now_us
-    link.run(2 * SECOND)
+    link.run(SECOND)
     before = link.slave.stations[0].steps
     link.run(SECOND)
-    assert link.slave.stations[0].steps - before >= 990
-    table = link.master.recording.table()
-    assert np.isfinite(table["held_n"]).all()
-    assert (table["held_n"] <= 5.0).all()
+    (station,) = link.slave.stations
+    assert station.steps - before >= 990
+    assert station.session.sent.by_kind[Kind.KEEPALIVE] >= 40
+    held_n = link.master.recording.table()["held_n"]
+    assert (held_n[-1500:] == np.float32(true_n)).all()
 
 
 def test_the_granted_rate_is_kept_when_it_is_lower_than_what_was_asked_for(loopback):

@@ -23,9 +23,8 @@ def join(slave, address="a", now_us=0, nonce=1):
     return answer(slave).session
 
 
-def send_position(slave, session, sequence, now_us, position_m=0.0, address="a", t_us=None):
-    payload = np.array(position_m, ">f4").tobytes()
-    body = pack_body(Position((now_us if t_us is None else t_us) & 0xFFFFFFFF, None, payload))
+def send_position(slave, session, sequence, now_us, position_m=0.0, address="a", ack=None):
+    body = pack_body(Position(now_us & 0xFFFFFFFF, ack, np.array(position_m, ">f4").tobytes()))
     slave.receive_datagram(pack(Kind.POSITION, session, sequence, body), address, now_us)
     return [unpack(data) for data, _ in slave.datagrams_to_send()]
 
@@ -123,7 +122,9 @@ def test_a_position_that_is_not_finite_or_not_of_the_right_size_is_malformed_and
     send_position(slave, session, 1, 1000, position_m=0.025)
     body = pack_body(Position(2000, None, payload))
     slave.receive_datagram(pack(Kind.POSITION, session, 2, body), "a", 2000)
-    assert slave.stations[0].session.received.malformed == 1
+    received = slave.stations[0].session.received
+    assert received.malformed == 1
+    assert received.packets == 3, "HELLO and two POSITIONs, each counted once"
     assert slave.stations[0].steps == 1
     assert [d.kind for d in send_position(slave, session, 3, 3000, position_m=0.028)] == [Kind.FORCE]
 
@@ -131,14 +132,61 @@ def test_a_position_that_is_not_finite_or_not_of_the_right_size_is_malformed_and
 def test_keepalives_fill_silence_only_while_positions_arrive():
     slave = make_slave(session=SessionSettings(keepalive_us=45_000))
     session = join(slave)
-    kinds = []
-    for step in range(1, 1001):
-        kinds += [d.kind for d in send_position(slave, session, step, step * 1000)]
-    assert kinds[0] is Kind.FORCE
-    repairs_until_acknowledged = kinds.count(Kind.FORCE)
-    assert repairs_until_acknowledged < 10
+    said = [(step, d) for step in range(1, 1001) for d in send_position(slave, session, step, step * 1000, ack=1)]
+    assert [d.kind for _, d in said[:2]] == [Kind.FORCE, Kind.KEEPALIVE]
+    assert {d.kind for _, d in said[1:]} == {Kind.KEEPALIVE}
+    assert [step for step, _ in said] == list(range(1, 1001, 45))
     slave.tick(3_000_000)
     assert slave.datagrams_to_send() == []
+
+
+def test_a_force_that_nobody_acknowledges_is_replaced_by_the_present_one_ever_more_rarely():
+    slave = make_slave()
+    session = join(slave)
+    forces = []
+    for step in range(1, 2001):
+        for datagram in send_position(slave, session, step, step * 1000, position_m=0.025):
+            if datagram.kind is Kind.FORCE:
+                forces.append(step)
+    assert forces == [1, 102, 303, 704, 1505]
+    send_position(slave, session, 2001, 2_001_000, position_m=0.025, ack=slave.stations[0].session.sent.packets)
+    kinds = {d.kind for s in range(2002, 6000) for d in send_position(slave, session, s, s * 1000, position_m=0.025)}
+    assert kinds == {Kind.KEEPALIVE}
+
+
+def test_a_late_copy_of_the_hello_rewinds_nothing():
+    slave = make_slave()
+    session = join(slave)
+    first = [d.sequence for step in range(1, 400) for d in send_position(slave, session, step, step * 1000)]
+    slave.receive_datagram(pack_hello(HELLO, 0), "a", 400_000)
+    assert answer(slave).kind is Kind.WELCOME
+    then = [d.sequence for step in range(400, 800) for d in send_position(slave, session, step, step * 1000)]
+    assert first + then == list(range(1, 1 + len(first + then)))
+
+
+def test_a_hello_of_the_past_or_one_that_is_refused_leaves_the_session_that_stands():
+    slave = make_slave(session=SessionSettings(most_sessions=2))
+    join(slave, nonce=1)
+    session = join(slave, nonce=2)
+    join(slave, "half open", nonce=3)
+    send_position(slave, session, 1, 0)
+    slave.receive_datagram(pack_hello(HELLO._replace(nonce=1), 0), "a", 10)
+    assert slave.datagrams_to_send() == []
+    slave.receive_datagram(pack_hello(HELLO._replace(nonce=4, codec="mp3"), 0), "a", 20)
+    assert answer(slave).kind is Kind.REFUSE
+    slave.receive_datagram(pack_hello(HELLO._replace(nonce=5, codec="mp3"), 0), "stranger", 20)
+    assert answer(slave).kind is Kind.REFUSE
+    assert [station.address for station in slave.stations] == ["a", "half open"]
+    assert slave.stations[0].session.session == session
+
+
+def test_a_master_that_died_gives_its_place_to_the_one_that_comes_back():
+    slave = make_slave(session=SessionSettings(most_sessions=1, gives_way_us=1_000_000))
+    send_position(slave, join(slave, "before"), 1, 0, address="before")
+    slave.receive_datagram(pack_hello(HELLO._replace(nonce=2), 0), "after", 900_000)
+    assert answer(slave).kind is Kind.REFUSE
+    join(slave, "after", now_us=1_100_000, nonce=2)
+    assert [station.address for station in slave.stations] == ["after"]
 
 
 def test_silent_sessions_are_forgotten_half_open_ones_sooner():
@@ -153,7 +201,8 @@ def test_silent_sessions_are_forgotten_half_open_ones_sooner():
     assert slave.stations == ()
     assert slave.next_timer_us() is None
     ends = [event.station.session.end_reason for event in iter(slave.next_event, None) if isinstance(event, MasterLeft)]
-    assert ends == ["nothing heard from the master"] * 2
+    assert ends == ["nothing heard from the master"]
+    assert slave.report()["never_used"] == 1
 
 
 def test_a_flood_of_hellos_takes_no_place_from_a_master_at_work_and_memory_stays_flat():
@@ -166,7 +215,7 @@ def test_a_flood_of_hellos_takes_no_place_from_a_master_at_work_and_memory_stays
         while slave.next_event():
             pass
     assert len(slave.stations) == 8
-    assert len(slave.report()["sessions"]) <= 1008
+    assert len(slave.report()["sessions"]) == 1, "whoever never sent a position crowds nobody out of the account"
     assert slave.stations[0].address == "worker"
     assert slave.stations[0].session.state is SlaveState.OPEN
 
@@ -195,7 +244,8 @@ def test_garbage_by_the_ten_thousand_is_counted_and_answers_nothing():
 def test_a_close_is_answered_and_its_account_kept():
     slave = make_slave()
     session = join(slave)
-    slave.receive_datagram(pack(Kind.CLOSE, session, 1, pack_body(("done",))), "a", 0)
+    send_position(slave, session, 1, 0)
+    slave.receive_datagram(pack(Kind.CLOSE, session, 2, pack_body(("done",))), "a", 0)
     assert answer(slave).kind is Kind.CLOSE
     assert slave.stations == ()
     assert slave.report()["sessions"][0]["end_reason"] == "the master closed: done"

@@ -50,3 +50,9 @@ def test_a_quick_link_is_given_the_shortest_timeout_and_a_dead_one_is_asked_ever
     assert all(later >= earlier for earlier, later in itertools.pairwise(waits))
     assert waits[0] <= 2 * SHORTEST_TIMEOUT_US
     assert LONGEST_TIMEOUT_US <= waits[-1] <= 1.01 * LONGEST_TIMEOUT_US
+
+
+def test_a_clock_that_goes_back_repairs_once_too_often_rather_than_never():
+    repair = Repair()
+    repair.sent(1, 10**10)
+    assert repair.overdue(0)
