@@ -101,11 +101,6 @@ class Hold:
         share = left_us / self._decay_us
         return tuple([component * share for component in self._force_n])
 
-    def is_stale(self, now_us: int) -> bool:
-        """Tell whether the held stimulus is past its age limit, or none has come yet."""
-        self._grow_older(now_us)
-        return self._age_us > self._age_limit_us
-
     def _grow_older(self, now_us: int) -> None:
         if now_us > self._now_us:
             self._age_us += now_us - self._now_us

@@ -179,20 +179,20 @@ class SlaveNode:
             raise PeerError(f"HELLO of {size} bytes; it is padded to {HELLO_BYTES}")
         if datagram.version != VERSION:
             nonce = unpack_nonce(datagram.body)
-            self._count_stranger(Kind.HELLO, size)
+            self.strangers.add(Kind.HELLO, size)
             self._refuse(nonce, f"this slave speaks protocol version {VERSION} only", address)
             return
         hello = unpack_hello(datagram.body)
         station = next((station for station in self.stations if station.address == address), None)
         if station is None or station.session.hello.nonce != hello.nonce:
             if (address, hello.nonce) in self._past:  # overtaken on its way by the session that followed
-                self._count_stranger(Kind.HELLO, size)
+                self.strangers.add(Kind.HELLO, size)
                 self.strangers.late += 1
                 return
             try:
                 station = self._open(hello, datagram.sequence, address, now_us, replaces=station)
             except SettingsError as error:
-                self._count_stranger(Kind.HELLO, size)
+                self.strangers.add(Kind.HELLO, size)
                 self._refuse(hello.nonce, str(error), address)
                 return
         # A HELLO that is said again, because the answer was lost, gets the same answer again.
@@ -242,7 +242,7 @@ class SlaveNode:
 
     def _receive_stray(self, datagram: Datagram, size: int, address: Address) -> None:
         """Tell a master whose session we do not know that it is gone, so that it asks for a new one at once."""
-        self._count_stranger(datagram.kind, size)
+        self.strangers.add(datagram.kind, size)
         self.strangers.stray += 1
         if datagram.kind is Kind.POSITION or datagram.kind is Kind.CLOSE:
             self._outbox.append((pack(Kind.RESET, datagram.session, datagram.sequence, b""), address))
@@ -250,9 +250,6 @@ class SlaveNode:
     def _refuse(self, nonce: int, reason: str, address: Address) -> None:
         body = pack_body(Refuse(nonce, clipped(reason, REASON_BYTES)))
         self._outbox.append((pack(Kind.REFUSE, 0, 0, body), address))
-
-    def _count_stranger(self, kind: Kind, size: int) -> None:
-        self.strangers.add(kind, size)
 
     def _forget(self, station: Station) -> None:
         del self._stations[station.session.session]

@@ -12,10 +12,9 @@ LIMIT_US = SETTINGS.age_limit_us
 END_US = SETTINGS.age_limit_us + SETTINGS.decay_us
 
 
-def test_before_any_stimulus_the_value_is_zero_and_stale() -> None:
+def test_before_any_stimulus_the_value_is_zero() -> None:
     hold = Hold(SETTINGS, axes=3)
     assert hold.value(5) == (0.0, 0.0, 0.0)
-    assert hold.is_stale(5)
 
 
 def test_a_keepalive_without_a_stimulus_holds_zero() -> None:
@@ -28,8 +27,6 @@ def test_holds_unchanged_until_the_age_limit_then_falls_linearly_to_exactly_zero
     hold = Hold(SETTINGS, axes=2)
     hold.receive((2.0, -4.0), 1_000)
     assert hold.value(1_000 + LIMIT_US) == (2.0, -4.0)
-    assert not hold.is_stale(1_000 + LIMIT_US)
-    assert hold.is_stale(1_001 + LIMIT_US)
     assert hold.value(1_000 + LIMIT_US + SETTINGS.decay_us // 2) == pytest.approx((1.0, -2.0))
     assert hold.value(1_000 + END_US) == (0.0, 0.0)
 
@@ -69,7 +66,6 @@ def test_a_force_never_outlives_age_limit_and_decay(force_n: float, calls: list[
         assert abs(value_n) <= abs(force_n)
         if now_us - alive_us >= END_US:
             assert value_n == 0.0
-            assert hold.is_stale(now_us)
 
 
 @given(st.lists(st.integers(-(2**62), 2**62), min_size=1, max_size=30))
