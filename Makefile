@@ -9,7 +9,7 @@ APT := $(if $(filter 0,$(shell id -u)),,sudo )apt-get
 .DEFAULT_GOAL := help
 
 help:
-	@echo 'make demo           install, and play the paper in under a minute'
+	@echo 'make demo           install, and play the paper in about a minute'
 	@echo 'make test           install everything the tests need, and run them all'
 	@echo 'make check          linters, types, layers'
 	@echo 'make docker-check   build the image and play every scenario of docker/ (needs a Docker engine)'

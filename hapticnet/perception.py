@@ -66,6 +66,12 @@ class WeberLaw:
         """Return the just-noticeable difference [N] from a stimulus of magnitude `reference_n` [N]."""
         return max(self.weber_fraction * reference_n, self.floor_n)
 
+    def jnds_n(self, references_n: "npt.NDArray[np.float64]") -> "npt.NDArray[np.float64]":
+        """Return `jnd_n` of each of an array of magnitudes [N]."""
+        import numpy as np
+
+        return np.maximum(self.weber_fraction * references_n, self.floor_n)
+
     def threshold_n(self, reference_n: float) -> float:
         """Return the deadband threshold [N] around a stimulus of magnitude `reference_n` [N]."""
         # The multiplier goes inside, so that array code can take it out of its loop and still get the same bits.

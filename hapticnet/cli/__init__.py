@@ -42,7 +42,7 @@ def main() -> None:
         code = 2
     except KeyboardInterrupt:
         code = 130
-    except BrokenPipeError:  # whoever read our output has gone
+    except BrokenPipeError:  # whoever read our output has gone, and so has the reader of Python's complaint about it
         sys.stderr.close()
         code = 1
     except Exception as error:

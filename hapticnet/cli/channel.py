@@ -31,7 +31,7 @@ def channel(
 
     from hapticnet.channel.spec import parse_channel
     from hapticnet.cli.console import Console, check_writable, deliver
-    from hapticnet.runtime.realtime import prefer_realtime, run
+    from hapticnet.runtime.realtime import OTHER, prefer_realtime, run
     from hapticnet.runtime.relay import run_relay
     from hapticnet.runtime.udp import bound_address, parse_host_port
     from hapticnet.runtime.udp import listen as listen_on
@@ -45,7 +45,7 @@ def channel(
     def on_status(relay: "Relay") -> None:
         console.status(f"{relay.clients} clients")
 
-    scheduling = prefer_realtime() if realtime else "SCHED_OTHER"
+    scheduling = prefer_realtime() if realtime else OTHER
     console.say(f"listening on {bound_address(sock)}, to {target}: {there.describe()}; back: {back.describe()}")
     account = run(
         run_relay(

@@ -5,9 +5,13 @@ import math
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from hapticnet.errors import FileError
+
+if TYPE_CHECKING:
+    from hapticnet.channel.emulator import Emulator
+    from hapticnet.channel.settings import ChannelSettings
 
 MOST_ENTRIES: Final = 20
 """Entries of a list that a report for a person shows."""
@@ -76,6 +80,13 @@ def deliver(report: Mapping[str, Any], *, as_json: bool, file: Path | None) -> N
     finally:
         if file is not None:
             write_text(file, text)
+
+
+def channel_account(settings: "ChannelSettings", channel: "Emulator[Any]") -> dict[str, Any]:
+    """Return what an emulated channel did, for a report."""
+    from dataclasses import asdict
+
+    return {"settings": settings.describe(), **asdict(channel.counters)}
 
 
 def write_text(path: Path, text: str) -> None:

@@ -1,4 +1,4 @@
-"""``hapticnet demo``: the paper's experiment on this machine, in under a minute."""
+"""``hapticnet demo``: the paper's experiment on this machine, in about a minute."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -9,6 +9,9 @@ from hapticnet.cli import options
 
 if TYPE_CHECKING:
     from hapticnet.experiment.conditions import Condition
+
+SHOWN = "1 JND"
+"""The condition whose force is drawn."""
 
 
 def demo(
@@ -60,9 +63,9 @@ def demo(
     print(text) if json else print_table(rows)
     try:
         draw_bytes_per_penetration(rows, out / "bytes_per_penetration.png")
-        draw_force_stretch(played[1], out / "force.png")
+        draw_force_stretch(next(each for each in played if each.condition.name == SHOWN), out / "force.png")
     except UnavailableError as error:
         console.say(str(error))
     else:
         console.say(f"pictures: {out}/bytes_per_penetration.png, {out}/force.png")
-    console.say(f"all figures: {out}/demo.json")
+    console.say(f"all numbers: {out}/demo.json")

@@ -52,8 +52,10 @@ _FOOTNOTE = """\
 Paper: "Cutaneous haptic deadband compression". It states neither its sampling
 rate nor its motion, on which the reduction depends: see bench/packet_rate.py.
 Bytes are all that the slave sent, keepalives, UDP and IPv4 headers included.
-"As felt" is the force held at each tick against the true force at the position
-of that tick, so delay counts too.
+Packet-rate reduction counts force packets only. "As felt" is the force held at
+each tick against the true force at the position of that tick: delay counts too.
+The device lags: its platform must travel to the finger first, and its sensor
+tells nothing below 0.2 N.
 """
 
 _LINES: tuple[tuple[str, Callable[[Row], str]], ...] = (
@@ -66,7 +68,7 @@ _LINES: tuple[tuple[str, Callable[[Row], str]], ...] = (
     ("  paper", _paper_reduction),
     ("all bytes back, kB", lambda row: f"{row['feedback_wire_bytes'] / 1000:,.1f}"),
     ("  keepalives in them", lambda row: f"{row['keepalives']:,}"),
-    ("paper: right order", lambda row: _percent(row["paper_correct"])),
+    ("paper: ordered right", lambda row: _percent(row["paper_correct"])),
     ("RMSE of the codec", lambda row: f"{row['rmse_n']:.4f} N"),
     ("largest error", lambda row: f"{row['max_error_n']:.4f} N"),
     ("exceed-JND fraction", lambda row: _percent(row["exceed_jnd_fraction"])),

@@ -50,15 +50,14 @@ def master(
 
     from hapticnet.channel.emulator import Emulator
     from hapticnet.channel.spec import parse_channel
-    from hapticnet.cli.console import Console, check_writable, deliver
-    from hapticnet.cli.slave import channel_account
+    from hapticnet.cli.console import Console, channel_account, check_writable, deliver
     from hapticnet.errors import RefusedError, UnavailableError
     from hapticnet.node.master import MasterNode, MasterSettings, NodeEvent
     from hapticnet.perception import WeberLaw
     from hapticnet.protocol.master_session import Connected, Ended, LinkRecovered, LinkStale, SessionLost
     from hapticnet.runtime.clock import now_us
     from hapticnet.runtime.processes import run_master
-    from hapticnet.runtime.realtime import prefer_realtime, run
+    from hapticnet.runtime.realtime import OTHER, prefer_realtime, run
     from hapticnet.runtime.udp import open_toward, parse_host_port
     from hapticnet.tables import write_csv
 
@@ -97,7 +96,7 @@ def master(
             + (f", round trip {round_trip_us / 1000:.2f} ms" if round_trip_us else "")
         )
 
-    scheduling = prefer_realtime() if realtime else "SCHED_OTHER"
+    scheduling = prefer_realtime() if realtime else OTHER
     console.say(f"asking {address} for {codec}, {rate:g} Hz, device {device}, {scheduling}")
     outcome = run(
         run_master(

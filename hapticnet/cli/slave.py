@@ -8,8 +8,6 @@ import typer
 from hapticnet.cli import options
 
 if TYPE_CHECKING:
-    from hapticnet.channel.emulator import Emulator
-    from hapticnet.channel.settings import ChannelSettings
     from hapticnet.node.station import Station
 
 
@@ -39,11 +37,11 @@ def slave(
 
     from hapticnet.channel.emulator import Emulator
     from hapticnet.channel.spec import parse_channel
-    from hapticnet.cli.console import Console, check_writable, deliver, make_folder
+    from hapticnet.cli.console import Console, channel_account, check_writable, deliver, make_folder
     from hapticnet.node.slave import MasterJoined, MasterLeft, SlaveEvent, SlaveNode, SlaveSettings
     from hapticnet.protocol.settings import SessionSettings
     from hapticnet.runtime.processes import run_slave
-    from hapticnet.runtime.realtime import prefer_realtime, run
+    from hapticnet.runtime.realtime import OTHER, prefer_realtime, run
     from hapticnet.runtime.udp import bound_address, parse_host_port
     from hapticnet.runtime.udp import listen as listen_on
     from hapticnet.scene.presets import find_scene
@@ -75,12 +73,12 @@ def slave(
         session = event.station.session
         if isinstance(event, MasterJoined):
             hello = session.hello
-            console.say(
-                f"{hello.name!r} joined from {_place(event.station.address)}: {hello.codec}, {hello.rate_hz:g} Hz"
-            )
+            place = _place(event.station.address)
+            console.say(f"{hello.name!r} joined from {place}: {hello.codec}, asks for {hello.rate_hz:g} Hz")
         elif isinstance(event, MasterLeft):
             console.say(f"{session.hello.name!r} left: {session.end_reason} ({event.station.steps} steps)")
-            to_write.append(event.station)
+            if record is not None:
+                to_write.append(event.station)
         # Files are written while nobody waits for a force.
         if not node.stations:
             write_recordings()
@@ -90,16 +88,16 @@ def slave(
             station = to_write.pop(0)
             if record is not None and station.recording is not None:
                 name = "".join(c if c.isalnum() or c in "-_" else "_" for c in station.session.hello.name)
-                write_csv(record / f"{name}-{station.session.session:08x}.csv", station.recording.table())
+                write_csv(record / f"{name}-{station.session.number:08x}.csv", station.recording.table())
 
     def on_status() -> None:
-        forces = sum(station.session.sent.packets for station in node.stations)
+        packets = sum(station.session.sent.packets for station in node.stations)
         steps = sum(station.steps for station in node.stations)
-        console.status(f"{len(node.stations)} masters, {steps} steps, {forces} packets sent")
+        console.status(f"{len(node.stations)} masters, {steps} steps, {packets} packets sent")
 
     if address.host not in ("127.0.0.1", "::1"):
         console.say("warning: the link is not encrypted and anyone who can reach it is served; use a network you trust")
-    scheduling = prefer_realtime() if realtime else "SCHED_OTHER"
+    scheduling = prefer_realtime() if realtime else OTHER
     console.say(f"listening on {address}, scene {settings.name}, {scheduling}")
     run(run_slave(node, sock, channel=channel, duration_s=duration, on_event=on_event, on_status=on_status))
     console.finish()
@@ -108,13 +106,6 @@ def slave(
     if channel is not None:
         account["channel_out"] = channel_account(out, channel)
     deliver(account, as_json=json, file=report)
-
-
-def channel_account(settings: "ChannelSettings", channel: "Emulator[Any]") -> dict[str, Any]:
-    """Return what an emulated channel did, for a report."""
-    from dataclasses import asdict
-
-    return {"settings": settings.describe(), **asdict(channel.counters)}
 
 
 def _place(address: Any) -> str:

@@ -37,7 +37,7 @@ def error_report(law: WeberLaw, true: FloatArray, applied: FloatArray) -> ErrorR
     if not len(true):
         return ErrorReport(rmse_n=0.0, max_error_n=0.0, exceed_jnd_fraction=0.0)
     error = _norms(true - applied)
-    jnd = np.maximum(law.weber_fraction * _norms(applied), law.floor_n)
+    jnd = law.jnds_n(_norms(applied))
     return ErrorReport(
         rmse_n=float(np.sqrt(np.mean(error * error))),
         max_error_n=float(error.max()),

@@ -72,9 +72,8 @@ def draw_force_stretch(played: Played, file: Path) -> None:
         axes.legend(loc="upper left", frameon=False, fontsize=9)
         axes.spines[["top", "right"]].set_visible(False)
     within = (slave_s >= start_s) & (slave_s <= end_s)
-    above.set_title(
-        f"{played.condition.name}: {int(sent[within].sum())} of {int(within.sum())} samples transmitted", fontsize=10
-    )
+    share = f"{int(sent[within].sum())} of {int(within.sum())} samples transmitted"
+    above.set_title(f"{played.condition.name}, first insertion: {share}", fontsize=10)
     above.set_xlim(start_s, end_s)
     below.set_xlabel("time [s]")
     figure.savefig(file, dpi=150)

@@ -1,12 +1,12 @@
 """The master: streams the operator's position, holds the last force, and drives the fingertip device with it."""
 
-import math
 from collections import deque
 from dataclasses import dataclass, field, replace
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 
+from hapticnet.codec.metrics import RunningError
 from hapticnet.codec.raw import Raw
 from hapticnet.codec.registry import codec_parameters, make_codec
 from hapticnet.control.force import ForceController, ForceControlSettings
@@ -33,7 +33,7 @@ from hapticnet.protocol.settings import SessionSettings
 
 FASTEST_HZ: Final = 100_000.0
 
-NodeEvent = Connected | LinkStale | LinkRecovered | SessionLost | Ended
+NodeEvent: TypeAlias = Connected | LinkStale | LinkRecovered | SessionLost | Ended
 """What a master tells the outside; forces and confirmations stay inside."""
 
 
@@ -115,9 +115,8 @@ class MasterNode:
         self._script_start_us: int | None = None
         self._position_m = 0.0
         self._connections = 0
-        self._tracking_squares = 0.0
-        self._tracking_largest_n = 0.0
-        self._scene = ""
+        self._tracking = RunningError(settings.law)
+        self._scene: str | None = None
         self._events: deque[NodeEvent] = deque()
 
     @property
@@ -156,10 +155,8 @@ class MasterNode:
             displacement_m = self._controller.update(target_n, sensed_n, now_us)
             self._reading = self._device.exchange(displacement_m, now_us)
             sensed_n = self._reading.force_n
-            tracking_n = abs(sensed_n - target_n)
-            self._tracking_squares += tracking_n * tracking_n
-            if tracking_n > self._tracking_largest_n:
-                self._tracking_largest_n = tracking_n
+            if self.connected:
+                self._tracking.add((target_n,), (sensed_n,))
         if self.recording is not None:
             self.recording.add((now_us, self._position_m, held_n, target_n, sensed_n, displacement_m))
 
@@ -182,7 +179,7 @@ class MasterNode:
 
     def report(self) -> dict[str, Any]:
         """Return the account of this master for JSON."""
-        with_device = self._device is not None and self.ticks > 0
+        tracking = self._tracking.report() if self._tracking.samples else None
         return {
             "master": self.settings.name,
             "scene": self._scene,
@@ -191,12 +188,12 @@ class MasterNode:
             "weber_fraction": self.settings.law.weber_fraction,
             "floor_n": self.settings.law.floor_n,
             "multiplier": self.settings.law.multiplier,
-            "rate_hz": self.settings.rate_hz,
+            "rate_hz": 1e6 / self.period_us,
             "ticks": self.ticks,
             "connections": self._connections,
             "device": self._device.description if self._device else None,
-            "tracking_rmse_n": math.sqrt(self._tracking_squares / self.ticks) if with_device else None,
-            "tracking_max_n": self._tracking_largest_n if with_device else None,
+            "tracking_rmse_n": tracking.rmse_n if tracking else None,
+            "tracking_max_n": tracking.max_error_n if tracking else None,
             "round_trip": self.session.round_trip.report(),
             "sent": self.session.sent.report(),
             "received": self.session.received.report(),

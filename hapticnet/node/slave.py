@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 
@@ -22,12 +22,14 @@ from hapticnet.scene.scene import Scene
 Address: TypeAlias = Hashable
 """Where a datagram comes from or goes to. Opaque here; the runtime uses (host, port)."""
 
-SMALLEST_SESSION = 1 << 16
+SMALLEST_SESSION: Final = 1 << 16
 """Session numbers start here, so that every one takes five bytes and datagram sizes do not depend on chance."""
 
-REPORTS_KEPT = 1000
+REPORTS_KEPT: Final = 1000
+"""Accounts of ended sessions that are kept: a megabyte or two, so that a slave may run for ever."""
 
-NONCES_KEPT = 256
+NONCES_KEPT: Final = 256
+"""Nonces of ended sessions that are remembered: more than any network holds back."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,7 +99,7 @@ class SlaveNode:
         self._settings = settings
         self._rng = rng
         self._stations: dict[int, Station] = {}
-        self._past: deque[tuple[Address, int]] = deque(maxlen=NONCES_KEPT)
+        self._spent_nonces: deque[tuple[Address, int]] = deque(maxlen=NONCES_KEPT)
         self.never_used = 0
         self._ended: deque[dict[str, Any]] = deque(maxlen=REPORTS_KEPT)
         self._outbox: list[tuple[bytes, Address]] = []
@@ -185,7 +187,7 @@ class SlaveNode:
         hello = unpack_hello(datagram.body)
         station = next((station for station in self.stations if station.address == address), None)
         if station is None or station.session.hello.nonce != hello.nonce:
-            if (address, hello.nonce) in self._past:  # overtaken on its way by the session that followed
+            if (address, hello.nonce) in self._spent_nonces:  # overtaken on its way by the session that followed
                 self.strangers.add(Kind.HELLO, size)
                 self.strangers.late += 1
                 return
@@ -252,8 +254,8 @@ class SlaveNode:
         self._outbox.append((pack(Kind.REFUSE, 0, 0, body), address))
 
     def _forget(self, station: Station) -> None:
-        del self._stations[station.session.session]
-        self._past.append((station.address, station.session.hello.nonce))
+        del self._stations[station.session.number]
+        self._spent_nonces.append((station.address, station.session.hello.nonce))
         if station.steps:
             self._ended.append(self._report(station))
             self._events.append(MasterLeft(station))

@@ -54,7 +54,7 @@ class Station:
         except (PeerError, SampleError):  # counted as a datagram already, so not by `add_malformed`
             self.session.received.malformed += 1
             return None
-        if self.session.update_is_overdue(now_us):
+        if self.session.expire_update(now_us):
             self._encoder.refresh()
         payload = self._encoder.encode(t_us, force.force_n)
         answer = None
@@ -87,7 +87,7 @@ class Station:
         forces = self.session.sent.by_kind[Kind.FORCE]
         hello = self.session.hello
         return {
-            "session": self.session.session,
+            "session": self.session.number,
             "master": hello.name,
             "scene": self.scene.name,
             "codec": self.codec.name,

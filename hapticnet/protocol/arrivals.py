@@ -1,10 +1,11 @@
 """What became of the datagrams of one direction: new, late, duplicate or lost."""
 
 import enum
+from typing import Final
 
 from hapticnet.protocol.serial_number import distance, wrap
 
-WINDOW = 1024
+WINDOW: Final = 1024
 """Sequence numbers remembered below the newest: one second at 1 kHz, longer than any reordering worth telling from
 loss. What is older counts as late."""
 

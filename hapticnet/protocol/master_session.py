@@ -11,8 +11,8 @@ from hapticnet.protocol.messages import (
     REASON_BYTES,
     Close,
     Hello,
-    Keepalive,
     Position,
+    Refuse,
     Welcome,
     clipped,
     pack_hello,
@@ -192,13 +192,13 @@ class MasterSession:
         if kind is Kind.FORCE:
             force = unpack_force(datagram.body)
             self.received.add(kind, size)
-            if self._is_newest(datagram.sequence, now_us):
+            if self._note_arrival(datagram.sequence, now_us):
                 t_us = self._account_round_trip(force.t_us, now_us)
                 self._events.append(ForceArrived(datagram.sequence, t_us, force.payload))
         elif kind is Kind.KEEPALIVE:
-            keepalive: Keepalive = unpack_keepalive(datagram.body)
+            keepalive = unpack_keepalive(datagram.body)
             self.received.add(kind, size)
-            if self._is_newest(datagram.sequence, now_us):
+            if self._note_arrival(datagram.sequence, now_us):
                 self._account_round_trip(keepalive.t_us, now_us)
                 if keepalive.newest_force == self._newest_force:
                     self._events.append(HoldConfirmed())
@@ -213,17 +213,17 @@ class MasterSession:
             self._count_stray(kind, size)
 
     def _receive_answer(self, datagram: Datagram, size: int, now_us: int) -> None:
-        welcome = unpack_welcome(datagram.body) if datagram.kind is Kind.WELCOME else None
-        if welcome and not datagram.session:
+        is_welcome = datagram.kind is Kind.WELCOME
+        answer = unpack_welcome(datagram.body) if is_welcome else unpack_refuse(datagram.body)
+        if is_welcome and not datagram.session:
             raise PeerError("WELCOME without a session")
-        answer = welcome or unpack_refuse(datagram.body)
         self.received.add(datagram.kind, size)
         if answer.nonce != self._request.nonce:
             self.received.stray += 1
         elif self.state is not MasterState.CONNECTING:
             self.received.duplicate += 1
-        elif welcome is None:
-            self._end(Trigger.REFUSED, unpack_refuse(datagram.body).reason, refused=True)
+        elif isinstance(answer, Refuse):
+            self._end(Trigger.REFUSED, answer.reason, refused=True)
         else:
             self._session = datagram.session
             self._sequence = wrap(self._settings.first_sequence + 1)
@@ -231,9 +231,9 @@ class MasterSession:
             self._heard_us = now_us
             self.received.open_window(datagram.sequence)
             self._move(Trigger.WELCOMED)
-            self._events.append(Connected(welcome))
+            self._events.append(Connected(answer))
 
-    def _is_newest(self, sequence: int, now_us: int) -> bool:
+    def _note_arrival(self, sequence: int, now_us: int) -> bool:
         """Account for a sequence number; old datagrams are dropped, but prove the link alive all the same."""
         self._heard_us = now_us
         if self.state is MasterState.STALE:

@@ -45,7 +45,7 @@ class Refuse(NamedTuple):
 
 
 class Position(NamedTuple):
-    """Master to slave: where the tool tip is, and the sequence of the newest FORCE seen (None: none yet)."""
+    """Master to slave: where the tool tip is, and the sequence of the newest FORCE applied (None: none yet)."""
 
     t_us: int
     newest_force: int | None
@@ -88,7 +88,11 @@ def unpack_hello(body: bytes) -> Hello:
     _require(type(parameters) is dict, "parameters", parameters)
     for key, value in parameters.items():
         _require(_is_text(key, NAME_BYTES) and _is_number(value), "parameter", key)
-    _require(_is_number(weber_fraction) and _is_number(floor_n) and _is_number(multiplier), "JND", weber_fraction)
+    _require(
+        _is_number(weber_fraction) and _is_number(floor_n) and _is_number(multiplier),
+        "JND",
+        (weber_fraction, floor_n, multiplier),
+    )
     _require(_is_number(rate_hz) and 0.0 < rate_hz <= 1e6, "rate", rate_hz)
     _require(type(axes) is int and 1 <= axes <= 3, "axes", axes)
     _require(_is_text(name, NAME_BYTES), "name", name)

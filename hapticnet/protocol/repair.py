@@ -32,7 +32,7 @@ class Repair:
         self._sent_us = now_us
 
     def acknowledged(self, sequence: int, now_us: int) -> None:
-        """Take note that the master has seen FORCE `sequence`."""
+        """Take note that the master has applied FORCE `sequence`."""
         if self._newest is None or distance(sequence, self._newest) < 0:
             return
         self._newest = None
@@ -44,7 +44,7 @@ class Repair:
             self._smoothed_us += (round_trip_us - self._smoothed_us) / 8
         self._timeout_us = max(SHORTEST_TIMEOUT_US, self._smoothed_us + 4 * self._deviation_us)
 
-    def overdue(self, now_us: int) -> bool:
+    def expire(self, now_us: int) -> bool:
         """Tell whether the newest update must be replaced now; each time it must, the timeout doubles."""
         # A clock that went back tells nothing of how long it has been: better once too often.
         if self._newest is None or 0 <= now_us - self._sent_us <= self._timeout_us:

@@ -16,8 +16,8 @@ class SessionSettings:
     stale_after_us
         Silence after which a master calls the link stale; the age limit of a held force.
     keepalive_us
-        How long a slave lets a master go without a datagram while it hears positions. Four keepalives may be lost in
-        a row before the link goes stale.
+        How long a slave lets a master go without a datagram while it hears positions. Three in a
+        row may be lost; the fourth still comes before the link goes stale.
     close_interval_us, close_tries
         How often, and how many times, a master says CLOSE before it gives up on the answer.
     idle_after_us
@@ -49,8 +49,8 @@ class SessionSettings:
         return 4e6 / self.stale_after_us
 
     def __post_init__(self) -> None:
-        if not 0 < self.keepalive_us < self.stale_after_us:
+        if not 0 < 4 * self.keepalive_us <= self.stale_after_us:
             raise SettingsError(
-                f"keepalive interval is {self.keepalive_us} µs; it must be shorter than the age limit of"
-                f" {self.stale_after_us} µs, or silence would pass for a dead link"
+                f"keepalive interval is {self.keepalive_us} µs; it must be above 0 and at most a quarter of the"
+                f" age limit of {self.stale_after_us} µs, or silence would pass for a dead link"
             )

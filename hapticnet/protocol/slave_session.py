@@ -25,16 +25,16 @@ class SlaveSession:
 
     Parameters
     ----------
-    session
-        The number of the session, never 0.
+    number
+        The session's, never 0.
     hello, first_sequence
         The HELLO that opened it, and its sequence number.
     """
 
     def __init__(
-        self, session: int, hello: Hello, settings: SessionSettings, *, first_sequence: int, now_us: int
+        self, number: int, hello: Hello, settings: SessionSettings, *, first_sequence: int, now_us: int
     ) -> None:
-        self.session = session
+        self.number = number
         self.hello = hello
         self.state = SlaveState.HALF_OPEN
         self.sent = Traffic()
@@ -53,7 +53,7 @@ class SlaveSession:
         """Return the WELCOME; a HELLO that is said again gets the same one again, and shows the master alive."""
         self._heard_us = now_us
         message = Welcome(self.hello.nonce, rate_hz, self._settings.keepalive_us, scene)
-        datagram = pack(Kind.WELCOME, self.session, self._settings.first_sequence, pack_body(message))
+        datagram = pack(Kind.WELCOME, self.number, self._settings.first_sequence, pack_body(message))
         self.sent.add(Kind.WELCOME, len(datagram))
         return datagram
 
@@ -89,9 +89,9 @@ class SlaveSession:
             self.received.stray += 1
         return None
 
-    def update_is_overdue(self, now_us: int) -> bool:
-        """Tell whether the newest force is believed lost and must be replaced by the current one."""
-        return self._repair.overdue(now_us)
+    def expire_update(self, now_us: int) -> bool:
+        """Tell whether the newest force is believed lost and must be replaced by the current one, now."""
+        return self._repair.expire(now_us)
 
     def force(self, t_us: int, payload: bytes, now_us: int) -> bytes:
         """Return a FORCE that answers the position of time `t_us`."""
@@ -127,7 +127,7 @@ class SlaveSession:
         self.end_reason = reason
 
     def _datagram(self, kind: Kind, message: Force | Keepalive | Close, now_us: int) -> bytes:
-        datagram = pack(kind, self.session, self._sequence, pack_body(message))
+        datagram = pack(kind, self.number, self._sequence, pack_body(message))
         self._sequence = wrap(self._sequence + 1)
         self._spoke_us = now_us
         self.sent.add(kind, len(datagram))

@@ -130,7 +130,7 @@ def force_datagram_bytes(
     The arithmetic of msgpack: one byte for each array head, version and kind, five for a session, two for each byte
     string's head, and one to five for an unsigned integer by its size.
     """
-    return 12 + _uint_bytes(sequence) + _uint_bytes(t_us) + payload_bytes + 1
+    return 13 + _uint_bytes(sequence) + _uint_bytes(t_us) + payload_bytes
 
 
 def _uint_bytes(values: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:

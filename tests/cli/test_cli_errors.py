@@ -81,7 +81,7 @@ def files(tmp_path):
         ("", ("Is a directory",)),
     ],
 )
-def test_recordings_that_cannot_be_encoded(files, file, words):
+def test_recordings_that_cannot_be_encoded_are_refused_in_one_line(files, file, words):
     assert_one_line(hapticnet("encode", files / file), *words)
 
 
@@ -101,7 +101,7 @@ def test_recordings_that_cannot_be_encoded(files, file, words):
         (("--column", "fx", "--out", "/proc/nowhere/out.csv"), ("/proc/nowhere",)),
     ],
 )
-def test_flags_of_encode_that_cannot_be(files, arguments, words):
+def test_flags_of_encode_that_cannot_be_are_refused_in_one_line(files, arguments, words):
     assert_one_line(hapticnet("encode", files / "two.csv", *arguments), *words)
 
 
@@ -133,7 +133,7 @@ def test_flags_of_encode_that_cannot_be(files, arguments, words):
         (("demo", "--device", "glove", "--out", "{files}/demo"), ("unknown device 'glove'",)),
     ],
 )
-def test_flags_and_files_that_cannot_be(files, arguments, words):
+def test_flags_and_files_that_cannot_be_are_refused_in_one_line(files, arguments, words):
     assert_one_line(hapticnet(*(argument.format(files=files) for argument in arguments)), *words)
 
 
@@ -172,7 +172,7 @@ def test_without_a_verb_the_help_is_shown_as_it_is_meant_to_be_read(verb):
 
 
 @pytest.mark.parametrize("verb", ["slave", "channel"])
-def test_a_port_in_use(verb):
+def test_a_port_in_use_is_named_in_one_line(verb):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         address = f"127.0.0.1:{taken.getsockname()[1]}"

@@ -9,7 +9,7 @@ from hapticnet.perception import WeberLaw
 LAW = WeberLaw(weber_fraction=0.1, floor_n=0.05)
 
 
-def test_errors_by_hand():
+def test_errors_equal_those_worked_out_by_hand():
     true = np.array([[1.0], [2.0], [0.0], [3.0]])
     applied = np.array([[1.0], [1.9], [0.05], [2.0]])
     report = error_report(LAW, true, applied)

@@ -271,7 +271,7 @@ def test_a_slave_that_starts_anew_is_found_within_a_second_and_its_past_stays_be
     (station,) = link.slave.stations
     assert link.master.report()["connections"] == 2
     assert station.steps > 100, "of positions that overtake each other only the newest ones count"
-    assert station.session.session != old.session.session
+    assert station.session.number != old.session.number
     table, slave = link.master.recording.table(), station.recording.table()
     settled = table["t_us"] > restart_us + 600_000
     possible = {0.0, *slave["held_n"].tolist()}

@@ -177,7 +177,7 @@ def test_a_hello_of_the_past_or_one_that_is_refused_leaves_the_session_that_stan
     slave.receive_datagram(pack_hello(HELLO._replace(nonce=5, codec="mp3"), 0), "stranger", 20)
     assert answer(slave).kind is Kind.REFUSE
     assert [station.address for station in slave.stations] == ["a", "half open"]
-    assert slave.stations[0].session.session == session
+    assert slave.stations[0].session.number == session
 
 
 def test_a_master_that_died_gives_its_place_to_the_one_that_comes_back():

@@ -7,19 +7,19 @@ from hapticnet.protocol.repair import INITIAL_TIMEOUT_US, LONGEST_TIMEOUT_US, SH
 
 def test_nothing_is_overdue_before_anything_was_sent_or_after_it_was_acknowledged():
     repair = Repair()
-    assert not repair.overdue(10**9)
+    assert not repair.expire(10**9)
     repair.sent(7, 0)
     repair.acknowledged(7, 1000)
-    assert not repair.overdue(10**9)
+    assert not repair.expire(10**9)
 
 
 def test_an_older_acknowledgement_does_not_count_and_a_later_one_across_the_wrap_does():
     repair = Repair()
     repair.sent(0xFFFFFFFF, 0)
     repair.acknowledged(0xFFFFFFFE, 1000)
-    assert repair.overdue(INITIAL_TIMEOUT_US + 1)
+    assert repair.expire(INITIAL_TIMEOUT_US + 1)
     repair.acknowledged(0, INITIAL_TIMEOUT_US + 2)
-    assert not repair.overdue(10**9)
+    assert not repair.expire(10**9)
 
 
 def test_the_timeout_settles_near_one_round_trip():
@@ -29,8 +29,8 @@ def test_the_timeout_settles_near_one_round_trip():
         repair.acknowledged(sequence, now + 40_000)
         now += 50_000
     repair.sent(60, now)
-    assert not repair.overdue(now + 40_000)
-    assert repair.overdue(now + 46_000)
+    assert not repair.expire(now + 40_000)
+    assert repair.expire(now + 46_000)
 
 
 def test_a_quick_link_is_given_the_shortest_timeout_and_a_dead_one_is_asked_ever_more_rarely():
@@ -39,11 +39,11 @@ def test_a_quick_link_is_given_the_shortest_timeout_and_a_dead_one_is_asked_ever
         repair.sent(sequence, sequence)
         repair.acknowledged(sequence, sequence)
     repair.sent(20, 0)
-    assert not repair.overdue(SHORTEST_TIMEOUT_US)
+    assert not repair.expire(SHORTEST_TIMEOUT_US)
     now, waits = 0, []
     for sequence in range(21, 33):
         start = now
-        while not repair.overdue(now):
+        while not repair.expire(now):
             now += 1000
         waits.append(now - start)
         repair.sent(sequence, now)
@@ -55,4 +55,4 @@ def test_a_quick_link_is_given_the_shortest_timeout_and_a_dead_one_is_asked_ever
 def test_a_clock_that_goes_back_repairs_once_too_often_rather_than_never():
     repair = Repair()
     repair.sent(1, 10**10)
-    assert repair.overdue(0)
+    assert repair.expire(0)

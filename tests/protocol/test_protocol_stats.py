@@ -46,7 +46,7 @@ def test_an_empty_distribution_says_that_nothing_was_measured():
     assert Distribution().report() == {"count": 0, "p50_us": None, "p99_us": None, "p99_9_us": None, "max_us": None}
 
 
-def test_memory_is_flat():
+def test_any_number_of_durations_fit_in_a_bounded_number_of_buckets():
     distribution = Distribution()
     for value in np.random.default_rng(0).integers(-5, 10**7, 20_000).tolist():
         distribution.add(value)
