@@ -1,0 +1,83 @@
+/* The fingertip device: joins the core to the board, and sleeps in between. */
+#include <avr/interrupt.h>
+#include <avr/sleep.h>
+#include <avr/wdt.h>
+
+#include "../core/device.h"
+#include "board.h"
+
+static struct device device;
+
+#ifdef TEST_HANG
+/* For the tests of the hardware watchdog: a setpoint of this sequence hangs the main loop. */
+static void hang_if_told(void)
+{
+    while (device.safety.applied_sequence == TEST_HANG)
+        ;
+}
+#else
+static void hang_if_told(void)
+{
+}
+#endif
+
+static void serve_frame(void)
+{
+    if (servo_frame_is_due()) {
+        safety_frame(&device.safety, clock_ms());
+        servo_set(device.safety.held);
+        hang_if_told();
+    }
+}
+
+static void serve_line(void)
+{
+    uint8_t out[LONGEST_FRAME + 1];
+    uint8_t byte;
+    if (line_take(&byte))
+        line_send(out, device_receive(&device, byte, clock_ms(), out));
+}
+
+static void serve_millisecond(void)
+{
+    static uint32_t served_ms;
+    uint8_t out[LONGEST_FRAME + 1];
+    uint32_t now_ms = clock_ms();
+    if (now_ms == served_ms)
+        return;
+    served_ms = now_ms;
+    line_send(out, device_tick(&device, now_ms, sensor_mean(), line_overruns(), out));
+    if (safety_alive(&device.safety, now_ms))
+        wdt_reset();
+}
+
+int main(void)
+{
+    struct board board = {
+        .clock_hz = F_CPU,
+        .reset_cause = reset_cause(),
+        .boot_id = reset_count(),
+        .adc_bits = 10,
+        .fastest_stream_ms = BAUD == 500000 ? 1 : 2, /* a reading is 20 bytes on the line */
+    };
+    device_start(&device, &board, 0);
+    line_start();
+    sensor_start();
+    clock_start(device.safety.held);
+    wdt_enable(WDTO_60MS); /* with the restart, the finger is let go within 150 ms even if its clock is slow by half */
+    set_sleep_mode(SLEEP_MODE_IDLE);
+    sei();
+    for (;;) {
+        serve_frame();
+        serve_line();
+        serve_millisecond();
+        cli();
+        if (line_is_empty()) {
+            sleep_enable();
+            sei(); /* takes effect after the next instruction, so no interrupt slips in before the sleep */
+            sleep_cpu();
+            sleep_disable();
+        }
+        sei();
+    }
+}
