@@ -1,0 +1,265 @@
+/* SPDX-License-Identifier: GPL-3.0-or-later
+ *
+ * Runs the firmware's ELF in simavr, in lockstep with whoever holds the other end of stdin and stdout.
+ *
+ *   harness FIRMWARE.elf [--pty]
+ *
+ * Each request advances the time; no clock is read, so the same requests give the same replies, and pacing to real
+ * time is the requester's. Numbers are little-endian, as on every host this is built for.
+ *
+ *   request  uint32 advance [cycles], uint16 voltage on A0 [mV], uint16 n, n bytes for the UART
+ *   reply    struct reply, n bytes from the UART, n_edges of struct edge
+ *
+ * With --pty the UART's other end is a pseudo-terminal instead. Its path is the first line on stderr. */
+#define _GNU_SOURCE
+#include <errno.h>
+#include <fcntl.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <termios.h>
+#include <unistd.h>
+
+#include <avr_adc.h>
+#include <avr_ioport.h>
+#include <avr_uart.h>
+#include <sim_avr.h>
+#include <sim_elf.h>
+#include <sim_interrupts.h>
+
+#define CLOCK_HZ 16000000u
+#define FIRST_PIN 1 /* PB1 to PB3: D9 to D11 */
+#define SERVOS 3
+#define RX_VECTOR 18 /* USART_RX of the ATmega328P */
+#define UCSR0A 0xC0
+#define UBRR0L 0xC4
+#define U2X0 0x02
+
+/* Simavr takes 11 bits for a byte of 10; feeding faster would only fill its FIFO. */
+#define BITS_PER_BYTE 11
+
+#define MOST_BYTES (1u << 20)
+#define MOST_EDGES (1u << 16)
+
+struct request {
+    uint32_t advance_cycles;
+    uint16_t millivolts;
+    uint16_t bytes;
+};
+
+struct reply {
+    uint64_t cycle;
+    uint32_t bytes;
+    uint32_t edges;
+    uint32_t resets;             /* since the start, power-on not counted */
+    uint32_t rx_latency_cycles;  /* longest wait of a received byte for its interrupt, since the start */
+};
+
+struct edge {
+    uint64_t cycle;
+    uint32_t servo;
+    uint32_t level;
+};
+
+static avr_t *avr;
+static avr_irq_t *uart_input, *pins[SERVOS], *adc0;
+static void (*mcu_reset)(avr_t *);
+static uint32_t resets, rx_latency_cycles;
+static avr_cycle_count_t rx_pending_since, next_byte_at;
+static int pty = -1;
+
+static uint8_t from_uart[MOST_BYTES];
+static uint32_t n_from_uart;
+static uint8_t to_uart[MOST_BYTES]; /* a ring */
+static uint32_t to_head, to_tail;
+static struct edge edges[MOST_EDGES];
+static uint32_t n_edges;
+
+static void die(const char *what)
+{
+    fprintf(stderr, "harness: %s\n", what);
+    exit(2);
+}
+
+static void on_uart_output(avr_irq_t *irq, uint32_t value, void *param)
+{
+    (void)irq, (void)param;
+    uint8_t byte = (uint8_t)value;
+    if (pty >= 0) {
+        if (write(pty, &byte, 1) < 0 && errno != EAGAIN && errno != EIO)
+            die("cannot write to the pseudo-terminal");
+    } else if (n_from_uart < MOST_BYTES) {
+        from_uart[n_from_uart++] = byte;
+    }
+}
+
+static void on_pin(avr_irq_t *irq, uint32_t value, void *param)
+{
+    (void)irq;
+    if (n_edges < MOST_EDGES)
+        edges[n_edges++] = (struct edge){avr->cycle, (uint32_t)(uintptr_t)param, value};
+}
+
+static void on_rx_pending(avr_irq_t *irq, uint32_t value, void *param)
+{
+    (void)irq, (void)param;
+    if (value)
+        rx_pending_since = avr->cycle;
+}
+
+static void on_rx_running(avr_irq_t *irq, uint32_t value, void *param)
+{
+    (void)irq, (void)param;
+    uint32_t waited = (uint32_t)(avr->cycle - rx_pending_since);
+    if (value && waited > rx_latency_cycles)
+        rx_latency_cycles = waited;
+}
+
+/* A reset makes the pins inputs; simavr does not say so. */
+static void on_reset(avr_t *which)
+{
+    mcu_reset(which);
+    resets++;
+    for (int i = 0; i < SERVOS; i++)
+        avr_raise_irq(pins[i], 0);
+}
+
+/* Time passes by cycles, never by the host's clock. */
+static void on_sleep(avr_t *which, avr_cycle_count_t cycles)
+{
+    (void)which, (void)cycles;
+}
+
+static void quiet(avr_t *which, const int level, const char *format, va_list arguments)
+{
+    (void)which;
+    if (level == LOG_ERROR)
+        vfprintf(stderr, format, arguments);
+}
+
+static avr_cycle_count_t cycles_per_byte(void)
+{
+    uint32_t divisor = (avr->data[UBRR0L] | (avr->data[UBRR0L + 1] & 0x0Fu) << 8) + 1u;
+    return (avr->data[UCSR0A] & U2X0 ? 8u : 16u) * divisor * BITS_PER_BYTE;
+}
+
+static void feed_uart(void)
+{
+    if (to_head == to_tail || avr->cycle < next_byte_at)
+        return;
+    next_byte_at = avr->cycle + cycles_per_byte();
+    avr_raise_irq(uart_input, to_uart[to_tail]);
+    to_tail = (to_tail + 1) % MOST_BYTES;
+}
+
+static void advance(avr_cycle_count_t cycles)
+{
+    avr_cycle_count_t end = avr->cycle + cycles;
+    while (avr->cycle < end) {
+        feed_uart();
+        avr_cycle_count_t stop = to_head != to_tail && next_byte_at < end ? next_byte_at : end;
+        avr->run_cycle_limit = stop > avr->cycle ? stop - avr->cycle : 1;
+        int state = avr_run(avr);
+        if (state == cpu_Done || state == cpu_Crashed)
+            die("the firmware crashed");
+    }
+}
+
+static void queue_for_uart(uint8_t byte)
+{
+    uint32_t next = (to_head + 1) % MOST_BYTES;
+    if (next == to_tail)
+        die("too many bytes for the UART");
+    to_uart[to_head] = byte;
+    to_head = next;
+}
+
+static void open_pty(void)
+{
+    pty = posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK);
+    if (pty < 0 || grantpt(pty) || unlockpt(pty))
+        die("cannot open a pseudo-terminal");
+    /* Held open, so that the master end lives on between two visitors. */
+    int other = open(ptsname(pty), O_RDWR | O_NOCTTY);
+    struct termios raw;
+    if (other < 0 || tcgetattr(other, &raw))
+        die("cannot open the pseudo-terminal's other end");
+    cfmakeraw(&raw);
+    tcsetattr(other, TCSANOW, &raw);
+    fprintf(stderr, "%s\n", ptsname(pty));
+}
+
+static void read_pty(void)
+{
+    uint8_t bytes[4096];
+    ssize_t n = read(pty, bytes, sizeof bytes);
+    for (ssize_t i = 0; i < n; i++)
+        queue_for_uart(bytes[i]);
+}
+
+static void start(const char *path)
+{
+    elf_firmware_t firmware = {0};
+    avr_global_logger_set(quiet);
+    if (elf_read_firmware(path, &firmware))
+        die("cannot read the firmware");
+    avr = avr_make_mcu_by_name("atmega328p");
+    if (!avr || avr_init(avr))
+        die("simavr does not know the ATmega328P");
+    firmware.frequency = CLOCK_HZ;
+    firmware.vcc = firmware.avcc = firmware.aref = 5000;
+    avr_load_firmware(avr, &firmware);
+    avr->frequency = CLOCK_HZ;
+    avr->log = LOG_ERROR;
+    avr->sleep = on_sleep;
+
+    uint32_t flags = 0; /* neither print what is sent nor sleep when it is polled */
+    avr_ioctl(avr, AVR_IOCTL_UART_SET_FLAGS('0'), &flags);
+    uart_input = avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_INPUT);
+    adc0 = avr_io_getirq(avr, AVR_IOCTL_ADC_GETIRQ, ADC_IRQ_ADC0);
+    avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_OUTPUT), on_uart_output, NULL);
+    for (int i = 0; i < SERVOS; i++) {
+        pins[i] = avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('B'), FIRST_PIN + i);
+        avr_irq_register_notify(pins[i], on_pin, (void *)(uintptr_t)i);
+    }
+    avr_irq_t *rx = avr_get_interrupt_irq(avr, RX_VECTOR);
+    avr_irq_register_notify(rx + AVR_INT_IRQ_PENDING, on_rx_pending, NULL);
+    avr_irq_register_notify(rx + AVR_INT_IRQ_RUNNING, on_rx_running, NULL);
+    mcu_reset = avr->reset;
+    avr->reset = on_reset;
+}
+
+static void answer(void)
+{
+    struct reply reply = {avr->cycle, n_from_uart, n_edges, resets, rx_latency_cycles};
+    fwrite(&reply, sizeof reply, 1, stdout);
+    fwrite(from_uart, 1, n_from_uart, stdout);
+    fwrite(edges, sizeof edges[0], n_edges, stdout);
+    if (fflush(stdout))
+        exit(0);
+    n_from_uart = n_edges = 0;
+}
+
+int main(int argc, char **argv)
+{
+    struct request request;
+    static uint8_t bytes[UINT16_MAX];
+    if (argc < 2)
+        die("usage: harness FIRMWARE.elf [--pty]");
+    start(argv[1]);
+    if (argc > 2 && !strcmp(argv[2], "--pty"))
+        open_pty();
+    while (fread(&request, sizeof request, 1, stdin) == 1) {
+        if (fread(bytes, 1, request.bytes, stdin) != request.bytes)
+            break;
+        for (uint32_t i = 0; i < request.bytes; i++)
+            queue_for_uart(bytes[i]);
+        if (pty >= 0)
+            read_pty();
+        avr_raise_irq(adc0, request.millivolts);
+        advance(request.advance_cycles);
+        answer();
+    }
+    return 0;
+}

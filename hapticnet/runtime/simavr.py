@@ -1,0 +1,130 @@
+"""The compiled firmware in a simulated ATmega328P, in lockstep with whoever advances it.
+
+The simulator is a program of its own (firmware/sim, under its own licence), spoken to over pipes. It reads no clock:
+the same calls give the same answers, and pacing to real time is the caller's.
+"""
+
+import struct
+import subprocess
+from pathlib import Path
+from types import TracebackType
+from typing import Final, NamedTuple, Self
+
+from hapticnet.errors import UnavailableError
+
+CYCLES_PER_US: Final = 16
+"""The Nano's clock: 16 MHz."""
+
+_REQUEST: Final = struct.Struct("<IHH")
+_REPLY: Final = struct.Struct("<QIIII")
+_EDGE: Final = struct.Struct("<QII")
+
+
+class Edge(NamedTuple):
+    """A servo pin changed: when [clock cycles since power-on], which servo (0 to 2), and to what level."""
+
+    cycle: int
+    servo: int
+    level: int
+
+
+class Step(NamedTuple):
+    """What happened while the time was advanced.
+
+    Attributes
+    ----------
+    cycle
+        Time at its end [clock cycles since power-on].
+    sent
+        Bytes the firmware sent; none on a pseudo-terminal, where its visitor gets them.
+    edges
+        Servo pulses, oldest first.
+    resets
+        How often the controller was reset since power-on.
+    rx_latency_cycles
+        The longest that a received byte ever waited for its interrupt [clock cycles].
+    """
+
+    cycle: int
+    sent: bytes
+    edges: list[Edge]
+    resets: int
+    rx_latency_cycles: int
+
+
+class Simavr:
+    """A running simulation; a context manager.
+
+    Parameters
+    ----------
+    harness
+        The simulator, built by ``make -C firmware sim``.
+    firmware
+        The ELF file to run.
+    pty
+        Make the UART a pseudo-terminal; its path is then in `pty_path`.
+
+    Raises
+    ------
+    UnavailableError
+        When either file is missing or the simulator does not start.
+    """
+
+    def __init__(self, harness: Path, firmware: Path, *, pty: bool = False) -> None:
+        for path, target in ((harness, "sim"), (firmware, "firmware")):
+            if not path.is_file():
+                raise UnavailableError(f"{path} is missing; build it: make -C firmware {target}")
+        command = [str(harness), str(firmware), *(["--pty"] if pty else [])]
+        try:
+            self._process = subprocess.Popen(  # noqa: S603
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE if pty else None
+            )
+        except OSError as error:
+            raise UnavailableError(f"{harness} does not start: {error}") from error
+        self.pty_path = self._process.stderr.readline().decode().strip() if self._process.stderr else None
+
+    def advance(self, duration_us: int, *, millivolts: float = 0.0, data: bytes = b"") -> Step:
+        """Let time pass.
+
+        Parameters
+        ----------
+        duration_us
+            How much [µs]; up to one instruction more passes.
+        millivolts
+            Voltage [mV] at the force sensor's pin meanwhile, clamped to the 5 V supply.
+        data
+            Bytes for the firmware, up to 65535; they arrive one after the other at the line's speed.
+
+        Raises
+        ------
+        UnavailableError
+            When the simulator has ended.
+        """
+        stdin, stdout = self._process.stdin, self._process.stdout
+        assert stdin is not None  # noqa: S101
+        assert stdout is not None  # noqa: S101
+        level_mv = round(min(max(millivolts, 0.0), 5000.0))
+        try:
+            stdin.write(_REQUEST.pack(duration_us * CYCLES_PER_US, level_mv, len(data)) + data)
+            stdin.flush()
+            cycle, n_sent, n_edges, resets, rx_latency_cycles = _REPLY.unpack(stdout.read(_REPLY.size))
+            sent = stdout.read(n_sent)
+            edges = [Edge(*fields) for fields in _EDGE.iter_unpack(stdout.read(n_edges * _EDGE.size))]
+        except (OSError, struct.error) as error:
+            raise UnavailableError(f"the simulator ended with code {self._process.poll()}: {error}") from error
+        return Step(cycle, sent, edges, resets, rx_latency_cycles)
+
+    def close(self) -> None:
+        """End the simulation."""
+        for pipe in (self._process.stdin, self._process.stdout, self._process.stderr):
+            if pipe is not None:
+                pipe.close()
+        self._process.wait()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
