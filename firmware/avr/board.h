@@ -10,7 +10,9 @@
 /* clock.c: Timer1 in ticks of 0.5 us makes milliseconds and servo pulses. */
 void clock_start(const uint16_t pulses[SERVOS]);
 uint32_t clock_ms(void);
-bool servo_frame_is_due(void); /* true once, 1 ms before the first pulse of a frame */
+bool clock_ms_is_due(void); /* from each new millisecond until it is served */
+void clock_ms_is_served(void);
+bool servo_frame_is_due(void); /* from 1 ms before the first pulse of a frame until its pulses are set */
 void servo_set(const uint16_t pulses[SERVOS]);
 
 /* sensor.c: the mean of all conversions since the last call, in 1/64 count. */

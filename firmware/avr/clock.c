@@ -19,7 +19,7 @@
 #define CALL (2 * SERVOS)
 
 static volatile uint32_t now_ms;
-static volatile bool frame_due;
+static volatile bool ms_due, frame_due;
 static volatile uint16_t pulse_ticks[SERVOS];
 
 /* These belong to the compare A interrupt alone. */
@@ -42,6 +42,7 @@ ISR(TIMER1_COMPB_vect)
 {
     OCR1B += MS_TICKS;
     now_ms++;
+    ms_due = true;
 }
 
 ISR(TIMER1_COMPA_vect)
@@ -82,15 +83,24 @@ uint32_t clock_ms(void)
     return ms;
 }
 
+bool clock_ms_is_due(void)
+{
+    return ms_due;
+}
+
+void clock_ms_is_served(void)
+{
+    ms_due = false;
+}
+
 bool servo_frame_is_due(void)
 {
-    bool due = frame_due;
-    frame_due = false; /* the next one is 20 ms away */
-    return due;
+    return frame_due;
 }
 
 void servo_set(const uint16_t pulses[SERVOS])
 {
+    frame_due = false; /* the next one is 20 ms away */
     for (uint8_t i = 0; i < SERVOS; i++)
         ATOMIC_BLOCK(ATOMIC_RESTORESTATE) { pulse_ticks[i] = pulses[i]; }
 }

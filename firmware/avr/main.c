@@ -23,11 +23,19 @@ static void hang_if_told(void)
 
 static void serve_frame(void)
 {
-    if (servo_frame_is_due()) {
-        safety_frame(&device.safety, clock_ms());
-        servo_set(device.safety.held);
-        hang_if_told();
-    }
+    safety_frame(&device.safety, clock_ms());
+    servo_set(device.safety.held);
+    hang_if_told();
+}
+
+static void serve_millisecond(void)
+{
+    uint8_t out[LONGEST_FRAME + 1];
+    clock_ms_is_served();
+    uint32_t now_ms = clock_ms();
+    line_send(out, device_tick(&device, now_ms, sensor_mean(), line_overruns(), out));
+    if (safety_alive(&device.safety, now_ms))
+        wdt_reset();
 }
 
 static void serve_line(void)
@@ -38,17 +46,15 @@ static void serve_line(void)
         line_send(out, device_receive(&device, byte, clock_ms(), out));
 }
 
-static void serve_millisecond(void)
+/* Most interrupts leave nothing to do. */
+static void sleep_until_something_is_due(void)
 {
-    static uint32_t served_ms;
-    uint8_t out[LONGEST_FRAME + 1];
-    uint32_t now_ms = clock_ms();
-    if (now_ms == served_ms)
-        return;
-    served_ms = now_ms;
-    line_send(out, device_tick(&device, now_ms, sensor_mean(), line_overruns(), out));
-    if (safety_alive(&device.safety, now_ms))
-        wdt_reset();
+    cli();
+    if (!servo_frame_is_due() && !clock_ms_is_due() && line_is_empty()) {
+        sei(); /* takes effect after the next instruction, so no interrupt slips in before the sleep */
+        sleep_cpu();
+    }
+    sei();
 }
 
 int main(void)
@@ -66,18 +72,16 @@ int main(void)
     clock_start(device.safety.held);
     wdt_enable(WDTO_60MS); /* with the restart, the finger is let go within 150 ms even if its clock is slow by half */
     set_sleep_mode(SLEEP_MODE_IDLE);
+    sleep_enable();
     sei();
     for (;;) {
-        serve_frame();
-        serve_line();
-        serve_millisecond();
-        cli();
-        if (line_is_empty()) {
-            sleep_enable();
-            sei(); /* takes effect after the next instruction, so no interrupt slips in before the sleep */
-            sleep_cpu();
-            sleep_disable();
-        }
-        sei();
+        if (servo_frame_is_due())
+            serve_frame();
+        else if (clock_ms_is_due())
+            serve_millisecond();
+        else if (!line_is_empty())
+            serve_line();
+        else
+            sleep_until_something_is_due();
     }
 }
