@@ -39,12 +39,16 @@ bench: system-packages $(VENV)/installed-dev
 	$(BIN)/python bench/virtual_time.py --json results/bench/virtual_time.json
 	$(BIN)/python bench/loop.py --json results/bench/loop.json
 
-# The C programs that bench/ measures against, and the network namespaces of the two-host test.
+# The C programs that bench/ measures against, the network namespaces of the two-host test, and what the firmware is
+# built with and simulated in.
+SYSTEM_PACKAGES := gcc libc6-dev iproute2 gcc-avr avr-libc libsimavr-dev libelf-dev
+
 system-packages:
-	@if ! { command -v gcc && command -v ip; } >/dev/null; then \
+	@if ! { command -v gcc && command -v ip && command -v avr-gcc && \
+			test -e /usr/include/simavr/sim_avr.h && test -e /usr/include/libelf.h; } >/dev/null; then \
 		if command -v apt-get >/dev/null; then \
-			$(APT) update -qq && $(APT) install -y -qq --no-install-recommends gcc libc6-dev iproute2; \
-		else echo 'gcc and iproute2 are missing: the tests that need them are skipped'; fi; \
+			$(APT) update -qq && $(APT) install -y -qq --no-install-recommends $(SYSTEM_PACKAGES); \
+		else echo 'missing some of: $(SYSTEM_PACKAGES); the tests that need them are skipped'; fi; \
 	fi
 
 $(VENV)/installed-%: pyproject.toml $(BIN)/python

@@ -22,8 +22,8 @@ static volatile uint8_t tx[TX_SIZE], tx_head, tx_tail;
 
 void line_start(void)
 {
-    UBRR0 = DIVISOR;
     UCSR0A = DOUBLE_SPEED;
+    UBRR0 = DIVISOR;
     UCSR0C = _BV(UCSZ01) | _BV(UCSZ00);
     UCSR0B = _BV(RXEN0) | _BV(TXEN0) | _BV(RXCIE0);
 }

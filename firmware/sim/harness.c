@@ -7,7 +7,7 @@
  * Each request advances the time; no clock is read, so the same requests give the same replies, and pacing to real
  * time is the requester's. Numbers are little-endian, as on every host this is built for.
  *
- *   request  uint32 advance [cycles], uint16 voltage on A0 [mV], uint16 n, n bytes for the UART
+ *   request  uint32 advance [cycles], uint16 voltage on A0 [0.1 mV], uint16 n, n bytes for the UART
  *   reply    struct reply, n bytes from the UART, n_edges of struct edge
  *
  * With --pty the UART's other end is a pseudo-terminal instead. Its path is the first line on stderr. */
@@ -36,6 +36,9 @@
 #define UBRR0L 0xC4
 #define U2X0 0x02
 
+/* 5 V [0.1 mV], less one part in 1024: the converter divides by 1024 (data sheet), simavr by 1023. */
+#define REFERENCE 49951
+
 /* Simavr takes 11 bits for a byte of 10; feeding faster would only fill its FIFO. */
 #define BITS_PER_BYTE 11
 
@@ -44,7 +47,7 @@
 
 struct request {
     uint32_t advance_cycles;
-    uint16_t millivolts;
+    uint16_t tenth_millivolts;
     uint16_t bytes;
 };
 
@@ -208,7 +211,7 @@ static void start(const char *path)
     if (!avr || avr_init(avr))
         die("simavr does not know the ATmega328P");
     firmware.frequency = CLOCK_HZ;
-    firmware.vcc = firmware.avcc = firmware.aref = 5000;
+    firmware.vcc = firmware.avcc = firmware.aref = REFERENCE;
     avr_load_firmware(avr, &firmware);
     avr->frequency = CLOCK_HZ;
     avr->log = LOG_ERROR;
@@ -257,7 +260,7 @@ int main(int argc, char **argv)
             queue_for_uart(bytes[i]);
         if (pty >= 0)
             read_pty();
-        avr_raise_irq(adc0, request.millivolts);
+        avr_raise_irq(adc0, request.tenth_millivolts);
         advance(request.advance_cycles);
         answer();
     }

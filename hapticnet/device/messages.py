@@ -155,8 +155,8 @@ def decode(body: bytes) -> Message:
     """
     entry = LAYOUTS.get(body[0]) if body else None
     if entry is None:
-        raise PeerError(f"message of {len(body)} bytes, kind {body[:1].hex() or 'missing'}, is none of protocol version "
-                        f"{PROTOCOL_MAJOR}.{PROTOCOL_MINOR}")  # fmt: skip
+        kind = body[:1].hex() or "missing"
+        raise PeerError(f"kind {kind} ({len(body)} bytes) is none of protocol {PROTOCOL_MAJOR}.{PROTOCOL_MINOR}")
     message, layout = entry
     if len(body) != layout.size + 1:
         raise PeerError(f"{message.__name__} has {len(body)} bytes; it must have {layout.size + 1}")

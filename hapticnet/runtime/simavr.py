@@ -103,9 +103,9 @@ class Simavr:
         stdin, stdout = self._process.stdin, self._process.stdout
         assert stdin is not None  # noqa: S101
         assert stdout is not None  # noqa: S101
-        level_mv = round(min(max(millivolts, 0.0), 5000.0))
+        level = round(10.0 * min(max(millivolts, 0.0), 5000.0))
         try:
-            stdin.write(_REQUEST.pack(duration_us * CYCLES_PER_US, level_mv, len(data)) + data)
+            stdin.write(_REQUEST.pack(duration_us * CYCLES_PER_US, level, len(data)) + data)
             stdin.flush()
             cycle, n_sent, n_edges, resets, rx_latency_cycles = _REPLY.unpack(stdout.read(_REPLY.size))
             sent = stdout.read(n_sent)

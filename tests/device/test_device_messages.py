@@ -1,0 +1,78 @@
+"""The table of messages, against the shared vectors."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hapticnet.device.framing import LONGEST_BODY, Deframer, frame
+from hapticnet.device.messages import (
+    LAYOUTS,
+    PROTOCOL_MAJOR,
+    PROTOCOL_MINOR,
+    Identity,
+    Setpoint,
+    Stream,
+    check_version,
+    decode,
+    encode,
+)
+from hapticnet.errors import PeerError, RefusedError, SettingsError
+
+VECTORS = json.loads((Path(__file__).parents[1] / "vectors" / "device.json").read_text())
+IDENTITY = Identity(PROTOCOL_MAJOR, 0, 0, 1, 0, 1, 1, 16_000_000, 2360, 4040, 2360, 4040, 2360, 4040, 120, 10)
+
+
+@pytest.mark.parametrize("vector", VECTORS["messages"], ids=lambda vector: vector["name"])
+def test_every_message_is_as_in_the_vectors(vector: dict[str, Any]) -> None:
+    message_class, _ = LAYOUTS[vector["kind"]]
+    message = message_class(*vector["fields"])
+    assert encode(message).hex() == vector["body"]
+    assert frame(encode(message)).hex() == vector["frame"]
+    assert [decode(body) for body in Deframer().feed(bytes.fromhex(vector["frame"]))] == [message]
+
+
+def test_the_vectors_hold_every_kind_of_this_version() -> None:
+    assert {vector["kind"] for vector in VECTORS["messages"]} == set(LAYOUTS)
+    assert VECTORS["protocol_version"] == [PROTOCOL_MAJOR, PROTOCOL_MINOR]
+
+
+def test_every_message_fits_a_frame_and_names_each_field() -> None:
+    for message_class, layout in LAYOUTS.values():
+        assert layout.size < LONGEST_BODY
+        assert len(message_class._fields) == len(layout.unpack(bytes(layout.size)))
+
+
+@given(st.binary(max_size=LONGEST_BODY))
+def test_any_bytes_are_a_message_or_an_error(body: bytes) -> None:
+    try:
+        message = decode(body)
+    except PeerError:
+        return
+    assert encode(message) == body
+
+
+@pytest.mark.parametrize(
+    ("body", "complaint"), [(b"", "kind missing"), (b"\x7fab", "kind 7f"), (b"\x03", "1 bytes; it must have 2")]
+)
+def test_what_is_no_message_is_refused(body: bytes, complaint: str) -> None:
+    with pytest.raises(PeerError, match=complaint):
+        decode(body)
+
+
+@pytest.mark.parametrize("message", [Stream(256), Stream(-1), Setpoint(0, 65536, 0, 0), Stream(1.5)])  # type: ignore[arg-type]
+def test_a_field_that_does_not_fit_is_refused(message: Stream | Setpoint) -> None:
+    with pytest.raises(SettingsError, match="does not fit"):
+        encode(message)
+
+
+def test_another_minor_version_is_welcome() -> None:
+    check_version(IDENTITY._replace(protocol_minor=9))
+
+
+def test_another_major_version_is_refused_with_the_command_that_helps() -> None:
+    with pytest.raises(RefusedError, match=r"protocol 2\.0, this host 1\.0.*make -C firmware flash"):
+        check_version(IDENTITY._replace(protocol_major=2))

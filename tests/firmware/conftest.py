@@ -1,0 +1,155 @@
+"""The firmware as tests see it: its core on the host, and its ELF in a simulated controller."""
+
+import functools
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from hapticnet.device.framing import Deframer, frame
+from hapticnet.device.messages import Hello, Message, decode, encode
+from hapticnet.runtime.simavr import CYCLES_PER_US, Simavr, Step
+
+FIRMWARE = Path(__file__).parents[2] / "firmware"
+
+
+class Pulse(NamedTuple):
+    """One servo pulse, as measured at the pin [µs]."""
+
+    servo: int
+    start_us: float
+    width_us: float
+
+    @property
+    def end_us(self) -> float:
+        return self.start_us + self.width_us
+
+
+class Core:
+    """The core in a native process under sanitizers; a finding of theirs ends it and fails the test."""
+
+    def __init__(self, shell: Path) -> None:
+        self._process = subprocess.Popen([shell], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+    def __call__(self, *words: object) -> str:
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.write(" ".join(map(str, words)) + "\n")
+        self._process.stdin.flush()
+        line = self._process.stdout.readline()
+        assert line.endswith("\n"), f"the core ended on {words[0]}"
+        return line.strip()
+
+    def send(self, now_ms: int, message: Message) -> list[Message]:
+        return self.receive(now_ms, frame(encode(message)))
+
+    def receive(self, now_ms: int, data: bytes) -> list[Message]:
+        return self._messages(self("receive", now_ms, data.hex()))
+
+    def tick(self, now_ms: int, adc: int = 0) -> list[Message]:
+        return self._messages(self("tick", now_ms, adc))
+
+    def frame(self, now_ms: int) -> list[int]:
+        return [int(ticks) for ticks in self("frame", now_ms).split()]
+
+    def close(self) -> int:
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.close()
+        self._process.stdout.close()
+        return self._process.wait()
+
+    @staticmethod
+    def _messages(answer: str) -> list[Message]:
+        return [decode(body) for body in Deframer().feed(bytes.fromhex(answer))]
+
+
+class Nano:
+    """The ELF in simavr, with what it said and which pulses it made."""
+
+    BOOT_US = 20_000
+
+    def __init__(self, harness: Path, elf: Path) -> None:
+        self.simavr = Simavr(harness, elf)
+        self.deframer = Deframer()
+        self.messages: list[Message] = []
+        self.pulses: list[Pulse] = []
+        self.sent = bytearray()
+        self.now_us = 0.0
+        self._rises_us = [0.0, 0.0, 0.0]
+
+    def advance(self, duration_us: int, *messages: Message, data: bytes = b"", millivolts: float = 0.0) -> Step:
+        data += b"".join(frame(encode(message)) for message in messages)
+        step = self.simavr.advance(duration_us, millivolts=millivolts, data=data)
+        self.sent += step.sent
+        self.messages += [decode(body) for body in self.deframer.feed(step.sent)]
+        for cycle, servo, level in step.edges:
+            at_us = cycle / CYCLES_PER_US
+            if level:
+                self._rises_us[servo] = at_us
+            elif self._rises_us[servo]:  # simavr reports the pins' first level, too
+                self.pulses.append(Pulse(servo, self._rises_us[servo], at_us - self._rises_us[servo]))
+        self.now_us = step.cycle / CYCLES_PER_US
+        return step
+
+    def boot_and_greet(self) -> None:
+        self.advance(self.BOOT_US)
+        self.advance(5_000, Hello())
+
+    def of_kind(self, kind: type[Message]) -> list[Message]:
+        return [message for message in self.messages if isinstance(message, kind)]
+
+
+@pytest.fixture(scope="session")
+def make_firmware(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+    """Return a builder: make target and variables in, build folder out. Each target is built once."""
+    build = tmp_path_factory.mktemp("firmware")
+
+    @functools.cache
+    def run(target: str, *variables: str) -> Path:
+        done = subprocess.run(
+            ["make", "-s", "-C", FIRMWARE, f"BUILD={build}", target, *variables], capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stderr
+        (build / f"{target}.log").write_text(done.stdout)
+        return build
+
+    return run
+
+
+@pytest.fixture
+def needs_toolchain(tool_is_missing: Callable[[str], None]) -> None:
+    for tool, package in (("avr-gcc", "gcc-avr"), ("make", "make"), ("gcc", "gcc")):
+        if shutil.which(tool) is None:
+            tool_is_missing(f"{tool} is missing (package {package}), so the firmware cannot be built")
+    if not Path("/usr/include/simavr/sim_avr.h").exists():
+        tool_is_missing("simavr is missing (packages libsimavr-dev and libelf-dev), so the firmware cannot be run")
+
+
+@pytest.fixture
+def core(make_firmware: Callable[..., Path], tool_is_missing: Callable[[str], None]) -> Iterator[Core]:
+    for tool in ("make", "gcc"):
+        if shutil.which(tool) is None:
+            tool_is_missing(f"{tool} is missing, so the firmware's core cannot be built")
+    running = Core(make_firmware("native") / "shell")
+    yield running
+    assert running.close() == 0
+
+
+@pytest.fixture
+def nano(request: pytest.FixtureRequest, make_firmware: Callable[..., Path]) -> Iterator[Callable[..., Nano]]:
+    """Return a maker of simulated Nanos: the ELF's name and the line's speed in."""
+    request.getfixturevalue("needs_toolchain")
+    running: list[Nano] = []
+
+    def make(*, target: str = "firmware", elf: str = "firmware-500000.elf", baud: int = 500_000) -> Nano:
+        harness = make_firmware("sim") / "harness"
+        running.append(Nano(harness, make_firmware(target, f"BAUD={baud}") / elf))
+        return running[-1]
+
+    yield make
+    for each in running:
+        each.simavr.close()

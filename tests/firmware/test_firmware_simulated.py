@@ -1,0 +1,218 @@
+"""The compiled firmware in a simulated ATmega328P, all in virtual time."""
+
+import random
+import re
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hapticnet.device.kinematics import Linkage
+from hapticnet.device.messages import ADC_FRACTION, Flag, Hello, Identity, SensorReading, Setpoint, Stream, StreamAck
+from hapticnet.runtime.simavr import CYCLES_PER_US
+
+RETRACTED_US = Linkage().retracted_us
+EDGE_ERROR_US = 2.0
+TWO_BYTES_US = 2 * 10 / 0.5  # at 500 kbaud
+HANG = 0xDEAD
+
+
+def near(width_us: float) -> Any:
+    return pytest.approx(width_us, abs=EDGE_ERROR_US)
+
+
+def drive(nano: Any, frames: int, *pulses: int, period_us: int = 10_000) -> None:
+    for sequence in range(frames * 20_000 // period_us):
+        nano.advance(period_us, Setpoint(sequence, *pulses))
+
+
+@pytest.mark.usefixtures("needs_toolchain")
+def test_flash_and_ram_are_at_most_half_full(make_firmware: Callable[..., Path]) -> None:
+    report = (make_firmware("firmware", "BAUD=500000") / "firmware.log").read_text()
+    flash, ram = map(float, re.findall(r"\(([\d.]+) %\)", report))
+    assert 0.0 < flash <= 50.0
+    assert 0.0 < ram <= 50.0
+
+
+def test_it_starts_retracted_and_keeps_a_50_hz_frame(nano: Any) -> None:
+    device = nano()
+    device.advance(500_000)
+    assert {pulse.servo for pulse in device.pulses} == {0, 1, 2}
+    assert all(pulse.width_us == near(RETRACTED_US) for pulse in device.pulses)
+    starts_us = [pulse.start_us for pulse in device.pulses if pulse.servo == 1]
+    assert len(starts_us) >= 24
+    for before, after in pairwise(starts_us):
+        assert after - before == near(20_000)
+    assert device.pulses[0].start_us < 15_000
+
+
+def test_hello_tells_why_and_how_often_it_was_reset(nano: Any) -> None:
+    device = nano()
+    device.boot_and_greet()
+    (identity,) = device.of_kind(Identity)
+    assert identity.reset_cause & 1
+    assert identity.boot_id == 1  # the ELF brings an EEPROM of zeros
+
+
+def test_nothing_moves_before_hello(nano: Any) -> None:
+    device = nano()
+    device.advance(device.BOOT_US)
+    drive(device, 10, 3000, 3000, 3000)
+    assert device.sent == b""
+    assert all(pulse.width_us == near(RETRACTED_US) for pulse in device.pulses)
+
+
+def test_every_edge_is_within_2_us_under_full_traffic(nano: Any) -> None:
+    device = nano()
+    device.boot_and_greet()
+    device.advance(1_000, Stream(1))
+    drive(device, 20, 2400, 2400, 2400, period_us=1_000)
+    chance = random.Random(5)
+    for _ in range(20):
+        pulses = [chance.randint(2360, 4040) for _ in range(3)]
+        drive(device, 16, *pulses, period_us=1_000)
+        device.pulses.clear()
+        drive(device, 5, *pulses, period_us=1_000)
+        assert len(device.pulses) >= 12
+        for pulse in device.pulses:
+            assert pulse.width_us == near(pulses[pulse.servo] / 2)
+
+
+def test_received_bytes_wait_no_longer_than_two_byte_times(nano: Any) -> None:
+    device = nano()
+    device.boot_and_greet()
+    device.advance(1_000, Stream(1))
+    for sequence in range(2_000):
+        step = device.advance(1_000, Setpoint(sequence, 2400 + sequence % 1000, 3500, 2900))
+    assert 0 < step.rx_latency_cycles / CYCLES_PER_US <= TWO_BYTES_US
+
+
+def test_a_leap_of_the_setpoint_is_taken_in_steps(nano: Any) -> None:
+    device = nano()
+    device.boot_and_greet()
+    device.pulses.clear()
+    drive(device, 20, 4000, 4000, 4000)
+    widths_us = [pulse.width_us for pulse in device.pulses if pulse.servo == 2]
+    assert widths_us[-1] == near(2000)
+    for before, after in pairwise(widths_us):
+        assert after - before <= 60 + EDGE_ERROR_US
+
+
+@pytest.mark.parametrize("phase_us", range(0, 20_000, 1_700))
+def test_a_silent_host_retracts_all_servos_within_220_ms(nano: Any, phase_us: int) -> None:
+    device = nano()
+    device.boot_and_greet()
+    drive(device, 12, 3600, 3600, 3600)
+    device.advance(phase_us, Setpoint(1, 3600, 3600, 3600))
+    device.advance(1_000, Setpoint(2, 3600, 3600, 3600))
+    silent_since_us = device.now_us
+    device.advance(400_000)
+    for servo in range(3):
+        mine = [pulse for pulse in device.pulses if pulse.servo == servo]
+        released = next(pulse for pulse in mine if pulse.start_us > silent_since_us and pulse.width_us < 1700)
+        assert released.width_us == near(RETRACTED_US)
+        assert 180_000 < released.end_us - silent_since_us < 220_000
+
+
+def test_a_hung_main_loop_is_reset_and_retracts_within_150_ms(nano: Any) -> None:
+    device = nano(target="test-firmware", elf="hanging.elf")
+    device.boot_and_greet()
+    drive(device, 12, 3600, 3600, 3600)
+    device.advance(1_000, Setpoint(HANG, 3600, 3600, 3600))
+    hung_us = device.now_us
+    resets = 0
+    while resets == 0:
+        resets = device.advance(1_000).resets
+        assert device.now_us - hung_us < 150_000
+    device.pulses.clear()
+    device.advance(150_000 - int(device.now_us - hung_us))
+    assert {pulse.servo for pulse in device.pulses} == {0, 1, 2}
+    assert all(pulse.width_us == near(RETRACTED_US) for pulse in device.pulses)
+    device.advance(5_000, Hello())
+    before, after = device.of_kind(Identity)
+    assert after.boot_id == before.boot_id + 1
+    assert after.reset_cause == 8
+
+
+def test_readings_are_the_mean_of_the_last_millisecond(nano: Any) -> None:
+    device = nano()
+    device.boot_and_greet()
+    device.advance(1_000, Stream(1), millivolts=1000)
+    assert device.of_kind(StreamAck) == [StreamAck(1, 1)]
+    for millivolts in (0.0, 1000.0, 2500.0, 4900.0):
+        device.advance(5_000, millivolts=millivolts)
+        device.messages.clear()
+        device.advance(20_000, millivolts=millivolts)
+        readings = device.messages
+        assert len(readings) >= 19
+        count = int(millivolts * 1024 / 5000)
+        assert {reading.adc for reading in readings} == {count * ADC_FRACTION}
+        for before, after in pairwise(readings):
+            assert after.uptime_ms == before.uptime_ms + 1
+            assert after.sequence == before.sequence + 1
+
+
+def test_readings_keep_the_fraction_of_a_count(nano: Any) -> None:
+    device = nano()
+    device.boot_and_greet()
+    device.advance(1_000, Stream(1))
+    for half_ms in range(40):
+        device.advance(500, millivolts=2501.0 + 5.0 * (half_ms % 2))
+    settled = [reading.adc / ADC_FRACTION for reading in device.of_kind(SensorReading)[2:]]
+    assert settled
+    assert all(512.3 < adc < 512.7 for adc in settled)
+
+
+def test_garbage_by_the_ten_thousand_moves_nothing_and_hello_still_gets_through(nano: Any) -> None:
+    device = nano()
+    device.advance(device.BOOT_US)
+    chance = random.Random(1)
+    for _ in range(40):
+        device.advance(10_000, data=chance.randbytes(450))
+    assert device.sent == b""
+    device.advance(5_000, data=b"\0")
+    device.advance(5_000, Hello())
+    device.advance(10_000, Stream(1))
+    assert len(device.of_kind(Identity)) == 1
+    reading = device.messages[-1]
+    assert reading.flags == Flag.GREETED | Flag.RETRACTED
+    assert reading.damaged > 0
+    assert reading.overruns == 0
+    assert all(pulse.width_us == near(RETRACTED_US) for pulse in device.pulses)
+
+
+def test_a_flood_starves_neither_pulses_nor_the_watchdog(nano: Any) -> None:
+    device = nano()
+    device.boot_and_greet()
+    for _ in range(30):
+        step = device.advance(10_000, data=b"\x05abcd" * 90)
+    assert step.resets == 0
+    assert len(device.pulses) >= 3 * 15
+
+
+def test_the_slow_line_carries_500_readings_a_second(nano: Any) -> None:
+    device = nano(elf="firmware-115200.elf", baud=115_200)
+    device.boot_and_greet()
+    device.advance(5_000, Stream(1))
+    assert device.of_kind(StreamAck) == [StreamAck(1, 2)]
+    device.messages.clear()
+    device.advance(100_000)
+    sequences = [reading.sequence for reading in device.messages]
+    assert len(sequences) >= 48
+    assert sequences == list(range(sequences[0], sequences[0] + len(sequences)))
+
+
+def test_the_same_run_twice_is_byte_identical(nano: Any) -> None:
+    def run() -> tuple[bytes, list[Any]]:
+        device = nano()
+        device.boot_and_greet()
+        device.advance(1_000, Stream(1))
+        for sequence in range(500):
+            device.advance(1_000, Setpoint(sequence, 2400 + sequence, 3000, 3900), millivolts=sequence * 7 % 5000)
+        return bytes(device.sent), device.pulses
+
+    first = run()
+    assert len(first[0]) > 9_000
+    assert run() == first
