@@ -9,10 +9,12 @@
 static struct device device;
 
 #ifdef TEST_HANG
-/* For the tests of the hardware watchdog: a setpoint of this sequence hangs the main loop. */
+/* For the tests of the hardware watchdog: a setpoint of this sequence hangs the main loop, the next the interrupts, too. */
 static void hang_if_told(void)
 {
-    while (device.safety.applied_sequence == TEST_HANG)
+    if (device.safety.applied_sequence == TEST_HANG + 1)
+        cli();
+    while ((device.safety.applied_sequence & ~1u) == TEST_HANG)
         ;
 }
 #else
@@ -59,6 +61,7 @@ static void sleep_until_something_is_due(void)
 
 int main(void)
 {
+    wdt_enable(WDTO_60MS); /* with the restart, the finger is let go within 150 ms even if its clock is slow by half */
     struct board board = {
         .clock_hz = F_CPU,
         .reset_cause = reset_cause(),
@@ -70,7 +73,6 @@ int main(void)
     line_start();
     sensor_start();
     clock_start(device.safety.held);
-    wdt_enable(WDTO_60MS); /* with the restart, the finger is let go within 150 ms even if its clock is slow by half */
     set_sleep_mode(SLEEP_MODE_IDLE);
     sleep_enable();
     sei();

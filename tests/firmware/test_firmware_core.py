@@ -201,3 +201,21 @@ def test_the_longest_frame_fits_and_one_byte_more_does_not(core: Any) -> None:
     assert len(frame(bytes(LONGEST_BODY))) == LONGEST_FRAME + 1
     core.receive(0, frame(bytes(LONGEST_BODY + 1)))
     assert core("damaged") == "1"
+
+
+def test_whatever_the_host_says_pulses_keep_their_range_and_their_step(core: Any) -> None:
+    chance = random.Random(11)
+    core.send(0, Hello())
+    now_ms = 0
+    held = RETRACTED
+    moved = 0
+    for _ in range(2_000):
+        for _ in range(chance.randint(0, 2)):
+            lowest, highest = chance.choice(((0, 65535), (2300, 4100), (2360, 4040)))
+            core.send(now_ms, Setpoint(1, *(chance.randint(lowest, highest) for _ in range(3))))
+        now_ms += chance.choice((20, 20, 20, 20, 250))
+        before, held = held, core.frame(now_ms)
+        moved += held != before
+        assert all(2360 <= pulse <= 4040 for pulse in held)
+        assert held == RETRACTED or all(abs(now - then) <= STEP for now, then in zip(held, before, strict=True))
+    assert moved > 1_000

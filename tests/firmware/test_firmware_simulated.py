@@ -1,5 +1,6 @@
 """The compiled firmware in a simulated ATmega328P, all in virtual time."""
 
+import os
 import random
 import re
 from collections.abc import Callable
@@ -9,14 +10,27 @@ from typing import Any
 
 import pytest
 
+from hapticnet.device.framing import Deframer, frame
 from hapticnet.device.kinematics import Linkage
-from hapticnet.device.messages import ADC_FRACTION, Flag, Hello, Identity, SensorReading, Setpoint, Stream, StreamAck
-from hapticnet.runtime.simavr import CYCLES_PER_US
+from hapticnet.device.messages import (
+    ADC_FRACTION,
+    Flag,
+    Hello,
+    Identity,
+    SensorReading,
+    Setpoint,
+    Stream,
+    StreamAck,
+    decode,
+    encode,
+)
+from hapticnet.errors import UnavailableError
+from hapticnet.runtime.simavr import CYCLES_PER_US, Simavr
 
 RETRACTED_US = Linkage().retracted_us
 EDGE_ERROR_US = 2.0
 TWO_BYTES_US = 2 * 10 / 0.5  # at 500 kbaud
-HANG = 0xDEAD
+HANG = 0xDEAE
 
 
 def near(width_us: float) -> Any:
@@ -116,11 +130,14 @@ def test_a_silent_host_retracts_all_servos_within_220_ms(nano: Any, phase_us: in
         assert 180_000 < released.end_us - silent_since_us < 220_000
 
 
-def test_a_hung_main_loop_is_reset_and_retracts_within_150_ms(nano: Any) -> None:
+@pytest.mark.parametrize("sequence", [HANG, HANG + 1], ids=["main loop hung", "interrupts off, too"])
+@pytest.mark.parametrize("phase_us", [0, 6_000, 13_000])
+def test_hung_firmware_is_reset_and_retracts_within_150_ms(nano: Any, sequence: int, phase_us: int) -> None:
     device = nano(target="test-firmware", elf="hanging.elf")
     device.boot_and_greet()
     drive(device, 12, 3600, 3600, 3600)
-    device.advance(1_000, Setpoint(HANG, 3600, 3600, 3600))
+    device.advance(phase_us)
+    device.advance(1_000, Setpoint(sequence, 3600, 3600, 3600))
     hung_us = device.now_us
     resets = 0
     while resets == 0:
@@ -134,6 +151,38 @@ def test_a_hung_main_loop_is_reset_and_retracts_within_150_ms(nano: Any) -> None
     before, after = device.of_kind(Identity)
     assert after.boot_id == before.boot_id + 1
     assert after.reset_cause == 8
+
+
+@pytest.mark.usefixtures("needs_toolchain")
+def test_a_pseudo_terminal_carries_the_same_line(make_firmware: Callable[..., Path]) -> None:
+    harness = make_firmware("sim") / "harness"
+    with Simavr(harness, make_firmware("firmware", "BAUD=500000") / "firmware-500000.elf", pty=True) as simavr:
+        assert simavr.pty_path is not None
+        simavr.advance(20_000)
+        with open(simavr.pty_path, "r+b", buffering=0) as line:
+            os.set_blocking(line.fileno(), False)
+            line.write(frame(encode(Hello())))
+            received: list[bytes] = []
+            deframer = Deframer()
+            for _ in range(1_000):  # the kernel hands the bytes over in its own time
+                assert simavr.advance(1_000).sent == b""
+                received += deframer.feed(line.read() or b"")
+                if received:
+                    break
+        assert isinstance(decode(received[0]), Identity)
+
+
+def test_a_missing_harness_is_refused_with_the_command_that_builds_it(tmp_path: Path) -> None:
+    with pytest.raises(UnavailableError, match="make -C firmware sim"):
+        Simavr(tmp_path / "harness", tmp_path / "firmware.elf")
+
+
+def test_a_harness_that_ends_is_reported(nano: Any) -> None:
+    device = nano()
+    device.simavr._process.kill()
+    device.simavr._process.wait()
+    with pytest.raises(UnavailableError, match="simulator ended with code -9"):
+        device.advance(1_000)
 
 
 def test_readings_are_the_mean_of_the_last_millisecond(nano: Any) -> None:
