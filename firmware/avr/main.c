@@ -1,5 +1,6 @@
 /* The fingertip device: joins the core to the board, and sleeps in between. */
 #include <avr/interrupt.h>
+#include <avr/io.h>
 #include <avr/sleep.h>
 #include <avr/wdt.h>
 
@@ -9,13 +10,20 @@
 static struct device device;
 
 #ifdef TEST_HANG
-/* For the tests of the hardware watchdog: a setpoint of this sequence hangs the main loop, the next the interrupts, too. */
+/* For the tests of the hardware watchdog: three setpoint sequences that each break something else. */
 static void hang_if_told(void)
 {
-    if (device.safety.applied_sequence == TEST_HANG + 1)
+    switch (device.safety.applied_sequence) {
+    case TEST_HANG + 2: /* servo frames stop, all else goes on */
+        TIMSK1 &= (uint8_t)~_BV(OCIE1A);
+        break;
+    case TEST_HANG + 1: /* nothing goes on */
         cli();
-    while ((device.safety.applied_sequence & ~1u) == TEST_HANG)
-        ;
+        /* fall through */
+    case TEST_HANG: /* interrupts go on */
+        for (;;)
+            ;
+    }
 }
 #else
 static void hang_if_told(void)

@@ -30,7 +30,7 @@ from hapticnet.runtime.simavr import CYCLES_PER_US, Simavr
 RETRACTED_US = Linkage().retracted_us
 EDGE_ERROR_US = 2.0
 TWO_BYTES_US = 2 * 10 / 0.5  # at 500 kbaud
-HANG = 0xDEAE
+HANG = 0xDEAD
 
 
 def near(width_us: float) -> Any:
@@ -130,7 +130,7 @@ def test_a_silent_host_retracts_all_servos_within_220_ms(nano: Any, phase_us: in
         assert 180_000 < released.end_us - silent_since_us < 220_000
 
 
-@pytest.mark.parametrize("sequence", [HANG, HANG + 1], ids=["main loop hung", "interrupts off, too"])
+@pytest.mark.parametrize("sequence", [HANG, HANG + 1, HANG + 2], ids=["main loop", "all of it", "servo frames"])
 @pytest.mark.parametrize("phase_us", [0, 6_000, 13_000])
 def test_hung_firmware_is_reset_and_retracts_within_150_ms(nano: Any, sequence: int, phase_us: int) -> None:
     device = nano(target="test-firmware", elf="hanging.elf")
