@@ -31,7 +31,7 @@
 #define CLOCK_HZ 16000000u
 #define FIRST_PIN 1 /* PB1 to PB3: D9 to D11 */
 #define SERVOS 3
-#define RX_VECTOR 18 /* USART_RX of the ATmega328P */
+#define VECTORS 26
 #define UCSR0A 0xC0
 #define UBRR0L 0xC4
 #define U2X0 0x02
@@ -55,8 +55,8 @@ struct reply {
     uint64_t cycle;
     uint32_t bytes;
     uint32_t edges;
-    uint32_t resets;             /* since the start, power-on not counted */
-    uint32_t rx_latency_cycles;  /* longest wait of a received byte for its interrupt, since the start */
+    uint32_t resets;         /* since the start, power-on not counted */
+    uint32_t latency_cycles; /* longest that any interrupt was pending, since the start */
 };
 
 struct edge {
@@ -68,8 +68,8 @@ struct edge {
 static avr_t *avr;
 static avr_irq_t *uart_input, *pins[SERVOS], *adc0;
 static void (*mcu_reset)(avr_t *);
-static uint32_t resets, rx_latency_cycles;
-static avr_cycle_count_t rx_pending_since, next_byte_at;
+static uint32_t resets, latency_cycles;
+static avr_cycle_count_t pending_since[VECTORS], next_byte_at;
 static int pty = -1;
 
 static uint8_t from_uart[MOST_BYTES];
@@ -104,19 +104,19 @@ static void on_pin(avr_irq_t *irq, uint32_t value, void *param)
         edges[n_edges++] = (struct edge){avr->cycle, (uint32_t)(uintptr_t)param, value};
 }
 
-static void on_rx_pending(avr_irq_t *irq, uint32_t value, void *param)
+static void on_pending(avr_irq_t *irq, uint32_t value, void *param)
 {
-    (void)irq, (void)param;
+    (void)irq;
     if (value)
-        rx_pending_since = avr->cycle;
+        pending_since[(uintptr_t)param] = avr->cycle;
 }
 
-static void on_rx_running(avr_irq_t *irq, uint32_t value, void *param)
+static void on_running(avr_irq_t *irq, uint32_t value, void *param)
 {
-    (void)irq, (void)param;
-    uint32_t waited = (uint32_t)(avr->cycle - rx_pending_since);
-    if (value && waited > rx_latency_cycles)
-        rx_latency_cycles = waited;
+    (void)irq;
+    uint32_t waited = (uint32_t)(avr->cycle - pending_since[(uintptr_t)param]);
+    if (value && waited > latency_cycles)
+        latency_cycles = waited;
 }
 
 /* A reset makes the pins inputs; simavr does not say so. */
@@ -226,16 +226,20 @@ static void start(const char *path)
         pins[i] = avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('B'), FIRST_PIN + i);
         avr_irq_register_notify(pins[i], on_pin, (void *)(uintptr_t)i);
     }
-    avr_irq_t *rx = avr_get_interrupt_irq(avr, RX_VECTOR);
-    avr_irq_register_notify(rx + AVR_INT_IRQ_PENDING, on_rx_pending, NULL);
-    avr_irq_register_notify(rx + AVR_INT_IRQ_RUNNING, on_rx_running, NULL);
+    for (uintptr_t vector = 1; vector < VECTORS; vector++) {
+        avr_irq_t *irq = avr_get_interrupt_irq(avr, (uint8_t)vector);
+        if (!irq)
+            continue;
+        avr_irq_register_notify(irq + AVR_INT_IRQ_PENDING, on_pending, (void *)vector);
+        avr_irq_register_notify(irq + AVR_INT_IRQ_RUNNING, on_running, (void *)vector);
+    }
     mcu_reset = avr->reset;
     avr->reset = on_reset;
 }
 
 static void answer(void)
 {
-    struct reply reply = {avr->cycle, n_from_uart, n_edges, resets, rx_latency_cycles};
+    struct reply reply = {avr->cycle, n_from_uart, n_edges, resets, latency_cycles};
     fwrite(&reply, sizeof reply, 1, stdout);
     fwrite(from_uart, 1, n_from_uart, stdout);
     fwrite(edges, sizeof edges[0], n_edges, stdout);

@@ -45,15 +45,15 @@ class Step(NamedTuple):
         Servo pulses, oldest first.
     resets
         How often the controller was reset since power-on.
-    rx_latency_cycles
-        The longest that a received byte ever waited for its interrupt [clock cycles].
+    latency_cycles
+        The longest that any interrupt was ever pending [clock cycles].
     """
 
     cycle: int
     sent: bytes
     edges: list[Edge]
     resets: int
-    rx_latency_cycles: int
+    latency_cycles: int
 
 
 class Simavr:
@@ -111,12 +111,12 @@ class Simavr:
         try:
             stdin.write(_REQUEST.pack(duration_us * CYCLES_PER_US, level, len(data)) + data)
             stdin.flush()
-            cycle, n_sent, n_edges, resets, rx_latency_cycles = _REPLY.unpack(stdout.read(_REPLY.size))
+            cycle, n_sent, n_edges, resets, latency_cycles = _REPLY.unpack(stdout.read(_REPLY.size))
             sent = stdout.read(n_sent)
             edges = [Edge(*fields) for fields in _EDGE.iter_unpack(stdout.read(n_edges * _EDGE.size))]
         except (OSError, struct.error) as error:
             raise UnavailableError(f"the simulator ended with code {self._process.wait()}") from error
-        return Step(cycle, sent, edges, resets, rx_latency_cycles)
+        return Step(cycle, sent, edges, resets, latency_cycles)
 
     def close(self) -> None:
         """End the simulation."""

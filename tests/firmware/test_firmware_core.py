@@ -151,8 +151,8 @@ def test_silence_retracts_in_one_frame_and_a_new_setpoint_starts_softly(core: An
     core.send(at(0), LEVEL)
     for ms in range(0, 180, FRAME_MS):
         core.frame(at(ms))
-    assert core.frame(at(191)) == list(LEVEL[1:])
-    assert core.frame(at(192)) == RETRACTED
+    assert core.frame(at(189)) == list(LEVEL[1:])
+    assert core.frame(at(190)) == RETRACTED
     core.send(at(230), LEVEL)
     assert core.frame(at(232)) == [2400 + STEP] * 3
 
