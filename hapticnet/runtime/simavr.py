@@ -14,10 +14,16 @@ from pathlib import Path
 from types import TracebackType
 from typing import Final, NamedTuple, Self
 
-from hapticnet.errors import UnavailableError
+from hapticnet.errors import SettingsError, UnavailableError
 
 CYCLES_PER_US: Final = 16
 """The Nano's clock: 16 MHz."""
+
+LONGEST_STEP_US: Final = 10_000_000
+"""Longest single step [µs]: what the firmware sends meanwhile must fit the harness's buffers."""
+
+MOST_BYTES: Final = 0xFFFF
+"""Most bytes handed over in one step."""
 
 _REQUEST: Final = struct.Struct("<IHH")
 _REPLY: Final = struct.Struct("<QIIII")
@@ -93,17 +99,23 @@ class Simavr:
         Parameters
         ----------
         duration_us
-            How much [µs]; up to one instruction more passes.
+            How much [µs], up to ten seconds; a few clock cycles more may pass.
         millivolts
             Voltage [mV] at the force sensor's pin meanwhile, clamped to the 5 V supply.
         data
-            Bytes for the firmware, up to 65535; they arrive one after the other at the line's speed.
+            Bytes for the firmware, up to `MOST_BYTES`; they arrive one after the other at the line's speed.
 
         Raises
         ------
+        SettingsError
+            When the duration is out of range or there are too many bytes.
         UnavailableError
             When the simulator has ended.
         """
+        if not 0 <= duration_us <= LONGEST_STEP_US:
+            raise SettingsError(f"step is {duration_us} µs; it must be between 0 and {LONGEST_STEP_US}")
+        if len(data) > MOST_BYTES:
+            raise SettingsError(f"{len(data)} bytes for the UART in one step; {MOST_BYTES} at most")
         stdin, stdout = self._process.stdin, self._process.stdout
         assert stdin is not None  # noqa: S101
         assert stdout is not None  # noqa: S101

@@ -24,7 +24,7 @@ from hapticnet.device.messages import (
     decode,
     encode,
 )
-from hapticnet.errors import UnavailableError
+from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.runtime.simavr import CYCLES_PER_US, Simavr
 
 RETRACTED_US = Linkage().retracted_us
@@ -175,6 +175,12 @@ def test_a_pseudo_terminal_carries_the_same_line(make_firmware: Callable[..., Pa
 def test_a_missing_harness_is_refused_with_the_command_that_builds_it(tmp_path: Path) -> None:
     with pytest.raises(UnavailableError, match="make -C firmware sim"):
         Simavr(tmp_path / "harness", tmp_path / "firmware.elf")
+
+
+@pytest.mark.parametrize(("duration_us", "data"), [(-1, b""), (10_000_001, b""), (1_000, bytes(65_536))])
+def test_a_step_too_large_for_the_harness_is_refused(nano: Any, duration_us: int, data: bytes) -> None:
+    with pytest.raises(SettingsError, match=r"between 0 and 10000000|65535 at most"):
+        nano().simavr.advance(duration_us, data=data)
 
 
 def test_a_harness_that_ends_is_reported(nano: Any) -> None:
