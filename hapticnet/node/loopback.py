@@ -41,12 +41,10 @@ class Loopback:
         end_us = self.now_us + duration_us
         while self.now_us < end_us and not self.master.finished:
             if self.now_us >= self._next_tick_us:
-                self.master.tick(self.now_us)
-                self._exchange()
                 self.master.drive(self.now_us)
+                self.master.tick(self.now_us)
                 self._next_tick_us += self.master.period_us
-            else:
-                self._exchange()
+            self._exchange()
             next_us = self._next_tick_us
             for due_us in (self.forward.next_timer_us(), self.feedback.next_timer_us()):
                 if due_us is not None and due_us < next_us:

@@ -114,6 +114,7 @@ class MasterNode:
         self._reading: Reading | None = None
         self._script_start_us: int | None = None
         self._position_m = 0.0
+        self._felt = (0.0, 0.0, 0.0, 0.0)
         self._connections = 0
         self._tracking = RunningError(settings.law)
         self._scene: str | None = None
@@ -135,7 +136,7 @@ class MasterNode:
         self._digest_events(now_us)
 
     def tick(self, now_us: int) -> None:
-        """Send the operator's position. `drive` belongs to the same tick, after the datagrams are on their way."""
+        """Send the operator's position. `drive` comes before it in the same tick, so that nothing delays the answer."""
         self.ticks += 1
         self.session.tick(now_us)
         self._digest_events(now_us)
@@ -143,6 +144,8 @@ class MasterNode:
             sample = self._operator.sample(now_us - self._script_start_us)
             self._position_m = sample.position_m[0]
             self.session.send_position(now_us, self._positions.encode(now_us, sample.position_m))
+        if self.recording is not None:
+            self.recording.add((now_us, self._position_m, *self._felt))
 
     def drive(self, now_us: int) -> None:
         """Bring the device one step nearer to the held force."""
@@ -158,7 +161,7 @@ class MasterNode:
             if self.connected:
                 self._tracking.add((target_n,), (sensed_n,))
         if self.recording is not None:
-            self.recording.add((now_us, self._position_m, held_n, target_n, sensed_n, displacement_m))
+            self._felt = held_n, target_n, sensed_n, displacement_m
 
     def close(self, reason: str, now_us: int) -> None:
         """End the session; `finished` turns true once the slave has answered or the tries are used up."""

@@ -12,8 +12,8 @@ when nothing is lost, whether a FORCE was transmitted, UDP payload bytes of the 
 neither), and surfaces breached so far."""
 
 MASTER_COLUMNS = ("t_us", "position_m", "held_n", "target_n", "sensed_n", "displacement_m")
-"""Per tick: time on the master's clock, position sent, held force, force asked of the device after all limits, force
-its sensor reads, and displacement of its platform."""
+"""Per tick: time stamp of the position on the master's clock, position sent, and what the finger had at that time: held
+force, force asked of the device after all limits, force its sensor reads, and displacement of its platform."""
 
 
 class Recording:

@@ -98,9 +98,10 @@ async def run_master(
         flush()
 
     def tick(now: int) -> None:
-        node.tick(now)
-        flush()
         node.drive(now)
+        # Sampled last and sent at once: then this process sleeps, and the slave can be woken on a warm core.
+        node.tick(now_us())
+        flush()
 
     def flush() -> None:
         for data in node.datagrams_to_send():

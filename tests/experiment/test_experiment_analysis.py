@@ -56,8 +56,9 @@ def test_what_is_felt_lags_by_the_round_trip_and_matches_across_the_wrap(loopbac
         slave, master = link.slave.stations[0].recording.table(), link.master.recording.table()
         assert len(matched(slave, master)[0]) == len(slave["t_us"])
         reports.append(felt_error(WeberLaw(), slave, master))
-    assert reports[0].exceed_jnd_fraction == 0.0
-    assert reports[1].exceed_jnd_fraction > 0.05
+    # Over a perfect channel what is felt is one tick old; the slow one adds forty.
+    assert 0.0 < reports[0].exceed_jnd_fraction < 0.05
+    assert reports[1].exceed_jnd_fraction > 5 * reports[0].exceed_jnd_fraction
     assert reports[1].rmse_n > 2 * reports[0].rmse_n
 
 
