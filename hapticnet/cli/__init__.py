@@ -5,7 +5,7 @@ import sys
 import typer
 
 from hapticnet.cli import channel, demo, encode, master, scene, slave
-from hapticnet.cli.console import complain
+from hapticnet.cli.console import abandon, complain
 from hapticnet.errors import HapticnetError
 
 app = typer.Typer(
@@ -42,8 +42,8 @@ def main() -> None:
         code = 2
     except KeyboardInterrupt:
         code = 130
-    except BrokenPipeError:  # whoever read our output has gone, and so has the reader of Python's complaint about it
-        sys.stderr.close()
+    except BrokenPipeError:  # whoever read our output has gone
+        abandon(sys.stdout)
         code = 1
     except Exception as error:
         if not hasattr(error, "format_message"):  # what the argument parser raises

@@ -2,10 +2,11 @@
 
 import json
 import math
+import os
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TextIO
 
 from hapticnet.errors import FileError
 
@@ -76,6 +77,7 @@ def deliver(report: Mapping[str, Any], *, as_json: bool, file: Path | None) -> N
     except BrokenPipeError:
         raise
     except OSError as error:
+        abandon(sys.stdout)
         raise FileError(f"stdout cannot be written: {error.strerror}") from error
     finally:
         if file is not None:
@@ -128,8 +130,17 @@ def _to_stderr(text: str) -> None:
     try:
         sys.stderr.write(text)
         sys.stderr.flush()
-    except (OSError, ValueError, AttributeError):  # closed at the other end, at ours, or never there
+    except OSError:  # nobody reads it any more
+        abandon(sys.stderr)
+    except (ValueError, AttributeError):  # closed by whoever started us
         pass
+
+
+def abandon(stream: TextIO) -> None:
+    """Let what a stream still holds go nowhere, or Python would fail at exit, when it writes out the rest."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, stream.fileno())
+    os.close(nowhere)
 
 
 def _lines(report: Mapping[str, Any], indent: str = "") -> list[str]:
