@@ -44,6 +44,7 @@ def test_a_signal_ends_either_side_with_its_report(start, slave, number):
     server, address = slave
     master = start("master", "--connect", address, "--json", "--duration", "60", *FAST)
     master.wait_for("connected to")
+    server.wait_for("joined from")  # before its first position a session is not one that was used
     assert master.end(number) == 0
     assert master.report()["end_reason"] == "stopped"
     server.wait_for("left: the master closed: stopped")
@@ -73,9 +74,10 @@ def test_the_master_may_die_and_come_back(start, slave):
     server, address = slave
     first = start("master", "--connect", address, "--duration", "60", "--name", "first", *FAST)
     first.wait_for("connected to")
+    server.wait_for("'first' joined from")
     first.process.kill()
     second = start("master", "--connect", address, "--duration", "60", "--name", "second", *FAST)
-    second.wait_for("connected to")
+    server.wait_for("'second' joined from")
     server.wait_for("'first' left: nothing heard from the master")
     assert second.end() == 0
     assert server.end() == 0
