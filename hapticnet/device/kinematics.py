@@ -14,7 +14,7 @@ from hapticnet.errors import SettingsError
 
 Pulses: TypeAlias = tuple[float, float, float]
 
-ROUNDING: Final = 0.6
+ROUNDING: Final = 0.53
 """Share of a deadband that must be missing before one servo moves by a whole one.
 
 A half would put the mean nearest to its goal, but then noise alone would send the servo forth and back.

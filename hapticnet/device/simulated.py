@@ -1,13 +1,16 @@
-"""A fingertip device without hardware: kinematics, simulated plant and calibration behind the device interface."""
+"""A fingertip device without hardware: a stand-in for its microcontroller drives the simulated plant."""
 
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from hapticnet.device.base import Device, Reading
 from hapticnet.device.calibration import Calibration
+from hapticnet.device.kinematics import Pulses
 from hapticnet.device.parts import Sensor
-from hapticnet.device.plant import Plant, PlantSettings
+from hapticnet.device.plant import NEVER_US, Plant, PlantSettings
+from hapticnet.device.servos import Servos
 
 CALIBRATION_FORCES_N: Final = (0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 14.0, 20.0)
 """Forces [N] at which the simulated sensor is calibrated: its data sheet's range, closer where it bends more."""
@@ -29,6 +32,9 @@ def loading_calibration(sensor: Sensor) -> Calibration:
 class SimulatedDevice(Device):
     """Three simulated servos that press a simulated finger.
 
+    Pulses wait for the next servo frame (multiples of the frame period on the caller's clock), which takes the newest
+    that were handed over before it began; one that begins with the call takes its pulses.
+
     Attributes
     ----------
     plant
@@ -42,10 +48,15 @@ class SimulatedDevice(Device):
         self.description = (
             f"simulated device: three HS-55, finger {settings.finger.stiffness_n_m / 1000.0:g} N/mm at 1 N, FSR 408"
         )
+        self.status = "ready"
         self._linkage = settings.linkage
+        self._frame_us = settings.servo.frame_us
         self._calibration = loading_calibration(settings.sensor)
+        self._known = Servos(settings.linkage, replace(settings.servo, backlash_deg=0.0))
+        self._now_us = NEVER_US
+        self._next_frame_us = NEVER_US
         self._displacement_m = 0.0
-        self._held_us = self._pulses_us = self.plant.latched_us
+        self._held_us = self._pulses_us = self._known.taken_us
 
     @property
     def contact_force_n(self) -> float:
@@ -53,12 +64,41 @@ class SimulatedDevice(Device):
         return self.plant.contact_force_n
 
     def exchange(self, displacement_m: float, now_us: int) -> Reading:
-        """Hand over the newest platform displacement [m] and get the newest reading."""
-        plant = self.plant
-        held_us = plant.latched_us
+        """Hand over the newest platform displacement [m] and get the newest reading.
+
+        A repeated or earlier time advances nothing, and the clock goes on from there.
+        """
+        handed_us = self._pulses_us
+        held_us = self._known.taken_us
         if displacement_m != self._displacement_m or held_us is not self._held_us:
             self._displacement_m = displacement_m
             self._held_us = held_us
             self._pulses_us = self._linkage.pulses_us(displacement_m, held_us)
-        adc = plant.step(self._pulses_us, now_us)
-        return Reading(now_us, adc, self._calibration.force_n(adc))
+        if now_us >= self._next_frame_us:
+            self._cross_frames(handed_us, now_us)
+        else:
+            if now_us < self._now_us:
+                self._next_frame_us = now_us - now_us % self._frame_us + self._frame_us
+            self._advance(now_us)
+        adc = self.plant.read()
+        return Reading(now_us, adc, self._calibration.force_n(adc), self._known.displacement_m)
+
+    def _cross_frames(self, handed_us: Pulses, now_us: int) -> None:
+        frame_us = self._next_frame_us
+        last_frame_us = now_us - now_us % self._frame_us
+        self._advance(frame_us)
+        # Taking the same pulses again at later frames changes nothing, so a long gap is one motion.
+        self._take(self._pulses_us if frame_us == now_us else handed_us)
+        self._advance(now_us)
+        if frame_us < last_frame_us == now_us:
+            self._take(self._pulses_us)
+        self._next_frame_us = last_frame_us + self._frame_us
+
+    def _take(self, pulses_us: Pulses) -> None:
+        self.plant.take(pulses_us)
+        self._known.take(pulses_us)
+
+    def _advance(self, now_us: int) -> None:
+        self.plant.advance(now_us)
+        self._known.move(now_us - self._now_us)
+        self._now_us = now_us

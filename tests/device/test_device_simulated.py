@@ -6,10 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticnet.device.base import Device
-from hapticnet.device.parts import Finger
+from hapticnet.device.parts import Finger, Sensor, Servo
 from hapticnet.device.plant import PlantSettings
 from hapticnet.device.simulated import SimulatedDevice
 
+FRAME_US = Servo().frame_us
+QUIET = PlantSettings(sensor=Sensor(noise_counts=0.0))
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 
 
@@ -21,6 +23,7 @@ def test_is_a_device_that_describes_itself() -> None:
     made = device(PlantSettings(finger=Finger(stiffness_n_m=600.0)))
     assert Device in SimulatedDevice.__mro__
     assert "0.6 N/mm" in made.description
+    assert made.status == "ready"
     assert made.max_force_n == 5.0
     assert 0.015 <= made.travel_m < 0.016
 
@@ -42,6 +45,64 @@ def test_goes_where_it_is_told_within_the_servos_resolution() -> None:
             made.exchange(displacement_m, (500 * number + ms) * 1_000)
         # A quarter of the 8 µs deadband and half of the 5 µs backlash, on a 12 mm arm at 10 µs per degree.
         assert made.plant.displacement_m == pytest.approx(displacement_m, abs=0.012 * math.radians(0.45))
+
+
+def test_setpoints_wait_for_the_next_frame() -> None:
+    made = device()
+    for now_us in range(0, FRAME_US, 1_000):
+        assert made.exchange(0.004, now_us).displacement_m == 0.0
+        assert made.plant.displacement_m == 0.0
+    made.exchange(0.004, FRAME_US)
+    assert made.exchange(0.004, FRAME_US + 1_000).displacement_m > 0.0
+    assert made.plant.displacement_m > 0.0
+
+
+def test_the_newest_setpoint_before_a_frame_wins() -> None:
+    leaps, waits = device(QUIET), device(QUIET)
+    for made, first_m in ((leaps, 0.01), (waits, 0.0)):
+        made.exchange(first_m, 0)
+        made.exchange(0.004, FRAME_US - 1)
+    for now_us in (FRAME_US + 5_000, FRAME_US + 15_000):
+        assert leaps.exchange(0.01, now_us) == waits.exchange(0.01, now_us)
+    assert leaps.plant.displacement_m > 1e-4
+
+
+def test_a_setpoint_handed_over_with_a_frame_is_taken_by_it() -> None:
+    made = device()
+    made.exchange(0.0, 0)
+    made.exchange(0.004, 5 * FRAME_US)
+    assert made.plant.displacement_m == 0.0
+    made.exchange(0.004, 5 * FRAME_US + 1_000)
+    assert made.plant.displacement_m > 0.0
+
+
+def test_a_long_gap_is_driven_by_what_was_handed_over_before_it() -> None:
+    made = device(QUIET)
+    made.exchange(0.004, 0)
+    reading = made.exchange(0.0, 3_000_001)
+    assert reading.force_n > 1.0
+    assert reading.displacement_m == pytest.approx(0.004, abs=0.012 * math.radians(0.2))
+
+
+def test_the_displacement_reported_is_the_true_one_but_for_backlash() -> None:
+    made = device(PlantSettings(servo=Servo(backlash_deg=0.0)))
+    played = device()
+    half_play_m = 0.012 * math.radians(0.25)
+    for ms in range(3_000):
+        displacement_m = 0.003 + 0.002 * math.sin(6.0 * ms / 1_000)
+        assert made.exchange(displacement_m, ms * 1_000).displacement_m == made.plant.displacement_m
+        reading = played.exchange(displacement_m, ms * 1_000)
+        assert abs(reading.displacement_m - played.plant.displacement_m) <= half_play_m
+
+
+def test_repeated_and_backward_times_advance_nothing_and_frames_go_on_from_there() -> None:
+    made = device(QUIET)
+    for ms in range(1_000):
+        settled = made.exchange(0.004, ms * 1_000)
+    for now_us in (999_000, 500_000, 105_000, 105_000):
+        assert made.exchange(0.008, now_us) == settled._replace(t_us=now_us)
+    assert made.exchange(0.008, 120_000) == settled._replace(t_us=120_000)
+    assert made.exchange(0.008, 121_000).displacement_m > settled.displacement_m
 
 
 @given(st.lists(st.tuples(ANY, st.integers(-(10**15), 10**15)), max_size=60))
