@@ -1,0 +1,147 @@
+"""What the servos of a wired device are told, and what they are known to have done.
+
+A setpoint takes effect at the device's next servo frame, up to 20 ms later; its number comes back with the readings.
+"""
+
+from dataclasses import replace
+from typing import Final
+
+from hapticnet.device.kinematics import Linkage, Pulses
+from hapticnet.device.messages import TICKS_PER_US, Flag, Identity, SensorReading, Setpoint
+from hapticnet.device.parts import Servo
+from hapticnet.device.servos import Servos
+
+REPEAT_US: Final = 20_000
+"""Longest time between setpoints [µs], a servo frame; the firmware retracts after 190 ms without one."""
+
+LEAD_US: Final = 1_000
+SLOT_US: Final = 2_500
+"""The firmware decides on a frame this long [µs] before its first pulse, and makes the three pulses one after the other
+at this distance (firmware/avr/clock.c). A servo has its pulse when that ends."""
+
+JITTER_US: Final = 0.5
+"""A pulse may come out this much [µs] wider or narrower (the ELF in simavr: 0.44), so a step must exceed the servo's
+deadband by as much, or it is taken frames later."""
+
+REMEMBERED: Final = 256
+"""Setpoints remembered until the device says that it took them; at most one is sent per millisecond."""
+
+
+class Setpoints:
+    """Makes setpoints from displacements, and estimates from what was taken where the platform stands.
+
+    The decision for a setpoint was up to one period of readings before the first that tells of it: the estimate is
+    half of one late on average.
+
+    Attributes
+    ----------
+    held_us
+        The pulses [µs] of the device's last frame, as far as it has told.
+    """
+
+    def __init__(self, linkage: Linkage, servo: Servo) -> None:
+        self._linkage = replace(linkage, deadband_us=linkage.deadband_us + JITTER_US)
+        self._estimate = Servos(linkage, replace(servo, backlash_deg=0.0))
+        retracted_us = linkage.retracted_us
+        self._retracted_us: Pulses = (retracted_us, retracted_us, retracted_us)
+        self.held_us = self._sent_us = self._planned_us = self._retracted_us
+        self._limits: list[tuple[int, int]] = []  # shortest and longest pulse of each servo [ticks]
+        self._largest_step = 0  # [ticks]
+        self._planned_for: tuple[float, Pulses] | None = None
+        self._sent_at_us: int | None = None
+        self._moved_us = 0
+        self._under_way: list[tuple[int, int, float]] = []  # when its pulse ends, servo, pulse
+        self._sequence: int | None = None
+        self._taken: int | None = None  # sequence of the setpoint taken last
+        self._remembered: list[tuple[int, Pulses] | None] = []
+
+    @property
+    def displacement_m(self) -> float:
+        """Where the platform stands [m above retracted], as of the last reading."""
+        return self._estimate.displacement_m
+
+    def start(self, identity: Identity, now_us: int) -> None:
+        """Note that the device has answered HELLO: it is retracted, and knows no setpoint."""
+        shortest, longest = identity[8:14:2], identity[9:14:2]
+        self._limits = list(zip(shortest, longest, strict=True))
+        self._largest_step = identity.largest_step
+        self.retract(now_us)
+        self._sent_us = self._retracted_us
+        self._planned_for = self._sent_at_us = self._sequence = self._taken = None
+        self._remembered = [None] * REMEMBERED
+
+    def retract(self, now_us: int) -> None:
+        """Note that the device gets no setpoints any more: it retracts by itself, within 220 ms."""
+        self._move(now_us)
+        self._hold(self._retracted_us, now_us)
+
+    def follow(self, reading: SensorReading, now_us: int) -> None:
+        """Let time pass, and the servos take what a reading says their last frame gave them."""
+        self._move(now_us)
+        applied = reading.applied_sequence
+        if self._sequence is None:
+            # What was applied before the HELLO stays in the readings until the next frame; none of ours may be that.
+            self._sequence = applied
+        if reading.flags & Flag.RETRACTED:
+            self._hold(self._retracted_us, now_us)
+            return
+        remembered = self._remembered[applied % REMEMBERED]
+        if remembered is None or remembered[0] != applied:
+            return
+        if not reading.flags & Flag.STEP_LIMITED:
+            self._hold(remembered[1], now_us)
+        elif applied != self._taken:
+            # It crossed with a frame that took another. The next frame makes up the rest.
+            self._hold(self._stepped_us(remembered[1]), now_us)
+        self._taken = applied
+
+    def next(self, displacement_m: float, now_us: int) -> Setpoint | None:
+        """Return the setpoint to be sent now for a displacement [m], or None: the last one will do."""
+        if self._sequence is None:
+            return None
+        if self._planned_for != (displacement_m, self.held_us):
+            self._planned_for = (displacement_m, self.held_us)
+            self._planned_us = self._allowed_us(self._linkage.pulses_us(displacement_m, self.held_us))
+        due = self._sent_at_us is None or not 0 <= now_us - self._sent_at_us < REPEAT_US
+        if not due and self._planned_us == self._sent_us:
+            return None
+        self._sent_us = self._planned_us
+        self._sent_at_us = now_us
+        self._sequence = (self._sequence + 1) & 0xFFFF
+        self._remembered[self._sequence % REMEMBERED] = (self._sequence, self._sent_us)
+        one, two, three = self._sent_us
+        return Setpoint(self._sequence, int(one * TICKS_PER_US), int(two * TICKS_PER_US), int(three * TICKS_PER_US))
+
+    def _move(self, now_us: int) -> None:
+        estimate = self._estimate
+        while self._under_way and self._under_way[0][0] <= now_us:
+            at_us, servo, pulse_us = self._under_way.pop(0)
+            estimate.move(at_us - self._moved_us)
+            estimate.take_one(servo, pulse_us)
+            self._moved_us = max(self._moved_us, at_us)
+        estimate.move(now_us - self._moved_us)
+        self._moved_us = now_us
+
+    def _hold(self, pulses_us: Pulses, now_us: int) -> None:
+        if pulses_us != self.held_us:
+            self.held_us = pulses_us
+            # Of the frame before, all pulses are made by now; were time to leap, they would be late, not lost.
+            for servo, pulse_us in enumerate(pulses_us):
+                self._under_way.append((now_us + LEAD_US + servo * SLOT_US + round(pulse_us), servo, pulse_us))
+
+    def _stepped_us(self, pulses_us: Pulses) -> Pulses:
+        """Return pulses in whole ticks, each no further from the held one than the firmware goes in a frame."""
+        step = self._largest_step
+        stepped = []
+        for pulse_us, held_us in zip(pulses_us, self.held_us, strict=True):
+            held = round(held_us * TICKS_PER_US)
+            stepped.append(min(max(round(pulse_us * TICKS_PER_US), held - step), held + step) / TICKS_PER_US)
+        return (stepped[0], stepped[1], stepped[2])
+
+    def _allowed_us(self, pulses_us: Pulses) -> Pulses:
+        """Return pulses in whole ticks that the firmware neither refuses nor shortens."""
+        one, two, three = (
+            min(max(pulse_us, shortest / TICKS_PER_US), longest / TICKS_PER_US)
+            for pulse_us, (shortest, longest) in zip(self._stepped_us(pulses_us), self._limits, strict=True)
+        )
+        return (one, two, three)

@@ -1,0 +1,318 @@
+"""The host's end of the serial wire to a fingertip device, without the port: bytes in, bytes out, time passed in.
+
+::
+
+    absent ── opened ──► greeting ── identity ──► starting ── reading ──► streaming
+       ▲                    │  ▲                                              │
+       └── closed (any) ──  │  └──────── reset, or silent for 50 ms ──────────┘
+                            └── another protocol ──► refused
+
+In every state but streaming there are no readings, and the device, hearing no setpoints, retracts by itself.
+"""
+
+from enum import Enum
+from typing import Final
+
+from hapticnet.device.base import Device, Reading
+from hapticnet.device.calibration import Calibration
+from hapticnet.device.framing import Deframer, frame
+from hapticnet.device.kinematics import Linkage
+from hapticnet.device.messages import (
+    ADC_FRACTION,
+    LAYOUTS,
+    RESET_CAUSES,
+    Hello,
+    Identity,
+    SensorReading,
+    Stream,
+    StreamAck,
+    check_version,
+    decode,
+    encode,
+)
+from hapticnet.device.parts import Servo
+from hapticnet.device.setpoints import Setpoints
+from hapticnet.errors import PeerError, RefusedError
+
+ASK_AGAIN_US: Final = 100_000
+"""How long [µs] an answer to HELLO or STREAM is waited for before asking again."""
+
+PATIENCE_US: Final = 3_000_000
+"""How long [µs] a device may leave HELLO unanswered. Opening the port resets a Nano, whose bootloader then eats what it
+is sent for one to two seconds, typical."""
+
+SILENCE_US: Final = 50_000
+"""Time without a reading [µs] after which a device that streamed counts as lost."""
+
+LONGEST_STEP_US: Final = 10_000
+"""Most that one step between exchanges counts toward silence [µs]: a host that was stalled heard nothing either."""
+
+STREAM_PERIOD_MS: Final = 1
+
+READY: Final = "ready"
+"""`WiredDevice.status` while it gives readings."""
+
+
+class _State(Enum):
+    ABSENT = "absent"
+    GREETING = "greeting"
+    STARTING = "starting"
+    STREAMING = "streaming"
+    REFUSED = "refused"
+
+
+def reset_cause(identity: Identity) -> str:
+    """Return in words why the device was last reset."""
+    causes = [words for bit, words in RESET_CAUSES.items() if identity.reset_cause & bit]
+    return " and ".join(causes) or "unknown"
+
+
+def firmware_version(identity: Identity) -> str:
+    """Return the version of the device's firmware as it is written."""
+    return f"{identity.firmware_major}.{identity.firmware_minor}.{identity.firmware_patch}"
+
+
+class WiredDevice(Device):
+    """A fingertip device on a serial line.
+
+    Its owner carries bytes: `opened` and `closed` tell of the port, `receive` takes what came, and after each
+    `exchange` and `receive` what `bytes_to_send` gives is written. Nothing that arrives can raise.
+
+    Parameters
+    ----------
+    calibration
+        From the sensor's counts to newton.
+    linkage
+        How servo pulses lift the platform.
+    servo
+        What the servos are, to estimate where they stand.
+    max_force_n
+        Largest force [N] the device may be asked for.
+
+    Attributes
+    ----------
+    identity
+        Who answered HELLO since the port was opened.
+    refusal
+        Why this device is not spoken to, and what helps; it is not tried again until the port is opened anew.
+    wants_reopening
+        Whether the port should be closed and opened again, which resets a Nano: nobody answers.
+    stream_period_ms
+        Period of readings the device granted [ms]; 0 before it did.
+    """
+
+    def __init__(
+        self,
+        calibration: Calibration,
+        *,
+        linkage: Linkage | None = None,
+        servo: Servo | None = None,
+        max_force_n: float = 5.0,
+    ) -> None:
+        self._calibration = calibration
+        linkage = linkage or Linkage()
+        self._setpoints = Setpoints(linkage, servo or Servo())
+        self.travel_m = linkage.travel_m
+        self.max_force_n = max_force_n
+        self.description = "device on a serial line"
+        self.status = "the port is not open"
+        self.identity: Identity | None = None
+        self.refusal: str | None = None
+        self.wants_reopening = False
+        self.stream_period_ms = 0
+        self._state = _State.ABSENT
+        self._deframer = Deframer()
+        self._request = b""  # HELLO or STREAM; the newest wins, as among setpoints
+        self._setpoint = b""
+        self._reading: Reading | None = None
+        self._now_us = 0
+        self._waited_us = 0  # for what the state waits for: a reading, or an answer
+        self._asked_us = 0  # the same clock
+        self._heard_bytes = 0  # while greeting
+        self._unanswered = False
+        self._last: SensorReading | None = None  # of this boot
+        self._boot_id: int | None = None
+        self._bytes = self._sent = self._readings = self._unknown = self._malformed = 0
+        self._lost = self._resets = self._gaps = self._damaged = self._refused = self._overruns = 0
+
+    def opened(self, now_us: int) -> None:
+        """Note that the port was opened, and start from nothing."""
+        self.identity = None
+        self.refusal = None
+        self._boot_id = None
+        self._last = None
+        self._now_us = now_us
+        self._deframer.feed(b"\0")
+        if not self._unanswered:  # else what was found out last time says more
+            self.status = "waiting for an answer to HELLO"
+        self._greet()
+
+    def closed(self, reason: str, now_us: int, *, orderly: bool = False) -> None:
+        """Note that the port is gone, and in a phrase why; `orderly` when its owner had enough."""
+        self._now_us = now_us
+        self._stop(_State.ABSENT, lost=not orderly)
+        if not self.wants_reopening:  # else it was closed only to open it again
+            self._unanswered = False
+            self.status = reason
+        self.wants_reopening = False
+
+    def receive(self, data: bytes, now_us: int) -> None:
+        """Take what came from the line; anything may come."""
+        self._bytes += len(data)
+        self._heard_bytes += len(data)
+        for body in self._deframer.feed(data):
+            try:
+                message = decode(body)
+            except PeerError:
+                if body[0] in LAYOUTS:
+                    self._malformed += 1
+                else:
+                    self._unknown += 1
+                continue
+            if self._state in (_State.ABSENT, _State.REFUSED):
+                continue
+            if isinstance(message, SensorReading):
+                self._take_reading(message, now_us)
+            elif isinstance(message, Identity):
+                self._take_identity(message, now_us)
+            elif isinstance(message, StreamAck):
+                self.stream_period_ms = message.period_ms
+            else:  # what only hosts say
+                self._unknown += 1
+
+    def exchange(self, displacement_m: float, now_us: int) -> Reading | None:
+        """Hand over the newest platform displacement [m] and get the newest reading; None while the device is lost."""
+        self._waited_us += min(max(now_us - self._now_us, 0), LONGEST_STEP_US)
+        self._now_us = now_us
+        if self._state is _State.STREAMING:
+            if self._waited_us < SILENCE_US:
+                setpoint = self._setpoints.next(displacement_m, now_us)
+                if setpoint:
+                    self._setpoint = frame(encode(setpoint))
+                return self._reading
+            self.status = f"lost: silent for {SILENCE_US // 1000} ms"
+            self._greet()
+        elif self._state is _State.GREETING or self._state is _State.STARTING:
+            self._wait()
+        return None
+
+    def bytes_to_send(self) -> bytes:
+        """Return what is to be written to the line now."""
+        data = self._request + self._setpoint
+        if self._setpoint:
+            self._sent += 1
+        self._request = self._setpoint = b""
+        return data
+
+    def report(self) -> dict[str, object]:
+        """Return what happened on the line so far, over all openings of the port."""
+        who = self.identity
+        return {
+            "status": self.status,
+            "firmware": firmware_version(who) if who else None,
+            "reset_cause": reset_cause(who) if who else None,
+            "stream_period_ms": self.stream_period_ms,
+            "bytes_received": self._bytes,
+            "frames_received": self._deframer.received,
+            "frames_damaged": self._deframer.damaged,
+            "messages_unknown": self._unknown,
+            "messages_malformed": self._malformed,
+            "readings": self._readings,
+            "readings_lost": self._gaps,
+            "setpoints_sent": self._sent,
+            "times_lost": self._lost,
+            "resets_seen": self._resets,
+            "device_frames_damaged": self._damaged,
+            "device_messages_refused": self._refused,
+            "device_overruns": self._overruns,
+        }
+
+    def _stop(self, state: _State, *, lost: bool = True) -> None:
+        if self._state is _State.STREAMING:
+            self._lost += lost
+            self._setpoints.retract(self._now_us)
+        self._state = state
+        self._request = self._setpoint = b""
+        self._reading = None
+        self._waited_us = self._asked_us = 0
+
+    def _greet(self) -> None:
+        self._stop(_State.GREETING)
+        self._heard_bytes = 0
+        self.wants_reopening = False
+        self._ask(Hello())
+
+    def _ask(self, message: Hello | Stream) -> None:
+        # The delimiter ahead ends whatever half a frame the device may have heard before.
+        self._request = b"\0" + frame(encode(message))
+        self._asked_us = self._waited_us
+
+    def _wait(self) -> None:
+        if self._waited_us - self._asked_us >= ASK_AGAIN_US:
+            self._ask(Hello() if self._state is _State.GREETING else Stream(STREAM_PERIOD_MS))
+        if self._waited_us >= PATIENCE_US and not self.wants_reopening:
+            self.wants_reopening = True
+            self._unanswered = True
+            self.status = self._complaint()
+
+    def _complaint(self) -> str:
+        seconds = f"{PATIENCE_US // 1_000_000} s"
+        if self._state is _State.STARTING:
+            return f"answers HELLO, but has sent no readings for {seconds}"
+        if self.identity:
+            return f"has not answered HELLO for {seconds}, though it did before"
+        if self._heard_bytes:
+            return (
+                f"no answer to HELLO in {seconds}, only {self._heard_bytes} other bytes: another device or baud rate?"
+            )
+        return f"no answer to HELLO in {seconds}: another device or baud rate, or no firmware?"
+
+    def _take_identity(self, identity: Identity, now_us: int) -> None:
+        """Start the stream: at any HELLO, even one sent long ago, the device stopped it and retracted."""
+        self._stop(_State.STARTING)
+        self._unanswered = False
+        self.wants_reopening = False
+        self.identity = identity
+        self.description = f"device on a serial line, firmware {firmware_version(identity)}"
+        if self._boot_id is not None and identity.boot_id != self._boot_id:
+            self._note_reset()
+        self._boot_id = identity.boot_id
+        try:
+            check_version(identity)
+        except RefusedError as error:
+            self._state = _State.REFUSED
+            self.refusal = self.status = str(error)
+            return
+        self.status = f"starting after reset ({reset_cause(identity)})"
+        self._setpoints.start(identity, now_us)
+        self._ask(Stream(STREAM_PERIOD_MS))
+
+    def _note_reset(self) -> None:
+        self._resets += 1
+        self._boot_id = None
+        self._last = None  # its counters started anew
+
+    def _take_reading(self, new: SensorReading, now_us: int) -> None:
+        if self._state is _State.GREETING:  # of a stream that our HELLO is about to stop
+            return
+        last = self._last
+        if new.boot_id != self._boot_id or (last and (new.uptime_ms - last.uptime_ms) & 0xFFFFFFFF >= 1 << 31):
+            self._note_reset()
+            self.status = "it was reset; greeting it again"
+            self._greet()
+            return
+        self._last = new
+        self._readings += 1
+        self._waited_us = 0
+        if last:
+            gap = (new.sequence - last.sequence - 1) & 0xFFFF
+            self._gaps += gap if gap < 1 << 15 else 0  # a repeated one is no gap
+            self._damaged += (new.damaged - last.damaged) & 0xFF
+            self._refused += (new.refused - last.refused) & 0xFF
+            self._overruns += (new.overruns - last.overruns) & 0xFF
+        if self._state is _State.STARTING:
+            self._state = _State.STREAMING
+            self.status = READY
+        self._setpoints.follow(new, now_us)
+        counts = new.adc / ADC_FRACTION
+        self._reading = Reading(now_us, counts, self._calibration.force_n(counts), self._setpoints.displacement_m)
