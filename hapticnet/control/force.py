@@ -1,112 +1,115 @@
-"""Position-based explicit force control: the platform goes toward the finger until the sensor reads the target.
+"""Position-based explicit force control: the platform goes where the finger, as far as it is known, gives the target.
 
-The loop is a PI controller with setpoint weighting, so that a leap of the target strikes no blow. It is in
-incremental form, so its integral cannot wind up: what was not allowed to be added to the displacement was never
-added. Around it stand the rules that a deaf sensor and a coarse servo ask for.
+The sensed force does not drive the platform, it corrects what is believed of the finger (``finger.py``): where it is
+and how stiff. From that belief follows where the platform must stand for the target. A target that leaps is
+therefore answered by one motion of the right size, whatever the finger, and there is no integral that could
+wind up. Because the belief compares the force with where the platform really stood at that moment, a delay in the
+loop alone cannot make it swing; only a finger more than twice as stiff as believed can.
+
+Around it stand the rules that a deaf sensor and a lost finger ask for.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Final
 
+from hapticnet.control.finger import FingerSettings, LearnedFinger, compressed
 from hapticnet.control.limits import DEVICE_MAX_FORCE_N
+from hapticnet.control.stuck import StuckSensor
 from hapticnet.errors import SettingsError
 from hapticnet.samples import LARGEST_COMPONENT
+
+RESTING_N: Final = 1e-3
+"""A target that changes by less [N] in a control period is at rest: 0.1 N/s."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceControlSettings:
-    """Gains and limits of the force loop.
-
-    The gains were swept on the simulated device, hysteresis, noise, backlash and threshold on. Their ratio is the
-    servo's lag, which it cancels; what remains is an integrator behind some 25 ms of dead time. The integral gain is
-    as high as a 3 N/mm finger and servos of 20 to 40 ms lag allow without a force above 5 N or hunting.
+    """Limits of the force loop, and what is known of the finger.
 
     Attributes
     ----------
-    proportional_m_per_n
-        Displacement [m] per newton of error.
-    integral_m_per_n_s
-        Speed [m/s] per newton of error.
-    target_weight
-        Share of the target in the proportional part (0 to 1). At 1 a step of the target throws a 3 N/mm finger beyond
-        5 N; at 0 a moving target is followed a fifth worse.
-    stiffening_per_n
-        How much [1/N] the gains fall with sensed force above 1 N: by ``1 / (1 + stiffening_per_n · (force − 1 N))``,
-        because a finger stiffens as it is pressed. Two thirds of what the simulated finger does: the whole of it
-        would cost rise time, none would leave a 3 N/mm finger at 3.5 N no room for 10 ms of extra delay.
-    deadband_n
-        Error [N] the integral leaves alone. One step of one HS-55 (8 µs on a 12 mm arm) moves the platform 0.056 mm,
-        0.07 N on a 1 N/mm finger at 2 N: half of that is the finest the loop can set.
-    deadband_fraction
-        The same as a fraction of the target (dimensionless); the larger holds. 2 % is less than half a JND.
+    finger
+        What is known of the finger, and how fast it may change.
     period_us
-        Control period [µs]; readings in between are averaged.
+        Control period [µs]; readings in between are averaged. bench/force_loop.py compares periods.
     travel_m
         How far [m] the platform may go.
     max_force_n
         Largest force [N] the finger may feel.
     headroom_n
         How far [N] below that the loop aims at most, room for its overshoot; 6 % of 5 N, about one JND.
+    lead_s
+        By how much [s] the platform runs ahead of a moving target, to make up for the servos' lag. Half the
+        shortest lag that is typical of the HS-55; more would make a 3 N/mm finger overshoot.
     press_speed_m_s
-        Fastest motion [m/s] toward a touched finger. Lower than the servos' 74 mm/s, so that the displacement asked
-        for does not run ahead of them and a stiff finger is not struck.
-    retract_speed_m_s
-        Fastest motion [m/s] away from it while regulating.
+        Fastest motion [m/s] toward the finger; the servos' own limit is 74 mm/s.
     approach_speed_m_s
-        Fastest motion [m/s] while nothing is touched. The sensor reports a touch some 60 ms late: 0.6 mm, some 2 N
-        on a 3 N/mm finger.
+        Fastest motion [m/s] while the finger is being looked for. The sensor reports a touch some 60 ms late: 0.6 mm,
+        some 2 N on a 3 N/mm finger.
     touch_n
         Smallest force [N] the sensor can tell; 0.2 N of the FSR 400 series, data sheet.
+    release_n
+        Targets [N] below this let the finger go. An assumption: half the JND's floor.
     clearance_m
-        How far [m] before the point of touch the platform waits for a target it cannot sense. An assumption.
-    search_m
-        How far [m] beyond the last point of touch it may look for the finger. An assumption.
+        How far [m] before the finger the platform then waits. An assumption, several times the gears' play.
+    deadband_n, deadband_fraction
+        While the sensed force is as near as this to a resting target, by force [N] or by share of it, the platform
+        rests. Without it the sensor's noise would walk the platform down through the sensor's hysteresis, where the
+        reading does not change. Several times the noise of an averaged reading; less than half a JND.
+    yield_n, yield_fraction
+        When the sensor reads more than the target by this force [N] and by this share of the target, the belief is
+        not waited for: the platform yields from where it stands.
+    search_m, search_n
+        How far [m] beyond the point where it last felt the finger the platform may look for it, or as far as the known
+        finger would take for this force [N], whichever is further.
     reach_m
-        How far [m] it may look for the finger at first. An assumption for a finger 2 mm from the retracted platform:
-        just far enough to feel a 0.3 N/mm finger, and below 5 N on a 3 N/mm one should the sensor be dead.
+        How far [m] it may look for a finger that was never felt. An assumption for a finger 2 mm from the retracted
+        platform: far enough to feel a 0.3 N/mm finger, and below 5 N on a 3 N/mm one should the sensor be dead.
 
     Raises
     ------
     SettingsError
-        When a value is not finite or out of its range.
+        When a value is out of its range.
     """
 
-    proportional_m_per_n: float = 0.4e-3
-    integral_m_per_n_s: float = 14e-3
-    target_weight: float = 0.5
-    stiffening_per_n: float = 0.2
-    deadband_n: float = 0.04
-    deadband_fraction: float = 0.02
+    finger: FingerSettings = field(default_factory=FingerSettings)
     period_us: int = 10_000
     travel_m: float = 0.015
     max_force_n: float = DEVICE_MAX_FORCE_N
     headroom_n: float = 0.3
-    press_speed_m_s: float = 0.015
-    retract_speed_m_s: float = 0.06
+    lead_s: float = 0.01
+    press_speed_m_s: float = 0.06
     approach_speed_m_s: float = 0.01
     touch_n: float = 0.2
-    clearance_m: float = 0.001
+    release_n: float = 0.0125
+    clearance_m: float = 0.0005
+    deadband_n: float = 0.03
+    deadband_fraction: float = 0.02
+    yield_n: float = 0.3
+    yield_fraction: float = 0.15
     search_m: float = 0.0005
+    search_n: float = 1.0
     reach_m: float = 0.0031
 
     def __post_init__(self) -> None:
         for name, value, smallest, largest in (
-            ("proportional gain [m/N]", self.proportional_m_per_n, 0.0, 0.1),
-            ("integral gain [m/(N·s)]", self.integral_m_per_n_s, 0.0, 10.0),
-            ("target weight", self.target_weight, 0.0, 1.0),
-            ("stiffening [1/N]", self.stiffening_per_n, 0.0, 10.0),
-            ("force deadband [N]", self.deadband_n, 0.0, 1.0),
-            ("force deadband fraction", self.deadband_fraction, 0.0, 1.0),
             ("control period [µs]", self.period_us, 1, 1_000_000),
             ("travel [m]", self.travel_m, 1e-4, 0.1),
             ("largest force [N]", self.max_force_n, 0.01, DEVICE_MAX_FORCE_N),
             ("force headroom [N]", self.headroom_n, 0.0, self.max_force_n),
+            ("lead [s]", self.lead_s, 0.0, 0.1),
             ("press speed [m/s]", self.press_speed_m_s, 1e-4, 1.0),
-            ("retract speed [m/s]", self.retract_speed_m_s, 1e-4, 1.0),
             ("approach speed [m/s]", self.approach_speed_m_s, 1e-4, 1.0),
             ("touch force [N]", self.touch_n, 0.0, 1.0),
+            ("release force [N]", self.release_n, 0.0, 1.0),
             ("clearance [m]", self.clearance_m, 0.0, 0.1),
+            ("force deadband [N]", self.deadband_n, 0.0, 1.0),
+            ("force deadband fraction", self.deadband_fraction, 0.0, 1.0),
+            ("yield force [N]", self.yield_n, 0.0, self.max_force_n),
+            ("yield fraction", self.yield_fraction, 0.0, 1.0),
             ("search [m]", self.search_m, 0.0, 0.1),
+            ("search force [N]", self.search_n, 0.0, self.max_force_n),
             ("reach [m]", self.reach_m, 0.0, 0.1),
         ):
             if not smallest <= value <= largest:
@@ -114,126 +117,139 @@ class ForceControlSettings:
 
 
 class ForceController:
-    """PI force control with anti-windup and a deadband, over a sensor that is deaf to light touch.
+    """Force control through a learned finger, over a sensor that is deaf to light touch.
 
-    Where the error is smaller than the deadband the integral rests. A servo's steps can be coarser than that on a
-    stiff finger; each time the error swings from one side to the other and back at the same target the deadband
-    doubles, up to fourfold, until the target changes: the loop comes to rest instead of hunting.
+    A target below what the sensor can tell is set by the belief alone; without a target the platform waits just
+    before the finger. With a target but no touch it goes where the finger was and then looks for it, slowly and not
+    far, so a finger withdrawn is not chased, and a sensor that falls silent while pressing cannot drive the platform
+    into the finger. A sensor stuck at full scale retracts at once, one stuck in between as soon as the platform has
+    moved further than the finger could without answering; it is tried again when the target has been gone.
 
-    A target below `touch_n` cannot be controlled, because the sensor reads nothing there. The platform then goes back
-    to just before the point of touch and stays: the finger feels nothing, and the loop neither winds up nor hunts.
-
-    With a target but no touch the platform looks for the finger, slowly, and no further than `search_m` beyond where
-    it last felt it. So a finger withdrawn is not chased, and a sensor that falls silent while pressing cannot drive
-    the platform into the finger. A sensor stuck at full scale retracts. One stuck in between cannot be told from a
-    soft finger; only the travel bounds it.
+    Attributes
+    ----------
+    finger
+        What has been learned of the finger.
+    displacement_m
+        Where the platform was last sent [m].
+    fault
+        Why the platform is kept retracted, or None.
     """
 
     __slots__ = (
-        "_direction", "_displacement_m", "_furthest_m", "_now_us", "_readings", "_sensed_sum_n", "_settings",
-        "_steady_n", "_swings", "_touching", "_weighted_n",
+        "_before_m", "_now_us", "_readings", "_sensed_sum_n", "_settings", "_stood_sum_m", "_stuck",
+        "_target_n", "_touching", "displacement_m", "fault", "finger",
     )  # fmt: skip
 
     def __init__(self, settings: ForceControlSettings) -> None:
         self._settings = settings
         self._now_us: int | None = None
+        self.finger = LearnedFinger(settings.finger)
         self.reset()
 
     def reset(self) -> None:
         """Retract, and look for the finger anew: after a device was lost, changed or taken off."""
-        self._displacement_m = 0.0
-        self._furthest_m = min(self._settings.reach_m, self._settings.travel_m)
+        self.fault: str | None = None
+        self.finger.forget()
+        self._stuck = StuckSensor()
+        self.displacement_m = 0.0
+        self._before_m = 0.0
+        self._target_n = 0.0
         self._touching = False
-        self._weighted_n = 0.0
-        self._steady_n = 0.0
-        self._direction = 0.0
-        self._swings = 0
         self._sensed_sum_n = 0.0
+        self._stood_sum_m = 0.0
         self._readings = 0
 
-    def update(self, target_n: float, sensed_n: float, now_us: int) -> float:
+    def update(self, target_n: float, sensed_n: float, stood_m: float, now_us: int) -> float:
         """Return the platform displacement [m] toward the finger; changes once a control period.
 
-        A reading that is no number, or absurd, retracts at once and starts anew. A target that is not finite and
-        positive asks for no force.
+        Parameters
+        ----------
+        target_n
+            Force asked for [N]; what is not finite and positive asks for none.
+        sensed_n, stood_m
+            The newest reading [N] and where the platform stood [m] when it was taken. A reading that is no number, or
+            absurd, retracts at once and starts anew.
+        now_us
+            The time [µs].
         """
-        if not -LARGEST_COMPONENT < sensed_n < LARGEST_COMPONENT:
+        if not -LARGEST_COMPONENT < sensed_n < LARGEST_COMPONENT or not -1.0 < stood_m < 1.0:
             self.reset()
             self._now_us = now_us
             return 0.0
         self._sensed_sum_n += sensed_n
+        self._stood_sum_m += stood_m
         self._readings += 1
-        settings = self._settings
         before_us = self._now_us
         if before_us is None or now_us < before_us:
             self._now_us = now_us
-            return self._displacement_m
+            return self.displacement_m
         elapsed_us = now_us - before_us
-        if elapsed_us < settings.period_us:
-            return self._displacement_m
+        if elapsed_us < self._settings.period_us:
+            return self.displacement_m
         self._now_us = now_us
         # A late call must not make up for lost time with a leap.
-        elapsed_s = min(elapsed_us, 2 * settings.period_us) * 1e-6
-        mean_n = self._sensed_sum_n / self._readings
-        self._sensed_sum_n = 0.0
+        elapsed_s = min(elapsed_us, 2 * self._settings.period_us) * 1e-6
+        sensed_n, stood_m = self._sensed_sum_n / self._readings, self._stood_sum_m / self._readings
+        self._sensed_sum_n = self._stood_sum_m = 0.0
         self._readings = 0
         if not 0.0 <= target_n < math.inf:
             target_n = 0.0
-        target_n = min(target_n, settings.max_force_n - settings.headroom_n)
-        self._control(target_n, mean_n, elapsed_s)
-        return self._displacement_m
+        target_n = min(target_n, self._settings.max_force_n - self._settings.headroom_n)
+        self._control(target_n, sensed_n, stood_m, elapsed_s)
+        self._target_n = target_n
+        self._before_m = stood_m
+        return self.displacement_m
 
-    def _control(self, target_n: float, sensed_n: float, elapsed_s: float) -> None:
+    def _control(self, target_n: float, sensed_n: float, stood_m: float, elapsed_s: float) -> None:
         settings = self._settings
-        weighted_n = settings.target_weight * target_n - sensed_n
-        change_n = weighted_n - self._weighted_n
-        self._weighted_n = weighted_n
         # Half the threshold tells a sensor that conducts from one that does not, through its noise.
         touching = sensed_n > 0.5 * settings.touch_n
         if touching and not self._touching:
-            self._furthest_m = self._displacement_m + settings.search_m
+            self.finger.touch(stood_m, sensed_n)
         self._touching = touching
-        if target_n < settings.touch_n:
-            touch_m = self._furthest_m - settings.search_m
-            waiting_m = max(0.0, touch_m - settings.clearance_m)
-            self._displacement_m = min(self._displacement_m, waiting_m)
+        if touching:
+            self.finger.learn(stood_m, sensed_n, (stood_m - self._before_m) / elapsed_s, elapsed_s)
+        if self._stuck.noticed(touching, sensed_n, stood_m, self.finger.compliance_m_n):
+            self.fault = f"the force sensor does not answer the platform's motion: stuck at {sensed_n:.2f} N?"
+        if self.fault is not None:
+            self.displacement_m = 0.0
+            if target_n <= settings.release_n and stood_m <= settings.clearance_m:
+                self.reset()
         elif touching:
-            self._regulate(target_n, sensed_n, change_n, elapsed_s)
-        else:
-            self._approach(target_n - sensed_n, elapsed_s)
+            self._press(target_n, sensed_n, stood_m, elapsed_s)
+        elif self.finger.felt:
+            self._return(target_n, stood_m, elapsed_s)
+        elif target_n >= settings.touch_n:
+            self._go(min(self.displacement_m + settings.approach_speed_m_s * elapsed_s, settings.reach_m), elapsed_s)
 
-    def _regulate(self, target_n: float, sensed_n: float, change_n: float, elapsed_s: float) -> None:
-        settings = self._settings
-        error_n = target_n - sensed_n
-        softening = 1.0 / (1.0 + settings.stiffening_per_n * max(0.0, sensed_n - 1.0))
-        motion_m = softening * settings.proportional_m_per_n * change_n
-        if abs(error_n) > self._deadband_n(target_n, error_n):
-            motion_m += softening * settings.integral_m_per_n_s * error_n * elapsed_s
-        else:
-            # At rest on the finger, so it cannot be further away than this.
-            self._furthest_m = min(self._furthest_m, self._displacement_m + settings.search_m)
-        motion_m = max(-settings.retract_speed_m_s * elapsed_s, min(motion_m, settings.press_speed_m_s * elapsed_s))
-        self._displacement_m = max(0.0, min(self._displacement_m + motion_m, settings.travel_m))
+    def _press(self, target_n: float, sensed_n: float, stood_m: float, elapsed_s: float) -> None:
+        settings, finger = self._settings, self.finger
+        if target_n <= settings.release_n:
+            self._go(finger.contact_m - settings.clearance_m, elapsed_s)
+            return
+        deadband_n = max(settings.deadband_n, settings.deadband_fraction * target_n)
+        if abs(sensed_n - target_n) <= deadband_n and abs(target_n - self._target_n) <= RESTING_N:
+            return
+        from_m = finger.displacement_m(sensed_n)
+        if sensed_n - target_n > max(settings.yield_n, settings.yield_fraction * target_n):
+            from_m = min(from_m, stood_m)
+        wanted, sensed, before = compressed(target_n), compressed(sensed_n), compressed(self._target_n)
+        lead = settings.lead_s / elapsed_s * (wanted - before)
+        self._go(from_m + finger.cautious_m_n * (wanted - sensed + lead), elapsed_s)
 
-    def _deadband_n(self, target_n: float, error_n: float) -> float:
-        """Return the deadband [N], counting how often the error has swung through it at this target."""
-        settings = self._settings
-        base_n = max(settings.deadband_n, settings.deadband_fraction * target_n)
-        if abs(target_n - self._steady_n) > base_n:
-            self._steady_n = target_n
-            self._direction = 0.0
-            self._swings = 0
-        # The first swing is the step response's own overshoot.
-        deadband_n = base_n * (1, 1, 2, 4)[self._swings]
-        if abs(error_n) > deadband_n:
-            direction = math.copysign(1.0, error_n)
-            if direction == -self._direction:
-                self._swings = min(self._swings + 1, 3)
-            self._direction = direction
-        return deadband_n
+    def _return(self, target_n: float, stood_m: float, elapsed_s: float) -> None:
+        settings, finger = self._settings, self.finger
+        if target_n <= settings.release_n:
+            self._go(finger.contact_m - settings.clearance_m, elapsed_s)
+            return
+        goal_m = finger.contact_m + finger.cautious_m_n * compressed(min(target_n, settings.touch_n))
+        if target_n >= settings.touch_n and stood_m > goal_m - settings.clearance_m / 2.0:
+            furthest_m = max(settings.search_m, finger.compliance_m_n * compressed(settings.search_n))
+            further_m = self.displacement_m + settings.approach_speed_m_s * elapsed_s
+            goal_m = min(max(goal_m, further_m), finger.contact_m + furthest_m)
+        self._go(goal_m, elapsed_s)
 
-    def _approach(self, error_n: float, elapsed_s: float) -> None:
+    def _go(self, goal_m: float, elapsed_s: float) -> None:
         settings = self._settings
-        speed_m_s = min(settings.approach_speed_m_s, settings.integral_m_per_n_s * error_n)
-        furthest_m = min(self._furthest_m, settings.travel_m)
-        self._displacement_m = min(self._displacement_m + speed_m_s * elapsed_s, furthest_m)
+        goal_m = min(goal_m, self.displacement_m + settings.press_speed_m_s * elapsed_s)
+        self.displacement_m = max(0.0, min(goal_m, settings.travel_m))

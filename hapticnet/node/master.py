@@ -1,7 +1,7 @@
 """The master: streams the operator's position, holds the last force, and drives the fingertip device with it."""
 
 from collections import deque
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -9,11 +9,12 @@ import numpy as np
 from hapticnet.codec.metrics import RunningError
 from hapticnet.codec.raw import Raw
 from hapticnet.codec.registry import codec_parameters, make_codec
-from hapticnet.control.force import ForceController, ForceControlSettings
+from hapticnet.control.force import ForceControlSettings
 from hapticnet.control.hold import Hold, HoldSettings
-from hapticnet.control.limits import ForceLimiter, LimitSettings
-from hapticnet.device.base import Device, Reading
+from hapticnet.control.limits import LimitSettings
+from hapticnet.device.base import Device
 from hapticnet.errors import PeerError, SettingsError
+from hapticnet.node.fingertip import Fingertip, FingertipEvent
 from hapticnet.node.recording import MASTER_COLUMNS, Recording
 from hapticnet.operator.base import Operator
 from hapticnet.perception import WeberLaw
@@ -33,7 +34,7 @@ from hapticnet.protocol.settings import SessionSettings
 
 FASTEST_HZ: Final = 100_000.0
 
-NodeEvent: TypeAlias = Connected | LinkStale | LinkRecovered | SessionLost | Ended
+NodeEvent: TypeAlias = Connected | LinkStale | LinkRecovered | SessionLost | Ended | FingertipEvent
 """What a master tells the outside; forces and confirmations stay inside."""
 
 
@@ -92,7 +93,6 @@ class MasterNode:
         self.refused = False
         self.recording = Recording(MASTER_COLUMNS) if settings.record else None
         self._operator = operator
-        self._device = device
         self._codec = make_codec(settings.codec, settings.law, settings.parameters)
         request = Hello(
             nonce=0,
@@ -109,9 +109,7 @@ class MasterNode:
         self._positions = Raw().encoder(operator.axes)
         self._decoder = self._codec.decoder(operator.axes)
         self._hold = Hold(settings.hold, axes=operator.axes)
-        self._limiter = ForceLimiter(settings.limits)
-        self._controller = ForceController(_within_reach(settings.control, device))
-        self._reading: Reading | None = None
+        self._fingertip = Fingertip(device, settings.limits, settings.control) if device is not None else None
         self._script_start_us: int | None = None
         self._position_m = 0.0
         self._felt = (0.0, 0.0, 0.0, 0.0)
@@ -150,18 +148,16 @@ class MasterNode:
     def drive(self, now_us: int) -> None:
         """Bring the device one step nearer to the held force."""
         held_n = self._hold.value(now_us)[0]
-        target_n = self._limiter.limit(held_n, now_us)
-        sensed_n = displacement_m = 0.0
-        if self._device is not None:
-            # Before its first reading the device is taken at its word to touch nothing.
-            sensed_n = self._reading.force_n if self._reading else 0.0
-            displacement_m = self._controller.update(target_n, sensed_n, now_us)
-            self._reading = self._device.exchange(displacement_m, now_us)
-            sensed_n = self._reading.force_n
-            if self.connected:
-                self._tracking.add((target_n,), (sensed_n,))
+        fingertip = self._fingertip
+        if fingertip is None:
+            if self.recording is not None:
+                self._felt = held_n, 0.0, 0.0, 0.0
+            return
+        fingertip.press(held_n, now_us)
+        if self.connected and fingertip.reading is not None:
+            self._tracking.add((fingertip.target_n,), (fingertip.sensed_n,))
         if self.recording is not None:
-            self._felt = held_n, target_n, sensed_n, displacement_m
+            self._felt = held_n, fingertip.target_n, fingertip.sensed_n, fingertip.displacement_m
 
     def close(self, reason: str, now_us: int) -> None:
         """End the session; `finished` turns true once the slave has answered or the tries are used up."""
@@ -178,6 +174,8 @@ class MasterNode:
 
     def next_event(self) -> NodeEvent | None:
         """Return what happened next, or None."""
+        if self._fingertip is not None and (event := self._fingertip.next_event()) is not None:
+            return event
         return self._events.popleft() if self._events else None
 
     def report(self) -> dict[str, Any]:
@@ -194,7 +192,7 @@ class MasterNode:
             "rate_hz": 1e6 / self.period_us,
             "ticks": self.ticks,
             "connections": self._connections,
-            "device": self._device.description if self._device else None,
+            "device": self._fingertip.report() if self._fingertip else None,
             "tracking_rmse_n": tracking.rmse_n if tracking else None,
             "tracking_max_n": tracking.max_error_n if tracking else None,
             "round_trip": self.session.round_trip.report(),
@@ -230,14 +228,3 @@ class MasterNode:
         elif isinstance(event, Ended):
             self.end_reason, self.refused = event.reason, event.refused
         self._events.append(event)
-
-
-def _within_reach(settings: ForceControlSettings, device: Device | None) -> ForceControlSettings:
-    """Return the settings with no more travel and force than the device has."""
-    if device is None:
-        return settings
-    return replace(
-        settings,
-        travel_m=min(settings.travel_m, device.travel_m),
-        max_force_n=min(settings.max_force_n, device.max_force_n),
-    )

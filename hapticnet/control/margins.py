@@ -1,0 +1,114 @@
+"""How far the force loop is from swinging: gain and phase margins of its linear model.
+
+Around a target held for a while the loop is linear: the learned finger is a low-pass with gain H, the platform a servo
+with frames and lag P, and a reading the mean A over a control period. With ``rho`` the finger's stiffness over the one
+believed and ``c`` the caution, the platform is sent to ``u = H·(A·P·u − rho·A·P·u) + c·rho·A·P·u``, and so the open
+loop is ``L = rho·(H − c)·A·P / (1 − H·A·P)``. Margins are the textbook ones (Åström and Murray, "Feedback Systems",
+section 10.3), read from L on a grid of frequencies.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapticnet.control.finger import LearnedFinger, compressed
+from hapticnet.control.force import ForceControlSettings
+
+FREQUENCIES: int = 4000
+HELD_S = 2.0
+"""How long [s] a target is held before the loop is looked at."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Actuator:
+    """What lies between the displacement sent and the force read.
+
+    Attributes
+    ----------
+    lag_s
+        Time constant of the servos' lag [s].
+    frame_s
+        Period of the servo frames [s].
+    transport_s
+        All plain delay [s]: setpoint to the device, its pulses, reading back. 5 ms is about what the Nano needs.
+    unseen_s
+        Delay [s] of the reading that the host does not know of, so that force and platform do not belong together.
+    """
+
+    lag_s: float = 0.03
+    frame_s: float = 0.02
+    transport_s: float = 0.005
+    unseen_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Margins:
+    """Margins of the force loop.
+
+    Attributes
+    ----------
+    gain
+        By how much the finger may be stiffer than believed before the loop swings; infinite when it never does.
+    phase_deg
+        Phase [deg] left where the open loop's gain is one.
+    crossover_hz
+        Where that is [Hz].
+    """
+
+    gain: float
+    phase_deg: float
+    crossover_hz: float
+
+
+def loop_margins(settings: ForceControlSettings, actuator: Actuator, *, force_n: float, stiffness: float) -> Margins:
+    """Return the margins while a force [N] is held on a finger `stiffness` times as stiff as believed."""
+    finger = _held(settings, force_n)
+    frequency_hz = np.geomspace(0.01, 0.5e6 / settings.period_us, FREQUENCIES)
+    loop = stiffness * _open_loop(settings, actuator, finger, force_n, 2.0 * np.pi * frequency_hz)
+    gain, phase_deg = np.abs(loop), np.degrees(np.unwrap(np.angle(loop)))
+    falls = np.flatnonzero((phase_deg[:-1] > -180.0) & (phase_deg[1:] <= -180.0))
+    gain_margin = min((float(1.0 / gain[index]) for index in falls), default=float("inf"))
+    crossings = np.flatnonzero((gain[:-1] > 1.0) & (gain[1:] <= 1.0))
+    if not crossings.size:
+        return Margins(gain_margin, float("inf"), float("nan"))
+    worst = min(crossings, key=lambda index: float(phase_deg[index]))
+    return Margins(gain_margin, 180.0 + float(phase_deg[worst]), float(frequency_hz[worst]))
+
+
+def _held(settings: ForceControlSettings, force_n: float) -> LearnedFinger:
+    finger = LearnedFinger(settings.finger)
+    period_s = settings.period_us * 1e-6
+    compliance_m_n = finger.compliance_m_n
+    finger.touch(compliance_m_n * compressed(force_n / 4.0), force_n / 4.0)
+    for step in range(round(HELD_S / period_s)):
+        at_n = force_n * min(1.0, 0.25 + 0.05 * step)
+        finger.learn(compliance_m_n * compressed(at_n), at_n, 0.0, period_s)
+    return finger
+
+
+def _open_loop(
+    settings: ForceControlSettings,
+    actuator: Actuator,
+    finger: LearnedFinger,
+    force_n: float,
+    radians_s: NDArray[np.float64],
+) -> NDArray[np.complex128]:
+    period_s = settings.period_us * 1e-6
+    laplace = 1j * radians_s
+    delayed = np.exp(-laplace * period_s)
+    share = finger.gain_at(force_n)
+    learned = share / (1.0 - (1.0 - share) * delayed)
+    caution = 1.0 - finger.cautious_m_n / finger.compliance_m_n
+    # A frame takes a setpoint that is half a control period old on average, and holds it.
+    waited = np.exp(-laplace * (0.5 * period_s + actuator.transport_s)) * _mean_over(actuator.frame_s, radians_s)
+    platform = waited / (1.0 + laplace * actuator.lag_s) * _mean_over(period_s, radians_s)
+    unseen = np.exp(-laplace * actuator.unseen_s)
+    loop: NDArray[np.complex128] = (learned - caution) * platform * unseen / (1.0 - learned * platform)
+    return loop
+
+
+def _mean_over(span_s: float, radians_s: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """Return the frequency response of a mean over, or a hold for, a span of time [s]."""
+    mean: NDArray[np.complex128] = np.sinc(radians_s * span_s / (2.0 * np.pi)) * np.exp(-0.5j * radians_s * span_s)
+    return mean

@@ -1,0 +1,123 @@
+"""The fingertip: what a person is to feel, made felt. Limits, force loop and device, as a force takes them."""
+
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
+
+from hapticnet.control.force import ForceController, ForceControlSettings
+from hapticnet.control.limits import ForceLimiter, LimitSettings
+from hapticnet.device.base import Device, Reading
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceLost:
+    """The device gives no readings any more; `reason` says what is known of why."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceFound:
+    """The device gives readings, for the first time or again; it starts retracted."""
+
+    description: str
+
+
+@dataclass(frozen=True, slots=True)
+class ForceFault:
+    """The force loop keeps the platform retracted; `reason` says why."""
+
+    reason: str
+
+
+FingertipEvent: TypeAlias = DeviceLost | DeviceFound | ForceFault
+
+
+class Fingertip:
+    """A device and the force loop that drives it.
+
+    A device that is lost and comes back is met like a stranger: retracted, and looking for the finger slowly.
+
+    Attributes
+    ----------
+    device
+        What is driven.
+    controller
+        The force loop.
+    target_n
+        The force [N] being asked of the device, after the limits.
+    displacement_m
+        Where the platform was last sent [m].
+    reading
+        The newest reading; None while the device is lost.
+    """
+
+    __slots__ = ("_events", "_fault", "_found", "_limiter", "_times_lost", "controller", "device", "displacement_m",
+                 "reading", "target_n")  # fmt: skip
+
+    def __init__(self, device: Device, limits: LimitSettings, control: ForceControlSettings) -> None:
+        self.device = device
+        self.controller = ForceController(
+            replace(
+                control,
+                travel_m=min(control.travel_m, device.travel_m),
+                max_force_n=min(control.max_force_n, device.max_force_n),
+            )
+        )
+        self.target_n = 0.0
+        self.displacement_m = 0.0
+        self.reading: Reading | None = None
+        self._limiter = ForceLimiter(limits)
+        self._found = False
+        self._times_lost = 0
+        self._fault: str | None = None
+        self._events: list[FingertipEvent] = []
+
+    @property
+    def sensed_n(self) -> float:
+        """The newest sensed force [N]; 0 while the device is lost."""
+        return self.reading.force_n if self.reading is not None else 0.0
+
+    def press(self, force_n: float, now_us: int) -> None:
+        """Bring the device one step nearer to a force [N]; called every tick."""
+        reading = self.reading
+        if reading is None:
+            # Nobody is there to feel it. When somebody is again, the force rises from nothing.
+            self.target_n = self._limiter.limit(0.0, now_us)
+            self.displacement_m = 0.0
+        else:
+            self.target_n = self._limiter.limit(force_n, now_us)
+            self.displacement_m = self.controller.update(self.target_n, reading.force_n, reading.displacement_m, now_us)
+        self.reading = self.device.exchange(self.displacement_m, now_us)
+        if (self.reading is not None) != self._found or self.controller.fault != self._fault:
+            self._note_changes()
+
+    def report(self) -> dict[str, Any]:
+        """Return the account of this fingertip for JSON."""
+        finger = self.controller.finger
+        return {
+            "description": self.device.description,
+            "status": self.controller.fault or self.device.status,
+            "times_lost": self._times_lost,
+            "finger_stiffness_n_m": 1.0 / finger.compliance_m_n if finger.felt else None,
+            "finger_contact_m": finger.contact_m if finger.felt else None,
+            "line": self.device.report(),
+        }
+
+    def next_event(self) -> FingertipEvent | None:
+        """Return what happened next, or None."""
+        return self._events.pop(0) if self._events else None
+
+    def _note_changes(self) -> None:
+        found = self.reading is not None
+        if found != self._found:
+            self._found = found
+            if found:
+                self._events.append(DeviceFound(self.device.description))
+            else:
+                self._times_lost += 1
+                self.controller.reset()
+                self._events.append(DeviceLost(self.device.status))
+        if self.controller.fault != self._fault:
+            self._fault = self.controller.fault
+            if self._fault is not None:
+                self._events.append(ForceFault(self._fault))

@@ -1,0 +1,222 @@
+"""What a person asks of a fingertip by itself, without a slave: a step of the target, and getting to know the finger.
+
+A procedure is ticked like a node and says when it is done; whether time is virtual or real is not its business.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from hapticnet.control.finger import FingerSettings, compressed
+from hapticnet.control.force import ForceControlSettings
+from hapticnet.errors import SettingsError, UnavailableError
+from hapticnet.node.fingertip import Fingertip
+from hapticnet.node.recording import Recording
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+STEP_COLUMNS: Final = ("t_us", "target_n", "sensed_n", "true_n", "stood_m", "sent_m")
+
+LONGEST_ABSENCE_US: Final = 5_000_000
+"""How long [µs] a procedure waits for a device that gives no readings: a Nano's bootloader takes one to two seconds."""
+
+TUNING_FORCES_N: Final = (0.5, 0.8, 1.2, 1.6, 2.0)
+"""Forces [N] at which a finger is got to know: rising only, so that neither the gears' play nor the sensor's hysteresis
+comes in between, and no more than the paper's step."""
+
+REST_US: Final = 1_200_000
+"""How long [µs] each is held; the mean of the last half counts."""
+
+
+class _Procedure:
+    """Waits for the device, then counts time from its first reading."""
+
+    def __init__(self, fingertip: Fingertip) -> None:
+        self.fingertip = fingertip
+        self._absent_since_us: int | None = None
+        self._start_us: int | None = None
+
+    def _elapsed_us(self, now_us: int) -> int | None:
+        """Return the time since the first reading; None before it.
+
+        Raises
+        ------
+        UnavailableError
+            When the device gives no readings for too long, or the force loop has given up.
+        """
+        fingertip = self.fingertip
+        if fingertip.controller.fault is not None:
+            raise UnavailableError(fingertip.controller.fault)
+        if fingertip.reading is not None:
+            self._absent_since_us = None
+            if self._start_us is None:
+                self._start_us = now_us
+        elif self._absent_since_us is None:
+            self._absent_since_us = now_us
+        elif now_us - self._absent_since_us > LONGEST_ABSENCE_US:
+            raise UnavailableError(f"no readings from the device: {fingertip.device.status}")
+        return None if self._start_us is None else now_us - self._start_us
+
+
+class StepTest(_Procedure):
+    """A step of the target, recorded tick by tick.
+
+    Parameters
+    ----------
+    from_n, to_n
+        Target [N] before and after.
+    before_us, after_us
+        How long [µs] each is held; the finger has to be found in the first.
+
+    Attributes
+    ----------
+    step_us
+        When the target stepped, on the clock of the recording; None before it did.
+    recording
+        Time, target, sensed force, true force (NaN where nobody knows it), where the platform stood, and where it was
+        sent.
+    """
+
+    def __init__(
+        self, fingertip: Fingertip, *, from_n: float, to_n: float, before_us: int = 2_500_000, after_us: int = 2_000_000
+    ) -> None:
+        super().__init__(fingertip)
+        largest_n = fingertip.device.max_force_n
+        for name, force_n in (("from", from_n), ("to", to_n)):
+            if not 0.0 <= force_n <= largest_n:
+                raise SettingsError(f"the step goes {name} {force_n} N; it must be between 0 and {largest_n:g}")
+        if from_n == to_n:
+            raise SettingsError(f"the step goes from {from_n} N to the same; there is nothing to see")
+        self.recording = Recording(STEP_COLUMNS)
+        self.step_us: int | None = None
+        self._from_n = from_n
+        self._to_n = to_n
+        self._before_us = before_us
+        self._after_us = after_us
+
+    def tick(self, now_us: int) -> bool:
+        """Do the next step of the procedure; tell whether it is done."""
+        elapsed_us = self._elapsed_us(now_us)
+        if elapsed_us is not None and elapsed_us >= self._before_us and self.step_us is None:
+            self.step_us = now_us
+        target_n = self._from_n if self.step_us is None else self._to_n
+        fingertip = self.fingertip
+        fingertip.press(target_n, now_us)
+        if elapsed_us is not None and (reading := fingertip.reading) is not None:
+            true_n = fingertip.device.contact_force_n
+            self.recording.add(
+                (
+                    now_us,
+                    target_n,
+                    reading.force_n,
+                    math.nan if true_n is None else true_n,
+                    reading.displacement_m,
+                    fingertip.displacement_m,
+                )
+            )
+        return self.step_us is not None and now_us >= self.step_us + self._after_us
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tuned:
+    """What was found out of a finger.
+
+    Attributes
+    ----------
+    stiffness_n_m
+        Tangent stiffness at 1 N [N/m].
+    contact_m
+        Platform displacement at which it is touched [m].
+    residual_m
+        Root mean square distance [m] of the points from the fingertip law through them.
+    forces_n, displacements_m
+        The points: sensed force [N] and where the platform stood [m].
+    """
+
+    stiffness_n_m: float
+    contact_m: float
+    residual_m: float
+    forces_n: tuple[float, ...]
+    displacements_m: tuple[float, ...]
+
+
+class Tuning(_Procedure):
+    """Looks for the finger over the whole travel, presses it with a few rising forces, and lets go.
+
+    Make its fingertip with `tuning_settings`.
+    """
+
+    def __init__(self, fingertip: Fingertip, *, max_force_n: float = TUNING_FORCES_N[-1]) -> None:
+        super().__init__(fingertip)
+        self._forces_n = [force_n for force_n in TUNING_FORCES_N if force_n <= max_force_n]
+        if len(self._forces_n) < 3:
+            raise SettingsError(
+                f"tuning with {max_force_n} N at most leaves too few points; allow {TUNING_FORCES_N[2]:g} N at least"
+            )
+        self._touched_us: int | None = None
+        self._sums: NDArray[np.float64] = np.zeros((len(self._forces_n), 3))
+
+    def tick(self, now_us: int) -> bool:
+        """Do the next step of the procedure; tell whether it is done."""
+        fingertip = self.fingertip
+        elapsed_us = self._elapsed_us(now_us)
+        if self._touched_us is None:
+            if fingertip.controller.finger.felt:
+                self._touched_us = now_us
+            elif elapsed_us is not None and fingertip.displacement_m >= fingertip.device.travel_m:
+                raise UnavailableError("no finger felt on the whole way of the platform: is one in the device?")
+            fingertip.press(self._forces_n[0], now_us)
+            return False
+        since_us = now_us - self._touched_us
+        index = since_us // REST_US
+        if index >= len(self._forces_n):
+            fingertip.press(0.0, now_us)
+            return since_us >= len(self._forces_n) * REST_US + REST_US // 4
+        fingertip.press(self._forces_n[index], now_us)
+        if since_us % REST_US >= REST_US // 2 and (reading := fingertip.reading) is not None:
+            self._sums[index] += (1.0, reading.force_n, reading.displacement_m)
+        return False
+
+    def result(self) -> Tuned:
+        """Return what was found out; raises an UnavailableError when it is no finger."""
+        if not self._sums[:, 0].all():
+            raise UnavailableError("the device was lost while the finger was being pressed; try again")
+        forces_n, displacements_m = (self._sums[:, 1:] / self._sums[:, :1]).T
+        compressions = np.array([compressed(float(force_n)) for force_n in forces_n])
+        compliance_m_n, contact_m = (float(value) for value in np.polyfit(compressions, displacements_m, 1))
+        if not compliance_m_n > 0.0:
+            raise UnavailableError("the force does not rise while the platform advances: is a finger in the device?")
+        residuals_m = displacements_m - contact_m - compliance_m_n * compressions
+        return Tuned(
+            stiffness_n_m=1.0 / compliance_m_n,
+            contact_m=contact_m,
+            residual_m=float(np.sqrt(np.mean(residuals_m**2))),
+            forces_n=tuple(forces_n.tolist()),
+            displacements_m=tuple(displacements_m.tolist()),
+        )
+
+
+def tuning_settings(travel_m: float) -> ForceControlSettings:
+    """Return the settings for a finger that may be anywhere on the platform's way [m]."""
+    return ForceControlSettings(reach_m=travel_m)
+
+
+def known_finger(settings: ForceControlSettings, *, stiffness_n_m: float, contact_m: float) -> ForceControlSettings:
+    """Return the settings for a finger that was tuned: its stiffness, and where to look for it.
+
+    It is looked for as far beyond where it was as a 0.3 N/mm finger needs to be felt (1.1 mm), seated anew.
+    """
+    beyond_m = ForceControlSettings().reach_m - ASSUMED_CONTACT_M
+    finger = replace(
+        settings.finger,
+        stiffness_n_m=stiffness_n_m,
+        uncertainty=min(settings.finger.uncertainty, FingerSettings().largest_uncertainty),
+    )
+    return replace(settings, finger=finger, reach_m=max(0.0, contact_m) + beyond_m)
+
+
+ASSUMED_CONTACT_M: Final = 0.002
+"""Where [m] a finger is assumed that was never tuned, as in the simulated device."""

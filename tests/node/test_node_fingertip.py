@@ -1,0 +1,279 @@
+"""Limits, force loop and simulated device in virtual time: what the finger feels."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from hapticnet.control.force import ForceControlSettings
+from hapticnet.control.limits import LimitSettings
+from hapticnet.device.base import Reading
+from hapticnet.device.parts import Finger, Servo
+from hapticnet.device.plant import PlantSettings
+from hapticnet.device.simulated import SimulatedDevice
+from hapticnet.experiment.step_response import step_figures
+from hapticnet.node.fingertip import DeviceFound, DeviceLost, Fingertip, ForceFault
+from hapticnet.node.procedures import StepTest, Tuning, known_finger, tuning_settings
+
+FINGERS_N_M = (300.0, 600.0, 1000.0, 2000.0, 3000.0)
+
+
+class Meddled(SimulatedDevice):
+    """A device whose reading is spoiled, whose finger changes, or whose platform is told late, by a hook."""
+
+    def __init__(self, settings: PlantSettings, seed: int, delay_ms: int = 0) -> None:
+        super().__init__(settings, np.random.default_rng(seed))
+        self.spoil: Callable[[int, float], float | None] = lambda _ms, force_n: force_n
+        self._late = [0.0] * delay_ms
+
+    def exchange(self, displacement_m: float, now_us: int) -> Reading | None:
+        self._late.append(displacement_m)
+        reading = super().exchange(self._late.pop(0), now_us)
+        force_n = self.spoil(now_us // 1_000, reading.force_n)
+        return None if force_n is None else replace_force(reading, force_n)
+
+
+def replace_force(reading: Reading, force_n: float) -> Reading:
+    return reading._replace(force_n=force_n)
+
+
+@dataclass
+class Trace:
+    """What one run gave, tick by tick."""
+
+    contact_n: np.ndarray
+    sensed_n: np.ndarray
+    displacement_m: np.ndarray
+    fingertip: Fingertip
+
+
+def play(
+    target_n: Callable[[int], float],
+    milliseconds: int,
+    *,
+    settings: PlantSettings | None = None,
+    seed: int = 0,
+    delay_ms: int = 0,
+    spoil: Callable[[int, float], float | None] | None = None,
+    meddle: Callable[[int, Meddled], None] = lambda _ms, _device: None,
+) -> Trace:
+    device = Meddled(settings or PlantSettings(), seed, delay_ms)
+    if spoil:
+        device.spoil = spoil
+    fingertip = Fingertip(device, LimitSettings(), ForceControlSettings())
+    rows = []
+    for ms in range(milliseconds):
+        meddle(ms, device)
+        fingertip.press(target_n(ms), ms * 1_000)
+        rows.append((device.contact_force_n, fingertip.sensed_n, fingertip.displacement_m))
+    contact_n, sensed, displacement = np.array(rows).T
+    return Trace(contact_n, sensed, displacement, fingertip)
+
+
+def at_rest(trace: np.ndarray, *, seconds: int) -> bool:
+    """Tell whether the force hardly moved in the last seconds; a servo may take a step now and then."""
+    moved = np.ptp(trace[-seconds * 1_000 :].reshape(seconds, 1_000), axis=1) > 0.02
+    return bool(moved.sum() <= seconds // 3)
+
+
+def stiffness(n_per_m: float, **servo: float) -> PlantSettings:
+    return PlantSettings(finger=Finger(stiffness_n_m=n_per_m), servo=Servo(**servo))
+
+
+def step(stiffness_n_m: float, seed: int, **servo: float) -> tuple[StepTest, SimulatedDevice, list[float]]:
+    """0.4 to 2 N, at a moment that lies elsewhere in the servo frame for each seed."""
+    device = SimulatedDevice(stiffness(stiffness_n_m, **servo), np.random.default_rng(seed))
+    test = StepTest(
+        Fingertip(device, LimitSettings(), ForceControlSettings()),
+        from_n=0.4,
+        to_n=2.0,
+        before_us=2_500_000 + 3_000 * seed,
+    )
+    contact_n = []
+    now_us = 0
+    while not test.tick(now_us):
+        now_us += 1_000
+        contact_n.append(device.contact_force_n)
+    return test, device, contact_n
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("stiffness_n_m", FINGERS_N_M)
+def test_a_step_is_answered_fast_and_without_a_blow_on_any_finger(stiffness_n_m: float, seed: int) -> None:
+    test, _, contact_n = step(stiffness_n_m, seed)
+    assert test.step_us is not None
+    t_s = np.arange(len(contact_n)) * 1e-3
+    figures = step_figures(t_s, contact_n, at_s=test.step_us * 1e-6, from_n=contact_n[test.step_us // 1000], to_n=2.0)
+    assert figures.rise_s is not None
+    assert 0.03 < figures.rise_s <= 0.2
+    assert figures.overshoot <= 0.05
+    # One servo's deadband moves the mean of three by 0.056 mm: on a stiff finger more than 5 % of this step.
+    coarseness_n = 0.53 * 0.056e-3 * 1.3 * stiffness_n_m
+    assert abs(figures.steady_error_n) <= max(0.05, coarseness_n)
+    assert figures.ripple_peak_to_peak_n <= 0.05
+    if stiffness_n_m <= 1000.0:
+        assert figures.settling_s is not None
+        assert figures.settling_s <= 0.35
+
+
+@pytest.mark.parametrize("stiffness_n_m", FINGERS_N_M)
+@pytest.mark.parametrize("lag_s", [0.02, 0.04])
+def test_servos_faster_or_slower_than_believed_do_little_harm(stiffness_n_m: float, lag_s: float) -> None:
+    _, _, contact_n = step(stiffness_n_m, 1, lag_s=lag_s)
+    assert max(contact_n) <= 2.0 + 0.15 * 1.6
+    assert at_rest(np.array(contact_n), seconds=1)
+
+
+@pytest.mark.parametrize("stiffness_n_m", FINGERS_N_M)
+def test_at_constant_target_the_loop_comes_to_rest(stiffness_n_m: float) -> None:
+    for seed, target_n in enumerate((0.3, 1.0, 2.0, 3.5)):
+        trace = play(lambda _, n=target_n: n, 20_000, settings=stiffness(stiffness_n_m), seed=seed)
+        assert at_rest(trace.contact_n, seconds=12), target_n
+
+
+@pytest.mark.parametrize("stiffness_n_m", FINGERS_N_M)
+@pytest.mark.parametrize("delay_ms", [0, 10, 20, 40])
+def test_no_target_and_no_delay_bring_more_than_the_device_limit_or_a_limit_cycle(
+    stiffness_n_m: float, delay_ms: int
+) -> None:
+    targets = (5.0, 0.0, 5.0, 2.0, 50.0, 0.3, 5.0, 5.0)
+    trace = play(
+        lambda ms: targets[ms // 1_500], 1_500 * len(targets), settings=stiffness(stiffness_n_m), delay_ms=delay_ms
+    )
+    assert 4.0 < trace.contact_n.max() <= 5.0
+    assert at_rest(trace.contact_n, seconds=2)
+
+
+@pytest.mark.parametrize("stiffness_n_m", FINGERS_N_M)
+@pytest.mark.parametrize("hertz", [0.5, 1.0, 3.0])
+@pytest.mark.parametrize("delay_ms", [0, 40])
+def test_a_sine_target_stays_within_the_limit(stiffness_n_m: float, hertz: float, delay_ms: int) -> None:
+    trace = play(
+        lambda ms: 2.5 + 2.5 * math.sin(2e-3 * math.pi * hertz * ms),
+        6_000,
+        settings=stiffness(stiffness_n_m),
+        delay_ms=delay_ms,
+    )
+    assert trace.contact_n.max() <= 5.0
+
+
+@pytest.mark.parametrize("stiffness_n_m", [300.0, 1000.0, 3000.0])
+def test_a_ramp_is_followed(stiffness_n_m: float) -> None:
+    trace = play(lambda ms: min(4.5, ms / 1_000), 6_000, settings=stiffness(stiffness_n_m))
+    target_n = np.minimum(4.5, np.arange(6_000) / 1_000)
+    assert np.abs(trace.contact_n - target_n)[1_500:].max() < 0.35
+    assert trace.contact_n.max() <= 5.0
+
+
+@pytest.mark.parametrize("stiffness_n_m", FINGERS_N_M)
+def test_below_the_threshold_the_finger_is_touched_lightly_and_pressed_again(stiffness_n_m: float) -> None:
+    trace = play(lambda ms: 0.1 if 2_500 <= ms < 5_000 else 2.0, 7_000, settings=stiffness(stiffness_n_m))
+    assert trace.contact_n[2_900:5_000].max() < 0.35
+    assert trace.contact_n[-1] == pytest.approx(2.0, abs=0.25)
+
+
+@pytest.mark.parametrize("stiffness_n_m", FINGERS_N_M)
+@pytest.mark.parametrize("stuck_n", [0.0, 20.0, math.nan])
+@pytest.mark.parametrize("from_ms", [0, 3_000])
+def test_a_dead_or_saturated_sensor_never_brings_more_than_the_device_limit(
+    stiffness_n_m: float, stuck_n: float, from_ms: int
+) -> None:
+    trace = play(
+        lambda _: 5.0,
+        8_000,
+        settings=stiffness(stiffness_n_m),
+        spoil=lambda ms, sensed_n: sensed_n if ms < from_ms else stuck_n,
+    )
+    assert trace.contact_n.max() <= 5.0
+    if stuck_n != 0.0:
+        assert trace.contact_n[from_ms + 400 :].max() == 0.0
+
+
+@pytest.mark.parametrize("stiffness_n_m", [300.0, 600.0, 1000.0])
+def test_a_sensor_that_freezes_is_noticed_and_the_platform_retracts(stiffness_n_m: float) -> None:
+    frozen = {}
+
+    def freeze(ms: int, sensed_n: float) -> float:
+        return sensed_n if ms < 3_000 else frozen.setdefault("n", sensed_n)
+
+    trace = play(lambda ms: 1.0 if ms < 3_500 else 3.0, 8_000, settings=stiffness(stiffness_n_m), spoil=freeze)
+    assert trace.contact_n.max() <= 5.0
+    assert trace.contact_n[-1] == 0.0
+    events = [trace.fingertip.next_event() for _ in range(2)]
+    assert isinstance(events[0], DeviceFound)
+    assert isinstance(events[1], ForceFault)
+
+
+@pytest.mark.parametrize("stiffness_n_m", [300.0, 1000.0, 3000.0])
+def test_a_withdrawn_finger_is_not_chased_and_its_return_is_no_blow(stiffness_n_m: float) -> None:
+    finger = Finger(stiffness_n_m=stiffness_n_m)
+
+    def withdraw(ms: int, device: Meddled) -> None:
+        if ms == 3_000:
+            device.plant.exchange_finger(replace(finger, contact_m=0.02))
+        if ms == 5_000:
+            device.plant.exchange_finger(finger)
+
+    trace = play(lambda _: 2.0, 9_000, settings=PlantSettings(finger=finger), meddle=withdraw)
+    pressed_m = trace.displacement_m[2_900]
+    assert trace.displacement_m[3_500:5_000].max() <= pressed_m + ForceControlSettings().search_m
+    assert trace.contact_n[5_000:].max() < 5.0
+    assert trace.contact_n[-1] == pytest.approx(2.0, abs=0.3)
+
+
+@pytest.mark.parametrize("stiffness_n_m", [300.0, 600.0, 1000.0, 1500.0])
+@pytest.mark.parametrize("delay_ms", [0, 40])
+def test_a_finger_that_turns_twice_as_stiff_is_let_go_of_within_servo_frames(
+    stiffness_n_m: float, delay_ms: int
+) -> None:
+    def stiffen(ms: int, device: Meddled) -> None:
+        if ms == 4_000:
+            device.plant.exchange_finger(Finger(stiffness_n_m=2.0 * stiffness_n_m))
+
+    trace = play(lambda _: 1.5, 9_000, settings=stiffness(stiffness_n_m), meddle=stiffen, delay_ms=delay_ms)
+    struck_n = trace.contact_n[4_000]
+    assert trace.contact_n.max() <= min(5.0, struck_n + 1e-9)
+    assert (trace.contact_n[4_250 + delay_ms :]).max() < 2.3
+    assert trace.contact_n[-1] == pytest.approx(1.5, abs=0.25)
+    assert at_rest(trace.contact_n, seconds=2)
+
+
+def test_a_lost_device_is_told_and_met_like_a_stranger_when_it_is_back() -> None:
+    trace = play(lambda _: 2.0, 8_000, spoil=lambda ms, sensed_n: None if 3_000 <= ms < 4_000 else sensed_n)
+    events = [trace.fingertip.next_event() for _ in range(4)]
+    assert [type(event) for event in events] == [DeviceFound, DeviceLost, DeviceFound, type(None)]
+    assert trace.displacement_m[3_050:4_000].max() == 0.0
+    speeds = np.diff(trace.displacement_m[4_000:4_150:10])
+    assert speeds.max() <= ForceControlSettings().approach_speed_m_s * 0.01 + 1e-12
+    assert trace.contact_n[4_000:].max() <= 2.2
+    assert trace.contact_n[-1] == pytest.approx(2.0, abs=0.1)
+
+
+@pytest.mark.parametrize("stiffness_n_m", FINGERS_N_M)
+@pytest.mark.parametrize("contact_m", [0.001, 0.006])
+def test_tuning_finds_finger_and_stiffness_with_bounded_force(stiffness_n_m: float, contact_m: float) -> None:
+    finger = Finger(stiffness_n_m=stiffness_n_m, contact_m=contact_m)
+    device = SimulatedDevice(PlantSettings(finger=finger), np.random.default_rng(1))
+    tuning = Tuning(Fingertip(device, LimitSettings(), tuning_settings(device.travel_m)))
+    now_us, strongest_n = 0, 0.0
+    while not tuning.tick(now_us):
+        now_us += 1_000
+        strongest_n = max(strongest_n, device.contact_force_n)
+    tuned = tuning.result()
+    assert tuned.stiffness_n_m == pytest.approx(stiffness_n_m, rel=0.15)
+    assert tuned.contact_m == pytest.approx(contact_m, abs=2e-4)
+    assert tuned.residual_m < 1e-4
+    assert strongest_n < 2.3
+    assert device.contact_force_n == 0.0
+    known = known_finger(ForceControlSettings(), stiffness_n_m=tuned.stiffness_n_m, contact_m=tuned.contact_m)
+    assert known.reach_m == pytest.approx(contact_m + 0.0011, abs=2e-4)
+    assert known.finger.stiffness_n_m == tuned.stiffness_n_m
+
+
+def test_the_same_seed_gives_the_same_run() -> None:
+    runs = [play(lambda ms: 1.0 + ms / 2_000, 2_000, seed=seed) for seed in (3, 3, 4)]
+    assert np.array_equal(runs[0].sensed_n, runs[1].sensed_n)
+    assert np.array_equal(runs[0].displacement_m, runs[1].displacement_m)
+    assert not np.array_equal(runs[0].sensed_n, runs[2].sensed_n)
