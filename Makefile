@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 APT := $(if $(filter 0,$(shell id -u)),,sudo )apt-get
 
-.PHONY: help demo test check docker-check bench clean system-packages
+.PHONY: help demo test check docker-check bench simulator clean system-packages
 .DEFAULT_GOAL := help
 
 help:
@@ -14,6 +14,7 @@ help:
 	@echo 'make check          linters, types, layers'
 	@echo 'make docker-check   build the image and play every scenario of docker/ (needs a Docker engine)'
 	@echo 'make bench          run every benchmark, results and figures in results/bench'
+	@echo 'make simulator      build the firmware and the simulator that runs it (--device simavr)'
 	@echo 'make clean          remove the virtual environment and all results'
 
 demo: $(VENV)/installed-plot
@@ -50,6 +51,9 @@ system-packages:
 			$(APT) update -qq && $(APT) install -y -qq --no-install-recommends $(SYSTEM_PACKAGES); \
 		else echo 'missing some of: $(SYSTEM_PACKAGES); the tests that need them are skipped'; fi; \
 	fi
+
+simulator: system-packages
+	$(MAKE) -C firmware firmware sim
 
 $(VENV)/installed-%: pyproject.toml $(BIN)/python
 	$(BIN)/pip install -q --disable-pip-version-check -e '.[$*]'

@@ -2,29 +2,23 @@
  *
  * Runs the firmware's ELF in simavr, in lockstep with whoever holds the other end of stdin and stdout.
  *
- *   harness FIRMWARE.elf [--pty]
+ *   harness FIRMWARE.elf
  *
  * Each request advances the time; no clock is read, so the same requests give the same replies, and pacing to real
  * time is the requester's. Numbers are little-endian, as on every host this is built for.
  *
  *   request  uint32 advance [cycles], uint16 voltage on A0 [0.1 mV], uint16 n, n bytes for the UART
- *   reply    struct reply, n bytes from the UART, n_edges of struct edge
- *
- * With --pty the UART's other end is a pseudo-terminal instead. Its path is the first line on stderr. */
-#define _GNU_SOURCE
-#include <errno.h>
-#include <fcntl.h>
+ *   reply    struct reply, n bytes from the UART, n_edges of struct edge */
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <termios.h>
-#include <unistd.h>
 
 #include <avr_adc.h>
 #include <avr_ioport.h>
 #include <avr_uart.h>
 #include <sim_avr.h>
+#include <sim_cycle_timers.h>
 #include <sim_elf.h>
 #include <sim_interrupts.h>
 
@@ -70,7 +64,6 @@ static avr_irq_t *uart_input, *pins[SERVOS], *adc0;
 static void (*mcu_reset)(avr_t *);
 static uint32_t resets, latency_cycles;
 static avr_cycle_count_t pending_since[VECTORS], next_byte_at;
-static int pty = -1;
 
 static uint8_t from_uart[MOST_BYTES];
 static uint32_t n_from_uart;
@@ -88,13 +81,8 @@ static void die(const char *what)
 static void on_uart_output(avr_irq_t *irq, uint32_t value, void *param)
 {
     (void)irq, (void)param;
-    uint8_t byte = (uint8_t)value;
-    if (pty >= 0) {
-        if (write(pty, &byte, 1) < 0 && errno != EAGAIN && errno != EIO)
-            die("cannot write to the pseudo-terminal");
-    } else if (n_from_uart < MOST_BYTES) {
-        from_uart[n_from_uart++] = byte;
-    }
+    if (n_from_uart < MOST_BYTES)
+        from_uart[n_from_uart++] = (uint8_t)value;
 }
 
 static void on_pin(avr_irq_t *irq, uint32_t value, void *param)
@@ -156,16 +144,33 @@ static void feed_uart(void)
     to_tail = (to_tail + 1) % MOST_BYTES;
 }
 
+static avr_cycle_count_t on_stop(avr_t *which, avr_cycle_count_t when, void *param)
+{
+    (void)which, (void)param;
+    return when + 1; /* until the next stop is set: the controller may fall asleep with this very cycle */
+}
+
+/* Asleep a run goes on to the next event, whatever the limit: so the stop is made an event, too. */
+static void run_until(avr_cycle_count_t stop)
+{
+    static avr_cycle_count_t last_stop;
+    avr_cycle_count_t left = stop > avr->cycle ? stop - avr->cycle : 1;
+    if (stop != last_stop) {
+        last_stop = stop;
+        avr_cycle_timer_register(avr, left, on_stop, NULL);
+    }
+    avr->run_cycle_limit = left;
+    int state = avr_run(avr);
+    if (state == cpu_Done || state == cpu_Crashed)
+        die("the firmware crashed");
+}
+
 static void advance(avr_cycle_count_t cycles)
 {
     avr_cycle_count_t end = avr->cycle + cycles;
     while (avr->cycle < end) {
         feed_uart();
-        avr_cycle_count_t stop = to_head != to_tail && next_byte_at < end ? next_byte_at : end;
-        avr->run_cycle_limit = stop > avr->cycle ? stop - avr->cycle : 1;
-        int state = avr_run(avr);
-        if (state == cpu_Done || state == cpu_Crashed)
-            die("the firmware crashed");
+        run_until(to_head != to_tail && next_byte_at < end ? next_byte_at : end);
     }
 }
 
@@ -176,29 +181,6 @@ static void queue_for_uart(uint8_t byte)
         die("too many bytes for the UART");
     to_uart[to_head] = byte;
     to_head = next;
-}
-
-static void open_pty(void)
-{
-    pty = posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK);
-    if (pty < 0 || grantpt(pty) || unlockpt(pty))
-        die("cannot open a pseudo-terminal");
-    /* Held open, so that the master end lives on between two visitors. */
-    int other = open(ptsname(pty), O_RDWR | O_NOCTTY);
-    struct termios raw;
-    if (other < 0 || tcgetattr(other, &raw))
-        die("cannot open the pseudo-terminal's other end");
-    cfmakeraw(&raw);
-    tcsetattr(other, TCSANOW, &raw);
-    fprintf(stderr, "%s\n", ptsname(pty));
-}
-
-static void read_pty(void)
-{
-    uint8_t bytes[4096];
-    ssize_t n = read(pty, bytes, sizeof bytes);
-    for (ssize_t i = 0; i < n; i++)
-        queue_for_uart(bytes[i]);
 }
 
 static void start(const char *path)
@@ -252,18 +234,14 @@ int main(int argc, char **argv)
 {
     struct request request;
     static uint8_t bytes[UINT16_MAX];
-    if (argc < 2)
-        die("usage: harness FIRMWARE.elf [--pty]");
+    if (argc != 2)
+        die("usage: harness FIRMWARE.elf");
     start(argv[1]);
-    if (argc > 2 && !strcmp(argv[2], "--pty"))
-        open_pty();
     while (fread(&request, sizeof request, 1, stdin) == 1) {
         if (fread(bytes, 1, request.bytes, stdin) != request.bytes)
             break;
         for (uint32_t i = 0; i < request.bytes; i++)
             queue_for_uart(bytes[i]);
-        if (pty >= 0)
-            read_pty();
         avr_raise_irq(adc0, request.tenth_millivolts);
         advance(request.advance_cycles);
         answer();

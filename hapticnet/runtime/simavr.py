@@ -8,12 +8,14 @@ steps of 1 ms run twice as fast.
 """
 
 import contextlib
+import os
 import struct
 import subprocess
 from pathlib import Path
 from types import TracebackType
 from typing import Final, NamedTuple, Self
 
+import hapticnet
 from hapticnet.errors import SettingsError, UnavailableError
 
 CYCLES_PER_US: Final = 16
@@ -25,9 +27,32 @@ LONGEST_STEP_US: Final = 10_000_000
 MOST_BYTES: Final = 0xFFFF
 """Most bytes handed over in one step."""
 
+BUILD_VARIABLE: Final = "HAPTICNET_FIRMWARE"
+"""Environment variable that names the folder with the simulator and the firmware; else the checkout's own is taken."""
+
 _REQUEST: Final = struct.Struct("<IHH")
 _REPLY: Final = struct.Struct("<QIIII")
 _EDGE: Final = struct.Struct("<QII")
+
+
+def simavr_build() -> tuple[Path, Path]:
+    """Return the simulator and the firmware for the usual line, as ``make simulator`` built them.
+
+    Raises
+    ------
+    UnavailableError
+        When one of them is missing.
+    """
+    named = os.environ.get(BUILD_VARIABLE)
+    folder = Path(named) if named else Path(hapticnet.__file__).parents[1] / "firmware" / "build"
+    paths = folder / "harness", folder / "firmware-500000.elf"
+    for path in paths:
+        if not path.is_file():
+            raise UnavailableError(
+                f"{path} is missing: in a checkout of hapticnet, `make simulator` builds it "
+                f"({BUILD_VARIABLE} names another folder)"
+            )
+    return paths
 
 
 class Edge(NamedTuple):
@@ -46,7 +71,7 @@ class Step(NamedTuple):
     cycle
         Time at its end [clock cycles since power-on].
     sent
-        Bytes the firmware sent; none on a pseudo-terminal, where its visitor gets them.
+        Bytes the firmware sent.
     edges
         Servo pulses, oldest first.
     resets
@@ -71,8 +96,6 @@ class Simavr:
         The simulator, built by ``make -C firmware sim``.
     firmware
         The ELF file to run.
-    pty
-        Make the UART a pseudo-terminal; its path is then in `pty_path`.
 
     Raises
     ------
@@ -80,18 +103,18 @@ class Simavr:
         When either file is missing or the simulator does not start.
     """
 
-    def __init__(self, harness: Path, firmware: Path, *, pty: bool = False) -> None:
+    def __init__(self, harness: Path, firmware: Path) -> None:
         for path, target in ((harness, "sim"), (firmware, "firmware")):
             if not path.is_file():
                 raise UnavailableError(f"{path} is missing; build it: make -C firmware {target}")
-        command = [str(harness), str(firmware), *(["--pty"] if pty else [])]
+        command = [str(harness), str(firmware)]
         try:
+            # In a session of its own, so that a Ctrl-C meant for us does not end it under our hands.
             self._process = subprocess.Popen(  # noqa: S603
-                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE if pty else None
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
             )
         except OSError as error:
             raise UnavailableError(f"{harness} does not start: {error}") from error
-        self.pty_path = self._process.stderr.readline().decode().strip() if self._process.stderr else None
 
     def advance(self, duration_us: int, *, millivolts: float = 0.0, data: bytes = b"") -> Step:
         """Let time pass.
@@ -132,7 +155,7 @@ class Simavr:
 
     def close(self) -> None:
         """End the simulation."""
-        for pipe in (self._process.stdin, self._process.stdout, self._process.stderr):
+        for pipe in (self._process.stdin, self._process.stdout):
             if pipe is not None:
                 with contextlib.suppress(OSError):  # what it did not live to read is lost
                     pipe.close()

@@ -153,3 +153,10 @@ def nano(request: pytest.FixtureRequest, make_firmware: Callable[..., Path]) -> 
     yield make
     for each in running:
         each.simavr.close()
+
+
+@pytest.fixture
+def simavr_files(request: pytest.FixtureRequest, make_firmware: Callable[..., Path]) -> tuple[Path, Path]:
+    """Simulator and firmware as `simavr_build` would find them."""
+    request.getfixturevalue("needs_toolchain")
+    return make_firmware("sim") / "harness", make_firmware("firmware", "BAUD=500000") / "firmware-500000.elf"

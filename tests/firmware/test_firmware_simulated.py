@@ -1,6 +1,5 @@
 """The compiled firmware in a simulated ATmega328P, all in virtual time."""
 
-import os
 import random
 import re
 from collections.abc import Callable
@@ -10,7 +9,6 @@ from typing import Any
 
 import pytest
 
-from hapticnet.device.framing import Deframer, frame
 from hapticnet.device.kinematics import Linkage
 from hapticnet.device.messages import (
     ADC_FRACTION,
@@ -21,11 +19,9 @@ from hapticnet.device.messages import (
     Setpoint,
     Stream,
     StreamAck,
-    decode,
-    encode,
 )
 from hapticnet.errors import SettingsError, UnavailableError
-from hapticnet.runtime.simavr import CYCLES_PER_US, Simavr
+from hapticnet.runtime.simavr import BUILD_VARIABLE, CYCLES_PER_US, Simavr, simavr_build
 
 RETRACTED_US = Linkage().retracted_us
 EDGE_ERROR_US = 2.0
@@ -153,28 +149,24 @@ def test_hung_firmware_is_reset_and_retracts_within_150_ms(nano: Any, sequence: 
     assert after.reset_cause == 8
 
 
-@pytest.mark.usefixtures("needs_toolchain")
-def test_a_pseudo_terminal_carries_the_same_line(make_firmware: Callable[..., Path]) -> None:
-    harness = make_firmware("sim") / "harness"
-    with Simavr(harness, make_firmware("firmware", "BAUD=500000") / "firmware-500000.elf", pty=True) as simavr:
-        assert simavr.pty_path is not None
-        simavr.advance(20_000)
-        with open(simavr.pty_path, "r+b", buffering=0) as line:
-            os.set_blocking(line.fileno(), False)
-            line.write(frame(encode(Hello())))
-            received: list[bytes] = []
-            deframer = Deframer()
-            for _ in range(1_000):  # the kernel hands the bytes over in its own time
-                assert simavr.advance(1_000).sent == b""
-                received += deframer.feed(line.read() or b"")
-                if received:
-                    break
-        assert isinstance(decode(received[0]), Identity)
-
-
 def test_a_missing_harness_is_refused_with_the_command_that_builds_it(tmp_path: Path) -> None:
     with pytest.raises(UnavailableError, match="make -C firmware sim"):
         Simavr(tmp_path / "harness", tmp_path / "firmware.elf")
+
+
+def test_the_build_is_looked_for_where_the_environment_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(BUILD_VARIABLE, str(tmp_path))
+    for name in ("harness", "firmware-500000.elf"):
+        with pytest.raises(UnavailableError, match=rf"{name} is missing.*make simulator"):
+            simavr_build()
+        (tmp_path / name).touch()
+    assert simavr_build() == (tmp_path / "harness", tmp_path / "firmware-500000.elf")
+
+
+def test_without_it_the_build_of_the_checkout_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(BUILD_VARIABLE, raising=False)
+    monkeypatch.setattr(Path, "is_file", lambda _: True)
+    assert [path.parent for path in simavr_build()] == [Path(__file__).parents[2] / "firmware" / "build"] * 2
 
 
 @pytest.mark.parametrize(("duration_us", "data"), [(-1, b""), (10_000_001, b""), (1_000, bytes(65_536))])

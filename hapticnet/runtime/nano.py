@@ -1,0 +1,272 @@
+"""The whole device without hardware: the compiled firmware, its servo pins and its converter on the simulated plant.
+
+All of it in virtual time, so the same calls give the same answers, to the byte.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, Self, TypeAlias
+
+import numpy as np
+
+from hapticnet.device.base import Device, Reading
+from hapticnet.device.plant import Plant, PlantSettings
+from hapticnet.device.simulated import loading_calibration
+from hapticnet.device.wired import WiredDevice
+from hapticnet.errors import SettingsError, UnavailableError
+from hapticnet.runtime.simavr import CYCLES_PER_US, Simavr, simavr_build
+
+SLICE_US: Final = 1_000
+"""How often [µs] the voltage at the converter follows the plant; the firmware averages over as long."""
+
+LONGEST_GAP_US: Final = 2_000_000
+"""Time [µs] of a longer gap is left out: the firmware has long retracted, and the servos have come to rest."""
+
+SHORTEST_PULSE_US: Final = 500.0
+LONGEST_PULSE_US: Final = 2_500.0
+"""A servo ignores a pulse beyond these, such as one cut short by a reset; typical of hobby servos."""
+
+SUPPLY_MV: Final = 5_000.0
+"""Full scale of the converter, whose reference is the supply."""
+
+SensorHook: TypeAlias = Callable[[float, int], float]
+"""What the converter sees [counts] of what the sensor gives [counts], at a time [µs]: a broken wire, say."""
+
+
+class Board:
+    """The firmware on its board, joined to the plant: pulses out, sensor voltage in.
+
+    Parameters
+    ----------
+    settings
+        The plant.
+    rng
+        For the plant's noise.
+    build
+        Simulator and firmware; else as `simavr_build` finds them.
+
+    Attributes
+    ----------
+    plant
+        The mechanics.
+    sensor
+        What is wrong with the sensor, if anything.
+    resets
+        How often the controller was reset since power-on.
+
+    Raises
+    ------
+    UnavailableError
+        When there is no build, or the simulator does not start.
+    """
+
+    def __init__(
+        self, settings: PlantSettings, rng: np.random.Generator, *, build: tuple[Path, Path] | None = None
+    ) -> None:
+        self.plant = Plant(settings, rng)
+        self.sensor: SensorHook | None = None
+        self.resets = 0
+        self._simavr = Simavr(*(build or simavr_build()))
+        self._millivolts_per_count = SUPPLY_MV / (1 << settings.sensor.adc_bits)
+        self._now_us = 0
+        self._power_on_us = 0.0  # on the caller's clock
+        self._cycle = 0
+        self._rises: list[int | None] = [None, None, None]
+
+    def set_clock(self, now_us: int) -> None:
+        """Call the present `now_us` [µs]: firmware and caller go on from here, whatever came before."""
+        self._now_us = now_us
+        self._power_on_us = now_us - self._cycle / CYCLES_PER_US
+        self.plant.advance(now_us)
+
+    def advance(self, now_us: int, data: bytes = b"") -> bytes:
+        """Let time pass until `now_us` [µs], a slice at most; hand over bytes at its start, return what it sent.
+
+        Raises
+        ------
+        UnavailableError
+            When the simulator has ended.
+        """
+        plant = self.plant
+        counts = plant.level_counts()
+        if self.sensor is not None:
+            counts = self.sensor(counts, self._now_us)
+        # A step may run a few cycles over; counted from power-on they do not add up.
+        duration_us = round(now_us - self._power_on_us - self._cycle / CYCLES_PER_US)
+        step = self._simavr.advance(max(0, duration_us), millivolts=counts * self._millivolts_per_count, data=data)
+        self._now_us = now_us
+        self._cycle = step.cycle
+        self.resets = step.resets
+        for cycle, servo, level in step.edges:
+            rise = self._rises[servo]
+            if level:
+                self._rises[servo] = cycle
+            elif rise is not None:  # the pins' first level comes as an edge, too
+                width_us = (cycle - rise) / CYCLES_PER_US
+                if SHORTEST_PULSE_US <= width_us <= LONGEST_PULSE_US:
+                    plant.advance(self._power_on_us + cycle / CYCLES_PER_US)
+                    plant.take_one(servo, width_us)
+        plant.advance(self._power_on_us + step.cycle / CYCLES_PER_US)
+        return step.sent
+
+    def close(self) -> None:
+        """End the simulation."""
+        self._simavr.close()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Disturbance:
+    """What happens to what the host writes.
+
+    Attributes
+    ----------
+    delay_us
+        How much later [µs] it arrives.
+    loss
+        Share of writes that never do (0 to 1), requests among them.
+
+    Raises
+    ------
+    SettingsError
+        When a value is out of its range.
+    """
+
+    delay_us: int = 0
+    loss: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.delay_us <= 10_000_000:
+            raise SettingsError(f"delay is {self.delay_us} µs; it must be between 0 and 10000000")
+        if not 0.0 <= self.loss <= 1.0:
+            raise SettingsError(f"loss is {self.loss}; it must be between 0 and 1")
+
+
+class SimulatedNano(Device):
+    """The fingertip device in lockstep: the host's end of the wire, the firmware's end, and the plant.
+
+    Its time is the caller's: each `exchange` first carries board, plant and wire to the time it is given. A context
+    manager, which ends the simulator. Should the simulator end by itself, the device is lost.
+
+    Parameters
+    ----------
+    settings
+        The plant.
+    rng
+        For noise and losses.
+    wired
+        The host's end; else one that knows linkage, servos and sensor of the plant.
+    build
+        Simulator and firmware; else as `simavr_build` finds them.
+    disturbance
+        What happens to what the host writes.
+
+    Attributes
+    ----------
+    board
+        Firmware and plant; break the sensor with `board.sensor`.
+    plant
+        The mechanics.
+    wired
+        The host's end of the wire.
+    """
+
+    def __init__(
+        self,
+        settings: PlantSettings,
+        rng: np.random.Generator,
+        *,
+        wired: WiredDevice | None = None,
+        build: tuple[Path, Path] | None = None,
+        disturbance: Disturbance | None = None,
+    ) -> None:
+        self.board = Board(settings, rng, build=build)
+        self.plant = self.board.plant
+        self.wired = wired or WiredDevice(
+            loading_calibration(settings.sensor), linkage=settings.linkage, servo=settings.servo
+        )
+        self.travel_m = self.wired.travel_m
+        self.max_force_n = self.wired.max_force_n
+        self.description = (
+            f"simulated Nano with the compiled firmware, finger {settings.finger.stiffness_n_m / 1000.0:g} N/mm at 1 N"
+        )
+        self.status = self.wired.status
+        self._disturbance = disturbance or Disturbance()
+        self._loss_rng = rng.spawn(1)[0]
+        self._under_way: deque[tuple[int, bytes]] = deque()
+        self._now_us: int | None = None
+        self._plugged = True
+
+    @property
+    def contact_force_n(self) -> float:
+        """True force [N] on the finger, which no real device knows."""
+        return self.plant.contact_force_n
+
+    def exchange(self, displacement_m: float, now_us: int) -> Reading | None:
+        """Hand over the newest platform displacement [m] and get the newest reading; None while the device is lost.
+
+        A repeated or earlier time advances nothing, and the clock goes on from there.
+        """
+        try:
+            self._advance(now_us)
+        except UnavailableError as error:
+            self.wired.closed(str(error), now_us)
+        reading = self.wired.exchange(displacement_m, now_us)
+        self.status = self.wired.status
+        return reading
+
+    def report(self) -> dict[str, Any]:
+        """Return what happened on the wire, for JSON."""
+        return self.wired.report()
+
+    def pull_plug(self, now_us: int) -> None:
+        """Cut the wire; the firmware runs on."""
+        self._plugged = False
+        self._under_way.clear()
+        self.wired.closed("unplugged", now_us)
+
+    def plug_in(self, now_us: int) -> None:
+        """Join the wire again; unlike a real port this does not reset the controller."""
+        self._plugged = True
+        self.wired.opened(now_us)
+
+    def close(self) -> None:
+        """End the simulation."""
+        self.board.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _advance(self, now_us: int) -> None:
+        at_us = self._now_us
+        if at_us is None and self._plugged:
+            self.wired.opened(now_us)
+        if at_us is None or not 0 <= now_us - at_us <= LONGEST_GAP_US:
+            at_us = now_us if at_us is None or now_us < at_us else now_us - LONGEST_GAP_US
+            self.board.set_clock(at_us)
+            self._under_way.clear()
+        while at_us < now_us:
+            data = self._arriving(at_us)
+            at_us = min(at_us + SLICE_US, now_us)
+            sent = self.board.advance(at_us, data)
+            if self._plugged and sent:
+                self.wired.receive(sent, at_us)
+        self._now_us = now_us
+
+    def _arriving(self, now_us: int) -> bytes:
+        """Take over what the host writes, and return what reaches the board."""
+        data = self.wired.bytes_to_send()
+        disturbance = self._disturbance
+        if data and not (disturbance.loss and self._loss_rng.random() < disturbance.loss):
+            self._under_way.append((now_us + disturbance.delay_us, data))
+        arriving = b""
+        while self._under_way and self._under_way[0][0] <= now_us:
+            arriving += self._under_way.popleft()[1]
+        return arriving

@@ -1,0 +1,220 @@
+"""The compiled firmware, the host's end of the wire and the plant, in lockstep and virtual time."""
+
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hapticnet.device.base import Reading
+from hapticnet.device.parts import Finger, Sensor
+from hapticnet.device.plant import PlantSettings
+from hapticnet.errors import SettingsError
+from hapticnet.runtime.nano import Disturbance, SimulatedNano
+from hapticnet.runtime.simavr import CYCLES_PER_US
+
+MS = 1_000
+BOOT_AND_GREET_US = 150 * MS
+QUIET = PlantSettings(sensor=Sensor(noise_counts=0.0))
+
+Readings = list[Reading | None]
+
+
+@pytest.fixture
+def simulated(simavr_files: tuple[Path, Path]) -> Iterator[Callable[..., SimulatedNano]]:
+    """Return a maker of simulated Nanos."""
+    running: list[SimulatedNano] = []
+
+    def make(settings: PlantSettings | None = None, *, seed: int = 1, **disturbance: Any) -> SimulatedNano:
+        rng = np.random.default_rng(seed)
+        made = SimulatedNano(
+            settings or PlantSettings(), rng, build=simavr_files, disturbance=Disturbance(**disturbance)
+        )
+        running.append(made)
+        return made
+
+    yield make
+    for each in running:
+        each.close()
+
+
+def play(nano: SimulatedNano, displacement_m: float, start_us: int, end_us: int, step_us: int = MS) -> Readings:
+    """Ask for a displacement in every step; the last is at `end_us` exactly."""
+    return [nano.exchange(displacement_m, now_us) for now_us in (*range(start_us, end_us, step_us), end_us)]
+
+
+def test_it_comes_up_and_says_who_it_is(simulated: Any) -> None:
+    nano = simulated()
+    assert nano.status == "the port is not open"
+    assert "0.6" not in nano.description
+    assert "1 N/mm" in nano.description
+    readings = play(nano, 0.0, 5_000_000, 5_000_000 + BOOT_AND_GREET_US)
+    assert readings[0] is None
+    assert nano.status == "ready"
+    assert nano.wired.identity is not None
+    assert nano.report() == nano.wired.report()
+    assert readings[-1] == Reading(5_000_000 + BOOT_AND_GREET_US, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("stiffness_n_m", [300.0, 1000.0, 3000.0])
+def test_pressing_a_finger_reads_the_true_force(simulated: Any, stiffness_n_m: float) -> None:
+    nano = simulated(PlantSettings(finger=Finger(stiffness_n_m=stiffness_n_m)))
+    play(nano, 0.0, 0, BOOT_AND_GREET_US)
+    compared = 0
+    for ms in range(2_000):
+        # Pressing only: while letting go the sensor reads up to its hysteresis too much.
+        reading = nano.exchange(0.002 + 2.5e-3 * 300.0 / stiffness_n_m * ms / 1_000, BOOT_AND_GREET_US + ms * MS)
+        assert reading is not None
+        if nano.contact_force_n > 0.25:
+            # Calibration error, noise, and what the finger gained in the millisecond the reading is old.
+            assert reading.force_n == pytest.approx(nano.contact_force_n, rel=0.05, abs=0.06)
+            compared += 1
+    assert compared > 500
+
+
+def test_it_goes_where_it_is_told_and_knows_where_it_stands(simulated: Any) -> None:
+    nano = simulated(PlantSettings(finger=Finger(contact_m=0.05)))
+    play(nano, 0.0, 0, BOOT_AND_GREET_US)
+    now_us = BOOT_AND_GREET_US
+    for displacement_m in (0.003, 0.008, 0.0075, 0.001):
+        readings = play(nano, displacement_m, now_us, now_us + 600 * MS)
+        now_us += 600 * MS
+        # Half the backlash; a quarter of the deadband for the goal; a whole one for a pulse whose edges are 0.5 µs off.
+        half_play_m, deadband_m = 0.012 * math.radians(0.25), 0.012 * math.radians(0.8)
+        assert readings[-1] is not None
+        assert readings[-1].displacement_m == pytest.approx(nano.plant.displacement_m, abs=half_play_m + deadband_m)
+        assert nano.plant.displacement_m == pytest.approx(displacement_m, abs=half_play_m + 1.25 * deadband_m)
+
+
+def test_the_same_seed_gives_the_same_run_to_the_byte(simulated: Any) -> None:
+    def run(seed: int) -> Readings:
+        nano = simulated(seed=seed, delay_us=3_000, loss=0.2)
+        return [nano.exchange(0.003 + 1e-6 * (ms % 700), ms * MS) for ms in range(1_500)]
+
+    first = run(1)
+    assert sum(reading is not None for reading in first) > 1_000
+    assert run(1) == first != run(2)
+
+
+@pytest.mark.parametrize("step_us", [333, 1_000, 1_700, 20_000])
+def test_the_firmware_s_clock_keeps_to_the_caller_s_whatever_the_steps(simulated: Any, step_us: int) -> None:
+    nano = simulated(QUIET)
+    readings = play(nano, 0.004, 10**12, 10**12 + 1_500 * MS, step_us)
+    assert nano.board._cycle / CYCLES_PER_US == pytest.approx(1_500 * MS, abs=2.0)
+    assert readings[-1] is not None
+    assert readings[-1].force_n == pytest.approx(nano.contact_force_n, rel=0.05)
+    assert nano.contact_force_n > 1.5
+
+
+def test_time_that_repeats_goes_back_or_leaps_is_survived(simulated: Any) -> None:
+    nano = simulated(QUIET)
+    pressing = play(nano, 0.004, 0, 1_000 * MS)[-1]
+    assert pressing is not None
+    for now_us in (1_000 * MS, 400 * MS, -(10**15)):
+        assert nano.exchange(0.004, now_us) == pressing
+        assert nano.contact_force_n > 1.5
+    # It came back from a time without setpoints, in which it retracted; from there it presses again.
+    nano.exchange(0.004, 10**15)
+    assert nano.contact_force_n == 0.0
+    assert play(nano, 0.004, 10**15 + MS, 10**15 + 1_000 * MS)[-1] is not None
+    assert nano.contact_force_n > 1.5
+    assert nano.board.resets == 0
+
+
+@pytest.mark.parametrize("displacement_m", [math.nan, -math.inf, -1e300])
+def test_what_is_no_displacement_retracts(simulated: Any, displacement_m: float) -> None:
+    nano = simulated()
+    play(nano, 0.004, 0, 600 * MS)
+    assert nano.contact_force_n > 1.5
+    assert play(nano, displacement_m, 601 * MS, 1_000 * MS)[-1] is not None
+    assert nano.contact_force_n == 0.0
+
+
+def test_a_pulled_plug_retracts_and_is_noticed_at_once(simulated: Any) -> None:
+    nano = simulated()
+    play(nano, 0.004, 0, 600 * MS)
+    nano.pull_plug(600 * MS)
+    assert play(nano, 0.004, 601 * MS, 780 * MS) == [None] * 180
+    assert nano.status == "unplugged"
+    assert nano.contact_force_n > 1.5
+    play(nano, 0.004, 781 * MS, 1_000 * MS)
+    assert nano.contact_force_n == 0.0
+    nano.plug_in(1_000 * MS)
+    play(nano, 0.004, 1_001 * MS, 2_000 * MS)
+    assert nano.status == "ready"
+    assert nano.contact_force_n > 1.5
+    assert nano.board.resets == 0
+
+
+def test_a_plug_that_was_pulled_before_the_first_exchange_stays_pulled(simulated: Any) -> None:
+    nano = simulated()
+    nano.pull_plug(0)
+    assert play(nano, 0.004, 0, 300 * MS)[-1] is None
+    assert nano.status == "unplugged"
+    nano.plug_in(300 * MS)
+    assert play(nano, 0.004, 301 * MS, 500 * MS)[-1] is not None
+
+
+def test_a_broken_sensor_is_what_the_converter_sees(simulated: Any) -> None:
+    nano = simulated()
+    play(nano, 0.004, 0, 600 * MS)
+    nano.board.sensor = lambda _counts, _now_us: 2_000.0
+    stuck = play(nano, 0.004, 601 * MS, 610 * MS)[-1]
+    nano.board.sensor = lambda counts, now_us: counts if now_us < 620 * MS else 0.0
+    sound, open_circuit = play(nano, 0.004, 611 * MS, 630 * MS)[8::11]
+    assert stuck is not None
+    assert stuck.adc == 1023.0
+    assert sound is not None
+    assert sound.force_n == pytest.approx(nano.contact_force_n, rel=0.05)
+    assert open_circuit is not None
+    assert open_circuit.adc == 0.0
+
+
+def test_a_delay_lets_what_the_host_writes_arrive_later(simulated: Any) -> None:
+    def moved_at_ms(delay_us: int) -> int:
+        nano = simulated(QUIET, delay_us=delay_us)
+        play(nano, 0.0, 0, 600 * MS)
+        ms = 600
+        while nano.plant.displacement_m < 1e-4:
+            ms += 1
+            nano.exchange(0.004, ms * MS)
+            assert ms < 1_000
+        return ms
+
+    assert moved_at_ms(40_000) - moved_at_ms(0) == 40
+
+
+def test_with_a_third_of_all_writes_lost_it_comes_up_and_presses(simulated: Any) -> None:
+    nano = simulated(loss=0.3)
+    assert play(nano, 0.004, 0, 2_000 * MS)[-1] is not None
+    assert nano.contact_force_n > 1.5
+
+
+def test_with_all_writes_lost_it_never_comes_up(simulated: Any) -> None:
+    nano = simulated(loss=1.0)
+    assert play(nano, 0.004, 0, 500 * MS)[-1] is None
+    assert nano.plant.displacement_m == 0.0
+
+
+def test_a_simulator_that_ends_is_a_lost_device(simulated: Any) -> None:
+    nano = simulated()
+    play(nano, 0.0, 0, 200 * MS)
+    nano.board._simavr._process.kill()
+    nano.board._simavr._process.wait()
+    assert play(nano, 0.0, 201 * MS, 210 * MS) == [None] * 10
+    assert "simulator ended with code -9" in nano.status
+
+
+def test_leaving_the_context_ends_the_simulator(simulated: Any) -> None:
+    with simulated() as nano:
+        process = nano.board._simavr._process
+        assert process.poll() is None
+    assert process.poll() == 0
+
+
+@pytest.mark.parametrize("bad", [{"delay_us": -1}, {"delay_us": 10_000_001}, {"loss": -0.1}, {"loss": math.nan}])
+def test_a_disturbance_out_of_range_is_refused(bad: dict[str, Any]) -> None:
+    with pytest.raises(SettingsError, match="must be between"):
+        Disturbance(**bad)

@@ -1,0 +1,259 @@
+"""The simulated Nano on a pseudo-terminal, in real time: waits for what must happen, and asserts no speed."""
+
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hapticnet.device.framing import Deframer, frame
+from hapticnet.device.messages import (
+    Flag,
+    Hello,
+    Identity,
+    Message,
+    SensorReading,
+    Setpoint,
+    Stream,
+    decode,
+    encode,
+)
+from hapticnet.device.plant import PlantSettings
+from hapticnet.errors import FileError
+from hapticnet.runtime.nano import Board
+from hapticnet.runtime.nano_pty import MOST_CATCH_UP_US, NanoPty
+from hapticnet.runtime.simavr import BUILD_VARIABLE
+
+ROOT = Path(__file__).parents[2]
+COMMAND = ["-m", "hapticnet", "device", "sim"]
+PATIENCE_S = 20.0
+
+Process = subprocess.Popen[str]
+
+
+class Visitor:
+    """A program that opens the pseudo-terminal as it would any file."""
+
+    def __init__(self, path: str) -> None:
+        self._line = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        self._deframer = Deframer()
+
+    def say(self, message: Message) -> None:
+        os.write(self._line, b"\0" + frame(encode(message)))
+
+    def hears(self, wait_s: float = 0.0) -> list[Message]:
+        select.select([self._line], [], [], wait_s)
+        try:
+            return [decode(body) for body in self._deframer.feed(os.read(self._line, 4096))]
+        except BlockingIOError:
+            return []
+
+    def wait_for(self, kind: type[Message], said: Message) -> Any:
+        """Say something until it is answered by a message of a kind: firmware that boots does not hear everything."""
+        deadline = time.monotonic() + PATIENCE_S
+        while time.monotonic() < deadline:
+            self.say(said)
+            again = time.monotonic() + 0.5
+            while time.monotonic() < again:
+                for message in self.hears(0.1):
+                    if isinstance(message, kind):
+                        return message
+        pytest.fail(f"no {kind.__name__} within {PATIENCE_S:g} s")
+
+    def close(self) -> None:
+        os.close(self._line)
+
+
+@pytest.fixture
+def start(simavr_files: tuple[Path, Path]) -> Iterator[Callable[..., Process]]:
+    """Return a starter of ``hapticnet device sim``."""
+    running: list[Process] = []
+
+    def run(*arguments: object) -> Process:
+        running.append(
+            subprocess.Popen(
+                [sys.executable, *COMMAND, *map(str, arguments)],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+                cwd=ROOT,
+                env=os.environ | {"PYTHONPATH": str(ROOT), BUILD_VARIABLE: str(simavr_files[0].parent)},
+            )
+        )
+        return running[-1]
+
+    yield run
+    for process in running:
+        process.kill()
+        process.communicate()
+
+
+@pytest.fixture
+def nano(simavr_files: tuple[Path, Path]) -> Iterator[NanoPty]:
+    """One in this process, whose time is the test's."""
+    board = Board(PlantSettings(), np.random.default_rng(1), build=simavr_files)
+    with NanoPty(board) as made:
+        yield made
+    board.close()
+
+
+def path_of(process: Process) -> str:
+    assert process.stdout is not None
+    path = process.stdout.readline().strip()
+    assert Path(path).is_char_device(), process.communicate(timeout=PATIENCE_S)
+    return path
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_any_program_can_open_it_leave_and_come_back(start: Any, tmp_path: Path, number: signal.Signals) -> None:
+    link = tmp_path / "nano"
+    process = start("--link", link, "--stiffness", "2", "--seed", "3")
+    path = path_of(process)
+    assert os.readlink(link) == path
+
+    visitor = Visitor(str(link))
+    identity = visitor.wait_for(Identity, Hello())
+    first = visitor.wait_for(SensorReading, Stream(1))
+    visitor.close()
+
+    visitor = Visitor(path)
+    again = visitor.wait_for(Identity, Hello())
+    later = visitor.wait_for(SensorReading, Stream(1))
+    assert again.boot_id == identity.boot_id == later.boot_id
+    assert later.uptime_ms > first.uptime_ms
+    deadline = time.monotonic() + PATIENCE_S
+    while not any(isinstance(message, SensorReading) and message.adc > 0 for message in visitor.hears(0.01)):
+        visitor.say(Setpoint(7, 2800, 2800, 2800))
+        assert time.monotonic() < deadline, "the finger was never felt"
+    visitor.close()
+
+    process.send_signal(number)
+    output, errors = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 0, errors
+    assert output == ""
+    assert "finger of 2 N/mm" in errors
+    assert not os.path.lexists(link)
+
+
+def test_it_ends_by_itself_when_told_how_long(start: Any) -> None:
+    process = start("--duration", "0.2")
+    path_of(process)
+    _, errors = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 0
+    assert "ended; 0 resets" in errors
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["--stiffness", "0"], "finger stiffness [N/m] is 0.0"),
+        (["--link", __file__], "is no link"),
+        (["--link", "/no/such/folder/nano"], "the link cannot be made: No such file"),
+    ],
+)
+def test_what_cannot_be_is_refused(start: Any, arguments: list[str], complaint: str) -> None:
+    process = start(*arguments)
+    output, errors = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 2
+    assert complaint in errors
+    assert output == ""
+
+
+def test_a_missing_build_is_refused_with_the_command_that_makes_it(tmp_path: Path) -> None:
+    process = subprocess.run(
+        [sys.executable, *COMMAND],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        env=os.environ | {"PYTHONPATH": str(ROOT), BUILD_VARIABLE: str(tmp_path)},
+    )
+    assert process.returncode == 2
+    assert "make simulator" in process.stderr
+
+
+def test_the_next_visitor_does_not_find_what_the_last_left_unread(nano: NanoPty) -> None:
+    now_us = 0
+
+    def play(until_us: int) -> None:
+        nonlocal now_us
+        while now_us < until_us:
+            now_us += 1_000
+            nano.advance(now_us)
+
+    play(30_000)
+    assert not nano.visited
+    visitor = Visitor(nano.path)
+    visitor.say(Hello())
+    play(40_000)
+    visitor.say(Stream(1))
+    play(60_000)
+    assert nano.visited
+    visitor.close()
+    play(100_000)
+    assert not nano.visited
+    visitor = Visitor(nano.path)
+    assert visitor.hears() == []
+    play(110_000)
+    readings = visitor.hears()
+    assert len(readings) >= 8
+    assert all(isinstance(reading, SensorReading) and reading.uptime_ms >= 98 for reading in readings)
+    assert readings[0].flags & Flag.GREETED
+    visitor.close()
+
+
+def test_a_visitor_who_does_not_read_holds_nothing_up(nano: NanoPty) -> None:
+    visitor = Visitor(nano.path)
+    for now_us in range(0, 30_000, 1_000):
+        nano.advance(now_us)
+    visitor.say(Hello())
+    for now_us in range(30_000, 40_000, 1_000):
+        nano.advance(now_us)
+    visitor.say(Stream(1))
+    for now_us in range(40_000, 2_000_000, 1_000):
+        nano.advance(now_us)
+    heard = []
+    for now_us in range(2_000_000, 2_100_000, 1_000):
+        nano.advance(now_us)
+        heard += visitor.hears()
+    assert any(isinstance(message, SensorReading) and message.uptime_ms > 1_990 for message in heard)
+    visitor.close()
+
+
+def test_a_short_stall_is_made_up_for_and_the_rest_of_a_long_one_is_lost(nano: NanoPty) -> None:
+    nano.advance(10**9)
+    nano.advance(10**9 + 40_000)
+    assert nano.lost_us == 0
+    assert nano.board._cycle == pytest.approx(40_000 * 16, abs=20)
+    nano.advance(10**9 + 1_040_000)
+    assert nano.lost_us == 1_000_000 - MOST_CATCH_UP_US
+    assert nano.board._cycle == pytest.approx((40_000 + MOST_CATCH_UP_US) * 16, abs=20)
+    nano.advance(0)
+    assert nano.board._cycle == pytest.approx((40_000 + MOST_CATCH_UP_US) * 16, abs=20)
+
+
+def test_a_link_is_replaced_and_only_ours_is_removed(nano: NanoPty, tmp_path: Path) -> None:
+    link = tmp_path / "nano"
+    link.symlink_to("/dev/null")
+    with NanoPty(nano.board, link=link) as first:
+        assert os.readlink(link) == first.path
+        with NanoPty(nano.board, link=link) as second:
+            assert os.readlink(link) == second.path
+        assert not os.path.lexists(link)
+        link.symlink_to("/dev/null")
+    assert os.readlink(link) == "/dev/null"
+
+
+def test_a_file_in_the_place_of_the_link_is_left_alone(nano: NanoPty, tmp_path: Path) -> None:
+    place = tmp_path / "nano"
+    place.write_text("precious")
+    with pytest.raises(FileError, match="is no link"):
+        NanoPty(nano.board, link=place)
+    assert place.read_text() == "precious"
+    assert list(tmp_path.iterdir()) == [place]
