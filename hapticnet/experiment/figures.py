@@ -22,7 +22,7 @@ BAR_COLOURS: Final = ("#9aa5b1", "#1f77b4", "#4a9bd1", "#8cc4e8")
 
 def draw_bytes_per_penetration(rows: list[dict[str, Any]], file: Path) -> None:
     """Draw the paper's Fig. 4: mean bytes per penetration in each condition, with every penetration as a dot."""
-    plt = _pyplot()
+    plt = pyplot()
     figure, axes = plt.subplots(figsize=(6.4, 4.2), layout="constrained")
     rng = np.random.default_rng(0)
     top = max(max([row["bytes_per_penetration"], *row["bytes_of_each_penetration"]]) for row in rows)
@@ -53,7 +53,7 @@ def draw_bytes_per_penetration(rows: list[dict[str, Any]], file: Path) -> None:
 
 def draw_force_stretch(played: Played, file: Path) -> None:
     """Draw a condition's first insertion: true and transmitted force above, held and sensed force below."""
-    plt = _pyplot()
+    plt = pyplot()
     slave, master = played.slave_samples, played.master_samples
     slave_s, master_s = _seconds(slave["t_us"], master["t_us"][0]), _seconds(master["t_us"], master["t_us"][0])
     start_s, end_s = _first_insertion(slave_s, slave["force_n"], slave["breaches"])
@@ -93,7 +93,7 @@ def _seconds(t_us: Any, zero_us: float) -> Any:
     return ((t_us - zero_us + half) % STAMP_MODULUS - half) / 1e6
 
 
-def _pyplot() -> Any:
+def pyplot() -> Any:
     try:
         import matplotlib as mpl
     except ImportError as error:

@@ -1,0 +1,288 @@
+"""What is known of one device: its calibration, the finger it was tuned on, its servos. Kept as a TOML file.
+
+The file may say all or little of that:
+
+.. code-block:: toml
+
+    serial = "A9B0C1D2"
+    servo_lag_s = 0.031
+
+    [calibration]
+    date = "2026-05-04"
+    residual_rms_n = 0.03
+    pairs = 16
+    counts = [178.0, 354.0, 552.0]
+    forces_n = [0.2, 0.5, 1.0]
+
+    [finger]
+    date = "2026-05-04"
+    stiffness_n_m = 900.0
+    contact_m = 0.0021
+"""
+
+import dataclasses
+import re
+import reprlib
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import tomli_w
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from hapticnet.device.calibration import Calibration
+from hapticnet.device.parts import Sensor
+from hapticnet.errors import FileError, SettingsError
+
+LONGEST_SERIAL: Final = 200
+
+GENERIC_FORCES_N: Final = (0.2, 0.4, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0, 14.0, 20.0)
+"""Forces [N] of the generic curve's knots: the range of the FSR 400 series, closer where it bends more."""
+
+GENERIC_CALIBRATION: Final = Calibration(
+    tuple(Sensor().counts(force_n) for force_n in GENERIC_FORCES_N), GENERIC_FORCES_N
+)
+"""A typical FSR 408 on 10 kΩ, from its data sheet; one sensor reads 6 % more or less than the next."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeasuredCalibration:
+    """A calibration somebody made.
+
+    Attributes
+    ----------
+    calibration
+        The table.
+    date
+        Day it was made, as YYYY-MM-DD.
+    residual_rms_n
+        Root mean square [N] of what the table misses the measured pairs by.
+    pairs
+        How many pairs were measured.
+
+    Raises
+    ------
+    SettingsError
+        When a value cannot be used.
+    """
+
+    calibration: Calibration
+    date: str
+    residual_rms_n: float
+    pairs: int
+
+    def __post_init__(self) -> None:
+        _check_date("calibration date", self.date)
+        _check("calibration residual [N]", self.residual_rms_n, 0.0, 100.0)
+        _check("calibration pairs", self.pairs, 2, 1_000_000_000)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeasuredFinger:
+    """A finger as the device felt it.
+
+    Attributes
+    ----------
+    stiffness_n_m
+        Tangent stiffness [N/m] at 1 N.
+    contact_m
+        Platform displacement [m] at which it touches the finger.
+    date
+        Day it was felt, as YYYY-MM-DD.
+
+    Raises
+    ------
+    SettingsError
+        When a value cannot be used.
+    """
+
+    stiffness_n_m: float
+    contact_m: float
+    date: str
+
+    def __post_init__(self) -> None:
+        _check_date("finger date", self.date)
+        _check("finger stiffness [N/m]", self.stiffness_n_m, 1.0, 1e5)
+        _check("finger contact [m]", self.contact_m, 0.0, 0.1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Profile:
+    """What is known of one device.
+
+    Attributes
+    ----------
+    serial
+        Serial number of its USB adapter, or another name that tells it from others; may be empty.
+    measured
+        Its own calibration; None while there is only the generic one.
+    finger
+        The finger it was tuned on; None before.
+    servo_lag_s
+        Time constant [s] of its servos, where it was identified.
+
+    Raises
+    ------
+    SettingsError
+        When a value cannot be used.
+    """
+
+    serial: str = ""
+    measured: MeasuredCalibration | None = None
+    finger: MeasuredFinger | None = None
+    servo_lag_s: float | None = None
+
+    def __post_init__(self) -> None:
+        if len(self.serial) > LONGEST_SERIAL or not self.serial.isprintable():
+            raise SettingsError(
+                f"serial is {reprlib.repr(self.serial)}; it must be {LONGEST_SERIAL} printable characters at most"
+            )
+        if self.servo_lag_s is not None:
+            _check("servo lag [s]", self.servo_lag_s, 1e-4, 1.0)
+
+    @property
+    def calibration(self) -> Calibration:
+        """Its own calibration or else the generic one."""
+        return self.measured.calibration if self.measured else GENERIC_CALIBRATION
+
+    @property
+    def is_generic(self) -> bool:
+        """Whether the device was never calibrated, so that its forces may be far off."""
+        return self.measured is None
+
+
+def generic_profile() -> Profile:
+    """Return the profile of a device nobody measured."""
+    return Profile()
+
+
+_STRICT: Final = ConfigDict(extra="forbid", strict=True)
+
+
+class _CalibrationTable(BaseModel):
+    model_config = _STRICT
+
+    date: str
+    residual_rms_n: float
+    pairs: int
+    counts: list[float]
+    forces_n: list[float]
+
+
+class _FingerTable(BaseModel):
+    model_config = _STRICT
+
+    stiffness_n_m: float
+    contact_m: float
+    date: str
+
+
+class _ProfileTable(BaseModel):
+    model_config = _STRICT
+
+    serial: str = ""
+    servo_lag_s: float | None = None
+    calibration: _CalibrationTable | None = None
+    finger: _FingerTable | None = None
+
+
+_TABLES: Final[dict[str, type[BaseModel]]] = {"calibration": _CalibrationTable, "finger": _FingerTable}
+
+
+def load_profile(path: Path) -> Profile:
+    """Return the profile in a TOML file.
+
+    Raises
+    ------
+    FileError
+        When the file is missing, unreadable or not TOML.
+    SettingsError
+        When a key is unknown or missing, or a value cannot be used.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise FileError(f"{path}: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise FileError(f"{path}: not UTF-8 text: byte {error.start} is 0x{error.object[error.start]:02x}") from error
+    return parse_profile(text, str(path))
+
+
+def parse_profile(text: str, source: str) -> Profile:
+    """Return the profile described by `text`, which came from `source`.
+
+    Raises
+    ------
+    FileError
+        When the text is not TOML; the message has the line and column.
+    SettingsError
+        When a key is unknown or missing, or a value cannot be used.
+    """
+    try:
+        # Beside its own error tomllib lets through what int() and the recursion limit refuse.
+        content = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise FileError(f"{source}: not a TOML file: {error}") from error
+    try:
+        table = _ProfileTable.model_validate(content)
+        return Profile(
+            serial=table.serial,
+            measured=_measured(table.calibration) if table.calibration else None,
+            finger=MeasuredFinger(**table.finger.model_dump()) if table.finger else None,
+            servo_lag_s=table.servo_lag_s,
+        )
+    except ValidationError as error:
+        raise SettingsError(f"{source}: {_first_mistake(error)}") from error
+    except SettingsError as error:
+        raise SettingsError(f"{source}: {error}") from error
+
+
+def dump_profile(profile: Profile) -> str:
+    """Return a profile as TOML; `parse_profile` gives the same profile back."""
+    content: dict[str, Any] = {"serial": profile.serial}
+    if profile.servo_lag_s is not None:
+        content["servo_lag_s"] = profile.servo_lag_s
+    if profile.measured is not None:
+        content["calibration"] = {
+            "date": profile.measured.date,
+            "residual_rms_n": profile.measured.residual_rms_n,
+            "pairs": profile.measured.pairs,
+            "counts": profile.measured.calibration.counts,
+            "forces_n": profile.measured.calibration.forces_n,
+        }
+    if profile.finger is not None:
+        content["finger"] = dataclasses.asdict(profile.finger)
+    return tomli_w.dumps(content)
+
+
+def _measured(table: _CalibrationTable) -> MeasuredCalibration:
+    return MeasuredCalibration(
+        calibration=Calibration(tuple(table.counts), tuple(table.forces_n)),
+        date=table.date,
+        residual_rms_n=table.residual_rms_n,
+        pairs=table.pairs,
+    )
+
+
+def _first_mistake(error: ValidationError) -> str:
+    """Return in one line where the first mistake is and what would be right."""
+    # A misspelt key is both unknown and missing; unknown says more.
+    mistake = min(error.errors(include_url=False), key=lambda each: each["type"] != "extra_forbidden")
+    where = ".".join(str(part) for part in mistake["loc"])
+    if mistake["type"] == "extra_forbidden":
+        table = _TABLES[str(mistake["loc"][0])] if len(mistake["loc"]) > 1 else _ProfileTable
+        return f"unknown key {where!r}; the keys are {', '.join(table.model_fields)}"
+    if mistake["type"] == "missing":
+        return f"{where} is missing"
+    return f"{where} is {reprlib.repr(mistake['input'])}; {mistake['msg'][0].lower()}{mistake['msg'][1:]}"
+
+
+def _check(name: str, value: float, smallest: float, largest: float) -> None:
+    if not smallest <= value <= largest:
+        raise SettingsError(f"{name} is {value}; it must be between {smallest:g} and {largest:g}")
+
+
+def _check_date(name: str, date: str) -> None:
+    if not re.fullmatch(r"[0-9]{4}-(0[1-9]|1[0-2])-(0[1-9]|[12][0-9]|3[01])", date):
+        raise SettingsError(f"{name} is {reprlib.repr(date)}; it must be a day as in 2026-05-04")

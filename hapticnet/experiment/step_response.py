@@ -1,0 +1,193 @@
+"""How a force loop answers a step of its target: the figures control engineers quote, and the paper's Fig. 2."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapticnet.errors import SettingsError
+
+Numbers: TypeAlias = NDArray[np.float64]
+
+RISE_FROM: Final = 0.1
+RISE_TO: Final = 0.9
+"""Fractions of the step between which the rise time is taken: the 10–90 % convention."""
+
+SETTLED_WITHIN: Final = 0.05
+"""Fraction of the step within which the response counts as settled: the 5 % convention."""
+
+STEADY_FRACTION: Final = 0.25
+"""Last part of the recording after the step that counts as steady. Our choice; no convention fixes it."""
+
+TARGET_COLOUR: Final = "#1f77b4"
+SENSED_COLOUR: Final = "#d9822b"
+TRUE_COLOUR: Final = "#222222"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StepFigures:
+    """Figures of a step response, after the conventional definitions of control engineering.
+
+    All are taken from the force asked for, not from where the response ends, so that a loop which stays away from its
+    target cannot look good.
+
+    Attributes
+    ----------
+    rise_s
+        Time [s] from the first crossing of 10 % of the step to the first crossing of 90 %; None when it gets not so
+        far.
+    overshoot
+        How far beyond the target the force goes, as a fraction of the step; 0 when it does not.
+    settling_s
+        Time [s] from the step until the force is within 5 % of the step around the target and stays there; None when
+        it is outside at the end of the recording.
+    steady_error_n
+        Mean force less target [N] over the last quarter of the recording after the step.
+    ripple_peak_to_peak_n, ripple_rms_n
+        Largest less smallest force [N] and standard deviation [N] in that quarter.
+    """
+
+    rise_s: float | None
+    overshoot: float
+    settling_s: float | None
+    steady_error_n: float
+    ripple_peak_to_peak_n: float
+    ripple_rms_n: float
+
+
+def step_figures(
+    t_s: Sequence[float] | Numbers,
+    force_n: Sequence[float] | Numbers,
+    *,
+    at_s: float,
+    from_n: float,
+    to_n: float,
+) -> StepFigures:
+    """Return the figures of a recorded step response.
+
+    Crossings are interpolated between samples, so they do not depend on the sampling rate.
+
+    Parameters
+    ----------
+    t_s
+        Times [s] of the samples, shape (samples,), increasing.
+    force_n
+        Force [N] at those times, shape (samples,): sensed or true.
+    at_s
+        When the target stepped [s].
+    from_n, to_n
+        Target [N] before and after; a downward step is turned round.
+
+    Raises
+    ------
+    SettingsError
+        When a value is not finite, times do not increase, the step has no height or fewer than two samples follow it.
+    """
+    times, forces = np.asarray(t_s, dtype=np.float64), np.asarray(force_n, dtype=np.float64)
+    _check(times, forces, at_s, from_n, to_n)
+    after = times >= at_s
+    if after.sum() < 2:
+        raise SettingsError(f"{after.sum()} samples follow the step at {at_s:g} s; two at least are wanted")
+    # The sample before belongs to the first interval, in which a crossing may lie.
+    first = max(int(after.argmax()) - 1, 0)
+    since_s = times[first:] - at_s
+    done = (forces[first:] - from_n) / (to_n - from_n)
+    started_s, risen_s = _reached_s(since_s, done, RISE_FROM), _reached_s(since_s, done, RISE_TO)
+    steady = forces[times >= times[-1] - STEADY_FRACTION * (times[-1] - at_s)]
+    return StepFigures(
+        rise_s=None if started_s is None or risen_s is None else risen_s - started_s,
+        overshoot=max(0.0, float(done[since_s >= 0.0].max()) - 1.0),
+        settling_s=_settled_s(since_s, done),
+        steady_error_n=float(steady.mean()) - to_n,
+        ripple_peak_to_peak_n=float(np.ptp(steady)),
+        ripple_rms_n=float(steady.std()),
+    )
+
+
+def plot_step(
+    file: Path,
+    t_s: Sequence[float] | Numbers,
+    target_n: Sequence[float] | Numbers,
+    force_n: Sequence[float] | Numbers,
+    *,
+    contact_force_n: Sequence[float] | Numbers | None = None,
+    title: str = "",
+) -> None:
+    """Draw the paper's Fig. 2: target and sensed force over time; the true force, too, where a simulation knows it.
+
+    Parameters
+    ----------
+    file
+        Picture to write.
+    t_s
+        Times [s], shape (samples,).
+    target_n, force_n, contact_force_n
+        Target, sensed and true force [N] at those times, shape (samples,).
+    title
+        Stands above.
+
+    Raises
+    ------
+    UnavailableError
+        When matplotlib is missing.
+    """
+    from hapticnet.experiment.figures import pyplot
+
+    plt = pyplot()
+    figure, axes = plt.subplots(figsize=(6.4, 4.2), layout="constrained")
+    if contact_force_n is not None:
+        axes.plot(t_s, contact_force_n, color=TRUE_COLOUR, linewidth=0.9, alpha=0.6, label="true force on the finger")
+    axes.plot(t_s, force_n, color=SENSED_COLOUR, linewidth=1.1, label="sensed")
+    axes.step(t_s, target_n, where="post", color=TARGET_COLOUR, linewidth=1.4, label="target")
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("force [N]")
+    axes.set_ylim(bottom=0.0)
+    axes.grid(linewidth=0.4, alpha=0.5)
+    axes.legend(loc="best", frameon=False, fontsize=9)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.set_title(title, fontsize=10)
+    figure.savefig(file, dpi=150)
+    plt.close(figure)
+
+
+def _check(times: Numbers, forces: Numbers, at_s: float, from_n: float, to_n: float) -> None:
+    if times.ndim != 1 or times.shape != forces.shape:
+        raise SettingsError(f"times have shape {times.shape} and forces {forces.shape}; both must be (samples,)")
+    for name, values in (("times [s]", times), ("forces [N]", forces), ("step", np.array([at_s, from_n, to_n]))):
+        if not np.isfinite(values).all():
+            raise SettingsError(f"{name} hold {values[~np.isfinite(values)][0]}; all must be finite")
+    if (np.diff(times) <= 0.0).any():
+        late = int((np.diff(times) <= 0.0).argmax())
+        raise SettingsError(f"times go from {times[late]} to {times[late + 1]} s; they must increase")
+    if from_n == to_n:
+        raise SettingsError(f"the step goes from {from_n:g} to {to_n:g} N; it needs a height")
+
+
+def _reached_s(since_s: Numbers, done: Numbers, level: float) -> float | None:
+    """Return when the response first reaches a fraction of the step, not before the step itself."""
+    reached = np.flatnonzero((done >= level) & (since_s >= 0.0))
+    return _crossing_s(since_s, done, int(reached[0]), level) if reached.size else None
+
+
+def _settled_s(since_s: Numbers, done: Numbers) -> float | None:
+    outside = np.flatnonzero(np.abs(done - 1.0) > SETTLED_WITHIN)
+    if not outside.size or since_s[outside[-1]] < 0.0:
+        return 0.0
+    last = int(outside[-1])
+    if last == len(done) - 1:
+        return None
+    return _crossing_s(since_s, done, last + 1, 1.0 + math.copysign(SETTLED_WITHIN, done[last] - 1.0))
+
+
+def _crossing_s(since_s: Numbers, done: Numbers, index: int, level: float) -> float:
+    """Return when a straight line from the sample before `index` to it goes through a level."""
+    if index == 0:
+        return float(max(since_s[0], 0.0))
+    before, after = float(done[index - 1]), float(done[index])
+    share = (level - before) / (after - before) if after != before else 1.0
+    crossed_s = since_s[index - 1] + min(max(share, 0.0), 1.0) * (since_s[index] - since_s[index - 1])
+    return float(max(crossed_s, 0.0))

@@ -1,0 +1,132 @@
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hapticnet.device.calibration import Calibration
+from hapticnet.device.parts import Sensor
+from hapticnet.device.profile import (
+    MeasuredCalibration,
+    MeasuredFinger,
+    Profile,
+    dump_profile,
+    generic_profile,
+    load_profile,
+    parse_profile,
+)
+from hapticnet.errors import FileError, SettingsError
+
+WHOLE = """
+serial = "A9B0C1D2"
+servo_lag_s = 0.031
+
+[calibration]
+date = "2026-05-04"
+residual_rms_n = 0.03
+pairs = 16
+counts = [178, 354.5, 552]
+forces_n = [0.2, 0.5, 1]
+
+[finger]
+date = "2026-05-04"
+stiffness_n_m = 900
+contact_m = 0.0021
+"""
+
+days = st.dates().map(lambda day: day.isoformat())
+
+
+@st.composite
+def calibrations(draw):
+    size = draw(st.integers(2, 20))
+    columns = [
+        sorted(draw(st.lists(st.floats(1e-300, 1e300), min_size=size, max_size=size, unique=True))) for _ in "cf"
+    ]
+    return Calibration(tuple(columns[0]), tuple(columns[1]))
+
+
+profiles = st.builds(
+    Profile,
+    serial=st.text(max_size=200).filter(str.isprintable),
+    measured=st.none()
+    | st.builds(
+        MeasuredCalibration,
+        calibration=calibrations(),
+        date=days,
+        residual_rms_n=st.floats(0.0, 100.0),
+        pairs=st.integers(2, 10**9),
+    ),
+    finger=st.none()
+    | st.builds(MeasuredFinger, stiffness_n_m=st.floats(1.0, 1e5), contact_m=st.floats(0.0, 0.1), date=days),
+    servo_lag_s=st.none() | st.floats(1e-4, 1.0),
+)
+
+
+@given(profiles)
+def test_what_is_dumped_is_loaded_again_to_the_bit(profile):
+    assert parse_profile(dump_profile(profile), "device.toml") == profile
+
+
+def test_a_file_says_all_or_nothing(tmp_path: Path):
+    path = tmp_path / "device.toml"
+    path.write_text(WHOLE)
+    profile = load_profile(path)
+    assert (profile.serial, profile.servo_lag_s, profile.is_generic) == ("A9B0C1D2", 0.031, False)
+    assert profile.calibration == Calibration((178.0, 354.5, 552.0), (0.2, 0.5, 1.0))
+    assert profile.measured is not None
+    assert (profile.measured.date, profile.measured.pairs, profile.measured.residual_rms_n) == ("2026-05-04", 16, 0.03)
+    assert profile.finger == MeasuredFinger(stiffness_n_m=900.0, contact_m=0.0021, date="2026-05-04")
+    path.write_text("")
+    assert load_profile(path) == generic_profile()
+
+
+def test_a_device_nobody_calibrated_has_the_data_sheets_curve_and_says_so():
+    profile = generic_profile()
+    assert profile.is_generic
+    for force_n in (0.2, 1.0, 2.0, 5.0, 20.0):
+        assert profile.calibration.force_n(Sensor().counts(force_n)) == pytest.approx(force_n, rel=1e-12)
+    tuned = Profile(finger=MeasuredFinger(stiffness_n_m=900.0, contact_m=0.002, date="2026-05-04"))
+    assert parse_profile(dump_profile(tuned), "device.toml").is_generic
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("servo_lag_s", "servo_lag"), "unknown key 'servo_lag'; the keys are serial, servo_lag_s, calibration, fin"),
+        (("contact_m", "contact"), "unknown key 'finger.contact'; the keys are stiffness_n_m, contact_m, date"),
+        (("pairs = 16", ""), "calibration.pairs is missing"),
+        (("pairs = 16", "pairs = 1.5"), r"calibration.pairs is 1.5; input should be a valid integer"),
+        (("[178,", "[178, 'x',"), r"calibration.counts.1 is 'x'; input should be a valid number"),
+        (("[178,", "[900,"), r"counts go from 900 to 354.5; they must be"),
+        (("[178,", "[nan,"), r"counts go from 0 to nan; they must be"),
+        (("[178,", "["), r"2 counts and 3 forces"),
+        (("0.031", "nan"), r"servo lag \[s\] is nan; it must be between"),
+        (("0.03\n", "inf\n"), r"calibration residual \[N\] is inf; it must be between"),
+        (("900", "0"), r"finger stiffness \[N/m\] is 0.0; it must be between 1 and"),
+        (("0.0021", "-1e300"), r"finger contact \[m\] is -1e\+300; it must be between 0 and 0.1"),
+        (("2026-05-04", "yesterday"), r"calibration date is 'yesterday'; it must be a day as in 2026-05-04"),
+        (('"A9B0C1D2"', "7"), r"serial is 7; input should be a valid string"),
+        (('"A9B0C1D2"', '"a\\nb"'), r"serial is 'a\\nb'; it must be 200 printable"),
+        (("[finger]", "[[finger]]"), r"finger is \[.*\]; input should be a valid dictionary"),
+    ],
+)
+def test_mistakes_are_named_by_their_key(tmp_path: Path, change, message):
+    path = tmp_path / "device.toml"
+    path.write_text(WHOLE.replace(*change, 1))
+    with pytest.raises(SettingsError, match=message) as raised:
+        load_profile(path)
+    assert str(raised.value).startswith(f"{path}: ")
+    assert "\n" not in str(raised.value)
+
+
+def test_files_that_are_no_profile_are_refused(tmp_path: Path):
+    path = tmp_path / "device.toml"
+    with pytest.raises(FileError, match="No such file"):
+        load_profile(path)
+    path.write_text("serial = ")
+    with pytest.raises(FileError, match="not a TOML file: "):
+        load_profile(path)
+    path.write_bytes(b"serial = '\xff'")
+    with pytest.raises(FileError, match="not UTF-8 text: byte 10 is 0xff"):
+        load_profile(path)
