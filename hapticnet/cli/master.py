@@ -9,7 +9,7 @@ from hapticnet.cli import options
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION
 
 if TYPE_CHECKING:
-    from hapticnet.device.base import Device
+    from hapticnet.node.master import MasterNode, NodeEvent
     from hapticnet.operator.base import Operator
 
 
@@ -19,7 +19,8 @@ def master(
         str, typer.Option(help="Where positions come from: scripted, or trace:FILE.csv (columns t_s, position_m).")
     ] = "scripted",
     insertions: Annotated[int, typer.Option(min=1, help="Insertions of the scripted operator.")] = 5,
-    device: Annotated[str, typer.Option(help="Fingertip device: sim, or none.")] = "sim",
+    device: options.DeviceOption = "sim",
+    profile: options.ProfileOption = None,
     duration: Annotated[
         float | None,
         typer.Option(min=0.0, help="Stop this many seconds after connecting; else when the operator is done."),
@@ -46,25 +47,33 @@ def master(
     Waits for the slave when it is not there yet, and again when it goes away. Ends on Ctrl-C, SIGTERM or when the
     operator is done, and then prints its report.
     """
+    from contextlib import nullcontext
+
     import numpy as np
 
     from hapticnet.channel.emulator import Emulator
     from hapticnet.channel.spec import parse_channel
+    from hapticnet.cli import devices
     from hapticnet.cli.console import Console, channel_account, check_writable, deliver
     from hapticnet.errors import RefusedError, UnavailableError
-    from hapticnet.node.master import MasterNode, MasterSettings, NodeEvent
+    from hapticnet.node.master import MasterNode, MasterSettings
     from hapticnet.perception import WeberLaw
-    from hapticnet.protocol.master_session import Connected, Ended, LinkRecovered, LinkStale, SessionLost
-    from hapticnet.runtime.clock import now_us
     from hapticnet.runtime.processes import run_master
     from hapticnet.runtime.realtime import OTHER, prefer_realtime, run
     from hapticnet.runtime.udp import open_toward, parse_host_port
     from hapticnet.tables import write_csv
 
     law = WeberLaw(weber_fraction=weber, floor_n=floor, multiplier=multiplier)
-    settings = MasterSettings(codec=codec, law=law, rate_hz=rate, name=name, record=record is not None)
+    known = devices.load(profile)
+    settings = MasterSettings(
+        codec=codec,
+        law=law,
+        rate_hz=rate,
+        name=name,
+        record=record is not None,
+        control=devices.control_settings(known),
+    )
     hand = _operator(operator, insertions, seed)
-    node = MasterNode(hand, _device(device, seed), settings, np.random.default_rng())
     out = parse_channel(channel_out)
     channel = None if out.is_perfect else Emulator[Any](out, np.random.default_rng([seed, 2]))
     if duration is None and hand.duration_us is not None:
@@ -74,42 +83,30 @@ def master(
     check_writable(record)
     check_writable(report)
     console = Console(name, quiet=quiet)
-
-    def on_event(event: NodeEvent) -> None:
-        if isinstance(event, Connected):
-            console.say(f"connected to {address}, scene {event.welcome.scene}, {event.welcome.rate_hz:g} Hz granted")
-        elif isinstance(event, LinkStale):
-            console.say("link stale: nothing heard from the slave; the held force decays to zero")
-        elif isinstance(event, LinkRecovered):
-            console.say("link recovered")
-        elif isinstance(event, SessionLost):
-            console.say(f"session lost ({event.reason}); asking for a new one")
-        elif isinstance(event, Ended):
-            console.say(f"session ended: {event.reason}")
-
-    def on_status() -> None:
-        session = node.session
-        round_trip_us = session.round_trip.percentile(50)
-        console.status(
-            f"{session.state.value}, holding {node.held_force_n(now_us()):.2f} N, {session.sent.packets} packets out,"
-            f" {session.received.packets} in, {session.received.lost} lost"
-            + (f", round trip {round_trip_us / 1000:.2f} ms" if round_trip_us else "")
-        )
-
     scheduling = prefer_realtime() if realtime else OTHER
     console.say(f"asking {address} for {codec}, {rate:g} Hz, device {device}, {scheduling}")
-    outcome = run(
-        run_master(
-            node,
-            sock,
-            slave,
-            channel=channel,
-            duration_s=duration,
-            connect_timeout_s=connect_timeout,
-            on_event=on_event,
-            on_status=on_status,
+    with (
+        nullcontext((None, None)) if device == "none" else devices.real_time_device(device, known, seed) as (
+            fingertip,
+            wire,
         )
-    )
+    ):
+        if wire and known.is_generic and device.startswith("serial:"):
+            console.say("the force sensor is not calibrated (see hapticnet device calibrate); forces may be far off")
+        node = MasterNode(hand, fingertip, settings, np.random.default_rng())
+        outcome = run(
+            run_master(
+                node,
+                sock,
+                slave,
+                wire=wire,
+                channel=channel,
+                duration_s=duration,
+                connect_timeout_s=connect_timeout,
+                on_event=lambda event: console.say(_in_words(event, str(address))),
+                on_status=lambda: console.status(_status(node)),
+            )
+        )
     console.finish()
     if node.refused:
         raise RefusedError(f"{address} refused the session: {node.end_reason}")
@@ -147,15 +144,34 @@ def _operator(spec: str, insertions: int, seed: int) -> "Operator":
     raise SettingsError(f"unknown operator {spec!r}; there are: scripted, trace:FILE.csv")
 
 
-def _device(spec: str, seed: int) -> "Device | None":
-    import numpy as np
+def _in_words(event: "NodeEvent", address: str) -> str:
+    from hapticnet.node.fingertip import DeviceFound, DeviceLost, ForceFault
+    from hapticnet.protocol.master_session import Connected, LinkRecovered, LinkStale, SessionLost
 
-    from hapticnet.device.plant import PlantSettings
-    from hapticnet.device.simulated import SimulatedDevice
-    from hapticnet.errors import SettingsError
+    if isinstance(event, Connected):
+        return f"connected to {address}, scene {event.welcome.scene}, {event.welcome.rate_hz:g} Hz granted"
+    if isinstance(event, LinkStale):
+        return "link stale: nothing heard from the slave; the held force decays to zero"
+    if isinstance(event, LinkRecovered):
+        return "link recovered"
+    if isinstance(event, SessionLost):
+        return f"session lost ({event.reason}); asking for a new one"
+    if isinstance(event, DeviceFound):
+        return f"device ready: {event.description}"
+    if isinstance(event, DeviceLost):
+        return f"device lost ({event.reason}); the session goes on, the finger feels nothing"
+    if isinstance(event, ForceFault):
+        return f"platform retracted: {event.reason}"
+    return f"session ended: {event.reason}"
 
-    if spec == "none":
-        return None
-    if spec == "sim":
-        return SimulatedDevice(PlantSettings(), np.random.default_rng([seed, 4]))
-    raise SettingsError(f"unknown device {spec!r}; there are: sim, none")
+
+def _status(node: "MasterNode") -> str:
+    from hapticnet.runtime.clock import now_us
+
+    session = node.session
+    round_trip_us = session.round_trip.percentile(50)
+    return (
+        f"{session.state.value}, holding {node.held_force_n(now_us()):.2f} N, {session.sent.packets} packets out,"
+        f" {session.received.packets} in, {session.received.lost} lost"
+        + (f", round trip {round_trip_us / 1000:.2f} ms" if round_trip_us else "")
+    )

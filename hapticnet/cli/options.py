@@ -22,3 +22,18 @@ ChannelOut: TypeAlias = Annotated[
     ),
 ]
 Realtime: TypeAlias = Annotated[bool, typer.Option(help="Ask for real-time scheduling (SCHED_FIFO); go on without.")]
+DeviceOption: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        metavar="DEVICE",
+        help="Fingertip device: sim[:N/MM], simavr[:N/MM] (the compiled firmware, simulated), serial:auto,"
+        " serial:PATH[@BAUD], or none. N/MM is the simulated finger's stiffness.",
+    ),
+]
+DeviceArgument: TypeAlias = Annotated[
+    str, typer.Argument(metavar="DEVICE", help="sim[:N/MM], simavr[:N/MM], serial:auto or serial:PATH[@BAUD].")
+]
+ProfileOption: TypeAlias = Annotated[
+    Path | None,
+    typer.Option("--profile", metavar="FILE", help="The device's calibration and finger, from hapticnet device."),
+]

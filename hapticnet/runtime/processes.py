@@ -7,9 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
+from hapticnet.device.wired import WiredDevice
 from hapticnet.node.master import MasterNode, NodeEvent
 from hapticnet.node.slave import SlaveEvent, SlaveNode
 from hapticnet.runtime.clock import now_us
+from hapticnet.runtime.serial_port import SerialPort, SerialSpec
 from hapticnet.runtime.timer import Alarm, Ticker
 from hapticnet.runtime.udp import OutgoingChannel, SocketAddress, UdpPort
 
@@ -17,6 +19,18 @@ STATUS_INTERVAL_S: Final = 0.5
 
 PARTING_S: Final = 1.0
 """How long a process waits for its last words to leave its emulated channel."""
+
+
+START_WITHIN_S: Final = 5.0
+"""How long a device may take to come up [s]: the three seconds after which it counts as silent, and time to open."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wire:
+    """A device on a serial line, and where that is."""
+
+    wired: WiredDevice
+    spec: SerialSpec
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,13 +95,22 @@ async def run_master(
     sock: socket.socket,
     slave: SocketAddress,
     *,
+    wire: Wire | None,
     channel: OutgoingChannel | None,
     duration_s: float | None,
     connect_timeout_s: float | None,
     on_event: Callable[[NodeEvent], None],
     on_status: Callable[[], None],
 ) -> MasterRun:
-    """Run until SIGINT, SIGTERM, a refusal, or `duration_s` [s] after the first connection; then close the session."""
+    """Run until SIGINT, SIGTERM, a refusal, or `duration_s` [s] after the first connection; then close the session.
+
+    A device on a `wire` must be there at the start; later it may come and go.
+
+    Raises
+    ------
+    UnavailableError, RefusedError
+        When it is not, or speaks another protocol.
+    """
     loop = asyncio.get_running_loop()
     stop = stop_on_signals(loop)
     ended = asyncio.Event()
@@ -99,6 +122,8 @@ async def run_master(
 
     def tick(now: int) -> None:
         node.drive(now)
+        if serial is not None:
+            serial.flush(now)
         # Sampled last and sent at once: then this process sleeps, and the slave can be woken on a warm core.
         node.tick(now_us())
         flush()
@@ -116,6 +141,13 @@ async def run_master(
         while (event := node.next_event()) is not None:
             on_event(event)
 
+    serial = SerialPort(loop, wire.spec, wire.wired) if wire is not None else None
+    if serial is not None:
+        try:
+            await serial.wait_ready(START_WITHIN_S)
+        except BaseException:
+            await serial.stop()
+            raise
     port = UdpPort(loop, sock, receive, peer=slave, channel=channel)
     ticker = Ticker(loop, node.period_us, tick)
     status = Repeating(loop, on_status)
@@ -137,6 +169,8 @@ async def run_master(
         status.cancel()
         ticker.stop()
         port.close()
+        if serial is not None:
+            await serial.stop()
     return MasterRun(
         end_reason=reason,
         connected=connected.is_set(),

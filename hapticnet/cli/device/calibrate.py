@@ -1,0 +1,263 @@
+"""``hapticnet device calibrate``: from the force sensor's counts to newton."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
+
+import typer
+
+from hapticnet.cli import options
+
+if TYPE_CHECKING:
+    from hapticnet.device.calibration import Fit
+    from hapticnet.runtime.serial_port import SerialSpec
+
+WINDOW_US: Final = 500_000
+"""How long [µs] the readings of one force are averaged: it takes out the converter's noise and a hand's tremor."""
+
+Pairs: TypeAlias = list[tuple[float, float]]
+"""Each a force [N] and the counts it gave."""
+
+
+def calibrate(
+    device: Annotated[str | None, typer.Argument(help="serial:PORT[@BAUD] or serial:auto.")] = None,
+    pairs: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="CSV with columns force_n [N] and adc [counts]: no device.")
+    ] = None,
+    profile: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Profile to go on from: its serial and finger are kept.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Profile to write; else --profile's, else device.toml.")
+    ] = None,
+    json: options.Json = False,
+) -> None:
+    """Fit the force sensor's calibration to known forces, show how well it fits, and keep it."""
+    import datetime
+    from dataclasses import replace
+
+    from hapticnet.cli.console import check_writable, deliver, write_text
+    from hapticnet.device.calibration import fit_calibration
+    from hapticnet.device.profile import MeasuredCalibration, dump_profile, generic_profile, load_profile
+    from hapticnet.errors import FileError, SettingsError
+
+    if (device is None) == (pairs is None):
+        raise SettingsError("calibrate takes either a device, such as serial:auto, or --pairs FILE")
+    known = load_profile(profile) if profile else generic_profile()
+    file = out or profile or Path("device.toml")
+    if file.exists() and file != profile and file.stat().st_size:
+        raise SettingsError(f"{file} exists; --profile {file} goes on from it, --out FILE names another")
+    if pairs is not None:
+        measured = _read(pairs)
+    else:
+        from hapticnet.runtime.serial_port import parse_serial
+
+        spec = parse_serial(device or "")
+        known = replace(known, serial=_serial_number(spec) or known.serial)
+        check_writable(file)
+        if not file.stat().st_size:
+            file.unlink()  # should nothing come of it, an empty file would pass for a profile
+        measured = _measure(spec)
+    try:
+        fit = fit_calibration([adc for _, adc in measured], [force_n for force_n, _ in measured])
+    except SettingsError as error:
+        if pairs is None:
+            raise
+        raise FileError(f"{pairs}: {error}") from error
+    record = MeasuredCalibration(
+        calibration=fit.calibration,
+        date=datetime.date.today().isoformat(),
+        residual_rms_n=fit.rms_n,
+        pairs=sum(residual_n is not None for residual_n in fit.residuals_n),
+    )
+    write_text(file, dump_profile(replace(known, measured=record)))
+    account = _account(measured, fit, file)
+    if json:
+        deliver(account, as_json=True, file=None)
+    else:
+        print("\n".join(_table(account)))
+
+
+class CalibrationSession:
+    """A guided calibration: lines that a person types, readings of the sensor, and what to say to the person.
+
+    Attributes
+    ----------
+    pairs
+        What was measured so far.
+    finished
+        Whether the person has had enough.
+    """
+
+    PROMPT: Final = "apply a force, hold it, type its value in N and press Enter (an empty line ends): "
+
+    def __init__(self) -> None:
+        self.pairs: Pairs = []
+        self.finished = False
+        self._force_n: float | None = None
+        self._started_us = 0
+        self._sum = 0.0
+        self._readings = 0
+
+    def typed(self, line: str, now_us: int) -> str | None:
+        """Take a line; return what to say to it, or None when a measurement begins or the session ends."""
+        from hapticnet.device.calibration import LARGEST_FORCE_N
+
+        if not line.strip():
+            self.finished = True
+            return None
+        if self._force_n is not None:
+            return "still measuring the last one; hold it"
+        try:
+            force_n = float(line)
+        except ValueError:
+            force_n = math.nan
+        if not 0.0 <= force_n <= LARGEST_FORCE_N:
+            return f"{line.strip()[:20]!r} is no force between 0 and {LARGEST_FORCE_N:g} N; type it as in 1.5"
+        self._force_n = force_n
+        self._started_us = now_us
+        self._sum = 0.0
+        self._readings = 0
+        return None
+
+    def read(self, adc: float | None, now_us: int) -> str | None:
+        """Take a reading [counts], None while the device is lost; return what to say when a measurement ends."""
+        from hapticnet.device.calibration import FULL_SCALE_COUNTS
+
+        if self._force_n is None:
+            return None
+        if adc is None:
+            self._force_n = None
+            return "the device was lost meanwhile; once it is back, apply and type this force again"
+        self._sum += adc
+        self._readings += 1
+        if now_us - self._started_us < WINDOW_US:
+            return None
+        force_n, self._force_n = self._force_n, None
+        mean = self._sum / self._readings
+        self.pairs.append((force_n, mean))
+        saturated = " (saturated: it will be left out)" if mean > FULL_SCALE_COUNTS - 1.0 else ""
+        return f"pair {len(self.pairs)}: {force_n:g} N, {mean:.1f} counts{saturated}"
+
+
+def _read(file: Path) -> Pairs:
+    from hapticnet.tables import read_csv
+
+    table = read_csv(file)
+    return list(zip(table.column("force_n").tolist(), table.column("adc").tolist(), strict=True))
+
+
+def _serial_number(spec: "SerialSpec") -> str | None:
+    """Return the serial number of a port's USB device; None where it has none, as most clones."""
+    import os
+
+    from hapticnet.runtime.serial_port import choose_port, find_ports
+
+    port = os.path.realpath(spec.path or choose_port())
+    return next((found.serial_number for found in find_ports() if os.path.realpath(found.name) == port), None)
+
+
+def _account(measured: Pairs, fit: "Fit", file: Path) -> dict[str, Any]:
+    return {
+        "profile": str(file),
+        "rms_n": fit.rms_n,
+        "max_n": fit.max_n,
+        "hysteresis": fit.hysteresis,
+        "saturated": fit.residuals_n.count(None),
+        "pairs": [
+            {"force_n": force_n, "adc": adc, "residual_n": residual_n}
+            for (force_n, adc), residual_n in zip(measured, fit.residuals_n, strict=True)
+        ],
+        "knots": [
+            {"adc": adc, "force_n": force_n}
+            for adc, force_n in zip(fit.calibration.counts, fit.calibration.forces_n, strict=True)
+        ],
+    }
+
+
+def _table(account: dict[str, Any]) -> list[str]:
+    from hapticnet.control.limits import DEVICE_MAX_FORCE_N
+
+    lines = [f"{'pair':>6}{'force [N]':>11}{'adc':>8}{'table [N]':>11}{'residual [N]':>14}"]
+    for number, pair in enumerate(account["pairs"], start=1):
+        force_n, residual_n = pair["force_n"], pair["residual_n"]
+        fitted = "saturated" if residual_n is None else f"{force_n + residual_n:.3f}"
+        missed = "–" if residual_n is None else f"{round(residual_n, 3) + 0.0:+.3f}"
+        lines.append(f"{number:>6}{force_n:>11.3f}{pair['adc']:>8.1f}{fitted:>11}{missed:>14}")
+    knots = account["knots"]
+    lines.append(
+        f"residuals: {account['rms_n']:.3f} N rms, {account['max_n']:.3f} N at most; "
+        f"{len(knots)} knots up to {knots[-1]['force_n']:.2f} N"
+    )
+    if account["hysteresis"] is not None:
+        lines.append(f"hysteresis: reads {account['hysteresis']:.1%} of the force more while unloading")
+    strongest_n = max(pair["force_n"] for pair in account["pairs"] if pair["residual_n"] is not None)
+    if strongest_n < DEVICE_MAX_FORCE_N:
+        lines.append(
+            f"the device renders {DEVICE_MAX_FORCE_N:g} N, but above {strongest_n:g} N this table says only "
+            '"at least that": better measure stronger forces, too'
+        )
+    lines.append(f"written to {account['profile']}")
+    return lines
+
+
+def _measure(spec: "SerialSpec") -> Pairs:
+    """Measure pairs on a device, guided by prompts on stderr, with what is typed on stdin."""
+    from hapticnet.device.profile import GENERIC_CALIBRATION
+    from hapticnet.device.wired import WiredDevice
+    from hapticnet.runtime.device_run import run_device
+    from hapticnet.runtime.realtime import run
+
+    wired = WiredDevice(GENERIC_CALIBRATION)
+    session = CalibrationSession()
+    keyboard = _Keyboard()
+    prompted = False
+
+    def tick(now_us: int) -> bool:
+        nonlocal prompted
+        if not prompted:
+            _say(session.PROMPT, end="")
+            prompted = True
+        reading = wired.exchange(0.0, now_us)
+        said = [session.typed(line, now_us) for line in keyboard.lines()]
+        said.append(session.read(None if reading is None else reading.adc, now_us))
+        for each in said:
+            if each is not None:
+                _say(each)
+                prompted = session.finished
+        return session.finished
+
+    _say(f"opening {spec}; keep fingers out")
+    if not run(run_device(wired, spec, tick)):
+        raise typer.Exit(130)
+    return session.pairs
+
+
+class _Keyboard:
+    """Lines on stdin, without waiting for them; the end of stdin is an empty line."""
+
+    def __init__(self) -> None:
+        import sys
+
+        from hapticnet.errors import UnavailableError
+
+        if sys.stdin is None or sys.stdin.closed:
+            raise UnavailableError("there is no stdin to type forces on; measure them otherwise and use --pairs FILE")
+        self._fd = sys.stdin.fileno()
+        self._partial = b""
+
+    def lines(self) -> list[str]:
+        import os
+        import select
+
+        if not select.select([self._fd], [], [], 0)[0]:
+            return []
+        data = os.read(self._fd, 4096)
+        *whole, self._partial = (self._partial + (data or b"\n\n")).split(b"\n")
+        return [line.decode(errors="replace") for line in whole]
+
+
+def _say(text: str, *, end: str = "\n") -> None:
+    import sys
+
+    print(text, end=end, file=sys.stderr, flush=True)

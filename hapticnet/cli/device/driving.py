@@ -1,0 +1,37 @@
+"""Carries a procedure through time: virtual for a simulated device, real for one on a serial line."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from hapticnet.device.base import Device
+
+TICK_US = 1000
+
+
+def drive(text: str, profile: Path | None, seed: int, prepare: "Callable[[Device], Callable[[int], bool]]") -> "Device":
+    """Make the device written as `text`, let `prepare` make a procedure's tick for it, and tick until it is done.
+
+    Returns the device, ended: what is left is its account.
+    """
+    from hapticnet.cli import devices
+
+    known = devices.load(profile)
+    with devices.virtual_device(text, known, seed) as device:
+        if device is not None:
+            tick, now_us = prepare(device), 0
+            while not tick(now_us):
+                now_us += TICK_US
+            return device
+    from hapticnet.runtime.device_run import run_device
+    from hapticnet.runtime.realtime import run
+
+    with devices.real_time_device(text, known, seed) as (device, wire):
+        assert wire is not None  # noqa: S101 - what is not simulated is on a wire
+        if not run(run_device(wire.wired, wire.spec, prepare(device))):
+            raise typer.Exit(130)
+        return device

@@ -1,0 +1,27 @@
+"""``hapticnet device find``: which serial ports there are, and which may be the device."""
+
+from hapticnet.cli import options
+
+
+def find(json: options.Json = False) -> None:
+    """List the serial ports of this computer, with what to write for each."""
+    from dataclasses import asdict
+
+    from hapticnet.cli.console import deliver
+    from hapticnet.runtime.serial_port import find_ports
+
+    ports = find_ports()
+    if json:
+        listed = [{"device": f"serial:{port.path}", **asdict(port)} for port in ports]
+        deliver({"ports": listed, "auto": sum(port.likely is not None for port in ports) == 1}, as_json=True, file=None)
+        return
+    for port in ports:
+        what = ", ".join(filter(None, (port.description, port.serial_number)))
+        print(f"serial:{port.path}  {what or port.name}  ({port.likely or 'nothing says it is a Nano'})")
+    likely = sum(port.likely is not None for port in ports)
+    if likely == 1:
+        print("the first may be the device; serial:auto finds it")
+    elif likely:
+        print(f"the first {likely} may be the device; write which")
+    else:
+        print("no port looks like an Arduino Nano; is it plugged in?")

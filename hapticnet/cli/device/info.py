@@ -1,0 +1,47 @@
+"""``hapticnet device info``: who answers on a serial port."""
+
+from typing import Annotated
+
+import typer
+
+from hapticnet.cli import options
+
+
+def info(
+    device: Annotated[str, typer.Argument(help="serial:PORT[@BAUD] or serial:auto.")] = "serial:auto",
+    json: options.Json = False,
+) -> None:
+    """Greet a device and print what it says of itself; a device of another protocol is told how to flash."""
+    from hapticnet.cli.console import deliver
+    from hapticnet.device.messages import TICKS_PER_US
+    from hapticnet.device.profile import GENERIC_CALIBRATION
+    from hapticnet.device.wired import WiredDevice, firmware_version, reset_cause
+    from hapticnet.errors import UnavailableError
+    from hapticnet.runtime.device_run import run_device
+    from hapticnet.runtime.realtime import run
+    from hapticnet.runtime.serial_port import parse_serial
+
+    spec = parse_serial(device)
+    wired = WiredDevice(GENERIC_CALIBRATION)
+    if not run(run_device(wired, spec, lambda now_us: wired.exchange(0.0, now_us) is not None)):
+        raise typer.Exit(130)
+    who = wired.identity
+    if who is None:
+        raise UnavailableError(f"{spec}: {wired.status}")
+    limits = zip(who[8:14:2], who[9:14:2], strict=True)
+    account = {
+        "device": str(spec),
+        "firmware": firmware_version(who),
+        "protocol": f"{who.protocol_major}.{who.protocol_minor}",
+        "clock_mhz": who.clock_hz / 1e6,
+        "boot_id": who.boot_id,
+        "reset_cause": reset_cause(who),
+        "stream_period_ms": wired.stream_period_ms,
+        "adc_bits": who.adc_bits,
+        "largest_step_us": who.largest_step / TICKS_PER_US,
+        "servo": [
+            {"shortest_pulse_us": shortest / TICKS_PER_US, "longest_pulse_us": longest / TICKS_PER_US}
+            for shortest, longest in limits
+        ],
+    }
+    deliver(account, as_json=json, file=None)

@@ -1,0 +1,53 @@
+"""``hapticnet device sim``: a simulated device on a pseudo-terminal that any program can open."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hapticnet.cli import options
+
+
+def sim(
+    link: Annotated[
+        Path | None, typer.Option(metavar="PATH", help="Leave a symbolic link to the pseudo-terminal at PATH.")
+    ] = None,
+    stiffness: Annotated[
+        float, typer.Option(metavar="N_PER_MM", help="Stiffness of the simulated finger at 1 N [N/mm].")
+    ] = 1.0,
+    seed: options.Seed = 0,
+    duration: Annotated[float | None, typer.Option(min=0.0, help="Stop after this many seconds.")] = None,
+) -> None:
+    """Run the compiled firmware, with servos, finger and sensor, on a pseudo-terminal.
+
+    Prints the terminal's path on stdout and runs in real time until Ctrl-C, SIGTERM or the end of --duration. Open it
+    like a serial port: hapticnet master --device serial:PATH. `make simulator` builds what this needs.
+    """
+    from contextlib import closing
+
+    import numpy as np
+
+    from hapticnet.cli.console import Console
+    from hapticnet.device.parts import Finger
+    from hapticnet.device.plant import PlantSettings
+    from hapticnet.runtime.nano import Board
+    from hapticnet.runtime.nano_pty import NanoPty, run_nano_pty
+    from hapticnet.runtime.realtime import run
+
+    settings = PlantSettings(finger=Finger(stiffness_n_m=1000.0 * stiffness))
+    console = Console("sim")
+    with closing(Board(settings, np.random.default_rng(seed))) as board, NanoPty(board, link=link) as nano:
+        plant = board.plant
+
+        def on_status() -> None:
+            visitor = "in use" if nano.visited else "nobody here"
+            console.status(
+                f"{visitor}; platform at {1e3 * plant.displacement_m:.2f} mm, {plant.contact_force_n:.2f} N; "
+                f"{board.resets} resets, {nano.lost_us // 1000} ms lost in stalls"
+            )
+
+        print(nano.path, flush=True)
+        console.say(f"listening on {link or nano.path}, finger of {stiffness:g} N/mm")
+        run(run_nano_pty(nano, duration_s=duration, on_status=on_status))
+    console.finish()
+    console.say(f"ended; {board.resets} resets, {nano.lost_us // 1000} ms lost in stalls")

@@ -1,0 +1,84 @@
+"""``hapticnet device step``: how the force loop answers a step, as in the paper's Fig. 2."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hapticnet.cli import options
+
+if TYPE_CHECKING:
+    from hapticnet.codec.base import FloatArray
+    from hapticnet.device.base import Device
+
+
+def step(
+    device: options.DeviceArgument = "sim",
+    from_n: Annotated[float, typer.Option("--from", metavar="N", help="Force before the step [N].")] = 0.4,
+    to_n: Annotated[float, typer.Option("--to", metavar="N", help="Force after the step [N].")] = 2.0,
+    profile: options.ProfileOption = None,
+    seed: options.Seed = 0,
+    plot: Annotated[Path, typer.Option(metavar="FILE", help="Picture of the response.")] = Path("step.png"),
+    csv: Annotated[Path | None, typer.Option(metavar="FILE", help="Write every tick to FILE.")] = None,
+    json: options.Json = False,
+) -> None:
+    """Press a finger with one force, step to another, and report rise, overshoot, settling and ripple.
+
+    Simulated devices run in virtual time, as fast as they can; simavr is the compiled firmware. Figures are of the
+    sensed force, averaged over a control period as the loop sees it, and where it is known of the true one.
+    """
+    from dataclasses import asdict
+
+    import numpy as np
+
+    from hapticnet.cli import devices
+    from hapticnet.cli.console import Console, check_writable, deliver
+    from hapticnet.cli.device.driving import drive
+    from hapticnet.control.limits import LimitSettings
+    from hapticnet.errors import UnavailableError
+    from hapticnet.experiment.step_response import plot_step, step_figures
+    from hapticnet.node.fingertip import Fingertip
+    from hapticnet.node.procedures import StepTest
+    from hapticnet.tables import write_csv
+
+    control = devices.control_settings(devices.load(profile))
+    for file in (plot, csv):
+        check_writable(file)
+    tests: list[StepTest] = []
+
+    def prepare(made: "Device") -> Callable[[int], bool]:
+        tests.append(StepTest(Fingertip(made, LimitSettings(), control), from_n=from_n, to_n=to_n))
+        return tests[0].tick
+
+    made = drive(device, profile, seed, prepare)
+    columns = tests[0].recording.table()
+    if csv is not None:
+        write_csv(csv, columns)
+    t_s, at_s = columns["t_us"] * 1e-6, (tests[0].step_us or 0) * 1e-6
+    forces = {"sensed": _averaged(columns["sensed_n"], control.period_us // 1000), "true": columns["true_n"]}
+    account: dict[str, Any] = {"device": made.description, "from_n": from_n, "to_n": to_n}
+    for name, force_n in forces.items():
+        if np.isfinite(force_n).all():
+            account[name] = asdict(step_figures(t_s, force_n, at_s=at_s, from_n=from_n, to_n=to_n))
+    account["fingertip"] = tests[0].fingertip.report()
+    deliver(account, as_json=json, file=None)
+    try:
+        plot_step(
+            plot,
+            t_s - at_s,
+            columns["target_n"],
+            forces["sensed"],
+            contact_force_n=forces["true"] if "true" in account else None,
+            title=made.description,
+        )
+    except UnavailableError as error:
+        Console("step").say(str(error))
+
+
+def _averaged(force_n: "FloatArray", samples: int) -> "FloatArray":
+    """Return the mean of each sample and those before it: what the force loop acts on."""
+    import numpy as np
+
+    padded = np.concatenate([np.full(samples - 1, force_n[0]), force_n])
+    return np.convolve(padded, np.full(samples, 1.0 / samples), "valid")

@@ -1,0 +1,78 @@
+"""``hapticnet device tune``: get to know the finger, so that the first stimulus already fits it."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hapticnet.cli import options
+
+if TYPE_CHECKING:
+    from hapticnet.device.base import Device
+
+
+def tune(
+    device: options.DeviceArgument = "sim",
+    profile: options.ProfileOption = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Profile to write; else --profile's, else none is written.")
+    ] = None,
+    max_force: Annotated[float, typer.Option(metavar="N", min=0.0, help="Strongest force used [N].")] = 2.0,
+    seed: options.Seed = 0,
+    json: options.Json = False,
+) -> None:
+    """Look for the finger, press it with a few rising forces, and report where it is and how stiff.
+
+    The margins are those of the force loop on this finger: by how much it may turn stiffer before the loop swings.
+    Takes some ten seconds on a real device. Written into the profile it is the force loop's first belief.
+    """
+    import datetime
+    from dataclasses import asdict, replace
+
+    from hapticnet.cli import devices
+    from hapticnet.cli.console import check_writable, deliver, write_text
+    from hapticnet.cli.device.driving import drive
+    from hapticnet.control.limits import LimitSettings
+    from hapticnet.control.margins import Actuator, loop_margins
+    from hapticnet.device.profile import MeasuredFinger, dump_profile
+    from hapticnet.node.fingertip import Fingertip
+    from hapticnet.node.procedures import Tuning, tuning_settings
+
+    known = devices.load(profile)
+    file = out or profile
+    if file is not None:
+        check_writable(file)
+    tunings: list[Tuning] = []
+
+    def prepare(made: "Device") -> Callable[[int], bool]:
+        fingertip = Fingertip(made, LimitSettings(), tuning_settings(made.travel_m))
+        tunings.append(Tuning(fingertip, max_force_n=max_force))
+        return tunings[0].tick
+
+    made = drive(device, profile, seed, prepare)
+    tuned = tunings[0].result()
+    finger = MeasuredFinger(
+        stiffness_n_m=tuned.stiffness_n_m,
+        contact_m=max(0.0, tuned.contact_m),
+        date=datetime.date.today().isoformat(),
+    )
+    tuned_profile = replace(known, finger=finger)
+    if file is not None:
+        write_text(file, dump_profile(tuned_profile))
+    control = devices.control_settings(tuned_profile)
+    margins = loop_margins(control, Actuator(), force_n=max_force, stiffness=1.0)
+    points = [
+        {"force_n": force_n, "displacement_m": displacement_m}
+        for force_n, displacement_m in zip(tuned.forces_n, tuned.displacements_m, strict=True)
+    ]
+    account: dict[str, Any] = {
+        "device": made.description,
+        "stiffness_n_m": tuned.stiffness_n_m,
+        "contact_m": tuned.contact_m,
+        "residual_m": tuned.residual_m,
+        "point": points,
+        "margins": asdict(margins),
+        "profile": str(file) if file else None,
+    }
+    deliver(account, as_json=json, file=None)

@@ -1,0 +1,142 @@
+"""What ``--device`` may say, and the device it stands for."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from hapticnet.control.force import ForceControlSettings
+    from hapticnet.device.base import Device
+    from hapticnet.device.plant import PlantSettings
+    from hapticnet.device.profile import Profile
+    from hapticnet.device.wired import WiredDevice
+    from hapticnet.runtime.processes import Wire
+
+DEVICES: Final = "sim[:N/MM], simavr[:N/MM], serial:auto, serial:PATH[@BAUD]"
+"""The devices there are, as a person writes them; N/MM is the simulated finger's stiffness."""
+
+
+@contextmanager
+def real_time_device(text: str, profile: "Profile", seed: int) -> Iterator["tuple[Device, Wire | None]"]:
+    """Yield the device written as `text` for use in real time, and its wire where it has one.
+
+    Raises
+    ------
+    SettingsError
+        When there is no such device.
+    UnavailableError
+        When the simulator is not built or does not start.
+    """
+    from hapticnet.runtime.children import Child
+    from hapticnet.runtime.processes import Wire
+    from hapticnet.runtime.serial_port import SerialSpec, parse_serial
+    from hapticnet.runtime.simavr import simavr_build
+
+    kind, settings = _parse(text)
+    if settings is None:
+        wired = _wired(profile)
+        yield wired, Wire(wired=wired, spec=parse_serial(text))
+    elif kind == "sim":
+        yield _simulated(settings, _rng(seed)), None
+    else:
+        simavr_build()  # what is missing is better said by us than by a child
+        stiffness = settings.finger.stiffness_n_m / 1000.0
+        child = Child(["device", "sim", "--seed", str(seed), "--stiffness", str(stiffness)])
+        try:
+            wired = _wired(profile)
+            yield wired, Wire(wired=wired, spec=SerialSpec(child.address()))
+        finally:
+            child.end()
+
+
+@contextmanager
+def virtual_device(text: str, profile: "Profile", seed: int) -> Iterator["Device | None"]:
+    """Yield the device written as `text` for use in virtual time, or None when it is real.
+
+    Raises
+    ------
+    SettingsError
+        When there is no such device.
+    UnavailableError
+        When the simulator is not built or does not start.
+    """
+    kind, settings = _parse(text)
+    if settings is None:
+        yield None
+    elif kind == "sim":
+        yield _simulated(settings, _rng(seed))
+    else:
+        from hapticnet.runtime.nano import SimulatedNano
+
+        with SimulatedNano(settings, _rng(seed), wired=_wired(profile, settings)) as nano:
+            yield nano
+
+
+def load(path: Path | None) -> "Profile":
+    """Return the profile in a file, or that of a device nobody measured."""
+    from hapticnet.device.profile import Profile, load_profile
+
+    return load_profile(path) if path is not None else Profile()
+
+
+def control_settings(profile: "Profile") -> "ForceControlSettings":
+    """Return the force loop's settings for what is known of the finger."""
+    from hapticnet.control.force import ForceControlSettings
+    from hapticnet.node.procedures import known_finger
+
+    settings = ForceControlSettings()
+    if profile.finger is None:
+        return settings
+    return known_finger(settings, stiffness_n_m=profile.finger.stiffness_n_m, contact_m=profile.finger.contact_m)
+
+
+def _parse(text: str) -> "tuple[str, PlantSettings | None]":
+    """Return the kind of device and, where it is simulated, its plant."""
+    from hapticnet.device.parts import Finger
+    from hapticnet.device.plant import PlantSettings
+    from hapticnet.errors import SettingsError
+
+    kind, separator, stiffness = text.partition(":")
+    if kind == "serial":
+        return kind, None
+    if kind not in ("sim", "simavr"):
+        raise SettingsError(f"unknown device {text!r}; there are: {DEVICES}")
+    if not separator:
+        return kind, PlantSettings()
+    try:
+        n_per_mm = float(stiffness)
+    except ValueError:
+        raise SettingsError(
+            f"stiffness {stiffness!r} of device {text!r} must be a number of N/mm, as in sim:0.3"
+        ) from None
+    return kind, PlantSettings(finger=Finger(stiffness_n_m=1000.0 * n_per_mm))
+
+
+def _simulated(settings: "PlantSettings", rng: "np.random.Generator") -> "Device":
+    from hapticnet.device.simulated import SimulatedDevice
+
+    return SimulatedDevice(settings, rng)
+
+
+def _wired(profile: "Profile", settings: "PlantSettings | None" = None) -> "WiredDevice":
+    from hapticnet.control.limits import DEVICE_MAX_FORCE_N
+    from hapticnet.device.parts import Servo
+    from hapticnet.device.wired import WiredDevice
+
+    servo = settings.servo if settings else Servo()
+    if profile.servo_lag_s is not None:
+        servo = replace(servo, lag_s=profile.servo_lag_s)
+    calibration = profile.calibration
+    # Above its last pair a calibration says "at least that"; a loop that aims beyond would push without end.
+    strongest_n = min(DEVICE_MAX_FORCE_N, calibration.forces_n[-1])
+    return WiredDevice(calibration, servo=servo, max_force_n=strongest_n)
+
+
+def _rng(seed: int) -> "np.random.Generator":
+    import numpy as np
+
+    return np.random.default_rng([seed, 4])

@@ -1,0 +1,80 @@
+"""A wired device in real time: opened, awaited, and driven a thousand times a second until someone has enough."""
+
+import asyncio
+from collections.abc import Callable
+from typing import Final
+
+from hapticnet.device.wired import WiredDevice
+from hapticnet.runtime.processes import stop_on_signals
+from hapticnet.runtime.serial_port import SerialPort, SerialSpec
+from hapticnet.runtime.timer import Ticker
+
+TICK_US: Final = 1000
+
+START_WITHIN_S: Final = 5.0
+"""How long a device may take to come up [s]: the three seconds after which it counts as silent, and time to open."""
+
+
+async def run_device(
+    wired: WiredDevice,
+    spec: SerialSpec,
+    tick: Callable[[int], bool],
+    *,
+    duration_s: float | None = None,
+) -> bool:
+    """Open a device, wait until it gives readings, then call `tick` with the time [µs] every millisecond.
+
+    Parameters
+    ----------
+    tick
+        Exchanges with `wired`; returns whether it is done. What it raises ends the run and is raised here.
+    duration_s
+        Longest time to go on [s] once the device is ready.
+
+    Returns
+    -------
+    bool
+        Whether the run came to its end; False when SIGINT or SIGTERM ended it.
+
+    Raises
+    ------
+    RefusedError
+        When the device speaks another protocol.
+    UnavailableError
+        When there is no such port, or no device answers on it.
+    """
+    loop = asyncio.get_running_loop()
+    signalled = stop_on_signals(loop)
+    done = asyncio.Event()
+    failure: list[Exception] = []
+    port = SerialPort(loop, spec, wired)
+
+    def on_tick(now_us: int) -> None:
+        try:
+            if not done.is_set() and tick(now_us):
+                done.set()
+        except Exception as error:
+            failure.append(error)
+            done.set()
+        port.flush(now_us)
+
+    stopped = asyncio.ensure_future(signalled.wait())
+    ready = asyncio.ensure_future(port.wait_ready(START_WITHIN_S))
+    finished = asyncio.ensure_future(done.wait())
+    ticker: Ticker | None = None
+    try:
+        await asyncio.wait({ready, stopped}, return_when=asyncio.FIRST_COMPLETED)
+        if stopped.done():
+            return False
+        await ready
+        ticker = Ticker(loop, TICK_US, on_tick)
+        await asyncio.wait({finished, stopped}, timeout=duration_s, return_when=asyncio.FIRST_COMPLETED)
+        if failure:
+            raise failure[0]
+        return not stopped.done()
+    finally:
+        if ticker:
+            ticker.stop()
+        for waiting in (ready, stopped, finished):
+            waiting.cancel()
+        await port.stop()

@@ -1,0 +1,300 @@
+"""Serial ports: finding the one with the device, and carrying a wired device's bytes over it, come what may.
+
+A port that goes away is looked for again, four times a second. Opening happens in a thread, because a driver may take
+its time over it; reading and writing never wait.
+"""
+
+import asyncio
+import contextlib
+import errno
+import os
+import termios
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import serial
+from serial.tools import list_ports
+
+from hapticnet.device.wired import READY, WiredDevice
+from hapticnet.errors import RefusedError, SettingsError, UnavailableError
+from hapticnet.runtime.clock import now_us
+
+DEFAULT_BAUD: Final = 500_000
+BAUDS: Final = (DEFAULT_BAUD, 115_200)
+"""What the firmware can be built for."""
+
+BY_ID: Final = Path("/dev/serial/by-id")
+"""Where udev names ports by what is plugged in, so that a name survives replugging."""
+
+NANO_VENDORS: Final = {
+    0x0403: "FTDI chip, as on Arduino Nanos",
+    0x1A86: "CH340 chip, as on Nano clones",
+    0x2341: "made by Arduino",
+    0x2A03: "made by Arduino",
+}
+"""USB vendors of Nanos and their adapters; numbers from the USB ID Repository."""
+
+RETRY_S: Final = 0.25
+WAIT_STEP_S: Final = 0.005
+READ_BYTES: Final = 4096
+"""Some 80 ms of a full line at 500 kbaud."""
+
+
+@dataclass(frozen=True, slots=True)
+class SerialSpec:
+    """A serial device as written: serial:PATH[@BAUD]; path None is auto."""
+
+    path: str | None
+    baud: int = DEFAULT_BAUD
+
+    def __str__(self) -> str:
+        return f"serial:{self.path or 'auto'}" + (f"@{self.baud}" if self.baud != DEFAULT_BAUD else "")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FoundPort:
+    """A serial port of this computer.
+
+    Attributes
+    ----------
+    path
+        What to write: its link in /dev/serial/by-id where there is one.
+    name
+        The device file.
+    description
+        What the USB device calls itself.
+    serial_number
+        Of the USB device; None where it has none.
+    likely
+        Why it may be an Arduino Nano; None: nothing says so.
+    """
+
+    path: str
+    name: str
+    description: str
+    serial_number: str | None
+    likely: str | None
+
+
+def parse_serial(text: str) -> SerialSpec:
+    """Return the serial device written as `text`; a SettingsError says what is wrong with it."""
+    kind, _, rest = text.partition(":")
+    path, separator, baud = rest.partition("@")
+    if kind != "serial" or not path:
+        raise SettingsError(f"device {text!r} must be serial:auto or serial:PATH[@BAUD], such as serial:/dev/ttyUSB0")
+    if separator and baud not in map(str, BAUDS):
+        raise SettingsError(f"baud {baud!r} of device {text!r} must be {' or '.join(map(str, BAUDS))}")
+    if path != "auto" and not path.startswith("/"):
+        raise SettingsError(f"port {path!r} of device {text!r} must be auto or a whole path, such as /dev/ttyUSB0")
+    return SerialSpec(None if path == "auto" else path, int(baud) if separator else DEFAULT_BAUD)
+
+
+def find_ports() -> list[FoundPort]:
+    """Return the serial ports of this computer: likely ones first, then those known by id."""
+    links = {}
+    with contextlib.suppress(OSError):  # where nothing is plugged in there is no such folder
+        links = {os.path.realpath(link): str(link) for link in sorted(BY_ID.iterdir())}
+    found = [
+        FoundPort(
+            path=links.get(os.path.realpath(port.device), port.device),
+            name=port.device,
+            description="" if port.description in (None, "n/a") else port.description,
+            serial_number=port.serial_number,
+            likely=NANO_VENDORS.get(port.vid),
+        )
+        for port in list_ports.comports()
+    ]
+    return sorted(found, key=lambda port: (port.likely is None, port.path == port.name, port.path))
+
+
+def choose_port() -> str:
+    """Return the path of the one port that may be a Nano; an UnavailableError lists the choice when there is none."""
+    ports = find_ports()
+    likely = [port for port in ports if port.likely]
+    if len(likely) == 1:
+        return likely[0].path
+    if likely:
+        names = ", ".join(f"serial:{port.path}" for port in likely)
+        raise UnavailableError(f"{len(likely)} ports may be the device; write which: {names}")
+    others = ", ".join(f"serial:{port.path}" for port in ports) or "none at all"
+    raise UnavailableError(f"no port looks like an Arduino Nano; is it plugged in? If it is, write which: {others}")
+
+
+class SerialPort:
+    """A serial port on an event loop that carries a wired device.
+
+    Whoever drives the device calls `flush` after each exchange.
+
+    Attributes
+    ----------
+    failure
+        Why the port could not be opened last; None when it is open.
+    openings
+        How often it was opened.
+    unwritten
+        Bytes the port would not take; they are not kept, newer ones follow.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, spec: SerialSpec, wired: WiredDevice) -> None:
+        self.failure: str | None = None
+        self.openings = 0
+        self.unwritten = 0
+        self._loop = loop
+        self._spec = spec
+        self._wired = wired
+        self._fd: int | None = None
+        self._rest = b""  # of a frame the port took only a part of
+        self._gone = asyncio.Event()
+        self._task = loop.create_task(self._keep_open())
+
+    def flush(self, now_us: int) -> None:
+        """Write what the device wants sent, without waiting; close and open the port anew when it wants that."""
+        data = self._wired.bytes_to_send()
+        if self._fd is not None and self._wired.wants_reopening:
+            self._lose(self._wired.status, now_us)
+        if self._rest:
+            self._rest = self._rest[self._write(self._rest, now_us) :]
+        written = 0 if self._rest else self._write(data, now_us)
+        if written:
+            self._rest = data[written:]
+        else:
+            self.unwritten += len(data)
+
+    async def wait_ready(self, timeout_s: float) -> None:
+        """Drive the device, retracted, until it gives readings.
+
+        Raises
+        ------
+        RefusedError
+            When it speaks another protocol.
+        UnavailableError
+            When the port cannot be opened, or the device gives no readings for `timeout_s` [s].
+        """
+        end_us = now_us() + round(timeout_s * 1e6)
+        while self._wired.status != READY:
+            if self._wired.refusal:
+                raise RefusedError(f"{self._spec}: {self._wired.refusal}")
+            if self.failure or now_us() > end_us:
+                raise UnavailableError(self.failure or f"{self._spec}: {self._wired.status}")
+            self._wired.exchange(0.0, now_us())
+            self.flush(now_us())
+            await asyncio.sleep(WAIT_STEP_S)
+
+    async def stop(self) -> None:
+        """Close the port for good. The device, hearing nothing more, retracts."""
+        self._task.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await self._task
+
+    async def _keep_open(self) -> None:
+        while True:
+            opening = self._loop.run_in_executor(None, _open, self._spec)
+            try:
+                port = await asyncio.shield(opening)
+            except asyncio.CancelledError:
+                opening.add_done_callback(_close_opened)
+                raise
+            except UnavailableError as error:
+                self.failure = str(error)
+                self._wired.closed(self.failure, now_us())
+            else:
+                try:
+                    self._take(port.fileno())
+                    await self._gone.wait()
+                finally:
+                    self._lose("closed", now_us(), orderly=True)
+                    await self._loop.run_in_executor(None, _close, port)
+            await asyncio.sleep(RETRY_S)
+
+    def _take(self, fd: int) -> None:
+        self._fd = fd
+        self._gone.clear()
+        self._rest = b""
+        self.failure = None
+        self.openings += 1
+        self._wired.opened(now_us())
+        self._loop.add_reader(fd, self._read)
+
+    def _lose(self, reason: str, now_us: int, *, orderly: bool = False) -> None:
+        if self._fd is None:
+            return
+        # At once: a port that hung up stays readable for ever, and the loop would spin on it.
+        self._loop.remove_reader(self._fd)
+        self._fd = None
+        self._rest = b""
+        self._wired.closed(reason, now_us, orderly=orderly)
+        self._gone.set()
+
+    def _read(self) -> None:
+        if self._fd is None:
+            return
+        try:
+            data = os.read(self._fd, READ_BYTES)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        if data:
+            self._wired.receive(data, now_us())
+        else:
+            self._lose("unplugged", now_us())
+
+    def _write(self, data: bytes, now_us: int) -> int:
+        """Write what the port takes at once; return how much that was."""
+        if self._fd is None or not data:
+            return 0
+        try:
+            return os.write(self._fd, data)
+        except BlockingIOError:
+            return 0
+        except OSError:
+            self._lose("unplugged", now_us)
+            return 0
+
+
+def _open(spec: SerialSpec) -> serial.Serial:
+    """Open a port; an UnavailableError says why it cannot be had, and what helps."""
+    path = spec.path or "the port"
+    try:
+        path = spec.path or choose_port()
+        port = serial.Serial(path, spec.baud, timeout=0, exclusive=True)
+        attributes = termios.tcgetattr(port.fileno())
+        attributes[6][termios.VMIN] = 1  # so that reading nothing means that the port is gone
+        termios.tcsetattr(port.fileno(), termios.TCSANOW, attributes)
+    except (OSError, ValueError, termios.error) as error:
+        raise UnavailableError(f"{path} {_in_words(error, spec.baud)}") from error
+    # An FTDI chip gathers bytes for up to 16 ms unless told not to; others, and pseudo-terminals, need no telling.
+    with contextlib.suppress(OSError, ValueError, NotImplementedError):
+        port.set_low_latency_mode(True)
+    return port
+
+
+def _in_words(error: Exception, baud: int) -> str:
+    number = error.errno if isinstance(error, OSError) else error.args[0] if error.args else None
+    if number == errno.ENOENT:
+        return "is missing; is the device plugged in? hapticnet device find lists the ports there are"
+    if number in (errno.EACCES, errno.EPERM):
+        return (
+            "may not be opened by you; add yourself to the group dialout (sudo usermod -aG dialout $USER), log in anew"
+        )
+    if number in (errno.EAGAIN, errno.EBUSY):
+        return "is in use by another program"
+    if number in (errno.EISDIR, errno.ENOTTY) or "Inappropriate ioctl" in str(error):
+        return "is no serial port"
+    if isinstance(error, ValueError):
+        return f"cannot do {baud} baud; build the firmware with BAUD=115200 and write @115200"
+    return f"cannot be opened: {os.strerror(number) if isinstance(number, int) and number > 0 else error}"
+
+
+def _close(port: serial.Serial) -> None:
+    # What was not sent yet would keep a dead adapter's port from closing.
+    with contextlib.suppress(OSError, termios.error):
+        port.reset_output_buffer()
+    with contextlib.suppress(OSError):
+        port.close()
+
+
+def _close_opened(opening: "asyncio.Future[serial.Serial]") -> None:
+    if not opening.cancelled() and opening.exception() is None:
+        _close(opening.result())

@@ -1,0 +1,248 @@
+"""Calibrating: from a file, and the guided way without a terminal."""
+
+import contextlib
+import datetime
+import json
+import math
+import os
+import subprocess
+import sys
+import threading
+import time
+import tty
+
+import pytest
+
+from hapticnet.cli.device.calibrate import WINDOW_US, CalibrationSession, calibrate
+from hapticnet.device.messages import ADC_FRACTION
+from hapticnet.device.parts import Sensor
+from hapticnet.device.profile import MeasuredFinger, Profile, dump_profile, load_profile
+from hapticnet.errors import FileError, SettingsError
+from tests.cli.test_cli_errors import ROOT
+from tests.device.standin import StandIn
+
+FORCES_N = (0.2, 0.5, 1.0, 2.0, 3.0, 5.0, 3.0, 2.0, 1.0, 0.5)
+
+
+@pytest.fixture
+def pairs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "pairs.csv"
+    rows = [f"{Sensor().counts(force_n)},{force_n}" for force_n in FORCES_N]
+    path.write_text("adc,force_n\n" + "\n".join([*rows, "1023,60"]) + "\n")
+    return path
+
+
+def test_a_file_of_pairs_becomes_a_profile(pairs, tmp_path, capsys):
+    calibrate(pairs=pairs)
+    profile = load_profile(tmp_path / "device.toml")
+    assert profile.measured is not None
+    assert profile.measured.pairs == len(FORCES_N)
+    assert profile.measured.residual_rms_n < 1e-9
+    written = datetime.date.fromisoformat(profile.measured.date)
+    assert datetime.timedelta(0) <= datetime.date.today() - written <= datetime.timedelta(1)
+    for force_n in FORCES_N:
+        assert profile.calibration.force_n(Sensor().counts(force_n)) == pytest.approx(force_n)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].split() == ["pair", "force", "[N]", "adc", "table", "[N]", "residual", "[N]"]
+    assert lines[3].split() == ["3", "1.000", "525.1", "1.000", "+0.000"]
+    assert lines[11].split() == ["11", "60.000", "1023.0", "saturated", "–"]
+    assert not any("the device renders" in line for line in lines)
+    assert lines[-1] == "written to device.toml"
+
+
+def test_a_calibration_that_ends_below_what_the_device_renders_says_so(pairs, capsys):
+    pairs.write_text("force_n,adc\n0.5,353\n1,525\n2,694\n")
+    calibrate(pairs=pairs)
+    assert "the device renders 5 N, but above 2 N this table says only" in capsys.readouterr().out
+
+
+def test_for_a_program_the_same_comes_as_json(pairs, tmp_path, capsys):
+    calibrate(pairs=pairs, out=tmp_path / "other.toml", json=True)
+    report = json.loads(capsys.readouterr().out)
+    assert report["saturated"] == 1
+    assert report["hysteresis"] == pytest.approx(0.0, abs=1e-9)
+    assert [pair["force_n"] for pair in report["pairs"]] == [*FORCES_N, 60.0]
+    assert report["pairs"][-1]["residual_n"] is None
+    calibration = load_profile(tmp_path / "other.toml").calibration
+    assert tuple(knot["adc"] for knot in report["knots"]) == calibration.counts
+    assert tuple(knot["force_n"] for knot in report["knots"]) == calibration.forces_n
+
+
+def test_a_profile_gone_on_from_keeps_what_else_it_knows(pairs, tmp_path):
+    file = tmp_path / "mine.toml"
+    finger = MeasuredFinger(stiffness_n_m=900.0, contact_m=0.002, date="2026-05-04")
+    file.write_text(dump_profile(Profile(serial="A9B0C1D2", finger=finger, servo_lag_s=0.03)))
+    calibrate(pairs=pairs, profile=file)
+    profile = load_profile(file)
+    assert (profile.serial, profile.finger, profile.servo_lag_s) == ("A9B0C1D2", finger, 0.03)
+    assert not profile.is_generic
+
+
+def test_a_profile_is_not_overwritten_unasked(pairs, tmp_path):
+    calibrate(pairs=pairs)
+    before = (tmp_path / "device.toml").read_text()
+    with pytest.raises(SettingsError, match=r"device.toml exists; --profile device.toml goes on from it"):
+        calibrate(pairs=pairs)
+    assert (tmp_path / "device.toml").read_text() == before
+    calibrate(pairs=pairs, profile=tmp_path / "device.toml")
+
+
+@pytest.mark.parametrize("both", [False, True])
+def test_either_a_device_or_a_file_is_wanted(pairs, both):
+    with pytest.raises(SettingsError, match="either a device, such as serial:auto, or --pairs FILE"):
+        calibrate("serial:auto" if both else None, pairs=pairs if both else None)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("force_n,counts\n1,500\n", 'no column "adc"'),
+        ("force_n,adc\n1,500\n2,much\n", 'line 3, column "adc": "much" is not a finite number'),
+        ("force_n,adc\n1,500\n2,400\n", "pairs.csv: the force does not grow with the counts"),
+        ("force_n,adc\n50,200\n200,500\n", "pairs.csv: pair 2: force is 200; .* in newton"),
+    ],
+)
+def test_a_file_that_makes_no_calibration_is_named_and_nothing_written(pairs, tmp_path, text, message):
+    pairs.write_text(text)
+    with pytest.raises(FileError, match=message):
+        calibrate(pairs=pairs)
+    assert not (tmp_path / "device.toml").exists()
+
+
+def measure(session, typed, counts, now_us=0):
+    """Type a line, then let the readings come, one a millisecond; return all that is said."""
+    said = [session.typed(typed, now_us)]
+    said += [session.read(adc, now_us + 1000 * (index + 1)) for index, adc in enumerate(counts)]
+    return [each for each in said if each is not None]
+
+
+def test_each_force_typed_is_paired_with_half_a_second_of_readings():
+    session = CalibrationSession()
+    assert session.read(999.0, 0) is None
+    assert measure(session, "1.5", [500.0, 502.0] * (WINDOW_US // 2000)) == ["pair 1: 1.5 N, 501.0 counts"]
+    assert session.read(999.0, 10**6) is None
+    assert measure(session, " 2 ", [600.0] * 600, 2 * 10**6) == ["pair 2: 2 N, 600.0 counts"]
+    assert session.pairs == [(1.5, 501.0), (2.0, 600.0)]
+    assert not session.finished
+    session.typed("\n", 0)
+    assert session.finished
+
+
+@pytest.mark.parametrize("line", ["two", "1,5", "nan", "inf", "-1", "150", "1e300", "x" * 1000])
+def test_what_is_no_force_is_asked_for_again(line):
+    session = CalibrationSession()
+    said = measure(session, line, [500.0] * 1000)
+    assert len(said) == 1
+    assert "is no force between 0 and 100 N" in said[0]
+    assert len(said[0]) < 100
+    assert session.pairs == []
+
+
+def test_a_force_typed_too_early_does_not_disturb_the_measurement():
+    session = CalibrationSession()
+    assert measure(session, "1", [500.0] * 100) == []
+    assert session.typed("2", 100_000) == "still measuring the last one; hold it"
+    said = [session.read(500.0, 101_000 + 1000 * index) for index in range(500)]
+    assert [each for each in said if each] == ["pair 1: 1 N, 500.0 counts"]
+
+
+def test_a_device_lost_meanwhile_costs_only_that_pair():
+    session = CalibrationSession()
+    (said,) = measure(session, "1", [500.0, None, 500.0] * 300)
+    assert "lost" in said
+    assert session.pairs == []
+    assert len(measure(session, "1", [500.0] * 500, 10**6)) == 1
+    assert session.pairs == [(1.0, 500.0)]
+
+
+def test_a_saturated_pair_is_said_to_be_one():
+    session = CalibrationSession()
+    assert measure(session, "30", [1023.0] * 500) == ["pair 1: 30 N, 1023.0 counts (saturated: it will be left out)"]
+
+
+def test_a_clock_that_leaps_ends_a_measurement_with_what_there_is():
+    session = CalibrationSession()
+    session.typed("1", 0)
+    assert session.read(500.0, 1 << 60) == "pair 1: 1 N, 500.0 counts"
+    assert math.isfinite(session.pairs[0][1])
+
+
+@pytest.fixture
+def plugged():
+    """Return a stand-in for the device and the pseudo-terminal it is on."""
+    firmware = StandIn()
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    os.set_blocking(master, False)
+    ended = threading.Event()
+
+    def live():
+        while not ended.wait(0.001):
+            with contextlib.suppress(BlockingIOError):
+                firmware.receive(os.read(master, 4096))
+            firmware.tick()
+            with contextlib.suppress(BlockingIOError):
+                os.write(master, firmware.take_sent())
+
+    thread = threading.Thread(target=live)
+    thread.start()
+    yield firmware, os.ttyname(slave)
+    ended.set()
+    thread.join()
+    os.close(slave)
+    os.close(master)
+
+
+@pytest.fixture
+def guided(plugged, tmp_path):
+    """Return a running guided calibration, its device, and what it is to write."""
+    firmware, port = plugged
+    file = tmp_path / "device.toml"
+    code = f"from hapticnet.cli.device.calibrate import calibrate; calibrate('serial:{port}')"
+    process = subprocess.Popen(
+        [sys.executable, "-c", code],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )
+    yield process, firmware, file
+    process.kill()
+    process.communicate()
+
+
+def test_the_guided_way_on_a_device(guided):
+    process, firmware, file = guided
+    assert "keep fingers out" in process.stderr.readline()
+    for number, (force_n, adc) in enumerate(((0.5, 350), (1.0, 520), (2.0, 690)), start=1):
+        said = ""
+        while f"pair {number}: {force_n:g} N" not in said:  # a busy machine may lose the device, and says so
+            firmware.adc = adc * ADC_FRACTION
+            time.sleep(0.05)
+            process.stdin.write(f"{force_n}\n")
+            process.stdin.flush()
+            said = process.stderr.readline()
+            assert said
+    table, _ = process.communicate("\n", timeout=20)
+    assert process.returncode == 0
+    assert table.splitlines()[-1] == "written to device.toml"
+    profile = load_profile(file)
+    assert profile.measured is not None
+    assert profile.measured.pairs == 3
+    assert profile.calibration.counts == pytest.approx((350, 520, 690), abs=10)
+    assert profile.calibration.forces_n == pytest.approx((0.5, 1.0, 2.0), rel=0.05)
+    # Nobody was pressed meanwhile.
+    assert firmware.held == (2400, 2400, 2400)
+
+
+def test_a_signal_ends_the_guided_way_and_writes_nothing(guided):
+    process, _, file = guided
+    process.stderr.readline()
+    process.stderr.read(1)  # the prompt, so it listens
+    process.terminate()
+    process.communicate(timeout=20)
+    assert process.returncode != 0
+    assert not file.exists()

@@ -1,0 +1,137 @@
+"""``hapticnet device find``, ``info`` and ``monitor``: on a pseudo-terminal, and on what is no device."""
+
+import asyncio
+import csv
+import json
+import math
+import os
+import signal
+import sys
+from types import SimpleNamespace
+
+import pytest
+from serial.tools import list_ports
+
+from hapticnet.cli.device.find import find
+from hapticnet.cli.device.monitor import Summary
+from hapticnet.device.messages import PROTOCOL_MAJOR
+from hapticnet.runtime import serial_port
+from tests.cli.test_cli_errors import ROOT, assert_one_line, hapticnet
+from tests.device.standin import StandIn
+from tests.runtime.plugged import Plugged
+
+
+def on_stand_in(firmware, *arguments, interrupt_when=None):
+    """Run a verb on a stand-in; {} in its arguments is the port. Returns what subprocess.run would."""
+
+    async def scene():
+        plugged = Plugged(firmware)
+        filled = [str(argument).format(plugged.path) for argument in arguments]
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "hapticnet", "device", *filled),
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+            env=os.environ | {"PYTHONPATH": str(ROOT)},
+        )
+        try:
+            if interrupt_when:
+                while not interrupt_when(firmware):
+                    await asyncio.sleep(0.01)
+                process.send_signal(signal.SIGINT)
+            stdout, stderr = await process.communicate()
+        finally:
+            plugged.unplug()
+        return SimpleNamespace(returncode=process.returncode, stdout=stdout.decode(), stderr=stderr.decode())
+
+    return asyncio.run(asyncio.wait_for(scene(), 60))
+
+
+def test_info_says_who_answers():
+    done = on_stand_in(StandIn(boot_id=41, reset_cause=4), "info", "serial:{}", "--json")
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout)
+    assert said["firmware"] == "0.1.0"
+    assert said["protocol"].startswith(f"{PROTOCOL_MAJOR}.")
+    assert said["boot_id"] == 41
+    assert said["reset_cause"] == "brown-out"
+    assert said["stream_period_ms"] == 1
+    assert said["largest_step_us"] == 60.0
+    assert said["servo"] == [{"shortest_pulse_us": 1180.0, "longest_pulse_us": 2020.0}] * 3
+
+
+def test_info_tells_how_to_flash_a_device_of_another_protocol():
+    done = on_stand_in(StandIn(major=PROTOCOL_MAJOR + 1), "info", "serial:{}")
+    assert_one_line(done, "make -C firmware flash", f"protocol {PROTOCOL_MAJOR + 1}.")
+
+
+def test_monitor_moves_nothing_and_sums_up(tmp_path):
+    firmware = StandIn()
+    firmware.adc = 512 * 64
+    done = on_stand_in(firmware, "monitor", "serial:{}", "--duration", "0.3", "--csv", tmp_path / "m.csv", "--json")
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout)
+    with (tmp_path / "m.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert said["readings"] == len(rows) > 1
+    assert said["mean_counts"] == 512.0
+    assert said["mean_n"] == pytest.approx(float(rows[0]["force_n"]))
+    assert said["deviation_n"] == pytest.approx(0.0, abs=1e-9)
+    assert said["calibrated"] is False
+    assert said["line"]["times_lost"] == 0
+    assert {float(row["displacement_m"]) for row in rows} == {0.0}
+    assert {setpoint[1:] for setpoint, _ in firmware.setpoints} == {(2400, 2400, 2400)}
+
+
+def test_monitor_sums_up_when_interrupted():
+    done = on_stand_in(StandIn(), "monitor", "serial:{}", interrupt_when=lambda firmware: len(firmware.setpoints) > 10)
+    assert done.returncode == 0, done.stderr
+    assert "readings_per_s" in done.stdout
+
+
+@pytest.mark.parametrize("verb", ["info", "monitor"])
+@pytest.mark.parametrize(
+    ("device", "words"),
+    [
+        ("serial:/dev/nowhere", ("/dev/nowhere is missing", "hapticnet device find")),
+        ("serial:/dev/null", ("/dev/null is no serial port",)),
+        ("serial:/dev/ttyUSB0@9600", ("'9600'", "500000 or 115200")),
+        ("ttyUSB0", ("serial:/dev/ttyUSB0",)),
+    ],
+)
+def test_what_is_no_device_is_said_in_one_line(verb, device, words):
+    done = hapticnet("device", verb, device)
+    if verb == "monitor":  # which announces itself
+        done.stderr = "\n".join(line for line in done.stderr.splitlines() if not line.startswith("monitor: "))
+    assert_one_line(done, *words)
+
+
+def test_find_says_what_to_write(monkeypatch, capsys, tmp_path):
+    ports = []
+    monkeypatch.setattr(serial_port, "BY_ID", tmp_path)
+    monkeypatch.setattr(list_ports, "comports", lambda: ports)
+    find()
+    assert "is it plugged in?" in capsys.readouterr().out
+    for number, vendor in enumerate((0x0403, 0x1A86)):
+        ports.append(
+            SimpleNamespace(device=f"/dev/ttyUSB{number}", vid=vendor, description="UART", serial_number=f"N{number}")
+        )
+        find()
+        out = capsys.readouterr().out
+        assert f"serial:/dev/ttyUSB{number}  UART, N{number}" in out
+        assert ("serial:auto" in out) == (number == 0)
+    find(json=True)
+    said = json.loads(capsys.readouterr().out)
+    assert [port["device"] for port in said["ports"]] == ["serial:/dev/ttyUSB0", "serial:/dev/ttyUSB1"]
+    assert said["auto"] is False
+
+
+def test_a_summary_is_mean_and_sample_deviation():
+    summary = Summary()
+    assert summary.report()["mean_n"] is None
+    for ms, force_n in enumerate((1.0, 2.0, 4.0)):
+        summary.add(force_n, 10.0 * force_n, 1000 * ms)
+    said = summary.report()
+    assert said["mean_n"] == pytest.approx(7.0 / 3.0)
+    assert said["deviation_n"] == pytest.approx(math.sqrt(7.0 / 3.0))
+    assert said["readings_per_s"] == pytest.approx(1000.0)
+    assert said["mean_counts"] == pytest.approx(70.0 / 3.0)

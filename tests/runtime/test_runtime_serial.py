@@ -1,0 +1,379 @@
+"""Serial ports over real pseudo-terminals, with a stand-in for the firmware at the other end."""
+
+import asyncio
+import contextlib
+import errno
+import os
+import tty
+from collections.abc import Callable
+from types import SimpleNamespace
+
+import pytest
+from serial.tools import list_ports
+
+from hapticnet.device.calibration import Calibration
+from hapticnet.device.wired import WiredDevice
+from hapticnet.errors import RefusedError, SettingsError, UnavailableError
+from hapticnet.runtime import serial_port
+from hapticnet.runtime.clock import now_us
+from hapticnet.runtime.device_run import run_device
+from hapticnet.runtime.realtime import loop_factory
+from hapticnet.runtime.serial_port import SerialPort, SerialSpec, choose_port, find_ports, parse_serial
+from hapticnet.runtime.timer import Ticker
+from tests.device.standin import StandIn
+from tests.runtime.plugged import Plugged
+
+CALIBRATION = Calibration(counts=(100.0, 900.0), forces_n=(0.2, 5.0))
+PATIENCE_S = 20.0
+
+
+class Driven:
+    """A serial port with a device that a master would drive."""
+
+    def __init__(self, spec: SerialSpec) -> None:
+        loop = asyncio.get_running_loop()
+        self.wired = WiredDevice(CALIBRATION)
+        self.port = SerialPort(loop, spec, self.wired)
+        self.displacement_m = 0.0
+        self._ticker = Ticker(loop, 1000, self._tick)
+
+    def _tick(self, now: int) -> None:
+        self.reading = self.wired.exchange(self.displacement_m, now)
+        self.port.flush(now)
+
+    async def until(self, condition: Callable[[], bool]) -> int:
+        """Wait for a condition; return how long that took [µs]."""
+        start_us = now_us()
+        while not condition():
+            assert now_us() - start_us < PATIENCE_S * 1e6, self.wired.status
+            await asyncio.sleep(0.001)
+        return now_us() - start_us
+
+    async def ready(self) -> None:
+        await self.until(lambda: self.wired.status == "ready")
+
+    async def stop(self) -> None:
+        self._ticker.stop()
+        await self.port.stop()
+
+
+def play(scene, make_loop=loop_factory()):  # noqa: B008
+    """Run a coroutine function; on a loop of its own."""
+    with asyncio.Runner(loop_factory=make_loop) as runner:
+        return runner.run(asyncio.wait_for(scene(), 60))
+
+
+async def unplug_and_wait(*, hang_up: bool = False) -> int:
+    """Return after what time an unplugged device was noticed [µs]."""
+    plugged = Plugged(StandIn())
+    driven = Driven(SerialSpec(plugged.path))
+    try:
+        await driven.ready()
+        if hang_up:
+            plugged.hang_up()
+        else:
+            plugged.unplug()
+        took_us = await driven.until(lambda: driven.wired.status != "ready")
+        assert driven.wired.status == "unplugged"
+        assert driven.wired.exchange(0.001, now_us()) is None
+    finally:
+        await driven.stop()
+        if hang_up:
+            plugged.unplug()
+    return took_us
+
+
+@pytest.mark.parametrize("make_loop", [None, loop_factory()], ids=["asyncio", "uvloop"])
+def test_opens_streams_and_moves_though_a_pty_knows_no_low_latency(make_loop):
+    async def scene():
+        plugged = Plugged(StandIn())
+        driven = Driven(SerialSpec(plugged.path))
+        await driven.ready()
+        plugged.firmware.adc = 300 * 64
+        driven.displacement_m = 0.003
+        await driven.until(lambda: bool(driven.reading) and driven.reading.adc == 300.0)
+        await driven.until(lambda: plugged.firmware.servos.displacement_m > 0.0029)
+        await driven.until(lambda: bool(driven.reading) and driven.reading.displacement_m > 0.0029)
+        await driven.stop()
+        assert driven.wired.exchange(0.0, now_us()) is None
+        plugged.unplug()
+        return driven
+
+    driven = play(scene, make_loop)
+    assert driven.port.openings == 1
+    assert driven.port.unwritten == 0
+    assert driven.wired.status == "closed"
+
+
+# How soon is for a quiet machine to measure; these want the hang-up itself to tell, not the silence after it.
+@pytest.mark.parametrize("make_loop", [None, loop_factory()], ids=["asyncio", "uvloop"])
+def test_unplugging_is_noticed_and_said(make_loop):
+    assert play(unplug_and_wait, make_loop) < PATIENCE_S * 1e6
+
+
+@pytest.mark.parametrize("make_loop", [None, loop_factory()], ids=["asyncio", "uvloop"])
+def test_a_terminal_that_hangs_up_is_noticed_and_said(make_loop):
+    try:
+        assert play(lambda: unplug_and_wait(hang_up=True), make_loop) < PATIENCE_S * 1e6
+    except PermissionError:
+        pytest.skip("hanging up a terminal takes CAP_SYS_ADMIN")
+
+
+def test_comes_back_when_plugged_in_elsewhere_under_the_same_link(tmp_path):
+    link = tmp_path / "usb-Nano"
+
+    async def scene():
+        first = Plugged(StandIn())
+        link.symlink_to(first.path)
+        driven = Driven(SerialSpec(str(link)))
+        await driven.ready()
+        first.unplug()
+        link.unlink()
+        await driven.until(lambda: "is missing" in driven.wired.status)
+        second = Plugged(StandIn(boot_id=1, reset_cause=1))
+        link.symlink_to(second.path)
+        await driven.ready()
+        await driven.stop()
+        second.unplug()
+        return driven
+
+    driven = play(scene)
+    assert driven.port.openings == 2
+    assert driven.wired.report()["reset_cause"] == "power-on"
+    assert driven.wired.report()["times_lost"] == 1
+
+
+def test_a_port_found_by_itself_is_found_again_elsewhere(monkeypatch):
+    async def scene():
+        first, second = Plugged(StandIn()), Plugged(StandIn())
+        monkeypatch.setattr(serial_port, "choose_port", lambda: first.path)
+        driven = Driven(SerialSpec(None))
+        await driven.ready()
+        first.unplug()
+        monkeypatch.setattr(serial_port, "choose_port", lambda: second.path)
+        await driven.until(lambda: driven.port.openings == 2)
+        await driven.ready()
+        await driven.stop()
+        second.unplug()
+
+    play(scene)
+
+
+def test_a_silent_device_has_its_port_opened_anew():
+    async def scene():
+        plugged = Plugged(StandIn())
+        driven = Driven(SerialSpec(plugged.path))
+        await driven.ready()
+        driven.wired.wants_reopening = True  # what three seconds of silence lead to
+        await driven.until(lambda: driven.port.openings == 2)
+        await driven.ready()
+        await driven.stop()
+        plugged.unplug()
+
+    play(scene)
+
+
+def test_garbage_is_survived():
+    async def scene():
+        plugged = Plugged(StandIn())
+        driven = Driven(SerialSpec(plugged.path))
+        plugged.say(bytes(range(256)) * 10)
+        await driven.ready()
+        for _ in range(20):
+            plugged.say(os.urandom(100))
+            await asyncio.sleep(0.005)
+        await driven.until(lambda: driven.wired.status == "ready" and driven.wired.report()["frames_damaged"] > 0)
+        await driven.stop()
+        plugged.unplug()
+
+    play(scene)
+
+
+def test_a_port_that_takes_nothing_never_blocks():
+    async def scene():
+        master, slave = os.openpty()
+        tty.setraw(slave)
+        driven = Driven(SerialSpec(os.ttyname(slave)))
+        await driven.until(lambda: driven.port.openings == 1)
+        driven.wired.bytes_to_send = lambda: b"x" * 1000  # nobody reads them at the other end
+        await driven.until(lambda: driven.port.unwritten > 10_000)
+        driven.wired.bytes_to_send = lambda: b""
+        written = 0
+        os.set_blocking(master, False)
+        for _ in range(100):
+            with contextlib.suppress(BlockingIOError):
+                written += os.read(master, 65536).count(b"x")
+            await asyncio.sleep(0.001)
+        await driven.stop()
+        os.close(slave)
+        os.close(master)
+        return written
+
+    # A frame is written whole or not at all.
+    assert play(scene) % 1000 == 0
+
+
+def test_waiting_for_a_device_says_why_there_is_none(tmp_path):
+    async def refused():
+        plugged = Plugged(StandIn(major=9))
+        wired = WiredDevice(CALIBRATION)
+        port = SerialPort(asyncio.get_running_loop(), SerialSpec(plugged.path), wired)
+        try:
+            await port.wait_ready(PATIENCE_S)
+        finally:
+            await port.stop()
+            plugged.unplug()
+
+    async def missing():
+        wired = WiredDevice(CALIBRATION)
+        port = SerialPort(asyncio.get_running_loop(), SerialSpec(str(tmp_path / "ttyUSB7")), wired)
+        try:
+            await port.wait_ready(PATIENCE_S)
+        finally:
+            await port.stop()
+
+    async def silent():
+        master, slave = os.openpty()
+        wired = WiredDevice(CALIBRATION)
+        port = SerialPort(asyncio.get_running_loop(), SerialSpec(os.ttyname(slave)), wired)
+        try:
+            await port.wait_ready(0.2)
+        finally:
+            await port.stop()
+            os.close(slave)
+            os.close(master)
+
+    with pytest.raises(RefusedError, match="make -C firmware flash"):
+        play(refused)
+    with pytest.raises(UnavailableError, match=r"ttyUSB7 is missing.*hapticnet device find"):
+        play(missing)
+    with pytest.raises(UnavailableError, match="HELLO"):
+        play(silent)
+
+
+def test_what_keeps_a_port_from_opening_is_said_for_people(tmp_path, monkeypatch):
+    file = tmp_path / "file"
+    file.write_text("")
+    master, slave = os.openpty()
+    path = os.ttyname(slave)
+    held = serial_port._open(SerialSpec(path))
+    cases = [(str(file), "no serial port"), (str(tmp_path), "no serial port"), (path, "in use")]
+    for bad, words in cases:
+        with pytest.raises(UnavailableError, match=words):
+            serial_port._open(SerialSpec(bad))
+    held.close()
+    os.close(slave)
+    os.close(master)
+
+    def denied(*_, **__):
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(serial_port.serial, "Serial", denied)
+    with pytest.raises(UnavailableError, match="group dialout"):
+        serial_port._open(SerialSpec(path))
+
+
+def test_a_serial_device_is_written_as_port_and_baud():
+    assert parse_serial("serial:/dev/ttyUSB0") == SerialSpec("/dev/ttyUSB0", 500_000)
+    assert parse_serial("serial:/dev/ttyUSB0@115200") == SerialSpec("/dev/ttyUSB0", 115_200)
+    assert parse_serial("serial:auto@500000") == SerialSpec(None)
+    for text in ("serial:auto", "serial:/dev/ttyACM1@115200"):
+        assert str(parse_serial(text)) == text
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("serial:", "serial:auto"),
+        ("serial", "serial:auto"),
+        ("/dev/ttyUSB0", "serial:auto"),
+        ("serial:/dev/ttyUSB0@", "500000 or 115200"),
+        ("serial:/dev/ttyUSB0@9600", "500000 or 115200"),
+        ("serial:auto@fast", "'fast'"),
+        ("serial:ttyUSB0", "/dev/ttyUSB0"),
+    ],
+)
+def test_a_serial_device_written_wrong_is_explained(text, words):
+    with pytest.raises(SettingsError, match=words):
+        parse_serial(text)
+
+
+def usb(device, vendor, description="USB Serial", number=None):
+    return SimpleNamespace(device=str(device), vid=vendor, description=description, serial_number=number)
+
+
+def test_ports_are_found_by_id_and_likely_ones_first(tmp_path, monkeypatch):
+    for name in ("ttyS0", "ttyUSB0", "ttyUSB1"):
+        (tmp_path / name).touch()
+    by_id = tmp_path / "by-id"
+    by_id.mkdir()
+    (by_id / "usb-FTDI-if00").symlink_to(tmp_path / "ttyUSB1")
+    ports = [
+        usb(tmp_path / "ttyS0", None),
+        usb(tmp_path / "ttyUSB0", 0x10C4),
+        usb(tmp_path / "ttyUSB1", 0x0403, "FT", "A1"),
+    ]
+    monkeypatch.setattr(list_ports, "comports", lambda: ports)
+    monkeypatch.setattr(serial_port, "BY_ID", by_id)
+    found = find_ports()
+    assert [port.path for port in found] == [
+        str(by_id / "usb-FTDI-if00"),
+        str(tmp_path / "ttyS0"),
+        str(tmp_path / "ttyUSB0"),
+    ]
+    assert found[0].name == str(tmp_path / "ttyUSB1")
+    assert found[0].serial_number == "A1"
+    assert "FTDI" in str(found[0].likely)
+    assert found[1].likely is None
+    assert choose_port() == found[0].path
+
+
+def test_auto_with_none_or_two_candidates_says_what_to_write(monkeypatch, tmp_path):
+    monkeypatch.setattr(serial_port, "BY_ID", tmp_path / "none")
+    monkeypatch.setattr(list_ports, "comports", list)
+    with pytest.raises(UnavailableError, match=r"is it plugged in.*none at all"):
+        choose_port()
+    monkeypatch.setattr(list_ports, "comports", lambda: [usb("/dev/ttyS0", None)])
+    with pytest.raises(UnavailableError, match="serial:/dev/ttyS0"):
+        choose_port()
+    monkeypatch.setattr(list_ports, "comports", lambda: [usb("/dev/ttyUSB0", 0x1A86), usb("/dev/ttyUSB1", 0x2341)])
+    with pytest.raises(UnavailableError, match=r"2 ports.*serial:/dev/ttyUSB0, serial:/dev/ttyUSB1"):
+        choose_port()
+
+
+def run_on_stand_in(tick, *, duration_s=None):
+    async def scene():
+        plugged = Plugged(StandIn())
+        wired = WiredDevice(CALIBRATION)
+        try:
+            return await run_device(
+                wired, SerialSpec(plugged.path), lambda now: tick(wired, now), duration_s=duration_s
+            )
+        finally:
+            plugged.unplug()
+
+    return play(scene)
+
+
+def test_a_device_is_run_until_its_tick_is_done():
+    readings = []
+
+    def tick(wired, now):
+        readings.append(wired.exchange(0.001, now))
+        return len(readings) == 50
+
+    assert run_on_stand_in(tick) is True
+    assert len(readings) == 50
+    assert all(reading is not None for reading in readings[:1])
+
+
+def test_a_device_is_run_for_a_time():
+    assert run_on_stand_in(lambda wired, now: wired.exchange(0.0, now) is not None and False, duration_s=0.1) is True
+
+
+def test_what_a_tick_raises_ends_the_run():
+    def tick(*_):
+        raise SettingsError("no more")
+
+    with pytest.raises(SettingsError, match="no more"):
+        run_on_stand_in(tick)
