@@ -62,7 +62,7 @@ class ForceControlSettings:
         not waited for: the platform yields from where it stands.
     search_m, search_n
         How far [m] beyond the point where it last felt the finger the platform may look for it, or as far as the known
-        finger would take for this force [N], whichever is further.
+        finger would take for this force [N], whichever is further. As far as that force it goes at once.
     reach_m
         How far [m] it may look for a finger that was never felt. An assumption for a finger 2 mm from the retracted
         platform: far enough to feel a 0.3 N/mm finger, and below 5 N on a 3 N/mm one should the sensor be dead.
@@ -242,7 +242,7 @@ class ForceController:
         if target_n <= settings.release_n:
             self._go(finger.contact_m - settings.clearance_m, elapsed_s)
             return
-        goal_m = finger.contact_m + finger.cautious_m_n * compressed(min(target_n, settings.touch_n))
+        goal_m = finger.contact_m + finger.cautious_m_n * compressed(min(target_n, settings.search_n))
         if target_n >= settings.touch_n and stood_m > goal_m - settings.clearance_m / 2.0:
             furthest_m = max(settings.search_m, finger.compliance_m_n * compressed(settings.search_n))
             further_m = self.displacement_m + settings.approach_speed_m_s * elapsed_s

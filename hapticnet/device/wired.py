@@ -47,7 +47,9 @@ SILENCE_US: Final = 50_000
 LONGEST_STEP_US: Final = 10_000
 """Most that one step between exchanges counts toward silence [µs]: a host that was stalled heard nothing either."""
 
-STREAM_PERIOD_MS: Final = 1
+STREAM_PERIOD_MS: Final = 2
+"""Period of readings asked for [ms]: what a line of 115200 baud can carry, and five to a control period. Each millisecond
+would be granted at 500 kbaud, and would only cost both sides time."""
 
 READY: Final = "ready"
 """`WiredDevice.status` while it gives readings."""
@@ -87,7 +89,7 @@ class WiredDevice(Device):
     servo
         What the servos are, to estimate where they stand.
     max_force_n
-        Largest force [N] the device may be asked for.
+        Largest force [N] the device may be asked for; less where the calibration ends below it.
 
     Attributes
     ----------
@@ -113,7 +115,8 @@ class WiredDevice(Device):
         linkage = linkage or Linkage()
         self._setpoints = Setpoints(linkage, servo or Servo())
         self.travel_m = linkage.travel_m
-        self.max_force_n = max_force_n
+        # Beyond its table the sensor says only "at least that", and the force loop would press on and on.
+        self.max_force_n = min(max_force_n, calibration.forces_n[-1])
         self.description = "device on a serial line"
         self.status = "the port is not open"
         self.identity: Identity | None = None

@@ -94,6 +94,7 @@ def _seconds(t_us: Any, zero_us: float) -> Any:
 
 
 def pyplot() -> Any:
+    """Return matplotlib's pyplot, drawing to files only; an UnavailableError says what to install."""
     try:
         import matplotlib as mpl
     except ImportError as error:

@@ -5,14 +5,11 @@ from collections.abc import Callable
 from typing import Final
 
 from hapticnet.device.wired import WiredDevice
-from hapticnet.runtime.processes import stop_on_signals
+from hapticnet.runtime.processes import START_WITHIN_S, stop_on_signals
 from hapticnet.runtime.serial_port import SerialPort, SerialSpec
 from hapticnet.runtime.timer import Ticker
 
 TICK_US: Final = 1000
-
-START_WITHIN_S: Final = 5.0
-"""How long a device may take to come up [s]: the three seconds after which it counts as silent, and time to open."""
 
 
 async def run_device(

@@ -54,7 +54,7 @@ def test_info_says_who_answers():
     assert said["protocol"].startswith(f"{PROTOCOL_MAJOR}.")
     assert said["boot_id"] == 41
     assert said["reset_cause"] == "brown-out"
-    assert said["stream_period_ms"] == 1
+    assert said["stream_period_ms"] == 2
     assert said["largest_step_us"] == 60.0
     assert said["servo"] == [{"shortest_pulse_us": 1180.0, "longest_pulse_us": 2020.0}] * 3
 

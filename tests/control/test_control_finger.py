@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from hapticnet.control.finger import (
     SOFTEST_N_M,
-    STIFFEST_N_M,
     STIFFENING,
+    STIFFEST_N_M,
     FingerSettings,
     LearnedFinger,
     compressed,

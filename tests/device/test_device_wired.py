@@ -69,7 +69,7 @@ def test_greets_streams_and_gives_readings() -> None:
     assert made.host.identity is not None
     assert made.host.identity.boot_id == 7
     assert report(made)["reset_cause"] == "reset button or port opened"
-    assert report(made)["stream_period_ms"] == 1
+    assert report(made)["stream_period_ms"] == 2
 
 
 def test_a_reading_stays_until_the_next() -> None:
@@ -149,9 +149,9 @@ def test_garbage_before_and_between_costs_only_what_it_hits() -> None:
     for _ in range(2000):
         assert made.step(0.002) is not None
     after = int(str(report(made)["readings"]))
-    assert 1500 < after - before < 1950
+    assert 700 < after - before < 980
     made.host_hears = bytes
-    made.run(3, 0.002)  # a frame that was cut off takes the next one with it
+    made.run(6, 0.002)  # a frame that was cut off takes the next one with it
     received = int(str(report(made)["readings"]))
     assert received + int(str(report(made)["readings_lost"])) == made.device.sequence
     assert int(str(report(made)["frames_damaged"])) > 100
@@ -393,7 +393,7 @@ def test_what_the_device_counts_is_added_up_across_its_wrap() -> None:
         made.step()
     assert report(made)["device_messages_refused"] == 3000
     made.device.receive(b"xx\0" * 10)
-    made.step()
+    made.run(2)
     assert report(made)["device_frames_damaged"] == 10
 
 

@@ -21,6 +21,8 @@ def drive(text: str, profile: Path | None, seed: int, prepare: "Callable[[Device
     from hapticnet.cli import devices
 
     known = devices.load(profile)
+    if text.startswith("simavr"):
+        _share_a_core()
     with devices.virtual_device(text, known, seed) as device:
         if device is not None:
             tick, now_us = prepare(device), 0
@@ -35,3 +37,10 @@ def drive(text: str, profile: Path | None, seed: int, prepare: "Callable[[Device
         if not run(run_device(wire.wired, wire.spec, prepare(device))):
             raise typer.Exit(130)
         return device
+
+
+def _share_a_core() -> None:
+    """Stay on one core, which the simulator inherits: the two take turns, and waking another core takes longer."""
+    import os
+
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
