@@ -14,8 +14,17 @@ FloatArray = npt.NDArray[np.float64]
 class Encoder(Protocol):
     """The sending half. Its state follows what was put on the wire, never the unrounded input."""
 
-    def encode(self, t_us: int, stimulus: Vector) -> bytes | None:
+    def encode(self, t_us: int, stimulus: Vector, position: Vector | None = None) -> bytes | None:
         """Return the payload to transmit for the stimulus of time `t_us`, or None when there is no need to.
+
+        Parameters
+        ----------
+        t_us
+            Time of the sample [µs].
+        stimulus
+            What is to be felt, one number per axis.
+        position
+            Where the tool was at that time [m], for the codecs whose rule depends on motion; None: at rest.
 
         Raises
         ------
@@ -43,8 +52,11 @@ class Decoder(Protocol):
         """
         ...
 
-    def reconstruct(self, t_us: int) -> Vector:
-        """Return the stimulus to apply at time `t_us`; zeros before the first payload."""
+    def reconstruct(self, t_us: int, position: Vector | None = None) -> Vector:
+        """Return the stimulus to apply at time `t_us`; zeros before the first payload.
+
+        Called at every sample, with the tool's position [m] at that time where it is known.
+        """
         ...
 
 
@@ -70,6 +82,8 @@ class Codec(Protocol):
     """A compression scheme with its parameters. Fields other than `law` are its negotiable parameters."""
 
     name: ClassVar[str]
+    needs_position: ClassVar[bool]
+    """Whether its rule depends on the tool's motion; without positions it then behaves as at rest."""
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
     @property
@@ -85,7 +99,9 @@ class Codec(Protocol):
         """Return a new decoder for stimuli of 1 to 3 axes."""
         ...
 
-    def encode_array(self, t_us: npt.NDArray[np.int64], stimuli: FloatArray) -> Encoding:
+    def encode_array(
+        self, t_us: npt.NDArray[np.int64], stimuli: FloatArray, positions: FloatArray | None = None
+    ) -> Encoding:
         """Encode a whole recording, sample for sample as the streaming pair does.
 
         Parameters
@@ -94,6 +110,8 @@ class Codec(Protocol):
             Time stamps [µs], shape (n,).
         stimuli
             Finite stimuli, shape (n, a) with 1 ≤ a ≤ 3.
+        positions
+            Positions of the tool [m], same shape, where they are known.
 
         Raises
         ------

@@ -51,6 +51,7 @@ class Deadband:
     """
 
     name: ClassVar[str] = "deadband"
+    needs_position: ClassVar[bool] = False
     law: WeberLaw = field(default_factory=WeberLaw)
 
     def encoder(self, axes: int) -> Encoder:
@@ -61,7 +62,12 @@ class Deadband:
         """Return a new decoder."""
         return HoldDecoder(check_axes(axes), may_be_wide=True)
 
-    def encode_array(self, t_us: npt.NDArray[np.int64], stimuli: FloatArray) -> Encoding:  # noqa: ARG002
+    def encode_array(
+        self,
+        t_us: npt.NDArray[np.int64],  # noqa: ARG002 - the time decides nothing
+        stimuli: FloatArray,
+        positions: FloatArray | None = None,  # noqa: ARG002 - nor does motion
+    ) -> Encoding:
         """Encode a whole recording; see `Codec.encode_array`."""
         stimuli = as_recording(stimuli)
         if len(stimuli) > COMPILE_ABOVE_SAMPLES and fast_extra_installed():
@@ -112,7 +118,7 @@ class ScalarDeadband:
         self._reference = 0.0
         self._low, self._high, self._threshold = EMPTY
 
-    def encode(self, t_us: int, stimulus: Vector) -> bytes | None:  # noqa: ARG002 - the time decides nothing
+    def encode(self, t_us: int, stimulus: Vector, position: Vector | None = None) -> bytes | None:  # noqa: ARG002
         """Return the payload, or None inside the dead zone."""
         # NaN compares false with everything, and so falls through to the check in `transmitted`.
         x = stimulus[0]
@@ -137,7 +143,7 @@ class VectorDeadband:
         self._reference: Vector = ()
         self._threshold = -1.0
 
-    def encode(self, t_us: int, stimulus: Vector) -> bytes | None:  # noqa: ARG002 - the time decides nothing
+    def encode(self, t_us: int, stimulus: Vector, position: Vector | None = None) -> bytes | None:  # noqa: ARG002
         """Return the payload, or None inside the dead zone."""
         if self._threshold >= 0.0 and _distance(stimulus, self._reference) <= self._threshold:
             return None

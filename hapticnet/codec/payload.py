@@ -54,7 +54,7 @@ class HoldDecoder:
         """Take in a payload."""
         self._held = unpack_stimulus(payload, self._axes, may_be_wide=self._may_be_wide)
 
-    def reconstruct(self, t_us: int) -> Vector:  # noqa: ARG002 - a hold has no use for the time
+    def reconstruct(self, t_us: int, position: Vector | None = None) -> Vector:  # noqa: ARG002 - a hold needs neither
         """Return the held stimulus."""
         return self._held
 

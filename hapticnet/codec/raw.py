@@ -21,6 +21,7 @@ class Raw:
     """
 
     name: ClassVar[str] = "raw"
+    needs_position: ClassVar[bool] = False
     law: WeberLaw = field(default_factory=WeberLaw)
 
     def encoder(self, axes: int) -> "RawEncoder":
@@ -32,7 +33,12 @@ class Raw:
         """Return a new decoder: a zero-order hold, for the samples that get lost."""
         return HoldDecoder(check_axes(axes), may_be_wide=False)
 
-    def encode_array(self, t_us: npt.NDArray[np.int64], stimuli: FloatArray) -> Encoding:  # noqa: ARG002
+    def encode_array(
+        self,
+        t_us: npt.NDArray[np.int64],  # noqa: ARG002 - the time decides nothing
+        stimuli: FloatArray,
+        positions: FloatArray | None = None,  # noqa: ARG002 - nor does motion
+    ) -> Encoding:
         """Encode a whole recording; see `Codec.encode_array`."""
         stimuli = as_recording(stimuli)
         samples, axes = stimuli.shape
@@ -50,7 +56,7 @@ class RawEncoder:
 
     __slots__ = ()
 
-    def encode(self, t_us: int, stimulus: Vector) -> bytes:  # noqa: ARG002 - the time decides nothing
+    def encode(self, t_us: int, stimulus: Vector, position: Vector | None = None) -> bytes:  # noqa: ARG002
         """Return the payload of every stimulus."""
         return pack_single(stimulus)
 

@@ -56,12 +56,12 @@ class Station:
             return None
         if self.session.expire_update(now_us):
             self._encoder.refresh()
-        payload = self._encoder.encode(t_us, force.force_n)
+        payload = self._encoder.encode(t_us, force.force_n, sample.position_m)
         answer = None
         if payload is not None:
             self._mirror.decode(t_us, payload)
             answer = self.session.force(t_us, payload, now_us)
-        held_n = self._mirror.reconstruct(t_us)
+        held_n = self._mirror.reconstruct(t_us, sample.position_m)
         self._error.add(force.force_n, held_n)
         self.steps += 1
         self._stepped_us = now_us
