@@ -84,6 +84,10 @@ class Hold:
         self._age_us = 0
         self._now_us = now_us
 
+    def follow(self, force_n: Vector) -> None:
+        """Let the stimulus become what the decoder makes of it by now; it is no younger for that."""
+        self._force_n = force_n
+
     def confirm(self, now_us: int) -> None:
         """Note that the link is alive and the held stimulus still the newest, as a keepalive says."""
         self._age_us = 0

@@ -2,7 +2,7 @@
 
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 
@@ -31,6 +31,9 @@ from hapticnet.protocol.master_session import (
 )
 from hapticnet.protocol.messages import NAME_BYTES, Hello, clipped
 from hapticnet.protocol.settings import SessionSettings
+
+if TYPE_CHECKING:
+    from hapticnet.samples import Vector
 
 FASTEST_HZ: Final = 100_000.0
 
@@ -111,7 +114,9 @@ class MasterNode:
         self._hold = Hold(settings.hold, axes=operator.axes)
         self._fingertip = Fingertip(device, settings.limits, settings.control) if device is not None else None
         self._script_start_us: int | None = None
-        self._position_m = 0.0
+        self._at_m: Vector | None = None
+        self._heard_us: int | None = None  # when the newest force arrived, on our clock
+        self._heard_t_us = 0  # and its own time stamp
         self._felt = (0.0, 0.0, 0.0, 0.0)
         self._connections = 0
         self._tracking = RunningError(settings.law)
@@ -140,13 +145,17 @@ class MasterNode:
         self._digest_events(now_us)
         if self._script_start_us is not None and self.session.streaming:
             sample = self._operator.sample(now_us - self._script_start_us)
-            self._position_m = sample.position_m[0]
+            self._at_m = sample.position_m
             self.session.send_position(now_us, self._positions.encode(now_us, sample.position_m))
         if self.recording is not None:
-            self.recording.add((now_us, self._position_m, *self._felt))
+            self.recording.add((now_us, self._at_m[0] if self._at_m else 0.0, *self._felt))
 
     def drive(self, now_us: int) -> None:
         """Bring the device one step nearer to the held force."""
+        if self._heard_us is not None:
+            # The stimulus of the position whose answer would come now, as long after the newest one as now is.
+            at_us = self._heard_t_us + now_us - self._heard_us
+            self._hold.follow(self._decoder.reconstruct(at_us, self._at_m))
         held_n = self._hold.value(now_us)[0]
         fingertip = self._fingertip
         if fingertip is None:
@@ -212,7 +221,8 @@ class MasterNode:
                 self.session.payload_was_malformed()
             else:
                 self.session.applied(event)
-                self._hold.receive(self._decoder.reconstruct(event.t_us), now_us)
+                self._hold.receive(self._decoder.reconstruct(event.t_us, self._at_m), now_us)
+                self._heard_us, self._heard_t_us = now_us, event.t_us
             return
         if isinstance(event, HoldConfirmed):
             self._hold.confirm(now_us)
@@ -223,6 +233,7 @@ class MasterNode:
             rate_hz = max(self.settings.session.slowest_hz, min(self.settings.rate_hz, event.welcome.rate_hz))
             self.period_us = round(1e6 / rate_hz)
             self._decoder = self._codec.decoder(self._operator.axes)
+            self._heard_us = None
             if self._script_start_us is None:
                 self._script_start_us = now_us
         elif isinstance(event, Ended):
