@@ -31,7 +31,7 @@ def encode(
     from dataclasses import asdict
 
     from hapticnet.cli.console import check_writable, deliver
-    from hapticnet.codec.registry import make_codec
+    from hapticnet.codec.registry import make_codec, parse_codec
     from hapticnet.errors import FileError, SampleError
     from hapticnet.experiment.recordings import load_recording
     from hapticnet.node.offline import cost_report
@@ -40,7 +40,8 @@ def encode(
 
     check_writable(out)
     check_writable(report)
-    chosen = make_codec(codec, WeberLaw(weber_fraction=weber, floor_n=floor, multiplier=multiplier))
+    name, parameters = parse_codec(codec)
+    chosen = make_codec(name, WeberLaw(weber_fraction=weber, floor_n=floor, multiplier=multiplier), parameters)
     recording = load_recording(file, columns=column.split(",") if column else None, rate_hz=rate)
     started = time.perf_counter()
     try:

@@ -55,6 +55,7 @@ def master(
     from hapticnet.channel.spec import parse_channel
     from hapticnet.cli import devices
     from hapticnet.cli.console import Console, channel_account, check_writable, deliver
+    from hapticnet.codec.registry import parse_codec
     from hapticnet.errors import RefusedError, UnavailableError
     from hapticnet.node.master import MasterNode, MasterSettings
     from hapticnet.perception import WeberLaw
@@ -65,8 +66,10 @@ def master(
 
     law = WeberLaw(weber_fraction=weber, floor_n=floor, multiplier=multiplier)
     known = devices.load(profile)
+    codec_name, parameters = parse_codec(codec)
     settings = MasterSettings(
-        codec=codec,
+        codec=codec_name,
+        parameters=parameters,
         law=law,
         rate_hz=rate,
         name=name,

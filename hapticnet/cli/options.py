@@ -5,7 +5,9 @@ from typing import Annotated, TypeAlias
 
 import typer
 
-Codec: TypeAlias = Annotated[str, typer.Option(help="Feedback codec: raw, deadband.")]
+Codec: TypeAlias = Annotated[
+    str, typer.Option(metavar="NAME[:KEY=VALUE,…]", help="Feedback codec; hapticnet codecs lists them.")
+]
 Weber: TypeAlias = Annotated[float, typer.Option(help="Weber fraction k: JND = k·|force|. The paper's mean: 0.05.")]
 Floor: TypeAlias = Annotated[float, typer.Option(help="Smallest JND [N], where k·|force| falls below it.")]
 Multiplier: TypeAlias = Annotated[float, typer.Option(help="Deadband threshold in JNDs. The paper's: 1, 2, 4.")]

@@ -48,8 +48,8 @@ LONGEST_STEP_US: Final = 10_000
 """Most that one step between exchanges counts toward silence [µs]: a host that was stalled heard nothing either."""
 
 STREAM_PERIOD_MS: Final = 2
-"""Period of readings asked for [ms]: what a line of 115200 baud can carry, and five to a control period. At 500 kbaud one
-each millisecond would be granted, and would only cost both sides time."""
+"""Period of readings asked for [ms]: what a line of 115200 baud can carry, and five to a control period. At 500 kbaud
+one each millisecond would be granted, and would only cost both sides time."""
 
 READY: Final = "ready"
 """`WiredDevice.status` while it gives readings."""

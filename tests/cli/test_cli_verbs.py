@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 
+from hapticnet.codec.registry import CODECS, codec_parameters
 from hapticnet.tables import read_csv
 from tests.cli.test_cli_errors import ROOT, hapticnet
 
@@ -114,3 +115,14 @@ except SystemExit:
 def test_help_imports_nothing_heavy():
     done = subprocess.run([sys.executable, "-c", HELP_AND_LIST_MODULES], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_codecs_lists_every_codec_with_its_parameters():
+    done = hapticnet("codecs", "--json")
+    listed = json.loads(done.stdout)
+    assert [codec["name"] for codec in listed] == list(CODECS)
+    for codec in listed:
+        assert codec["summary"].endswith(".")
+        assert {p["name"]: p["default"] for p in codec["parameters"]} == codec_parameters(CODECS[codec["name"]]())
+        assert all(parameter["meaning"] for parameter in codec["parameters"])
+    assert all(name in hapticnet("codecs").stdout for name in CODECS)
