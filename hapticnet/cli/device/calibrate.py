@@ -37,7 +37,7 @@ def calibrate(
     from dataclasses import replace
 
     from hapticnet.cli.console import check_writable, deliver, write_text
-    from hapticnet.device.calibration import fit_calibration
+    from hapticnet.device.calibration import Calibration, fit_calibration
     from hapticnet.device.profile import MeasuredCalibration, dump_profile, generic_profile, load_profile
     from hapticnet.errors import FileError, SettingsError
 
@@ -64,10 +64,15 @@ def calibrate(
         if pairs is None:
             raise
         raise FileError(f"{pairs}: {error}") from error
+    # Nine digits after the point are far below any sensor's noise, and a person will read this file.
+    table = Calibration(
+        counts=tuple(round(adc, 9) for adc in fit.calibration.counts),
+        forces_n=tuple(round(force_n, 9) for force_n in fit.calibration.forces_n),
+    )
     record = MeasuredCalibration(
-        calibration=fit.calibration,
+        calibration=table,
         date=datetime.date.today().isoformat(),
-        residual_rms_n=fit.rms_n,
+        residual_rms_n=round(fit.rms_n, 9),
         pairs=sum(residual_n is not None for residual_n in fit.residuals_n),
     )
     write_text(file, dump_profile(replace(known, measured=record)))
