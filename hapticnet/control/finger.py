@@ -105,7 +105,9 @@ class LearnedFinger:
         Whether it was ever touched.
     """
 
-    __slots__ = ("_covariance", "_position_var", "_settings", "_variance", "compliance_m_n", "contact_m", "felt")
+    __slots__ = (
+        "_covariance", "_earlier", "_position_var", "_settings", "_variance", "compliance_m_n", "contact_m", "felt",
+    )  # fmt: skip
 
     def __init__(self, settings: FingerSettings) -> None:
         self._settings = settings
@@ -120,17 +122,27 @@ class LearnedFinger:
         self._position_var = settings.position_m**2
         self._covariance = 0.0
         self._variance = (settings.uncertainty * self.compliance_m_n) ** 2
+        self._earlier: list[tuple[float, float, float, float, float]] = []
 
     @property
     def cautious_m_n(self) -> float:
         """The compliance [m/N] at 1 N, less one standard deviation: a finger that may be stiffer is taken to be."""
         return max(self.compliance_m_n - math.sqrt(self._variance), 1.0 / STIFFEST_N_M)
 
-    def gain_at(self, force_n: float) -> float:
-        """Return what share of a deviation at a force [N] the next update takes for true (0 to 1), platform at rest."""
+    def gain_at(self, force_n: float, elapsed_s: float) -> float:
+        """Return what share of a deviation the next update takes for true (0 to 1).
+
+        Parameters
+        ----------
+        force_n
+            The force [N] being held, platform at rest.
+        elapsed_s
+            Time [s] between two updates.
+        """
         compression = compressed(force_n)
         k_position, k_compliance, innovation = self._gains(compression, 0.0)
-        return (k_position + compression * k_compliance) / innovation
+        drift_m2 = self._settings.drift_m**2 * elapsed_s
+        return (k_position + compression * k_compliance + drift_m2) / (innovation + drift_m2)
 
     def displacement_m(self, force_n: float) -> float:
         """Return where the platform stands [m] when it presses with a force [N]."""
@@ -144,9 +156,18 @@ class LearnedFinger:
             self.felt = True
             self.contact_m = displacement_m - self.compliance_m_n * compressed(force_n)
 
+    def recall(self) -> None:
+        """Forget what was learned last: a touch that ended while it was measured was measured wrong."""
+        if self._earlier:
+            belief = self._earlier[0]
+            self.contact_m, self.compliance_m_n, self._position_var, self._covariance, self._variance = belief
+            self._earlier.clear()
+
     def learn(self, displacement_m: float, force_n: float, speed_m_s: float, elapsed_s: float) -> None:
         """Take in where the platform stands [m], how fast it moves [m/s], and what the sensor reads [N]."""
         settings = self._settings
+        before = self.contact_m, self.compliance_m_n, self._position_var, self._covariance, self._variance
+        self._earlier = [*self._earlier[-1:], before]
         self._position_var += settings.drift_m**2 * elapsed_s
         # Uncertainty grows no further than this: a finger held still is not forgotten.
         largest = (settings.largest_uncertainty * self.compliance_m_n) ** 2

@@ -15,7 +15,7 @@ from typing import Final
 
 from hapticnet.control.finger import FingerSettings, LearnedFinger, compressed
 from hapticnet.control.limits import DEVICE_MAX_FORCE_N
-from hapticnet.control.stuck import StuckSensor
+from hapticnet.control.watch import SensorWatch
 from hapticnet.errors import SettingsError
 from hapticnet.samples import LARGEST_COMPONENT
 
@@ -38,7 +38,8 @@ class ForceControlSettings:
     max_force_n
         Largest force [N] the finger may feel.
     headroom_n
-        How far [N] below that the loop aims at most, room for its overshoot; 6 % of 5 N, about one JND.
+        How far [N] below that the loop aims at most, room for its overshoot, and for one step of a servo on a
+        3 N/mm finger (0.34 N).
     lead_s
         By how much [s] the platform runs ahead of a moving target, to make up for the servos' lag. Half the
         shortest lag that is typical of the HS-55; more would make a 3 N/mm finger overshoot.
@@ -77,7 +78,7 @@ class ForceControlSettings:
     period_us: int = 10_000
     travel_m: float = 0.015
     max_force_n: float = DEVICE_MAX_FORCE_N
-    headroom_n: float = 0.3
+    headroom_n: float = 0.4
     lead_s: float = 0.01
     press_speed_m_s: float = 0.06
     approach_speed_m_s: float = 0.01
@@ -123,7 +124,8 @@ class ForceController:
     before the finger. With a target but no touch it goes where the finger was and then looks for it, slowly and not
     far, so a finger withdrawn is not chased, and a sensor that falls silent while pressing cannot drive the platform
     into the finger. A sensor stuck at full scale retracts at once, one stuck in between as soon as the platform has
-    moved further than the finger could without answering; it is tried again when the target has been gone.
+    moved further than the finger could without answering, one that leaps forth and back within some periods
+    (``watch.py``); it is tried again when the target has been gone.
 
     Attributes
     ----------
@@ -136,8 +138,8 @@ class ForceController:
     """
 
     __slots__ = (
-        "_before_m", "_now_us", "_readings", "_sensed_sum_n", "_settings", "_stood_sum_m", "_stuck",
-        "_target_n", "_touching", "displacement_m", "fault", "finger",
+        "_before_m", "_now_us", "_readings", "_sensed_sum_n", "_settings", "_stood_sum_m",
+        "_target_n", "_touching", "_watch", "displacement_m", "fault", "finger",
     )  # fmt: skip
 
     def __init__(self, settings: ForceControlSettings) -> None:
@@ -150,7 +152,7 @@ class ForceController:
         """Retract, and look for the finger anew: after a device was lost, changed or taken off."""
         self.fault: str | None = None
         self.finger.forget()
-        self._stuck = StuckSensor()
+        self._watch = SensorWatch()
         self.displacement_m = 0.0
         self._before_m = 0.0
         self._target_n = 0.0
@@ -189,28 +191,36 @@ class ForceController:
         self._now_us = now_us
         # A late call must not make up for lost time with a leap.
         elapsed_s = min(elapsed_us, 2 * self._settings.period_us) * 1e-6
+        newest_n = sensed_n
         sensed_n, stood_m = self._sensed_sum_n / self._readings, self._stood_sum_m / self._readings
         self._sensed_sum_n = self._stood_sum_m = 0.0
         self._readings = 0
         if not 0.0 <= target_n < math.inf:
             target_n = 0.0
         target_n = min(target_n, self._settings.max_force_n - self._settings.headroom_n)
-        self._control(target_n, sensed_n, stood_m, elapsed_s)
+        self._control(target_n, sensed_n, newest_n, stood_m, elapsed_s)
         self._target_n = target_n
         self._before_m = stood_m
         return self.displacement_m
 
-    def _control(self, target_n: float, sensed_n: float, stood_m: float, elapsed_s: float) -> None:
+    def _control(self, target_n: float, sensed_n: float, newest_n: float, stood_m: float, elapsed_s: float) -> None:
         settings = self._settings
-        # Half the threshold tells a sensor that conducts from one that does not, through its noise.
-        touching = sensed_n > 0.5 * settings.touch_n
-        if touching and not self._touching:
+        # Half the threshold tells a sensor that conducts from one that does not, through its noise. A mean of both says
+        # nothing, so the newest reading counts, too.
+        touching = min(sensed_n, newest_n) > 0.5 * settings.touch_n
+        watch = self._watch
+        complaint = watch.notice(touching, sensed_n, stood_m, self.finger.compliance_m_n)
+        if complaint is not None:
+            self.fault = complaint
+        if self._touching and (watch.fallen or not touching):
+            self.finger.recall()
+        elif touching and not self._touching:
             self.finger.touch(stood_m, sensed_n)
         self._touching = touching
-        if touching:
+        if touching and not watch.fallen:
             self.finger.learn(stood_m, sensed_n, (stood_m - self._before_m) / elapsed_s, elapsed_s)
-        if self._stuck.noticed(touching, sensed_n, stood_m, self.finger.compliance_m_n):
-            self.fault = f"the force sensor does not answer the platform's motion: stuck at {sensed_n:.2f} N?"
+        if target_n <= settings.release_n:
+            watch.let_go()
         if self.fault is not None:
             self.displacement_m = 0.0
             if target_n <= settings.release_n and stood_m <= settings.clearance_m:
@@ -251,5 +261,5 @@ class ForceController:
 
     def _go(self, goal_m: float, elapsed_s: float) -> None:
         settings = self._settings
-        goal_m = min(goal_m, self.displacement_m + settings.press_speed_m_s * elapsed_s)
+        goal_m = min(goal_m, self.displacement_m + settings.press_speed_m_s * elapsed_s, self._watch.furthest_m)
         self.displacement_m = max(0.0, min(goal_m, settings.travel_m))

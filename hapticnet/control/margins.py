@@ -97,7 +97,7 @@ def _open_loop(
     period_s = settings.period_us * 1e-6
     laplace = 1j * radians_s
     delayed = np.exp(-laplace * period_s)
-    share = finger.gain_at(force_n)
+    share = finger.gain_at(force_n, period_s)
     learned = share / (1.0 - (1.0 - share) * delayed)
     caution = 1.0 - finger.cautious_m_n / finger.compliance_m_n
     # A frame takes a setpoint that is half a control period old on average, and holds it.

@@ -55,6 +55,12 @@ class Servos:
         self._moving = False
         self._lift()
 
+    @property
+    def heading_us(self) -> Pulses:
+        """The pulses [µs] the servos have accepted; one nearer than the deadband to that was not."""
+        one, two, three = self._goals_us
+        return one, two, three
+
     def take(self, pulses_us: Pulses) -> None:
         """Take one pulse [µs] each: a frame."""
         # A servo that stands has long decided about the pulse it is given again.

@@ -99,9 +99,11 @@ class Setpoints:
         """Return the setpoint to be sent now for a displacement [m], or None: the last one will do."""
         if self._sequence is None:
             return None
-        if self._planned_for != (displacement_m, self.held_us):
-            self._planned_for = (displacement_m, self.held_us)
-            self._planned_us = self._allowed_us(self._linkage.pulses_us(displacement_m, self.held_us))
+        # What a servo was told but did not take, being too near to where it was going, is not where it is.
+        heading_us = self.held_us if self._under_way else self._estimate.heading_us
+        if self._planned_for != (displacement_m, heading_us):
+            self._planned_for = (displacement_m, heading_us)
+            self._planned_us = self._allowed_us(self._linkage.pulses_us(displacement_m, heading_us))
         due = self._sent_at_us is None or not 0 <= now_us - self._sent_at_us < REPEAT_US
         if not due and self._planned_us == self._sent_us:
             return None

@@ -151,12 +151,13 @@ class WiredDevice(Device):
         self._greet()
 
     def closed(self, reason: str, now_us: int, *, orderly: bool = False) -> None:
-        """Note that the port is gone, and in a phrase why; `orderly` when its owner had enough."""
+        """Note that the port is gone, and in a phrase why; `orderly`, its owner had enough, and nothing was wrong."""
         self._now_us = now_us
         self._stop(_State.ABSENT, lost=not orderly)
         if not self.wants_reopening:  # else it was closed only to open it again
             self._unanswered = False
-            self.status = reason
+            if not orderly:
+                self.status = reason
         self.wants_reopening = False
 
     def receive(self, data: bytes, now_us: int) -> None:

@@ -56,11 +56,16 @@ class Fingertip:
 
     def __init__(self, device: Device, limits: LimitSettings, control: ForceControlSettings) -> None:
         self.device = device
+        max_force_n = min(control.max_force_n, device.max_force_n)
         self.controller = ForceController(
             replace(
                 control,
                 travel_m=min(control.travel_m, device.travel_m),
-                max_force_n=min(control.max_force_n, device.max_force_n),
+                max_force_n=max_force_n,
+                # What a device that bears little force leaves of these.
+                headroom_n=min(control.headroom_n, 0.5 * max_force_n),
+                search_n=min(control.search_n, 0.5 * max_force_n),
+                yield_n=min(control.yield_n, 0.5 * max_force_n),
             )
         )
         self.target_n = 0.0

@@ -78,9 +78,9 @@ def test_nothing_is_learned_fast_while_the_platform_is_on_its_way() -> None:
 def test_a_finger_touched_again_may_have_moved() -> None:
     finger = LearnedFinger(FingerSettings())
     press(finger, 1000.0, [0.3, 0.5, 1.0, 2.0] * 5)
-    known = finger.gain_at(1.0)
+    known = finger.gain_at(1.0, PERIOD_S)
     finger.touch(0.003, 0.3)
-    assert finger.gain_at(1.0) > known
+    assert finger.gain_at(1.0, PERIOD_S) > known
 
 
 @given(st.lists(st.tuples(st.floats(-0.1, 0.1), st.floats(0.0, 1e3), st.floats(-10.0, 10.0)), max_size=200))
@@ -92,7 +92,7 @@ def test_whatever_is_shown_the_belief_stays_a_finger(shown: list[tuple[float, fl
         assert 1.0 / STIFFEST_N_M <= finger.compliance_m_n <= 1.0 / SOFTEST_N_M
         assert 1.0 / STIFFEST_N_M <= finger.cautious_m_n <= finger.compliance_m_n * (1.0 + 1e-12)
         assert math.isfinite(finger.contact_m)
-        assert 0.0 <= finger.gain_at(1.0) <= 1.0
+        assert 0.0 <= finger.gain_at(1.0, PERIOD_S) <= 1.0
 
 
 def test_forgetting_is_starting_anew() -> None:
@@ -100,10 +100,10 @@ def test_forgetting_is_starting_anew() -> None:
     press(finger, 3000.0, [0.3, 0.5, 1.0])
     finger.forget()
     fresh = LearnedFinger(FingerSettings())
-    assert (finger.felt, finger.compliance_m_n, finger.gain_at(1.0)) == (
+    assert (finger.felt, finger.compliance_m_n, finger.gain_at(1.0, PERIOD_S)) == (
         fresh.felt,
         fresh.compliance_m_n,
-        fresh.gain_at(1.0),
+        fresh.gain_at(1.0, PERIOD_S),
     )
 
 

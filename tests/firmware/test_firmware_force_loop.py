@@ -1,0 +1,120 @@
+"""The force loop on the compiled firmware, with hysteresis, noise, backlash and threshold: the issue's figures."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hapticnet.control.force import ForceControlSettings
+from hapticnet.control.limits import LimitSettings
+from hapticnet.device.parts import Finger
+from hapticnet.device.plant import PlantSettings
+from hapticnet.experiment.step_response import StepFigures, step_figures
+from hapticnet.node.fingertip import DeviceFound, DeviceLost, Fingertip
+from hapticnet.node.procedures import StepTest
+from hapticnet.node.recording import Recording
+from hapticnet.runtime.nano import Disturbance, SimulatedNano
+
+FINGERS_N_M = (300.0, 600.0, 1000.0, 2000.0, 3000.0)
+FROM_N, TO_N = 0.4, 2.0
+
+Nanos = Callable[..., Any]
+
+
+@pytest.fixture
+def pressing(simavr_files: tuple[Path, Path]) -> Nanos:
+    """Return a maker of fingertips on a simulated Nano, as context managers."""
+
+    @contextmanager
+    def make(stiffness_n_m: float, *, seed: int = 0, **disturbance: Any) -> Iterator[tuple[Fingertip, SimulatedNano]]:
+        settings = PlantSettings(finger=Finger(stiffness_n_m=stiffness_n_m))
+        with SimulatedNano(
+            settings, np.random.default_rng(seed), build=simavr_files, disturbance=Disturbance(**disturbance)
+        ) as nano:
+            yield Fingertip(nano, LimitSettings(), ForceControlSettings()), nano
+
+    return make
+
+
+def step(pressing: Nanos, stiffness_n_m: float, seed: int) -> tuple[Recording, StepFigures]:
+    """Step at a moment that lies elsewhere in the servo frame for each seed; return the figures of the true force."""
+    with pressing(stiffness_n_m, seed=seed) as (fingertip, _):
+        test = StepTest(fingertip, from_n=FROM_N, to_n=TO_N, before_us=2_000_000 + 7_000 * seed, after_us=1_500_000)
+        now_us = 0
+        while not test.tick(now_us):
+            now_us += 1_000
+    assert test.step_us is not None
+    columns = test.recording.table()
+    t_s = (columns["t_us"] - test.step_us) * 1e-6
+    return test.recording, step_figures(t_s, columns["true_n"], at_s=0.0, from_n=FROM_N, to_n=TO_N)
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("stiffness_n_m", FINGERS_N_M)
+def test_the_step_of_the_paper_is_answered_within_the_figures_of_the_issue(
+    pressing: Nanos, stiffness_n_m: float, seed: int
+) -> None:
+    _, figures = step(pressing, stiffness_n_m, seed)
+    assert figures.rise_s is not None
+    assert 0.03 < figures.rise_s <= 0.2
+    assert figures.overshoot <= 0.05
+    assert figures.ripple_peak_to_peak_n <= 0.05
+    # One servo moves the mean of the three by 0.056 mm or not at all; with the loop's caution up to 70 % of that may be
+    # missing. From 2 N/mm on it is more than 5 % of this step.
+    coarseness_n = 0.7 * 0.056e-3 * 1.3 * stiffness_n_m
+    assert abs(figures.steady_error_n) <= max(0.05, coarseness_n)
+    if stiffness_n_m <= 1000.0:
+        assert figures.settling_s is not None
+        assert figures.settling_s <= 0.35
+
+
+def test_the_same_run_twice_is_the_same_to_the_byte(pressing: Nanos) -> None:
+    def run(seed: int) -> list[bytes]:
+        recording, _ = step(pressing, 1000.0, seed)
+        return [column.tobytes() for column in recording.table().values()]
+
+    first = run(3)
+    assert run(3) == first != run(4)
+
+
+@pytest.mark.parametrize(("delay_ms", "loss"), [(0, 0.0), (10, 0.0), (20, 0.0), (40, 0.0), (0, 0.3), (40, 0.3)])
+@pytest.mark.parametrize("stiffness_n_m", FINGERS_N_M[::2])
+def test_neither_delay_nor_loss_brings_a_limit_cycle_or_more_than_the_device_limit(
+    pressing: Nanos, stiffness_n_m: float, delay_ms: int, loss: float
+) -> None:
+    true_n = []
+    with pressing(stiffness_n_m, delay_us=1_000 * delay_ms, loss=loss) as (fingertip, nano):
+        for ms in range(6_500):
+            fingertip.press(FROM_N if ms < 2_200 else 5.0, 1_000 * ms)
+            true_n.append(nano.contact_force_n)
+    assert 4.4 < max(true_n) <= 5.0
+    # A servo may take a last step, and jitter of its pulse may stir it; a cycle would be larger, in every second.
+    moved_n = np.ptp(np.array(true_n[-2_000:]).reshape(2, 1_000), axis=1)
+    assert min(moved_n) <= 0.05
+
+
+def test_a_plug_pulled_in_the_middle_of_a_run_is_met_like_a_stranger_when_it_is_back(pressing: Nanos) -> None:
+    true_n, displacement_m = [], []
+    with pressing(1000.0) as (fingertip, nano):
+        for ms in range(6_000):
+            if ms == 2_500:
+                nano.pull_plug(1_000 * ms)
+            if ms == 2_800:
+                nano.plug_in(1_000 * ms)
+            fingertip.press(TO_N, 1_000 * ms)
+            true_n.append(nano.contact_force_n)
+            displacement_m.append(fingertip.displacement_m)
+        assert nano.board.resets == 0
+        events = [fingertip.next_event() for _ in range(4)]
+    assert [type(event) for event in events] == [DeviceFound, DeviceLost, DeviceFound, type(None)]
+    assert true_n[2_499] == pytest.approx(TO_N, abs=0.1)
+    assert true_n[2_750] == 0.0
+    back = np.array(displacement_m[2_800:])
+    speeds_m_s = np.diff(back[:150:10]) / 0.01
+    assert back[0] == 0.0
+    assert 0.0 < speeds_m_s.max() <= ForceControlSettings().approach_speed_m_s + 1e-9
+    assert max(true_n[2_800:]) <= TO_N + 0.2
+    assert true_n[-1] == pytest.approx(TO_N, abs=0.1)

@@ -1,0 +1,146 @@
+"""A device on a serial line as processes: unplugged, plugged in again, or not there at all. No speed is asserted."""
+
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hapticnet.runtime.simavr import BUILD_VARIABLE
+
+FAST = ("--no-realtime",)
+FIRMWARE = Path(__file__).parents[2] / "firmware"
+PATIENCE_S = 60.0
+
+
+@pytest.fixture(scope="module")
+def build(tmp_path_factory: pytest.TempPathFactory) -> Callable[[], Path]:
+    """Return what builds firmware and simulator, once."""
+    folder = tmp_path_factory.mktemp("firmware")
+
+    def make() -> Path:
+        if not (folder / "harness").exists():
+            command = ["make", "-s", "-C", FIRMWARE, f"BUILD={folder}", "BAUD=500000", "firmware", "sim"]
+            done = subprocess.run(command, capture_output=True, text=True)
+            assert done.returncode == 0, done.stderr
+        return folder
+
+    return make
+
+
+@pytest.fixture
+def simulator(
+    build: Callable[[], Path], tool_is_missing: Callable[[str], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Let processes started from here find the simulator."""
+    for tool, package in (("avr-gcc", "gcc-avr"), ("make", "make"), ("gcc", "gcc")):
+        if shutil.which(tool) is None:
+            tool_is_missing(f"{tool} is missing (package {package}), so the firmware cannot be built")
+    if not Path("/usr/include/simavr/sim_avr.h").exists():
+        tool_is_missing("simavr is missing (packages libsimavr-dev and libelf-dev), so the firmware cannot be run")
+    monkeypatch.setenv(BUILD_VARIABLE, str(build()))
+
+
+@pytest.fixture
+def plug_in(simulator: None, start: Callable[..., Any], tmp_path: Path) -> Callable[[], tuple[Any, str]]:  # noqa: ARG001
+    """Return what puts a device on a port, always the same: the process that is it, and how it is written."""
+    link = tmp_path / "ttyUSB0"
+
+    def plug() -> tuple[Any, str]:
+        device = start("device", "sim", "--link", str(link))
+        device.wait_for("listening on")
+        return device, f"serial:{link}"
+
+    return plug
+
+
+def test_an_insertion_is_felt_through_a_serial_line_and_the_report_tells_of_it(start, slave, plug_in):
+    _, address = slave
+    device, port = plug_in()
+    master = start("master", "--connect", address, "--device", port, "--insertions", "1", "--json", *FAST)
+    assert master.process.wait(PATIENCE_S) == 0, master.said()
+    assert "device ready: device on a serial line, firmware 0.1.0" in master.said()
+    assert "not calibrated" in master.said()
+    fingertip = master.report()["device"]
+    assert fingertip["times_lost"] == 0
+    assert 200.0 < fingertip["finger_stiffness_n_m"] < 5_000.0
+    line = fingertip["line"]
+    assert line["firmware"] == "0.1.0"
+    assert line["readings"] > 100
+    assert line["setpoints_sent"] > 20
+    assert line["resets_seen"] == 0
+    assert device.end() == 0
+
+
+def test_an_unplugged_device_costs_no_session_and_is_taken_up_again(start, slave, plug_in):
+    server, address = slave
+    device, port = plug_in()
+    master = start("master", "--connect", address, "--device", port, "--duration", "120", "--json", *FAST)
+    master.wait_for("connected to")
+    master.wait_for("device ready")
+    for times in (1, 2):
+        device.process.kill()
+        device.process.wait()
+        master.wait_for(r"device lost \(unplugged\); the session goes on", count=times)
+        device, _ = plug_in()
+        master.wait_for("device ready", count=times + 1)
+    assert master.end() == 0
+    account = master.report()
+    assert account["connections"] == 1
+    assert account["device"]["times_lost"] == 2
+    assert "link stale" not in master.said()
+    assert server.end() == 0
+    assert len(server.report()["sessions"]) == 1
+
+
+def test_a_master_brings_its_own_simulated_nano_and_ends_it(start, slave, simulator):  # noqa: ARG001
+    _, address = slave
+    master = start("master", "--connect", address, "--device", "simavr:0.6", "--duration", "3", "--json", *FAST)
+    assert master.process.wait(PATIENCE_S) == 0, master.said()
+    account = master.report()
+    assert account["end_reason"] == "done"
+    assert account["device"]["times_lost"] == 0
+    assert account["device"]["line"]["readings"] > 100
+
+
+def test_info_tells_who_answers_as_json(start, plug_in):
+    device, port = plug_in()
+    for _ in range(2):
+        info = start("device", "info", port, "--json")
+        assert info.process.wait(PATIENCE_S) == 0, info.said()
+        account = info.report()
+        assert account["device"] == port
+        assert account["firmware"] == "0.1.0"
+        assert account["reset_cause"] == "power-on"
+        assert len(account["servo"]) == 3
+    assert device.end() == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (("master", "--quiet", "--device", "serial:/dev/no-such-port"), "is missing; is the device plugged in?"),
+        (("device", "info", "serial:/dev/no-such-port"), "is missing; is the device plugged in?"),
+        (("device", "info", "serial:/dev/null"), "is no serial port"),
+        (("master", "--quiet", "--device", "serial:nano"), "a whole path"),
+    ],
+)
+def test_a_wrong_port_is_one_line_and_exit_code_2(start, arguments, complaint):
+    process = start(*arguments)
+    assert process.process.wait(PATIENCE_S) == 2
+    (line,) = process.said().splitlines()
+    assert complaint in line
+
+
+def test_a_port_in_use_is_said_to_be_and_its_user_not_disturbed(start, slave, plug_in):
+    _, address = slave
+    _, port = plug_in()
+    master = start("master", "--connect", address, "--device", port, "--duration", "120", "--json", *FAST)
+    master.wait_for("device ready")
+    info = start("device", "info", port)
+    assert info.process.wait(PATIENCE_S) == 2
+    assert "is in use by another program" in info.said()
+    assert master.end() == 0
+    assert master.report()["device"]["times_lost"] == 0
