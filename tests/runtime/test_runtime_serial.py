@@ -102,7 +102,7 @@ def test_opens_streams_and_moves_though_a_pty_knows_no_low_latency(make_loop):
     driven = play(scene, make_loop)
     assert driven.port.openings == 1
     assert driven.port.unwritten == 0
-    assert driven.wired.status == "closed"
+    assert driven.wired.status == "ready"
 
 
 # How soon is for a quiet machine to measure; these want the hang-up itself to tell, not the silence after it.
