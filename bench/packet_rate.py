@@ -25,15 +25,13 @@ from hapticnet.codec.registry import make_codec
 from hapticnet.errors import HapticnetError
 from hapticnet.experiment.analysis import Columns, bytes_per_penetration
 from hapticnet.experiment.conditions import CONDITIONS, Condition
+from hapticnet.experiment.paper_force import paper_recording
 from hapticnet.experiment.recordings import load_recording
 from hapticnet.node.master import MasterSettings
 from hapticnet.node.offline import cost_report
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.perception import PAPER_FLOOR_N, WeberLaw
 from hapticnet.protocol.wire import Kind, force_datagram_bytes
-from hapticnet.samples import PositionSample
-from hapticnet.scene.presets import paper_scene
-from hapticnet.scene.scene import Scene
 
 NONE, ONE_JND = CONDITIONS[:2]
 PAPER_REDUCTION = ONE_JND.paper_byte_reduction or 0.0
@@ -71,19 +69,8 @@ TRACE_COLUMNS = (
 
 def true_forces(seed: int, motion: InsertionSettings, rate_hz: float) -> Columns:
     """Return the true force at every position of one seed's hand in its scene, as a slave records it."""
-    operator = ScriptedOperator(motion, np.random.default_rng(seed))
-    scene = Scene(paper_scene(seed).tissues)
-    period_us = round(1e6 / rate_hz)
-    # A session stands at 0, and the first position is sent a period later; on the wire it is a float32.
-    times_us = range(period_us, operator.duration_us, period_us)
-    positions_m = np.array([operator.sample(t_us).position_m[0] for t_us in times_us], dtype=np.float32).tolist()
-    forces_n, breaches = np.array(
-        [
-            (scene.step(PositionSample(t_us, (position_m,))).force_n[0], scene.breaches)
-            for t_us, position_m in zip(times_us, positions_m, strict=True)
-        ]
-    ).T
-    return {"t_us": np.array(times_us, dtype=np.float64) + START_US, "force_n": forces_n, "breaches": breaches}
+    true = paper_recording(seed, rate_hz, motion=motion)
+    return {"t_us": true.t_us + float(START_US), "force_n": true.force_n[:, 0], "breaches": true.breaches.astype(float)}
 
 
 def encoded(codec: Codec, true: Columns) -> Columns:

@@ -36,8 +36,8 @@ def error_report(law: WeberLaw, true: FloatArray, applied: FloatArray) -> ErrorR
     """Compare stimuli of shape (n, a); zeros when there are none."""
     if not len(true):
         return ErrorReport(rmse_n=0.0, max_error_n=0.0, exceed_jnd_fraction=0.0)
-    error = _norms(true - applied)
-    jnd = law.jnds_n(_norms(applied))
+    error = norms(true - applied)
+    jnd = law.jnds_n(norms(applied))
     return ErrorReport(
         rmse_n=float(np.sqrt(np.mean(error * error))),
         max_error_n=float(error.max()),
@@ -89,6 +89,7 @@ def worst_window_packets(t_us: npt.NDArray[np.int64], window_us: int = 100_000) 
     return int(np.max(ends - np.arange(len(ordered))))
 
 
-def _norms(vectors: FloatArray) -> FloatArray:
-    norms: FloatArray = np.sqrt(np.sum(vectors * vectors, axis=1))
-    return norms
+def norms(vectors: FloatArray) -> FloatArray:
+    """Return the Euclidean norms of vectors of shape (n, a), shape (n,)."""
+    roots: FloatArray = np.sqrt(np.sum(vectors * vectors, axis=1))
+    return roots

@@ -1,0 +1,228 @@
+"""The fewest packets any encoder could do with: piecewise reconstructions optimal over a whole recording.
+
+Nobody can encode so, as all of the future has to be known. It tells how far from the best possible a codec is.
+
+An encoder keeps the deadband's rule when at every sample the applied stimulus r satisfies ``|x − r| ≤ threshold(|r|)``.
+The rule looks at one sample alone, so each stimulus x admits a set of r whatever is applied at other samples (`tube`),
+and the fewest pieces are found by making each as long as it can be: if some pieces are valid so is any part of each,
+hence by induction the k-th of the longest pieces ends no earlier than the k-th of any others.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import product
+from typing import Final
+
+import numpy as np
+
+from hapticnet.codec.arrays import as_recording, fast_extra_installed, refuse_out_of_range
+from hapticnet.codec.base import FloatArray
+from hapticnet.codec.metrics import norms
+from hapticnet.codec.sweeps import IntArray, compiled, sweep_holds, sweep_holds_of_columns, sweep_lines
+from hapticnet.errors import SampleError
+from hapticnet.perception import WeberLaw
+
+COMPILE_HOLDS_ABOVE = 5_000_000
+COMPILE_LINES_ABOVE = 500_000
+"""Intervals from which loading numba (about 0.6 s) pays, where the ``fast`` extra is installed."""
+
+WIDER: Final = 1.0 + 2.0**-51
+"""By how much a threshold must grow to hold whatever a codec's own arithmetic lets pass.
+
+With u = 2⁻⁵³, a rounded ``|x − r| ≤ max(κ·|r|, φ)`` implies ``|x − r| ≤ max(κ·|r|, φ)·(1 + u)/(1 − u)`` (unless κ·|r|
+is a denormal number), and that is less than a threshold 1 + 4u times as large.
+"""
+
+ROUNDINGS: Final = 2.0**-48
+"""Relative error of a norm, and of what is computed from it, in up to three axes: some ten roundings, with room."""
+
+UNSEEN_N: Final = 1e-150
+"""Differences in one of several axes that `samples.magnitude` may take for zero, as their squares are too small."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pieces:
+    """A recording of one axis as pieces, each a straight line over its samples.
+
+    Attributes
+    ----------
+    starts
+        Index of the first sample of each piece, shape (m,).
+    values
+        What is applied at that sample [N], shape (m,).
+    slopes_n_per_us
+        By how much that changes from there on [N/µs], shape (m,); zeros for a hold.
+    """
+
+    starts: IntArray
+    values: FloatArray
+    slopes_n_per_us: FloatArray
+
+    def applied(self, t_us: IntArray) -> FloatArray:
+        """Return what is applied at every sample of the recording with these time stamps, shape (n,)."""
+        lengths = np.diff(self.starts, append=len(t_us))
+        since_us = t_us - np.repeat(t_us[self.starts], lengths)
+        line: FloatArray = np.repeat(self.values, lengths) + np.repeat(self.slopes_n_per_us, lengths) * since_us
+        return line
+
+
+def fewest_holds(law: WeberLaw, stimuli: FloatArray) -> int:
+    """Return the fewest stimuli with which a zero-order hold keeps the rule at every sample of shape (n, a). O(n).
+
+    One axis: the optimum. Two or three: a number it cannot be less than. As ``||X| − |R|| ≤ |X − R|``, the norm of a
+    held R must stay in the tube of |X|, and what it is along any direction in that `direction_tube`. The optimum
+    under these conditions is returned, over the axes and the diagonals between them.
+
+    Raises
+    ------
+    SampleError
+        When a stimulus is not finite or out of range.
+    """
+    stimuli = _checked(stimuli)
+    if stimuli.shape[1] == 1:
+        return len(hold_pieces(law, stimuli).starts)
+    magnitudes = norms(stimuli)
+    low, high = tube(law, magnitudes)
+    slack = ROUNDINGS * magnitudes + UNSEEN_N
+    tubes = [(low - slack, high + slack), *(direction_tube(law, stimuli, along) for along in _directions(stimuli))]
+    lows, highs = zip(*tubes, strict=True)
+    return len(_starts(sweep_holds_of_columns, np.column_stack(lows), np.column_stack(highs)))
+
+
+def fewest_lines(law: WeberLaw, t_us: IntArray, stimuli: FloatArray) -> int:
+    """Return the fewest straight lines, joined or not, that keep the rule at every sample of shape (n, a).
+
+    One axis: the optimum. Two or three: a number it cannot be less than, the largest optimum of a component: a line
+    in space is one in each component too, and stays in the `direction_tube` of that axis.
+
+    Raises
+    ------
+    SampleError
+        When a stimulus is not finite or out of range, or time goes backwards.
+    """
+    stimuli = _checked(stimuli)
+    if stimuli.shape[1] == 1:
+        return len(line_pieces(law, t_us, stimuli).starts)
+    tubes = (direction_tube(law, stimuli, axis) for axis in np.eye(stimuli.shape[1]))
+    return max(len(_lines(_elapsed(t_us), low, high).starts) for low, high in tubes)
+
+
+def hold_pieces(law: WeberLaw, stimuli: FloatArray) -> Pieces:
+    """Return the fewest holds of a recording of one axis; see `fewest_holds`. O(n)."""
+    low, high = tube(law, _one_axis(stimuli))
+    starts = _starts(sweep_holds, low, high)
+    if not len(starts):
+        return Pieces(starts, np.empty(0), np.empty(0))
+    # In the middle of what all samples of a piece admit, farthest from where rounding could matter.
+    values = 0.5 * (np.maximum.reduceat(low, starts) + np.minimum.reduceat(high, starts))
+    return Pieces(starts, values, np.zeros(len(starts)))
+
+
+def line_pieces(law: WeberLaw, t_us: IntArray, stimuli: FloatArray) -> Pieces:
+    """Return the fewest straight lines for a recording of one axis; see `fewest_lines`. O(n).
+
+    The tube is the one of the holds: the rule's reference is the stimulus applied at a sample, however it came about.
+    """
+    return _lines(_elapsed(t_us), *tube(law, _one_axis(stimuli)))
+
+
+def tube(law: WeberLaw, stimuli: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return between which r each stimulus x of shape (n,) keeps ``|x − r| ≤ max(κ·|r|, φ)``.
+
+    κ is multiplier · Weber fraction and φ is multiplier · floor. Let x ≥ 0; for x < 0 change the sign of all.
+
+    - ``|x − r| ≤ φ`` is ``x − φ ≤ r ≤ x + φ``.
+    - ``|x − r| ≤ κ·|r|`` with r ≥ 0 and κ < 1: below x it is ``x ≤ (1 + κ)·r``, above it ``(1 − κ)·r ≤ x``, so
+      ``x/(1 + κ) ≤ r ≤ x/(1 − κ)``.
+    - The same with r < 0 is ``x + |r| ≤ κ·|r|``, impossible as κ < 1.
+
+    Both intervals hold x, so their union is one interval, from the lesser of their lower ends to the greater of their
+    upper ends. With x < 0 the Weber interval is ``x/(1 − κ)`` to ``x/(1 + κ)``: the formulae below take the lesser and
+    the greater of both quotients, for x ≥ 0 the same as above.
+
+    From κ = 1 on a large enough r satisfies every x, as ``|x − r| ≤ |x| + |r|``, which rounds to |r|: of the intervals
+    there are then, such an r alone is returned for all.
+
+    Ends are rounded such that no double a codec's arithmetic lets pass is left out; see `WIDER`.
+    """
+    weber = law.multiplier * law.weber_fraction * WIDER
+    floor = law.multiplier * law.floor_n * WIDER
+    if weber >= 1.0:
+        everything = np.full(len(stimuli), math.ldexp(float(np.abs(stimuli).max(initial=0.0)), 60))
+        return everything, everything
+    # The divisors are rounded outwards. Quotient and sum then round monotonically: no double within an end leaves it.
+    below = math.nextafter(1.0 + weber, 2.0) if weber else 1.0
+    above = math.nextafter(1.0 - weber, 0.0) if weber else 1.0
+    inner, outer = stimuli / below, stimuli / above
+    low = np.minimum(stimuli - floor, np.minimum(inner, outer))
+    high = np.maximum(stimuli + floor, np.maximum(inner, outer))
+    return low, high
+
+
+def direction_tube(law: WeberLaw, stimuli: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return between which values the applied vectors R must be along a unit vector, for stimuli X of shape (n, a).
+
+    Where the floor rules, ``|X − R| ≤ φ``. Elsewhere ``|X − R| ≤ κ·|R| ≤ κ·(|X| + |X − R|)``, so for κ < 1
+    ``|X − R| ≤ κ·|X|/(1 − κ)``. Along a direction X − R is no longer than the whole.
+    """
+    weber = law.multiplier * law.weber_fraction * WIDER
+    floor = law.multiplier * law.floor_n * WIDER
+    if weber >= 1.0:
+        nothing_known = np.zeros(len(stimuli))
+        return nothing_known, nothing_known
+    magnitudes = norms(stimuli)
+    radius = np.maximum(weber / (1.0 - weber) * magnitudes, floor) * (1.0 + ROUNDINGS) + UNSEEN_N
+    if np.count_nonzero(direction) > 1:  # along an axis nothing is rounded
+        radius += ROUNDINGS * magnitudes
+    along = stimuli @ direction
+    return along - radius, along + radius
+
+
+def _checked(stimuli: FloatArray) -> FloatArray:
+    stimuli = as_recording(stimuli)
+    refuse_out_of_range(stimuli, np.arange(len(stimuli)))
+    return stimuli
+
+
+def _one_axis(stimuli: FloatArray) -> FloatArray:
+    stimuli = _checked(stimuli)
+    if stimuli.shape[1] != 1:
+        raise SampleError(f"recording of {stimuli.shape[1]} axes; pieces are known for one")
+    return stimuli[:, 0]
+
+
+def _elapsed(t_us: IntArray) -> FloatArray:
+    if np.any(np.diff(t_us) < 0):
+        first = int(np.argmax(np.diff(t_us) < 0)) + 1
+        raise SampleError(
+            f"sample {first} is of {t_us[first]} µs, before the one before it; time must not go backwards"
+        )
+    return (t_us - t_us[:1]).astype(np.float64)
+
+
+def _directions(stimuli: FloatArray) -> list[FloatArray]:
+    """Return unit vectors along the axes and the diagonals between them, one of each pair of opposites."""
+    axes = stimuli.shape[1]
+    # In order, the ones before zero are the opposites of those after it.
+    return [np.array(signs) / math.hypot(*signs) for signs in list(product((-1, 0, 1), repeat=axes))[: 3**axes // 2]]
+
+
+def _starts(sweep: Callable[..., int], low: FloatArray, high: FloatArray) -> IntArray:
+    starts = np.empty(len(low), dtype=np.int64)
+    if low.size > COMPILE_HOLDS_ABOVE and fast_extra_installed():
+        count = compiled(sweep)(low, high, starts)
+    else:
+        count = sweep(low.tolist(), high.tolist(), starts)
+    return starts[:count]
+
+
+def _lines(times: FloatArray, low: FloatArray, high: FloatArray) -> Pieces:
+    n = len(times)
+    starts, values, slopes = np.empty(n, dtype=np.int64), np.empty(n), np.empty(n)
+    if n > COMPILE_LINES_ABOVE and fast_extra_installed():
+        hulls = np.empty(n, dtype=np.int64), np.empty(n, dtype=np.int64)
+        count = compiled(sweep_lines)(times, low, high, *hulls, starts, values, slopes)
+    else:
+        count = sweep_lines(times.tolist(), low.tolist(), high.tolist(), [0] * n, [0] * n, starts, values, slopes)
+    return Pieces(starts[:count], values[:count], slopes[:count])

@@ -1,0 +1,147 @@
+"""The greedy sweeps behind `bound`: the same source runs as plain Python over lists, and compiled over arrays."""
+
+import math
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from hapticnet.codec.base import FloatArray
+
+IntArray = npt.NDArray[np.int64]
+
+
+@cache
+def compiled(sweep: Callable[..., int]) -> Callable[..., int]:
+    """Return the very same function compiled by numba; it takes arrays where plain Python is faster with lists."""
+    from numba import njit
+
+    function: Callable[..., int] = njit(cache=True, nogil=True, error_model="numpy")(sweep)
+    return function
+
+
+def sweep_holds(low: Any, high: Any, starts: IntArray) -> int:
+    """Write the first samples of the longest holds, one after the other; return how many there are.
+
+    A piece goes on while the intervals of its samples have a point in common.
+    """
+    count = 0
+    bottom, top = math.inf, -math.inf
+    for i in range(len(low)):
+        a, b = low[i], high[i]
+        if a > top or b < bottom:
+            starts[count] = i
+            count += 1
+            bottom, top = a, b
+        else:
+            if a > bottom:
+                bottom = a
+            if b < top:
+                top = b
+    return count
+
+
+def sweep_holds_of_columns(low: Any, high: Any, starts: IntArray) -> int:
+    """Do as `sweep_holds` with a row of intervals for each sample, of which every column must go on."""
+    if len(low) == 0:
+        return 0
+    count = 1
+    starts[0] = 0
+    bottom, top = low[0].copy(), high[0].copy()
+    columns = range(len(bottom))
+    for i in range(1, len(low)):
+        a, b = low[i], high[i]
+        for k in columns:
+            if a[k] > top[k] or b[k] < bottom[k]:
+                starts[count] = i
+                count += 1
+                bottom, top = a.copy(), b.copy()
+                break
+            if a[k] > bottom[k]:
+                bottom[k] = a[k]
+            if b[k] < top[k]:
+                top[k] = b[k]
+    return count
+
+
+def sweep_lines(
+    times: Any, low: Any, high: Any, floor: Any, roof: Any, starts: IntArray, values: FloatArray, slopes: FloatArray
+) -> int:
+    """Write the longest straight pieces, one after the other; return how many there are. O(n) amortised.
+
+    O'Rourke, "An on-line algorithm for fitting straight lines between data ranges", CACM 24 (1981), here in the plane
+    of the data. Of all lines through the ranges so far, the steepest and the flattest bound what can be reached later:
+    a range is pierced by one of the lines if it is not all above the steepest or all below the flattest. The steepest
+    goes through a low end and a later high end; a new high end below it turns it about the low ends' upper hull
+    (`floor`), along which its pivot only moves forward, and the flattest likewise about `roof`. A hull is a run of
+    indices that begins with the pivot. Lines are compared by cross products, exact for small whole numbers,
+    and otherwise to the rounding of the largest end in a piece.
+    """
+    n, count, i = len(times), 0, 0
+    while i < n:
+        begin = i
+        steep_at = flat_at = i
+        i += 1
+        while i < n and times[i] == times[begin] and low[i] <= high[flat_at] and high[i] >= low[steep_at]:
+            if low[i] > low[steep_at]:
+                steep_at = i
+            if high[i] < high[flat_at]:
+                flat_at = i
+            i += 1
+        starts[count] = begin
+        if i == n or times[i] == times[begin]:
+            values[count], slopes[count] = 0.5 * (low[steep_at] + high[flat_at]), 0.0
+            count += 1
+            continue
+        steep_dt = flat_dt = times[i] - times[begin]
+        steep_dy, flat_dy = high[i] - low[steep_at], low[i] - high[flat_at]
+        floor[0], floor[1], floor_head, floor_end = steep_at, i, 0, 2
+        roof[0], roof[1], roof_head, roof_end = flat_at, i, 0, 2
+        i += 1
+        while i < n:
+            t, a, b = times[i], low[i], high[i]
+            steep_t, flat_t = t - times[steep_at], t - times[flat_at]
+            if (a - low[steep_at]) * steep_dt > steep_dy * steep_t or (b - high[flat_at]) * flat_dt < flat_dy * flat_t:
+                break
+            if (b - low[steep_at]) * steep_dt < steep_dy * steep_t:
+                while floor_end - floor_head > 1:
+                    j = floor[floor_head + 1]
+                    if times[j] == t or (b - low[j]) * steep_t >= (b - low[steep_at]) * (t - times[j]):
+                        break
+                    steep_at = j
+                    steep_t = t - times[j]
+                    floor_head += 1
+                steep_dt, steep_dy = steep_t, b - low[steep_at]
+            if (a - high[flat_at]) * flat_dt > flat_dy * flat_t:
+                while roof_end - roof_head > 1:
+                    j = roof[roof_head + 1]
+                    if times[j] == t or (a - high[j]) * flat_t <= (a - high[flat_at]) * (t - times[j]):
+                        break
+                    flat_at = j
+                    flat_t = t - times[j]
+                    roof_head += 1
+                flat_dt, flat_dy = flat_t, a - high[flat_at]
+            while floor_end - floor_head > 1:
+                j, k = floor[floor_end - 2], floor[floor_end - 1]
+                if (times[k] - times[j]) * (a - low[j]) < (low[k] - low[j]) * (t - times[j]):
+                    break
+                floor_end -= 1
+            floor[floor_end] = i
+            floor_end += 1
+            while roof_end - roof_head > 1:
+                j, k = roof[roof_end - 2], roof[roof_end - 1]
+                if (times[k] - times[j]) * (b - high[j]) > (high[k] - high[j]) * (t - times[j]):
+                    break
+                roof_end -= 1
+            roof[roof_end] = i
+            roof_end += 1
+            i += 1
+        steep, flat = steep_dy / steep_dt, flat_dy / flat_dt
+        steep_value = low[steep_at] + steep * (times[begin] - times[steep_at])
+        flat_value = high[flat_at] + flat * (times[begin] - times[flat_at])
+        # Any mean of two lines through the ranges goes through them too.
+        values[count], slopes[count] = 0.5 * (steep_value + flat_value), 0.5 * (steep + flat)
+        count += 1
+    return count

@@ -1,0 +1,82 @@
+"""The paper's scene touched by the scripted hand, without a network: a recording to try codecs on."""
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from hapticnet.codec.base import FloatArray
+from hapticnet.errors import SettingsError
+from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
+from hapticnet.samples import PositionSample
+from hapticnet.scene.presets import paper_scene
+from hapticnet.scene.scene import Scene
+
+DEFAULT_MOTION: Final = InsertionSettings()
+
+
+@dataclass(frozen=True, slots=True)
+class PaperRecording:
+    """What the scene answers to every position of one hand.
+
+    Attributes
+    ----------
+    t_us
+        Time since the hand began [µs], shape (n,).
+    force_n
+        True contact force [N], positive out of the tissue, shape (n, 1).
+    position_m
+        Position of the needle as the slave has it [m], growing into the tissue, shape (n, 1).
+    breaches
+        Tissues breached so far, shape (n,).
+    """
+
+    t_us: npt.NDArray[np.int64]
+    force_n: FloatArray
+    position_m: FloatArray
+    breaches: npt.NDArray[np.int64]
+
+
+def paper_recording(
+    seed: int, rate_hz: float = 1000.0, *, insertions: int | None = None, motion: InsertionSettings = DEFAULT_MOTION
+) -> PaperRecording:
+    """Return what `seed`'s hand feels in `seed`'s order of tissues, as the slave of a perfect channel records it.
+
+    Parameters
+    ----------
+    seed
+        Orders the tissues, and makes the hand tremble.
+    rate_hz
+        Sampling rate [Hz].
+    insertions
+        How many, where not as many as `motion` says.
+    motion
+        How the needle is inserted.
+
+    Raises
+    ------
+    SettingsError
+        When the seed is negative, the rate is not one sample per script to one per µs, or the insertions cannot be.
+    """
+    if insertions is not None:
+        motion = replace(motion, insertions=insertions)
+    scene = Scene(paper_scene(seed).tissues)
+    operator = ScriptedOperator(motion, np.random.default_rng(seed))
+    if not 1e6 / operator.duration_us < rate_hz <= 1e6:
+        raise SettingsError(f"rate is {rate_hz} Hz; it must be above {1e6 / operator.duration_us:g} and at most 1e6")
+    period_us = round(1e6 / rate_hz)
+    # A session stands at 0, and the first position is sent a period later; on the wire it is a float32.
+    times_us = range(period_us, operator.duration_us, period_us)
+    positions_m = np.array([operator.sample(t_us).position_m[0] for t_us in times_us], dtype=np.float32)
+    forces_n: list[float] = []
+    breaches: list[int] = []
+    for t_us, position_m in zip(times_us, positions_m.tolist(), strict=True):
+        forces_n.append(scene.step(PositionSample(t_us, (position_m,))).force_n[0])
+        breaches.append(scene.breaches)
+    return PaperRecording(
+        t_us=np.array(times_us, dtype=np.int64),
+        force_n=np.array(forces_n)[:, np.newaxis],
+        position_m=positions_m.astype(np.float64)[:, np.newaxis],
+        breaches=np.array(breaches, dtype=np.int64),
+    )
