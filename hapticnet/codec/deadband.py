@@ -21,17 +21,20 @@ from hapticnet.codec.arrays import (
 )
 from hapticnet.codec.base import Encoder, Encoding, FloatArray
 from hapticnet.codec.payload import (
-    DOUBLE,
+    COUNT_BYTES,
     DOUBLE_BYTES,
-    SINGLE,
+    LARGEST_COUNT,
     SINGLE_BYTES,
+    Form,
     HoldDecoder,
+    PayloadFormat,
     check_axes,
-    unpack_stimulus,
+    check_step,
+    distance,
 )
 from hapticnet.errors import SampleError
 from hapticnet.perception import WeberLaw
-from hapticnet.samples import Vector, checked_vector, magnitude
+from hapticnet.samples import Vector
 
 EMPTY: Final = (math.inf, -math.inf, -1.0)
 """Ends of the shortcut and threshold that let nothing pass in silence."""
@@ -48,19 +51,28 @@ class Deadband:
     transmitted stimulus as it was rounded for the wire. The first stimulus is always sent.
     Payload: float32 an axis, or float64 where rounding to float32 would move the stimulus by more than the
     threshold, so that the held stimulus is within the threshold of the true one at every sample, whatever the input.
+
+    Attributes
+    ----------
+    step_n
+        Payload of int16 multiples of this [N] where that moves the stimulus by no more than the threshold; 0: never.
     """
 
     name: ClassVar[str] = "deadband"
     needs_position: ClassVar[bool] = False
     law: WeberLaw = field(default_factory=WeberLaw)
+    step_n: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_step(self.step_n)
 
     def encoder(self, axes: int) -> Encoder:
         """Return a new encoder."""
-        return ScalarDeadband(self.law) if check_axes(axes) == 1 else VectorDeadband(self.law)
+        return hold_encoder(self.law, PayloadFormat(axes, step_n=self.step_n), axes)
 
     def decoder(self, axes: int) -> HoldDecoder:
         """Return a new decoder."""
-        return HoldDecoder(check_axes(axes), may_be_wide=True)
+        return HoldDecoder(PayloadFormat(axes, step_n=self.step_n), axes)
 
     def encode_array(
         self,
@@ -73,26 +85,15 @@ class Deadband:
         if len(stimuli) > COMPILE_ABOVE_SAMPLES and fast_extra_installed():
             from hapticnet.codec import kernels
 
-            return kernels.deadband(self.law, stimuli)
-        return _encode_scalars(self.law, stimuli) if stimuli.shape[1] == 1 else _encode_vectors(self.law, stimuli)
+            return kernels.deadband(self.law, stimuli, self.step_n)
+        if stimuli.shape[1] == 1:
+            return _encode_scalars(self.law, stimuli, self.step_n)
+        return _encode_vectors(self.law, stimuli, self.step_n)
 
 
-def transmitted(stimulus: Vector, law: WeberLaw) -> tuple[bytes, Vector, float]:
-    """Return the payload of a stimulus, what the receiver makes of it, and the threshold around that.
-
-    Raises
-    ------
-    SampleError
-        When the stimulus is not finite or out of range.
-    """
-    stimulus = checked_vector(stimulus, "stimulus")
-    single = SINGLE[len(stimulus)]
-    payload = single.pack(*stimulus)
-    reference: Vector = single.unpack(payload)
-    threshold = law.threshold_n(magnitude(reference))
-    if _distance(stimulus, reference) <= threshold:
-        return payload, reference, threshold
-    return DOUBLE[len(stimulus)].pack(*stimulus), stimulus, law.threshold_n(magnitude(stimulus))
+def hold_encoder(law: WeberLaw, form: Form, axes: int) -> Encoder:
+    """Return an encoder for a receiver that holds: it sends, in any form, what leaves the dead zone of what is held."""
+    return ScalarDeadband(law, form) if check_axes(axes) == 1 else VectorDeadband(law, form)
 
 
 def shortcut(reference: float, threshold: float) -> tuple[float, float]:
@@ -104,27 +105,24 @@ def shortcut(reference: float, threshold: float) -> tuple[float, float]:
     return reference - half, reference + half
 
 
-def _distance(stimulus: Vector, reference: Vector) -> float:
-    return magnitude(tuple(x - r for x, r in zip(stimulus, reference, strict=True)))
-
-
 class ScalarDeadband:
     """One axis: silence costs two comparisons. Satisfies `Encoder`."""
 
-    __slots__ = ("_high", "_law", "_low", "_reference", "_threshold")
+    __slots__ = ("_high", "_law", "_low", "_pack", "_reference", "_threshold")
 
-    def __init__(self, law: WeberLaw) -> None:
+    def __init__(self, law: WeberLaw, form: Form) -> None:
         self._law = law
+        self._pack = form.pack
         self._reference = 0.0
         self._low, self._high, self._threshold = EMPTY
 
     def encode(self, t_us: int, stimulus: Vector, position: Vector | None = None) -> bytes | None:  # noqa: ARG002
         """Return the payload, or None inside the dead zone."""
-        # NaN compares false with everything, and so falls through to the check in `transmitted`.
+        # NaN compares false with everything, and so falls through to the check in `pack`.
         x = stimulus[0]
         if self._low <= x <= self._high or abs(x - self._reference) <= self._threshold:
             return None
-        payload, (self._reference,), self._threshold = transmitted(stimulus, self._law)
+        payload, (self._reference,), self._threshold = self._pack(stimulus, self._law)
         self._low, self._high = shortcut(self._reference, self._threshold)
         return payload
 
@@ -136,18 +134,19 @@ class ScalarDeadband:
 class VectorDeadband:
     """Two or three axes: the dead zone is a ball. Satisfies `Encoder`."""
 
-    __slots__ = ("_law", "_reference", "_threshold")
+    __slots__ = ("_law", "_pack", "_reference", "_threshold")
 
-    def __init__(self, law: WeberLaw) -> None:
+    def __init__(self, law: WeberLaw, form: Form) -> None:
         self._law = law
+        self._pack = form.pack
         self._reference: Vector = ()
         self._threshold = -1.0
 
     def encode(self, t_us: int, stimulus: Vector, position: Vector | None = None) -> bytes | None:  # noqa: ARG002
         """Return the payload, or None inside the dead zone."""
-        if self._threshold >= 0.0 and _distance(stimulus, self._reference) <= self._threshold:
+        if self._threshold >= 0.0 and distance(stimulus, self._reference) <= self._threshold:
             return None
-        payload, self._reference, self._threshold = transmitted(stimulus, self._law)
+        payload, self._reference, self._threshold = self._pack(stimulus, self._law)
         return payload
 
     def refresh(self) -> None:
@@ -155,19 +154,19 @@ class VectorDeadband:
         self._threshold = -1.0
 
 
-def _encode_scalars(law: WeberLaw, stimuli: FloatArray) -> Encoding:
+def _encode_scalars(law: WeberLaw, stimuli: FloatArray, step_n: float) -> Encoding:
     """Walk the recording in Python, carrying nothing but the dead zone.
 
     All that depends on a stimulus alone (its rounding, its threshold, its shortcut) is computed for a block at once.
     """
     sent: list[int] = []
-    held: list[FloatArray] = []
-    wide: list[npt.NDArray[np.bool_]] = []
+    held: list[FloatArray] = [np.empty(0)]
+    sizes: list[npt.NDArray[np.uint16]] = [np.empty(0, dtype=np.uint16)]
     reference = 0.0
     low, high, threshold = EMPTY
     for start in range(0, len(stimuli), BLOCK_SAMPLES):
         block = stimuli[start : start + BLOCK_SAMPLES, 0]
-        references, thresholds, halves, is_wide = _dead_zones(law, block)
+        references, thresholds, halves, block_sizes = _dead_zones(law, block, step_n)
         reference_of, threshold_of, half_of = references.item, thresholds.item, halves.item
         block_start = len(sent)
         # An `array` makes one float at a time and reuses it: twice as fast as a list, ten times a numpy array.
@@ -180,31 +179,43 @@ def _encode_scalars(law: WeberLaw, stimuli: FloatArray) -> Encoding:
         chosen = np.array(sent[block_start:], dtype=np.int64) - start
         refuse_out_of_range(stimuli, chosen + start)
         held.append(references[chosen])
-        wide.append(is_wide[chosen])
-    sizes = np.where(np.concatenate([np.empty(0, dtype=np.bool_), *wide]), DOUBLE_BYTES, SINGLE_BYTES)
+        sizes.append(block_sizes[chosen])
     return held_between(
         np.array(sent, dtype=np.int64),
-        np.concatenate([np.empty(0), *held])[:, np.newaxis],
-        sizes.astype(np.uint16),
+        np.concatenate(held)[:, np.newaxis],
+        np.concatenate(sizes),
         samples=len(stimuli),
     )
 
 
-def _dead_zones(law: WeberLaw, stimuli: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, npt.NDArray[np.bool_]]:
-    """Return, were each stimulus sent: reference, threshold, half the shortcut's width, and whether as float64."""
+def _dead_zones(
+    law: WeberLaw, stimuli: FloatArray, step_n: float
+) -> tuple[FloatArray, FloatArray, FloatArray, npt.NDArray[np.uint16]]:
+    """Return, were each stimulus sent: reference, threshold, half the shortcut's width, and bytes of payload."""
     with np.errstate(over="ignore", invalid="ignore"):  # what is out of range is refused by the caller
         references = stimuli.astype(np.float32).astype(np.float64)
         thresholds = law.thresholds_n(np.abs(references))
+        sizes = np.full(len(stimuli), SINGLE_BYTES, dtype=np.uint16)
         wide = ~(np.abs(stimuli - references) <= thresholds)
         if wide.any():
             references[wide] = stimuli[wide]
             thresholds[wide] = law.thresholds_n(np.abs(references[wide]))
+            sizes[wide] = DOUBLE_BYTES
+        if step_n:
+            counts = np.rint(stimuli / step_n)
+            counted = counts * step_n + 0.0  # no count is a negative zero
+            around = law.thresholds_n(np.abs(counted))
+            true_enough = (np.abs(counts) <= LARGEST_COUNT) & (np.abs(stimuli - counted) <= around)
+            references = np.where(true_enough, counted, references)
+            thresholds = np.where(true_enough, around, thresholds)
+            sizes[true_enough] = COUNT_BYTES
         halves = thresholds - MARGIN * (np.abs(references) + thresholds)
-    return references, thresholds, halves, wide
+    return references, thresholds, halves, sizes
 
 
-def _encode_vectors(law: WeberLaw, stimuli: FloatArray) -> Encoding:
-    encoder = VectorDeadband(law)
+def _encode_vectors(law: WeberLaw, stimuli: FloatArray, step_n: float) -> Encoding:
+    payload_format = PayloadFormat(stimuli.shape[1], step_n=step_n)
+    encoder = VectorDeadband(law, payload_format)
     sent: list[int] = []
     held: list[Vector] = []
     sizes: list[int] = []
@@ -215,7 +226,7 @@ def _encode_vectors(law: WeberLaw, stimuli: FloatArray) -> Encoding:
             raise SampleError(f"sample {index}: {error}") from error
         if payload is not None:
             sent.append(index)
-            held.append(unpack_stimulus(payload, len(stimulus)))
+            held.append(payload_format.unpack(payload))
             sizes.append(len(payload))
     return held_between(
         np.array(sent, dtype=np.int64),

@@ -11,29 +11,29 @@ from numba import njit
 
 from hapticnet.codec.arrays import MARGIN, refuse_out_of_range
 from hapticnet.codec.base import Encoding, FloatArray
-from hapticnet.codec.payload import DOUBLE_BYTES, SINGLE_BYTES
+from hapticnet.codec.payload import COUNT_BYTES, DOUBLE_BYTES, LARGEST_COUNT, SINGLE_BYTES
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import LARGEST_COMPONENT
 
 IntArray = npt.NDArray[np.int64]
+SizeArray = npt.NDArray[np.uint16]
 
 
-def deadband(law: WeberLaw, stimuli: FloatArray) -> Encoding:
+def deadband(law: WeberLaw, stimuli: FloatArray, step_n: float) -> Encoding:
     """Encode stimuli of shape (n, a) with the deadband of `law`; a SampleError refuses what is out of range."""
     samples, axes = stimuli.shape
     # Memory that is never written is never made resident, so room for the worst case costs nothing.
     sent = np.empty(samples, dtype=np.int64)
-    wide = np.empty(samples, dtype=np.int64)
+    sizes = np.empty(samples, dtype=np.uint16)
     decoded = np.empty_like(stimuli)
-    parameters = law.multiplier * law.weber_fraction, law.multiplier * law.floor_n
+    parameters = law.multiplier * law.weber_fraction, law.multiplier * law.floor_n, step_n
     if axes == 1:
-        count, wide_count = _scalar(stimuli[:, 0], *parameters, sent, wide, decoded[:, 0])
+        count = _scalar(stimuli[:, 0], *parameters, sent, sizes, decoded[:, 0])
     else:
-        count, wide_count = _vector(stimuli, *parameters, sent, wide, decoded)
-    refuse_out_of_range(stimuli, sent[count : count + 1] if wide_count < 0 else sent[:0])
-    sizes = np.full(count, SINGLE_BYTES * axes, dtype=np.uint16)
-    sizes[wide[:wide_count]] = DOUBLE_BYTES * axes
-    return Encoding(sent=sent[:count], decoded=decoded, payload_bytes=sizes)
+        count = _vector(stimuli, *parameters, sent, sizes, decoded)
+    if count < 0:
+        refuse_out_of_range(stimuli, sent[~count : ~count + 1])
+    return Encoding(sent=sent[:count], decoded=decoded, payload_bytes=sizes[:count])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -41,15 +41,16 @@ def _scalar(
     stimuli: FloatArray,
     weber: float,
     floor: float,
+    step: float,
     sent: IntArray,
-    wide: IntArray,
+    sizes: SizeArray,
     decoded: FloatArray,
-) -> tuple[int, int]:
-    """Return how many were sent, and how many of those as float64: their places among the sent are in `wide`.
+) -> int:
+    """Return how many were sent.
 
-    A stimulus that is out of range ends it: it is the next in `sent`, and the second number is negative.
+    A stimulus that is out of range ends it: what is returned is then the complement of its place in `sent`.
     """
-    count, wide_count = 0, 0
+    count = 0
     low, high, reference, threshold = math.inf, -math.inf, 0.0, -1.0
     # The shortcut's half width, so that it needs no more steps than the rule itself: each send waits for it.
     inner_weber, inner_floor = weber * (1.0 - MARGIN), floor * (1.0 - MARGIN)
@@ -58,19 +59,28 @@ def _scalar(
         if not low <= x <= high and not abs(x - reference) <= threshold:
             sent[count] = i
             if not abs(x) <= LARGEST_COMPONENT:
-                return count, -1
-            reference = np.float64(np.float32(x))
-            threshold = max(weber * abs(reference), floor)
-            if not abs(x - reference) <= threshold:
-                wide[wide_count] = count
-                wide_count += 1
-                reference = x
+                return ~count
+            size = 0
+            if step > 0.0:
+                counted = np.rint(x / step)
+                reference = counted * step + 0.0
                 threshold = max(weber * abs(reference), floor)
+                if abs(counted) <= LARGEST_COUNT and abs(x - reference) <= threshold:
+                    size = COUNT_BYTES
+            if size == 0:
+                size = SINGLE_BYTES
+                reference = np.float64(np.float32(x))
+                threshold = max(weber * abs(reference), floor)
+                if not abs(x - reference) <= threshold:
+                    size = DOUBLE_BYTES
+                    reference = x
+                    threshold = max(weber * abs(reference), floor)
             half = max(inner_weber * abs(reference), inner_floor) - MARGIN * abs(reference)
             low, high = reference - half, reference + half
+            sizes[count] = size
             count += 1
         decoded[i] = reference
-    return count, wide_count
+    return count
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -78,41 +88,50 @@ def _vector(
     stimuli: FloatArray,
     weber: float,
     floor: float,
+    step: float,
     sent: IntArray,
-    wide: IntArray,
+    sizes: SizeArray,
     decoded: FloatArray,
-) -> tuple[int, int]:
-    """Return how many were sent, and how many of those as float64: their places among the sent are in `wide`.
+) -> int:
+    """Return how many were sent.
 
-    A stimulus that is out of range ends it: it is the next in `sent`, and the second number is negative.
+    A stimulus that is out of range ends it: what is returned is then the complement of its place in `sent`.
     """
     axes = stimuli.shape[1]
     reference = np.zeros(axes)
     threshold = -1.0
-    count, wide_count = 0, 0
+    count = 0
     for i in range(stimuli.shape[0]):
         distance = 0.0
         for a in range(axes):
             distance += (stimuli[i, a] - reference[a]) ** 2
         if threshold < 0.0 or not math.sqrt(distance) <= threshold:
             sent[count] = i
-            square, rounding = 0.0, 0.0
             for a in range(axes):
                 if not abs(stimuli[i, a]) <= LARGEST_COMPONENT:
-                    return count, -1
-                reference[a] = np.float64(np.float32(stimuli[i, a]))
-                square += reference[a] * reference[a]
-                rounding += (stimuli[i, a] - reference[a]) ** 2
-            threshold = max(weber * math.sqrt(square), floor)
-            if not math.sqrt(rounding) <= threshold:
-                wide[wide_count] = count
-                wide_count += 1
-                square = 0.0
+                    return ~count
+            for size in (COUNT_BYTES, SINGLE_BYTES, DOUBLE_BYTES):
+                if size == COUNT_BYTES and not step > 0.0:
+                    continue
+                square, rounding = 0.0, 0.0
+                in_range = True
                 for a in range(axes):
-                    reference[a] = stimuli[i, a]
+                    x = stimuli[i, a]
+                    if size == COUNT_BYTES:
+                        counted = np.rint(x / step)
+                        in_range = in_range and abs(counted) <= LARGEST_COUNT
+                        reference[a] = counted * step + 0.0
+                    elif size == SINGLE_BYTES:
+                        reference[a] = np.float64(np.float32(x))
+                    else:
+                        reference[a] = x
                     square += reference[a] * reference[a]
+                    rounding += (x - reference[a]) ** 2
                 threshold = max(weber * math.sqrt(square), floor)
+                if in_range and math.sqrt(rounding) <= threshold:
+                    sizes[count] = size * axes
+                    break
             count += 1
         for a in range(axes):
             decoded[i, a] = reference[a]
-    return count, wide_count
+    return count

@@ -1,4 +1,4 @@
-"""Every sample is transmitted, as float32: the uncompressed condition that all others are measured against."""
+"""Every sample is transmitted: the uncompressed condition that all others are measured against."""
 
 from dataclasses import dataclass, field
 from typing import ClassVar
@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from hapticnet.codec.arrays import as_recording, refuse_out_of_range
 from hapticnet.codec.base import Encoding, FloatArray
-from hapticnet.codec.payload import SINGLE_BYTES, HoldDecoder, check_axes, pack_single
+from hapticnet.codec.payload import COUNT_BYTES, LARGEST_COUNT, SINGLE_BYTES, HoldDecoder, PayloadFormat, check_step
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector
 
@@ -18,20 +18,29 @@ class Raw:
     """Transmit every stimulus; the person's perception plays no part.
 
     Rule: always send. Payload: float32 an axis. The paper's condition "none".
+
+    Attributes
+    ----------
+    step_n
+        Payload of int16 multiples of this [N] where all components are within ±32 767 of them, so that each is
+        moved by half a step at most; 0: float32 always.
     """
 
     name: ClassVar[str] = "raw"
     needs_position: ClassVar[bool] = False
     law: WeberLaw = field(default_factory=WeberLaw)
+    step_n: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_step(self.step_n)
 
     def encoder(self, axes: int) -> "RawEncoder":
         """Return a new encoder."""
-        check_axes(axes)
-        return RawEncoder()
+        return RawEncoder(PayloadFormat(axes, step_n=self.step_n, wide=False))
 
     def decoder(self, axes: int) -> HoldDecoder:
         """Return a new decoder: a zero-order hold, for the samples that get lost."""
-        return HoldDecoder(check_axes(axes), may_be_wide=False)
+        return HoldDecoder(PayloadFormat(axes, step_n=self.step_n, wide=False), axes)
 
     def encode_array(
         self,
@@ -44,21 +53,27 @@ class Raw:
         samples, axes = stimuli.shape
         sent = np.arange(samples, dtype=np.int64)
         refuse_out_of_range(stimuli, sent)
-        return Encoding(
-            sent=sent,
-            decoded=stimuli.astype(np.float32).astype(np.float64),
-            payload_bytes=np.full(samples, SINGLE_BYTES * axes, dtype=np.uint16),
-        )
+        decoded = stimuli.astype(np.float32).astype(np.float64)
+        sizes = np.full(samples, SINGLE_BYTES * axes, dtype=np.uint16)
+        if self.step_n:
+            counts = np.rint(stimuli / self.step_n)
+            counted = (np.abs(counts) <= LARGEST_COUNT).all(axis=1)
+            decoded[counted] = counts[counted] * self.step_n + 0.0  # no count is a negative zero
+            sizes[counted] = COUNT_BYTES * axes
+        return Encoding(sent=sent, decoded=decoded, payload_bytes=sizes)
 
 
 class RawEncoder:
     """Packs every stimulus. Satisfies `Encoder`."""
 
-    __slots__ = ()
+    __slots__ = ("_format",)
+
+    def __init__(self, payload_format: PayloadFormat) -> None:
+        self._format = payload_format
 
     def encode(self, t_us: int, stimulus: Vector, position: Vector | None = None) -> bytes:  # noqa: ARG002
         """Return the payload of every stimulus."""
-        return pack_single(stimulus)
+        return self._format.pack_rounded(stimulus)
 
     def refresh(self) -> None:
         """Do nothing: the next stimulus is sent anyway."""

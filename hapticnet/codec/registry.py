@@ -5,13 +5,36 @@ import inspect
 from collections.abc import Mapping
 from typing import Any, Final
 
+from hapticnet.codec.adaptive_predictive import AdaptivePredictive
 from hapticnet.codec.base import Codec
 from hapticnet.codec.deadband import Deadband
+from hapticnet.codec.least_squares import LeastSquares
+from hapticnet.codec.level_crossing import LevelCrossing
+from hapticnet.codec.merging import Merging
+from hapticnet.codec.passive import PassiveExtrapolative, PassiveInterpolative
+from hapticnet.codec.predictive import LinearPredictive
+from hapticnet.codec.probabilistic import Probabilistic
 from hapticnet.codec.raw import Raw
+from hapticnet.codec.velocity_adaptive import VelocityAdaptive
 from hapticnet.errors import SettingsError
 from hapticnet.perception import WeberLaw
 
-CODECS: Final[Mapping[str, type[Any]]] = {codec.name: codec for codec in (Raw, Deadband)}
+CODECS: Final[Mapping[str, type[Any]]] = {
+    codec.name: codec
+    for codec in (
+        Raw,
+        Deadband,
+        AdaptivePredictive,
+        LinearPredictive,
+        LeastSquares,
+        LevelCrossing,
+        VelocityAdaptive,
+        PassiveExtrapolative,
+        PassiveInterpolative,
+        Probabilistic,
+        Merging,
+    )
+}
 
 
 def make_codec(name: str, law: WeberLaw, parameters: Mapping[str, float] | None = None) -> Codec:

@@ -4,63 +4,24 @@ import math
 
 import numpy as np
 import pytest
+from codec_cases import assert_same, assert_within_threshold, laws, recordings, steps, stream
 from hypothesis import example, given
 from hypothesis import strategies as st
-from hypothesis.extra import numpy as npst
 
 from hapticnet.codec import deadband as deadband_module
-from hapticnet.codec.base import Codec, Encoding
 from hapticnet.codec.deadband import Deadband, shortcut
+from hapticnet.codec.raw import Raw
 from hapticnet.codec.registry import CODECS, codec_parameters, make_codec
 from hapticnet.errors import PeerError, SampleError, SettingsError
 from hapticnet.perception import WeberLaw
-from hapticnet.samples import magnitude
-
-# Forces of every size there is, exact zeros, sign changes and repeats included.
-anything = st.floats(-1e15, 1e15, allow_nan=False)
-haptic = st.floats(-10.0, 10.0)
-recordings = st.integers(1, 3).flatmap(
-    lambda axes: npst.arrays(
-        np.float64, st.tuples(st.integers(0, 60), st.just(axes)), elements=st.one_of(haptic, anything, st.just(0.0))
-    )
-)
-laws = st.builds(
-    WeberLaw,
-    weber_fraction=st.one_of(st.just(0.0), st.floats(0.0, 1.0)),
-    floor_n=st.one_of(st.just(0.0), st.floats(0.0, 2.0)),
-    multiplier=st.sampled_from([0.0, 0.3, 1.0, 2.0, 4.0]),
-)
 
 
-def stream(codec: Codec, stimuli: np.ndarray) -> Encoding:
-    """Run the streaming pair over a recording."""
-    axes = stimuli.shape[1]
-    encoder, decoder = codec.encoder(axes), codec.decoder(axes)
-    sent, sizes, decoded = [], [], []
-    for index, row in enumerate(stimuli):
-        payload = encoder.encode(index, tuple(row.tolist()))
-        if payload is not None:
-            decoder.decode(index, payload)
-            sent.append(index)
-            sizes.append(len(payload))
-        decoded.append(decoder.reconstruct(index))
-    return Encoding(np.array(sent, np.int64), np.array(decoded).reshape(-1, axes), np.array(sizes, np.int64))
-
-
-def assert_same(one: Encoding, other: Encoding) -> None:
-    assert one.sent.tolist() == other.sent.tolist()
-    assert one.payload_bytes.tolist() == other.payload_bytes.tolist()
-    assert one.decoded.tobytes() == other.decoded.tobytes()
-
-
-@given(recordings, laws)
-@example(np.array([[0.1], [0.1 + 1e-17], [1e15], [-1e15]]), WeberLaw(weber_fraction=0.0, floor_n=1e-9))
-@example(np.array([[1e-310], [0.0], [5e-324]]), WeberLaw(weber_fraction=0.0, floor_n=0.0))
-def test_the_held_force_is_within_the_threshold_at_every_sample(stimuli, law):
-    decoded = stream(Deadband(law=law), stimuli).decoded
-    for true, held in zip(stimuli.tolist(), decoded.tolist(), strict=True):
-        distance = magnitude(tuple(t - h for t, h in zip(true, held, strict=True)))
-        assert distance <= law.threshold_n(magnitude(tuple(held)))
+@given(recordings, laws, steps)
+@example(np.array([[0.1], [0.1 + 1e-17], [1e15], [-1e15]]), WeberLaw(weber_fraction=0.0, floor_n=1e-9), 0.0)
+@example(np.array([[1e-310], [0.0], [5e-324]]), WeberLaw(weber_fraction=0.0, floor_n=0.0), 0.0)
+@example(np.array([[1.0], [1.0255], [1.06]]), WeberLaw(), 0.05)
+def test_the_held_force_is_within_the_threshold_at_every_sample(stimuli, law, step_n):
+    assert_within_threshold(law, stimuli, stream(Deadband(law=law, step_n=step_n), stimuli).decoded)
 
 
 @given(recordings, laws, st.sampled_from(sorted(CODECS)))
@@ -70,14 +31,23 @@ def test_stream_and_whole_array_agree_sample_for_sample(stimuli, law, name):
     assert_same(stream(codec, stimuli), codec.encode_array(t_us, stimuli))
 
 
+@given(recordings, laws, st.sampled_from([Raw, Deadband]), steps)
+@example(np.array([[-0.0004], [0.0], [32.767], [32.768], [-32.768]]), WeberLaw(), Raw, 0.001)
+@example(np.array([[-0.0004], [0.0], [32.767], [-32.769], [32.7675]]), WeberLaw(weber_fraction=0.0), Deadband, 0.001)
+def test_stream_and_whole_array_agree_on_counted_payloads_too(stimuli, law, codec_class, step_n):
+    codec = codec_class(law=law, step_n=step_n)
+    assert_same(stream(codec, stimuli), codec.encode_array(np.arange(len(stimuli), dtype=np.int64), stimuli))
+
+
 @pytest.mark.parametrize("axes", [1, 2, 3])
 @pytest.mark.parametrize("law", [WeberLaw(), WeberLaw(multiplier=0.0), WeberLaw(weber_fraction=0.0, floor_n=1e-12)])
-def test_compiled_kernels_agree_with_plain_python(monkeypatch, axes, law):
+@pytest.mark.parametrize("step_n", [0.0, 0.001, 0.03])
+def test_compiled_kernels_agree_with_plain_python(monkeypatch, axes, law, step_n):
     rng = np.random.default_rng(axes)
     steps = rng.normal(0.0, 0.05, (40_000, axes))
     steps[rng.random(40_000) < 0.001] *= 1e6
     stimuli = np.cumsum(steps, axis=0)
-    codec, t_us = Deadband(law=law), np.arange(40_000, dtype=np.int64)
+    codec, t_us = Deadband(law=law, step_n=step_n), np.arange(40_000, dtype=np.int64)
     plain = codec.encode_array(t_us, stimuli)
     monkeypatch.setattr(deadband_module, "COMPILE_ABOVE_SAMPLES", 0)
     assert_same(plain, codec.encode_array(t_us, stimuli))
@@ -140,8 +110,8 @@ def test_what_is_not_finite_or_out_of_range_is_refused_and_leaves_the_encoder_us
     encoder = codec.encoder(axes)
     encoder.encode(0, (1.0,) * axes)
     with pytest.raises(SampleError, match="finite and within"):
-        encoder.encode(1, (*(1.0,) * (axes - 1), bad))
-    assert encoder.encode(2, (3.0,) * axes) is not None
+        encoder.encode(1000, (*(1.0,) * (axes - 1), bad))
+    assert encoder.encode(1_000_000, (3.0,) * axes) is not None
     with pytest.raises(SampleError, match="sample 1"):
         codec.encode_array(np.arange(2, dtype=np.int64), np.array([[1.0] * axes, [1.0] * (axes - 1) + [bad]]))
 
@@ -164,7 +134,7 @@ def test_an_unknown_codec_or_parameter_is_refused_with_what_there_is():
         make_codec("mp3", WeberLaw())
     with pytest.raises(SettingsError, match="has no parameter 'bitrate'"):
         make_codec("deadband", WeberLaw(), {"bitrate": 1.0})
-    assert codec_parameters(make_codec("deadband", WeberLaw())) == {}
+    assert codec_parameters(make_codec("deadband", WeberLaw())) == {"step_n": 0.0}
 
 
 @pytest.mark.parametrize("shape", [(2, 4), (2, 0), (2, 2, 2)])

@@ -21,7 +21,8 @@ def test_offline_and_session_agree_on_packets_bytes_and_errors(loopback, name):
     forces = table["force_n"][:, np.newaxis]
     t_us = table["t_us"].astype(np.int64)
     codec = make_codec(name, LAW)
-    report = cost_report(codec, t_us, forces, codec.encode_array(t_us, forces))
+    positions = table["position_m"][:, np.newaxis]
+    report = cost_report(codec, t_us, forces, codec.encode_array(t_us, forces, positions))
     assert report.sent == station.session.sent.by_kind[Kind.FORCE]
     assert report.packet_rate_reduction == session["packet_rate_reduction"]
     # Sequence numbers below 2¹⁶ take fewer bytes, and keepalives share them: at most two bytes a packet apart.

@@ -3,8 +3,18 @@
 import numpy as np
 import pytest
 
+from hapticnet.codec.registry import CODECS
 from hapticnet.node.slave import MasterLeft
-from hapticnet.protocol.messages import HELLO_BYTES, Hello, Position, pack_hello, unpack_refuse, unpack_welcome
+from hapticnet.protocol.messages import (
+    HELLO_BYTES,
+    REASON_BYTES,
+    Hello,
+    Position,
+    clipped,
+    pack_hello,
+    unpack_refuse,
+    unpack_welcome,
+)
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.states import SlaveState
 from hapticnet.protocol.wire import VERSION, Kind, pack, pack_body, unpack
@@ -83,10 +93,10 @@ def test_the_same_hello_gets_the_same_welcome_and_another_one_a_new_session():
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        ({"codec": "mp3"}, "unknown codec 'mp3'; there are: raw, deadband"),
+        ({"codec": "mp3"}, clipped(f"unknown codec 'mp3'; there are: {', '.join(CODECS)}", REASON_BYTES)),
         ({"axes": 3}, "3 axes asked for; scene 'paper:1' has 1"),
         ({"weber_fraction": -1.0}, "Weber fraction is -1.0; it must be between 0 and 1"),
-        ({"parameters": {"bitrate": 1.0}}, "codec 'deadband' has no parameter 'bitrate'; it has: none"),
+        ({"parameters": {"bitrate": 1.0}}, "codec 'deadband' has no parameter 'bitrate'; it has: step_n"),
     ],
 )
 def test_what_cannot_be_served_is_refused_in_words(change, reason):

@@ -1,0 +1,199 @@
+import math
+import struct
+
+import numpy as np
+import pytest
+from codec_cases import assert_same, assert_within_threshold, laws, steps, stream, timed, wandering
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from hapticnet.codec.adaptive_predictive import LARGEST_TRAVEL, AdaptivePredictive
+from hapticnet.codec.base import Encoding
+from hapticnet.codec.deadband import Deadband
+from hapticnet.errors import PeerError, SampleError, SettingsError
+from hapticnet.perception import WeberLaw
+
+LAW = WeberLaw(weber_fraction=0.05, floor_n=0.025)
+
+codecs = st.builds(
+    AdaptivePredictive,
+    law=laws,
+    horizon_ms=st.sampled_from([1.0, 200.0, 10_000.0]),
+    window_ms=st.sampled_from([1.0, 20.0, 1000.0]),
+    jump_thresholds=st.sampled_from([0.0, 0.1, 1.0]),
+    step_n=steps,
+)
+
+
+def encoded(codec, stimuli: np.ndarray, period_us: int = 1000) -> Encoding:
+    return codec.encode_array(period_us * np.arange(len(stimuli), dtype=np.int64), stimuli)
+
+
+def packets(codec, stimuli: np.ndarray) -> int:
+    return len(encoded(codec, stimuli).sent)
+
+
+@given(timed(), codecs)
+@example((np.arange(4), np.array([[1e15], [1e15], [-1e15], [1e15]]), None), AdaptivePredictive(law=LAW))
+@example(
+    (1000 * np.arange(3), np.array([[5e-324], [1e-310], [0.0]]), None), AdaptivePredictive(law=WeberLaw(floor_n=0))
+)
+def test_the_applied_force_is_within_the_threshold_at_every_sample(case, codec):
+    t_us, stimuli, _ = case
+    assert_within_threshold(codec.law, stimuli, codec.encode_array(t_us, stimuli).decoded)
+
+
+@given(st.integers(0, 1000), st.integers(1, 3), steps, st.sampled_from([0.0, 0.5]))
+def test_so_it_is_on_a_hand_s_force_where_curves_are_followed(seed, axes, step_n, jump):
+    codec = AdaptivePredictive(law=LAW, step_n=step_n, jump_thresholds=jump)
+    stimuli = wandering(300, seed=seed, axes=axes)
+    stimuli[100:] += 1.0
+    assert_within_threshold(LAW, stimuli, encoded(codec, stimuli).decoded)
+
+
+@given(timed(), codecs)
+def test_stream_and_whole_array_agree_sample_for_sample(case, codec):
+    _, stimuli, _ = case
+    assert_same(stream(codec, stimuli), codec.encode_array(np.arange(len(stimuli), dtype=np.int64), stimuli))
+
+
+@given(st.integers(0, 1000), st.integers(1, 3))
+def test_one_payload_is_all_a_decoder_needs(seed, axes):
+    codec = AdaptivePredictive(law=LAW)
+    encoder, all_along = codec.encoder(axes), codec.decoder(axes)
+    for t_us, stimulus in zip(range(0, 400_000, 1000), wandering(400, seed=seed, axes=axes).tolist(), strict=True):
+        payload = encoder.encode(t_us, tuple(stimulus))
+        if payload is not None:
+            all_along.decode(t_us, payload)
+            late = codec.decoder(axes)
+            late.decode(t_us, payload)
+        assert late.reconstruct(t_us) == all_along.reconstruct(t_us)
+
+
+@given(st.integers(0, 1000), st.integers(2, 399))
+def test_after_a_loss_the_curve_ends_at_its_travel_and_stays_there(seed, last):
+    codec = AdaptivePredictive(law=LAW)
+    encoder, decoder = codec.encoder(1), codec.decoder(1)
+    for t_us, stimulus in zip(range(0, 1000 * last, 1000), wandering(last, seed=seed).tolist(), strict=False):
+        payload = encoder.encode(t_us, tuple(stimulus))
+        if payload is not None:
+            sent_us, newest = t_us, payload
+    decoder.decode(sent_us, newest)
+    (start,) = struct.unpack(">f", newest[:4])
+    (thresholds,) = struct.unpack(">e", newest[4:])
+    followed = [decoder.reconstruct(sent_us + 1000 * ms)[0] for ms in range(400)]
+    assert followed[0] == start
+    assert followed == sorted(followed, reverse=thresholds < 0)
+    assert set(followed[200:]) == {start + thresholds * LAW.threshold_n(abs(start))}
+
+
+def test_a_steady_slope_is_followed_without_a_packet():
+    ramp = 1.0 + 2.0 * np.arange(150)[:, np.newaxis] / 1000.0
+    assert packets(AdaptivePredictive(law=LAW, horizon_ms=10_000.0), ramp) <= 3
+    assert packets(Deadband(law=LAW), ramp) >= 5
+
+
+def test_it_sends_a_third_of_the_deadband_s_packets_on_a_smooth_force():
+    stimuli = wandering(20_000, seed=2)
+    assert packets(AdaptivePredictive(law=LAW), stimuli) < packets(Deadband(law=LAW), stimuli) / 3
+
+
+def test_on_noise_it_learns_to_hold_the_level_and_not_what_left_the_threshold():
+    noise = 1.0 + 0.02 * np.random.default_rng(5).standard_normal((20_000, 1))
+    assert packets(AdaptivePredictive(law=LAW), noise) < 0.7 * packets(Deadband(law=LAW), noise)
+
+
+@pytest.mark.parametrize("step", [0.003, 0.01, 0.03])
+def test_on_a_walk_without_trend_it_becomes_a_deadband(step):
+    law = WeberLaw(weber_fraction=0.0, floor_n=0.05)
+    walk = np.cumsum(step * np.random.default_rng(6).choice([-1.0, 1.0], (20_000, 1)), axis=0)
+    assert packets(AdaptivePredictive(law=law), walk) < 1.1 * packets(Deadband(law=law), walk)
+
+
+def test_a_breach_is_not_taken_for_a_slope():
+    stimuli = np.full((60, 1), 3.0)
+    stimuli[30:] = 1.0
+    encoding = encoded(AdaptivePredictive(law=LAW), stimuli)
+    assert encoding.sent.tolist() == [0, 30]
+    assert encoding.decoded.tolist() == stimuli.tolist()
+
+
+def jumps_n(codec, stimuli: np.ndarray) -> tuple[list[float], list[float]]:
+    """Return how far each update moves the applied force, and how far the true one was from it before."""
+    encoder, decoder = codec.encoder(1), codec.decoder(1)
+    jumps, away = [], []
+    for t_us, (x,) in zip(range(0, 1000 * len(stimuli), 1000), stimuli.tolist(), strict=True):
+        (before,) = decoder.reconstruct(t_us)
+        payload = encoder.encode(t_us, (x,))
+        if payload is not None:
+            decoder.decode(t_us, payload)
+            jumps.append(abs(decoder.reconstruct(t_us)[0] - before))
+            away.append(abs(x - before))
+    return jumps[1:], away[1:]
+
+
+@pytest.mark.parametrize("bound", [0.25, 0.5, 1.0])
+def test_the_applied_force_jumps_no_further_than_the_bound_and_the_force_itself_demand(bound):
+    law = WeberLaw(weber_fraction=0.0, floor_n=0.05)
+    stimuli = wandering(5000, seed=8)
+    stimuli[2500:] += 1.0
+    jumps, away = jumps_n(AdaptivePredictive(law=law, jump_thresholds=bound), stimuli)
+    assert max(jumps) > 0.9
+    for jump, distance in zip(jumps, away, strict=True):
+        assert jump <= max(bound * 0.05, distance - 0.9 * 0.05) + 1e-6
+    assert max(jumps_n(AdaptivePredictive(law=law), stimuli[:2500])[0]) > 0.05
+
+
+@pytest.mark.parametrize("axes", [1, 2, 3])
+def test_travels_add_two_bytes_an_axis(axes):
+    stimuli = wandering(500, seed=axes, axes=axes)
+    assert set(encoded(AdaptivePredictive(law=LAW), stimuli).payload_bytes.tolist()) == {6 * axes}
+    assert set(encoded(AdaptivePredictive(law=LAW, step_n=0.001), stimuli).payload_bytes.tolist()) == {4 * axes}
+
+
+@pytest.mark.parametrize("axes", [1, 2, 3])
+def test_refresh_makes_the_next_stimulus_a_transmitted_one(axes):
+    encoder = AdaptivePredictive(law=LAW).encoder(axes)
+    encoder.encode(0, (1.0,) * axes)
+    assert encoder.encode(1000, (1.0,) * axes) is None
+    encoder.refresh()
+    assert encoder.encode(2000, (1.0,) * axes) is not None
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e300])
+def test_what_is_not_finite_or_out_of_range_is_refused_and_leaves_no_trace(bad):
+    one, other = (AdaptivePredictive(law=LAW).encoder(1) for _ in range(2))
+    for t_us in range(0, 50_000, 1000):
+        with pytest.raises(SampleError, match="finite and within"):
+            one.encode(t_us, (bad,))
+        assert one.encode(t_us, (t_us / 1e4,)) == other.encode(t_us, (t_us / 1e4,))
+
+
+@given(st.binary(max_size=34), st.integers(1, 3), steps, st.integers(0, 10**6))
+@example(struct.pack(">fe", 1.0, math.inf), 1, 0.0, 0)
+@example(struct.pack(">fe", 1.0, 2 * LARGEST_TRAVEL), 1, 0.0, 0)
+@example(struct.pack(">fe", 9.9e14, 20.0), 1, 0.0, 0)
+def test_a_corrupt_payload_is_refused_or_finite_and_never_half_applied(payload, axes, step_n, later_us):
+    decoder = AdaptivePredictive(law=LAW, step_n=step_n).decoder(axes)
+    decoder.decode(0, AdaptivePredictive(law=LAW).encoder(axes).encode(0, (1.0,) * axes))
+    try:
+        decoder.decode(0, payload)
+    except PeerError:
+        assert decoder.reconstruct(later_us) == (1.0,) * axes
+    else:
+        assert all(abs(component) <= 1e15 for component in decoder.reconstruct(later_us))
+
+
+@pytest.mark.parametrize("travel", [math.nan, math.inf, -2 * LARGEST_TRAVEL])
+def test_a_travel_that_cannot_be_is_refused(travel):
+    with pytest.raises(PeerError, match="payload holds a travel"):
+        AdaptivePredictive(law=LAW).decoder(1).decode(0, struct.pack(">fe", 1.0, travel))
+
+
+@pytest.mark.parametrize(
+    "bad", [{"horizon_ms": 0.5}, {"window_ms": 2000.0}, {"jump_thresholds": 0.05}, {"step_n": -1.0}]
+)
+def test_settings_that_cannot_be_used_are_refused(bad):
+    for name, value in (*bad.items(), *((name, math.nan) for name in bad)):
+        with pytest.raises(SettingsError, match=f"{name} is"):
+            AdaptivePredictive(**{name: value})

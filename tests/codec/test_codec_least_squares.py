@@ -1,0 +1,215 @@
+"""The least-squares predictor: payloads of a few bits, states that are named, and the way back after a loss."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hapticnet.codec.least_squares import ABSOLUTE, LeastSquares, Predictor, median_filtered
+from hapticnet.codec.predictive import LinearPredictive
+from hapticnet.errors import PeerError, SettingsError
+from hapticnet.perception import WeberLaw
+
+LAW = WeberLaw(weber_fraction=0.05, floor_n=0.025)
+
+
+def wave(samples: int, axes: int = 1, seed: int = 1) -> np.ndarray:
+    """Return forces such as a hand makes: slow, smooth, with a little noise and a breach."""
+    rng = np.random.default_rng(seed)
+    t_s = np.arange(samples)[:, np.newaxis] * 1e-3
+    forces = 1.0 + np.sin(t_s * (5.0 + np.arange(axes))) + rng.normal(0.0, 0.004, (samples, axes))
+    forces[samples // 2 :] -= 2.0
+    return forces
+
+
+def payloads(codec: LeastSquares, forces: np.ndarray) -> list[tuple[int, bytes]]:
+    encoder = codec.encoder(forces.shape[1])
+    made = ((1000 * index, encoder.encode(1000 * index, tuple(row))) for index, row in enumerate(forces.tolist()))
+    return [(t_us, payload) for t_us, payload in made if payload is not None]
+
+
+def is_absolute(payload: bytes) -> bool:
+    return payload[0] >= ABSOLUTE
+
+
+@pytest.mark.parametrize(("axes", "most"), [(1, 2), (2, 4), (3, 5)])
+def test_most_payloads_are_two_bytes_for_one_axis_and_a_few_for_three(axes, most):
+    made = [payload for _, payload in payloads(LeastSquares(law=LAW), wave(4000, axes))]
+    residuals = [len(payload) for payload in made if not is_absolute(payload)]
+    assert len(residuals) >= 0.8 * len(made)
+    assert np.mean(residuals) <= most
+    assert max(map(len, made)) <= 1 + 8 * axes
+
+
+@pytest.mark.parametrize("every", [1, 4, 16])
+def test_at_least_every_so_many_payloads_one_is_absolute(every):
+    made = [is_absolute(payload) for _, payload in payloads(LeastSquares(law=LAW, absolute_every=every), wave(4000))]
+    runs = "".join("A" if absolute else "r" for absolute in made).split("A")
+    assert made[0]
+    assert max(map(len, runs)) == every - 1
+
+
+def test_every_payload_names_the_update_it_makes_or_builds_on():
+    made = [payload for _, payload in payloads(LeastSquares(law=LAW), wave(40_000))]
+    assert len(made) > 300
+    for number, payload in enumerate(made):
+        assert payload[0] == (ABSOLUTE + number % 128 if is_absolute(payload) else (number - 1) % 128)
+
+
+@given(lost=st.sets(st.integers(0, 60), min_size=1), axes=st.integers(1, 3), updates=st.sampled_from([2, 4]))
+def test_a_decoder_in_another_state_refuses_until_the_next_absolute_payload(lost, axes, updates):
+    codec = LeastSquares(law=LAW, absolute_every=7, updates=updates)
+    decoder, twin = codec.decoder(axes), codec.decoder(axes)
+    in_step = True
+    for number, (t_us, payload) in enumerate(payloads(codec, wave(1500, axes))):
+        twin.decode(t_us, payload)
+        if number in lost:
+            in_step = False
+            continue
+        in_step = in_step or is_absolute(payload)
+        if in_step:
+            decoder.decode(t_us, payload)
+            assert decoder.reconstruct(t_us + 500) == twin.reconstruct(t_us + 500)
+        else:
+            before = decoder.reconstruct(t_us)
+            with pytest.raises(PeerError, match=r"builds on update \d+; the last one here is"):
+                decoder.decode(t_us, payload)
+            assert decoder.reconstruct(t_us) == before
+
+
+def test_a_payload_that_comes_twice_or_late_is_refused():
+    codec = LeastSquares(law=LAW)
+    decoder = codec.decoder(1)
+    made = payloads(codec, wave(1000))
+    residual = next(number for number, (_, payload) in enumerate(made) if not is_absolute(payload))
+    for t_us, payload in made[: residual + 1]:
+        decoder.decode(t_us, payload)
+    with pytest.raises(PeerError, match="builds on update"):
+        decoder.decode(*made[residual])
+
+
+def test_a_loss_is_repaired_by_the_one_payload_that_follows_a_refresh_without_losing_the_slope():
+    codec = LeastSquares(law=LAW)
+    encoder, decoder, twin = codec.encoder(1), codec.decoder(1), codec.decoder(1)
+    sent = 0
+    for index in range(1000):
+        if index == 700:
+            encoder.refresh()
+        payload = encoder.encode(1000 * index, (2e-3 * index,))
+        if payload is None:
+            continue
+        sent += 1
+        twin.decode(1000 * index, payload)
+        if not 100 <= index < 700:
+            decoder.decode(1000 * index, payload)
+    assert sent <= 25  # a ramp needs an update per horizon, with a refresh or without
+    assert decoder.reconstruct(1_000_000) == twin.reconstruct(1_000_000)
+
+
+def test_what_no_short_code_can_say_is_said_in_full():
+    codec = LeastSquares(law=LAW)
+    encoder, decoder = codec.encoder(1), codec.decoder(1)
+    for index, force_n in enumerate((1.0, 1e5, -1e15, 3.0, 1e6)):
+        payload = encoder.encode(1000 * index, (force_n,))
+        assert payload is not None
+        assert is_absolute(payload)
+        assert len(payload) == 9
+        decoder.decode(1000 * index, payload)
+        assert abs(decoder.reconstruct(1000 * index)[0] - force_n) <= LAW.threshold_n(abs(force_n))
+
+
+def test_residuals_that_no_encoder_makes_are_refused():
+    codec = LeastSquares(law=WeberLaw(weber_fraction=1.0, floor_n=0.0))
+    decoder = codec.decoder(1)
+    ((t_us, first),) = payloads(codec, np.array([[1e15]]))
+    decoder.decode(t_us, first)
+    for payload, wrong in (
+        (b"", "0 bytes"),
+        (b"\0", "end within"),
+        (b"\0\xff", "end within"),
+        (b"\0\0\0", "hold more"),
+        (b"\0\0\0\0\0\0", "residual of 5 bytes"),
+        (b"\1\0", "builds on update 1; the last one here is 0"),
+        (b"\0\xf8", "beyond ±1e"),  # eight halves of a threshold that is as large as the value
+        (b"\x80", "payload of 0 bytes"),
+        (b"\x80" + b"\0" * 7, "payload of"),
+    ):
+        with pytest.raises(PeerError, match=wrong):
+            decoder.decode(t_us, payload)
+        assert decoder.reconstruct(t_us) == (999999986991104.0,)
+
+
+def test_a_residual_of_more_steps_than_a_float_can_hold_is_said_in_full():
+    codec = LeastSquares(law=WeberLaw(weber_fraction=0.0, floor_n=1e-320))
+    encoder = codec.encoder(1)
+    made = [encoder.encode(1000 * index, (force_n,)) for index, force_n in enumerate((0.0, 1e15, -1e15))]
+    assert all(payload is not None and is_absolute(payload) for payload in made)
+
+
+def started(codec: LeastSquares) -> Predictor:
+    """Return a predictor that starts from 1 N."""
+    predictor = Predictor(codec, 1)
+    predictor.start(0, predictor.form.level(0, (1.0,)))
+    return predictor
+
+
+def test_the_code_follows_the_residuals_until_the_next_line():
+    predictor = started(LeastSquares(law=LAW))
+    first = predictor.parameter
+    for index in range(1, 9):
+        predictor.advance(index, 1000 * index, (40,), (1.0,), (1.0,))
+    assert predictor.parameter > first
+    predictor.start(9, predictor.form.level(9000, (1.0,)))
+    assert predictor.parameter == first
+
+
+@pytest.mark.parametrize("step_fraction", [0.01, 0.1, 0.5])
+def test_finer_steps_start_with_longer_codes(step_fraction):
+    made = [payload for _, payload in payloads(LeastSquares(law=LAW, step_fraction=step_fraction), wave(4000))]
+    residuals = [len(payload) for payload in made if not is_absolute(payload)]
+    assert len(residuals) >= 0.8 * len(made)
+    assert np.mean(residuals) <= 2.0 + 0.7 * math.log10(0.5 / step_fraction)
+
+
+def test_the_slope_leaves_out_an_outlier_and_what_was_before_an_impact():
+    predictor = started(LeastSquares(law=LAW, updates=4))
+    predictor.advance(1, 1000, (1,), (1.0,), (1.1,))
+    predictor.advance(2, 2000, (1,), (1.0,), (1.0,))
+    assert predictor.slope(3000, (1.0,), (1.0,)) == (0.0,)
+    predictor.advance(3, 3000, (80,), (1.0,), (3.0,))
+    assert predictor.line.slope_n_per_s == (0.0,)
+    assert predictor.slope(4000, (3.0,), (3.1,)) == pytest.approx((100.0,))
+
+
+def test_a_median_of_three_takes_out_a_single_outlier_but_neither_end():
+    samples = [(0, (0.0, 5.0)), (1, (9.0, 1.0)), (2, (2.0, 2.0)), (3, (3.0, 3.0))]
+    assert median_filtered(samples) == [(0, (0.0, 5.0)), (1, (2.0, 2.0)), (2, (3.0, 2.0)), (3, (3.0, 3.0))]
+    assert median_filtered(samples[:2]) == samples[:2]
+
+
+def test_residual_payloads_save_bytes_beside_value_and_slope_at_the_same_error():
+    forces = wave(20_000, 3)
+    times_us = np.arange(len(forces)) * 1000
+    short = LeastSquares(law=LAW).encode_array(times_us, forces).payload_bytes
+    full = LinearPredictive(law=LAW).encode_array(times_us, forces).payload_bytes
+    assert short.mean() < 0.4 * full.mean()
+    assert set(full.tolist()) == {24}
+
+
+@pytest.mark.parametrize(
+    ("parameter", "value"),
+    [
+        ("updates", 1.0),
+        ("updates", 3.5),
+        ("horizon_ms", 0.5),
+        ("step_fraction", 0.0),
+        ("step_fraction", math.nan),
+        ("absolute_every", 128.0),
+        ("step_n", 2.0),
+    ],
+)
+def test_parameters_out_of_range_are_refused_by_name(parameter, value):
+    with pytest.raises(SettingsError, match=parameter):
+        LeastSquares(**{parameter: value})

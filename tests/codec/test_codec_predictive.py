@@ -1,0 +1,283 @@
+"""Codecs that extrapolate: the deadband law for every input, and what holds at impacts, after losses, over any time."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from hapticnet.codec.least_squares import LeastSquares
+from hapticnet.codec.predictive import Line, LinearPredictive, least_squares_slope
+from hapticnet.errors import PeerError, SampleError, SettingsError
+from hapticnet.perception import WeberLaw
+from hapticnet.samples import magnitude
+
+anything = st.one_of(st.floats(-10.0, 10.0), st.floats(-1e15, 1e15), st.just(0.0), st.sampled_from([1e15, -1e15]))
+steps_us = st.one_of(st.just(1000), st.just(0), st.integers(-3000, 3000), st.sampled_from([3_600_000_000, -(10**15)]))
+laws = st.builds(
+    WeberLaw,
+    weber_fraction=st.one_of(st.just(0.0), st.just(0.05), st.floats(0.0, 1.0)),
+    floor_n=st.one_of(st.just(0.0), st.just(0.025), st.floats(0.0, 2.0)),
+    multiplier=st.sampled_from([0.0, 0.3, 1.0, 2.0, 4.0]),
+)
+linear = st.builds(
+    LinearPredictive,
+    law=laws,
+    slope_samples=st.integers(2, 7),
+    horizon_ms=st.sampled_from([1.0, 100.0, 10_000.0]),
+    step_n=st.sampled_from([0.0, 0.001, 1.0]),
+)
+least_squares = st.builds(
+    LeastSquares,
+    law=laws,
+    updates=st.integers(2, 5),
+    horizon_ms=st.sampled_from([1.0, 100.0, 10_000.0]),
+    step_fraction=st.floats(0.01, 1.0),
+    absolute_every=st.integers(1, 9),
+    step_n=st.sampled_from([0.0, 0.001, 1.0]),
+)
+codecs = st.one_of(linear, least_squares)
+LAW = WeberLaw(weber_fraction=0.05, floor_n=0.025)
+BOTH = [LinearPredictive(law=LAW), LeastSquares(law=LAW), LinearPredictive(law=LAW, step_n=0.001)]
+
+
+@st.composite
+def recordings(draw):
+    axes = draw(st.integers(1, 3))
+    smooth = draw(st.booleans())
+    count = draw(st.integers(0, 40))
+    times_us = np.cumsum(draw(st.lists(steps_us, min_size=count, max_size=count)), dtype=np.int64)
+    if smooth:  # so that lines hold for a while, with a jump now and then
+        slopes = draw(st.lists(st.floats(-0.2, 0.2), min_size=count * axes, max_size=count * axes))
+        stimuli = np.cumsum(np.array(slopes).reshape(count, axes), axis=0)
+        stimuli[count // 2 :] += draw(st.sampled_from([0.0, 3.0, -1e5]))
+    else:
+        stimuli = np.array(draw(st.lists(anything, min_size=count * axes, max_size=count * axes)))
+    return times_us, stimuli.reshape(count, axes)
+
+
+@given(recordings(), codecs)
+@example((np.arange(3) * 1000, np.array([[0.1], [0.1 + 1e-17], [1e15]])), BOTH[1])
+@example((np.arange(4) * 1000, np.array([[1e-310], [0.0], [5e-324], [-1e15]])), LeastSquares(law=WeberLaw(floor_n=0.0)))
+def test_the_applied_force_is_within_the_threshold_at_every_sample(recording, codec):
+    times_us, stimuli = recording
+    decoded = codec.encode_array(times_us, stimuli).decoded
+    for true, applied in zip(stimuli.tolist(), decoded.tolist(), strict=True):
+        assert max(map(abs, applied)) <= 1e15
+        distance = magnitude(tuple(t - a for t, a in zip(true, applied, strict=True)))
+        assert distance <= codec.law.threshold_n(magnitude(tuple(applied)))
+
+
+@given(recordings(), codecs)
+def test_a_slave_and_a_master_get_what_the_whole_array_gets(recording, codec):
+    times_us, stimuli = recording
+    encoder, decoder = codec.encoder(stimuli.shape[1]), codec.decoder(stimuli.shape[1])
+    sent, decoded = [], []
+    for index, (t_us, row) in enumerate(zip(times_us.tolist(), stimuli.tolist(), strict=True)):
+        payload = encoder.encode(t_us, tuple(row), (0.0,) * len(row))
+        if payload is not None:
+            # Any constant between the clocks of both sides changes nothing.
+            decoder.decode(t_us + 2**40, payload)
+            sent.append(index)
+        decoded.append(decoder.reconstruct(t_us + 2**40))
+    encoding = codec.encode_array(times_us, stimuli)
+    assert encoding.sent.tolist() == sent
+    assert encoding.decoded.tobytes() == np.array(decoded, dtype=float).reshape(stimuli.shape).tobytes()
+
+
+@given(recordings(), codecs, st.sets(st.integers(0, 39)))
+def test_after_losses_one_payload_after_a_refresh_puts_the_receiver_right(recording, codec, lost):
+    times_us, stimuli = recording
+    encoder, decoder = codec.encoder(stimuli.shape[1]), codec.decoder(stimuli.shape[1])
+    for index, (t_us, row) in enumerate(zip(times_us.tolist(), stimuli.tolist(), strict=True)):
+        payload = encoder.encode(t_us, tuple(row))
+        if payload is not None and index not in lost:
+            try:
+                decoder.decode(t_us, payload)
+            except PeerError:
+                assert isinstance(codec, LeastSquares)
+        assert max(map(abs, decoder.reconstruct(t_us))) <= 1e15
+    encoder.refresh()
+    for t_us in range(0, 300_000, 1000):
+        true = (math.sin(t_us * 1e-5),) * stimuli.shape[1]
+        payload = encoder.encode(t_us, true)
+        assert (payload is not None) >= (t_us == 0)
+        if payload is not None:
+            decoder.decode(t_us, payload)
+        applied = decoder.reconstruct(t_us)
+        distance = magnitude(tuple(t - a for t, a in zip(true, applied, strict=True)))
+        assert distance <= codec.law.threshold_n(magnitude(applied))
+
+
+@pytest.mark.parametrize("codec", BOTH)
+def test_a_ramp_of_any_slope_is_a_few_updates_where_a_deadband_sends_hundreds(codec):
+    times_us = np.arange(2000) * 1000
+    for slope_n_per_s in (1e-9, 1e-3, 0.5, 10.0):
+        sent = codec.encode_array(times_us, slope_n_per_s * times_us[:, np.newaxis] * 1e-6).sent
+        assert len(sent) <= 2000 / codec.horizon_ms + 25
+
+
+@pytest.mark.parametrize("codec", BOTH)
+@pytest.mark.parametrize("jump_n", [0.03, 1.0, 5.0, -5.0, 1e5])
+def test_an_impact_is_overshot_by_no_more_than_the_threshold_and_is_soon_over(codec, jump_n):
+    stimuli = np.where(np.arange(400) < 200, 0.0, jump_n)[:, np.newaxis]
+    encoding = codec.encode_array(np.arange(400) * 1000, stimuli)
+    over = np.abs(encoding.decoded - stimuli)
+    assert over.max() <= codec.law.threshold_n(np.abs(encoding.decoded).max())
+    after = encoding.sent[encoding.sent >= 200]
+    assert after[0] == 200
+    assert len(after) <= 8
+
+
+@pytest.mark.parametrize("codec", BOTH)
+def test_a_spike_of_one_sample_leaves_nothing_behind(codec):
+    stimuli = np.ones((1000, 2))
+    stimuli[100] = 1e15
+    encoding = codec.encode_array(np.arange(1000) * 1000, stimuli)
+    assert encoding.sent[-1] < 110
+    assert np.abs(encoding.decoded[200:] - 1.0).max() <= codec.law.threshold_n(2.0)
+
+
+@pytest.mark.parametrize("codec", BOTH)
+def test_a_long_run_does_not_drift(codec):
+    rng = np.random.default_rng(5)
+    stimuli = np.cumsum(rng.normal(0.0, 0.003, (60_000, 1)), axis=0)
+    encoding = codec.encode_array(np.arange(60_000) * 1000 + 10**15, stimuli)
+    error, applied = np.abs(stimuli - encoding.decoded), np.abs(encoding.decoded)
+    assert (error <= LAW.thresholds_n(applied)).all()
+    assert len(encoding.sent) > 300
+
+
+@pytest.mark.parametrize("codec", BOTH)
+def test_the_line_ends_at_the_horizon_when_nothing_more_arrives(codec):
+    encoder, decoder = codec.encoder(1), codec.decoder(1)
+    for t_us in range(0, 100_000, 1000):
+        payload = encoder.encode(t_us, (0.5 + 2e-6 * t_us,))
+        if payload is not None:
+            decoder.decode(t_us, payload)
+            last_us = t_us
+    at_horizon = decoder.reconstruct(last_us + round(codec.horizon_ms * 1000))
+    assert at_horizon == decoder.reconstruct(last_us + 3_600_000_000) == decoder.reconstruct(10**18)
+    assert abs(at_horizon[0]) < 2.0
+
+
+@pytest.mark.parametrize("codec", BOTH)
+@given(payload=st.binary(max_size=40), axes=st.integers(1, 3), late_us=st.sampled_from([0, 1, 10**9]))
+def test_a_corrupt_payload_is_refused_with_nothing_changed_or_leads_to_a_finite_force(codec, payload, axes, late_us):
+    encoder, decoder = codec.encoder(axes), codec.decoder(axes)
+    for t_us in (0, 1000, 2000):
+        sent = encoder.encode(t_us, (0.3 + t_us * 1e-3,) * axes)
+        assert sent is not None
+        decoder.decode(t_us, sent)
+    before = decoder.reconstruct(2500)
+    try:
+        decoder.decode(3000, payload)
+    except PeerError:
+        assert decoder.reconstruct(2500) == before
+        genuine = encoder.encode(4000, (9.0,) * axes)
+        assert genuine is not None
+        decoder.decode(4000, genuine)
+        assert magnitude(tuple(9.0 - x for x in decoder.reconstruct(4000))) <= codec.law.threshold_n(9.0 * axes)
+    else:
+        assert max(map(abs, decoder.reconstruct(3000 + late_us))) <= 1e15
+
+
+@pytest.mark.parametrize("codec", BOTH)
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e300])
+def test_what_is_not_finite_is_refused_and_leaves_the_encoder_in_step(codec, bad):
+    encoder, decoder = codec.encoder(2), codec.decoder(2)
+    for index, true in enumerate([(1.0, 1.0), (1.0, bad), (2.0, 1.0), (bad, 0.0), (3.0, 1.5), (5.0, 1.5)]):
+        if bad in true:
+            with pytest.raises(SampleError, match="finite and within"):
+                encoder.encode(1000 * index, true)
+            continue
+        payload = encoder.encode(1000 * index, true)
+        if payload is not None:
+            decoder.decode(1000 * index, payload)
+        applied = decoder.reconstruct(1000 * index)
+        assert math.dist(true, applied) <= codec.law.threshold_n(magnitude(applied))
+
+
+def test_linear_payloads_are_value_and_slope_in_three_forms():
+    def sizes(codec, *stimuli):
+        encoder = codec.encoder(len(stimuli[0]))
+        return [len(encoder.encode(1000 * index, stimulus)) for index, stimulus in enumerate(stimuli)]
+
+    assert sizes(LinearPredictive(law=LAW), (0.5,), (3.0,)) == [8, 8]
+    assert sizes(LinearPredictive(law=LAW), (0.5, 1.0, 2.0)) == [24]
+    assert sizes(LinearPredictive(law=LAW, step_n=0.001), (0.5, 1.0, 2.0), (40.0, 0.0, 0.0)) == [12, 24]
+    assert sizes(LinearPredictive(law=WeberLaw(multiplier=0.0)), (0.1,)) == [12]
+
+
+def test_the_slope_sent_is_that_of_the_newest_samples_sent_or_not():
+    encoder = LinearPredictive(law=LAW).encoder(1)
+    forces = (1.0, 1.01, 1.0, 1.02, 1.03, 1.1)
+    made = [encoder.encode(1000 * index, (force_n,)) for index, force_n in enumerate(forces)]
+    assert [payload is not None for payload in made] == [True, False, False, False, False, True]
+    (_, slope) = np.frombuffer(made[-1], dtype=">f4").tolist()
+    assert slope == pytest.approx(np.polyfit(np.arange(5) * 1e-3, forces[1:], 1)[0], rel=1e-6)
+
+
+def test_slopes_in_counts_are_limited_not_wrapped():
+    codec = LinearPredictive(law=LAW, step_n=0.001)
+    encoder, decoder = codec.encoder(1), codec.decoder(1)
+    for index, force_n in enumerate((20.0, 22.9, 25.9, 29.0)):  # 3000 N/s; 327.67 N/s is the steepest
+        payload = encoder.encode(1000 * index, (force_n,))
+        assert payload is not None
+        assert len(payload) == 4
+        decoder.decode(1000 * index, payload)
+    (rise,) = decoder.reconstruct(4000)
+    assert rise - 29.0 == pytest.approx(0.32767)
+
+
+def test_a_payload_that_holds_no_number_is_refused():
+    decoder = LinearPredictive(law=LAW).decoder(1)
+    for value, slope in ((math.nan, 0.0), (0.0, math.nan), (0.0, math.inf), (0.0, 1e30)):
+        with pytest.raises(PeerError, match="must be"):
+            decoder.decode(0, np.array([value, slope], dtype=">f4").tobytes())
+
+
+@given(
+    st.lists(st.tuples(st.integers(-(10**15), 10**15), st.floats(-1e15, 1e15)), min_size=1, max_size=9),
+    st.integers(-(10**17), 10**17),
+)
+def test_the_slope_is_finite_for_all_times_and_depends_on_their_differences_only(samples, shift_us):
+    (slope,) = least_squares_slope([(t_us, (x,)) for t_us, x in samples])
+    assert abs(slope) <= 1e15
+    assert least_squares_slope([(t_us + shift_us, (x,)) for t_us, x in samples]) == (slope,)
+    if len({t_us for t_us, _ in samples}) == 1:
+        assert slope == 0.0
+
+
+def test_the_slope_is_that_of_a_least_squares_fit():
+    rng = np.random.default_rng(1)
+    times_us, values = np.sort(rng.integers(0, 10**6, 9)), rng.normal(size=(9, 3))
+    fitted = least_squares_slope(list(zip(times_us.tolist(), map(tuple, values.tolist()), strict=True)))
+    assert fitted == pytest.approx(np.polyfit(times_us * 1e-6, values, 1)[0])
+
+
+@given(st.floats(-1e15, 1e15), st.floats(-1e15, 1e15), st.integers(-(10**18), 10**18))
+def test_a_line_stays_within_what_a_stimulus_may_be(value, slope, at_us):
+    line = Line(0, (value,), (slope,), LAW, horizon_us=1e7)
+    (point,) = line.at(at_us)
+    assert abs(point) <= 1e15
+    assert line.is_near(at_us, (point,))
+    assert not line.is_near(at_us, (point + 1.01 * LAW.threshold_n(abs(point)),))
+    assert not line.is_near(at_us, (math.nan,))
+
+
+@pytest.mark.parametrize(
+    ("parameter", "value"),
+    [
+        ("slope_samples", 1.0),
+        ("slope_samples", 2.5),
+        ("slope_samples", math.nan),
+        ("horizon_ms", 0.0),
+        ("horizon_ms", math.inf),
+        ("step_n", -1.0),
+    ],
+)
+def test_parameters_out_of_range_are_refused_by_name(parameter, value):
+    with pytest.raises(SettingsError, match=parameter):
+        LinearPredictive(**{parameter: value})

@@ -1,0 +1,146 @@
+import math
+
+import numpy as np
+import pytest
+from codec_cases import assert_same, distances, laws, steps, stream, timed, wandering
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hapticnet.codec.deadband import Deadband
+from hapticnet.codec.velocity_adaptive import HandSpeed, VelocityAdaptive
+from hapticnet.errors import SampleError, SettingsError
+from hapticnet.perception import WeberLaw
+from hapticnet.samples import magnitude
+
+MS = 1000
+
+
+def speeds(t_us: np.ndarray, positions: np.ndarray, time_constant_s: float) -> list[float]:
+    """Return the speed after each position, by the rule as the docstring states it."""
+    velocity, found, last = np.zeros(positions.shape[1]), [], 0
+    for index in range(len(t_us)):
+        elapsed_s = (int(t_us[index]) - int(t_us[last])) * 1e-6
+        if elapsed_s > 0.0:
+            moved = positions[index] - positions[last]
+            velocity = (time_constant_s * velocity + moved) / (time_constant_s + elapsed_s)
+            last = index
+        found.append(magnitude(tuple(velocity.tolist())))
+    return found
+
+
+@given(timed(), laws, st.floats(0.0, 100.0), st.floats(0.0, 1.0), st.sampled_from([0.0, 5.0, 100.0]), steps)
+def test_the_held_force_is_within_the_threshold_of_the_present_speed(
+    case, law, gain, largest, time_constant_ms, step_n
+):
+    t_us, stimuli, positions = case
+    codec = VelocityAdaptive(
+        law=law, speed_gain_s_m=gain, largest_fraction=largest, time_constant_ms=time_constant_ms, step_n=step_n
+    )
+    decoded = codec.encode_array(t_us, stimuli, positions).decoded
+    moving = speeds(t_us, positions, time_constant_ms * 1e-3)
+    for far, held, speed in zip(distances(stimuli, decoded), decoded.tolist(), moving, strict=True):
+        fraction = max(law.weber_fraction, min(law.weber_fraction + gain * speed, largest))
+        threshold = law.multiplier * max(fraction * magnitude(tuple(held)), law.floor_n)
+        assert far <= threshold * (1 + 1e-12)
+
+
+@given(timed(), laws, steps)
+def test_without_positions_or_without_gain_it_is_the_deadband(case, law, step_n):
+    t_us, stimuli, positions = case
+    deadband = Deadband(law=law, step_n=step_n).encode_array(t_us, stimuli)
+    assert_same(deadband, VelocityAdaptive(law=law, step_n=step_n).encode_array(t_us, stimuli))
+    still = VelocityAdaptive(law=law, step_n=step_n, speed_gain_s_m=0.0)
+    assert_same(deadband, still.encode_array(t_us, stimuli, positions))
+
+
+@given(st.integers(1, 3), st.floats(0.01, 1.0))
+def test_a_steady_hand_has_the_speed_it_has_whatever_the_times_of_its_samples(axes, speed):
+    hand = HandSpeed(0.01, axes)
+    t_us = 0
+    for index in range(300):
+        t_us += (0, 1, 700, 1000, 5000)[index % 5]
+        hand.move(t_us, (speed * t_us * 1e-6 / math.sqrt(axes),) * axes)
+    assert hand.m_per_s == pytest.approx(speed, rel=1e-3)
+
+
+def test_speed_rises_with_its_time_constant():
+    hand = HandSpeed(0.010, 1)
+    for millisecond in range(11):
+        hand.move(millisecond * MS, (0.1e-3 * millisecond,))
+    assert hand.m_per_s == pytest.approx(0.1 * (1 - (10 / 11) ** 10))
+
+
+def test_jitter_of_the_position_does_not_add_up_to_speed():
+    hand = HandSpeed(0.010, 1)
+    for millisecond in range(1000):
+        hand.move(millisecond * MS, (1e-5 * (-1) ** millisecond,))
+    assert hand.m_per_s < 0.002  # the bare quotient is 0.02 m/s
+
+
+def test_a_time_that_goes_back_starts_anew_at_rest_and_a_repeated_one_changes_nothing():
+    hand = HandSpeed(0.0, 1)
+    hand.move(10**9, (0.0,))
+    hand.move(10**9 + MS, (0.001,))
+    hand.move(10**9 + MS, (55.0,))
+    assert hand.m_per_s == pytest.approx(1.0)
+    hand.move(0, (0.0,))
+    assert hand.m_per_s == 0.0
+    hand.move(MS, (0.002,))
+    assert hand.m_per_s == pytest.approx(2.0)
+
+
+def test_a_hand_that_stops_finds_the_deadband_narrower():
+    law = WeberLaw(weber_fraction=0.05, floor_n=0.0)
+    encoder = VelocityAdaptive(law=law, speed_gain_s_m=1.0, time_constant_ms=0.0).encoder(1)
+    encoder.encode(0, (1.0,), (0.0,))
+    assert encoder.encode(1 * MS, (1.14,), (0.0001,)) is None  # at 0.1 m/s the fraction is 0.15
+    assert encoder.encode(2 * MS, (1.14,), (0.0001,)) is not None
+
+
+def test_the_fraction_grows_no_further_than_its_largest():
+    law = WeberLaw(weber_fraction=0.05, floor_n=0.0)
+    encoder = VelocityAdaptive(law=law, speed_gain_s_m=1.0, largest_fraction=0.2, time_constant_ms=0.0).encoder(1)
+    encoder.encode(0, (1.0,), (0.0,))
+    assert encoder.encode(1 * MS, (1.19,), (1e6,)) is None
+    assert encoder.encode(2 * MS, (1.21,), (0.0,)) is not None
+
+
+@pytest.mark.parametrize("axes", [1, 2, 3])
+def test_a_hand_in_motion_costs_fewer_packets_than_one_at_rest(axes):
+    stimuli = wandering(4000, seed=axes, axes=axes)
+    t_us = np.arange(4000, dtype=np.int64) * MS
+    positions = 0.05 * np.sin(4.0 * t_us[:, np.newaxis] * 1e-6) + np.zeros((1, axes))
+    moving, still = (VelocityAdaptive().encode_array(t_us, stimuli, where) for where in (positions, None))
+    assert len(moving.sent) < 0.75 * len(still.sent)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -1e300])
+def test_a_position_that_is_not_finite_or_out_of_range_is_refused_and_leaves_the_encoder_usable(bad):
+    encoder = VelocityAdaptive().encoder(2)
+    encoder.encode(0, (1.0, 1.0), (0.0, 0.0))
+    with pytest.raises(SampleError, match="position is"):
+        encoder.encode(1 * MS, (1.0, 1.0), (0.0, bad))
+    assert encoder.encode(2 * MS, (1.0, 1.0), (0.0, 0.0)) is None
+    assert encoder.encode(3 * MS, (2.0, 1.0), (0.0, 0.0)) is not None
+
+
+@pytest.mark.parametrize(
+    "parameters", [{"speed_gain_s_m": -1.0}, {"largest_fraction": 1.1}, {"time_constant_ms": math.nan}, {"step_n": 2.0}]
+)
+def test_parameters_that_cannot_be_used_are_refused(parameters):
+    with pytest.raises(SettingsError, match=f"{next(iter(parameters))} is"):
+        VelocityAdaptive(**parameters)
+
+
+def test_the_first_sample_is_sent_and_so_is_the_one_after_a_refresh():
+    encoder = VelocityAdaptive().encoder(1)
+    assert encoder.encode(0, (0.0,), (0.0,)) is not None
+    assert encoder.encode(MS, (0.0,), (0.0,)) is None
+    encoder.refresh()
+    assert encoder.encode(2 * MS, (0.0,), (0.0,)) is not None
+
+
+def test_the_streaming_pair_and_the_whole_array_agree():
+    stimuli = wandering(500, seed=1, axes=3)
+    codec = VelocityAdaptive(step_n=0.001)
+    assert_same(stream(codec, stimuli), codec.encode_array(np.arange(500, dtype=np.int64), stimuli))
