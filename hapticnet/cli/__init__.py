@@ -4,7 +4,7 @@ import sys
 
 import typer
 
-from hapticnet.cli import channel, codecs, demo, device, encode, master, scene, slave
+from hapticnet.cli import channel, codecs, compare, demo, device, encode, master, scene, slave
 from hapticnet.cli.console import abandon, complain
 from hapticnet.errors import HapticnetError
 
@@ -21,6 +21,7 @@ app.command()(slave.slave)
 app.command()(master.master)
 app.command()(channel.channel)
 app.command()(encode.encode)
+app.command()(compare.compare)
 app.command()(codecs.codecs)
 app.add_typer(scene.app, name="scene")
 app.add_typer(device.app, name="device")

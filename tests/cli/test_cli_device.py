@@ -77,7 +77,6 @@ def test_monitor_moves_nothing_and_sums_up(tmp_path):
     assert said["mean_n"] == pytest.approx(float(rows[0]["force_n"]))
     assert said["deviation_n"] == pytest.approx(0.0, abs=1e-9)
     assert said["calibrated"] is False
-    assert said["line"]["times_lost"] == 0
     assert {float(row["displacement_m"]) for row in rows} == {0.0}
     assert {setpoint[1:] for setpoint, _ in firmware.setpoints} == {(2400, 2400, 2400)}
 

@@ -126,3 +126,34 @@ def test_codecs_lists_every_codec_with_its_parameters():
         assert {p["name"]: p["default"] for p in codec["parameters"]} == codec_parameters(CODECS[codec["name"]]())
         assert all(parameter["meaning"] for parameter in codec["parameters"])
     assert all(name in hapticnet("codecs").stdout for name in CODECS)
+
+
+def test_compare_puts_every_codec_beside_the_optimum(trace, tmp_path):
+    done = hapticnet("compare", trace, "--column", "fx", "--thresholds", "1,2", "--json", "--plot", tmp_path / "plots")
+    rows = json.loads(done.stdout)
+    assert {row["codec"] for row in rows} == set(CODECS)
+    for row in rows:
+        assert row["samples"] == 2000
+        assert 0 < row["optimum_lines"] <= row["optimum_holds"] <= 2000
+        assert row["over_optimum"] == pytest.approx(row["sent"] / row["optimum_holds"])
+        assert row["nanoseconds_per_sample"] > 0.0
+    deadband = [row for row in rows if row["codec"] == "deadband"]
+    assert [row["multiplier"] for row in deadband] == [1.0, 2.0]
+    assert deadband[0]["exceed_jnd_fraction"] == 0.0 < deadband[1]["exceed_jnd_fraction"]
+    assert deadband[0]["over_optimum"] >= 1.0
+    assert len(list((tmp_path / "plots").glob("*.png"))) == 2
+
+
+def test_compare_under_loss_and_on_two_axes(trace):
+    done = hapticnet("compare", trace, "--column", "fx,fy", "--codecs", "raw;deadband:step_n=0.001", "--loss", "10%")
+    assert "deadband:step_n=0.001" in done.stdout
+    assert "optimum, hold" in done.stdout
+    assert "10% of the updates were lost" in done.stdout
+
+
+def test_compare_without_a_recording_plays_the_papers_scene():
+    done = hapticnet("compare", "--codecs", "deadband", "--thresholds", "1", "--json")
+    (row,) = json.loads(done.stdout)
+    assert row["trial"].startswith("paper's scene")
+    assert row["energy_peak_j"] is not None
+    assert 1.0 < row["over_optimum"] < 2.5

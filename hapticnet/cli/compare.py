@@ -1,0 +1,127 @@
+"""``hapticnet compare``: which codec, at what rate, with what error, at what cost, how far from the best possible."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hapticnet.cli import options
+from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from hapticnet.codec.base import Codec
+    from hapticnet.experiment.comparison import Row, Trial
+
+
+def compare(
+    traces: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="[TRACE…]", help="Recordings, .csv or .npy; none: the paper's scene."),
+    ] = None,
+    column: Annotated[
+        str | None,
+        typer.Option(metavar="NAME[,NAME…]", help="Force columns [N], by name or number from 0; one to three axes."),
+    ] = None,
+    position: Annotated[
+        str | None,
+        typer.Option(metavar="NAME[,NAME…]", help="Position columns [m], for codecs and measures that need motion."),
+    ] = None,
+    position_scale: Annotated[
+        float,
+        typer.Option(
+            metavar="M",
+            help="Metres in one unit of position; negative where it grows the way a positive force pushes.",
+        ),
+    ] = 1.0,
+    rate: Annotated[
+        float | None, typer.Option(metavar="HZ", help="Sampling rate; else from a column t_s, time_s or t_us.")
+    ] = None,
+    codecs: Annotated[
+        str | None,
+        typer.Option(metavar="CODEC[;CODEC…]", help="Codecs as NAME[:KEY=VALUE,…]; else all of them."),
+    ] = None,
+    thresholds: Annotated[str, typer.Option(metavar="M[,M…]", help="Deadband thresholds in JNDs.")] = "1,2,4",
+    weber: options.Weber = PAPER_WEBER_FRACTION,
+    floor: options.Floor = PAPER_FLOOR_N,
+    loss: Annotated[
+        str, typer.Option(metavar="P", help="Share of updates lost at random, such as 5%; repaired after 20 ms.")
+    ] = "0",
+    seed: options.Seed = 1,
+    json: options.Json = False,
+    plot: Annotated[Path | None, typer.Option(metavar="DIR", help="Draw figures into DIR.")] = None,
+) -> None:
+    """Run every codec over recordings and compare packets, bytes, errors and cost with the best possible."""
+    import json as json_module
+
+    from hapticnet.channel.quantities import parse_share
+    from hapticnet.cli.console import Console, make_folder
+    from hapticnet.experiment.comparison import compare as compare_codecs
+
+    chosen = _codecs(codecs, thresholds, weber, floor)
+    lost = parse_share(loss)
+    trials = [_trial(file, column, position, position_scale, rate) for file in traces] if traces else [_paper(seed)]
+    if plot is not None:
+        make_folder(plot)
+    console = Console("compare", quiet=json)
+    rows: list[Row] = []
+    for row in compare_codecs(trials, chosen, loss=lost, seed=seed):
+        rows.append(row)
+        console.status(f"{row.trial}: {row.codec} at {row.multiplier:g} JND")
+    console.finish()
+    if json:
+        print(json_module.dumps([row.flat() for row in rows], indent=2))
+    else:
+        from hapticnet.cli.compare_table import print_rows
+
+        print_rows(rows, lost)
+    if plot is not None:
+        from hapticnet.experiment.comparison_figures import draw_comparison
+
+        for file in draw_comparison(rows, plot):
+            console.say(f"picture: {file}")
+
+
+def _codecs(names: str | None, thresholds: str, weber: float, floor: float) -> "list[Codec]":
+    from hapticnet.codec.registry import CODECS, make_codec, parse_codec
+    from hapticnet.errors import SettingsError
+    from hapticnet.perception import WeberLaw
+
+    try:
+        multipliers = [float(part) for part in thresholds.split(",")]
+    except ValueError:
+        raise SettingsError(f"thresholds {thresholds!r} must be numbers of JNDs, such as 1,2,4") from None
+    written: Iterable[str] = names.split(";") if names else CODECS
+    return [
+        make_codec(name, WeberLaw(weber_fraction=weber, floor_n=floor, multiplier=multiplier), parameters)
+        for multiplier in multipliers
+        for name, parameters in map(parse_codec, written)
+        if name != "raw" or multiplier == multipliers[0]
+    ]
+
+
+def _trial(file: Path, column: str | None, position: str | None, position_scale: float, rate: float | None) -> "Trial":
+    from hapticnet.errors import SettingsError
+    from hapticnet.experiment.comparison import Trial
+    from hapticnet.experiment.recordings import load_recording
+
+    force = load_recording(file, columns=column.split(",") if column else None, rate_hz=rate)
+    where = None
+    if position is not None:
+        where = position_scale * load_recording(file, columns=position.split(","), rate_hz=rate).values
+        if where.shape != force.values.shape:
+            raise SettingsError(
+                f"{where.shape[1]} position columns for {force.values.shape[1]} of force; as many are needed"
+            )
+    return Trial(name=file.stem, t_us=force.t_us, stimuli=force.values, positions=where)
+
+
+def _paper(seed: int) -> "Trial":
+    from hapticnet.experiment.comparison import Trial
+    from hapticnet.experiment.paper_force import paper_recording
+
+    recorded = paper_recording(seed, rate_hz=1000.0, insertions=2)
+    return Trial(
+        name=f"paper's scene {seed}", t_us=recorded.t_us, stimuli=recorded.force_n, positions=recorded.position_m
+    )
