@@ -17,7 +17,8 @@ SHOWN = "1 JND"
 def demo(
     seed: options.Seed = 1,
     insertions: Annotated[int, typer.Option(min=1, help="Insertions per condition, three penetrations each.")] = 2,
-    device: Annotated[str, typer.Option(help="Fingertip device: sim, or none.")] = "sim",
+    device: options.DeviceOption = "sim",
+    codec: options.Codec = "deadband",
     rate: Annotated[float, typer.Option(help="Positions a second.")] = 1000.0,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where pictures, JSON and recordings go.")] = Path(
         "results/demo"
@@ -32,11 +33,15 @@ def demo(
 
     from hapticnet.cli.console import Console, check_writable, make_folder, write_text
     from hapticnet.cli.demo_table import print_table
+    from hapticnet.codec.registry import make_codec, parse_codec
     from hapticnet.errors import UnavailableError
     from hapticnet.experiment.conditions import CONDITIONS
     from hapticnet.experiment.demo import play_conditions, results
     from hapticnet.experiment.figures import draw_bytes_per_penetration, draw_force_stretch
+    from hapticnet.perception import WeberLaw
 
+    name, parameters = parse_codec(codec)
+    make_codec(name, WeberLaw(), parameters)  # what cannot be is better said at once
     make_folder(out)
     check_writable(out / "demo.json")
     # Python does not clean up after SIGTERM by itself; this way the two processes are ended before we are.
@@ -52,11 +57,17 @@ def demo(
         console.status(f"{condition.name}: {seconds:.0f} s")
 
     played = play_conditions(
-        out, seed=seed, insertions=insertions, device=device, rate_hz=rate, on_progress=on_progress
+        out, codec=codec, seed=seed, insertions=insertions, device=device, rate_hz=rate, on_progress=on_progress
     )
     console.finish()
     rows = results(played)
-    account: dict[str, Any] = {"seed": seed, "insertions": insertions, "rate_hz": rate, "device": device}
+    account: dict[str, Any] = {
+        "seed": seed,
+        "insertions": insertions,
+        "rate_hz": rate,
+        "device": device,
+        "codec": codec,
+    }
     account["conditions"] = rows
     text = json_module.dumps(account, indent=2)
     write_text(out / "demo.json", text + "\n")

@@ -132,17 +132,22 @@ class Predictor:
         """Go on by a residual, which leads from the predicted to the present value."""
         self.count = count
         self._known = self._known_with(t_us, predicted, value)
-        self.line = self.form.line(t_us, value, least_squares_slope(median_filtered(self._known)))
+        self.line = self.form.line(t_us, value, filtered_slope(self._known))
         self._rice.add(residual)
 
     def slope(self, t_us: int, predicted: Vector, value: Vector) -> Vector:
         """Return the slope [N/s] from a value on that is transmitted at a time."""
-        return least_squares_slope(median_filtered(self._known_with(t_us, predicted, value)))
+        return filtered_slope(self._known_with(t_us, predicted, value))
 
     def _known_with(self, t_us: int, predicted: Vector, value: Vector) -> list[tuple[int, Vector]]:
         if is_impact(predicted, value, self._law):
             return [(t_us, value)]
         return [*self._known, (t_us, value)][-self._updates :]
+
+
+def filtered_slope(samples: list[tuple[int, Vector]]) -> Vector:
+    """Return the slope [N/s] of the least-squares line through samples whose outliers are taken out."""
+    return least_squares_slope(median_filtered(samples))
 
 
 def median_filtered(samples: list[tuple[int, Vector]]) -> list[tuple[int, Vector]]:

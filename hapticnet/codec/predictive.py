@@ -122,26 +122,24 @@ class Line:
 
         As `distance(stimulus, at(t_us)) <= threshold_n(magnitude(at(t_us)))` is, in one go: it runs at every sample.
         """
+        if not self._within_range:
+            point = self.at(t_us)
+            return distance(stimulus, point) <= max(self._gain * magnitude(point), self._floor_n)
+        elapsed_us: float = t_us - self.t_us
+        if elapsed_us < 0:
+            elapsed_us = 0
+        elif elapsed_us > self._horizon_us:
+            elapsed_us = self._horizon_us
+        if len(stimulus) == 1:
+            ((v, rate),) = self._terms
+            p = v + rate * elapsed_us
+            error = abs(stimulus[0] - p)
+            return error <= self._floor_n or error <= self._gain * abs(p)
         square = size = 0.0
-        if self._within_range:
-            elapsed_us: float = t_us - self.t_us
-            if elapsed_us < 0:
-                elapsed_us = 0
-            elif elapsed_us > self._horizon_us:
-                elapsed_us = self._horizon_us
-            if len(stimulus) == 1:
-                ((v, rate),) = self._terms
-                point = v + rate * elapsed_us
-                error = abs(stimulus[0] - point)
-                return error <= self._floor_n or error <= self._gain * abs(point)
-            for x, (v, rate) in zip(stimulus, self._terms, strict=True):
-                point = v + rate * elapsed_us
-                square += (x - point) * (x - point)
-                size += point * point
-        else:
-            for x, point in zip(stimulus, self.at(t_us), strict=True):
-                square += (x - point) * (x - point)
-                size += point * point
+        for x, (v, rate) in zip(stimulus, self._terms, strict=True):
+            p = v + rate * elapsed_us
+            square += (x - p) * (x - p)
+            size += p * p
         error = math.sqrt(square)
         return error <= self._floor_n or error <= self._gain * math.sqrt(size)
 

@@ -1,6 +1,6 @@
 """The four conditions of the paper, and what it reports of them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 
@@ -39,3 +39,10 @@ CONDITIONS: Final = (
     Condition(name="4 JND", codec="deadband", multiplier=4.0, paper_correct=0.5375),
 )
 """Source: "Cutaneous haptic deadband compression". "none" transmits every sample."""
+
+
+def conditions_with(codec: str) -> tuple[Condition, ...]:
+    """Return the same conditions with another codec, as written for ``--codec``, in place of the deadband."""
+    return tuple(
+        replace(condition, codec=codec) if condition.codec == "deadband" else condition for condition in CONDITIONS
+    )

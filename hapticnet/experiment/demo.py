@@ -11,7 +11,7 @@ from typing import Any, Final
 from hapticnet.codec.base import FloatArray
 from hapticnet.errors import UnavailableError
 from hapticnet.experiment.analysis import Columns, bytes_per_penetration, felt_error
-from hapticnet.experiment.conditions import CONDITIONS, Condition
+from hapticnet.experiment.conditions import Condition, conditions_with
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION, WeberLaw
 from hapticnet.runtime.children import Child
 from hapticnet.tables import read_csv
@@ -43,7 +43,14 @@ class Played:
 
 
 def play_conditions(
-    folder: Path, *, seed: int, insertions: int, device: str, rate_hz: float, on_progress: Progress
+    folder: Path,
+    *,
+    codec: str,
+    seed: int,
+    insertions: int,
+    device: str,
+    rate_hz: float,
+    on_progress: Progress,
 ) -> list[Played]:
     """Play the same insertions under each condition, one after the other, and return what both sides recorded.
 
@@ -51,15 +58,18 @@ def play_conditions(
     ----------
     folder
         Where recordings and reports of the processes go.
+    codec
+        What compresses the force in all conditions but the first; the paper's is the deadband.
 
     Raises
     ------
     UnavailableError
         When a process cannot do its part; repeats what it said.
     """
+    conditions = conditions_with(codec)
     slave_report = folder / "slave.json"
     with _slave(folder, seed, slave_report) as address:
-        for condition in CONDITIONS:
+        for condition in conditions:
             arguments = ["master", "--connect", address, "--name", condition.slug, "--seed", str(seed)]
             arguments += ["--codec", condition.codec, "--multiplier", str(condition.multiplier)]
             arguments += ["--insertions", str(insertions), "--device", device, "--rate", str(rate_hz)]
@@ -67,7 +77,7 @@ def play_conditions(
             arguments += ["--report", str(folder / f"master-{condition.slug}.json"), "--quiet"]
             _play(condition, arguments, on_progress)
     sessions = json.loads(slave_report.read_text())["sessions"]
-    return [_played(condition, folder, sessions) for condition in CONDITIONS]
+    return [_played(condition, folder, sessions) for condition in conditions]
 
 
 def results(played: list[Played]) -> list[dict[str, Any]]:

@@ -60,6 +60,10 @@ def recordings(draw):
 @given(recordings(), codecs)
 @example((np.arange(3) * 1000, np.array([[0.1], [0.1 + 1e-17], [1e15]])), BOTH[1])
 @example((np.arange(4) * 1000, np.array([[1e-310], [0.0], [5e-324], [-1e15]])), LeastSquares(law=WeberLaw(floor_n=0.0)))
+@example(
+    (np.array([0, 1000, 2000, 2000]), np.array([[0.0], [9e14], [0.0], [5e-278]])),
+    LinearPredictive(law=WeberLaw(weber_fraction=0.25, floor_n=0.0, multiplier=2.0), horizon_ms=10_000.0),
+)
 def test_the_applied_force_is_within_the_threshold_at_every_sample(recording, codec):
     times_us, stimuli = recording
     decoded = codec.encode_array(times_us, stimuli).decoded
