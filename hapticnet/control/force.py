@@ -138,7 +138,7 @@ class ForceController:
     """
 
     __slots__ = (
-        "_before_m", "_now_us", "_readings", "_sensed_sum_n", "_settings", "_stood_sum_m",
+        "_before_m", "_largest_n", "_now_us", "_readings", "_sensed_sum_n", "_settings", "_smallest_n", "_stood_sum_m",
         "_target_n", "_touching", "_watch", "displacement_m", "fault", "finger",
     )  # fmt: skip
 
@@ -160,6 +160,7 @@ class ForceController:
         self._sensed_sum_n = 0.0
         self._stood_sum_m = 0.0
         self._readings = 0
+        self._smallest_n, self._largest_n = math.inf, -math.inf
 
     def update(self, target_n: float, sensed_n: float, stood_m: float, now_us: int) -> float:
         """Return the platform displacement [m] toward the finger; changes once a control period.
@@ -179,6 +180,8 @@ class ForceController:
             self._now_us = now_us
             return 0.0
         self._sensed_sum_n += sensed_n
+        self._smallest_n = min(self._smallest_n, sensed_n)
+        self._largest_n = max(self._largest_n, sensed_n)
         self._stood_sum_m += stood_m
         self._readings += 1
         before_us = self._now_us
@@ -199,6 +202,7 @@ class ForceController:
             target_n = 0.0
         target_n = min(target_n, self._settings.max_force_n - self._settings.headroom_n)
         self._control(target_n, sensed_n, newest_n, stood_m, elapsed_s)
+        self._smallest_n, self._largest_n = math.inf, -math.inf
         self._target_n = target_n
         self._before_m = stood_m
         return self.displacement_m
@@ -209,8 +213,9 @@ class ForceController:
         # nothing, so the newest reading counts, too.
         touching = min(sensed_n, newest_n) > 0.5 * settings.touch_n
         watch = self._watch
-        complaint = watch.notice(touching, sensed_n, stood_m, self.finger.compliance_m_n)
-        if complaint is not None:
+        spread_n = self._largest_n - self._smallest_n
+        complaint = watch.notice(touching, sensed_n, stood_m, self.finger.compliance_m_n, spread_n=spread_n)
+        if self.fault is None:
             self.fault = complaint
         if self._touching and (watch.fallen or not touching):
             self.finger.recall()
@@ -229,6 +234,8 @@ class ForceController:
             self._press(target_n, sensed_n, stood_m, elapsed_s)
         elif self.finger.felt:
             self._return(target_n, stood_m, elapsed_s)
+        elif target_n <= settings.release_n:
+            self._go(0.0, elapsed_s)
         elif target_n >= settings.touch_n:
             self._go(min(self.displacement_m + settings.approach_speed_m_s * elapsed_s, settings.reach_m), elapsed_s)
 

@@ -9,8 +9,8 @@ from hapticnet.control.finger import compressed
 ANSWER_N: Final = 0.06
 """A change of the sensed force [N] by which a sensor proves alive; several times its noise (about 10 mN a count)."""
 
-SILENT_N: Final = 0.8
-SILENT_FRACTION: Final = 0.25
+SILENT_N: Final = 0.6
+SILENT_FRACTION: Final = 0.2
 """A platform that moves so far that the known finger would change its force by this much, or by this share of it,
 must be answered. Beyond the sensor's hysteresis (10 %, data sheet) with room for a finger known badly."""
 
@@ -27,8 +27,12 @@ LEAP_N: Final = 0.3
 MOST_REVERSALS: Final = 3.0
 FORGIVEN: Final = 0.25
 """A force that leaps by so much forth and back from one control period to the next is no finger's: the servos take
-20 ms a frame and 20 to 40 ms of lag to turn round. So many such reversals are a fault; each period without one makes up
-for a part of one. An open input hums with the mains, 50 or 60 Hz, or is noise."""
+20 ms a frame and 20 to 40 ms of lag to turn round. Nor does one spread so far within a period while the platform hardly
+moves. So many such periods are a fault; each without makes up for a part of one. An open input hums with the mains, 50
+or 60 Hz, or is noise; what drifts or hums more slowly cannot be told from a finger."""
+
+STIFFEST_N_M: Final = 5000.0
+"""Stiffness [N/m] that explains a spread of the force by the platform's motion."""
 
 FALL_N: Final = 0.5
 FALL_FRACTION: Final = 0.3
@@ -81,7 +85,9 @@ class SensorWatch:
         """Note that nothing is asked for: whatever fell is forgiven, and the finger is met anew."""
         self._fell_m = math.inf
 
-    def notice(self, touching: bool, sensed_n: float, stood_m: float, compliance_m_n: float) -> str | None:
+    def notice(
+        self, touching: bool, sensed_n: float, stood_m: float, compliance_m_n: float, *, spread_n: float = 0.0
+    ) -> str | None:
         """Return what is wrong with the sensor, or None; called once a control period, before anything is learned.
 
         Parameters
@@ -93,9 +99,13 @@ class SensorWatch:
         compliance_m_n
             What is believed of the finger [m/N]. A stuck sensor spoils that belief: what counts is the one from when it
             answered last.
+        spread_n
+            Largest less smallest reading [N] within the period.
         """
         leap_n = sensed_n - self._newest_n
         reverses = abs(leap_n) > LEAP_N and abs(self._leap_n) > LEAP_N and leap_n * self._leap_n < 0.0
+        moved_m = abs(stood_m - self._recent_m[-1]) if self._recent_m else 0.0
+        reverses = reverses or spread_n > LEAP_N + STIFFEST_N_M * moved_m
         self._reversals = self._reversals + 1.0 if reverses else max(0.0, self._reversals - FORGIVEN)
         stood_before_m = max(self._recent_m, default=stood_m)
         falls = -leap_n > max(FALL_N, FALL_FRACTION * self._newest_n)
@@ -104,7 +114,8 @@ class SensorWatch:
         self._recent_m.append(stood_m)
         self._newest_n, self._leap_n = sensed_n, leap_n
         if self._reversals >= MOST_REVERSALS:
-            return f"the force leaps by {abs(leap_n):.1f} N forth and back: is the sensor connected?"
+            leapt_n = max(abs(leap_n), spread_n)
+            return f"the force leaps by {leapt_n:.1f} N forth and back: is the sensor connected?"
         return self._silence(touching, sensed_n, stood_m, compliance_m_n)
 
     def _silence(self, touching: bool, sensed_n: float, stood_m: float, compliance_m_n: float) -> str | None:

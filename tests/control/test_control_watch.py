@@ -22,7 +22,7 @@ def test_a_force_that_stays_while_the_platform_moves_is_noticed_after_about_a_ne
 ) -> None:
     noticed = moving(SensorWatch(), from_m=0.003, speed_m=speed_m, force_n=1.0, rise_n_m=0.0)
     assert noticed is not None
-    assert 0.7e-3 < noticed * abs(speed_m) < 1.5e-3
+    assert 0.5e-3 < noticed * abs(speed_m) < 1.5e-3
 
 
 @pytest.mark.parametrize("stiffness_n_m", [200.0, 1000.0, 3000.0])
@@ -44,7 +44,7 @@ def test_an_answer_starts_the_watch_anew() -> None:
     watch = SensorWatch()
     for turn in range(20):
         force_n = 1.0 + 1.5 * ANSWER_N * (turn % 2)
-        assert not any(watch.notice(True, force_n, 1e-3 * turn + 1e-5 * step, 1e-3) for step in range(60))
+        assert not any(watch.notice(True, force_n, 1e-3 * turn + 1e-5 * step, 1e-3) for step in range(45))
 
 
 @pytest.mark.parametrize("leap_n", [2.0 * LEAP_N, 3.0])
@@ -65,7 +65,7 @@ def test_a_leap_now_and_then_is_none() -> None:
 def test_a_platform_is_not_sent_further_than_a_silent_sensor_bears() -> None:
     watch = SensorWatch()
     watch.notice(True, 1.0, 0.003, 1e-3)
-    assert 0.003 + 0.7e-3 < watch.furthest_m < 0.003 + 1.2e-3
+    assert 0.003 + 0.5e-3 < watch.furthest_m < 0.003 + 1.2e-3
     watch.notice(False, 0.0, 0.003, 1e-3)
     watch.let_go()
     assert watch.furthest_m == float("inf")
@@ -91,3 +91,17 @@ def test_a_force_that_falls_because_the_platform_retreats_is_no_fall() -> None:
     for period in range(20):
         watch.notice(True, 4.0 - 0.9 * max(0, period - 16), 0.004 - 0.3e-3 * max(0, period - 16), 1e-3)
     assert not watch.fallen
+
+
+def test_a_force_that_spreads_within_a_period_while_the_platform_rests_is_an_open_input() -> None:
+    """Mains hum whose period is two control periods gives equal means, but not equal readings."""
+    watch = SensorWatch()
+    complaints = [watch.notice(True, 1.0, 0.003, 1e-3, spread_n=2.0 * LEAP_N) for _ in range(5)]
+    assert complaints[:2] == [None] * 2
+    assert complaints[2] is not None
+
+
+def test_a_stiff_finger_pressed_fast_spreads_as_far() -> None:
+    watch = SensorWatch()
+    for period in range(20):
+        assert watch.notice(True, 0.2 + 0.2 * period, 0.003 + 0.6e-3 * period, 1e-3, spread_n=2.0) is None

@@ -90,7 +90,7 @@ def test_neither_delay_nor_loss_brings_a_limit_cycle_or_more_than_the_device_lim
         for ms in range(6_500):
             fingertip.press(FROM_N if ms < 2_200 else 5.0, 1_000 * ms)
             true_n.append(nano.contact_force_n)
-    assert 4.4 < max(true_n) <= 5.0
+    assert 4.2 < max(true_n) <= 5.0
     # A servo may take a last step, and jitter of its pulse may stir it; a cycle would be larger, in every second.
     moved_n = np.ptp(np.array(true_n[-2_000:]).reshape(2, 1_000), axis=1)
     assert min(moved_n) <= 0.05

@@ -1,0 +1,252 @@
+"""What happens to the finger on a simulated device while the force loop presses it, and the largest force it feels."""
+
+import contextlib
+import itertools
+import math
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
+
+import numpy as np
+from packet_rate import say, show
+
+from hapticnet.control.finger import compressed
+from hapticnet.control.force import ForceControlSettings
+from hapticnet.control.limits import DEVICE_MAX_FORCE_N, LimitSettings
+from hapticnet.device.base import Reading
+from hapticnet.device.parts import Finger
+from hapticnet.device.plant import PlantSettings
+from hapticnet.device.simulated import SimulatedDevice, loading_calibration
+from hapticnet.node.fingertip import Fingertip
+from hapticnet.runtime.nano import Disturbance, SensorHook, SimulatedNano
+
+FROM_N, TO_N = 0.4, 2.0
+TICK_US = 1000
+SEED_SHIFT_US = 3000
+"""By how much later [µs] each seed begins, and its step or what else happens once more: elsewhere in servo frame and
+control period."""
+
+MAINS_HZ = 50.0
+
+Row = dict[str, Any]
+
+
+class LateDevice(SimulatedDevice):
+    """A simulated device that is told late, and whose sensor may be broken, as those of a `SimulatedNano`."""
+
+    def __init__(self, settings: PlantSettings, rng: np.random.Generator, delay_ms: int) -> None:
+        super().__init__(settings, rng)
+        self.sensor: SensorHook | None = None
+        self._under_way = deque([0.0] * delay_ms)
+        self._newtons = loading_calibration(settings.sensor).force_n
+
+    def exchange(self, displacement_m: float, now_us: int) -> Reading:
+        self._under_way.append(displacement_m)
+        reading = super().exchange(self._under_way.popleft(), now_us)
+        if self.sensor is None:
+            return reading
+        counts = self.sensor(reading.adc, now_us)
+        return reading._replace(adc=counts, force_n=self._newtons(counts))
+
+
+Simulated: TypeAlias = LateDevice | SimulatedNano
+
+
+@contextlib.contextmanager
+def started(
+    kind: str, settings: PlantSettings, seed: int, *, delay_ms: int = 0, loss: float = 0.0
+) -> Iterator[tuple[Simulated, int]]:
+    """Yield a device that gives readings, and the time [µs] to go on at."""
+    with contextlib.ExitStack() as stack:
+        rng = np.random.default_rng(seed)
+        device: Simulated = (
+            LateDevice(settings, rng, delay_ms)
+            if kind == "sim"
+            else stack.enter_context(
+                SimulatedNano(settings, rng, disturbance=Disturbance(delay_us=1000 * delay_ms, loss=loss))
+            )
+        )
+        now_us = 0
+        while device.exchange(0.0, now_us) is None:
+            now_us += TICK_US
+        yield device, now_us + TICK_US + SEED_SHIFT_US * seed
+
+
+Event: TypeAlias = tuple[float, Callable[[Simulated, Finger], None]]
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """A target over time [s], how long it is followed [s], and what happens meanwhile."""
+
+    target_n: Callable[[float], float]
+    seconds: int
+    events: tuple[Event, ...] = ()
+
+
+def sine(hertz: float) -> Scenario:
+    """Six seconds between 0 and 5 N, then the middle."""
+    return Scenario(lambda s: 2.5 + (2.5 * math.sin(2.0 * math.pi * hertz * s) if s < 6.0 else 0.0), 10)
+
+
+def put(**changes: float) -> Callable[[Simulated, Finger], None]:
+    """Put a finger in that differs from the first by these factors."""
+
+    def happen(device: Simulated, finger: Finger) -> None:
+        scaled = {name: factor * getattr(finger, name) for name, factor in changes.items()}
+        device.plant.exchange_finger(replace(finger, **scaled))
+
+    return happen
+
+
+def broken(hook: SensorHook) -> Callable[[Simulated, Finger], None]:
+    """Break the sensor."""
+
+    def happen(device: Simulated, _: Finger) -> None:
+        place = device.board if isinstance(device, SimulatedNano) else device
+        place.sensor = hook
+
+    return happen
+
+
+def freeze(device: Simulated, finger: Finger) -> None:
+    """Let the sensor give for ever what it gives now."""
+    kept: list[float] = []
+
+    def hook(counts: float, _: int) -> float:
+        kept.append(counts)
+        return kept[0]
+
+    broken(hook)(device, finger)
+
+
+def hum(_: float, now_us: int) -> float:
+    """Return what an open input gives [counts]: the mains."""
+    return 400.0 + 300.0 * math.sin(2e-6 * math.pi * MAINS_HZ * now_us)
+
+
+DOUBLED_AT_2_N = "twice as stiff at 2 N"
+SCENARIOS = {
+    "step 0.4 to 5 N": Scenario(lambda s: FROM_N if s < 2.5 else 5.0, 8),
+    "ramp of 1 N/s to 5 N": Scenario(lambda s: min(s, 5.0), 9),
+    "sine 0.5 Hz": sine(0.5),
+    "sine 1 Hz": sine(1.0),
+    "sine 3 Hz": sine(3.0),
+    "withdrawn and back": Scenario(lambda _: 2.0, 10, ((3.0, put(contact_m=10.0)), (5.0, put()))),
+    "twice as stiff at 1.5 N": Scenario(lambda _: 1.5, 9, ((4.0, put(stiffness_n_m=2.0)),)),
+    DOUBLED_AT_2_N: Scenario(lambda _: 2.0, 9, ((4.0, put(stiffness_n_m=2.0)),)),
+    "sensor at 0 from the start": Scenario(lambda _: 5.0, 7, ((0.0, broken(lambda *_: 0.0)),)),
+    "sensor at 0 while pressing": Scenario(lambda _: 5.0, 8, ((3.0, broken(lambda *_: 0.0)),)),
+    "sensor at full scale": Scenario(lambda _: 5.0, 8, ((3.0, broken(lambda *_: 1023.0)),)),
+    "sensor frozen, 1 to 3 N": Scenario(lambda s: 1.0 if s < 3.5 else 3.0, 8, ((3.0, freeze),)),
+    "sensor frozen, 3 to 5 N": Scenario(lambda s: 3.0 if s < 3.5 else 5.0, 8, ((3.0, freeze),)),
+    "sensor falls to half its counts": Scenario(lambda _: 5.0, 8, ((3.0, broken(lambda counts, _: 0.5 * counts)),)),
+    "input open, 50 Hz hum": Scenario(lambda _: 3.0, 8, ((3.0, broken(hum)),)),
+}
+
+
+def played(
+    settings: PlantSettings,
+    control: ForceControlSettings,
+    target_n: Callable[[float], float],
+    seconds: int,
+    delay_ms: int,
+    seed: int,
+    *,
+    kind: str = "sim",
+    loss: float = 0.0,
+    events: tuple[Event, ...] = (),
+) -> tuple[np.ndarray, str | None]:
+    """Return the true force [N] tick by tick, and why the loop gave up, if it did."""
+    true_n = np.empty(1000 * seconds)
+    with started(kind, settings, seed, delay_ms=delay_ms, loss=loss) as (device, start_us):
+        fingertip = Fingertip(device, LimitSettings(), control)
+        fault = None
+        # A seed later in the control period, too: what happens inside one is averaged with what was before.
+        to_come = [(at_s + 1e-6 * SEED_SHIFT_US * seed, happen) for at_s, happen in events]
+        for tick in range(len(true_n)):
+            while to_come and tick >= 1000 * to_come[0][0]:
+                to_come.pop(0)[1](device, settings.finger)
+            fingertip.press(target_n(1e-3 * tick), start_us + TICK_US * tick)
+            true_n[tick] = device.contact_force_n
+            fault = fault or fingertip.controller.fault
+    return true_n, fault
+
+
+def at_rest(true_n: np.ndarray) -> bool:
+    """Tell whether the force moved in one of the last three seconds at most: a servo may take a step now and then."""
+    return int((np.ptp(true_n[-3000:].reshape(3, 1000), axis=1) > 0.02).sum()) <= 1
+
+
+def largest_rows(
+    kind: str, fingers_n_m: tuple[float, ...], disturbances: list[tuple[int, float]], seeds: range
+) -> list[Row]:
+    """Return the largest true force in each scenario, on each finger, with each delay and loss."""
+    rows = []
+    for name, scenario in SCENARIOS.items():
+        for stiffness_n_m, (delay_ms, loss) in itertools.product(fingers_n_m, disturbances):
+            settings = PlantSettings(finger=Finger(stiffness_n_m=stiffness_n_m))
+            runs = [
+                played(
+                    settings, ForceControlSettings(), scenario.target_n, scenario.seconds, delay_ms, seed,
+                    kind=kind, loss=loss, events=scenario.events,
+                )
+                for seed in seeds
+            ]  # fmt: skip
+            rows.append(
+                {
+                    "scenario": name,
+                    "stiffness_n_m": stiffness_n_m,
+                    "delay_ms": delay_ms,
+                    "loss": loss,
+                    "max_n": max(float(true_n.max()) for true_n, _ in runs),
+                    "above_limit_ms": max(int((true_n > DEVICE_MAX_FORCE_N).sum()) for true_n, _ in runs),
+                    "at_rest": all(at_rest(true_n) for true_n, _ in runs),
+                    "end_n": [round(float(true_n[-1]), 3) for true_n, _ in runs],
+                    "faults": sorted({fault for _, fault in runs if fault}),
+                }
+            )
+    return rows
+
+
+def print_largest(rows: list[Row]) -> None:
+    """Print the largest forces, over all delays and losses."""
+    fingers_n_m = list(dict.fromkeys(row["stiffness_n_m"] for row in rows))
+    lines = []
+    for scenario in SCENARIOS:
+        own = [row for row in rows if row["scenario"] == scenario]
+        line = {"scenario": scenario}
+        for stiffness_n_m in fingers_n_m:
+            cells = [row for row in own if row["stiffness_n_m"] == stiffness_n_m]
+            line[f"{stiffness_n_m / 1000:g} N/mm"] = format(max(row["max_n"] for row in cells), ".2f")
+        line["at rest"] = f"{sum(row['at_rest'] for row in own)} of {len(own)}"
+        lines.append(line)
+    print_table(lines)
+    disturbances = list(dict.fromkeys((row["delay_ms"], row["loss"]) for row in rows))
+    say(
+        "Largest true force [N] over the seeds and "
+        + ", ".join(f"{delay_ms} ms" + (f" with {loss:.0%} loss" if loss else "") for delay_ms, loss in disturbances)
+        + " of delay; at rest at the end."
+    )
+    doubled = [row for row in rows if row["scenario"] == DOUBLED_AT_2_N]
+    longest = ", ".join(
+        f"{max(row['above_limit_ms'] for row in doubled if (row['delay_ms'], row['loss']) == each)} ms"
+        for each in disturbances
+    )
+    say(
+        f"A finger that is twice as stiff all at once at 2 N feels {struck_n():.2f} N before anything can react. Above"
+        f" {DEVICE_MAX_FORCE_N:g} N for {longest} at most, in the same order."
+    )
+
+
+def struck_n() -> float:
+    """Return the force [N] of a finger that turned twice as stiff at 2 N."""
+    soft = Finger()
+    stood_m = soft.contact_m + compressed(2.0) / soft.stiffness_n_m
+    return Finger(stiffness_n_m=2.0 * soft.stiffness_n_m).force_n(stood_m)
+
+
+def print_table(lines: list[Row]) -> None:
+    """Print a table of what is formatted already."""
+    show([(key, key, "") for key in lines[0]], lines)
