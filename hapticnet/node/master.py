@@ -153,8 +153,9 @@ class MasterNode:
     def drive(self, now_us: int) -> None:
         """Bring the device one step nearer to the held force."""
         if self._heard_us is not None:
-            # The stimulus of the position whose answer would come now, as long after the newest one as now is.
-            at_us = self._heard_t_us + now_us - self._heard_us
+            # The stimulus of the newest position to whose answer the slave has had its chance: what is drawn on from an
+            # older one is not yet contradicted. The answer to the position after that comes within this period.
+            at_us = self._heard_t_us + max(0, now_us - self._heard_us - self.period_us)
             self._hold.follow(self._decoder.reconstruct(at_us, self._at_m))
         held_n = self._hold.value(now_us)[0]
         fingertip = self._fingertip

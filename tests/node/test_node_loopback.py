@@ -57,6 +57,23 @@ def test_the_master_holds_what_the_slave_believes_it_holds_at_every_tick(loopbac
     assert (master["held_n"][order[:-1] + 1] == slave["held_n"][:-1]).all()
 
 
+@pytest.mark.parametrize("codec", ["deadband", "adaptive-predictive", "linear-predictive", "least-squares"])
+@pytest.mark.parametrize("delay_ms", [0, 5])
+def test_no_sample_is_felt_that_the_slave_had_no_chance_to_object_to(loopback, codec, delay_ms):
+    """What extrapolates is held against the force one round trip and one tick ago: never a JND apart."""
+    network = f"delay={delay_ms}ms" if delay_ms else "perfect"
+    link = loopback(forward=network, feedback=network, settings=MasterSettings(codec=codec, record=True))
+    link.run(5 * SECOND)
+    slave, master = link.slave.stations[0].recording.table(), link.master.recording.table()
+    late_us = (2 * delay_ms + 1) * 1_000
+    answered = np.isin(master["t_us"] - late_us, slave["t_us"])
+    true_n = slave["force_n"][np.searchsorted(slave["t_us"], master["t_us"][answered] - late_us)]
+    held_n = master["held_n"][answered]
+    assert answered.sum() > 4_000
+    assert true_n.max() > 3.0
+    assert (np.abs(true_n - held_n) <= link.master.settings.law.jnds_n(np.abs(held_n)) + 1e-12).all()
+
+
 @pytest.mark.parametrize(
     "network",
     [
