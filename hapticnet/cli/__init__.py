@@ -40,6 +40,8 @@ def main() -> None:
     """Run the command line. Errors are one line on stderr and exit code 2; never a traceback."""
     try:
         code = app(standalone_mode=False)
+        if sys.stdout is not None:
+            sys.stdout.flush()
     except HapticnetError as error:
         complain(str(error))
         code = 2
@@ -48,6 +50,10 @@ def main() -> None:
     except BrokenPipeError:  # whoever read our output has gone
         abandon(sys.stdout)
         code = 1
+    except OSError as error:  # print() met a full disk
+        abandon(sys.stdout)
+        complain(f"output cannot be written: {error.strerror or error}")
+        code = 2
     except Exception as error:
         if not hasattr(error, "format_message"):  # what the argument parser raises
             raise

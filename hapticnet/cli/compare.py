@@ -57,8 +57,11 @@ def compare(
 
     from hapticnet.channel.quantities import parse_share
     from hapticnet.cli.console import Console, make_folder
+    from hapticnet.errors import SettingsError
     from hapticnet.experiment.comparison import compare as compare_codecs
 
+    if not traces and (column or position or rate):
+        raise SettingsError("--column, --position and --rate say how to read a TRACE, and none is named")
     chosen = _codecs(codecs, thresholds, weber, floor)
     lost = parse_share(loss)
     trials = [_trial(file, column, position, position_scale, rate) for file in traces] if traces else [_paper(seed)]
@@ -102,11 +105,17 @@ def _codecs(names: str | None, thresholds: str, weber: float, floor: float) -> "
 
 
 def _trial(file: Path, column: str | None, position: str | None, position_scale: float, rate: float | None) -> "Trial":
-    from hapticnet.errors import SettingsError
+    import numpy as np
+
+    from hapticnet.errors import FileError, SettingsError
     from hapticnet.experiment.comparison import Trial
     from hapticnet.experiment.recordings import load_recording
 
     force = load_recording(file, columns=column.split(",") if column else None, rate_hz=rate)
+    if len(force.t_us) > 1 and not (np.diff(force.t_us) >= 0).all():
+        raise FileError(f"{file}: time goes backwards; the samples must be in order")
+    if len(force.t_us) < 2 or force.t_us[-1] == force.t_us[0]:
+        raise FileError(f"{file}: {len(force.t_us)} samples over no time; two at different times are needed")
     where = None
     if position is not None:
         where = position_scale * load_recording(file, columns=position.split(","), rate_hz=rate).values

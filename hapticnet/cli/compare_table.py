@@ -21,9 +21,9 @@ def print_rows(rows: Sequence[Row], loss: float) -> None:
     console.width = max(console.width, NARROWEST)
     for (trial, multiplier), block in groupby(rows, key=lambda row: (row.trial, row.multiplier)):
         table = Table(title=f"{trial}, threshold {multiplier:g} JND", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
-        table.add_column("codec")
+        table.add_column("codec", no_wrap=True)
         for heading, _ in _COLUMNS:
-            table.add_column(heading, justify="right")
+            table.add_column(heading, justify="right", no_wrap=True)
         for row in block:
             table.add_row(_name(row), *(cell(row) for _, cell in _COLUMNS))
         for name, packets in (("optimum, hold", row.limits.holds), ("optimum, lines", row.limits.lines)):

@@ -72,6 +72,8 @@ def deliver(report: Mapping[str, Any], *, as_json: bool, file: Path | None) -> N
     """
     text = json.dumps(report, indent=2) + "\n"
     try:
+        if sys.stdout is None:
+            return
         sys.stdout.write(text if as_json else "\n".join(_lines(report)) + "\n")
         sys.stdout.flush()
     except BrokenPipeError:

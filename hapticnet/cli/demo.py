@@ -39,9 +39,12 @@ def demo(
     from hapticnet.experiment.demo import play_conditions, results
     from hapticnet.experiment.figures import draw_bytes_per_penetration, draw_force_stretch
     from hapticnet.perception import WeberLaw
+    from hapticnet.runtime.simavr import simavr_build
 
     name, parameters = parse_codec(codec)
     make_codec(name, WeberLaw(), parameters)  # what cannot be is better said at once
+    if device.startswith("simavr"):
+        simavr_build()
     make_folder(out)
     check_writable(out / "demo.json")
     # Python does not clean up after SIGTERM by itself; this way the two processes are ended before we are.

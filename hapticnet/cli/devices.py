@@ -96,6 +96,7 @@ def control_settings(profile: "Profile") -> "ForceControlSettings":
 
 def _parse(text: str) -> "tuple[str, PlantSettings | None]":
     """Return the kind of device and, where it is simulated, its plant."""
+    from hapticnet.control.finger import SOFTEST_N_M, STIFFEST_N_M
     from hapticnet.device.parts import Finger
     from hapticnet.device.plant import PlantSettings
     from hapticnet.errors import SettingsError
@@ -113,6 +114,11 @@ def _parse(text: str) -> "tuple[str, PlantSettings | None]":
         raise SettingsError(
             f"stiffness {stiffness!r} of device {text!r} must be a number of N/mm, as in sim:0.3"
         ) from None
+    if not SOFTEST_N_M <= 1000.0 * n_per_mm <= STIFFEST_N_M:
+        raise SettingsError(
+            f"stiffness of device {text!r} must be {SOFTEST_N_M / 1000.0:g} to {STIFFEST_N_M / 1000.0:g} N/mm, "
+            "as fingers have"
+        )
     return kind, PlantSettings(finger=Finger(stiffness_n_m=1000.0 * n_per_mm))
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from hapticnet.control.finger import FingerSettings, compressed
+from hapticnet.control.finger import SOFTEST_N_M, STIFFEST_N_M, FingerSettings, compressed
 from hapticnet.control.force import ForceControlSettings
 from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.node.fingertip import Fingertip
@@ -21,11 +21,20 @@ if TYPE_CHECKING:
 STEP_COLUMNS: Final = ("t_us", "target_n", "sensed_n", "true_n", "stood_m", "sent_m")
 
 LONGEST_ABSENCE_US: Final = 5_000_000
-"""How long [µs] a procedure waits for a device that gives no readings: a Nano's bootloader takes one to two seconds."""
+"""How long [µs] a procedure waits for a device's first reading: a Nano's bootloader takes one to two seconds."""
+
+LONGEST_LOSS_US: Final = 500_000
+"""How long [µs] it goes on when there are none any more."""
+
+LONGEST_SEARCH_US: Final = 10_000_000
+"""How long [µs] a finger is looked for: several times the whole way of the platform."""
 
 TUNING_FORCES_N: Final = (0.5, 0.8, 1.2, 1.6, 2.0)
 """Forces [N] at which a finger is got to know: rising only, so that neither the gears' play nor the sensor's hysteresis
 comes in between, and no more than the paper's step."""
+
+LEAST_SPAN_N: Final = 0.3
+"""Forces [N] that lie closer together say nothing of a stiffness."""
 
 REST_US: Final = 1_200_000
 """How long [µs] each is held; the mean of the last half counts."""
@@ -56,7 +65,7 @@ class _Procedure:
                 self._start_us = now_us
         elif self._absent_since_us is None:
             self._absent_since_us = now_us
-        elif now_us - self._absent_since_us > LONGEST_ABSENCE_US:
+        elif now_us - self._absent_since_us > (LONGEST_ABSENCE_US if self._start_us is None else LONGEST_LOSS_US):
             raise UnavailableError(f"no readings from the device: {fingertip.device.status}")
         return None if self._start_us is None else now_us - self._start_us
 
@@ -152,6 +161,10 @@ class Tuning(_Procedure):
     def __init__(self, fingertip: Fingertip, *, max_force_n: float = TUNING_FORCES_N[-1]) -> None:
         super().__init__(fingertip)
         self._forces_n = [force_n for force_n in TUNING_FORCES_N if force_n <= max_force_n]
+        if not max_force_n <= fingertip.device.max_force_n:
+            raise SettingsError(
+                f"tuning is allowed {max_force_n} N; the device renders {fingertip.device.max_force_n:g} at most"
+            )
         if len(self._forces_n) < 3:
             raise SettingsError(
                 f"tuning with {max_force_n} N at most leaves too few points; allow {TUNING_FORCES_N[2]:g} N at least"
@@ -166,7 +179,7 @@ class Tuning(_Procedure):
         if self._touched_us is None:
             if fingertip.controller.finger.felt:
                 self._touched_us = now_us
-            elif elapsed_us is not None and fingertip.displacement_m >= fingertip.device.travel_m:
+            elif elapsed_us is not None and elapsed_us > LONGEST_SEARCH_US:
                 raise UnavailableError("no finger felt on the whole way of the platform: is one in the device?")
             fingertip.press(self._forces_n[0], now_us)
             return False
@@ -186,6 +199,11 @@ class Tuning(_Procedure):
             raise UnavailableError("the device was lost while the finger was being pressed; try again")
         forces_n, displacements_m = (self._sums[:, 1:] / self._sums[:, :1]).T
         compressions = np.array([compressed(float(force_n)) for force_n in forces_n])
+        if np.ptp(forces_n) < LEAST_SPAN_N:
+            raise UnavailableError(
+                f"the finger was pressed with {forces_n.min():.2f} to {forces_n.max():.2f} N only: is one in the "
+                "device, and does the sensor feel it?"
+            )
         compliance_m_n, contact_m = (float(value) for value in np.polyfit(compressions, displacements_m, 1))
         if not compliance_m_n > 0.0:
             raise UnavailableError("the force does not rise while the platform advances: is a finger in the device?")
@@ -212,7 +230,7 @@ def known_finger(settings: ForceControlSettings, *, stiffness_n_m: float, contac
     beyond_m = ForceControlSettings().reach_m - ASSUMED_CONTACT_M
     finger = replace(
         settings.finger,
-        stiffness_n_m=stiffness_n_m,
+        stiffness_n_m=min(max(stiffness_n_m, SOFTEST_N_M), STIFFEST_N_M),
         uncertainty=min(settings.finger.uncertainty, FingerSettings().largest_uncertainty),
     )
     return replace(settings, finger=finger, reach_m=max(0.0, contact_m) + beyond_m)

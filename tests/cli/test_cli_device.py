@@ -15,6 +15,7 @@ from serial.tools import list_ports
 from hapticnet.cli.device.find import find
 from hapticnet.cli.device.monitor import Summary
 from hapticnet.device.messages import PROTOCOL_MAJOR
+from hapticnet.device.profile import load_profile
 from hapticnet.runtime import serial_port
 from tests.cli.test_cli_errors import ROOT, assert_one_line, hapticnet
 from tests.device.standin import StandIn
@@ -134,3 +135,51 @@ def test_a_summary_is_mean_and_sample_deviation():
     assert said["deviation_n"] == pytest.approx(math.sqrt(7.0 / 3.0))
     assert said["readings_per_s"] == pytest.approx(1000.0)
     assert said["mean_counts"] == pytest.approx(70.0 / 3.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (("step", "sim:10"), "0.2 to 5 N/mm"),
+        (("step", "sim", "--plot", "x.xyz"), "must end in .png"),
+        (("step", "sim", "--from", "1", "--to", "9"), "between 0 and 5"),
+        (("tune", "sim", "--max-force", "99"), "renders 5 at most"),
+        (("tune", "none"), "unknown device 'none'"),
+    ],
+)
+def test_what_no_finger_bears_is_refused_in_one_line(arguments, complaint, tmp_path):
+    done = hapticnet("device", *arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert complaint in done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stdout == ""
+
+
+def test_step_reports_figures_and_draws_a_picture(tmp_path):
+    done = hapticnet(
+        "device", "step", "sim:0.6", "--json", "--csv", tmp_path / "step.csv", "--plot", tmp_path / "s.png"
+    )
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    assert 0.0 < report["true"]["rise_s"] <= 0.2
+    assert report["true"]["settling_s"] <= 0.35
+    assert abs(report["sensed"]["steady_error_n"]) <= 0.05
+    assert (tmp_path / "s.png").stat().st_size > 10_000
+    assert "target_n" in (tmp_path / "step.csv").read_text().splitlines()[0]
+
+
+def test_a_step_that_is_never_felt_is_no_success(tmp_path):
+    done = hapticnet("device", "step", "sim", "--from", "0", "--to", "0.05", "--plot", tmp_path / "s.png")
+    assert done.returncode == 2
+    assert "the step was never made" in done.stderr
+
+
+def test_tune_finds_the_finger_and_writes_it_into_the_profile(tmp_path):
+    profile = tmp_path / "device.toml"
+    done = hapticnet("device", "tune", "sim:0.3", "--out", profile, "--json")
+    report = json.loads(done.stdout)
+    assert report["stiffness_n_m"] == pytest.approx(300.0, rel=0.1)
+    assert report["margins"]["gain"] > 2.0
+    assert load_profile(profile).finger.stiffness_n_m == pytest.approx(report["stiffness_n_m"])
+    done = hapticnet("device", "step", "sim:0.3", "--profile", profile, "--json", "--plot", tmp_path / "s.png")
+    assert json.loads(done.stdout)["true"]["rise_s"] <= 0.2

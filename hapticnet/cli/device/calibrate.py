@@ -141,8 +141,10 @@ class CalibrationSession:
         force_n, self._force_n = self._force_n, None
         mean = self._sum / self._readings
         self.pairs.append((force_n, mean))
-        saturated = " (saturated: it will be left out)" if mean > FULL_SCALE_COUNTS - 1.0 else ""
-        return f"pair {len(self.pairs)}: {force_n:g} N, {mean:.1f} counts{saturated}"
+        remark = " (saturated: it will be left out)" if mean > FULL_SCALE_COUNTS - 1.0 else ""
+        if mean == 0.0 < force_n:
+            remark = " (the sensor reads nothing: is it wired, and pressed?)"
+        return f"pair {len(self.pairs)}: {force_n:g} N, {mean:.1f} counts{remark}"
 
 
 def _read(file: Path) -> Pairs:

@@ -29,9 +29,14 @@ def drive(text: str, profile: Path | None, seed: int, prepare: "Callable[[Device
             while not tick(now_us):
                 now_us += TICK_US
             return device
+    from hapticnet.cli.console import Console
     from hapticnet.runtime.device_run import run_device
     from hapticnet.runtime.realtime import run
 
+    console = Console("device")
+    console.say(f"opening {text}, which will press the finger; draw it away or press Ctrl-C to end")
+    if known.is_generic:
+        console.say("the force sensor is not calibrated (see hapticnet device calibrate); forces may be far off")
     with devices.real_time_device(text, known, seed) as (device, wire):
         assert wire is not None  # noqa: S101 - what is not simulated is on a wire
         if not run(run_device(wire.wired, wire.spec, prepare(device))):

@@ -36,13 +36,15 @@ def step(
     from hapticnet.cli.console import Console, check_writable, deliver
     from hapticnet.cli.device.driving import drive
     from hapticnet.control.limits import LimitSettings
-    from hapticnet.errors import UnavailableError
+    from hapticnet.errors import SettingsError, UnavailableError
     from hapticnet.experiment.step_response import plot_step, step_figures
     from hapticnet.node.fingertip import Fingertip
     from hapticnet.node.procedures import StepTest
     from hapticnet.tables import write_csv
 
     control = devices.control_settings(devices.load(profile))
+    if plot.suffix not in (".png", ".pdf", ".svg"):
+        raise SettingsError(f"picture {plot} must end in .png, .pdf or .svg")
     for file in (plot, csv):
         check_writable(file)
     tests: list[StepTest] = []
@@ -63,6 +65,7 @@ def step(
             account[name] = asdict(step_figures(t_s, force_n, at_s=at_s, from_n=from_n, to_n=to_n))
     account["fingertip"] = tests[0].fingertip.report()
     deliver(account, as_json=json, file=None)
+    console = Console("step")
     try:
         plot_step(
             plot,
@@ -73,7 +76,13 @@ def step(
             title=made.description,
         )
     except UnavailableError as error:
-        Console("step").say(str(error))
+        console.say(str(error))
+    else:
+        console.say(f"picture: {plot}")
+    if account["sensed"]["rise_s"] is None:
+        raise UnavailableError(
+            f"the step was never made: {forces['sensed'][-1]:.2f} N of {to_n:g} N were felt at the end"
+        )
 
 
 def _averaged(force_n: "FloatArray", samples: int) -> "FloatArray":

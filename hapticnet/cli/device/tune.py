@@ -61,7 +61,7 @@ def tune(
     if file is not None:
         write_text(file, dump_profile(tuned_profile))
     control = devices.control_settings(tuned_profile)
-    margins = loop_margins(control, Actuator(), force_n=max_force, stiffness=1.0)
+    margins = loop_margins(control, Actuator(), force_n=tuned.forces_n[-1], stiffness=1.0)
     points = [
         {"force_n": force_n, "displacement_m": displacement_m}
         for force_n, displacement_m in zip(tuned.forces_n, tuned.displacements_m, strict=True)

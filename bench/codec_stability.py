@@ -1,0 +1,283 @@
+"""Numerical stability of every codec: on hard signals, through loss, and over runs of 1e8 samples.
+
+Signals: the largest error in thresholds (around the applied force), packets and payload, with a moving hand, with and
+without the floor of Weber's law; and whether encoder and decoder are in step at the end, to the bit. Loss: the paper's
+scene through a channel that loses updates and repairs after 20 ms. Long runs: the streaming pair for as long as it is
+given, and the compiled deadband over 1e8.
+"""
+
+import argparse
+import statistics
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import record
+from codec_trials import PERIOD_US, hand_force, in_step, trials
+
+from hapticnet.codec.arrays import fast_extra_installed
+from hapticnet.codec.base import Codec, Encoding, FloatArray
+from hapticnet.codec.deadband import Deadband
+from hapticnet.codec.metrics import error_report
+from hapticnet.codec.registry import CODECS, make_codec
+from hapticnet.codec.streamed import encode_lossy, encode_streamed
+from hapticnet.experiment.comparison import REPAIR_US, Trial
+from hapticnet.experiment.paper_force import paper_recording
+from hapticnet.perception import WeberLaw
+
+Row = dict[str, Any]
+
+LAW = WeberLaw()
+LAWS = {"floor": LAW, "no floor": WeberLaw(floor_n=0.0)}
+SMALLEST_THRESHOLD_N = 1e-290
+"""What a threshold of nothing counts as, so that quotients stay finite."""
+
+LOSSES = (0.0, 0.05, 0.1, 0.3)
+BLOCK_SAMPLES = 100_000
+HEADER_LETTERS = 11
+"""Letters of a codec's name that tell it from the others."""
+
+
+def on_signals(samples: int, seed: int) -> list[Row]:
+    """Return a row for every law, signal and codec."""
+    named: dict[str, list[Trial]] = {}
+    for trial in trials(samples, np.random.default_rng(seed)):
+        named.setdefault(trial.name, []).append(trial)
+    return [
+        {"law": law_name, "signal": name, "codec": codec, **on_signal(each, make_codec(codec, law))}
+        for law_name, law in LAWS.items()
+        for name, each in named.items()
+        for codec in CODECS
+    ]
+
+
+def on_signal(recordings: Sequence[Trial], codec: Codec) -> Row:
+    """Return what a codec makes of the recordings of one name."""
+    encodings = [codec.encode_array(trial.t_us, trial.stimuli, trial.positions) for trial in recordings]
+    sizes = np.concatenate([encoding.payload_bytes for encoding in encodings])
+    errors = [in_thresholds(codec, *pair) for pair in zip(recordings, encodings, strict=True)]
+    return {
+        "samples": sum(len(trial.t_us) for trial in recordings),
+        "packets": len(sizes),
+        "payload_bytes_mean": float(sizes.mean()),
+        "payload_bytes_max": int(sizes.max()),
+        "max_error_thresholds": max(errors),
+        "in_step": all(ends_in_step(codec, trial) for trial in recordings),
+    }
+
+
+def in_thresholds(codec: Codec, trial: Trial, encoding: Encoding) -> float:
+    """Return the largest distance of the applied stimulus from the true one, in thresholds around the applied one."""
+    thresholds = codec.law.thresholds_n(np.abs(encoding.decoded))
+    return float(np.max(np.abs(trial.stimuli - encoding.decoded) / np.maximum(thresholds, SMALLEST_THRESHOLD_N)))
+
+
+def ends_in_step(codec: Codec, trial: Trial) -> bool:
+    """Tell whether encoder and decoder are in step after a recording that a resting hand felt."""
+    encoder, decoder = codec.encoder(1), codec.decoder(1)
+    for t_us, (x,) in zip(trial.t_us.tolist(), trial.stimuli.tolist(), strict=True):
+        payload = encoder.encode(t_us, (x,))
+        if payload is not None:
+            decoder.decode(t_us, payload)
+    return in_step(encoder, decoder, codec.law, int(trial.t_us[-1]), float(trial.stimuli[-1, 0]))
+
+
+def through_loss(codecs: Sequence[Codec], seeds: Sequence[int], insertions: int | None) -> list[Row]:
+    """Return a row for every codec and share of updates lost, over the paper's scene of all seeds."""
+    scenes = [paper_recording(seed, insertions=insertions) for seed in seeds]
+    true = np.concatenate([scene.force_n for scene in scenes])
+    rows = []
+    for codec in codecs:
+        for loss in LOSSES:
+            decoded, waits_ms, packets = [], [], 0
+            for seed, scene in zip(seeds, scenes, strict=True):
+                channel = np.random.default_rng([seed, round(100 * loss)])
+                encoding, received = encode_lossy(
+                    codec, scene.t_us, scene.force_n, scene.position_m, loss=loss, repair_us=REPAIR_US, rng=channel
+                )
+                decoded.append(encoding.decoded)
+                waits_ms += recoveries_ms(scene.t_us.tolist(), encoding.sent.tolist(), set(received.tolist()))
+                packets += len(encoding.sent)
+            error = error_report(LAW, true, np.concatenate(decoded))
+            rows.append(
+                {
+                    "codec": codec.name,
+                    "loss": loss,
+                    "packets": packets,
+                    "exceed_jnd_fraction": error.exceed_jnd_fraction,
+                    "max_error_n": error.max_error_n,
+                    "recoveries": len(waits_ms),
+                    "recovery_ms_median": statistics.median(waits_ms) if waits_ms else 0.0,
+                    "recovery_ms_max": max(waits_ms, default=0.0),
+                }
+            )
+    return rows
+
+
+def recoveries_ms(t_us: Sequence[int], sent: Sequence[int], received: set[int]) -> list[float]:
+    """Return how long it took, from each update that was lost while all was well, to the next one taken in."""
+    waits_ms = []
+    since_us: int | None = None
+    for index in sent:
+        if index not in received:
+            since_us = t_us[index] if since_us is None else since_us
+        elif since_us is not None:
+            waits_ms.append((t_us[index] - since_us) / 1e3)
+            since_us = None
+    return waits_ms
+
+
+def force_blocks(seed: int) -> Iterator[FloatArray]:
+    """Yield a force without end: hands, through zero, with spikes that sums would remember, and blocks near zero."""
+    rng = np.random.default_rng(seed)
+    while True:
+        force = hand_force(BLOCK_SAMPLES, rng) - rng.uniform(0.0, 3.0)
+        force[rng.integers(0, BLOCK_SAMPLES, 5)] += 1e5
+        yield force * rng.choice([1.0, 1.0, 1.0, 1e-3])
+
+
+def stream_for(codec: Codec, seconds: float, most_samples: int, seed: int) -> Row:
+    """Stream blocks for so long [s] or so many samples, looking at every sample, and for drift after every block."""
+    encoder, decoder = codec.encoder(1), codec.decoder(1)
+    encode, decode, reconstruct = encoder.encode, decoder.decode, decoder.reconstruct
+    weber, floor_n = LAW.weber_fraction, LAW.floor_n
+    t_us = samples = packets = exceeding = out_of_step = 0
+    ends_s = time.monotonic() + seconds
+    for block in force_blocks(seed):
+        for x in block.tolist():
+            t_us += PERIOD_US
+            payload = encode(t_us, (x,))
+            if payload is not None:
+                packets += 1
+                decode(t_us, payload)
+            (applied,) = reconstruct(t_us)
+            error = abs(x - applied)
+            exceeding += not (error <= floor_n or error <= weber * abs(applied))
+        samples += len(block)
+        out_of_step += not in_step(encoder, decoder, LAW, t_us, x)
+        if samples >= most_samples or time.monotonic() >= ends_s:
+            break
+    return long_row(codec, "streaming", samples, packets, exceeding, out_of_step)
+
+
+def whole_array(samples: int, seed: int) -> Row:
+    """Encode so many samples with the deadband in one call; its end must be what a streaming pair makes of it."""
+    codec = Deadband(law=LAW)
+    stimuli = np.empty((samples, 1))
+    blocks = force_blocks(seed)
+    starts = range(0, samples, BLOCK_SAMPLES)
+    for start in starts:
+        end = min(start + BLOCK_SAMPLES, samples)
+        stimuli[start:end, 0] = next(blocks)[: end - start]
+    t_us = np.arange(samples, dtype=np.int64)
+    encoding = codec.encode_array(t_us, stimuli)
+    exceeding = 0
+    for start in starts:
+        held = encoding.decoded[start : start + BLOCK_SAMPLES]
+        errors = np.abs(stimuli[start : start + BLOCK_SAMPLES] - held)
+        exceeding += int(np.sum(~(errors <= LAW.thresholds_n(np.abs(held)))))
+    # A deadband that has just sent is as good as new.
+    last = int(encoding.sent[np.searchsorted(encoding.sent, max(samples - BLOCK_SAMPLES, 0))])
+    streamed = encode_streamed(codec, t_us[last:], stimuli[last:])
+    same = streamed.decoded.tobytes() == encoding.decoded[last:].tobytes()
+    return long_row(codec, "whole array", samples, len(encoding.sent), exceeding, int(not same))
+
+
+def long_row(codec: Codec, way: str, samples: int, packets: int, exceeding: int, out_of_step: int) -> Row:
+    return {
+        "codec": codec.name,
+        "way": way,
+        "samples": samples,
+        "packets": packets,
+        "samples_exceeding": exceeding,
+        "times_out_of_step": out_of_step,
+    }
+
+
+def print_table(rows: Sequence[Row]) -> None:
+    """Print rows of text under their keys, the first column to the left."""
+    lines = [list(rows[0]), *(list(row.values()) for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    for first, *others in lines:
+        cells = [f"{cell:>{width}}" for cell, width in zip(others, widths[1:], strict=True)]
+        print("  ".join((f"{first:<{widths[0]}}", *cells)))
+    print()
+
+
+def print_signals(rows: Sequence[Row]) -> None:
+    """Print a table for each law and measure: signals down, codecs across."""
+    for title, law, key, spec in (
+        ("largest error [thresholds]", "floor", "max_error_thresholds", ".3g"),
+        ("the same without floor", "no floor", "max_error_thresholds", ".3g"),
+        ("packets", "floor", "packets", ",d"),
+        ("packets without floor", "no floor", "packets", ",d"),
+        ("payload [B/packet]", "floor", "payload_bytes_mean", ".1f"),
+    ):
+        lines: dict[str, Row] = {}
+        for row in rows:
+            if row["law"] == law:
+                line = lines.setdefault(row["signal"], {title: row["signal"], "samples": f"{row['samples']:,}"})
+                line[row["codec"][:HEADER_LETTERS]] = format(row[key], spec)
+        print_table(list(lines.values()))
+    apart = [f"{row['codec']} on {row['signal']}, {row['law']}" for row in rows if not row["in_step"]]
+    print(f"Encoder and decoder, to the bit: {'; '.join(apart) or 'in step'} at the end of all runs.\n")
+
+
+def print_loss(rows: Sequence[Row]) -> None:
+    """Print what loss does to each codec."""
+    print_table(
+        [
+            {
+                "codec": row["codec"],
+                "loss": f"{row['loss']:.0%}",
+                "packets": f"{row['packets']:,}",
+                "above JND": f"{row['exceed_jnd_fraction']:.2%}",
+                "largest error [N]": f"{row['max_error_n']:.3f}",
+                "recoveries": f"{row['recoveries']:,}",
+                "median [ms]": f"{row['recovery_ms_median']:.0f}",
+                "largest [ms]": f"{row['recovery_ms_max']:.0f}",
+            }
+            for row in rows
+        ]
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--seconds", type=float, default=10.0, help="how long each codec streams at most")
+    parser.add_argument("--samples", type=int, default=100_000_000, help="of the whole-array run, and most to stream")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--quick", action="store_true", help="a hundredth of it all")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the results to this file")
+    arguments = parser.parse_args()
+    if not (arguments.seconds >= 0.0 and arguments.samples >= 1 and arguments.seed >= 0):
+        parser.error("--seconds and --seed must be 0 or more, --samples 1 or more")
+    codecs = [make_codec(name, LAW) for name in CODECS]
+    quick = arguments.quick
+    seeds = range(arguments.seed, arguments.seed + (1 if quick else 5))
+    signals = on_signals(200 if quick else 4000, arguments.seed)
+    print_signals(signals)
+    loss = through_loss(codecs, seeds, 1 if quick else None)
+    print_loss(loss)
+    seconds, samples = (0.0, -(-arguments.samples // 100)) if quick else (arguments.seconds, arguments.samples)
+    runs = [stream_for(codec, seconds, samples, arguments.seed) for codec in codecs]
+    if fast_extra_installed():
+        runs.append(whole_array(samples, arguments.seed))
+    print_table(
+        [{key: f"{value:,}" if isinstance(value, int) else value for key, value in row.items()} for row in runs]
+    )
+    if arguments.json:
+        record.write(
+            arguments.json,
+            name="codec_stability",
+            seed=arguments.seed,
+            unit="as in each name; loss and exceed_jnd_fraction are fractions",
+            repetitions=len(seeds),
+            results={"signals": signals, "loss": loss, "long": runs},
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,153 @@
+"""Every registered codec on signals from next to nothing to far beyond a hand, and over long runs."""
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from bench.codec_trials import hand_force, in_step, trials
+from hapticnet.codec.least_squares import ABSOLUTE, LeastSquares
+from hapticnet.codec.metrics import norms
+from hapticnet.codec.registry import CODECS, codec_parameters, make_codec
+from hapticnet.errors import SampleError
+from hapticnet.perception import WeberLaw
+
+LAW = WeberLaw(weber_fraction=0.05, floor_n=0.025)
+WITHOUT_FLOOR = WeberLaw(weber_fraction=0.05, floor_n=0.0)
+
+WITHIN_A_WINDOW_ANYTHING = {"merging"}
+"""The codecs that do not claim zero exceedance at rest."""
+
+CLAIMING = [name for name in CODECS if name not in WITHIN_A_WINDOW_ANYTHING]
+
+every_codec = pytest.mark.parametrize("name", CODECS)
+claims_zero_exceedance = pytest.mark.parametrize("name", CLAIMING)
+laws = pytest.mark.parametrize("law", [LAW, WITHOUT_FLOOR], ids=["floor", "no floor"])
+
+
+@cache
+def every_trial():
+    return trials(400, np.random.default_rng(4))
+
+
+def on_axes(stimuli: np.ndarray, axes: int) -> np.ndarray:
+    """Return a stimulus of one axis on several, out of step with itself."""
+    return np.column_stack([stimuli, np.roll(stimuli, 7), -stimuli][:axes])
+
+
+def exceeding(law: WeberLaw, stimuli: np.ndarray, decoded: np.ndarray) -> int:
+    """Return at how many samples the applied stimulus is not within the threshold around itself."""
+    return int(np.sum(~(norms(stimuli - decoded) <= law.thresholds_n(norms(decoded)))))
+
+
+@claims_zero_exceedance
+@laws
+@pytest.mark.parametrize("axes", [1, 3])
+def test_the_applied_force_is_within_the_threshold_on_every_signal(name, law, axes):
+    codec = make_codec(name, law)
+    for trial in every_trial():
+        stimuli = on_axes(trial.stimuli, axes)
+        assert (trial.name, exceeding(law, stimuli, codec.encode_array(trial.t_us, stimuli).decoded)) == (trial.name, 0)
+
+
+@pytest.mark.parametrize("name", [name for name in CLAIMING if "step_n" in codec_parameters(CODECS[name]())])
+@pytest.mark.parametrize("step_n", [1e-6, 0.001, 0.03, 1.0])
+def test_so_it_is_where_payloads_count_steps_even_coarse_ones(name, step_n):
+    codec = make_codec(name, LAW, {"step_n": step_n})
+    law = LAW
+    if name == "raw":  # rounds whatever the law says
+        law = WeberLaw(weber_fraction=0.05, floor_n=max(0.025, 0.5 * step_n))
+    for trial in every_trial():
+        decoded = codec.encode_array(trial.t_us, trial.stimuli).decoded
+        assert (trial.name, exceeding(law, trial.stimuli, decoded)) == (trial.name, 0)
+
+
+@every_codec
+@laws
+@pytest.mark.parametrize("axes", [1, 3])
+def test_in_motion_too_no_force_is_applied_that_is_much_larger_than_any_before(name, law, axes):
+    codec = make_codec(name, law)
+    for trial in every_trial():
+        stimuli, positions = on_axes(trial.stimuli, axes), on_axes(trial.positions, axes)
+        applied = norms(codec.encode_array(trial.t_us, stimuli, positions).decoded)
+        # A passive ramp that takes the energy of its whole change leads, on several axes, over the sphere around it.
+        largest = norms(stimuli).max() * (1.0 if axes == 1 else np.sqrt(2.0))
+        assert (trial.name, applied.max() <= largest + 2.2 * law.threshold_n(largest)) == (trial.name, True)
+
+
+@laws
+def test_the_widest_threshold_in_motion_is_the_one_of_the_fastest_hand(law):
+    codec = make_codec("velocity-adaptive", law, {"largest_fraction": 0.25})
+    fast = WeberLaw(weber_fraction=0.25, floor_n=law.floor_n)
+    for trial in every_trial():
+        decoded = codec.encode_array(trial.t_us, trial.stimuli, trial.positions).decoded
+        assert (trial.name, exceeding(fast, trial.stimuli, decoded)) == (trial.name, 0)
+
+
+@every_codec
+@pytest.mark.parametrize("axes", [1, 3])
+def test_no_signal_makes_a_payload_longer_than_a_value_and_a_slope_in_full(name, axes):
+    codec = make_codec(name, WITHOUT_FLOOR)
+    for trial in every_trial():
+        sizes = codec.encode_array(trial.t_us, on_axes(trial.stimuli, axes)).payload_bytes
+        assert sizes.max(initial=0) <= 1 + (8 + 4) * axes
+
+
+@every_codec
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e300])
+@pytest.mark.parametrize("axes", [1, 3])
+def test_a_stimulus_that_is_not_finite_or_out_of_range_is_refused_without_a_trace(name, bad, axes):
+    one, other = (make_codec(name, LAW).encoder(axes) for _ in range(2))
+    for t_us, x in zip(range(0, 100_000, 1000), on_axes(hand_force(100, np.random.default_rng(1)), axes), strict=True):
+        for axis in range(axes):
+            with pytest.raises(SampleError, match="finite and within"):
+                one.encode(t_us, tuple(np.where(np.arange(axes) == axis, bad, x).tolist()))
+        assert one.encode(t_us, tuple(x.tolist())) == other.encode(t_us, tuple(x.tolist()))
+
+
+def test_a_golomb_rice_code_never_grows_beyond_a_float32_an_axis_but_gives_way_to_the_value():
+    encoder = LeastSquares(law=LAW, absolute_every=127).encoder(1)
+    rng = np.random.default_rng(1)
+    small = [
+        encoder.encode(t_us, (x,)) for t_us, x in zip(range(0, 10**6, 10**4), 1.0 + 0.3 * rng.random(100), strict=True)
+    ]
+    codes = [payload for payload in small if payload is not None and payload[0] < ABSOLUTE]
+    assert len(codes) > 10  # the parameter has come to fit small residuals
+    assert {len(payload) for payload in codes} == {2}
+    for t_us, x in zip(
+        range(2 * 10**6, 3 * 10**6, 10**5), [1e3, -1e3, 1e5, 0.0, 1e12, 1e15, -1e15, 1.0, 50.0, 1e-9], strict=True
+    ):
+        payload = encoder.encode(t_us, (x,))
+        assert len(payload) <= (1 + 4 if payload[0] < ABSOLUTE else 1 + 8 + 4)
+
+
+@every_codec
+def test_over_300_000_samples_encoder_and_decoder_stay_in_step(name):
+    codec = make_codec(name, LAW)
+    rng = np.random.default_rng(2)
+    force = hand_force(300_000, rng)
+    force[rng.integers(0, 300_000, 50)] += 1e5  # spikes, that sums would remember
+    force[100_000:200_000] -= 2.0  # through zero
+    encoder, decoder = codec.encoder(1), codec.decoder(1)
+    gain, floor_n = LAW.weber_fraction, LAW.floor_n
+    exceeded = 0
+    for index, x in enumerate(force.tolist()):
+        payload = encoder.encode(1000 * index, (x,))
+        if payload is not None:
+            decoder.decode(1000 * index, payload)
+        (applied,) = decoder.reconstruct(1000 * index)
+        exceeded += not (abs(x - applied) <= floor_n or abs(x - applied) <= gain * abs(applied))
+        if index % 50_000 == 49_999:
+            assert in_step(encoder, decoder, LAW, 1000 * index, x)
+    assert exceeded == 0 or name in WITHIN_A_WINDOW_ANYTHING
+
+
+def test_being_out_of_step_by_the_last_bit_is_seen():
+    codec = make_codec("deadband", LAW)
+    encoder, decoder = codec.encoder(1), codec.decoder(1)
+    decoder.decode(0, encoder.encode(0, (1.5,)))
+    assert in_step(encoder, decoder, LAW, 0, 1.5)
+    other = codec.encoder(1)
+    decoder.decode(1, other.encode(1, (float(np.nextafter(np.float32(1.5), 2)),)))
+    assert not in_step(encoder, decoder, LAW, 1, 1.5)
