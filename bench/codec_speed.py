@@ -1,4 +1,4 @@
-"""Whole-array and streaming speed of the deadband, beside a plain C loop in the same run."""
+"""Speed of every codec, whole-array and streaming, beside plain C loops in the same run, and of a threshold sweep."""
 
 import argparse
 import ctypes
@@ -6,20 +6,35 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import record
 
+from hapticnet.codec import arrays
 from hapticnet.codec import deadband as deadband_module
 from hapticnet.codec.arrays import fast_extra_installed
+from hapticnet.codec.base import Codec
 from hapticnet.codec.deadband import Deadband
+from hapticnet.codec.level_crossing import LevelCrossing
+from hapticnet.codec.predictive import LinearPredictive
+from hapticnet.codec.registry import CODECS
+from hapticnet.codec.sweep_thresholds import sweep_deadband
+from hapticnet.experiment.paper_force import paper_recording
 from hapticnet.perception import WeberLaw
+
+Array = npt.NDArray[np.float64]
+Loop = Callable[[Array], int]
 
 PEERS = Path(__file__).parent / "peers"
 SENT_FRACTIONS = (0.01, 0.1, 0.4)
 STREAMED = 200_000
+SWEPT_LAWS = 64
+SWEPT = 1_000_000
+LAW = WeberLaw()
 
 
 def main() -> None:
@@ -29,99 +44,165 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", type=Path, metavar="FILE")
     arguments = parser.parse_args()
-    codec = Deadband(law=WeberLaw())
+    samples, repetitions = arguments.samples, arguments.repetitions
+    signals = {fraction: signal(samples, fraction, arguments.seed) for fraction in SENT_FRACTIONS}
     with tempfile.TemporaryDirectory() as folder:
-        c_loop = load_c(Path(folder))
-        rows = [
-            measure(codec, signal(arguments.samples, fraction, arguments.seed), c_loop, arguments.repetitions)
-            for fraction in SENT_FRACTIONS
-        ]
-    print(f"deadband over {arguments.samples:,} scalar samples, Msamples/s, best of {arguments.repetitions}\n")
+        loops = load_c(Path(folder))
+        rows = [measure(Deadband(), stimuli, loops["deadband"], repetitions) for stimuli in signals.values()]
+        codecs = [measure_codec(CODECS[name](), signals[0.1], loops.get(name), repetitions) for name in CODECS]
+    swept = measure_sweep(signals[0.1][:SWEPT], repetitions)
+    print(f"deadband over {samples:,} scalar samples, Msamples/s, best of {repetitions}\n")
     print(f"{'sent':>7}{'C loop':>9}{'fast extra':>12}{'ratio':>8}{'plain Python':>14}{'streaming':>11}")
     for row in rows:
-        fast, ratio = row["fast"], row["fast"] / row["c"] if row["fast"] else 0.0
+        fast, ratio = row["fast"], row["fast"] / row["c"]
         print(f"{row['sent']:7.1%}{row['c']:9.0f}{fast:12.0f}{ratio:8.2f}{row['plain']:14.1f}{row['stream']:11.2f}")
+    print("\nevery codec: ns a sample streaming (walk, paper's scene), Msamples/s whole-array (fast extra, C loop)\n")
+    for row in codecs:
+        fast, c = (f"{row[way]:9.0f}" if row[way] else f"{'–':>9}" for way in ("fast", "c"))
+        print(f"{row['codec']:24}{row['walk_ns']:8.0f}{row['paper_ns']:8.0f}{fast}{c}")
+    print(f"\n{SWEPT_LAWS} thresholds: {swept:.0f} M sample-parameters/s")
     if arguments.json:
         record.write(
             arguments.json,
             name="codec_speed",
             seed=arguments.seed,
-            unit="Msamples/s",
-            repetitions=arguments.repetitions,
-            results={"samples": arguments.samples, "rows": rows},
+            unit="Msamples/s; *_ns: ns per sample",
+            repetitions=repetitions,
+            results={
+                "samples": samples,
+                "rows": rows,
+                "codecs": codecs,
+                "sweep": {"laws": SWEPT_LAWS, "samples": min(samples, SWEPT), "m_sample_parameters_per_s": swept},
+            },
         )
 
 
-def signal(samples: int, sent: float, seed: int) -> npt.NDArray[np.float64]:
+def signal(samples: int, sent: float, seed: int) -> Array:
     """Return a force between 0.5 and 4.5 N that wanders so fast that about `sent` of it leaves the dead zone."""
     step_n = {0.01: 0.0091, 0.1: 0.0365, 0.4: 0.105}[sent]
     walk = np.cumsum(np.random.default_rng(seed).normal(0.0, step_n, samples))
-    folded: npt.NDArray[np.float64] = np.abs(walk % 8.0 - 4.0) + 0.5
+    folded: Array = np.abs(walk % 8.0 - 4.0) + 0.5
     return folded
 
 
-def load_c(folder: Path) -> Callable[[npt.NDArray[np.float64]], int]:
-    """Return the C loop, compiled for this machine, as a function that allocates what it returns, as ours does."""
-    library = folder / "deadband.so"
-    subprocess.run(["gcc", "-O3", "-march=native", "-shared", "-fPIC", "-o", library, PEERS / "deadband.c"], check=True)
-    function = ctypes.CDLL(str(library)).deadband
-    function.restype = ctypes.c_size_t
-    law = WeberLaw()
+def load_c(folder: Path) -> dict[str, Loop]:
+    """Return the C loops by codec, compiled for this machine; they allocate what they return, as ours do."""
+    weber, floor = ctypes.c_double(LAW.weber_fraction), ctypes.c_double(LAW.floor_n)
+    levels, edges = map(np.array, LevelCrossing().cells(axes=1))
+    lines = LinearPredictive()
 
-    def run(stimuli: npt.NDArray[np.float64]) -> int:
-        decoded = np.empty_like(stimuli)
-        sent = np.empty(len(stimuli), dtype=np.int64)
-        count = function(
-            stimuli.ctypes.data_as(ctypes.c_void_p),
-            ctypes.c_size_t(len(stimuli)),
-            *(ctypes.c_double(value) for value in (law.weber_fraction, law.floor_n, law.multiplier)),
-            decoded.ctypes.data_as(ctypes.c_void_p),
-            sent.ctypes.data_as(ctypes.c_void_p),
-        )
-        return int(count)
+    def line(stimuli: Array) -> tuple[Any, ...]:
+        slope_samples, horizon_us = ctypes.c_size_t(int(lines.slope_samples)), ctypes.c_double(lines.horizon_ms * 1e3)
+        return times_us(len(stimuli)), weber, floor, slope_samples, horizon_us
+
+    between: dict[str, Callable[[Array], tuple[Any, ...]]] = {
+        "deadband": lambda _: (weber, floor, ctypes.c_double(LAW.multiplier)),
+        "level-crossing": lambda _: (weber, floor, levels, edges, ctypes.c_size_t(len(levels))),
+        "linear-predictive": line,
+    }
+    return {name: _loop(folder, name.replace("-", "_"), given) for name, given in between.items()}
+
+
+def _loop(folder: Path, name: str, given: Callable[[Array], tuple[Any, ...]]) -> Loop:
+    library = folder / f"{name}.so"
+    command = ["gcc", "-O3", "-march=native", "-shared", "-fPIC", "-o", library, PEERS / f"{name}.c"]
+    subprocess.run(command, check=True)
+    function = ctypes.CDLL(str(library))[name]
+    function.restype = ctypes.c_size_t
+
+    def run(stimuli: Array) -> int:
+        decoded, sent = np.empty_like(stimuli), np.empty(len(stimuli), dtype=np.int64)
+        parts = (stimuli, ctypes.c_size_t(len(stimuli)), *given(stimuli), decoded, sent)
+        pointers = [p.ctypes.data_as(ctypes.c_void_p) if isinstance(p, np.ndarray) else p for p in parts]
+        return int(function(*pointers))
 
     return run
 
 
-def measure(
-    codec: Deadband, stimuli: npt.NDArray[np.float64], c_loop: Callable[..., int], repetitions: int
-) -> dict[str, float]:
-    """Return million samples a second of each way, measured in turns."""
-    t_us = np.arange(len(stimuli), dtype=np.int64) * 1000
-    times: dict[str, list[float]] = {"c": [], "fast": [], "plain": []}
+@cache
+def times_us(samples: int) -> npt.NDArray[np.int64]:
+    """Return a sample each millisecond; made once, so that making them is not measured."""
+    return np.arange(samples, dtype=np.int64) * 1000
 
-    def array(compile_above: int) -> int:
-        deadband_module.COMPILE_ABOVE_SAMPLES = compile_above
-        return len(codec.encode_array(t_us, stimuli).sent)
 
-    ways: dict[str, Callable[[], int]] = {"c": lambda: c_loop(stimuli), "plain": lambda: array(len(stimuli))}
-    if fast_extra_installed():
-        ways["fast"] = lambda: array(0)
-        array(0)  # compile, or load from the cache
+def whole_array(codec: Codec, stimuli: Array, *, compile_above: int) -> int:
+    deadband_module.COMPILE_ABOVE_SAMPLES = arrays.COMPILE_ABOVE_SAMPLES = compile_above
+    return len(codec.encode_array(times_us(len(stimuli)), stimuli).sent)
+
+
+def best(ways: dict[str, Callable[[], int]], samples: int, repetitions: int) -> tuple[dict[str, float], int]:
+    """Return million samples a second of each way, measured in turns, and how many the last one sent."""
+    taken = dict.fromkeys(ways, float("inf"))
     sent = 0
     for _ in range(repetitions):
         for name, way in ways.items():
             started = time.perf_counter()
             sent = way()
-            times[name].append(time.perf_counter() - started)
-    speed = {name: len(stimuli) / min(taken) / 1e6 if taken else 0.0 for name, taken in times.items()}
-    return {"sent": sent / len(stimuli), **speed, "stream": stream(codec, stimuli[:STREAMED], repetitions)}
+            taken[name] = min(taken[name], time.perf_counter() - started)
+    return {name: samples / seconds / 1e6 for name, seconds in taken.items()}, sent
 
 
-def stream(codec: Deadband, stimuli: npt.NDArray[np.float64], repetitions: int) -> float:
-    """Return million samples a second through encoder and decoder, one at a time."""
-    vectors = [(value,) for value in stimuli.tolist()]
-    best = float("inf")
+def measure(codec: Codec, stimuli: Array, c_loop: Loop, repetitions: int) -> dict[str, float]:
+    """Return million samples a second of the deadband: C, compiled, plain Python and streaming."""
+    ways = {
+        "c": lambda: c_loop(stimuli),
+        "plain": lambda: whole_array(codec, stimuli, compile_above=len(stimuli)),
+    }
+    if fast_extra_installed():
+        ways["fast"] = lambda: whole_array(codec, stimuli, compile_above=0)
+        ways["fast"]()  # compile, or load from the cache
+    speed, sent = best(ways, len(stimuli), repetitions)
+    streamed_ns = stream_ns(codec, stimuli[:STREAMED], np.zeros(min(len(stimuli), STREAMED)), repetitions)
+    return {"sent": sent / len(stimuli), "fast": 0.0, **speed, "stream": 1e3 / streamed_ns}
+
+
+def measure_codec(codec: Codec, stimuli: Array, c_loop: Loop | None, repetitions: int) -> dict[str, float | str]:
+    """Return ns a sample of a codec's streaming pair, and whole-array speeds where it has a C twin."""
+    scene = paper_recording(1)
+    walked = stimuli[:STREAMED]
+    hand_m = 0.02 * np.sin(np.arange(len(walked)) * 0.002)
+    speed: dict[str, float] = {}
+    if c_loop is not None:
+        ways = {"c": lambda: c_loop(stimuli)}
+        if fast_extra_installed():
+            ways["fast"] = lambda: whole_array(codec, stimuli, compile_above=0)
+            ways["fast"]()
+        speed, _ = best(ways, len(stimuli), repetitions)
+    return {
+        "codec": codec.name,
+        "walk_ns": stream_ns(codec, walked, hand_m, repetitions),
+        "paper_ns": stream_ns(codec, scene.force_n[:, 0], scene.position_m[:, 0], repetitions),
+        "fast": 0.0,
+        "c": 0.0,
+        **speed,
+    }
+
+
+def stream_ns(codec: Codec, stimuli: Array, positions: Array, repetitions: int) -> float:
+    """Return ns a sample through encoder and decoder, one at a time, in plain Python."""
+    samples = [
+        (1000 * i, (x,), (p,)) for i, (x, p) in enumerate(zip(stimuli.tolist(), positions.tolist(), strict=True))
+    ]
+    fastest = float("inf")
     for _ in range(repetitions):
         encoder, decoder = codec.encoder(1), codec.decoder(1)
+        encode, decode, reconstruct = encoder.encode, decoder.decode, decoder.reconstruct
         started = time.perf_counter()
-        for vector in vectors:
-            payload = encoder.encode(0, vector)
+        for t_us, stimulus, position in samples:
+            payload = encode(t_us, stimulus, position)
             if payload is not None:
-                decoder.decode(0, payload)
-            decoder.reconstruct(0)
-        best = min(best, time.perf_counter() - started)
-    return len(vectors) / best / 1e6
+                decode(t_us, payload)
+            reconstruct(t_us, position)
+        fastest = min(fastest, time.perf_counter() - started)
+    return 1e9 * fastest / len(samples)
+
+
+def measure_sweep(stimuli: Array, repetitions: int) -> float:
+    """Return million samples times laws a second."""
+    laws = [WeberLaw(multiplier=multiplier) for multiplier in np.geomspace(0.25, 16.0, SWEPT_LAWS).tolist()]
+    sweep_deadband(stimuli, laws)  # compile, or load from the cache
+    speed, _ = best({"sweep": lambda: len(sweep_deadband(stimuli, laws).packets)}, len(stimuli), repetitions)
+    return SWEPT_LAWS * speed["sweep"]
 
 
 if __name__ == "__main__":

@@ -56,3 +56,8 @@ def refuse_out_of_range(stimuli: FloatArray, sent: npt.NDArray[np.int64]) -> Non
 def fast_extra_installed() -> bool:
     """Tell whether the ``fast`` extra (numba) can be imported, without importing it."""
     return importlib.util.find_spec("numba") is not None
+
+
+def worth_compiling(stimuli: FloatArray) -> bool:
+    """Tell whether a recording of one axis is long enough for a compiled kernel, and whether there can be one."""
+    return stimuli.shape[1] == 1 and len(stimuli) > COMPILE_ABOVE_SAMPLES and fast_extra_installed()

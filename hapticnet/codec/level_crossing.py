@@ -14,6 +14,7 @@ from typing import ClassVar, Final
 import numpy as np
 import numpy.typing as npt
 
+from hapticnet.codec.arrays import as_recording, worth_compiling
 from hapticnet.codec.base import Encoder, Encoding, FloatArray
 from hapticnet.codec.deadband import hold_encoder
 from hapticnet.codec.payload import COUNT, HoldDecoder, PayloadFormat, check_axes, check_parameter, distance
@@ -82,7 +83,17 @@ class LevelCrossing:
         self, t_us: npt.NDArray[np.int64], stimuli: FloatArray, positions: FloatArray | None = None
     ) -> Encoding:
         """Encode a whole recording; see `Codec.encode_array`."""
+        stimuli = as_recording(stimuli)
+        if worth_compiling(stimuli):
+            from hapticnet.codec import kernels_scalar
+
+            return kernels_scalar.level_crossing(self.law, stimuli, *self.cells(axes=1))
         return encode_streamed(self, t_us, stimuli, positions)
+
+    def cells(self, axes: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Return the levels from zero on, on each of so many axes, and the ends of their cells."""
+        share = (1.0 - self.hysteresis) / math.sqrt(axes) * self.law.multiplier
+        return levels(min(share * self.law.weber_fraction, WIDEST), share * self.law.floor_n)
 
 
 class LevelFormat:
@@ -91,9 +102,7 @@ class LevelFormat:
     __slots__ = ("_edges", "_indices", "_levels", "_plain")
 
     def __init__(self, codec: LevelCrossing, axes: int) -> None:
-        law = codec.law
-        share = (1.0 - codec.hysteresis) / math.sqrt(axes) * law.multiplier
-        self._levels, self._edges = levels(min(share * law.weber_fraction, WIDEST), share * law.floor_n)
+        self._levels, self._edges = codec.cells(axes)
         self._indices = COUNT[axes]
         self._plain = PayloadFormat(axes)
 

@@ -14,6 +14,7 @@ from typing import ClassVar, Final
 import numpy as np
 import numpy.typing as npt
 
+from hapticnet.codec.arrays import as_recording, worth_compiling
 from hapticnet.codec.base import Encoding, FloatArray
 from hapticnet.codec.payload import (
     COUNT,
@@ -87,6 +88,16 @@ class LinearPredictive:
         self, t_us: npt.NDArray[np.int64], stimuli: FloatArray, positions: FloatArray | None = None
     ) -> Encoding:
         """Encode a whole recording; see `Codec.encode_array`."""
+        stimuli = as_recording(stimuli)
+        if worth_compiling(stimuli):
+            from hapticnet.codec import kernels_scalar
+
+            samples, horizon_ms = int(self.slope_samples), self.horizon_ms
+            encoding = kernels_scalar.linear_predictive(
+                self.law, t_us, stimuli, slope_samples=samples, horizon_ms=horizon_ms, step_n=self.step_n
+            )
+            if encoding is not None:
+                return encoding
         return encode_streamed(self, t_us, stimuli, positions)
 
 

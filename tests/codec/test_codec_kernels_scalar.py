@@ -1,0 +1,56 @@
+"""What is compiled is what streams, to the bit."""
+
+import numpy as np
+import pytest
+from codec_cases import anything, assert_same, haptic, laws, steps
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
+
+from hapticnet.codec import arrays
+from hapticnet.codec.level_crossing import LevelCrossing
+from hapticnet.codec.predictive import LinearPredictive
+from hapticnet.codec.streamed import encode_streamed
+from hapticnet.errors import SampleError
+from hapticnet.perception import WeberLaw
+
+forces = npst.arrays(np.float64, st.tuples(st.integers(0, 60), st.just(1)), elements=st.one_of(haptic, anything))
+codecs = st.one_of(
+    st.builds(LevelCrossing, law=laws, hysteresis=st.floats(0.0, 0.5)),
+    st.builds(
+        LinearPredictive, law=laws, slope_samples=st.integers(2, 9), horizon_ms=st.floats(1.0, 10_000.0), step_n=steps
+    ),
+)
+gaps = st.lists(st.one_of(st.just(1000), st.just(0), st.integers(-10, 30_000), st.integers(0, 2**50)), min_size=60)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _compiled():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(arrays, "COMPILE_ABOVE_SAMPLES", -1)
+        yield
+
+
+def assert_streams_alike(codec, t_us, stimuli):
+    assert_same(encode_streamed(codec, t_us, stimuli), codec.encode_array(t_us, stimuli))
+
+
+@given(codecs, forces, st.one_of(st.just([1000] * 60), gaps))
+@settings(deadline=None)
+def test_compiled_codecs_agree_with_their_streams_on_any_force_at_any_time(codec, stimuli, gaps):
+    assert_streams_alike(codec, np.cumsum(np.array(gaps, dtype=np.int64))[: len(stimuli)], stimuli)
+
+
+@pytest.mark.parametrize("law", [WeberLaw(), WeberLaw(multiplier=0.0), WeberLaw(weber_fraction=0.0, floor_n=1e-12)])
+@pytest.mark.parametrize(
+    "make", [LevelCrossing, LinearPredictive, lambda law: LinearPredictive(law=law, step_n=0.001, slope_samples=64)]
+)
+def test_compiled_codecs_agree_with_their_streams_over_a_long_walk_with_impacts(make, law):
+    rng = np.random.default_rng(1)
+    moves = rng.normal(0.0, 0.05, (20_000, 1))
+    moves[rng.random(20_000) < 0.001] *= 1e6
+    stimuli, t_us = np.cumsum(moves, axis=0), np.cumsum(rng.integers(0, 2000, 20_000))
+    assert_streams_alike(make(law=law), t_us, stimuli)
+    stimuli[7] = np.nan
+    with pytest.raises(SampleError, match="sample 7"):
+        make(law=law).encode_array(t_us, stimuli)
