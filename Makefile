@@ -37,8 +37,15 @@ bench: system-packages $(VENV)/installed-dev
 	$(BIN)/python bench/plot_packet_rate.py results/bench/packet_rate.json
 	$(BIN)/python bench/scene_cost.py --json results/bench/scene_cost.json
 	$(BIN)/python bench/codec_speed.py --json results/bench/codec_speed.json
+	$(BIN)/python bench/codec_stability.py --json results/bench/codec_stability.json
+	$(BIN)/python bench/rate_distortion.py --json results/bench/rate_distortion.json
+	$(BIN)/python bench/plot_rate_distortion.py results/bench/rate_distortion.json
+	$(BIN)/python bench/scene_accuracy.py --json results/bench/scene_accuracy.json
+	$(BIN)/python bench/plot_scene_accuracy.py results/bench/scene_accuracy.json
 	$(BIN)/python bench/virtual_time.py --json results/bench/virtual_time.json
 	$(BIN)/python bench/loop.py --json results/bench/loop.json
+	$(BIN)/python bench/force_loop.py --json results/bench/force_loop.json
+	$(BIN)/python bench/plot_force_loop.py results/bench/force_loop.json
 
 # The C programs that bench/ measures against, the network namespaces of the two-host test, and what the firmware is
 # built with and simulated in.

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hapticnet.codec.registry import CODECS
+
 REPOSITORY = Path(__file__).parents[2]
 RATES_HZ = [50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0]
 CONDITIONS = ["none", "1 JND", "2 JND", "4 JND"]
@@ -136,6 +138,11 @@ def test_codec_speed_measures_every_way_on_the_same_signal(tmp_path, tool_is_mis
     assert [row["sent"] for row in results["rows"]] == pytest.approx([0.01, 0.1, 0.4], abs=0.05)
     for row in results["rows"]:
         assert min(row[way] for way in ("c", "plain", "stream")) > 0.0
+    assert [row["codec"] for row in results["codecs"]] == list(CODECS)
+    assert all(min(row["walk_ns"], row["paper_ns"]) > 0.0 for row in results["codecs"])
+    twins = [row["codec"] for row in results["codecs"] if row["c"]]
+    assert twins == ["deadband", "linear-predictive", "level-crossing"]
+    assert results["sweep"]["m_sample_parameters_per_s"] > 0.0
 
 
 def test_loop_measures_hapticnet_beside_its_limits(tmp_path, tool_is_missing):
@@ -149,3 +156,102 @@ def test_loop_measures_hapticnet_beside_its_limits(tmp_path, tool_is_missing):
             assert len(percentiles_us) == 3
             assert percentiles_us == sorted(percentiles_us)
             assert percentiles_us[-1] > 0.0
+
+
+def test_codec_stability_finds_every_codec_in_step_and_repaired(tmp_path):
+    file = tmp_path / "codec_stability.json"
+    results = recorded(file, bench("codec_stability.py", "--quick", "--json", file))
+    assert all(row["in_step"] for row in results["signals"])
+    assert {row["codec"] for row in results["signals"]} == {row["codec"] for row in results["loss"]}
+    for row in results["loss"]:
+        assert (row["recoveries"] > 0) == (row["recovery_ms_max"] > 0.0) == (row["recovery_ms_median"] > 0.0)
+        assert row["loss"] > 0.0 or row["recoveries"] == 0
+    assert all(row["samples"] >= 100_000 and row["times_out_of_step"] == 0 for row in results["long"])
+
+
+@pytest.fixture(scope="module")
+def force_loop(tmp_path_factory):
+    """Return the record of a quick run on the simulated device, and the run itself."""
+    file = tmp_path_factory.mktemp("force_loop") / "force_loop.json"
+    return file, bench("force_loop.py", "--quick", "--seeds", 1, "--json", file)
+
+
+def test_force_loop_measures_the_step_on_every_finger(force_loop):
+    results = recorded(*force_loop)
+    assert results["device"] == "sim"
+    assert [row["stiffness_n_m"] for row in results["step"]] == [300.0, 1000.0, 3000.0]
+    for row in results["step"]:
+        # One of three servos by 8 µs: 0.8° of a 12 mm arm, which stands up to 30° off level.
+        assert 0.048e-3 < row["servo_step_m"] < 0.056e-3
+        assert row["steady_bound_n"] >= 0.5 * row["servo_step_n"]
+        assert row["trace"]["t_s"][0] == pytest.approx(-0.1, abs=2e-3)
+        assert len({len(column) for column in row["trace"].values()}) == 1
+        for force in ("sensed", "true"):
+            assert 0.03 < row[force]["rise_s"]["median"] <= row[force]["rise_s"]["worst"] <= 0.2
+            assert row[force]["overshoot"]["worst"] < 0.1
+    usual = results["step"][1]["true"]
+    assert usual["settling_s"]["worst"] <= 0.35
+    assert max(usual["steady_error_n"]["worst"], usual["ripple_peak_to_peak_n"]["worst"]) <= 0.05
+
+
+def test_force_loop_measures_every_control_rate(force_loop):
+    rows = recorded(*force_loop)["rates"]
+    assert [row["rate_hz"] for row in rows] == [25, 100, 500]
+    assert rows[1]["cpu_ratio"] == 1.0
+    assert all(row["cpu_us_per_s"] > 0.0 for row in rows)
+    slow, _, fast = (row["fingers"][1] for row in rows)
+    assert fast["true"]["settling_s"]["median"] < slow["true"]["settling_s"]["median"]
+    assert fast["sensed"]["ripple_peak_to_peak_n"]["median"] > slow["sensed"]["ripple_peak_to_peak_n"]["median"]
+
+
+def test_force_loop_has_its_margins_beside_the_observed_edge(force_loop):
+    rows = recorded(*force_loop)["edges"]
+    assert [row["delay_ms"] for row in rows] == [0, 40]
+    for row in rows:
+        # The linear model leaves out how frames, control periods and readings fall together.
+        assert 0.6 * row["frozen"]["gain"] < row["linear_edge"] < 1.2 * row["frozen"]["gain"]
+        assert 1.0 < row["hunts_from"] <= row["swings_from"]
+    assert rows[1]["linear_edge"] < rows[0]["linear_edge"]
+
+
+def test_force_loop_never_presses_harder_than_the_device_may_and_comes_to_rest(force_loop):
+    rows = recorded(*force_loop)["largest"]
+    assert len({row["scenario"] for row in rows}) == len(rows) / 6 == 15
+    for row in rows:
+        assert row["at_rest"]
+        if row["scenario"] == "sensor frozen, 3 to 5 N":
+            # What is under way when a frozen sensor is noticed arrives late; the finger of 3 N/mm feels it.
+            assert row["max_n"] <= 5.0 + 0.3 * (row["delay_ms"] > 0)
+        elif row["scenario"] != "twice as stiff at 2 N":
+            assert row["max_n"] <= 5.0
+            assert row["above_limit_ms"] == 0
+
+
+def test_force_loop_refuses_what_it_cannot_use_in_one_line():
+    done = bench("force_loop.py", "--seeds", "0")
+    assert done.returncode == 2
+    assert "error:" in done.stderr.splitlines()[-1]
+
+
+def test_the_plot_of_force_loop_is_a_picture(force_loop, tmp_path):
+    file, _ = force_loop
+    done = bench("plot_force_loop.py", file, "--out", tmp_path / "loop.png")
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "loop.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_rate_distortion_puts_every_codec_beside_the_optimum(tmp_path):
+    file = tmp_path / "rate_distortion.json"
+    results = recorded(file, bench("rate_distortion.py", "--quick", "--json", file))
+    assert {row["codec"] for row in results["rows"]} == set(CODECS)
+    assert all(0 < row["optimum_lines"] <= row["optimum_holds"] for row in results["rows"])
+    within = [row for row in results["rows"] if row["multiplier"] <= 1.0 and not row["loss"]]
+    assert {row["exceed_jnd_fraction"] for row in within if row["codec"] == "deadband"} == {0.0}
+
+
+def test_scene_accuracy_approaches_the_exact_breach_as_the_rate_grows(tmp_path):
+    file = tmp_path / "scene_accuracy.json"
+    results = recorded(file, bench("scene_accuracy.py", "--quick", "--json", file))
+    late_ms = [row["late_mean_ms"] for row in results["breaches"]]
+    assert late_ms == sorted(late_ms, reverse=True)
+    assert all(row["largest_force_n"] <= results["breach_force_n"] for row in results["breaches"])

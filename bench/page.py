@@ -1,0 +1,106 @@
+"""Write docs/benchmarks.md and its figures from the results of the benchmarks; what is missing is named as missing."""
+
+import argparse
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Final
+
+import page_codecs
+import page_nodes
+from page_markdown import Row, listed
+
+BENCH: Final = Path(__file__).parent
+
+Section = Callable[[Row], list[str]]
+
+SECTIONS: Final[Sequence[tuple[str, str, Section]]] = (
+    ("rate_distortion", "Every codec, every signal", page_codecs.rate_distortion),
+    ("codec_stability", "Numerical stability", page_nodes.codec_stability),
+    ("codec_speed", "Codec speed", page_nodes.codec_speed),
+    ("packet_rate", "The paper's figure over the sampling rate", page_nodes.packet_rate),
+    ("scene_accuracy", "Accuracy of the scene over its rate", page_nodes.scene_accuracy),
+    ("scene_cost", "Cost of the scene", page_nodes.scene_cost),
+    ("force_loop", "The fingertip's force loop", page_nodes.force_loop),
+    ("virtual_time", "Both nodes in virtual time", page_nodes.virtual_time),
+    ("loop", "The real-time loop", page_nodes.loop),
+)
+
+FIGURES: Final = {
+    "rate_distortion": ("plot_rate_distortion.py", ""),
+    "packet_rate": ("plot_packet_rate.py", "packet_rate.png"),
+    "scene_accuracy": ("plot_scene_accuracy.py", "scene_accuracy.png"),
+    "force_loop": ("plot_force_loop.py", "force_loop.png"),
+}
+"""Script that draws from a result, and the picture it is told to write; else the folder."""
+
+
+def page(records: dict[str, Row]) -> str:
+    """Return the page."""
+    missing = [title for name, title, _ in SECTIONS if name not in records]
+    parts = [
+        "# Benchmarks",
+        (
+            "Written by `bench/page.py` from the results in `results/bench`; `make bench` measures, `make benchmarks`"
+            " writes this page. No figure or name of a winner is written by hand: another run gives other ones. Where a"
+            " target is missed, it says so."
+        ),
+        "## Set-up",
+        *setup(records),
+    ]
+    if missing:
+        parts.append(f"Missing, because not measured in this run: {listed(missing)}.")
+    for name, title, section in SECTIONS:
+        parts.append(f"## {title}")
+        parts += section(records[name]["results"]) if name in records else [f"Missing: no result of `bench/{name}.py`."]
+    return "\n\n".join(parts) + "\n"
+
+
+def setup(records: dict[str, Row]) -> list[str]:
+    """Return on what, with which code and seeds, all was measured."""
+    if not records:
+        return ["Nothing has been measured."]
+    machines = {(record["machine"]["cores"], record["machine"]["python"]) for record in records.values()}
+    where = listed([f"{cores} cores with {python}" for cores, python in sorted(machines, key=str)])
+    lines = [
+        f"- `{name}`: revision `{record['revision']}`, seed {record['seed']}, {record['repetitions']} repetitions"
+        for name, record in records.items()
+    ]
+    return [
+        (
+            f"Machine: {where}. What is counted (packets, bytes, errors) is the same on any machine for a seed; what is"
+            " timed holds for that machine and what else it had to do."
+        ),
+        "\n".join(lines),
+    ]
+
+
+def draw(folder: Path, records: dict[str, Row], figures: Path) -> None:
+    """Draw the pictures of every result that has some."""
+    figures.mkdir(parents=True, exist_ok=True)
+    for name, (script, file) in FIGURES.items():
+        if name in records:
+            command = [sys.executable, BENCH / script, folder / f"{name}.json", "--out", figures / file]
+            subprocess.run(command, check=True)
+
+
+def main() -> None:
+    """Read what there is, draw, and write the page."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("results", type=Path, nargs="?", default=BENCH.parent / "results" / "bench", help="folder")
+    parser.add_argument("--out", type=Path, default=BENCH.parent / "docs", metavar="DIR", help="where the page goes")
+    arguments = parser.parse_args()
+    records = {}
+    for name, _, _ in SECTIONS:
+        file = arguments.results / f"{name}.json"
+        if file.exists():
+            records[name] = json.loads(file.read_text(encoding="utf-8"))
+    draw(arguments.results, records, arguments.out / "figures")
+    (arguments.out / "benchmarks.md").write_text(page(records), encoding="utf-8")
+    print(f"{arguments.out / 'benchmarks.md'}: {len(records)} of {len(SECTIONS)} sections")
+
+
+if __name__ == "__main__":
+    main()
