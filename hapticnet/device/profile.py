@@ -23,17 +23,17 @@ The file may say all or little of that:
 import dataclasses
 import re
 import reprlib
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final, TypeAlias
 
 import tomli_w
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, BeforeValidator
 
 from hapticnet.device.calibration import Calibration
 from hapticnet.device.parts import Sensor
-from hapticnet.errors import FileError, SettingsError
+from hapticnet.documents import STRICT, parse_document, read_document
+from hapticnet.errors import SettingsError
 
 LONGEST_SERIAL: Final = 200
 
@@ -157,13 +157,18 @@ def generic_profile() -> Profile:
     return Profile()
 
 
-_STRICT: Final = ConfigDict(extra="forbid", strict=True)
+def _as_text(day: Any) -> Any:
+    """Return a day written without quotes, which TOML reads as a date, as the text it was."""
+    return day.isoformat() if hasattr(day, "isoformat") else day
+
+
+_Day: TypeAlias = Annotated[str, BeforeValidator(_as_text)]
 
 
 class _CalibrationTable(BaseModel):
-    model_config = _STRICT
+    model_config = STRICT
 
-    date: str
+    date: _Day
     residual_rms_n: float
     pairs: int
     counts: list[float]
@@ -171,23 +176,20 @@ class _CalibrationTable(BaseModel):
 
 
 class _FingerTable(BaseModel):
-    model_config = _STRICT
+    model_config = STRICT
 
     stiffness_n_m: float
     contact_m: float
-    date: str
+    date: _Day
 
 
 class _ProfileTable(BaseModel):
-    model_config = _STRICT
+    model_config = STRICT
 
     serial: str = ""
     servo_lag_s: float | None = None
     calibration: _CalibrationTable | None = None
     finger: _FingerTable | None = None
-
-
-_TABLES: Final[dict[str, type[BaseModel]]] = {"calibration": _CalibrationTable, "finger": _FingerTable}
 
 
 def load_profile(path: Path) -> Profile:
@@ -200,13 +202,7 @@ def load_profile(path: Path) -> Profile:
     SettingsError
         When a key is unknown or missing, or a value cannot be used.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise FileError(f"{path}: {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise FileError(f"{path}: not UTF-8 text: byte {error.start} is 0x{error.object[error.start]:02x}") from error
-    return parse_profile(text, str(path))
+    return parse_profile(read_document(path), str(path))
 
 
 def parse_profile(text: str, source: str) -> Profile:
@@ -219,21 +215,14 @@ def parse_profile(text: str, source: str) -> Profile:
     SettingsError
         When a key is unknown or missing, or a value cannot be used.
     """
+    table = parse_document(text, source, _ProfileTable)
     try:
-        # Beside its own error tomllib lets through what int() and the recursion limit refuse.
-        content = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise FileError(f"{source}: not a TOML file: {error}") from error
-    try:
-        table = _ProfileTable.model_validate(content)
         return Profile(
             serial=table.serial,
             measured=_measured(table.calibration) if table.calibration else None,
             finger=MeasuredFinger(**table.finger.model_dump()) if table.finger else None,
             servo_lag_s=table.servo_lag_s,
         )
-    except ValidationError as error:
-        raise SettingsError(f"{source}: {_first_mistake(error)}") from error
     except SettingsError as error:
         raise SettingsError(f"{source}: {error}") from error
 
@@ -263,19 +252,6 @@ def _measured(table: _CalibrationTable) -> MeasuredCalibration:
         residual_rms_n=table.residual_rms_n,
         pairs=table.pairs,
     )
-
-
-def _first_mistake(error: ValidationError) -> str:
-    """Return in one line where the first mistake is and what would be right."""
-    # A misspelt key is both unknown and missing; unknown says more.
-    mistake = min(error.errors(include_url=False), key=lambda each: each["type"] != "extra_forbidden")
-    where = ".".join(str(part) for part in mistake["loc"])
-    if mistake["type"] == "extra_forbidden":
-        table = _TABLES[str(mistake["loc"][0])] if len(mistake["loc"]) > 1 else _ProfileTable
-        return f"unknown key {where!r}; the keys are {', '.join(table.model_fields)}"
-    if mistake["type"] == "missing":
-        return f"{where} is missing"
-    return f"{where} is {reprlib.repr(mistake['input'])}; {mistake['msg'][0].lower()}{mistake['msg'][1:]}"
 
 
 def _check(name: str, value: float, smallest: float, largest: float) -> None:

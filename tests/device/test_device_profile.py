@@ -96,8 +96,8 @@ def test_a_device_nobody_calibrated_has_the_data_sheets_curve_and_says_so():
         (("servo_lag_s", "servo_lag"), "unknown key 'servo_lag'; the keys are serial, servo_lag_s, calibration, fin"),
         (("contact_m", "contact"), "unknown key 'finger.contact'; the keys are stiffness_n_m, contact_m, date"),
         (("pairs = 16", ""), "calibration.pairs is missing"),
-        (("pairs = 16", "pairs = 1.5"), r"calibration.pairs is 1.5; input should be a valid integer"),
-        (("[178,", "[178, 'x',"), r"calibration.counts.1 is 'x'; input should be a valid number"),
+        (("pairs = 16", "pairs = 1.5"), r"calibration.pairs is 1.5; it must be a whole number"),
+        (("[178,", "[178, 'x',"), r"calibration.counts.1 is 'x'; it must be a number"),
         (("[178,", "[900,"), r"counts go from 900 to 354.5; they must be"),
         (("[178,", "[nan,"), r"counts go from 0 to nan; they must be"),
         (("[178,", "["), r"2 counts and 3 forces"),
@@ -106,9 +106,9 @@ def test_a_device_nobody_calibrated_has_the_data_sheets_curve_and_says_so():
         (("900", "0"), r"finger stiffness \[N/m\] is 0.0; it must be between 1 and"),
         (("0.0021", "-1e300"), r"finger contact \[m\] is -1e\+300; it must be between 0 and 0.1"),
         (("2026-05-04", "yesterday"), r"calibration date is 'yesterday'; it must be a day as in 2026-05-04"),
-        (('"A9B0C1D2"', "7"), r"serial is 7; input should be a valid string"),
+        (('"A9B0C1D2"', "7"), r"serial is 7; it must be text in quotes"),
         (('"A9B0C1D2"', '"a\\nb"'), r"serial is 'a\\nb'; it must be 200 printable"),
-        (("[finger]", "[[finger]]"), r"finger is \[.*\]; input should be a valid dictionary"),
+        (("[finger]", "[[finger]]"), r"finger is \[.*\]; it must be a table"),
     ],
 )
 def test_mistakes_are_named_by_their_key(tmp_path: Path, change, message):
@@ -118,6 +118,11 @@ def test_mistakes_are_named_by_their_key(tmp_path: Path, change, message):
         load_profile(path)
     assert str(raised.value).startswith(f"{path}: ")
     assert "\n" not in str(raised.value)
+
+
+def test_a_date_may_stand_without_quotes():
+    quoted = parse_profile(WHOLE, "device.toml")
+    assert parse_profile(WHOLE.replace('"2026-05-04"', "2026-05-04"), "device.toml") == quoted
 
 
 def test_files_that_are_no_profile_are_refused(tmp_path: Path):
