@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 from hapticnet.device.base import Reading
+from hapticnet.device.calibration import Calibration
 from hapticnet.device.framing import Deframer, frame
 from hapticnet.device.kinematics import Linkage
 from hapticnet.device.messages import (
@@ -26,6 +27,7 @@ from hapticnet.device.wired import WiredDevice
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+CALIBRATION = Calibration(counts=(100.0, 900.0), forces_n=(0.2, 5.0))
 SHORTEST, LONGEST, RETRACTED, STEP = 2360, 4040, 2400, 120
 FRAME_MS, SILENCE_MS = 20, 190
 
@@ -169,3 +171,20 @@ class Line:
         for _ in range(ms):
             reading = self.step(displacement_m)
         return reading
+
+
+def line(device: StandIn | None = None) -> Line:
+    made = Line(WiredDevice(CALIBRATION), device or StandIn())
+    made.open()
+    return made
+
+
+def streaming(device: StandIn | None = None) -> Line:
+    made = line(device)
+    made.run(10)
+    assert made.host.status == "ready"
+    return made
+
+
+def report(made: Line) -> dict[str, object]:
+    return made.host.report()

@@ -5,13 +5,20 @@ import shutil
 import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
 
+from hapticnet.device.calibration import Calibration
 from hapticnet.device.framing import Deframer, frame
 from hapticnet.device.messages import Hello, Message, decode, encode
+from hapticnet.device.parts import Finger
+from hapticnet.device.plant import PlantSettings
+from hapticnet.device.wired import WiredDevice
+from hapticnet.runtime.nano import SimulatedNano
 from hapticnet.runtime.simavr import CYCLES_PER_US, Simavr, Step
+from tests.firmware.rig import FOUND_AND_PRESSED_MS, Rig
 
 FIRMWARE = Path(__file__).parents[2] / "firmware"
 
@@ -160,3 +167,36 @@ def simavr_files(request: pytest.FixtureRequest, make_firmware: Callable[..., Pa
     """Simulator and firmware as `simavr_build` would find them."""
     request.getfixturevalue("needs_toolchain")
     return make_firmware("sim") / "harness", make_firmware("firmware", "BAUD=500000") / "firmware-500000.elf"
+
+
+@pytest.fixture
+def rig(simavr_files: tuple[Path, Path], make_firmware: Callable[..., Path]) -> Iterator[Callable[..., Rig]]:
+    """Return a maker of rigs: a finger's stiffness, and how it differs from the usual."""
+    running: list[SimulatedNano] = []
+
+    def make(
+        stiffness_n_m: float = 1000.0, *, hanging: bool = False, calibration: Calibration | None = None, seed: int = 1
+    ) -> Rig:
+        elf = make_firmware("test-firmware", "BAUD=500000") / "hanging.elf" if hanging else simavr_files[1]
+        build = (simavr_files[0], elf)
+        settings = PlantSettings(finger=Finger(stiffness_n_m=stiffness_n_m))
+        wired = WiredDevice(calibration) if calibration else None
+        running.append(SimulatedNano(settings, np.random.default_rng(seed), build=build, wired=wired))
+        return Rig(running[-1], build)
+
+    yield make
+    for nano in running:
+        nano.close()
+
+
+@pytest.fixture
+def pressing(rig: Callable[..., Rig]) -> Callable[..., Rig]:
+    """Return a maker of rigs that press their finger with 3 N, or another force."""
+
+    def make(stiffness_n_m: float = 1000.0, *, force_n: float = 3.0, **others: Any) -> Rig:
+        made = rig(stiffness_n_m, **others)
+        made.press(force_n, FOUND_AND_PRESSED_MS)
+        assert made.felt_n[-1] == pytest.approx(force_n, rel=0.1, abs=0.15)
+        return made
+
+    return make

@@ -1,0 +1,86 @@
+"""A finger under the compiled firmware, and what happened to it."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from hapticnet.control.force import ForceControlSettings
+from hapticnet.control.limits import LimitSettings
+from hapticnet.node.fingertip import Fingertip, FingertipEvent
+from hapticnet.runtime.nano import SimulatedNano
+from hapticnet.runtime.simavr import Simavr
+
+MS = 1_000
+FINGERS_N_M = (300.0, 1000.0, 3000.0)
+FOUND_AND_PRESSED_MS = 1_800
+HANG = 0xDEAD
+
+RETRACT_MS = 150
+"""Longest a servo needs from anywhere a test presses to off the finger: 60° in 170 ms at most, HS-55 data sheet."""
+
+
+class Rig:
+    """A fingertip on a simulated Nano, and what happened to its finger, millisecond by millisecond."""
+
+    def __init__(self, nano: SimulatedNano, build: tuple[Path, Path]) -> None:
+        self.nano = nano
+        self.build = build
+        self.fingertip = Fingertip(nano, LimitSettings(), ForceControlSettings())
+        self.now_us = 0
+        self.felt_n: list[float] = []
+        self.events: list[tuple[int, FingertipEvent]] = []
+
+    def press(self, force_n: float, milliseconds: int) -> list[float]:
+        """Ask for a force; return what the finger felt meanwhile."""
+        return self.play(lambda _: force_n, milliseconds)
+
+    def play(self, force_n: Callable[[int], float], milliseconds: int) -> list[float]:
+        """Ask for a force by the time [µs]; return what the finger felt meanwhile."""
+        for _ in range(milliseconds):
+            self.now_us += MS
+            self.fingertip.press(force_n(self.now_us), self.now_us)
+            self.felt_n.append(self.nano.contact_force_n)
+            while event := self.fingertip.next_event():
+                self.events.append((self.now_us // MS, event))
+        return self.felt_n[-milliseconds:]
+
+    def stall(self, milliseconds: int) -> list[float]:
+        """Let the host stand still while all else goes on; afterwards it hears all at once."""
+        heard = b""
+        for _ in range(milliseconds):
+            self.now_us += MS
+            heard += self.nano.board.advance(self.now_us)
+            self.felt_n.append(self.nano.contact_force_n)
+        self.nano._now_us = self.now_us
+        self.nano.wired.receive(heard, self.now_us)
+        return self.felt_n[-milliseconds:]
+
+    def restart(self, force_n: float, dark_ms: int) -> list[float]:
+        """Reset the controller while a force is asked for; it is dark, as in its bootloader, and starts anew."""
+        board = self.nano.board
+        board._simavr.close()
+
+        def dark(now_us: int, _data: bytes = b"") -> bytes:
+            board.plant.advance(now_us)
+            return b""
+
+        board.advance = dark
+        felt_n = self.press(force_n, dark_ms)
+        del board.advance
+        board._simavr = Simavr(*self.build)
+        board._cycle = 0
+        board.set_clock(self.now_us)
+        return felt_n
+
+    def also_send(self, message: Callable[[], bytes]) -> None:
+        """Add to what the host writes."""
+        wired, usual = self.nano.wired, self.nano.wired.bytes_to_send
+        wired.bytes_to_send = lambda: usual() + message()
+
+    def times_ms(self, kind: type[FingertipEvent]) -> list[int]:
+        return [at_ms for at_ms, event in self.events if isinstance(event, kind)]
+
+
+def released_ms(felt_n: list[float]) -> int:
+    """Return after how many milliseconds the finger felt nothing any more."""
+    assert 0.0 in felt_n, f"still {felt_n[-1]:.2f} N after {len(felt_n)} ms"
+    return felt_n.index(0.0) + 1
