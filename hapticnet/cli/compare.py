@@ -62,6 +62,8 @@ def compare(
 
     if not traces and (column or position or rate):
         raise SettingsError("--column, --position and --rate say how to read a TRACE, and none is named")
+    if position_scale == 0.0 or (position is None and position_scale != 1.0):
+        raise SettingsError("--position-scale is not 0, and goes with --position")
     chosen = _codecs(codecs, thresholds, weber, floor)
     lost = parse_share(loss)
     trials = [_trial(file, column, position, position_scale, rate) for file in traces] if traces else [_paper(seed)]

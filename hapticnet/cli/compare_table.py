@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from hapticnet.channel.quantities import format_share
+from hapticnet.codec.registry import CODECS
 from hapticnet.experiment.comparison import REPAIR_US, Row
 
 NARROWEST: Final = 138
@@ -35,12 +36,15 @@ def print_rows(rows: Sequence[Row], loss: float) -> None:
         console.print(table)
     print(_FOOTNOTE)
     if loss:
-        print(f"{format_share(loss)} of the updates were lost; each was replaced after {REPAIR_US / 1000:g} ms.\n")
+        later = f"{REPAIR_US / 1000:g} ms later, if not lost again"
+        print(f"{format_share(loss)} of the updates were lost, and replaced {later}.\n")
 
 
 def _name(row: Row) -> str:
     changed = ",".join(f"{key}={value:g}" for key, value in row.parameters.items() if key == "step_n" and value)
-    return f"{row.codec}:{changed}" if changed else row.codec
+    name = f"{row.codec}:{changed}" if changed else row.codec
+    moved = row.quality.energy_peak_j is not None  # which takes positions to tell
+    return name if moved or not CODECS[row.codec].needs_position else f"{name} (at rest)"
 
 
 _COLUMNS: tuple[tuple[str, Callable[[Row], str]], ...] = (
@@ -62,5 +66,6 @@ kB/s with protocol, UDP and IPv4 headers. × optimum: packets over the fewest th
 zero-order hold could do with, all of the future known (codec/bound.py; for two and
 three axes a number that cannot be undercut). Exceed JND: share of samples at which one
 JND is exceeded, whatever the threshold. Jump: between successive applied samples.
+(at rest): its rule depends on motion, and no positions were given (--position).
 µs/sample: encoding and decoding in a stream, plain Python, on this machine.
 """

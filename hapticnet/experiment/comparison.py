@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from hapticnet.codec.base import Codec, Encoding, FloatArray
+from hapticnet.codec.base import Codec, FloatArray
 from hapticnet.codec.bound import fewest_holds, fewest_lines
 from hapticnet.codec.quality import QualityReport, quality_report
 from hapticnet.codec.registry import codec_parameters
@@ -17,8 +17,9 @@ from hapticnet.codec.streamed import encode_lossy, encode_streamed
 from hapticnet.node.offline import CostReport, cost_report
 from hapticnet.perception import WeberLaw
 
-TIMED_SAMPLES: Final = 20_000
-"""Samples over which a streaming pair is timed."""
+TIMED_SAMPLES: Final = 10_000
+TIMED_PASSES: Final = 3
+"""Samples over which a streaming pair is timed, and how often: the best counts, the others met a busy machine."""
 
 REPAIR_US: Final = 20_000
 """After this time [µs] a lost update is replaced by the present one: about a round trip over a city, and its spread."""
@@ -159,6 +160,9 @@ def _row(trial: Trial, codec: Codec, limits: Limits, loss: float, seed: int) -> 
 def _nanoseconds_per_sample(codec: Codec, trial: Trial) -> float:
     some = slice(0, TIMED_SAMPLES)
     positions = None if trial.positions is None else trial.positions[some]
-    started = time.perf_counter()
-    encoding: Encoding = encode_streamed(codec, trial.t_us[some], trial.stimuli[some], positions)
-    return (time.perf_counter() - started) / max(len(encoding.decoded), 1) * 1e9
+    best_s = math.inf
+    for _ in range(TIMED_PASSES):
+        started_s = time.perf_counter()
+        encode_streamed(codec, trial.t_us[some], trial.stimuli[some], positions)
+        best_s = min(best_s, time.perf_counter() - started_s)
+    return best_s / max(len(trial.t_us[some]), 1) * 1e9

@@ -32,27 +32,23 @@ def _draw_rates(rows: list[Row], title: str, file: Path) -> Path:
     figure, (packets, size) = plt.subplots(1, 2, figsize=(11.5, 5.0), layout="constrained")
     _draw_codecs(packets, rows, lambda row: row.quality.rmse_n, lambda row: row.packets_per_s)
     _draw_codecs(size, rows, lambda row: row.quality.rmse_n, lambda row: row.wire_bytes_per_s / 1000.0)
-    # The optimum has no error of its own but the law's; it is drawn as a level, for the smallest threshold.
-    row = min(rows, key=lambda row: row.multiplier)
-    for name, style, fewest in (
-        ("optimum, hold", "--", row.limits.holds),
-        ("optimum, lines", ":", row.limits.lines),
-    ):
-        level = row.packets_per_s * fewest / max(row.cost.sent, 1)
-        packets.axhline(level, linestyle=style, color="#222222", linewidth=1.0)
-        packets.annotate(
-            f"{name}, {row.multiplier:g} JND",
-            (1.0, level),
-            xycoords=("axes fraction", "data"),
-            ha="right",
-            va="bottom",
-            fontsize=8,
+    # The fewest packets say nothing of an error but that the law holds; they are drawn at the first codec's.
+    first = [row for row in rows if row.codec == rows[0].codec]
+    counts = {
+        "optimum, hold": ("--", [row.limits.holds for row in first]),
+        "optimum, lines": (":", [row.limits.lines for row in first]),
+    }
+    for name, (style, fewest) in counts.items():
+        points = sorted(
+            (row.quality.rmse_n, row.packets_per_s * count / max(row.cost.sent, 1))
+            for row, count in zip(first, fewest, strict=True)
         )
+        packets.plot(*zip(*points, strict=True), marker="_", linestyle=style, color="#222222", markersize=9, label=name)
     packets.set_ylabel("packets/s")
     size.set_ylabel("kB/s, headers included")
     for axes in (packets, size):
         axes.set_xlabel("RMSE [N]")
-    packets.legend(fontsize=8, frameon=False)
+    figure.legend(*packets.get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize=8, frameon=False)
     return _finish(plt, figure, f"{title}: rate against error, a point for each threshold", file)
 
 
@@ -62,7 +58,7 @@ def _draw_cost(rows: list[Row], title: str, file: Path) -> Path:
     _draw_codecs(axes, rows, lambda row: row.quality.rmse_n, lambda row: row.nanoseconds_per_sample / 1000.0)
     axes.set_xlabel("RMSE [N]")
     axes.set_ylabel("encoding and decoding, plain Python [µs/sample]")
-    axes.legend(fontsize=8, frameon=False)
+    figure.legend(loc="outside lower center", ncols=4, fontsize=8, frameon=False)
     return _finish(plt, figure, f"{title}: time against error", file)
 
 

@@ -139,10 +139,12 @@ def plot_step(
 
     plt = pyplot()
     figure, axes = plt.subplots(figsize=(6.4, 4.2), layout="constrained")
-    if contact_force_n is not None:
-        axes.plot(t_s, contact_force_n, color=TRUE_COLOUR, linewidth=0.9, alpha=0.6, label="true force on the finger")
-    axes.plot(t_s, force_n, color=SENSED_COLOUR, linewidth=1.1, label="sensed")
     axes.step(t_s, target_n, where="post", color=TARGET_COLOUR, linewidth=1.4, label="target")
+    axes.plot(t_s, force_n, color=SENSED_COLOUR, linewidth=1.6, alpha=0.8, label="sensed")
+    if contact_force_n is not None:
+        axes.plot(
+            t_s, contact_force_n, color=TRUE_COLOUR, linewidth=1.0, linestyle="--", label="true force on the finger"
+        )
     axes.set_xlabel("time [s]")
     axes.set_ylabel("force [N]")
     axes.set_ylim(bottom=0.0)

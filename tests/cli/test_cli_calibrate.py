@@ -147,6 +147,16 @@ def test_a_force_typed_too_early_does_not_disturb_the_measurement():
     assert [each for each in said if each] == ["pair 1: 1 N, 500.0 counts"]
 
 
+def test_an_end_typed_while_measuring_waits_for_the_measurement():
+    session = CalibrationSession()
+    assert measure(session, "1", [500.0] * 100) == []
+    assert session.typed("", 100_000) is None
+    assert not session.finished
+    said = [session.read(500.0, 101_000 + 1000 * index) for index in range(500)]
+    assert [each for each in said if each] == ["pair 1: 1 N, 500.0 counts"]
+    assert session.finished
+
+
 def test_a_device_lost_meanwhile_costs_only_that_pair():
     session = CalibrationSession()
     (said,) = measure(session, "1", [500.0, None, 500.0] * 300)

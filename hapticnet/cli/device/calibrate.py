@@ -99,6 +99,7 @@ class CalibrationSession:
     def __init__(self) -> None:
         self.pairs: Pairs = []
         self.finished = False
+        self._ending = False
         self._force_n: float | None = None
         self._started_us = 0
         self._sum = 0.0
@@ -109,7 +110,9 @@ class CalibrationSession:
         from hapticnet.device.calibration import LARGEST_FORCE_N
 
         if not line.strip():
-            self.finished = True
+            # What is being measured is measured to its end.
+            self._ending = True
+            self.finished = self._force_n is None
             return None
         if self._force_n is not None:
             return "still measuring the last one; hold it"
@@ -133,12 +136,14 @@ class CalibrationSession:
             return None
         if adc is None:
             self._force_n = None
+            self.finished = self._ending
             return "the device was lost meanwhile; once it is back, apply and type this force again"
         self._sum += adc
         self._readings += 1
         if now_us - self._started_us < WINDOW_US:
             return None
         force_n, self._force_n = self._force_n, None
+        self.finished = self._ending
         mean = self._sum / self._readings
         self.pairs.append((force_n, mean))
         remark = " (saturated: it will be left out)" if mean > FULL_SCALE_COUNTS - 1.0 else ""
