@@ -112,9 +112,12 @@ def check_writable(path: Path | None) -> None:
     if path is None:
         return
     make_folder(path.parent)
+    stood = path.exists()
     try:
         with path.open("a"):
             pass
+        if not stood:  # should nothing come of the run, nothing is to stand there
+            path.unlink()
     except OSError as error:
         raise FileError(f"{path}: cannot be written: {error.strerror}") from error
 

@@ -14,7 +14,9 @@ if TYPE_CHECKING:
     from hapticnet.device.plant import PlantSettings
     from hapticnet.device.profile import Profile
     from hapticnet.device.wired import WiredDevice
-    from hapticnet.runtime.processes import Wire
+    from hapticnet.runtime.serial_port import Wire
+
+NOT_CALIBRATED: Final = "the force sensor is not calibrated (see hapticnet device calibrate); forces may be far off"
 
 DEVICES: Final = "sim[:N/MM], simavr[:N/MM], serial:auto, serial:PATH[@BAUD]"
 """The devices there are, as a person writes them; N/MM is the simulated finger's stiffness."""
@@ -32,8 +34,7 @@ def real_time_device(text: str, profile: "Profile", seed: int) -> Iterator["tupl
         When the simulator is not built or does not start.
     """
     from hapticnet.runtime.children import Child
-    from hapticnet.runtime.processes import Wire
-    from hapticnet.runtime.serial_port import SerialSpec, parse_serial
+    from hapticnet.runtime.serial_port import SerialSpec, Wire, parse_serial
     from hapticnet.runtime.simavr import simavr_build
 
     kind, settings = _parse(text)
@@ -83,15 +84,33 @@ def load(path: Path | None) -> "Profile":
     return load_profile(path) if path is not None else Profile()
 
 
+def profile_to_write(profile: Path | None, out: Path | None) -> Path | None:
+    """Return the file a verb writes the profile to: `out`, else the one it goes on from, else none.
+
+    Raises
+    ------
+    SettingsError
+        When it is there, and not the one that is gone on from: what another verb found out would be lost.
+    FileError
+        When it cannot be written.
+    """
+    from hapticnet.cli.console import check_writable
+    from hapticnet.errors import SettingsError
+
+    file = out or profile
+    if file is not None and file != profile and file.exists():
+        raise SettingsError(f"{file} exists; --profile {file} goes on from it, --out FILE names another")
+    check_writable(file)
+    return file
+
+
 def control_settings(profile: "Profile") -> "ForceControlSettings":
     """Return the force loop's settings for what is known of the finger."""
-    from hapticnet.control.force import ForceControlSettings
-    from hapticnet.node.procedures import known_finger
+    from hapticnet.control.force import ForceControlSettings, for_known_finger
 
-    settings = ForceControlSettings()
     if profile.finger is None:
-        return settings
-    return known_finger(settings, stiffness_n_m=profile.finger.stiffness_n_m, contact_m=profile.finger.contact_m)
+        return ForceControlSettings()
+    return for_known_finger(stiffness_n_m=profile.finger.stiffness_n_m, contact_m=profile.finger.contact_m)
 
 
 def _parse(text: str) -> "tuple[str, PlantSettings | None]":
@@ -129,17 +148,13 @@ def _simulated(settings: "PlantSettings", rng: "np.random.Generator") -> "Device
 
 
 def _wired(profile: "Profile", settings: "PlantSettings | None" = None) -> "WiredDevice":
-    from hapticnet.control.limits import DEVICE_MAX_FORCE_N
     from hapticnet.device.parts import Servo
     from hapticnet.device.wired import WiredDevice
 
     servo = settings.servo if settings else Servo()
     if profile.servo_lag_s is not None:
         servo = replace(servo, lag_s=profile.servo_lag_s)
-    calibration = profile.calibration
-    # Above its last pair a calibration says "at least that"; a loop that aims beyond would push without end.
-    strongest_n = min(DEVICE_MAX_FORCE_N, calibration.forces_n[-1])
-    return WiredDevice(calibration, servo=servo, max_force_n=strongest_n)
+    return WiredDevice(profile.calibration, servo=servo)
 
 
 def _rng(seed: int) -> "np.random.Generator":

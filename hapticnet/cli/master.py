@@ -95,7 +95,7 @@ def master(
         )
     ):
         if wire and known.is_generic and device.startswith("serial:"):
-            console.say("the force sensor is not calibrated (see hapticnet device calibrate); forces may be far off")
+            console.say(devices.NOT_CALIBRATED)
         node = MasterNode(hand, fingertip, settings, np.random.default_rng())
         outcome = run(
             run_master(
@@ -121,6 +121,8 @@ def master(
         "missed_ticks": outcome.missed_ticks,
         "send_errors": outcome.send_errors,
         "strangers": outcome.strangers,
+        "port_openings": outcome.port_openings,
+        "port_unwritten_bytes": outcome.port_unwritten_bytes,
     }
     if channel is not None:
         account["channel_out"] = channel_account(out, channel)

@@ -47,8 +47,7 @@ def make_codec(name: str, law: WeberLaw, parameters: Mapping[str, float] | None 
     """
     if name not in CODECS:
         raise SettingsError(f"unknown codec {name!r}; there are: {', '.join(CODECS)}")
-    codec = CODECS[name](law=law)
-    known = codec_parameters(codec)
+    known = [field.name for field in dataclasses.fields(CODECS[name]) if field.name != "law"]
     for key in parameters or {}:
         if key not in known:
             raise SettingsError(f"codec {name!r} has no parameter {key!r}; it has: {', '.join(known) or 'none'}")

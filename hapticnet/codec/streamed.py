@@ -71,7 +71,10 @@ def encode_lossy(
         if missing_since_us is not None and repair_us is not None and at_us - missing_since_us >= repair_us:
             encoder.refresh()
             missing_since_us = None
-        payload = encoder.encode(at_us, stimulus, position)
+        try:
+            payload = encoder.encode(at_us, stimulus, position)
+        except SampleError as error:
+            raise SampleError(f"sample {index}: {error}") from error
         if payload is not None:
             sent.append(index)
             sizes.append(len(payload))

@@ -3,8 +3,9 @@
 The sensed force does not drive the platform, it corrects what is believed of the finger (``finger.py``): where it is
 and how stiff. From that belief follows where the platform must stand for the target. A target that leaps is
 therefore answered by one motion of the right size, whatever the finger, and there is no integral that could
-wind up. Because the belief compares the force with where the platform really stood at that moment, a delay in the
-loop alone cannot make it swing; only a finger more than twice as stiff as believed can.
+wind up. Because the belief compares the
+force with where the platform really stood at that moment, a delay the host knows of cannot make it swing by itself; a
+finger much stiffer than believed can (``margins.py`` says how much).
 
 Around it stand the rules that a deaf sensor and a lost finger ask for.
 """
@@ -13,11 +14,17 @@ import math
 from dataclasses import dataclass, field
 from typing import Final
 
-from hapticnet.control.finger import FingerSettings, LearnedFinger, compressed
+from hapticnet.control.finger import SOFTEST_N_M, STIFFEST_N_M, FingerSettings, LearnedFinger, compressed
 from hapticnet.control.limits import DEVICE_MAX_FORCE_N
 from hapticnet.control.watch import SensorWatch
 from hapticnet.errors import SettingsError
 from hapticnet.samples import LARGEST_COMPONENT
+
+ASSUMED_CONTACT_M: Final = 0.002
+"""Where [m] a finger that was never tuned is assumed, as in the simulated device."""
+
+BEYOND_M: Final = 0.0011
+"""How far [m] beyond its contact a 0.3 N/mm finger has to be pressed for the sensor to feel it."""
 
 RESTING_N: Final = 1e-3
 """A target that changes by less [N] in a control period is at rest: 0.1 N/s."""
@@ -39,7 +46,7 @@ class ForceControlSettings:
         Largest force [N] the finger may feel.
     headroom_n
         How far [N] below that the loop aims at most, room for its overshoot, and for one step of a servo on a
-        3 N/mm finger (0.34 N).
+        3 N/mm finger (0.37 N on the wire).
     lead_s
         By how much [s] the platform runs ahead of a moving target, to make up for the servos' lag. Half the
         shortest lag that is typical of the HS-55; more would make a 3 N/mm finger overshoot.
@@ -91,7 +98,7 @@ class ForceControlSettings:
     yield_fraction: float = 0.15
     search_m: float = 0.0005
     search_n: float = 1.0
-    reach_m: float = 0.0031
+    reach_m: float = ASSUMED_CONTACT_M + BEYOND_M
 
     def __post_init__(self) -> None:
         for name, value, smallest, largest in (
@@ -115,6 +122,18 @@ class ForceControlSettings:
         ):
             if not smallest <= value <= largest:
                 raise SettingsError(f"{name} is {value}; it must be between {smallest:g} and {largest:g}")
+
+
+def for_known_finger(*, stiffness_n_m: float, contact_m: float) -> ForceControlSettings:
+    """Return the settings for a finger that was tuned: its stiffness [N/m], and where it was touched [m].
+
+    It is looked for as far beyond that as a soft finger needs to be felt, seated anew.
+    """
+    usual = FingerSettings()
+    finger = FingerSettings(
+        stiffness_n_m=min(max(stiffness_n_m, SOFTEST_N_M), STIFFEST_N_M), uncertainty=usual.largest_uncertainty
+    )
+    return ForceControlSettings(finger=finger, reach_m=max(0.0, contact_m) + BEYOND_M)
 
 
 class ForceController:

@@ -67,13 +67,16 @@ def loop_margins(settings: ForceControlSettings, actuator: Actuator, *, force_n:
     frequency_hz = np.geomspace(0.01, 0.5e6 / settings.period_us, FREQUENCIES)
     loop = stiffness * _open_loop(settings, actuator, finger, force_n, 2.0 * np.pi * frequency_hz)
     gain, phase_deg = np.abs(loop), np.degrees(np.unwrap(np.angle(loop)))
-    falls = np.flatnonzero((phase_deg[:-1] > -180.0) & (phase_deg[1:] <= -180.0))
-    gain_margin = min((float(1.0 / gain[index]) for index in falls), default=float("inf"))
-    crossings = np.flatnonzero((gain[:-1] > 1.0) & (gain[1:] <= 1.0))
+    # -180°, -540°, … are all the same point to a Nyquist plot, from whichever side it is passed.
+    turns = np.floor((phase_deg + 180.0) / 360.0)
+    critical = np.flatnonzero(np.diff(turns))
+    gain_margin = min((float(1.0 / gain[index]) for index in critical), default=float("inf"))
+    crossings = np.flatnonzero(np.diff(gain > 1.0))
     if not crossings.size:
         return Margins(gain_margin, float("inf"), float("nan"))
-    worst = min(crossings, key=lambda index: float(phase_deg[index]))
-    return Margins(gain_margin, 180.0 + float(phase_deg[worst]), float(frequency_hz[worst]))
+    apart_deg = np.abs(phase_deg[crossings] % 360.0 - 180.0)
+    worst = int(np.argmin(apart_deg))
+    return Margins(gain_margin, float(apart_deg[worst]), float(frequency_hz[crossings[worst]]))
 
 
 def _held(settings: ForceControlSettings, force_n: float) -> LearnedFinger:

@@ -1,6 +1,9 @@
 """What the master sees of a fingertip device, real or simulated."""
 
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple, Protocol
+
+MAX_FORCE_N: Final = 5.0
+"""Largest force [N] the paper's device renders."""
 
 
 class Reading(NamedTuple):

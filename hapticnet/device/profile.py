@@ -152,11 +152,6 @@ class Profile:
         return self.measured is None
 
 
-def generic_profile() -> Profile:
-    """Return the profile of a device nobody measured."""
-    return Profile()
-
-
 def _as_text(day: Any) -> Any:
     """Return a day written without quotes, which TOML reads as a date, as the text it was."""
     return day.isoformat() if hasattr(day, "isoformat") else day

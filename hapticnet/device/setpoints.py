@@ -62,8 +62,7 @@ class Setpoints:
 
     def start(self, identity: Identity, now_us: int) -> None:
         """Note that the device has answered HELLO: it is retracted, and knows no setpoint."""
-        shortest, longest = identity[8:14:2], identity[9:14:2]
-        self._limits = list(zip(shortest, longest, strict=True))
+        self._limits = list(identity.pulse_limits)
         self._largest_step = identity.largest_step
         self.retract(now_us)
         self._sent_us = self._retracted_us

@@ -13,7 +13,7 @@ In every state but streaming there are no readings, and the device, hearing no s
 from enum import Enum
 from typing import Final
 
-from hapticnet.device.base import Device, Reading
+from hapticnet.device.base import MAX_FORCE_N, Device, Reading
 from hapticnet.device.calibration import Calibration
 from hapticnet.device.framing import Deframer, frame
 from hapticnet.device.kinematics import Linkage
@@ -83,13 +83,11 @@ class WiredDevice(Device):
     Parameters
     ----------
     calibration
-        From the sensor's counts to newton.
+        From the sensor's counts to newton. No more is asked for than where it ends.
     linkage
         How servo pulses lift the platform.
     servo
         What the servos are, to estimate where they stand.
-    max_force_n
-        Largest force [N] the device may be asked for; less where the calibration ends below it.
 
     Attributes
     ----------
@@ -109,14 +107,13 @@ class WiredDevice(Device):
         *,
         linkage: Linkage | None = None,
         servo: Servo | None = None,
-        max_force_n: float = 5.0,
     ) -> None:
         self._calibration = calibration
         linkage = linkage or Linkage()
         self._setpoints = Setpoints(linkage, servo or Servo())
         self.travel_m = linkage.travel_m
         # Beyond its table the sensor says only "at least that", and the force loop would press on and on.
-        self.max_force_n = min(max_force_n, calibration.forces_n[-1])
+        self.max_force_n = min(MAX_FORCE_N, calibration.forces_n[-1])
         self.description = "device on a serial line"
         self.status = "the port is not open"
         self.identity: Identity | None = None

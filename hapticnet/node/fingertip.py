@@ -43,6 +43,8 @@ class Fingertip:
         What is driven.
     controller
         The force loop.
+    largest_n
+        The largest force [N] it asks of the device, which leaves the loop room for its overshoot.
     target_n
         The force [N] being asked of the device, after the limits.
     displacement_m
@@ -51,19 +53,23 @@ class Fingertip:
         The newest reading; None while the device is lost.
     """
 
-    __slots__ = ("_events", "_fault", "_found", "_limiter", "_times_lost", "controller", "device", "displacement_m",
-                 "reading", "target_n")  # fmt: skip
+    __slots__ = (
+        "_events", "_fault", "_found", "_limiter", "_times_lost", "controller", "device", "displacement_m", "largest_n",
+        "reading", "target_n",
+    )  # fmt: skip
 
     def __init__(self, device: Device, limits: LimitSettings, control: ForceControlSettings) -> None:
         self.device = device
         max_force_n = min(control.max_force_n, device.max_force_n)
+        headroom_n = min(control.headroom_n, 0.5 * max_force_n)
+        self.largest_n = max_force_n - headroom_n
         self.controller = ForceController(
             replace(
                 control,
                 travel_m=min(control.travel_m, device.travel_m),
                 max_force_n=max_force_n,
                 # What a device that bears little force leaves of these.
-                headroom_n=min(control.headroom_n, 0.5 * max_force_n),
+                headroom_n=headroom_n,
                 search_n=min(control.search_n, 0.5 * max_force_n),
                 yield_n=min(control.yield_n, 0.5 * max_force_n),
             )
@@ -71,7 +77,7 @@ class Fingertip:
         self.target_n = 0.0
         self.displacement_m = 0.0
         self.reading: Reading | None = None
-        self._limiter = ForceLimiter(limits)
+        self._limiter = ForceLimiter(replace(limits, max_force_n=min(limits.max_force_n, self.largest_n)))
         self._found = False
         self._times_lost = 0
         self._fault: str | None = None

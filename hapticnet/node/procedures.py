@@ -4,13 +4,12 @@ A procedure is ticked like a node and says when it is done; whether time is virt
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from hapticnet.control.finger import SOFTEST_N_M, STIFFEST_N_M, FingerSettings, compressed
-from hapticnet.control.force import ForceControlSettings
+from hapticnet.control.finger import compressed
 from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.node.fingertip import Fingertip
 from hapticnet.node.recording import Recording
@@ -93,7 +92,7 @@ class StepTest(_Procedure):
         self, fingertip: Fingertip, *, from_n: float, to_n: float, before_us: int = 2_500_000, after_us: int = 2_000_000
     ) -> None:
         super().__init__(fingertip)
-        largest_n = fingertip.device.max_force_n
+        largest_n = fingertip.largest_n
         for name, force_n in (("from", from_n), ("to", to_n)):
             if not 0.0 <= force_n <= largest_n:
                 raise SettingsError(f"the step goes {name} {force_n} N; it must be between 0 and {largest_n:g}")
@@ -155,15 +154,15 @@ class Tuned:
 class Tuning(_Procedure):
     """Looks for the finger over the whole travel, presses it with a few rising forces, and lets go.
 
-    Make its fingertip with `tuning_settings`.
+    Its fingertip's reach should be the whole way of the platform.
     """
 
     def __init__(self, fingertip: Fingertip, *, max_force_n: float = TUNING_FORCES_N[-1]) -> None:
         super().__init__(fingertip)
         self._forces_n = [force_n for force_n in TUNING_FORCES_N if force_n <= max_force_n]
-        if not max_force_n <= fingertip.device.max_force_n:
+        if not max_force_n <= fingertip.largest_n:
             raise SettingsError(
-                f"tuning is allowed {max_force_n} N; the device renders {fingertip.device.max_force_n:g} at most"
+                f"tuning is allowed {max_force_n} N; this device is asked for {fingertip.largest_n:g} at most"
             )
         if len(self._forces_n) < 3:
             raise SettingsError(
@@ -215,26 +214,3 @@ class Tuning(_Procedure):
             forces_n=tuple(forces_n.tolist()),
             displacements_m=tuple(displacements_m.tolist()),
         )
-
-
-def tuning_settings(travel_m: float) -> ForceControlSettings:
-    """Return the settings for a finger that may be anywhere on the platform's way [m]."""
-    return ForceControlSettings(reach_m=travel_m)
-
-
-def known_finger(settings: ForceControlSettings, *, stiffness_n_m: float, contact_m: float) -> ForceControlSettings:
-    """Return the settings for a finger that was tuned: its stiffness, and where to look for it.
-
-    It is looked for as far beyond where it was as a 0.3 N/mm finger needs to be felt (1.1 mm), seated anew.
-    """
-    beyond_m = ForceControlSettings().reach_m - ASSUMED_CONTACT_M
-    finger = replace(
-        settings.finger,
-        stiffness_n_m=min(max(stiffness_n_m, SOFTEST_N_M), STIFFEST_N_M),
-        uncertainty=min(settings.finger.uncertainty, FingerSettings().largest_uncertainty),
-    )
-    return replace(settings, finger=finger, reach_m=max(0.0, contact_m) + beyond_m)
-
-
-ASSUMED_CONTACT_M: Final = 0.002
-"""Where [m] a finger is assumed that was never tuned, as in the simulated device."""

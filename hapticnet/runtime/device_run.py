@@ -4,17 +4,15 @@ import asyncio
 from collections.abc import Callable
 from typing import Final
 
-from hapticnet.device.wired import WiredDevice
-from hapticnet.runtime.processes import START_WITHIN_S, stop_on_signals
-from hapticnet.runtime.serial_port import SerialPort, SerialSpec
+from hapticnet.runtime.processes import stop_on_signals
+from hapticnet.runtime.serial_port import Wire, open_wire
 from hapticnet.runtime.timer import Ticker
 
 TICK_US: Final = 1000
 
 
 async def run_device(
-    wired: WiredDevice,
-    spec: SerialSpec,
+    wire: Wire,
     tick: Callable[[int], bool],
     *,
     duration_s: float | None = None,
@@ -24,7 +22,7 @@ async def run_device(
     Parameters
     ----------
     tick
-        Exchanges with `wired`; returns whether it is done. What it raises ends the run and is raised here.
+        Exchanges with the wired device; returns whether it is done. What it raises ends the run and is raised here.
     duration_s
         Longest time to go on [s] once the device is ready.
 
@@ -44,7 +42,9 @@ async def run_device(
     signalled = stop_on_signals(loop)
     done = asyncio.Event()
     failure: list[Exception] = []
-    port = SerialPort(loop, spec, wired)
+    port = await open_wire(wire, signalled)
+    if port is None:
+        return False
 
     def on_tick(now_us: int) -> None:
         try:
@@ -56,22 +56,15 @@ async def run_device(
         port.flush(now_us)
 
     stopped = asyncio.ensure_future(signalled.wait())
-    ready = asyncio.ensure_future(port.wait_ready(START_WITHIN_S))
     finished = asyncio.ensure_future(done.wait())
-    ticker: Ticker | None = None
+    ticker = Ticker(loop, TICK_US, on_tick)
     try:
-        await asyncio.wait({ready, stopped}, return_when=asyncio.FIRST_COMPLETED)
-        if stopped.done():
-            return False
-        await ready
-        ticker = Ticker(loop, TICK_US, on_tick)
         await asyncio.wait({finished, stopped}, timeout=duration_s, return_when=asyncio.FIRST_COMPLETED)
         if failure:
             raise failure[0]
         return not stopped.done()
     finally:
-        if ticker:
-            ticker.stop()
-        for waiting in (ready, stopped, finished):
-            waiting.cancel()
+        ticker.stop()
+        stopped.cancel()
+        finished.cancel()
         await port.stop()

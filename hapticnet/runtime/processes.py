@@ -7,11 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-from hapticnet.device.wired import WiredDevice
 from hapticnet.node.master import MasterNode, NodeEvent
 from hapticnet.node.slave import SlaveEvent, SlaveNode
 from hapticnet.runtime.clock import now_us
-from hapticnet.runtime.serial_port import SerialPort, SerialSpec
+from hapticnet.runtime.serial_port import Wire, open_wire
 from hapticnet.runtime.timer import Alarm, Ticker
 from hapticnet.runtime.udp import OutgoingChannel, SocketAddress, UdpPort
 
@@ -21,21 +20,9 @@ PARTING_S: Final = 1.0
 """How long a process waits for its last words to leave its emulated channel."""
 
 
-START_WITHIN_S: Final = 5.0
-"""How long a device may take to come up [s]: the three seconds after which it counts as silent, and time to open."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Wire:
-    """A device on a serial line, and where that is."""
-
-    wired: WiredDevice
-    spec: SerialSpec
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MasterRun:
-    """How a master's run went in real time, for its report."""
+    """How a master's run went in real time, for its report; of the serial port nothing where there was none."""
 
     end_reason: str
     connected: bool
@@ -43,6 +30,8 @@ class MasterRun:
     missed_ticks: int
     send_errors: int
     strangers: int
+    port_openings: int | None
+    port_unwritten_bytes: int | None
 
 
 async def run_slave(
@@ -141,13 +130,7 @@ async def run_master(
         while (event := node.next_event()) is not None:
             on_event(event)
 
-    serial = SerialPort(loop, wire.spec, wire.wired) if wire is not None else None
-    if serial is not None:
-        try:
-            await serial.wait_ready(START_WITHIN_S)
-        except BaseException:
-            await serial.stop()
-            raise
+    serial = await open_wire(wire, stop) if wire is not None else None
     port = UdpPort(loop, sock, receive, peer=slave, channel=channel)
     ticker = Ticker(loop, node.period_us, tick)
     status = Repeating(loop, on_status)
@@ -178,6 +161,8 @@ async def run_master(
         missed_ticks=ticker.missed,
         send_errors=port.send_errors,
         strangers=port.strangers,
+        port_openings=serial.openings if serial is not None else None,
+        port_unwritten_bytes=serial.unwritten if serial is not None else None,
     )
 
 

@@ -35,6 +35,9 @@ NANO_VENDORS: Final = {
 }
 """USB vendors of Nanos and their adapters; numbers from the USB ID Repository."""
 
+START_WITHIN_S: Final = 5.0
+"""How long a device may take to come up [s]: the three seconds after which it counts as silent, and time to open."""
+
 RETRY_S: Final = 0.25
 WAIT_STEP_S: Final = 0.005
 READ_BYTES: Final = 4096
@@ -50,6 +53,14 @@ class SerialSpec:
 
     def __str__(self) -> str:
         return f"serial:{self.path or 'auto'}" + (f"@{self.baud}" if self.baud != DEFAULT_BAUD else "")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wire:
+    """A device on a serial line, and where that is."""
+
+    wired: WiredDevice
+    spec: SerialSpec
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -251,6 +262,34 @@ class SerialPort:
         except OSError:
             self._lose("unplugged", now_us)
             return 0
+
+
+async def open_wire(wire: Wire, stop: asyncio.Event) -> SerialPort | None:
+    """Open a wire and wait until its device gives readings; None when `stop` was set meanwhile.
+
+    Raises
+    ------
+    RefusedError
+        When the device speaks another protocol.
+    UnavailableError
+        When there is no such port, or no device answers on it.
+    """
+    port = SerialPort(asyncio.get_running_loop(), wire.spec, wire.wired)
+    ready = asyncio.ensure_future(port.wait_ready(START_WITHIN_S))
+    stopped = asyncio.ensure_future(stop.wait())
+    opened = False
+    try:
+        await asyncio.wait({ready, stopped}, return_when=asyncio.FIRST_COMPLETED)
+        if stop.is_set():
+            return None
+        await ready
+        opened = True
+        return port
+    finally:
+        ready.cancel()
+        stopped.cancel()
+        if not opened:
+            await port.stop()
 
 
 def _open(spec: SerialSpec) -> serial.Serial:

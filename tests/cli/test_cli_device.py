@@ -142,8 +142,8 @@ def test_a_summary_is_mean_and_sample_deviation():
     [
         (("step", "sim:10"), "0.2 to 5 N/mm"),
         (("step", "sim", "--plot", "x.xyz"), "must end in .png"),
-        (("step", "sim", "--from", "1", "--to", "9"), "between 0 and 5"),
-        (("tune", "sim", "--max-force", "99"), "renders 5 at most"),
+        (("step", "sim", "--from", "1", "--to", "9"), "between 0 and 4.6"),
+        (("tune", "sim", "--max-force", "99"), "asked for 4.6 at most"),
         (("tune", "none"), "unknown device 'none'"),
     ],
 )
@@ -183,3 +183,17 @@ def test_tune_finds_the_finger_and_writes_it_into_the_profile(tmp_path):
     assert load_profile(profile).finger.stiffness_n_m == pytest.approx(report["stiffness_n_m"])
     done = hapticnet("device", "step", "sim:0.3", "--profile", profile, "--json", "--plot", tmp_path / "s.png")
     assert json.loads(done.stdout)["true"]["rise_s"] <= 0.2
+
+
+def test_tune_overwrites_no_profile_it_does_not_go_on_from_and_leaves_no_empty_one(tmp_path):
+    profile = tmp_path / "device.toml"
+    profile.write_text('serial = "A9B0C1D2"\n')
+    done = hapticnet("device", "tune", "sim", "--out", profile)
+    assert_one_line(done, "device.toml exists", "--profile")
+    assert profile.read_text() == 'serial = "A9B0C1D2"\n'
+    other = tmp_path / "other.toml"
+    assert_one_line(hapticnet("device", "tune", "sim", "--max-force", "0.1", "--out", other), "too few points")
+    assert not other.exists()
+    assert hapticnet("device", "tune", "sim", "--profile", profile).returncode == 0
+    assert load_profile(profile).serial == "A9B0C1D2"
+    assert load_profile(profile).finger is not None

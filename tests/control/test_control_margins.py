@@ -46,3 +46,11 @@ def test_the_margin_does_not_depend_on_which_finger_is_believed() -> None:
         for n_per_m in (300.0, 3000.0)
     ]
     assert margins[0].gain == pytest.approx(margins[1].gain, rel=0.05)
+
+
+def test_the_phase_margin_is_the_smallest_of_all_crossings_however_far_the_phase_has_turned() -> None:
+    soft = ForceControlSettings(finger=FingerSettings(stiffness_n_m=300.0))
+    margins = loop_margins(soft, Actuator(transport_s=0.1), force_n=2.0, stiffness=1.0)
+    assert 45.0 < margins.phase_deg < 90.0
+    assert margins.crossover_hz < 2.0
+    assert 1.5 < margins.gain < 4.0

@@ -11,7 +11,6 @@ from hapticnet.device.profile import (
     MeasuredFinger,
     Profile,
     dump_profile,
-    generic_profile,
     load_profile,
     parse_profile,
 )
@@ -78,11 +77,11 @@ def test_a_file_says_all_or_nothing(tmp_path: Path):
     assert (profile.measured.date, profile.measured.pairs, profile.measured.residual_rms_n) == ("2026-05-04", 16, 0.03)
     assert profile.finger == MeasuredFinger(stiffness_n_m=900.0, contact_m=0.0021, date="2026-05-04")
     path.write_text("")
-    assert load_profile(path) == generic_profile()
+    assert load_profile(path) == Profile()
 
 
 def test_a_device_nobody_calibrated_has_the_data_sheets_curve_and_says_so():
-    profile = generic_profile()
+    profile = Profile()
     assert profile.is_generic
     for force_n in (0.2, 1.0, 2.0, 5.0, 20.0):
         assert profile.calibration.force_n(Sensor().counts(force_n)) == pytest.approx(force_n, rel=1e-12)

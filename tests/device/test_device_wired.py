@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticnet.device.base import Device
+from hapticnet.device.calibration import Calibration
 from hapticnet.device.framing import LONGEST_BODY, frame
 from hapticnet.device.messages import (
     FLASH_COMMAND,
@@ -26,11 +27,12 @@ ANY = st.floats(allow_nan=True, allow_infinity=True)
 
 def test_is_a_device_that_is_lost_until_its_port_is_opened() -> None:
     assert Device in WiredDevice.__mro__
-    host = WiredDevice(CALIBRATION, max_force_n=4.0)
+    host = WiredDevice(Calibration(counts=(100.0, 900.0), forces_n=(0.2, 4.0)))
     assert host.exchange(0.001, 1_000) is None
     assert host.bytes_to_send() == b""
     assert host.status == "the port is not open"
-    assert host.max_force_n == 4.0
+    assert host.max_force_n == 4.0  # where its table ends
+    assert WiredDevice(Calibration(counts=(100.0, 900.0), forces_n=(0.2, 20.0))).max_force_n == 5.0
     assert 0.015 <= host.travel_m < 0.016
 
 

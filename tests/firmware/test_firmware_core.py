@@ -81,7 +81,7 @@ def test_hello_is_answered_with_the_limits(core: Any) -> None:
     assert identity.largest_step == STEP
     # The whole way of the platform, and two deadbands more for a servo that moves ahead of the others.
     slack_us = 2 * LINKAGE.deadband_us
-    for shortest, longest in zip(identity[8:14:2], identity[9:14:2], strict=True):
+    for shortest, longest in identity.pulse_limits:
         assert shortest <= (LINKAGE.retracted_us - slack_us) * TICKS_PER_US
         assert longest >= (LINKAGE.extended_us + slack_us) * TICKS_PER_US
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from hapticnet.control.force import ForceControlSettings
+from hapticnet.control.force import ForceControlSettings, for_known_finger
 from hapticnet.control.limits import LimitSettings
 from hapticnet.device.base import Reading
 from hapticnet.device.parts import Finger, Servo
@@ -15,7 +15,7 @@ from hapticnet.device.plant import PlantSettings
 from hapticnet.device.simulated import SimulatedDevice
 from hapticnet.experiment.step_response import step_figures
 from hapticnet.node.fingertip import DeviceFound, DeviceLost, Fingertip, ForceFault
-from hapticnet.node.procedures import StepTest, Tuning, known_finger, tuning_settings
+from hapticnet.node.procedures import StepTest, Tuning
 
 FINGERS_N_M = (300.0, 600.0, 1000.0, 2000.0, 3000.0)
 
@@ -256,7 +256,7 @@ def test_a_lost_device_is_told_and_met_like_a_stranger_when_it_is_back() -> None
 def test_tuning_finds_finger_and_stiffness_with_bounded_force(stiffness_n_m: float, contact_m: float) -> None:
     finger = Finger(stiffness_n_m=stiffness_n_m, contact_m=contact_m)
     device = SimulatedDevice(PlantSettings(finger=finger), np.random.default_rng(1))
-    tuning = Tuning(Fingertip(device, LimitSettings(), tuning_settings(device.travel_m)))
+    tuning = Tuning(Fingertip(device, LimitSettings(), ForceControlSettings(reach_m=device.travel_m)))
     now_us, strongest_n = 0, 0.0
     while not tuning.tick(now_us):
         now_us += 1_000
@@ -267,7 +267,7 @@ def test_tuning_finds_finger_and_stiffness_with_bounded_force(stiffness_n_m: flo
     assert tuned.residual_m < 1e-4
     assert strongest_n < 2.3
     assert device.contact_force_n == 0.0
-    known = known_finger(ForceControlSettings(), stiffness_n_m=tuned.stiffness_n_m, contact_m=tuned.contact_m)
+    known = for_known_finger(stiffness_n_m=tuned.stiffness_n_m, contact_m=tuned.contact_m)
     assert known.reach_m == pytest.approx(contact_m + 0.0011, abs=2e-4)
     assert known.finger.stiffness_n_m == tuned.stiffness_n_m
 

@@ -18,7 +18,7 @@ from hapticnet.runtime import serial_port
 from hapticnet.runtime.clock import now_us
 from hapticnet.runtime.device_run import run_device
 from hapticnet.runtime.realtime import loop_factory
-from hapticnet.runtime.serial_port import SerialPort, SerialSpec, choose_port, find_ports, parse_serial
+from hapticnet.runtime.serial_port import SerialPort, SerialSpec, Wire, choose_port, find_ports, parse_serial
 from hapticnet.runtime.timer import Ticker
 from tests.device.standin import StandIn
 from tests.runtime.plugged import Plugged
@@ -346,9 +346,8 @@ def run_on_stand_in(tick, *, duration_s=None):
         plugged = Plugged(StandIn())
         wired = WiredDevice(CALIBRATION)
         try:
-            return await run_device(
-                wired, SerialSpec(plugged.path), lambda now: tick(wired, now), duration_s=duration_s
-            )
+            wire = Wire(wired=wired, spec=SerialSpec(plugged.path))
+            return await run_device(wire, lambda now: tick(wired, now), duration_s=duration_s)
         finally:
             plugged.unplug()
 

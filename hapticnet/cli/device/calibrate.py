@@ -36,17 +36,17 @@ def calibrate(
     import datetime
     from dataclasses import replace
 
-    from hapticnet.cli.console import check_writable, deliver, write_text
+    from hapticnet.cli import devices
+    from hapticnet.cli.console import deliver, write_text
     from hapticnet.device.calibration import Calibration, fit_calibration
-    from hapticnet.device.profile import MeasuredCalibration, dump_profile, generic_profile, load_profile
+    from hapticnet.device.profile import MeasuredCalibration, dump_profile
     from hapticnet.errors import FileError, SettingsError
 
     if (device is None) == (pairs is None):
         raise SettingsError("calibrate takes either a device, such as serial:auto, or --pairs FILE")
-    known = load_profile(profile) if profile else generic_profile()
-    file = out or profile or Path("device.toml")
-    if file.exists() and file != profile and file.stat().st_size:
-        raise SettingsError(f"{file} exists; --profile {file} goes on from it, --out FILE names another")
+    known = devices.load(profile)
+    file = devices.profile_to_write(profile, out or (Path("device.toml") if profile is None else None))
+    assert file is not None  # noqa: S101 - one of the three it is
     if pairs is not None:
         measured = _read(pairs)
     else:
@@ -54,9 +54,6 @@ def calibrate(
 
         spec = parse_serial(device or "")
         known = replace(known, serial=_serial_number(spec) or known.serial)
-        check_writable(file)
-        if not file.stat().st_size:
-            file.unlink()  # should nothing come of it, an empty file would pass for a profile
         measured = _measure(spec)
     try:
         fit = fit_calibration([adc for _, adc in measured], [force_n for force_n, _ in measured])
@@ -219,6 +216,7 @@ def _measure(spec: "SerialSpec") -> Pairs:
     from hapticnet.device.wired import WiredDevice
     from hapticnet.runtime.device_run import run_device
     from hapticnet.runtime.realtime import run
+    from hapticnet.runtime.serial_port import Wire
 
     wired = WiredDevice(GENERIC_CALIBRATION)
     session = CalibrationSession()
@@ -240,7 +238,7 @@ def _measure(spec: "SerialSpec") -> Pairs:
         return session.finished
 
     _say(f"opening {spec}; keep fingers out")
-    if not run(run_device(wired, spec, tick)):
+    if not run(run_device(Wire(wired=wired, spec=spec), tick)):
         raise typer.Exit(130)
     return session.pairs
 

@@ -1,6 +1,5 @@
 """Carries a procedure through time: virtual for a simulated device, real for one on a serial line."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
@@ -9,18 +8,18 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from hapticnet.device.base import Device
+    from hapticnet.device.profile import Profile
 
 TICK_US = 1000
 
 
-def drive(text: str, profile: Path | None, seed: int, prepare: "Callable[[Device], Callable[[int], bool]]") -> "Device":
+def drive(text: str, known: "Profile", seed: int, prepare: "Callable[[Device], Callable[[int], bool]]") -> "Device":
     """Make the device written as `text`, let `prepare` make a procedure's tick for it, and tick until it is done.
 
     Returns the device, ended: what is left is its account.
     """
     from hapticnet.cli import devices
 
-    known = devices.load(profile)
     if text.startswith("simavr"):
         _share_a_core()
     with devices.virtual_device(text, known, seed) as device:
@@ -36,10 +35,10 @@ def drive(text: str, profile: Path | None, seed: int, prepare: "Callable[[Device
     console = Console("device")
     console.say(f"opening {text}, which will press the finger; draw it away or press Ctrl-C to end")
     if known.is_generic:
-        console.say("the force sensor is not calibrated (see hapticnet device calibrate); forces may be far off")
+        console.say(devices.NOT_CALIBRATED)
     with devices.real_time_device(text, known, seed) as (device, wire):
         assert wire is not None  # noqa: S101 - what is not simulated is on a wire
-        if not run(run_device(wire.wired, wire.spec, prepare(device))):
+        if not run(run_device(wire, prepare(device))):
             raise typer.Exit(130)
         return device
 

@@ -19,16 +19,15 @@ def info(
     from hapticnet.errors import UnavailableError
     from hapticnet.runtime.device_run import run_device
     from hapticnet.runtime.realtime import run
-    from hapticnet.runtime.serial_port import parse_serial
+    from hapticnet.runtime.serial_port import Wire, parse_serial
 
     spec = parse_serial(device)
     wired = WiredDevice(GENERIC_CALIBRATION)
-    if not run(run_device(wired, spec, lambda now_us: wired.exchange(0.0, now_us) is not None)):
+    if not run(run_device(Wire(wired=wired, spec=spec), lambda now_us: wired.exchange(0.0, now_us) is not None)):
         raise typer.Exit(130)
     who = wired.identity
     if who is None:
         raise UnavailableError(f"{spec}: {wired.status}")
-    limits = zip(who[8:14:2], who[9:14:2], strict=True)
     account = {
         "device": str(spec),
         "firmware": firmware_version(who),
@@ -41,7 +40,7 @@ def info(
         "largest_step_us": who.largest_step / TICKS_PER_US,
         "servo": [
             {"shortest_pulse_us": shortest / TICKS_PER_US, "longest_pulse_us": longest / TICKS_PER_US}
-            for shortest, longest in limits
+            for shortest, longest in who.pulse_limits
         ],
     }
     deliver(account, as_json=json, file=None)

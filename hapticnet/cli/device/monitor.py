@@ -22,17 +22,17 @@ def monitor(
     json: options.Json = False,
 ) -> None:
     """Show live force, counts and displacement of a device that stays retracted, and at the end a summary."""
+    from hapticnet.cli import devices
     from hapticnet.cli.console import Console, check_writable, deliver
     from hapticnet.device.base import Reading
-    from hapticnet.device.profile import Profile, load_profile
     from hapticnet.device.wired import WiredDevice
     from hapticnet.runtime.device_run import run_device
     from hapticnet.runtime.realtime import run
-    from hapticnet.runtime.serial_port import parse_serial
+    from hapticnet.runtime.serial_port import Wire, parse_serial
     from hapticnet.tables import write_csv
 
     spec = parse_serial(device)
-    known = load_profile(profile) if profile else Profile()
+    known = devices.load(profile)
     check_writable(csv)
     wired = WiredDevice(known.calibration)
     console = Console("monitor")
@@ -59,7 +59,7 @@ def monitor(
         return False
 
     console.say(f"opening {spec}" + ("; not calibrated, forces are rough" if known.is_generic else ""))
-    run(run_device(wired, spec, tick, duration_s=duration))
+    run(run_device(Wire(wired=wired, spec=spec), tick, duration_s=duration))
     console.finish()
     if csv is not None:
         columns = zip(*rows, strict=True) if rows else [()] * len(Reading._fields)

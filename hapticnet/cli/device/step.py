@@ -42,7 +42,8 @@ def step(
     from hapticnet.node.procedures import StepTest
     from hapticnet.tables import write_csv
 
-    control = devices.control_settings(devices.load(profile))
+    known = devices.load(profile)
+    control = devices.control_settings(known)
     if plot.suffix not in (".png", ".pdf", ".svg"):
         raise SettingsError(f"picture {plot} must end in .png, .pdf or .svg")
     for file in (plot, csv):
@@ -53,7 +54,7 @@ def step(
         tests.append(StepTest(Fingertip(made, LimitSettings(), control), from_n=from_n, to_n=to_n))
         return tests[0].tick
 
-    made = drive(device, profile, seed, prepare)
+    made = drive(device, known, seed, prepare)
     columns = tests[0].recording.table()
     if csv is not None:
         write_csv(csv, columns)

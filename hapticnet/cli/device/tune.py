@@ -31,26 +31,26 @@ def tune(
     from dataclasses import asdict, replace
 
     from hapticnet.cli import devices
-    from hapticnet.cli.console import check_writable, deliver, write_text
+    from hapticnet.cli.console import deliver, write_text
     from hapticnet.cli.device.driving import drive
+    from hapticnet.control.force import ForceControlSettings
     from hapticnet.control.limits import LimitSettings
     from hapticnet.control.margins import Actuator, loop_margins
     from hapticnet.device.profile import MeasuredFinger, dump_profile
     from hapticnet.node.fingertip import Fingertip
-    from hapticnet.node.procedures import Tuning, tuning_settings
+    from hapticnet.node.procedures import Tuning
 
     known = devices.load(profile)
-    file = out or profile
-    if file is not None:
-        check_writable(file)
+    file = devices.profile_to_write(profile, out)
     tunings: list[Tuning] = []
 
     def prepare(made: "Device") -> Callable[[int], bool]:
-        fingertip = Fingertip(made, LimitSettings(), tuning_settings(made.travel_m))
+        # The finger may be anywhere on the platform's way.
+        fingertip = Fingertip(made, LimitSettings(), ForceControlSettings(reach_m=made.travel_m))
         tunings.append(Tuning(fingertip, max_force_n=max_force))
         return tunings[0].tick
 
-    made = drive(device, profile, seed, prepare)
+    made = drive(device, known, seed, prepare)
     tuned = tunings[0].result()
     finger = MeasuredFinger(
         stiffness_n_m=tuned.stiffness_n_m,
