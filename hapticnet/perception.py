@@ -1,6 +1,5 @@
 """What the skin can tell apart: Weber's law and the published thresholds hapticnet starts from."""
 
-import math
 from dataclasses import dataclass
 from statistics import fmean
 from typing import TYPE_CHECKING, Final
@@ -27,6 +26,9 @@ Weber's law is not supported below the weakest force tested, and k·|I| goes to 
 alone would fire the deadband: below 0.5 N the JND is held at its value there.
 """
 
+SMALLEST: Final = 1e-12
+"""The smallest Weber fraction, floor [N] and multiplier but 0: far below any sense, and errors in JNDs stay numbers."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WeberLaw:
@@ -46,7 +48,7 @@ class WeberLaw:
     Raises
     ------
     SettingsError
-        When a value is not finite, negative, or a Weber fraction is above 1.
+        When a value is not finite, negative or too large, or neither 0 nor large enough to be divided by.
     """
 
     weber_fraction: float = PAPER_WEBER_FRACTION
@@ -59,8 +61,8 @@ class WeberLaw:
             ("JND floor", self.floor_n, 1e9),
             ("JND multiplier", self.multiplier, 1e3),
         ):
-            if not (math.isfinite(value) and 0.0 <= value <= largest):
-                raise SettingsError(f"{name} is {value}; it must be between 0 and {largest:g}")
+            if value and not SMALLEST <= value <= largest:
+                raise SettingsError(f"{name} is {value}; it must be 0 or between {SMALLEST:g} and {largest:g}")
 
     def jnd_n(self, reference_n: float) -> float:
         """Return the just-noticeable difference [N] from a stimulus of magnitude `reference_n` [N]."""

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticnet.errors import FileError
+from hapticnet.files import replacing
 
 Numbers: TypeAlias = NDArray[np.float64]
 
@@ -154,11 +155,8 @@ def write_csv(target: Path | TextIO, columns: Mapping[str, Sequence[float] | NDA
     if len(set(lengths.values())) > 1:
         raise ValueError(f"columns of unequal length: {lengths}")
     if isinstance(target, Path):
-        try:
-            with target.open("w", encoding="utf-8", newline="") as file:
-                _write_rows(file, columns, values)
-        except OSError as error:
-            raise FileError(f"{target}: {error.strerror}") from error
+        with replacing(target) as file:
+            _write_rows(file, columns, values)
     else:
         _write_rows(target, columns, values)
 

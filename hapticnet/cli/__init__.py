@@ -16,13 +16,13 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     help="Haptic teleoperation with perceptual deadband compression.",
 )
-app.command()(demo.demo)
-app.command()(slave.slave)
-app.command()(master.master)
-app.command()(channel.channel)
-app.command()(encode.encode)
-app.command()(compare.compare)
-app.command()(codecs.codecs)
+app.command(short_help="Play the paper's conditions with a slave and a master.")(demo.demo)
+app.command(short_help="Host the virtual tissues.")(slave.slave)
+app.command(short_help="Send the operator's motion, render the force that comes back.")(master.master)
+app.command(short_help="Stand between the two as a worse network would.")(channel.channel)
+app.command(short_help="Run a codec over a recorded force.")(encode.encode)
+app.command(short_help="Compare every codec on recordings with the best possible.")(compare.compare)
+app.command(short_help="List the codecs with their rules and parameters.")(codecs.codecs)
 app.add_typer(scene.app, name="scene")
 app.add_typer(device.app, name="device")
 

@@ -30,17 +30,22 @@ def channel(
     import numpy as np
 
     from hapticnet.channel.spec import parse_channel
-    from hapticnet.cli.console import Console, check_writable, deliver
+    from hapticnet.cli.console import Console, check_outputs, deliver
+    from hapticnet.errors import UnavailableError
     from hapticnet.runtime.realtime import OTHER, prefer_realtime, run
     from hapticnet.runtime.relay import run_relay
-    from hapticnet.runtime.udp import bound_address, parse_host_port
+    from hapticnet.runtime.udp import bound_address, open_toward, parse_host_port
     from hapticnet.runtime.udp import listen as listen_on
 
     there, back = parse_channel(forward), parse_channel(feedback)
     target = parse_host_port(to)
     sock = listen_on(parse_host_port(listen, lowest_port=0))
-    check_writable(report)
+    check_outputs(report)
     console = Console("channel", quiet=quiet)
+    try:
+        open_toward(target)[0].close()
+    except UnavailableError as error:
+        console.say(f"{error}; it is looked for again when a master comes")
 
     def on_status(relay: "Relay") -> None:
         console.status(f"{relay.clients} clients")

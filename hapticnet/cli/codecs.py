@@ -1,13 +1,18 @@
 """``hapticnet codecs``: the compression schemes there are."""
 
-from typing import Any
+from typing import Any, Final
 
 from hapticnet.cli import options
+
+WIDEST: Final = 110
+"""Characters of a line that still reads well."""
 
 
 def codecs(json: options.Json = False) -> None:
     """List the codecs with their rules and parameters."""
     import json as json_module
+    import shutil
+    import textwrap
 
     from hapticnet.codec.registry import describe_codecs
 
@@ -15,9 +20,10 @@ def codecs(json: options.Json = False) -> None:
     if json:
         print(json_module.dumps(listed, indent=2))
         return
+    width = min(shutil.get_terminal_size().columns, WIDEST)
     for codec in listed:
-        print(f"{codec['name']}: {codec['summary']}")
+        motion = " Its rule depends on the tool's motion." if codec["needs_position"] else ""
+        print(textwrap.fill(f"{codec['name']}: {codec['summary']}{motion}", width, subsequent_indent="  "))
         for parameter in codec["parameters"]:
-            print(f"    {parameter['name']} = {parameter['default']:g}: {parameter['meaning']}")
-        if codec["needs_position"]:
-            print("    (its rule depends on the tool's motion)")
+            text = f"{parameter['name']} = {parameter['default']:g}: {parameter['meaning']}"
+            print(textwrap.fill(text, width, initial_indent=" " * 4, subsequent_indent=" " * 8))

@@ -8,6 +8,9 @@ import typer
 from hapticnet.cli import options
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION
 
+SMALLEST_SCALE = 1e-9
+LARGEST_SCALE = 1e9
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
@@ -56,17 +59,26 @@ def compare(
     import json as json_module
 
     from hapticnet.channel.quantities import parse_share
-    from hapticnet.cli.console import Console, make_folder
+    from hapticnet.cli.console import Console
     from hapticnet.errors import SettingsError
     from hapticnet.experiment.comparison import compare as compare_codecs
+    from hapticnet.files import make_folder
 
-    if not traces and (column or position or rate):
+    if not traces and any(option is not None for option in (column, position, rate)):
         raise SettingsError("--column, --position and --rate say how to read a TRACE, and none is named")
-    if position_scale == 0.0 or (position is None and position_scale != 1.0):
-        raise SettingsError("--position-scale is not 0, and goes with --position")
+    if not SMALLEST_SCALE <= abs(position_scale) <= LARGEST_SCALE or (position is None and position_scale != 1.0):
+        raise SettingsError(
+            f"--position-scale is {position_scale}; it must be between {SMALLEST_SCALE:g} and {LARGEST_SCALE:g}, or as"
+            " far below 0, and goes with --position"
+        )
     chosen = _codecs(codecs, thresholds, weber, floor)
     lost = parse_share(loss)
-    trials = [_trial(file, column, position, position_scale, rate) for file in traces] if traces else [_paper(seed)]
+    files = dict.fromkeys(traces or ())
+    stems = [file.stem for file in files]
+    trials = [
+        _trial(file, file.stem if stems.count(file.stem) == 1 else str(file), column, position, position_scale, rate)
+        for file in files
+    ] or [_paper(seed)]
     if plot is not None:
         make_folder(plot)
     console = Console("compare", quiet=json)
@@ -94,10 +106,10 @@ def _codecs(names: str | None, thresholds: str, weber: float, floor: float) -> "
     from hapticnet.perception import WeberLaw
 
     try:
-        multipliers = [float(part) for part in thresholds.split(",")]
+        multipliers = list(dict.fromkeys(float(part) for part in thresholds.split(",")))
     except ValueError:
         raise SettingsError(f"thresholds {thresholds!r} must be numbers of JNDs, such as 1,2,4") from None
-    written: Iterable[str] = names.split(";") if names else CODECS
+    written: Iterable[str] = dict.fromkeys(names.split(";") if names else CODECS)
     return [
         make_codec(name, WeberLaw(weber_fraction=weber, floor_n=floor, multiplier=multiplier), parameters)
         for multiplier in multipliers
@@ -106,14 +118,16 @@ def _codecs(names: str | None, thresholds: str, weber: float, floor: float) -> "
     ]
 
 
-def _trial(file: Path, column: str | None, position: str | None, position_scale: float, rate: float | None) -> "Trial":
+def _trial(
+    file: Path, name: str, column: str | None, position: str | None, position_scale: float, rate: float | None
+) -> "Trial":
     import numpy as np
 
     from hapticnet.errors import FileError, SettingsError
     from hapticnet.experiment.comparison import Trial
     from hapticnet.experiment.recordings import load_recording
 
-    force = load_recording(file, columns=column.split(",") if column else None, rate_hz=rate)
+    force = load_recording(file, columns=None if column is None else column.split(","), rate_hz=rate)
     if len(force.t_us) > 1 and not (np.diff(force.t_us) >= 0).all():
         raise FileError(f"{file}: time goes backwards; the samples must be in order")
     if len(force.t_us) < 2 or force.t_us[-1] == force.t_us[0]:
@@ -125,7 +139,7 @@ def _trial(file: Path, column: str | None, position: str | None, position_scale:
             raise SettingsError(
                 f"{where.shape[1]} position columns for {force.values.shape[1]} of force; as many are needed"
             )
-    return Trial(name=file.stem, t_us=force.t_us, stimuli=force.values, positions=where)
+    return Trial(name=name, t_us=force.t_us, stimuli=force.values, positions=where)
 
 
 def _paper(seed: int) -> "Trial":

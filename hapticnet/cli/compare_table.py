@@ -12,14 +12,14 @@ from hapticnet.channel.quantities import format_share
 from hapticnet.codec.registry import CODECS
 from hapticnet.experiment.comparison import REPAIR_US, Row
 
-NARROWEST: Final = 138
-"""Characters the table needs; a narrower terminal breaks its lines, which is better than cutting its numbers."""
+WIDEST: Final = 1000
+"""More characters than any table needs."""
 
 
 def print_rows(rows: Sequence[Row], loss: float) -> None:
     """Print a comparison on stdout."""
-    console = Console(highlight=False)
-    console.width = max(console.width, NARROWEST)
+    # A terminal that is too narrow breaks lines, which is better than cutting numbers.
+    console = Console(highlight=False, width=WIDEST)
     for (trial, multiplier), block in groupby(rows, key=lambda row: (row.trial, row.multiplier)):
         table = Table(title=f"{trial}, threshold {multiplier:g} JND", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
         table.add_column("codec", no_wrap=True)
@@ -33,7 +33,7 @@ def print_rows(rows: Sequence[Row], loss: float) -> None:
             table.add_row(
                 name, f"{rate:.1f}", f"{1.0 - packets / row.cost.samples:.1%}", "–", f"{share:.2f}", *["–"] * 7
             )
-        console.print(table)
+        console.print(table, width=console.measure(table).maximum)
     print(_FOOTNOTE)
     if loss:
         later = f"{REPAIR_US / 1000:g} ms later, if not lost again"
@@ -41,10 +41,8 @@ def print_rows(rows: Sequence[Row], loss: float) -> None:
 
 
 def _name(row: Row) -> str:
-    changed = ",".join(f"{key}={value:g}" for key, value in row.parameters.items() if key == "step_n" and value)
-    name = f"{row.codec}:{changed}" if changed else row.codec
     moved = row.quality.energy_peak_j is not None  # which takes positions to tell
-    return name if moved or not CODECS[row.codec].needs_position else f"{name} (at rest)"
+    return row.label if moved or not CODECS[row.codec].needs_position else f"{row.label} (at rest)"
 
 
 _COLUMNS: tuple[tuple[str, Callable[[Row], str]], ...] = (

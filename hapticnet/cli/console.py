@@ -4,11 +4,12 @@ import json
 import math
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TextIO
 
-from hapticnet.errors import FileError
+from hapticnet.errors import FileError, SettingsError
+from hapticnet.files import check_replaceable, replacing
 
 if TYPE_CHECKING:
     from hapticnet.channel.emulator import Emulator
@@ -94,40 +95,28 @@ def channel_account(settings: "ChannelSettings", channel: "Emulator[Any]") -> di
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file; a FileError says why it cannot be written."""
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise FileError(f"{path}: cannot be written: {error.strerror}") from error
+    """Write a file, whole or not at all; a FileError says why it cannot be written."""
+    with replacing(path) as file:
+        file.write(text)
 
 
-def check_writable(path: Path | None) -> None:
-    """Find out before a run whether its result can be written after it; makes the folder where it is missing.
+def check_outputs(*outputs: Path | None, inputs: Iterable[Path] = ()) -> None:
+    """Find out before a run whether its results can be written after it; makes folders where they are missing.
 
     Raises
     ------
+    SettingsError
+        When two of them are one file, or one would be written over an input.
     FileError
-        When it cannot.
+        When one cannot be written.
     """
-    if path is None:
-        return
-    make_folder(path.parent)
-    stood = path.exists()
-    try:
-        with path.open("a"):
-            pass
-        if not stood:  # should nothing come of the run, nothing is to stand there
-            path.unlink()
-    except OSError as error:
-        raise FileError(f"{path}: cannot be written: {error.strerror}") from error
-
-
-def make_folder(path: Path) -> None:
-    """Make a folder and all above it where they are missing; a FileError says why it cannot be made."""
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FileError(f"{path}: the folder cannot be made: {error.strerror}") from error
+    taken = {path.resolve(): "is read by this run" for path in inputs}
+    for path in outputs:
+        if path is not None:
+            if path.resolve() in taken:
+                raise SettingsError(f"{path} {taken[path.resolve()]}, and would be written over; name another file")
+            taken[path.resolve()] = "is to be written twice"
+            check_replaceable(path)
 
 
 def _to_stderr(text: str) -> None:

@@ -31,7 +31,7 @@ def demo(
     import signal
     import sys
 
-    from hapticnet.cli.console import Console, check_writable, make_folder, write_text
+    from hapticnet.cli.console import Console, check_outputs, write_text
     from hapticnet.cli.demo_table import print_table
     from hapticnet.codec.registry import make_codec, parse_codec
     from hapticnet.errors import UnavailableError
@@ -45,8 +45,7 @@ def demo(
     make_codec(name, WeberLaw(), parameters)  # what cannot be is better said at once
     if device.startswith("simavr"):
         simavr_build()
-    make_folder(out)
-    check_writable(out / "demo.json")
+    check_outputs(out / "demo.json")
     # Python does not clean up after SIGTERM by itself; this way the two processes are ended before we are.
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     console = Console("demo", quiet=quiet)

@@ -94,13 +94,13 @@ def profile_to_write(profile: Path | None, out: Path | None) -> Path | None:
     FileError
         When it cannot be written.
     """
-    from hapticnet.cli.console import check_writable
+    from hapticnet.cli.console import check_outputs
     from hapticnet.errors import SettingsError
 
     file = out or profile
     if file is not None and file != profile and file.exists():
         raise SettingsError(f"{file} exists; --profile {file} goes on from it, --out FILE names another")
-    check_writable(file)
+    check_outputs(file)
     return file
 
 

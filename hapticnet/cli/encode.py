@@ -30,7 +30,7 @@ def encode(
     import time
     from dataclasses import asdict
 
-    from hapticnet.cli.console import check_writable, deliver
+    from hapticnet.cli.console import check_outputs, deliver
     from hapticnet.codec.registry import make_codec, parse_codec
     from hapticnet.errors import FileError, SampleError
     from hapticnet.experiment.recordings import load_recording
@@ -38,11 +38,10 @@ def encode(
     from hapticnet.perception import WeberLaw
     from hapticnet.tables import write_csv
 
-    check_writable(out)
-    check_writable(report)
+    check_outputs(out, report, inputs=[file])
     name, parameters = parse_codec(codec)
     chosen = make_codec(name, WeberLaw(weber_fraction=weber, floor_n=floor, multiplier=multiplier), parameters)
-    recording = load_recording(file, columns=column.split(",") if column else None, rate_hz=rate)
+    recording = load_recording(file, columns=None if column is None else column.split(","), rate_hz=rate)
     started = time.perf_counter()
     try:
         encoding = chosen.encode_array(recording.t_us, recording.values)

@@ -54,7 +54,7 @@ def master(
     from hapticnet.channel.emulator import Emulator
     from hapticnet.channel.spec import parse_channel
     from hapticnet.cli import devices
-    from hapticnet.cli.console import Console, channel_account, check_writable, deliver
+    from hapticnet.cli.console import Console, channel_account, check_outputs, deliver
     from hapticnet.codec.registry import parse_codec
     from hapticnet.errors import RefusedError, UnavailableError
     from hapticnet.node.master import MasterNode, MasterSettings
@@ -83,8 +83,7 @@ def master(
         duration = hand.duration_us / 1e6
     address = parse_host_port(connect)
     sock, slave = open_toward(address)
-    check_writable(record)
-    check_writable(report)
+    check_outputs(record, report, inputs=[] if profile is None else [profile])
     console = Console(name, quiet=quiet)
     scheduling = prefer_realtime() if realtime else OTHER
     console.say(f"asking {address} for {codec}, {rate:g} Hz, device {device}, {scheduling}")
@@ -126,9 +125,11 @@ def master(
     }
     if channel is not None:
         account["channel_out"] = channel_account(out, channel)
-    deliver(account, as_json=json, file=report)
-    if record is not None and node.recording is not None:
-        write_csv(record, node.recording.table())
+    try:
+        deliver(account, as_json=json, file=report)
+    finally:  # whoever read stdout may have gone
+        if record is not None and node.recording is not None:
+            write_csv(record, node.recording.table())
     if not outcome.connected and connect_timeout is not None:
         hint = ", though datagrams came from another address: name the one it answers from" if outcome.strangers else ""
         raise UnavailableError(f"no slave answered at {address} within {connect_timeout:g} s{hint}")

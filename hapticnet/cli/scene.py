@@ -12,7 +12,7 @@ app = typer.Typer(no_args_is_help=True, help="Look at a scene without a network.
 Spec = Annotated[str, typer.Argument(help="paper, paper:SEED, a preset, or a TOML file.")]
 
 
-@app.command()
+@app.command(short_help="Print the tissues of a scene.")
 def show(scene: Spec = "paper", json: options.Json = False, report: options.Report = None) -> None:
     """Print the tissues of a scene, from front to back."""
     from dataclasses import asdict
@@ -31,7 +31,7 @@ def show(scene: Spec = "paper", json: options.Json = False, report: options.Repo
     deliver({"name": settings.name, "tissue": tissues, "other_scenes": ", ".join(others)}, as_json=json, file=report)
 
 
-@app.command("run")
+@app.command("run", short_help="Move the needle along recorded positions.")
 def run_scene(
     scene: Spec,
     positions: Annotated[Path, typer.Option(metavar="FILE", help="Positions: .csv or .npy.")],
@@ -46,14 +46,14 @@ def run_scene(
 
     import numpy as np
 
-    from hapticnet.cli.console import check_writable
+    from hapticnet.cli.console import check_outputs
     from hapticnet.experiment.recordings import load_recording
     from hapticnet.samples import PositionSample
     from hapticnet.scene.presets import find_scene
     from hapticnet.scene.scene import Scene
     from hapticnet.tables import write_csv
 
-    check_writable(out)
+    check_outputs(out, inputs=[positions])
     settings = find_scene(scene)
     recording = load_recording(positions, columns=[column], rate_hz=rate)
     world = Scene(settings.tissues, name=settings.name)

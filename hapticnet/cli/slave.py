@@ -37,7 +37,9 @@ def slave(
 
     from hapticnet.channel.emulator import Emulator
     from hapticnet.channel.spec import parse_channel
-    from hapticnet.cli.console import Console, channel_account, check_writable, deliver, make_folder
+    from hapticnet.cli.console import Console, channel_account, check_outputs, deliver
+    from hapticnet.errors import FileError
+    from hapticnet.files import check_replaceable
     from hapticnet.node.slave import MasterJoined, MasterLeft, SlaveEvent, SlaveNode, SlaveSettings
     from hapticnet.protocol.settings import SessionSettings
     from hapticnet.runtime.processes import run_slave
@@ -64,8 +66,8 @@ def slave(
     )
     channel = None if out.is_perfect else Emulator[Any](out, np.random.default_rng([seed, 1]))
     if record is not None:
-        make_folder(record)
-    check_writable(report)
+        check_replaceable(record / "a recording")
+    check_outputs(report)
     console = Console("slave", quiet=quiet)
     to_write: list[Station] = []
 
@@ -81,14 +83,21 @@ def slave(
                 to_write.append(event.station)
         # Files are written while nobody waits for a force.
         if not node.stations:
-            write_recordings()
+            write_what_can_be()
 
     def write_recordings() -> None:
         while to_write:
-            station = to_write.pop(0)
+            station = to_write[0]
             if record is not None and station.recording is not None:
                 name = "".join(c if c.isalnum() or c in "-_" else "_" for c in station.session.hello.name)
                 write_csv(record / f"{name}-{station.session.number:08x}.csv", station.recording.table())
+            del to_write[0]
+
+    def write_what_can_be() -> None:
+        try:
+            write_recordings()
+        except FileError as error:
+            console.say(f"{len(to_write)} recordings are kept to be written later: {error}")
 
     def on_status() -> None:
         packets = sum(station.session.sent.packets for station in node.stations)
@@ -101,11 +110,13 @@ def slave(
     console.say(f"listening on {address}, scene {settings.name}, {scheduling}")
     run(run_slave(node, sock, channel=channel, duration_s=duration, on_event=on_event, on_status=on_status))
     console.finish()
-    write_recordings()
     account = {"scheduling": scheduling, **node.report()}
     if channel is not None:
         account["channel_out"] = channel_account(out, channel)
-    deliver(account, as_json=json, file=report)
+    try:
+        deliver(account, as_json=json, file=report)
+    finally:  # whoever read stdout may have gone
+        write_recordings()
 
 
 def _place(address: Any) -> str:

@@ -104,7 +104,7 @@ class MeasuredFinger:
     def __post_init__(self) -> None:
         _check_date("finger date", self.date)
         _check("finger stiffness [N/m]", self.stiffness_n_m, 1.0, 1e5)
-        _check("finger contact [m]", self.contact_m, 0.0, 0.1)
+        _check("finger contact [m]", self.contact_m, 0.0, 0.05)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,10 +12,12 @@ import numpy.typing as npt
 from hapticnet.codec.base import Codec, FloatArray
 from hapticnet.codec.bound import fewest_holds, fewest_lines
 from hapticnet.codec.quality import QualityReport, quality_report
-from hapticnet.codec.registry import codec_parameters
+from hapticnet.codec.registry import CODECS, codec_parameters
 from hapticnet.codec.streamed import encode_lossy, encode_streamed
+from hapticnet.errors import SampleError
 from hapticnet.node.offline import CostReport, cost_report
 from hapticnet.perception import WeberLaw
+from hapticnet.samples import LARGEST_COMPONENT
 
 TIMED_SAMPLES: Final = 10_000
 TIMED_PASSES: Final = 3
@@ -37,12 +39,29 @@ class Trial:
         Time stamps [µs], shape (n,), and stimuli [N], shape (n, a).
     positions
         Positions of the tool [m], shape (n, a), where they are known.
+
+    Raises
+    ------
+    SampleError
+        When a stimulus or a position is not finite or out of range.
     """
 
     name: str
     t_us: npt.NDArray[np.int64]
     stimuli: FloatArray
     positions: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        for what, values in (("stimulus", self.stimuli), ("position", self.positions)):
+            if values is None:
+                continue
+            good = (np.abs(values) <= LARGEST_COMPONENT).all(axis=1)
+            if not good.all():
+                first = int(np.argmin(good))
+                raise SampleError(
+                    f"{self.name}, sample {first}: {what} {values[first].tolist()} is not finite and within"
+                    f" ±{LARGEST_COMPONENT:g}"
+                )
 
     @property
     def seconds(self) -> float:
@@ -90,11 +109,25 @@ class Row:
     wire_bytes_per_s: float
     nanoseconds_per_sample: float
 
+    @property
+    def label(self) -> str:
+        """The codec as it is written on a command line: with the parameters that are not its own defaults."""
+        usual = codec_parameters(CODECS[self.codec]())
+        changed = [f"{key}={value:g}" for key, value in self.parameters.items() if value != usual[key]]
+        return f"{self.codec}:{','.join(changed)}" if changed else self.codec
+
     def flat(self) -> dict[str, Any]:
         """Return all of it in one level, for JSON, which knows no infinity: what is infinite is None there."""
         row = asdict(self)
         cost, quality, limits = row.pop("cost"), row.pop("quality"), row.pop("limits")
-        level = {**row, "optimum_holds": limits["holds"], "optimum_lines": limits["lines"], **cost, **quality}
+        level = {
+            **row,
+            "label": self.label,
+            "optimum_holds": limits["holds"],
+            "optimum_lines": limits["lines"],
+            **cost,
+            **quality,
+        }
         return {key: None if isinstance(value, float) and math.isinf(value) else value for key, value in level.items()}
 
 

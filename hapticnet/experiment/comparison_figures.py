@@ -1,16 +1,37 @@
-"""Pictures of a comparison: packet and byte rate against error with the optimum drawn in, and time against error."""
+"""Pictures of a comparison: packet and byte rate over every measure of error with the optimum drawn in, and time."""
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
+from hapticnet.codec.registry import CODECS
 from hapticnet.experiment.comparison import Row
-from hapticnet.experiment.figures import pyplot
+from hapticnet.experiment.figures import INK, pyplot
+
+Points = list[tuple[float, float]]
+Figure = Callable[[Row], float | None]
+
+COLUMNS: Final = 5
+
+MEASURES: Final[tuple[tuple[str, str, Figure], ...]] = (
+    ("RMSE [N]", "log", lambda row: row.quality.rmse_n),
+    ("largest error [N]", "log", lambda row: row.quality.max_error_n),
+    ("share of samples beyond 1 JND", "linear", lambda row: row.quality.exceed_jnd_fraction),
+    ("perceptual MSE [JND²]", "log", lambda row: row.quality.perceptual_mse),
+    ("PSNR [dB]", "linear", lambda row: row.quality.psnr_db),
+    ("HPW-PSNR [dB]", "linear", lambda row: row.quality.hpw_psnr_db),
+    ("mean jump at an update [JND]", "linear", lambda row: row.quality.send_jump_mean_jnd),
+    ("mean age of the stimulus [ms]", "linear", lambda row: row.quality.age_mean_us / 1e3),
+    ("most packets in 100 ms", "log", lambda row: float(row.quality.worst_100ms_packets)),
+    ("energy created, at most [mJ]", "linear", lambda row: _milli(row.quality.energy_peak_j)),
+)
+"""Label, scale and value of every measure of error; docs/perception.md has the formulae."""
 
 
 def draw_comparison(rows: Sequence[Row], folder: Path) -> list[Path]:
-    """Draw two pictures for each recording and return their files.
+    """Draw three pictures for each recording, a point for each threshold, and return their files.
 
     Raises
     ------
@@ -22,59 +43,120 @@ def draw_comparison(rows: Sequence[Row], folder: Path) -> list[Path]:
         own = [row for row in block if row.codec != "raw"]
         if own:
             stem = "".join(character if character.isalnum() else "-" for character in trial)
-            files.append(_draw_rates(own, trial, folder / f"{number}-{stem}-rate.png"))
-            files.append(_draw_cost(own, trial, folder / f"{number}-{stem}-cost.png"))
+            for name, label, rate in (
+                ("packets", "packets/s", lambda row: row.packets_per_s),
+                ("bytes", "kB/s, headers included", lambda row: row.wire_bytes_per_s / 1e3),
+            ):
+                file = folder / f"{number}-{stem}-{name}.png"
+                files.append(_draw_rates(own, f"{trial}: {label} over each measure of error", label, rate, file))
+            files.append(_draw_cost(own, f"{trial}: time over error", folder / f"{number}-{stem}-cost.png"))
     return files
 
 
-def _draw_rates(rows: list[Row], title: str, file: Path) -> Path:
-    plt = pyplot()
-    figure, (packets, size) = plt.subplots(1, 2, figsize=(11.5, 5.0), layout="constrained")
-    _draw_codecs(packets, rows, lambda row: row.quality.rmse_n, lambda row: row.packets_per_s)
-    _draw_codecs(size, rows, lambda row: row.quality.rmse_n, lambda row: row.wire_bytes_per_s / 1000.0)
-    # The fewest packets say nothing of an error but that the law holds; they are drawn at the first codec's.
-    first = [row for row in rows if row.codec == rows[0].codec]
-    counts = {
-        "optimum, hold": ("--", [row.limits.holds for row in first]),
-        "optimum, lines": (":", [row.limits.lines for row in first]),
-    }
-    for name, (style, fewest) in counts.items():
-        points = sorted(
-            (row.quality.rmse_n, row.packets_per_s * count / max(row.cost.sent, 1))
-            for row, count in zip(first, fewest, strict=True)
+def draw_codecs(axes: Any, points: Mapping[str, Points], *, highlight: str | None = None) -> None:
+    """Draw a line for each codec on logarithmic axes upward; a codec has the same colour in every picture."""
+    for label, line in points.items():
+        index = list(CODECS).index(label.partition(":")[0])
+        strong = label == highlight
+        axes.plot(
+            *zip(*line, strict=True),
+            "o-" if ":" not in label else "o--",
+            color=f"C{index % 10}",
+            markerfacecolor=f"C{index % 10}" if index < 10 else "white",
+            markersize=6 if strong else 4,
+            linewidth=2.2 if strong else 1.0,
+            zorder=3 if strong else 2,
+            label=label,
         )
-        packets.plot(*zip(*points, strict=True), marker="_", linestyle=style, color="#222222", markersize=9, label=name)
-    packets.set_ylabel("packets/s")
-    size.set_ylabel("kB/s, headers included")
-    for axes in (packets, size):
-        axes.set_xlabel("RMSE [N]")
-    figure.legend(*packets.get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize=8, frameon=False)
-    return _finish(plt, figure, f"{title}: rate against error, a point for each threshold", file)
+
+
+def finish_axes(axes: Any, *, across: str = "linear") -> None:
+    """Give axes their scales, plain numbers and a grid."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    for scale, axis, set_scale in (("log", axes.yaxis, axes.set_yscale), (across, axes.xaxis, axes.set_xscale)):
+        if scale == "log":
+            set_scale("log")
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axis.set_minor_formatter(NullFormatter())
+    axes.grid(linewidth=0.4, alpha=0.5, which="both")
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _draw_rates(rows: list[Row], title: str, label: str, rate: Callable[[Row], float], file: Path) -> Path:
+    plt = pyplot()
+    shown = [measure for measure in MEASURES if any(_known(measure[2](row)) for row in rows)]
+    height = math.ceil(len(shown) / COLUMNS)
+    figure, grid = plt.subplots(
+        height, COLUMNS, figsize=(3.4 * COLUMNS, 3.4 * height + 0.9), layout="constrained", sharey=True, squeeze=False
+    )
+    for axes in grid.flat[len(shown) :]:
+        axes.remove()
+    # The fewest packets say nothing of an error but that the law holds; they are drawn at the first codec's, in
+    # packets of its size.
+    first = [row for row in rows if row.label == rows[0].label and row.cost.sent]
+    for axes, (heading, scale, measure) in zip(grid.flat, shown, strict=False):
+        draw_codecs(axes, _points(rows, measure, rate))
+        for name, style, fewest in (
+            ("fewest, hold", "--", [row.limits.holds for row in first]),
+            ("fewest, lines", ":", [row.limits.lines for row in first]),
+        ):
+            line = [
+                (value, rate(row) * count / row.cost.sent)
+                for row, count in zip(first, fewest, strict=True)
+                if _known(value := measure(row))
+            ]
+            if line:
+                axes.plot(
+                    *zip(*line, strict=True),
+                    style,
+                    marker="_",
+                    color=INK,
+                    markersize=9,
+                    label=f"{name} (at {rows[0].label}'s error)",
+                )
+        finish_axes(axes, across=scale)
+        axes.set_xlabel(heading)
+    for row_of_axes in grid:
+        row_of_axes[0].set_ylabel(label)
+    figure.legend(
+        *grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize=9, frameon=False
+    )
+    return _save(plt, figure, title, file)
 
 
 def _draw_cost(rows: list[Row], title: str, file: Path) -> Path:
     plt = pyplot()
     figure, axes = plt.subplots(figsize=(6.8, 5.0), layout="constrained")
-    _draw_codecs(axes, rows, lambda row: row.quality.rmse_n, lambda row: row.nanoseconds_per_sample / 1000.0)
+    draw_codecs(axes, _points(rows, lambda row: row.quality.rmse_n, lambda row: row.nanoseconds_per_sample / 1e3))
+    finish_axes(axes, across="log")
     axes.set_xlabel("RMSE [N]")
     axes.set_ylabel("encoding and decoding, plain Python [µs/sample]")
-    figure.legend(loc="outside lower center", ncols=4, fontsize=8, frameon=False)
-    return _finish(plt, figure, f"{title}: time against error", file)
+    figure.legend(loc="outside lower center", ncols=3, fontsize=8, frameon=False)
+    return _save(plt, figure, title, file)
 
 
-def _draw_codecs(axes: Any, rows: list[Row], across: Callable[[Row], float], up: Callable[[Row], float]) -> None:
-    names = list(dict.fromkeys(row.codec for row in rows))
-    for index, name in enumerate(names):
-        points = sorted((across(row), up(row)) for row in rows if row.codec == name)
-        axes.plot(*zip(*points, strict=True), "o-", color=f"C{index % 10}", markersize=4, linewidth=1.0, label=name,
-                  alpha=0.9, markerfacecolor=f"C{index % 10}" if index < 10 else "white")  # fmt: skip
-    axes.set_yscale("log")
-    axes.grid(linewidth=0.4, alpha=0.5, which="both")
-    axes.spines[["top", "right"]].set_visible(False)
+def _points(rows: list[Row], across: Figure, up: Callable[[Row], float]) -> dict[str, Points]:
+    """Return the points of each codec in the order of its thresholds, those without a value left out."""
+    points: dict[str, Points] = {}
+    for row in sorted(rows, key=lambda row: row.multiplier):
+        value = across(row)
+        if value is not None and math.isfinite(value):
+            points.setdefault(row.label, []).append((value, up(row)))
+    return {label: points[label] for label in dict.fromkeys(row.label for row in rows) if label in points}
 
 
-def _finish(plt: Any, figure: Any, title: str, file: Path) -> Path:
+def _known(value: float | None) -> bool:
+    return value is not None and math.isfinite(value)
+
+
+def _milli(value: float | None) -> float | None:
+    return None if value is None else 1e3 * value
+
+
+def _save(plt: Any, figure: Any, title: str, file: Path) -> Path:
     figure.suptitle(title, fontsize=11)
-    figure.savefig(file, dpi=150)
+    figure.savefig(file, dpi=110)
     plt.close(figure)
     return file

@@ -1,6 +1,5 @@
 """Recorded signals from files: CSV or NPY, columns by name or number, time from a column or a rate."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,10 @@ from hapticnet.tables import Table, read_csv
 
 TIME_COLUMNS: Final = {"t_us": 1.0, "t_s": 1e6, "time_s": 1e6}
 """Columns that are understood as time, and how many microseconds their unit is."""
+
+SLOWEST_HZ: Final = 1e-3
+FASTEST_HZ: Final = 1e6
+"""Sampling rates that time stamps of whole microseconds can tell."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +57,8 @@ def load_recording(file: Path, *, columns: Sequence[str] | None = None, rate_hz:
     SettingsError
         When the rate or the number of columns cannot be.
     """
-    if rate_hz is not None and not (math.isfinite(rate_hz) and 0.0 < rate_hz <= 1e9):
-        raise SettingsError(f"rate is {rate_hz} Hz; it must be above 0 and at most 1e9")
+    if rate_hz is not None and not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
+        raise SettingsError(f"rate is {rate_hz} Hz; it must be between {SLOWEST_HZ:g} and {FASTEST_HZ:g}")
     source = _NpySource(file) if file.suffix == ".npy" else read_csv(file)
     if columns is None:
         columns = [name for name in source.names if name not in TIME_COLUMNS]
@@ -75,8 +78,10 @@ class _NpySource:
             array = np.load(file, allow_pickle=False)
         except OSError as error:
             raise FileError(f"{file}: {error.strerror or 'cannot be read'}") from error
-        except (ValueError, EOFError) as error:
+        except Exception as error:  # numpy lets out whatever a damaged header makes its parser raise
             raise FileError(f"{file}: not a .npy file of plain numbers") from error
+        if not isinstance(array, np.ndarray):
+            raise FileError(f"{file}: an archive of arrays; a .npy file of one is wanted")
         if array.dtype.names:
             self._columns = {name: array[name] for name in array.dtype.names}
         elif array.ndim in (1, 2):

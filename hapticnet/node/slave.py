@@ -95,6 +95,7 @@ class SlaveNode:
     ) -> None:
         self._write_address = write_address
         self.strangers = Traffic()
+        self.to_strangers = Traffic()
         self._make_scene = make_scene
         self._settings = settings
         self._rng = rng
@@ -166,11 +167,12 @@ class SlaveNode:
             self._forget(station)
 
     def report(self) -> dict[str, Any]:
-        """Return the account of all sessions that were used, ended ones first, for JSON."""
+        """Return the account of all sessions, for JSON; those never used count among the strangers."""
         return {
             "sessions": [*self._ended, *(self._report(station) for station in self.stations if station.steps)],
             "never_used": self.never_used,
             "strangers": self.strangers.report(),
+            "to_strangers": self.to_strangers.report(),
         }
 
     def _report(self, station: Station) -> dict[str, Any]:
@@ -247,11 +249,15 @@ class SlaveNode:
         self.strangers.add(datagram.kind, size)
         self.strangers.stray += 1
         if datagram.kind is Kind.POSITION or datagram.kind is Kind.CLOSE:
-            self._outbox.append((pack(Kind.RESET, datagram.session, datagram.sequence, b""), address))
+            self._answer_stranger(Kind.RESET, pack(Kind.RESET, datagram.session, datagram.sequence, b""), address)
 
     def _refuse(self, nonce: int, reason: str, address: Address) -> None:
         body = pack_body(Refuse(nonce, clipped(reason, REASON_BYTES)))
-        self._outbox.append((pack(Kind.REFUSE, 0, 0, body), address))
+        self._answer_stranger(Kind.REFUSE, pack(Kind.REFUSE, 0, 0, body), address)
+
+    def _answer_stranger(self, kind: Kind, data: bytes, address: Address) -> None:
+        self.to_strangers.add(kind, len(data))
+        self._outbox.append((data, address))
 
     def _forget(self, station: Station) -> None:
         del self._stations[station.session.number]
@@ -261,3 +267,5 @@ class SlaveNode:
             self._events.append(MasterLeft(station))
         else:
             self.never_used += 1
+            self.strangers.absorb(station.session.received)
+            self.to_strangers.absorb(station.session.sent)

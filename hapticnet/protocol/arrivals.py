@@ -1,4 +1,4 @@
-"""What became of the datagrams of one direction: new, late, duplicate or lost."""
+"""What became of the datagrams of one direction: new, late, duplicate, astray or lost."""
 
 import enum
 from typing import Final
@@ -9,6 +9,11 @@ WINDOW: Final = 1024
 """Sequence numbers remembered below the newest: one second at 1 kHz, longer than any reordering worth telling from
 loss. What is older counts as late."""
 
+LEAP: Final = 1 << 15
+"""A number so far ahead is not believed until the one after it comes, as in RFC 3550, appendix A.1: else a single
+datagram with a wrong number would make all true ones count as late. Half a minute at 1 kHz, longer than a session
+bears silence."""
+
 
 class Arrival(enum.Enum):
     """What a datagram is, by its sequence number."""
@@ -16,6 +21,7 @@ class Arrival(enum.Enum):
     NEW = "new"
     LATE = "late"
     DUPLICATE = "duplicate"
+    ASTRAY = "astray"
 
 
 class ArrivalWindow:
@@ -27,13 +33,14 @@ class ArrivalWindow:
         The sequence number of the datagram that opened the session; it counts as arrived.
     """
 
-    __slots__ = ("_expected", "_newest", "_seen", "_unique")
+    __slots__ = ("_after_leap", "_expected", "_newest", "_seen", "_unique")
 
     def __init__(self, first: int) -> None:
         self._newest = first
         self._seen = 1  # bit i: the sequence number i below the newest has arrived
         self._expected = 1
         self._unique = 1
+        self._after_leap: int | None = None
 
     @property
     def lost(self) -> int:
@@ -46,6 +53,9 @@ class ArrivalWindow:
         if ahead == 1:  # the common case, kept short
             self._seen = (self._seen << 1 | 1) & _MASK
         elif ahead > 0:
+            if ahead >= LEAP and sequence != self._after_leap:
+                self._after_leap = wrap(sequence + 1)
+                return Arrival.ASTRAY
             self._seen = (self._seen << ahead | 1) & _MASK if ahead < WINDOW else 1
         else:
             return self._arrive_behind(-ahead)

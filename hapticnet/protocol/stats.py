@@ -23,7 +23,7 @@ class Traffic:
     malformed
         Not of the protocol, or with contents that cannot be.
     stray
-        Well formed, but of no session that stands.
+        Well formed, but of no session that stands, or with a number that cannot be believed.
     lost_before
         Datagrams lost in sessions that have ended.
     """
@@ -50,6 +50,14 @@ class Traffic:
         self.payload_bytes += size
         self.malformed += 1
 
+    def absorb(self, other: "Traffic") -> None:
+        """Count as well what another account has counted, arrivals apart."""
+        self.packets += other.packets
+        self.payload_bytes += other.payload_bytes
+        self.by_kind = [ours + theirs for ours, theirs in zip(self.by_kind, other.by_kind, strict=True)]
+        self.malformed += other.malformed
+        self.stray += other.stray
+
     def open_window(self, first: int) -> None:
         """Start to watch the sequence numbers of a new session, whose first datagram was `first`."""
         self.lost_before = self.lost
@@ -63,8 +71,10 @@ class Traffic:
             return True
         if arrival is Arrival.LATE:
             self.late += 1
-        else:
+        elif arrival is Arrival.DUPLICATE:
             self.duplicate += 1
+        else:
+            self.stray += 1
         return False
 
     @property

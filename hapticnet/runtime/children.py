@@ -1,5 +1,7 @@
 """hapticnet's own processes as children of another: started, listened to, and ended by their process id."""
 
+import ctypes
+import os
 import signal
 import subprocess
 import sys
@@ -13,17 +15,28 @@ LISTENING: Final = "listening on "
 
 END_WITHIN_S: Final = 5.0
 
+PR_SET_PDEATHSIG: Final = 1
+"""Have a signal sent when the parent has died, however it did: Linux, prctl(2)."""
+
 
 class Child:
-    """A ``hapticnet`` process with its stderr on a pipe."""
+    """A ``hapticnet`` process with its stderr on a pipe. It does not outlive us, not even where we are killed."""
 
     def __init__(self, arguments: Sequence[str]) -> None:
         self._arguments = arguments
+        prctl, parent = ctypes.CDLL(None).prctl, os.getpid()
+
+        def end_with_parent() -> None:
+            prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+            if os.getppid() != parent:  # it was already too late
+                os._exit(1)
+
         self._process = subprocess.Popen(  # noqa: S603 - our own program, arguments not through a shell
             [sys.executable, "-m", "hapticnet", *arguments],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
+            preexec_fn=end_with_parent,
             text=True,
             encoding="utf-8",
         )

@@ -22,6 +22,9 @@ MOST_CLIENTS: Final = 128
 IDLE_AFTER_US: Final = 30_000_000
 """A client that is silent this long is forgotten; longer than any session lives without a word."""
 
+RETRY_US: Final = 1_000_000
+"""After this time the target's name is looked up anew where that failed: looking up holds everything else."""
+
 
 class Relay:
     """Carries datagrams between any number of clients and one target, each client on a socket of its own.
@@ -44,6 +47,7 @@ class Relay:
         rng: np.random.Generator,
     ) -> None:
         self.turned_away = 0
+        self._retry_us = 0
         self._loop = loop
         self._sock = sock
         self._target = target
@@ -85,13 +89,14 @@ class Relay:
     def _from_client(self, data: bytes, address: SocketAddress, now: int) -> None:
         client = self._clients.get(address)
         if client is None:
-            if len(self._clients) >= MOST_CLIENTS:
+            if len(self._clients) >= MOST_CLIENTS or now < self._retry_us:
                 self.turned_away += 1
                 return
             try:
                 client = _Client(self._loop, self._sock, address, self._target, self._settings, self._rng)
             except (UnavailableError, OSError):  # out of descriptors, or the target's name is gone
                 self.turned_away += 1
+                self._retry_us = now + RETRY_US
                 return
             self._clients[address] = client
         client.heard_us = now

@@ -3,6 +3,7 @@
 import enum
 import itertools
 import math
+import reprlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -14,6 +15,9 @@ SMALLEST_VALUE: Final = 1e-9
 
 LARGEST_VALUE: Final = 1e6
 """Largest value [SI units] of any property. A stiffness of 1e6 N/m is bone and steel, not tissue."""
+
+LONGEST_NAME: Final = 64
+"""Bytes of UTF-8 that the protocol has room for where a master is told what it touches."""
 
 
 class Contact(enum.IntEnum):
@@ -130,7 +134,7 @@ class SceneSettings:
     Raises
     ------
     SettingsError
-        When there is no tissue, or when two share a rest position.
+        When there is no tissue, when two share a rest position or a name, or when a name cannot be told to a master.
     """
 
     name: str
@@ -138,3 +142,12 @@ class SceneSettings:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "tissues", front_to_back(self.tissues))
+        names = [tissue.name for tissue in self.tissues]
+        for name in (self.name, *names):
+            if not name.isprintable() or not 0 < len(name.encode()) <= LONGEST_NAME:
+                raise SettingsError(
+                    f"name {reprlib.repr(name)} has {len(name.encode())} bytes; names are 1 to {LONGEST_NAME} bytes of"
+                    " printable characters"
+                )
+            if names.count(name) > 1:
+                raise SettingsError(f"{names.count(name)} tissues are called {name!r}; each needs a name of its own")

@@ -99,6 +99,7 @@ def test_recordings_that_cannot_be_encoded_are_refused_in_one_line(files, file, 
         (("--weber", "many"), ("--weber",)),
         (("--colour", "red"), ("--colour",)),
         (("--column", "fx", "--out", "/proc/nowhere/out.csv"), ("/proc/nowhere",)),
+        (("--column", ""), ("no column",)),
     ],
 )
 def test_flags_of_encode_that_cannot_be_are_refused_in_one_line(files, arguments, words):
@@ -182,3 +183,75 @@ def test_a_port_in_use_is_named_in_one_line(verb):
 
 def test_an_address_that_is_not_this_machines():
     assert_one_line(hapticnet("slave", "--listen", "192.0.2.1:47800"), "192.0.2.1:47800", "cannot listen")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("{files}/big.csv",), ("big, sample 1", "1e+300")),
+        (("{files}/two.csv", "--column", "fx"), ("1 samples over no time",)),
+        (("{files}/cells.csv", "--position-scale", "nan", "--position", "1"), ("--position-scale is nan",)),
+        (("--column", ""), ("none is named",)),
+        (("--rate", "0"), ("none is named",)),
+        (("--floor", "1e-165"), ("JND floor is 1e-165", "1e-12")),
+        (("--thresholds", "1,x"), ("'1,x'", "JNDs")),
+        (("--thresholds", "nan"), ("multiplier is nan",)),
+        (("--codecs", "deadband;mp3"), ("'mp3'",)),
+        (("--loss", "nan"), ("nan",)),
+    ],
+)
+def test_what_cannot_be_compared_is_refused_in_one_line(files, arguments, words):
+    assert_one_line(hapticnet("compare", *(argument.format(files=files) for argument in arguments)), *words)
+
+
+def test_recordings_of_one_name_stay_apart(tmp_path):
+    for folder, scale in (("a", 1.0), ("b", 2.0)):
+        (tmp_path / folder).mkdir()
+        np.save(tmp_path / folder / "force.npy", scale * np.sin(np.arange(500) * 0.01))
+    done = hapticnet(
+        "compare", tmp_path / "a" / "force.npy", tmp_path / "b" / "force.npy", "--rate", "1000", "--thresholds", "1",
+        "--codecs", "deadband",
+    )  # fmt: skip
+    assert [line.split(",")[0].strip() for line in done.stdout.splitlines() if "threshold 1 JND" in line] == [
+        str(tmp_path / folder / "force.npy") for folder in "ab"
+    ]
+
+
+@pytest.mark.parametrize("others", [("--out", "{file}"), ("--out", "{file}.x", "--report", "{file}.x")])
+def test_no_result_is_written_over_the_recording_or_over_another_result(tmp_path, others):
+    file = tmp_path / "force.csv"
+    file.write_text("t_s,force_N\n0.0,1.0\n0.001,2.0\n")
+    before = file.read_bytes()
+    assert_one_line(hapticnet("encode", file, *(each.format(file=file) for each in others)), "name another file")
+    assert file.read_bytes() == before
+
+
+def test_a_full_disk_leaves_the_old_result(tmp_path):
+    file = tmp_path / "report.json"
+    file.write_text("kept")
+    limited = f"ulimit -f 0; exec {sys.executable} -m hapticnet scene show --report {file}"
+    done = subprocess.run(
+        ["bash", "-c", limited], capture_output=True, text=True, env=os.environ | {"PYTHONPATH": str(ROOT)}
+    )
+    assert done.returncode == 2
+    assert "cannot be written" in done.stderr
+    assert file.read_text() == "kept"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (('name = "x"', f'name = "{"x" * 65}"'), ("65 bytes", "1 to 64")),
+        (('name = "skin"', 'name = "skin\\nfat"'), ("printable",)),
+        (('name = "skin"', 'name = ""'), ("0 bytes",)),
+    ],
+)
+def test_names_that_no_master_could_be_told_are_refused(tmp_path, change, words):
+    (tmp_path / "scene.toml").write_text(TISSUE.replace(*change))
+    assert_one_line(hapticnet("scene", "show", tmp_path / "scene.toml"), *words)
+
+
+def test_tissues_of_one_name_are_refused(tmp_path):
+    tissue = TISSUE.partition("\n")[2]
+    (tmp_path / "scene.toml").write_text(TISSUE + tissue.replace("0.02", "0.03"))
+    assert_one_line(hapticnet("scene", "show", tmp_path / "scene.toml"), "2 tissues are called 'skin'")

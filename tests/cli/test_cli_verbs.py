@@ -101,6 +101,12 @@ def test_version_and_help():
         assert "Usage:" in done.stdout
 
 
+def test_help_says_what_each_verb_does_without_cutting_it_short():
+    for verb in ((), ("device",), ("scene",)):
+        _usage, *lines = hapticnet(*verb, "--help").stdout.splitlines()
+        assert not [line for line in lines if line.endswith("...")]
+
+
 HELP_AND_LIST_MODULES = """
 import sys
 sys.argv = ["hapticnet", "--help"]
@@ -141,7 +147,21 @@ def test_compare_puts_every_codec_beside_the_optimum(trace, tmp_path):
     assert [row["multiplier"] for row in deadband] == [1.0, 2.0]
     assert deadband[0]["exceed_jnd_fraction"] == 0.0 < deadband[1]["exceed_jnd_fraction"]
     assert deadband[0]["over_optimum"] >= 1.0
-    assert len(list((tmp_path / "plots").glob("*.png"))) == 2
+    pictures = sorted((tmp_path / "plots").iterdir())
+    assert [picture.name for picture in pictures] == [
+        f"1-{trace.stem}-{what}.png" for what in ("bytes", "cost", "packets")
+    ]
+    assert all(picture.read_bytes().startswith(b"\x89PNG") for picture in pictures)
+
+
+def test_compare_tells_apart_what_differs_in_a_parameter_only_and_cuts_no_number_short(trace):
+    wide = "adaptive-predictive:horizon_ms=150,jump_thresholds=0.5,step_n=0.001"
+    done = hapticnet("compare", trace, "--column", "fx", "--thresholds", "1", "--codecs", f"adaptive-predictive;{wide}")
+    assert [line.split()[0] for line in done.stdout.splitlines() if "predictive" in line] == [
+        "adaptive-predictive",
+        wide,
+    ]
+    assert "…" not in done.stdout
 
 
 def test_compare_under_loss_and_on_two_axes(trace):

@@ -71,3 +71,31 @@ def test_times_beyond_what_can_be_counted_are_refused(tmp_path):
     path.write_text("t_s,f\n0,1\n1e300,2\n")
     with pytest.raises(FileError, match="beyond what can be counted"):
         load_recording(path)
+
+
+def test_an_npy_file_with_any_byte_wrong_is_read_or_refused(tmp_path):
+    path = tmp_path / "r.npy"
+    np.save(path, np.arange(4.0))
+    whole = path.read_bytes()
+    refused = 0
+    for place in range(len(whole)):
+        for flip in (0x01, 0x20, 0xFF):
+            path.write_bytes(whole[:place] + bytes([whole[place] ^ flip]) + whole[place + 1 :])
+            try:
+                load_recording(path, rate_hz=1000.0, columns=["0"])
+            except FileError:
+                refused += 1
+    assert refused > 100
+
+
+def test_an_archive_of_arrays_is_refused(tmp_path):
+    np.savez(tmp_path / "r.npz", np.arange(4.0))
+    (tmp_path / "r.npz").rename(tmp_path / "r.npy")
+    with pytest.raises(FileError, match="archive of arrays"):
+        load_recording(tmp_path / "r.npy", rate_hz=1000.0)
+
+
+@pytest.mark.parametrize("rate_hz", [0.0, 5e-324, 1e-4, 1e7, float("inf"), float("nan")])
+def test_rates_that_microseconds_cannot_tell_are_refused(csv, rate_hz):
+    with pytest.raises(SettingsError, match=r"must be between 0\.001 and 1e\+06"):
+        load_recording(csv, columns=["fx"], rate_hz=rate_hz)

@@ -95,7 +95,7 @@ def test_the_same_hello_gets_the_same_welcome_and_another_one_a_new_session():
     [
         ({"codec": "mp3"}, clipped(f"unknown codec 'mp3'; there are: {', '.join(CODECS)}", REASON_BYTES)),
         ({"axes": 3}, "3 axes asked for; scene 'paper:1' has 1"),
-        ({"weber_fraction": -1.0}, "Weber fraction is -1.0; it must be between 0 and 1"),
+        ({"weber_fraction": -1.0}, "Weber fraction is -1.0; it must be 0 or between 1e-12 and 1"),
         ({"parameters": {"bitrate": 1.0}}, "codec 'deadband' has no parameter 'bitrate'; it has: step_n"),
     ],
 )
@@ -259,3 +259,20 @@ def test_a_close_is_answered_and_its_account_kept():
     assert answer(slave).kind is Kind.CLOSE
     assert slave.stations == ()
     assert slave.report()["sessions"][0]["end_reason"] == "the master closed: done"
+
+
+def test_sessions_that_were_never_used_are_accounted_for_to_the_byte():
+    slave = make_slave(session=SessionSettings(idle_after_us=5_000_000, half_open_us=1_000_000))
+    received = sent = 0
+    for number in range(3):
+        hello = pack_hello(HELLO._replace(nonce=number), 0)
+        slave.receive_datagram(hello, str(number), 0)
+        slave.receive_datagram(pack(Kind.CLOSE, 99, 0, b""), "stranger", 0)
+        received += len(hello) + len(pack(Kind.CLOSE, 99, 0, b""))
+        sent += sum(len(data) for data, _ in slave.datagrams_to_send())
+    slave.tick(2_000_000)
+    report = slave.report()
+    assert report["never_used"] == 3
+    assert report["strangers"]["payload_bytes"] == received
+    assert report["to_strangers"]["payload_bytes"] == sent
+    assert report["to_strangers"]["by_kind"] == {"welcome": 3, "reset": 3}

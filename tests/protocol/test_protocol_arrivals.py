@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.protocol.arrivals import WINDOW, Arrival, ArrivalWindow
+from hapticnet.protocol.arrivals import LEAP, WINDOW, Arrival, ArrivalWindow
 from hapticnet.protocol.serial_number import HALF, distance, unwrap, wrap
 
 numbers = st.integers(0, (1 << 32) - 1)
@@ -39,3 +39,19 @@ def test_what_is_older_than_the_window_is_late_and_loses_nothing_twice():
     assert window.arrive(5000 - WINDOW) is Arrival.LATE
     assert window.arrive(5000 - WINDOW) is Arrival.LATE
     assert window.lost == 4999
+
+
+@given(numbers, st.integers(LEAP, HALF - 1))
+def test_one_number_far_ahead_leaves_the_true_ones_new(first, leap):
+    window = ArrivalWindow(first)
+    assert window.arrive(wrap(first + leap)) is Arrival.ASTRAY
+    assert [window.arrive(wrap(first + n)) for n in (1, 2, 3)] == [Arrival.NEW] * 3
+    assert window.lost == 0
+
+
+@given(numbers, st.integers(LEAP, HALF - 2))
+def test_two_numbers_in_a_row_far_ahead_are_believed(first, leap):
+    window = ArrivalWindow(first)
+    window.arrive(wrap(first + leap))
+    assert window.arrive(wrap(first + leap + 1)) is Arrival.NEW
+    assert window.lost == leap

@@ -23,7 +23,7 @@ def monitor(
 ) -> None:
     """Show live force, counts and displacement of a device that stays retracted, and at the end a summary."""
     from hapticnet.cli import devices
-    from hapticnet.cli.console import Console, check_writable, deliver
+    from hapticnet.cli.console import Console, check_outputs, deliver
     from hapticnet.device.base import Reading
     from hapticnet.device.wired import WiredDevice
     from hapticnet.runtime.device_run import run_device
@@ -33,7 +33,7 @@ def monitor(
 
     spec = parse_serial(device)
     known = devices.load(profile)
-    check_writable(csv)
+    check_outputs(csv)
     wired = WiredDevice(known.calibration)
     console = Console("monitor")
     summary = Summary()
@@ -48,6 +48,8 @@ def monitor(
             summary.add(reading.force_n, reading.adc, reading.t_us)
             if csv is not None:
                 rows.append(reading)
+        if (reading is None) != (last is None):
+            console.say("readings come" if reading else f"no readings: {wired.status}")
         last = reading
         if now_us - shown_us >= SHOW_EVERY_US:
             shown_us = now_us

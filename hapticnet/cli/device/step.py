@@ -33,7 +33,7 @@ def step(
     import numpy as np
 
     from hapticnet.cli import devices
-    from hapticnet.cli.console import Console, check_writable, deliver
+    from hapticnet.cli.console import Console, check_outputs, deliver
     from hapticnet.cli.device.driving import drive
     from hapticnet.control.limits import LimitSettings
     from hapticnet.errors import SettingsError, UnavailableError
@@ -46,8 +46,7 @@ def step(
     control = devices.control_settings(known)
     if plot.suffix not in (".png", ".pdf", ".svg"):
         raise SettingsError(f"picture {plot} must end in .png, .pdf or .svg")
-    for file in (plot, csv):
-        check_writable(file)
+    check_outputs(plot, csv, inputs=[] if profile is None else [profile])
     tests: list[StepTest] = []
 
     def prepare(made: "Device") -> Callable[[int], bool]:
@@ -65,7 +64,6 @@ def step(
         if np.isfinite(force_n).all():
             account[name] = asdict(step_figures(t_s, force_n, at_s=at_s, from_n=from_n, to_n=to_n))
     account["fingertip"] = tests[0].fingertip.report()
-    deliver(account, as_json=json, file=None)
     console = Console("step")
     try:
         plot_step(
@@ -80,6 +78,7 @@ def step(
         console.say(str(error))
     else:
         console.say(f"picture: {plot}")
+    deliver(account, as_json=json, file=None)
     if account["sensed"]["rise_s"] is None:
         raise UnavailableError(
             f"the step was never made: {forces['sensed'][-1]:.2f} N of {to_n:g} N were felt at the end"
