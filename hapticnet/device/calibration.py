@@ -14,6 +14,9 @@ from hapticnet.errors import SettingsError
 
 Numbers: TypeAlias = NDArray[np.float64]
 
+LARGEST: Final = 1e6
+"""Counts and newtons of a table go so far at most, which is beyond any sensor."""
+
 MOST_KNOTS: Final = 8
 """Knots of a fitted table. It follows a sensor whose conductance is linear in force within 3 % from 0.2 to 10 N."""
 
@@ -70,10 +73,10 @@ class Calibration:
             )
         for name, column in (("counts", self.counts), ("forces [N]", self.forces_n)):
             for before, after in zip((0.0, *column), column, strict=False):
-                if not before < after < math.inf:
+                if not before < after <= LARGEST:
                     raise SettingsError(
                         f"calibration {name} go from {before:g} to {after:g}; "
-                        "they must be finite, above 0 and strictly increasing"
+                        f"they must be above 0, strictly increasing and {LARGEST:g} at most"
                     )
 
     def force_n(self, adc: float) -> float:

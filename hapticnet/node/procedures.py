@@ -70,7 +70,7 @@ class _Procedure:
 
 
 class StepTest(_Procedure):
-    """A step of the target, recorded tick by tick.
+    """A step of the target, recorded tick by tick. A device that is lost ends it: the figures would be the loss's.
 
     Parameters
     ----------
@@ -113,7 +113,11 @@ class StepTest(_Procedure):
         target_n = self._from_n if self.step_us is None else self._to_n
         fingertip = self.fingertip
         fingertip.press(target_n, now_us)
-        if elapsed_us is not None and (reading := fingertip.reading) is not None:
+        if elapsed_us is not None:
+            if (reading := fingertip.reading) is None:
+                raise UnavailableError(
+                    f"the device was lost {elapsed_us / 1e6:.1f} s into the test: {fingertip.device.status}"
+                )
             true_n = fingertip.device.contact_force_n
             self.recording.add(
                 (

@@ -19,6 +19,9 @@ from hapticnet.runtime.timer import Ticker
 MOST_CATCH_UP_US: Final = 50_000
 """Most time [µs] made up for in one go; of a longer stall the rest is lost, and the firmware knows nothing of it."""
 
+TERMINALS: Final = "/dev/pts/"
+"""Where pseudo-terminals are: pts(4)."""
+
 MOST_BYTES: Final = 4096
 """Most bytes taken from a visitor at a time: all that a pseudo-terminal holds."""
 
@@ -113,8 +116,8 @@ class NanoPty:
         self.close()
 
     def _make_link(self, link: Path) -> None:
-        if os.path.lexists(link) and not link.is_symlink():
-            raise FileError(f"{link}: is there and is no link; name another place for the link to {self.path}")
+        if os.path.lexists(link) and not (link.is_symlink() and os.readlink(link).startswith(TERMINALS)):
+            raise FileError(f"{link}: is there, and no link of an earlier device; name another place")
         made = link.with_name(f".{link.name}.{os.getpid()}")
         try:
             made.symlink_to(self.path)

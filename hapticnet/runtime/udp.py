@@ -200,5 +200,6 @@ def _socket(family: socket.AddressFamily) -> socket.socket:
 
 
 def _words(error: Exception) -> str:
-    number = getattr(error, "errno", None)
-    return os.strerror(number) if isinstance(error, OSError) and number and number > 0 else str(error)
+    if isinstance(error, OSError) and error.errno:
+        return os.strerror(error.errno) if error.errno > 0 else str(error.strerror)
+    return str(error)

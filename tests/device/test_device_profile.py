@@ -39,9 +39,7 @@ days = st.dates().map(lambda day: day.isoformat())
 @st.composite
 def calibrations(draw):
     size = draw(st.integers(2, 20))
-    columns = [
-        sorted(draw(st.lists(st.floats(1e-300, 1e300), min_size=size, max_size=size, unique=True))) for _ in "cf"
-    ]
+    columns = [sorted(draw(st.lists(st.floats(1e-300, 1e6), min_size=size, max_size=size, unique=True))) for _ in "cf"]
     return Calibration(tuple(columns[0]), tuple(columns[1]))
 
 

@@ -154,7 +154,7 @@ def test_it_ends_by_itself_when_told_how_long(start: Any) -> None:
     ("arguments", "complaint"),
     [
         (["--stiffness", "0"], "finger stiffness [N/m] is 0.0"),
-        (["--link", __file__], "is no link"),
+        (["--link", __file__], "no link of an earlier device"),
         (["--link", "/no/such/folder/nano"], "the link cannot be made: No such file"),
     ],
 )
@@ -238,9 +238,9 @@ def test_a_short_stall_is_made_up_for_and_the_rest_of_a_long_one_is_lost(nano: N
     assert nano.board._cycle == pytest.approx((40_000 + MOST_CATCH_UP_US) * 16, abs=20)
 
 
-def test_a_link_is_replaced_and_only_ours_is_removed(nano: NanoPty, tmp_path: Path) -> None:
+def test_an_earlier_devices_link_is_replaced_and_only_ours_is_removed(nano: NanoPty, tmp_path: Path) -> None:
     link = tmp_path / "nano"
-    link.symlink_to("/dev/null")
+    link.symlink_to("/dev/pts/4711")
     with NanoPty(nano.board, link=link) as first:
         assert os.readlink(link) == first.path
         with NanoPty(nano.board, link=link) as second:
@@ -250,10 +250,12 @@ def test_a_link_is_replaced_and_only_ours_is_removed(nano: NanoPty, tmp_path: Pa
     assert os.readlink(link) == "/dev/null"
 
 
-def test_a_file_in_the_place_of_the_link_is_left_alone(nano: NanoPty, tmp_path: Path) -> None:
-    place = tmp_path / "nano"
-    place.write_text("precious")
-    with pytest.raises(FileError, match="is no link"):
-        NanoPty(nano.board, link=place)
-    assert place.read_text() == "precious"
-    assert list(tmp_path.iterdir()) == [place]
+def test_what_somebody_else_put_in_the_place_of_the_link_is_left_alone(nano: NanoPty, tmp_path: Path) -> None:
+    file, link = tmp_path / "file", tmp_path / "link"
+    file.write_text("precious")
+    link.symlink_to(file)
+    for place in (file, link):
+        with pytest.raises(FileError, match="no link of an earlier device"):
+            NanoPty(nano.board, link=place)
+    assert link.read_text() == "precious"
+    assert sorted(tmp_path.iterdir()) == [file, link]

@@ -13,6 +13,7 @@ from hapticnet.device.base import Reading
 from hapticnet.device.parts import Finger, Servo
 from hapticnet.device.plant import PlantSettings
 from hapticnet.device.simulated import SimulatedDevice
+from hapticnet.errors import UnavailableError
 from hapticnet.experiment.step_response import step_figures
 from hapticnet.node.fingertip import DeviceFound, DeviceLost, Fingertip, ForceFault
 from hapticnet.node.procedures import StepTest, Tuning
@@ -277,3 +278,24 @@ def test_the_same_seed_gives_the_same_run() -> None:
     assert np.array_equal(runs[0].sensed_n, runs[1].sensed_n)
     assert np.array_equal(runs[0].displacement_m, runs[1].displacement_m)
     assert not np.array_equal(runs[0].sensed_n, runs[2].sensed_n)
+
+
+class Unplugged(SimulatedDevice):
+    """A device that is lost for a while."""
+
+    lost_us = range(0)
+
+    def exchange(self, displacement_m: float, now_us: int) -> Reading | None:
+        if now_us in self.lost_us:
+            return None
+        return super().exchange(displacement_m, now_us)
+
+
+@pytest.mark.parametrize("lost_after_us", [-1_000_000, 100_000, 1_900_000])
+def test_a_step_during_which_the_device_is_lost_gives_no_figures(lost_after_us: int) -> None:
+    device = Unplugged(stiffness(1000.0), np.random.default_rng(1))
+    test = StepTest(Fingertip(device, LimitSettings(), ForceControlSettings()), from_n=0.4, to_n=2.0)
+    lost_us = 2_500_000 + lost_after_us
+    device.lost_us = range(lost_us, lost_us + 20_000)
+    with pytest.raises(UnavailableError, match=f"lost {lost_us / 1e6:.1f} s into the test"):
+        any(test.tick(now_us) for now_us in range(0, 5_000_000, 1_000))
