@@ -1,40 +1,29 @@
 """Speed of every codec, whole-array and streaming, beside plain C loops in the same run, and of a threshold sweep."""
 
 import argparse
-import ctypes
-import subprocess
 import tempfile
 import time
 from collections.abc import Callable
-from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import record
+from codec_twins import Array, Loop, hand_m, load_twins, times_us
 
 from hapticnet.codec import arrays
 from hapticnet.codec import deadband as deadband_module
 from hapticnet.codec.arrays import fast_extra_installed
 from hapticnet.codec.base import Codec
 from hapticnet.codec.deadband import Deadband
-from hapticnet.codec.level_crossing import LevelCrossing
-from hapticnet.codec.predictive import LinearPredictive
 from hapticnet.codec.registry import CODECS
 from hapticnet.codec.sweep_thresholds import sweep_deadband
 from hapticnet.experiment.paper_force import paper_recording
 from hapticnet.perception import WeberLaw
 
-Array = npt.NDArray[np.float64]
-Loop = Callable[[Array], int]
-
-PEERS = Path(__file__).parent / "peers"
 SENT_FRACTIONS = (0.01, 0.1, 0.4)
 STREAMED = 200_000
 SWEPT_LAWS = 64
 SWEPT = 1_000_000
-LAW = WeberLaw()
 
 
 def main() -> None:
@@ -47,7 +36,7 @@ def main() -> None:
     samples, repetitions = arguments.samples, arguments.repetitions
     signals = {fraction: signal(samples, fraction, arguments.seed) for fraction in SENT_FRACTIONS}
     with tempfile.TemporaryDirectory() as folder:
-        loops = load_c(Path(folder))
+        loops = load_twins(Path(folder))
         rows = [measure(Deadband(), stimuli, loops["deadband"], repetitions) for stimuli in signals.values()]
         codecs = [measure_codec(CODECS[name](), signals[0.1], loops.get(name), repetitions) for name in CODECS]
     swept = measure_sweep(signals[0.1][:SWEPT], repetitions)
@@ -85,49 +74,10 @@ def signal(samples: int, sent: float, seed: int) -> Array:
     return folded
 
 
-def load_c(folder: Path) -> dict[str, Loop]:
-    """Return the C loops by codec, compiled for this machine; they allocate what they return, as ours do."""
-    weber, floor = ctypes.c_double(LAW.weber_fraction), ctypes.c_double(LAW.floor_n)
-    levels, edges = map(np.array, LevelCrossing().cells(axes=1))
-    lines = LinearPredictive()
-
-    def line(stimuli: Array) -> tuple[Any, ...]:
-        slope_samples, horizon_us = ctypes.c_size_t(int(lines.slope_samples)), ctypes.c_double(lines.horizon_ms * 1e3)
-        return times_us(len(stimuli)), weber, floor, slope_samples, horizon_us
-
-    between: dict[str, Callable[[Array], tuple[Any, ...]]] = {
-        "deadband": lambda _: (weber, floor, ctypes.c_double(LAW.multiplier)),
-        "level-crossing": lambda _: (weber, floor, levels, edges, ctypes.c_size_t(len(levels))),
-        "linear-predictive": line,
-    }
-    return {name: _loop(folder, name.replace("-", "_"), given) for name, given in between.items()}
-
-
-def _loop(folder: Path, name: str, given: Callable[[Array], tuple[Any, ...]]) -> Loop:
-    library = folder / f"{name}.so"
-    command = ["gcc", "-O3", "-march=native", "-shared", "-fPIC", "-o", library, PEERS / f"{name}.c"]
-    subprocess.run(command, check=True)
-    function = ctypes.CDLL(str(library))[name]
-    function.restype = ctypes.c_size_t
-
-    def run(stimuli: Array) -> int:
-        decoded, sent = np.empty_like(stimuli), np.empty(len(stimuli), dtype=np.int64)
-        parts = (stimuli, ctypes.c_size_t(len(stimuli)), *given(stimuli), decoded, sent)
-        pointers = [p.ctypes.data_as(ctypes.c_void_p) if isinstance(p, np.ndarray) else p for p in parts]
-        return int(function(*pointers))
-
-    return run
-
-
-@cache
-def times_us(samples: int) -> npt.NDArray[np.int64]:
-    """Return a sample each millisecond; made once, so that making them is not measured."""
-    return np.arange(samples, dtype=np.int64) * 1000
-
-
 def whole_array(codec: Codec, stimuli: Array, *, compile_above: int) -> int:
-    deadband_module.COMPILE_ABOVE_SAMPLES = arrays.COMPILE_ABOVE_SAMPLES = compile_above
-    return len(codec.encode_array(times_us(len(stimuli)), stimuli).sent)
+    deadband_module.COMPILE_ABOVE_SAMPLES = arrays.COMPILE_STREAM_ABOVE_SAMPLES = compile_above
+    positions = hand_m(len(stimuli)) if codec.needs_position else None
+    return len(codec.encode_array(times_us(len(stimuli)), stimuli, positions).sent)
 
 
 def best(ways: dict[str, Callable[[], int]], samples: int, repetitions: int) -> tuple[dict[str, float], int]:
@@ -160,7 +110,6 @@ def measure_codec(codec: Codec, stimuli: Array, c_loop: Loop | None, repetitions
     """Return ns a sample of a codec's streaming pair, and whole-array speeds where it has a C twin."""
     scene = paper_recording(1)
     walked = stimuli[:STREAMED]
-    hand_m = 0.02 * np.sin(np.arange(len(walked)) * 0.002)
     speed: dict[str, float] = {}
     if c_loop is not None:
         ways = {"c": lambda: c_loop(stimuli)}
@@ -170,7 +119,7 @@ def measure_codec(codec: Codec, stimuli: Array, c_loop: Loop | None, repetitions
         speed, _ = best(ways, len(stimuli), repetitions)
     return {
         "codec": codec.name,
-        "walk_ns": stream_ns(codec, walked, hand_m, repetitions),
+        "walk_ns": stream_ns(codec, walked, hand_m(len(walked)), repetitions),
         "paper_ns": stream_ns(codec, scene.force_n[:, 0], scene.position_m[:, 0], repetitions),
         "fast": 0.0,
         "c": 0.0,

@@ -17,6 +17,7 @@ from typing import ClassVar, Final
 import numpy as np
 import numpy.typing as npt
 
+from hapticnet.codec.arrays import as_recording, worth_compiling
 from hapticnet.codec.base import Encoding, FloatArray
 from hapticnet.codec.payload import PayloadFormat, check_axes, check_parameter, check_step, distance
 from hapticnet.codec.predictive import is_impact, limited
@@ -101,6 +102,19 @@ class AdaptivePredictive:
         self, t_us: npt.NDArray[np.int64], stimuli: FloatArray, positions: FloatArray | None = None
     ) -> Encoding:
         """Encode a whole recording; see `Codec.encode_array`."""
+        stimuli = as_recording(stimuli)
+        if worth_compiling(stimuli, t_us):
+            from hapticnet.codec import kernels_adaptive
+
+            return kernels_adaptive.adaptive_predictive(
+                self.law,
+                t_us,
+                stimuli,
+                horizon_ms=self.horizon_ms,
+                window_ms=self.window_ms,
+                jump_thresholds=self.jump_thresholds,
+                step_n=self.step_n,
+            )
         return encode_streamed(self, t_us, stimuli, positions)
 
 

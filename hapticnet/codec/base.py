@@ -53,7 +53,7 @@ class Decoder(Protocol):
         ...
 
     def reconstruct(self, t_us: int, position: Vector | None = None) -> Vector:
-        """Return the stimulus to apply at time `t_us`; zeros before the first payload.
+        """Return the stimulus to apply at time `t_us`, finite; zeros before the first payload.
 
         Called at every sample, with the tool's position [m] at that time where it is known.
         """

@@ -9,6 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from hapticnet.codec import deadband as deadband_module
+from hapticnet.codec import predictive
 from hapticnet.codec.arrays import MARGIN, refuse_out_of_range
 from hapticnet.codec.base import Encoding, FloatArray
 from hapticnet.codec.payload import COUNT_BYTES, DOUBLE_BYTES, LARGEST_COUNT, SINGLE_BYTES
@@ -19,21 +21,65 @@ IntArray = npt.NDArray[np.int64]
 SizeArray = npt.NDArray[np.uint16]
 
 
+shortcut = njit(cache=True, nogil=True, error_model="numpy")(deadband_module.shortcut)
+limited = njit(cache=True, nogil=True, error_model="numpy")(predictive.limited)
+
+
 def deadband(law: WeberLaw, stimuli: FloatArray, step_n: float) -> Encoding:
     """Encode stimuli of shape (n, a) with the deadband of `law`; a SampleError refuses what is out of range."""
-    samples, axes = stimuli.shape
-    # Memory that is never written is never made resident, so room for the worst case costs nothing.
-    sent = np.empty(samples, dtype=np.int64)
-    sizes = np.empty(samples, dtype=np.uint16)
-    decoded = np.empty_like(stimuli)
-    parameters = law.multiplier * law.weber_fraction, law.multiplier * law.floor_n, step_n
-    if axes == 1:
-        count = _scalar(stimuli[:, 0], *parameters, sent, sizes, decoded[:, 0])
+    sent, sizes, decoded = room(stimuli)
+    if stimuli.shape[1] == 1:
+        count = _scalar(stimuli[:, 0], *fraction_and_floor(law), step_n, sent, sizes, decoded[:, 0])
     else:
-        count = _vector(stimuli, *parameters, sent, sizes, decoded)
+        count = _vector(stimuli, *fraction_and_floor(law), step_n, sent, sizes, decoded)
+    return encoding(stimuli, count, sent, sizes, decoded)
+
+
+def fraction_and_floor(law: WeberLaw) -> tuple[float, float]:
+    """Return what a threshold is of its reference, and the least threshold [N]."""
+    return law.multiplier * law.weber_fraction, law.multiplier * law.floor_n
+
+
+def room(stimuli: FloatArray) -> tuple[IntArray, SizeArray, FloatArray]:
+    """Return room for what is sent, its sizes and what is applied; what is never written is never made resident."""
+    samples = len(stimuli)
+    return np.empty(samples, dtype=np.int64), np.empty(samples, dtype=np.uint16), np.empty_like(stimuli)
+
+
+def encoding(stimuli: FloatArray, count: int, sent: IntArray, sizes: SizeArray, decoded: FloatArray) -> Encoding:
+    """Return what a kernel has made of a recording; a SampleError refuses the stimulus that ended it.
+
+    Parameters
+    ----------
+    count
+        What the kernel returned: how many were sent or, where a stimulus that is out of range ended it, the complement
+        of its place in `sent`.
+    """
     if count < 0:
         refuse_out_of_range(stimuli, sent[~count : ~count + 1])
     return Encoding(sent=sent[:count], decoded=decoded, payload_bytes=sizes[:count])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def rounded(x: float, weber: float, floor: float, step: float) -> tuple[int, float, float]:
+    """Return size of the payload, what the receiver makes of it, and the threshold around that."""
+    if step > 0.0:
+        counted = np.rint(x / step)
+        reference = counted * step + 0.0
+        threshold = max(weber * abs(reference), floor)
+        if abs(counted) <= LARGEST_COUNT and abs(x - reference) <= threshold:
+            return COUNT_BYTES, reference, threshold
+    reference = np.float64(np.float32(x))
+    threshold = max(weber * abs(reference), floor)
+    if abs(x - reference) <= threshold:
+        return SINGLE_BYTES, reference, threshold
+    return DOUBLE_BYTES, x, max(weber * abs(x), floor)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def since_us(earlier: int, now: int) -> float:
+    """Return how long one time is after another, whatever 64 bits hold; -1 where it is before."""
+    return np.float64(np.uint64(now - earlier)) if now >= earlier else -1.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

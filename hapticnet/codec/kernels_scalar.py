@@ -1,25 +1,20 @@
 """Whole-array encoders of one axis compiled by numba (the ``fast`` extra), equal to the streaming pairs to the bit.
 
-As in `kernels`: each kernel returns how many were sent; a stimulus that is out of range ends it, and what is returned
-is then the complement of its place in `sent`.
+What the kernels return is said in `kernels.encoding`.
 """
 
 import math
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-from hapticnet.codec.arrays import MARGIN, refuse_out_of_range
 from hapticnet.codec.base import Encoding, FloatArray
-from hapticnet.codec.payload import COUNT_BYTES, DOUBLE_BYTES, LARGEST_COUNT, SINGLE_BYTES
+from hapticnet.codec.kernels import IntArray, SizeArray, encoding, fraction_and_floor, limited, room, rounded, shortcut
+from hapticnet.codec.payload import COUNT_BYTES, LARGEST_COUNT, SINGLE_BYTES
 from hapticnet.codec.predictive import IMPACT_THRESHOLDS
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import LARGEST_COMPONENT
-
-IntArray = npt.NDArray[np.int64]
-SizeArray = npt.NDArray[np.uint16]
 
 LARGEST_WINDOW_US = 2**25
 """Sums of squared times in a window of 64 samples stay whole numbers of 64 bits up to here."""
@@ -27,10 +22,10 @@ LARGEST_WINDOW_US = 2**25
 
 def level_crossing(law: WeberLaw, stimuli: FloatArray, levels: Sequence[float], edges: Sequence[float]) -> Encoding:
     """Encode stimuli of shape (n, 1) by the levels on either side of zero and the ends of their cells."""
-    weber, floor = law.multiplier * law.weber_fraction, law.multiplier * law.floor_n
-    sent, sizes, decoded = _room(stimuli)
+    weber, floor = fraction_and_floor(law)
+    sent, sizes, decoded = room(stimuli)
     count = _levels(stimuli[:, 0], weber, floor, np.array(levels), np.array(edges), sent, sizes, decoded[:, 0])
-    return _encoding(stimuli, count, sent, sizes, decoded)
+    return encoding(stimuli, count, sent, sizes, decoded)
 
 
 def linear_predictive(
@@ -40,38 +35,10 @@ def linear_predictive(
     times = np.ascontiguousarray(t_us, dtype=np.int64)
     if not _near_enough(times, LARGEST_WINDOW_US // slope_samples):
         return None
-    weber, floor = law.multiplier * law.weber_fraction, law.multiplier * law.floor_n
-    sent, sizes, decoded = _room(stimuli)
+    weber, floor = fraction_and_floor(law)
+    sent, sizes, decoded = room(stimuli)
     count = _lines(times, stimuli[:, 0], weber, floor, slope_samples, horizon_ms, step_n, sent, sizes, decoded[:, 0])
-    return _encoding(stimuli, count, sent, sizes, decoded)
-
-
-def _room(stimuli: FloatArray) -> tuple[IntArray, SizeArray, FloatArray]:
-    """Return room for the worst case; what is never written is never made resident."""
-    samples = len(stimuli)
-    return np.empty(samples, dtype=np.int64), np.empty(samples, dtype=np.uint16), np.empty_like(stimuli)
-
-
-def _encoding(stimuli: FloatArray, count: int, sent: IntArray, sizes: SizeArray, decoded: FloatArray) -> Encoding:
-    if count < 0:
-        refuse_out_of_range(stimuli, sent[~count : ~count + 1])
-    return Encoding(sent=sent[:count], decoded=decoded, payload_bytes=sizes[:count])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _rounded(x: float, weber: float, floor: float, step: float) -> tuple[int, float, float]:
-    """Return size of the payload, what the receiver makes of it, and the threshold around that."""
-    if step > 0.0:
-        counted = np.rint(x / step)
-        reference = counted * step + 0.0
-        threshold = max(weber * abs(reference), floor)
-        if abs(counted) <= LARGEST_COUNT and abs(x - reference) <= threshold:
-            return COUNT_BYTES, reference, threshold
-    reference = np.float64(np.float32(x))
-    threshold = max(weber * abs(reference), floor)
-    if abs(x - reference) <= threshold:
-        return SINGLE_BYTES, reference, threshold
-    return DOUBLE_BYTES, x, max(weber * abs(x), floor)
+    return encoding(stimuli, count, sent, sizes, decoded)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -108,9 +75,8 @@ def _levels(
                 if abs(x - reference) <= threshold:
                     payload = COUNT_BYTES
             if payload == 0:
-                payload, reference, threshold = _rounded(x, weber, floor, 0.0)
-            half = threshold - MARGIN * (abs(reference) + threshold)
-            low, high = reference - half, reference + half
+                payload, reference, threshold = rounded(x, weber, floor, 0.0)
+            low, high = shortcut(reference, threshold)
             sizes[count] = payload
             count += 1
         decoded[i] = reference
@@ -128,11 +94,6 @@ def _near_enough(times: IntArray, largest_gap: int) -> bool:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _limited(component: float) -> float:
-    return max(-LARGEST_COMPONENT, min(component, LARGEST_COMPONENT))
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def _slope(times: IntArray, stimuli: FloatArray, first: int, newest: int) -> float:
     """Return the slope [N/s] of the least-squares line through some samples; 0 when all are of one time."""
     count = newest + 1 - first
@@ -147,7 +108,7 @@ def _slope(times: IntArray, stimuli: FloatArray, first: int, newest: int) -> flo
     product = 0.0
     for k in range(first, newest + 1):
         product += float(count * (times[k] - times[newest]) - total) * (stimuli[k] - stimuli[newest])
-    return _limited(1e6 * product / float(spread))
+    return limited(1e6 * product / float(spread))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -175,7 +136,7 @@ def _lines(
         if in_range:
             error, size = abs(x - point), abs(point)
         else:
-            point = _limited(point)
+            point = limited(point)
             error, size = math.sqrt((x - point) * (x - point)), math.sqrt(point * point)
         # One comparison where the stream has two: the second would often be mispredicted.
         if count == 0 or not error <= max(floor, weber * size):
@@ -185,7 +146,7 @@ def _lines(
             if count and abs(x - point) > IMPACT_THRESHOLDS * max(weber * abs(point), floor):
                 since = i
             slope = _slope(times, stimuli, max(since, i + 1 - slope_samples), i)
-            payload, value, _ = _rounded(x, weber, floor, step)
+            payload, value, _ = rounded(x, weber, floor, step)
             if payload == COUNT_BYTES:
                 counted = max(-float(LARGEST_COUNT), min(np.rint(slope / slope_step), float(LARGEST_COUNT)))
                 slope = counted * slope_step + 0.0

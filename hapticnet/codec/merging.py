@@ -14,6 +14,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from hapticnet.codec.arrays import as_recording, worth_compiling
 from hapticnet.codec.base import Encoder, Encoding, FloatArray
 from hapticnet.codec.deadband import hold_encoder
 from hapticnet.codec.payload import HoldDecoder, PayloadFormat, check_parameter, check_step
@@ -66,6 +67,11 @@ class Merging:
         self, t_us: npt.NDArray[np.int64], stimuli: FloatArray, positions: FloatArray | None = None
     ) -> Encoding:
         """Encode a whole recording; see `Codec.encode_array`."""
+        stimuli = as_recording(stimuli)
+        if worth_compiling(stimuli, t_us):
+            from hapticnet.codec import kernels_holds
+
+            return kernels_holds.merging(self.law, t_us, stimuli, window_ms=self.window_ms, step_n=self.step_n)
         return encode_streamed(self, t_us, stimuli, positions)
 
 

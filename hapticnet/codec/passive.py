@@ -34,9 +34,9 @@ from typing import ClassVar, Final
 import numpy as np
 import numpy.typing as npt
 
-from hapticnet.codec.arrays import MARGIN
+from hapticnet.codec.arrays import MARGIN, as_recording, worth_compiling
 from hapticnet.codec.base import Encoder, Encoding, FloatArray
-from hapticnet.codec.deadband import hold_encoder
+from hapticnet.codec.deadband import Deadband, hold_encoder
 from hapticnet.codec.payload import PayloadFormat, check_parameter, check_step
 from hapticnet.codec.streamed import encode_streamed
 from hapticnet.perception import WeberLaw
@@ -81,6 +81,13 @@ class PassiveExtrapolative:
         self, t_us: npt.NDArray[np.int64], stimuli: FloatArray, positions: FloatArray | None = None
     ) -> Encoding:
         """Encode a whole recording; see `Codec.encode_array`."""
+        if positions is None:
+            return Deadband(law=self.law, step_n=self.step_n).encode_array(t_us, stimuli)
+        stimuli, positions = as_recording(stimuli), as_recording(positions)
+        if worth_compiling(stimuli, t_us, positions):
+            from hapticnet.codec import kernels_positions
+
+            return kernels_positions.passive_extrapolative(self.law, stimuli, positions, step_n=self.step_n)
         return encode_streamed(self, t_us, stimuli, positions)
 
 
@@ -126,6 +133,15 @@ class PassiveInterpolative:
         self, t_us: npt.NDArray[np.int64], stimuli: FloatArray, positions: FloatArray | None = None
     ) -> Encoding:
         """Encode a whole recording; see `Codec.encode_array`."""
+        if positions is None:
+            return Deadband(law=self.law, step_n=self.step_n).encode_array(t_us, stimuli)
+        stimuli, positions = as_recording(stimuli), as_recording(positions)
+        if worth_compiling(stimuli, t_us, positions):
+            from hapticnet.codec import kernels_positions
+
+            return kernels_positions.passive_interpolative(
+                self.law, t_us, stimuli, positions, interval_ms=self.interval_ms, step_n=self.step_n
+            )
         return encode_streamed(self, t_us, stimuli, positions)
 
 

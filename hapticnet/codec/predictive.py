@@ -89,7 +89,7 @@ class LinearPredictive:
     ) -> Encoding:
         """Encode a whole recording; see `Codec.encode_array`."""
         stimuli = as_recording(stimuli)
-        if worth_compiling(stimuli):
+        if worth_compiling(stimuli, t_us):
             from hapticnet.codec import kernels_scalar
 
             samples, horizon_ms = int(self.slope_samples), self.horizon_ms

@@ -12,6 +12,7 @@ from typing import ClassVar, Final
 import numpy as np
 import numpy.typing as npt
 
+from hapticnet.codec.arrays import as_recording, worth_compiling
 from hapticnet.codec.base import Encoding, FloatArray
 from hapticnet.codec.payload import Form, HoldDecoder, PayloadFormat, check_parameter, check_step, distance
 from hapticnet.codec.streamed import encode_streamed
@@ -71,6 +72,12 @@ class Probabilistic:
         self, t_us: npt.NDArray[np.int64], stimuli: FloatArray, positions: FloatArray | None = None
     ) -> Encoding:
         """Encode a whole recording; see `Codec.encode_array`."""
+        stimuli = as_recording(stimuli)
+        if worth_compiling(stimuli, t_us):
+            from hapticnet.codec import kernels_holds
+
+            loss, limit = self.loss_probability, self.deviation_limit
+            return kernels_holds.probabilistic(self.law, stimuli, loss=loss, limit=limit, step_n=self.step_n)
         return encode_streamed(self, t_us, stimuli, positions)
 
 

@@ -5,14 +5,15 @@ Kammerl, Vittorias, Nitsch, Faerber, Steinbach, Hirche, "Perception-based data r
 signals using velocity-adaptive deadbands", Presence 19(5), 2010, 450-462, which reports reductions of up to 96 %.
 """
 
-import math
 from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
+from hapticnet.codec.arrays import as_recording, worth_compiling
 from hapticnet.codec.base import Encoding, FloatArray
+from hapticnet.codec.deadband import Deadband
 from hapticnet.codec.payload import (
     Form,
     HoldDecoder,
@@ -86,6 +87,22 @@ class VelocityAdaptive:
         self, t_us: npt.NDArray[np.int64], stimuli: FloatArray, positions: FloatArray | None = None
     ) -> Encoding:
         """Encode a whole recording; see `Codec.encode_array`."""
+        if positions is None:
+            return Deadband(law=self.law, step_n=self.step_n).encode_array(t_us, stimuli)
+        stimuli, positions = as_recording(stimuli), as_recording(positions)
+        if worth_compiling(stimuli, t_us, positions):
+            from hapticnet.codec import kernels_positions
+
+            return kernels_positions.velocity_adaptive(
+                self.law,
+                t_us,
+                stimuli,
+                positions,
+                speed_gain_s_m=self.speed_gain_s_m,
+                largest_fraction=self.largest_fraction,
+                time_constant_s=self.time_constant_ms * 1e-3,
+                step_n=self.step_n,
+            )
         return encode_streamed(self, t_us, stimuli, positions)
 
 
@@ -123,11 +140,9 @@ class HandSpeed:
             keep = self._time_constant_s
             span = keep + elapsed_s
             velocity = self._velocity
-            square = 0.0
             for axis, (new, old) in enumerate(zip(position_m, before, strict=True)):
-                velocity[axis] = component = (keep * velocity[axis] + (new - old)) / span
-                square += component * component
-            self.m_per_s = math.sqrt(square)
+                velocity[axis] = (keep * velocity[axis] + (new - old)) / span
+            self.m_per_s = magnitude(tuple(velocity))
         self._t_us = t_us
         self._position_m = position_m
 

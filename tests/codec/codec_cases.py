@@ -18,8 +18,8 @@ recordings = st.integers(1, 3).flatmap(
 )
 laws = st.builds(
     WeberLaw,
-    weber_fraction=st.one_of(st.just(0.0), st.floats(0.0, 1.0)),
-    floor_n=st.one_of(st.just(0.0), st.floats(0.0, 2.0)),
+    weber_fraction=st.one_of(st.just(0.0), st.floats(1e-12, 1.0)),
+    floor_n=st.one_of(st.just(0.0), st.floats(1e-12, 2.0)),
     multiplier=st.sampled_from([0.0, 0.3, 1.0, 2.0, 4.0]),
 )
 steps = st.sampled_from([0.0, 1e-12, 1e-6, 0.001, 0.03, 1.0])

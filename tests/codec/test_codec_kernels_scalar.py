@@ -27,7 +27,7 @@ gaps = st.lists(st.one_of(st.just(1000), st.just(0), st.integers(-10, 30_000), s
 @pytest.fixture(autouse=True, scope="module")
 def _compiled():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(arrays, "COMPILE_ABOVE_SAMPLES", -1)
+        patch.setattr(arrays, "COMPILE_STREAM_ABOVE_SAMPLES", -1)
         yield
 
 
@@ -54,3 +54,8 @@ def test_compiled_codecs_agree_with_their_streams_over_a_long_walk_with_impacts(
     stimuli[7] = np.nan
     with pytest.raises(SampleError, match="sample 7"):
         make(law=law).encode_array(t_us, stimuli)
+
+
+def test_a_recording_whose_times_are_not_as_many_is_refused_as_its_stream_does():
+    with pytest.raises(ValueError, match="zip"):
+        LinearPredictive().encode_array(np.arange(9), np.ones((10, 1)))

@@ -17,8 +17,8 @@ from hapticnet.samples import magnitude
 LAW = WeberLaw(weber_fraction=0.05, floor_n=0.025)
 laws = st.builds(
     WeberLaw,
-    weber_fraction=st.one_of(st.just(0.0), st.floats(0.0, 1.0)),
-    floor_n=st.one_of(st.just(0.0), st.floats(0.0, 2.0)),
+    weber_fraction=st.one_of(st.just(0.0), st.floats(1e-12, 1.0)),
+    floor_n=st.one_of(st.just(0.0), st.floats(1e-12, 2.0)),
     multiplier=st.sampled_from([0.0, 0.3, 1.0, 4.0]),
 )
 steps_n = st.sampled_from([0.0, 0.001])

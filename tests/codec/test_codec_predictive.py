@@ -17,8 +17,8 @@ anything = st.one_of(st.floats(-10.0, 10.0), st.floats(-1e15, 1e15), st.just(0.0
 steps_us = st.one_of(st.just(1000), st.just(0), st.integers(-3000, 3000), st.sampled_from([3_600_000_000, -(10**15)]))
 laws = st.builds(
     WeberLaw,
-    weber_fraction=st.one_of(st.just(0.0), st.just(0.05), st.floats(0.0, 1.0)),
-    floor_n=st.one_of(st.just(0.0), st.just(0.025), st.floats(0.0, 2.0)),
+    weber_fraction=st.one_of(st.just(0.0), st.just(0.05), st.floats(1e-12, 1.0)),
+    floor_n=st.one_of(st.just(0.0), st.just(0.025), st.floats(1e-12, 2.0)),
     multiplier=st.sampled_from([0.0, 0.3, 1.0, 2.0, 4.0]),
 )
 linear = st.builds(

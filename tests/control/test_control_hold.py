@@ -83,7 +83,7 @@ def test_after_a_backward_jump_the_stimulus_still_goes_stale() -> None:
     assert hold.value(END_US) == (0.0,)
 
 
-@pytest.mark.parametrize("bad", [(math.nan,), (math.inf,), (1e300,), (), (1.0, 2.0)])
+@pytest.mark.parametrize("bad", [(math.nan,), (math.inf,), (), (1.0, 2.0)])
 def test_refuses_a_stimulus_that_is_not_finite_or_of_other_axes(bad: tuple[float, ...]) -> None:
     hold = Hold(SETTINGS)
     hold.receive((1.0,), 0)

@@ -1,0 +1,133 @@
+/* The limit of our own whole-array encoder: the same work as hapticnet's adaptive-predictive in a plain loop, one axis,
+ * float32 values, jumps not bounded, increasing times, stimuli in range. Writes what is applied, and the index of every
+ * transmitted sample; the same to the bit, for which no product may be contracted with a sum. */
+#pragma GCC optimize("fp-contract=off")
+#include <math.h>
+#include <stddef.h>
+#include <stdint.h>
+
+struct trend {
+    double short_slope, long_slope, level;
+};
+
+struct trust {
+    double aa, ab, ac, bb, bc, cc, a, b, c; /* the normal equations */
+    struct trend in;                        /* their solution */
+};
+
+static double larger(double x, double y)
+{
+    return x > y ? x : y;
+}
+
+static double smaller(double x, double y)
+{
+    return x < y ? x : y;
+}
+
+static double within(double x, double limit)
+{
+    return larger(-limit, smaller(x, limit));
+}
+
+static struct trend trend(const int64_t *t_us, const double *stimuli, size_t newest, double band, double window_us)
+{
+    const double x = stimuli[newest], short_us = 0.3 * window_us;
+    size_t count = 0;
+    double weights = 1.0, moment = 0.0, spread = 0.0, product = 0.0, rise = 0.0, slope = 0.0;
+    double short_spread = 0.0, short_product = 0.0;
+    const size_t oldest = newest > 63 ? newest - 63 : 0;
+    for (size_t k = newest; k-- > oldest;) {
+        const double age_us = (double)(t_us[newest] - t_us[k]), change = x - stimuli[k];
+        if (age_us >= window_us)
+            break;
+        if (age_us <= 0.0)
+            continue;
+        if (count && !(fabs(change - slope * age_us) <= band))
+            break;
+        count++;
+        const double weight = 1.0 - age_us / window_us, weighted_us = weight * age_us;
+        weights += weight;
+        moment += weighted_us;
+        spread += weighted_us * age_us;
+        product += weighted_us * change;
+        rise += weight * change;
+        slope = product / spread;
+        if (age_us < short_us) {
+            const double short_weighted_us = (1.0 - age_us / short_us) * age_us;
+            short_spread += short_weighted_us * age_us;
+            short_product += short_weighted_us * change;
+        }
+    }
+    if (count < 2)
+        return (struct trend){0.0, 0.0, 0.0};
+    const double free_slope = (weights * product - moment * rise) / (weights * spread - moment * moment);
+    return (struct trend){short_spread > 0.0 ? short_product / short_spread : slope, slope,
+                          (free_slope * moment - rise) / weights};
+}
+
+static void learn(struct trust *trust, struct trend foretold, double moved)
+{
+    const double p = foretold.short_slope, q = foretold.long_slope, r = foretold.level, m = moved;
+    if (!(p * p + q * q + r * r + m * m <= 1e6))
+        return;
+    const double weight = 1.0 / (1.0 + 0.25 * (p * p + 2.0 * (p * q) + q * q));
+    trust->aa = 0.98 * trust->aa + weight * (p * p);
+    trust->ab = 0.98 * trust->ab + weight * (p * q);
+    trust->ac = 0.98 * trust->ac + weight * (p * r);
+    trust->bb = 0.98 * trust->bb + weight * (q * q);
+    trust->bc = 0.98 * trust->bc + weight * (q * r);
+    trust->cc = 0.98 * trust->cc + weight * (r * r);
+    trust->a = 0.98 * trust->a + weight * (p * m);
+    trust->b = 0.98 * trust->b + weight * (q * m);
+    trust->c = 0.98 * trust->c + weight * (r * m);
+    const double aa = trust->aa + 0.5, ab = trust->ab, ac = trust->ac;
+    const double factor_b = ab / aa, factor_c = ac / aa;
+    const double bb = trust->bb + (0.5 - factor_b * ab), bc = trust->bc - factor_b * ac, factor = bc / bb;
+    double a = trust->a + 0.25, b = trust->b + 0.25 - factor_b * a, c = trust->c;
+    c = (c - factor_c * a - factor * b) / (trust->cc + 0.5 - factor_c * ac - factor * bc);
+    b = (b - bc * c) / bb;
+    a = (a - ab * b - ac * c) / aa;
+    const double limit = a + b != 0.0 ? larger(0.0, smaller(a + b, 1.2)) / (a + b) : 0.0;
+    trust->in = (struct trend){limit * a, limit * b, c};
+}
+
+size_t adaptive_predictive(const double *stimuli, size_t samples, const int64_t *t_us, double weber_fraction,
+                           double floor_n, double horizon_us, double window_us, double *decoded, int64_t *sent)
+{
+    struct trust trust = {.in = {0.5, 0.5, 0.0}};
+    struct trend causes = {0.0, 0.0, 0.0};
+    size_t count = 0;
+    int64_t start_us = 0;
+    double value = 0.0, travel = 0.0, sent_for = 0.0;
+    for (size_t i = 0; i < samples; i++) {
+        const double x = stimuli[i], s = within(larger(0.0, (double)(t_us[i] - start_us) / horizon_us), 1.0);
+        const double share = s * (2.0 - s);
+        double point = value + travel * share;
+        const double error = fabs(x - point), reach = larger(weber_fraction * fabs(point), floor_n);
+        if (count == 0 || error > reach) {
+            if (count && error <= 3.0 * reach) {
+                const double scale = 1.0 / larger(weber_fraction * fabs(sent_for), floor_n), made = share * scale;
+                const struct trend foretold = {made * causes.short_slope, made * causes.long_slope,
+                                               scale * causes.level};
+                if (share > 0.0)
+                    learn(&trust, foretold, scale * (x - sent_for));
+            }
+            const double threshold = larger(weber_fraction * fabs(x), floor_n);
+            causes = trend(t_us, stimuli, i, 2.0 * threshold, window_us);
+            causes.short_slope *= 0.5 * horizon_us;
+            causes.long_slope *= 0.5 * horizon_us;
+            const double wanted = trust.in.short_slope * causes.short_slope + trust.in.long_slope * causes.long_slope;
+            const double offset = within(trust.in.level * causes.level, 0.9 * threshold / (1.0 + weber_fraction));
+            value = (double)(float)(x + offset);
+            const double around = larger(weber_fraction * fabs(value), floor_n);
+            travel = (double)(_Float16)within(wanted / around, 1024.0) * around;
+            start_us = t_us[i];
+            sent_for = x;
+            sent[count++] = (int64_t)i;
+            point = value;
+        }
+        decoded[i] = point;
+    }
+    return count;
+}

@@ -1,0 +1,55 @@
+"""What a master does with forces that no true slave would send."""
+
+import math
+import struct
+
+import numpy as np
+import pytest
+
+from hapticnet.codec.registry import CODECS
+from hapticnet.device.plant import PlantSettings
+from hapticnet.device.simulated import SimulatedDevice
+from hapticnet.node.master import MasterNode, MasterSettings
+from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
+from hapticnet.protocol.messages import Force, Welcome, unpack_hello
+from hapticnet.protocol.wire import Kind, pack, pack_body, unpack
+
+SESSION = 70_000
+HELD_US = 50_000
+EXTREMES = (0.0, -0.0, 1.0, 1e15, -1e15, 9.99e14, 1e300, -1e300, 5e-324, math.nan, math.inf)
+
+
+def payloads(rng: np.random.Generator):
+    """Return payloads of all lengths: random bytes, and every extreme as float64 and float32."""
+    for _ in range(100):
+        yield rng.bytes(int(rng.integers(0, 16)))
+        extreme = EXTREMES[rng.integers(len(EXTREMES))]
+        yield struct.pack(">d", extreme)
+        yield struct.pack(">f", min(max(extreme, -3e38), 3e38))
+        yield struct.pack(">de", extreme, 65504.0) + rng.bytes(int(rng.integers(0, 4)))
+
+
+@pytest.mark.parametrize("codec", CODECS)
+def test_no_payload_brings_a_master_down_or_presses_harder_than_the_device_may(codec):
+    device = SimulatedDevice(PlantSettings(), np.random.default_rng(0))
+    rng = np.random.default_rng(2)
+    master = MasterNode(ScriptedOperator(InsertionSettings(), rng), device, MasterSettings(codec=codec), rng)
+    master.tick(0)
+    (hello,) = master.datagrams_to_send()
+    welcome = Welcome(unpack_hello(unpack(hello).body).nonce, 1000.0, 45_000, "fake")
+    master.receive_datagram(pack(Kind.WELCOME, SESSION, 0, pack_body(welcome)), 0)
+    largest_n, held_n = 0.0, set()
+    for number, payload in enumerate(payloads(np.random.default_rng(1)), start=1):
+        arrives_us = HELD_US * number
+        master.receive_datagram(pack(Kind.FORCE, SESSION, number, pack_body(Force(arrives_us, payload))), arrives_us)
+        for now_us in range(arrives_us, arrives_us + HELD_US, 1000):
+            master.drive(now_us)
+            master.tick(now_us)
+            held_n.add(master.held_force_n(now_us))
+            largest_n = max(largest_n, device.contact_force_n)
+    report = master.report()
+    assert report["received"]["packets"] == number + 1
+    assert 0 < report["received"]["malformed"] < number
+    assert largest_n <= 5.0
+    assert all(map(math.isfinite, held_n))
+    assert len(held_n) > 1
