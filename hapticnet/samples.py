@@ -55,6 +55,10 @@ def checked_vector(values: Iterable[float], what: str) -> Vector:
         When there are no or more than three components, or one of them is NaN, infinite or beyond
         `LARGEST_COMPONENT`.
     """
+    if type(values) is tuple and len(values) == 1:  # the common case, in a third of the time
+        (x,) = values
+        if type(x) is float and -LARGEST_COMPONENT <= x <= LARGEST_COMPONENT:
+            return values
     vector = tuple(map(float, values))
     if not 1 <= len(vector) <= MAX_AXES:
         raise SampleError(f"{what} has {len(vector)} axes; 1 to {MAX_AXES} are supported")

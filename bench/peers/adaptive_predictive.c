@@ -71,16 +71,16 @@ static void learn(struct trust *trust, struct trend foretold, double moved)
     const double p = foretold.short_slope, q = foretold.long_slope, r = foretold.level, m = moved;
     if (!(p * p + q * q + r * r + m * m <= 1e6))
         return;
-    const double weight = 1.0 / (1.0 + 0.25 * (p * p + 2.0 * (p * q) + q * q));
-    trust->aa = 0.98 * trust->aa + weight * (p * p);
-    trust->ab = 0.98 * trust->ab + weight * (p * q);
-    trust->ac = 0.98 * trust->ac + weight * (p * r);
-    trust->bb = 0.98 * trust->bb + weight * (q * q);
-    trust->bc = 0.98 * trust->bc + weight * (q * r);
-    trust->cc = 0.98 * trust->cc + weight * (r * r);
-    trust->a = 0.98 * trust->a + weight * (p * m);
-    trust->b = 0.98 * trust->b + weight * (q * m);
-    trust->c = 0.98 * trust->c + weight * (r * m);
+    const double weight = 1.0 / (1.0 + 0.05 * (p * p + 2.0 * (p * q) + q * q));
+    trust->aa = 0.99 * trust->aa + weight * (p * p);
+    trust->ab = 0.99 * trust->ab + weight * (p * q);
+    trust->ac = 0.99 * trust->ac + weight * (p * r);
+    trust->bb = 0.99 * trust->bb + weight * (q * q);
+    trust->bc = 0.99 * trust->bc + weight * (q * r);
+    trust->cc = 0.99 * trust->cc + weight * (r * r);
+    trust->a = 0.99 * trust->a + weight * (p * m);
+    trust->b = 0.99 * trust->b + weight * (q * m);
+    trust->c = 0.99 * trust->c + weight * (r * m);
     const double aa = trust->aa + 0.5, ab = trust->ab, ac = trust->ac;
     const double factor_b = ab / aa, factor_c = ac / aa;
     const double bb = trust->bb + (0.5 - factor_b * ab), bc = trust->bc - factor_b * ac, factor = bc / bb;
@@ -88,8 +88,19 @@ static void learn(struct trust *trust, struct trend foretold, double moved)
     c = (c - factor_c * a - factor * b) / (trust->cc + 0.5 - factor_c * ac - factor * bc);
     b = (b - bc * c) / bb;
     a = (a - ab * b - ac * c) / aa;
-    const double limit = a + b != 0.0 ? larger(0.0, smaller(a + b, 1.2)) / (a + b) : 0.0;
-    trust->in = (struct trend){limit * a, limit * b, c};
+    trust->in = a + b > 0.0 ? (struct trend){a, b, c} : (struct trend){0.0, 0.0, c};
+}
+
+static double foretell(struct trend trusted, struct trend causes, double threshold)
+{
+    double a = trusted.short_slope, b = trusted.long_slope;
+    const double both = fabs(causes.short_slope + causes.long_slope);
+    if (a + b > 1.0 && both > 0.0) {
+        const double limit = smaller(1.0, (1.0 + 0.55 * sqrt(2.0 * threshold / both)) / (a + b));
+        a *= limit;
+        b *= limit;
+    }
+    return a * causes.short_slope + b * causes.long_slope;
 }
 
 size_t adaptive_predictive(const double *stimuli, size_t samples, const int64_t *t_us, double weber_fraction,
@@ -117,7 +128,7 @@ size_t adaptive_predictive(const double *stimuli, size_t samples, const int64_t 
             causes = trend(t_us, stimuli, i, 2.0 * threshold, window_us);
             causes.short_slope *= 0.5 * horizon_us;
             causes.long_slope *= 0.5 * horizon_us;
-            const double wanted = trust.in.short_slope * causes.short_slope + trust.in.long_slope * causes.long_slope;
+            const double wanted = foretell(trust.in, causes, threshold);
             const double offset = within(trust.in.level * causes.level, 0.9 * threshold / (1.0 + weber_fraction));
             value = (double)(float)(x + offset);
             const double around = larger(weber_fraction * fabs(value), floor_n);

@@ -53,7 +53,8 @@ class AdaptivePredictive:
     dies away and ends in a hold. Send when ``|x - p| > threshold(|p|)``, strictly. The first stimulus is always sent.
     The curve sent has ``travel = horizon / 2 · (c1 · short slope + c2 · long slope)`` and ``value = x + c3 · level``;
     the slopes are those of the newest samples (`codec.trend`), the level is how far their line passes from x, and the
-    c are learned by least squares (`codec.trend.Trust`). A curve never starts further from x than the threshold.
+    c are learned by least squares (`codec.trend.Trust`), such that a slope that goes on is led by 0.3 thresholds at
+    most. A curve never starts further from x than the threshold.
     Payload: the value as in the deadband, then an axis at a time float16, the travel in thresholds around the value.
 
     Without loss the applied stimulus is within the threshold of the true one at every sample, whatever the input.
@@ -79,7 +80,7 @@ class AdaptivePredictive:
     needs_position: ClassVar[bool] = False
     law: WeberLaw = field(default_factory=WeberLaw)
     horizon_ms: float = 200.0
-    window_ms: float = 20.0
+    window_ms: float = 17.0
     jump_thresholds: float = 0.0
     step_n: float = 0.0
 
@@ -270,7 +271,7 @@ class AdaptivePredictiveEncoder:
         short, long, level = trend(self._newest, band_n=BAND * threshold, window_us=self._window_us)
         self._sent = stimulus
         self._causes = tuple([self._half_us * x for x in short]), tuple([self._half_us * x for x in long]), level
-        travel, offset = self._trust.foretell(self._causes)
+        travel, offset = self._trust.foretell(self._causes, threshold)
         # At a start nearer to zero the threshold is smaller, by at most the Weber fraction of the offset.
         room = LARGEST_OFFSET * threshold / (1.0 + self._law.multiplier * self._law.weber_fraction)
         start = _moved(stimulus, offset, room)

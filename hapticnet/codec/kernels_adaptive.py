@@ -17,9 +17,10 @@ from hapticnet.codec.trend import (
     BELIEVED,
     CAUTION,
     LARGEST_LESSON,
-    LARGEST_TRUST,
+    LEAD,
     LEAST_SAMPLES,
     MEMORY,
+    SCATTER,
     SHORT,
     SMALLEST_THRESHOLD_N,
 )
@@ -140,7 +141,7 @@ def _learned(
     pp, qq = p * p, q * q
     if not pp + qq + r * r + m * m <= LARGEST_LESSON:
         return learned, trusted
-    weight = 1.0 / (1.0 + 0.25 * (pp + 2.0 * (p * q) + qq))
+    weight = 1.0 / (1.0 + SCATTER * (pp + 2.0 * (p * q) + qq))
     aa, ab, ac, bb, bc, cc, a, b, c = learned
     aa = MEMORY * aa + weight * pp
     ab = MEMORY * ab + weight * (p * q)
@@ -160,8 +161,18 @@ def _learned(
     c = (c - factor_c * a - factor * b) / (cc + CAUTION - factor_c * ac - factor * bc)
     b = (b - bc * c) / bb
     a = (a - ab * b - ac * c) / aa
-    limit = max(0.0, min(a + b, LARGEST_TRUST)) / (a + b) if a + b != 0.0 else 0.0
-    return learned, (limit * a, limit * b, c)
+    return learned, ((a, b, c) if a + b > 0.0 else (0.0, 0.0, c))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _foretold(trusted: Triple, causes: Triple, threshold: float) -> float:
+    """Return by how much the stimulus is expected to move, as `codec.trend.Trust.foretell` does."""
+    a, b, _ = trusted
+    both = abs(causes[0] + causes[1])
+    if a + b > 1.0 and both > 0.0:
+        limit = min(1.0, (1.0 + LEAD * math.sqrt(2.0 * threshold / both)) / (a + b))
+        a, b = limit * a, limit * b
+    return a * causes[0] + b * causes[1]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -198,7 +209,7 @@ def _curves(
             threshold = max(weber * abs(x), floor)
             short, long, level = _trend(times, stimuli, i, BAND * threshold, window_us)
             sent_for, causes = x, (half_us * short, half_us * long, level)
-            expected = trusted[0] * causes[0] + trusted[1] * causes[1]
+            expected = _foretold(trusted, causes, threshold)
             farthest = LARGEST_OFFSET * threshold / (1.0 + weber)
             start = wanted = _moved(x, trusted[2] * level, farthest)
             if count and jump > 0.0:

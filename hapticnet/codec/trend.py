@@ -1,9 +1,10 @@
 """What the newest samples say of the ones to come, and how far that has been true so far."""
 
+import math
 from collections.abc import Sequence
 from typing import Final, TypeAlias
 
-from hapticnet.samples import Vector
+from hapticnet.samples import Vector, magnitude
 
 Vectors: TypeAlias = tuple[Vector, Vector, Vector]
 
@@ -13,8 +14,8 @@ SHORT: Final = 0.3
 LEAST_SAMPLES: Final = 2
 """Samples beside the newest that a slope needs: with fewer, an impact would pass for a slope."""
 
-MEMORY: Final = 0.98
-"""Weight of what was learned before when one more curve has ended: some fifty curves are remembered."""
+MEMORY: Final = 0.99
+"""Weight of what was learned before when one more curve has ended: some hundred curves are remembered."""
 
 CAUTION: Final = 0.5
 """Weight of what is believed before anything is learned, in curves that end a threshold away from their start."""
@@ -22,8 +23,15 @@ CAUTION: Final = 0.5
 BELIEVED: Final = (0.5, 0.5, 0.0)
 """What is believed before anything is learned: the slope goes on, and the newest sample is the level."""
 
-LARGEST_TRUST: Final = 1.2
-"""Most that the trust in both slopes adds up to. Above 1, since the slope of a curve dies away and some do not."""
+LEAD: Final = 0.55
+"""Square root of how far a curve may get ahead of a slope that goes on, in thresholds.
+
+A curve dies away, so it stays near a steady slope for longest if it starts steeper, and is ahead at first: with trust
+1 + d, at a travel of T thresholds, by ``T·((1 + d)·s·(2 - s) - 2·s)``, at most ``T·d²/(1 + d)``. So d is up to LEAD/√T.
+"""
+
+SCATTER: Final = 0.05
+"""Movements scatter with the variance of a squared threshold, and this share of what both slopes add up to, squared."""
 
 LARGEST_LESSON: Final = 1e6
 """Larger movements, foretold or made, in squared thresholds, teach nothing: it keeps the equations well conditioned."""
@@ -96,10 +104,14 @@ class Trust:
         self._right = (0.0,) * 3
         self._trusted = BELIEVED
 
-    def foretell(self, causes: Vectors) -> tuple[Vector, Vector]:
+    def foretell(self, causes: Vectors, threshold_n: float) -> tuple[Vector, Vector]:
         """Return by how much the slopes' travels are expected to move the stimulus, and how far off its level is."""
         a, b, c = self._trusted
         short, long, level = causes
+        both = magnitude(tuple([x + y for x, y in zip(short, long, strict=True)]))
+        if a + b > 1.0 and both:
+            limit = min(1.0, (1.0 + LEAD * math.sqrt(2.0 * threshold_n / both)) / (a + b))
+            a, b = limit * a, limit * b
         return tuple([a * x + b * y for x, y in zip(short, long, strict=True)]), tuple([c * x for x in level])
 
     def learn(self, causes: Vectors, moved: Vector, share: float, threshold_n: float) -> None:
@@ -123,7 +135,7 @@ class Trust:
             mm += m * m
         if not pp + qq + rr + mm <= LARGEST_LESSON:
             return
-        weight = 1.0 / (1.0 + 0.25 * (pp + 2.0 * pq + qq))
+        weight = 1.0 / (1.0 + SCATTER * (pp + 2.0 * pq + qq))
         aa, ab, ac, bb, bc, cc = self._normal
         aa = MEMORY * aa + weight * pp
         ab = MEMORY * ab + weight * pq
@@ -146,5 +158,4 @@ class Trust:
         b = (b - bc * c) / bb
         a = (a - ab * b - ac * c) / aa
         # A trend that was always wrong is no reason to go the other way.
-        limit = max(0.0, min(a + b, LARGEST_TRUST)) / (a + b) if a + b else 0.0
-        self._trusted = limit * a, limit * b, c
+        self._trusted = (a, b, c) if a + b > 0.0 else (0.0, 0.0, c)

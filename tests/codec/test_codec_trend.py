@@ -1,9 +1,11 @@
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.codec.trend import BELIEVED, LARGEST_TRUST, Trust, trend
+from hapticnet.codec.trend import BELIEVED, LEAD, Trust, trend
 
 
 def samples(values, period_us=1000):
@@ -53,8 +55,10 @@ def learned(rng, truth, noise, rounds=300):
 
 
 def trusted(trust):
-    slopes = [trust.foretell(unit)[0][0] for unit in (((1.0,), (0.0,), (0.0,)), ((0.0,), (1.0,), (0.0,)))]
-    return (*slopes, trust.foretell(((0.0,), (0.0,), (1.0,)))[1][0])
+    """Return the trust in short slope, long slope and level, which no threshold limits."""
+    units = ((1.0,), (0.0,), (0.0,)), ((0.0,), (1.0,), (0.0,)), ((0.0,), (0.0,), (1.0,))
+    (short, _), (long, _), (_, level) = (trust.foretell(unit, math.inf) for unit in units)
+    return short[0], long[0], level[0]
 
 
 @pytest.mark.parametrize("truth", [(1.0, 0.0, 0.0), (0.2, 0.7, 0.5), (0.0, 0.0, 1.0), (1.4, -0.6, -0.3)])
@@ -62,10 +66,22 @@ def test_trust_becomes_what_has_been_true(truth):
     assert trusted(learned(np.random.default_rng(1), truth, 0.1)) == pytest.approx(truth, abs=0.1)
 
 
-def test_trust_in_slopes_stays_between_nothing_and_its_limit():
-    for truth, sum_ in (((3.0, 3.0, 0.0), LARGEST_TRUST), ((-1.0, -1.0, 0.0), 0.0)):
-        short, long, _ = trusted(learned(np.random.default_rng(2), truth, 0.1))
-        assert short + long == pytest.approx(sum_)
+def test_a_trend_that_was_always_wrong_is_no_reason_to_go_the_other_way():
+    assert trusted(learned(np.random.default_rng(2), (-1.0, -1.0, 0.0), 0.1))[:2] == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("travel", [0.1, 1.0, 10.0, 1000.0])
+@pytest.mark.parametrize("along", [(1.0,), (0.6, -0.8)])
+def test_a_curve_gets_ahead_of_a_steady_slope_by_no_more_than_its_lead(travel, along):
+    threshold_n = 0.05
+    trust = learned(np.random.default_rng(3), (3.0, 3.0, 0.0), 0.1)
+    slope = tuple(travel * threshold_n * each for each in along)
+    curve, _ = trust.foretell((slope, slope, (0.0,) * len(along)), threshold_n)
+    made = np.dot(curve, along) / threshold_n
+    s = np.linspace(0.0, 1.0, 10_001)
+    ahead = np.max(made * s * (2.0 - s) - 2.0 * travel * s)
+    assert ahead == pytest.approx(LEAD**2 / (1.0 + LEAD / math.sqrt(travel)), rel=1e-3)
+    assert ahead < LEAD**2
 
 
 wild = st.tuples(*[st.floats(-1e15, 1e15)] * 3).map(lambda each: tuple((x,) for x in each))
