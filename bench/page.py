@@ -10,22 +10,33 @@ from typing import Final
 
 import page_codecs
 import page_nodes
-from page_markdown import Row, listed
+import page_published
+import page_speed
+from page_markdown import Row, listed, table
+from page_targets import targets
 
 BENCH: Final = Path(__file__).parent
 
 Section = Callable[[Row], list[str]]
 
 SECTIONS: Final[Sequence[tuple[str, str, Section]]] = (
-    ("rate_distortion", "Every codec, every signal", page_codecs.rate_distortion),
-    ("codec_stability", "Numerical stability", page_nodes.codec_stability),
-    ("codec_speed", "Codec speed", page_nodes.codec_speed),
+    ("rate_distortion", "Signals", page_codecs.signals),
+    ("rate_distortion", "Packets over the best possible", page_codecs.over_optimum),
+    ("rate_distortion", "Which codec wins where", page_codecs.winners),
+    ("rate_distortion", "Error, age and energy", page_codecs.errors),
+    ("rate_distortion", "The steps a person feels", page_codecs.steps),
+    ("rate_distortion", "Loss", page_published.losses),
+    ("rate_distortion", "Published reductions", page_published.regimes),
+    ("rate_distortion", "Entropy-coded payloads", page_published.payloads),
+    ("rate_distortion", "Cost against error", page_published.cost),
+    ("codec_speed", "Codec speed", page_speed.codec_speed),
+    ("codec_stability", "Numerical stability of the codecs", page_nodes.codec_stability),
     ("packet_rate", "The paper's figure over the sampling rate", page_nodes.packet_rate),
     ("scene_accuracy", "Accuracy of the scene over its rate", page_nodes.scene_accuracy),
-    ("scene_cost", "Cost of the scene", page_nodes.scene_cost),
+    ("scene_cost", "Cost of the scene", page_speed.scene_cost),
     ("force_loop", "The fingertip's force loop", page_nodes.force_loop),
-    ("virtual_time", "Both nodes in virtual time", page_nodes.virtual_time),
-    ("loop", "The real-time loop", page_nodes.loop),
+    ("virtual_time", "Both nodes in virtual time", page_speed.virtual_time),
+    ("loop", "The real-time loop", page_speed.loop),
 )
 
 FIGURES: Final = {
@@ -39,22 +50,20 @@ FIGURES: Final = {
 
 def page(records: dict[str, Row]) -> str:
     """Return the page."""
-    missing = [title for name, title, _ in SECTIONS if name not in records]
     parts = [
         "# Benchmarks",
         (
-            "Written by `bench/page.py` from the results in `results/bench`; `make bench` measures, `make benchmarks`"
-            " writes this page. No figure or name of a winner is written by hand: another run gives other ones. Where a"
-            " target is missed, it says so."
+            "`make bench` measures everything anew and writes this page, its figures, and the results as JSON to"
+            " `results/bench`. No number and no name of a winner here is written by hand."
         ),
+        "## Targets",
+        *targets(records),
         "## Set-up",
         *setup(records),
     ]
-    if missing:
-        parts.append(f"Missing, because not measured in this run: {listed(missing)}.")
     for name, title, section in SECTIONS:
         parts.append(f"## {title}")
-        parts += section(records[name]["results"]) if name in records else [f"Missing: no result of `bench/{name}.py`."]
+        parts += section(records[name]["results"]) if name in records else [f"Not measured (`bench/{name}.py`)."]
     return "\n\n".join(parts) + "\n"
 
 
@@ -64,16 +73,18 @@ def setup(records: dict[str, Row]) -> list[str]:
         return ["Nothing has been measured."]
     machines = {(record["machine"]["cores"], record["machine"]["python"]) for record in records.values()}
     where = listed([f"{cores} cores with {python}" for cores, python in sorted(machines, key=str)])
-    lines = [
-        f"- `{name}`: revision `{record['revision']}`, seed {record['seed']}, {record['repetitions']} repetitions"
-        for name, record in records.items()
-    ]
     return [
         (
             f"Machine: {where}. What is counted (packets, bytes, errors) is the same on any machine for a seed; what is"
-            " timed holds for that machine and what else it had to do."
+            " timed holds for that machine and whatever else it had to do, so that ratios within a run say more."
         ),
-        "\n".join(lines),
+        table(
+            ("benchmark", "revision", "seed", "repetitions"),
+            (
+                (f"`bench/{name}.py`", record["revision"], str(record["seed"]), str(record["repetitions"]))
+                for name, record in records.items()
+            ),
+        ),
     ]
 
 
@@ -93,13 +104,14 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=BENCH.parent / "docs", metavar="DIR", help="where the page goes")
     arguments = parser.parse_args()
     records = {}
-    for name, _, _ in SECTIONS:
+    names = dict.fromkeys(name for name, _, _ in SECTIONS)
+    for name in names:
         file = arguments.results / f"{name}.json"
         if file.exists():
             records[name] = json.loads(file.read_text(encoding="utf-8"))
     draw(arguments.results, records, arguments.out / "figures")
     (arguments.out / "benchmarks.md").write_text(page(records), encoding="utf-8")
-    print(f"{arguments.out / 'benchmarks.md'}: {len(records)} of {len(SECTIONS)} sections")
+    print(f"{arguments.out / 'benchmarks.md'}: {len(records)} of {len(names)} benchmarks")
 
 
 if __name__ == "__main__":

@@ -66,7 +66,7 @@ def draw_steps(axes: Axes, rows: list[Row]) -> None:
         axes.annotate(
             f"{row['stiffness_n_m'] / 1000:g} N/mm" + (f", +{raised_n:g} N" if index else ""),
             (t_ms[-1], TO_N + raised_n),
-            xytext=(0, 8),
+            xytext=(0, -14),
             textcoords="offset points",
             ha="right",
             color=colour,

@@ -7,7 +7,7 @@ are reached on a force of that scale, and what entropy coding of the payload can
 import argparse
 import itertools
 import statistics
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from operator import itemgetter
 from pathlib import Path
@@ -15,10 +15,11 @@ from typing import Any, Final
 
 import numpy as np
 import record
+from rate_distortion_claims import payloads, regimes, steps
 from rate_distortion_signals import KINESTHETIC, made_signals, paper_signals, recorded_signal
 
 from hapticnet.codec.base import Codec
-from hapticnet.codec.quality import perceptual_distances
+from hapticnet.codec.bound import fewest_holds
 from hapticnet.codec.registry import CODECS, codec_parameters, make_codec
 from hapticnet.errors import HapticnetError
 from hapticnet.experiment.comparison import REPAIR_US, Trial, compare
@@ -26,33 +27,39 @@ from hapticnet.node.offline import cost_report
 from hapticnet.perception import WeberLaw
 
 Row = dict[str, Any]
+Fewest = dict[tuple[str, WeberLaw], int]
 
 THRESHOLDS: Final = (0.5, 1.0, 2.0, 4.0)
 STEPS_N: Final = (0.0, 0.001)
 LOSSES: Final = (0.0, 0.05, 0.3)
+NEAR: Final = (0.94, 0.97, 1.03, 1.06)
+"""Factors of the thresholds beside each: at one threshold alone, luck moves the number of packets by some per cent."""
 REGIME_THRESHOLDS: Final = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
 KINESTHETIC_PEAK_N: Final = 10.0
-
-PUBLISHED: Final = {"deadband": 0.90, "velocity-adaptive": 0.96, "linear-predictive": 0.96, "least-squares": 0.96,
-                    "passive-extrapolative": 0.89, "passive-interpolative": 0.89}  # fmt: skip
-"""Largest packet-rate reductions reported; sources: the codecs' docstrings. Those of the predictors is one figure."""
 
 KEPT: Final = (
     "trial", "codec", "multiplier", "samples", "sent", "over_optimum", "optimum_holds", "optimum_lines",
     "packet_rate_reduction", "packets_per_s", "wire_bytes", "wire_bytes_per_s", "exceed_jnd_fraction", "rmse_n",
-    "max_error_n", "perceptual_mse", "send_jump_mean_jnd", "send_jump_max_jnd", "age_mean_us", "worst_100ms_packets",
-    "energy_peak_j", "nanoseconds_per_sample",
+    "max_error_n", "psnr_db", "hpw_psnr_db", "perceptual_mse", "send_jump_mean_jnd", "send_jump_max_jnd",
+    "age_mean_us", "worst_100ms_packets", "energy_peak_j", "nanoseconds_per_sample",
 )  # fmt: skip
 MEANS: Final = (
-    "over_optimum", "packets_per_s", "wire_bytes_per_s", "packet_rate_reduction", "exceed_jnd_fraction", "rmse_n",
-    "send_jump_mean_jnd", "nanoseconds_per_sample",
+    "near_over_optimum", "near_wire_bytes_per_s", "over_optimum", "packets_per_s", "wire_bytes_per_s",
+    "packet_rate_reduction", "exceed_jnd_fraction", "rmse_n", "psnr_db", "hpw_psnr_db", "perceptual_mse",
+    "send_jump_mean_jnd", "age_mean_us", "nanoseconds_per_sample",
 )  # fmt: skip
-LARGEST: Final = ("exceed_jnd_fraction", "send_jump_max_jnd", "energy_peak_j", "over_optimum")
+NEARBY: Final = ("near_sent", "near_over_optimum", "near_wire_bytes", "near_wire_bytes_per_s")
+LARGEST: Final = (
+    "exceed_jnd_fraction", "max_error_n", "send_jump_max_jnd", "worst_100ms_packets", "energy_peak_j", "over_optimum",
+)  # fmt: skip
+
+SETS: Final = {"paper's scene and recordings": ("scene", "recorded"), "made signals": ("made",)}
+"""What is averaged over, and which kinds of signal are in it. The first is what our codec was aimed at."""
 
 
 def codecs(thresholds: Iterable[float], steps_n: Iterable[float]) -> list[Codec]:
     """Return every codec at every threshold, with every payload it knows; raw once."""
-    made = []
+    made: list[Codec] = []
     for multiplier, (index, step_n) in itertools.product(thresholds, enumerate(steps_n)):
         law = WeberLaw(multiplier=multiplier)
         for name in CODECS:
@@ -62,38 +69,72 @@ def codecs(thresholds: Iterable[float], steps_n: Iterable[float]) -> list[Codec]
     return made
 
 
-def compared(trials: Sequence[Trial], chosen: Sequence[Codec], losses: Iterable[float], seed: int) -> list[Row]:
-    """Return a row for every signal, codec and loss."""
+def compared(
+    trials: Sequence[Trial], chosen: Sequence[Codec], losses: Iterable[float], beside: Sequence[float], seed: int
+) -> list[Row]:
+    """Return a row for every signal, codec and loss; without loss also packets and bytes averaged over `beside`."""
     rows = []
+    fewest: Fewest = {}
     for loss in losses:
-        for row in compare(trials, chosen, loss=loss, seed=seed):
+        pairs = itertools.product(trials, chosen)
+        for row, (trial, codec) in zip(compare(trials, chosen, loss=loss, seed=seed), pairs, strict=True):
             flat = row.flat()
-            rows.append({**{key: flat[key] for key in KEPT}, "step_n": row.parameters.get("step_n", 0.0), "loss": loss})
+            made = {key: flat[key] for key in KEPT} | {"step_n": row.parameters.get("step_n", 0.0), "loss": loss}
+            rows.append(made | (dict.fromkeys(NEARBY) if loss else averaged(trial, codec, made, beside, fewest)))
     return rows
 
 
-def group(trial: str) -> str:
-    """Return what a signal counts as in an average: the paper's scene is one, whatever the number of its seeds."""
-    return "paper's scene" if trial.startswith("paper's scene") else trial
+def averaged(trial: Trial, codec: Codec, row: Row, beside: Sequence[float], fewest: Fewest) -> Row:
+    """Return packets, over the optimum too, and bytes in the mean over a threshold and those beside it.
+
+    `fewest` keeps the fewest holds of a signal under a law, which are the same for all codecs.
+    """
+    found = [[row["sent"]], [row["over_optimum"]], [row["wire_bytes"]]]
+    for factor in beside if codec.name != "raw" else ():
+        law = replace(codec.law, multiplier=factor * codec.law.multiplier)
+        near = make_codec(codec.name, law, codec_parameters(codec))
+        if (trial.name, law) not in fewest:
+            fewest[trial.name, law] = fewest_holds(law, trial.stimuli)
+        encoding = near.encode_array(trial.t_us, trial.stimuli, trial.positions)
+        sent, wire_bytes = len(encoding.sent), cost_report(near, trial.t_us, trial.stimuli, encoding).wire_bytes
+        for values, value in zip(found, (sent, sent / fewest[trial.name, law], wire_bytes), strict=True):
+            values.append(value)
+    means = [statistics.fmean(values) for values in found]
+    return dict(zip(NEARBY, (*means, means[-1] / trial.seconds), strict=True))
 
 
-def averages(rows: Sequence[Row]) -> list[Row]:
-    """Return means over the signals, each signal counting alike, and the largest over all."""
+def averages(rows: Sequence[Row], kinds: Mapping[str, str]) -> list[Row]:
+    """Return means over each set of signals and the largest in it; `kinds` says what each signal is.
+
+    Each signal counts alike, and the paper's scene as one, however many hands have felt it.
+    """
     key = itemgetter("loss", "multiplier", "step_n", "codec")
     means = []
-    for (loss, multiplier, step_n, codec), found in itertools.groupby(sorted(rows, key=key), key=key):
-        block = list(found)
-        groups: dict[str, list[Row]] = {}
-        for row in block:
-            groups.setdefault(group(row["trial"]), []).append(row)
-        mean = {"loss": loss, "multiplier": multiplier, "step_n": step_n, "codec": codec}
-        for name in MEANS:
-            mean[name] = statistics.fmean(statistics.fmean(row[name] for row in members) for members in groups.values())
-        for name in LARGEST:
-            # An infinite jump has become None, as in a law without a floor.
-            mean[f"largest_{name}"] = max((row[name] for row in block if row[name] is not None), default=None)
-        means.append(mean)
+    for name, members in SETS.items():
+        inside: dict[tuple[float, float, float, str], list[Row]] = {}
+        for row in rows:
+            if kinds[row["trial"]] in members:
+                inside.setdefault(key(row), []).append(row)
+        for (loss, multiplier, step_n, codec), block in inside.items():
+            mean = {"signals": name, "loss": loss, "multiplier": multiplier, "step_n": step_n, "codec": codec}
+            alike = {row["trial"]: "scene" if kinds[row["trial"]] == "scene" else row["trial"] for row in block}
+            for figure in MEANS:
+                mean[figure] = mean_of(block, figure, alike)
+            for figure in LARGEST:
+                # An infinite jump has become None, as in a law without a floor.
+                mean[f"largest_{figure}"] = max((row[figure] for row in block if row[figure] is not None), default=None)
+            means.append(mean)
     return means
+
+
+def mean_of(block: Sequence[Row], figure: str, alike: Mapping[str, str]) -> float | None:
+    """Return the mean of the means of what counts alike; None where a figure is infinite or not known."""
+    groups: dict[str, list[float]] = {}
+    for row in block:
+        if row[figure] is None:
+            return None
+        groups.setdefault(alike[row["trial"]], []).append(row[figure])
+    return statistics.fmean(map(statistics.fmean, groups.values()))
 
 
 def contest(rows: Sequence[Row]) -> list[Row]:
@@ -118,14 +159,14 @@ def contest(rows: Sequence[Row]) -> list[Row]:
         ]
         plain = next(row for row in able if row["codec"] == "deadband")
         entry: Row = {"trial": trial, "multiplier": multiplier}
-        for name, measure in (("packets", "sent"), ("bytes", "wire_bytes")):
+        for name, measure in (("packets", "near_sent"), ("bytes", "near_wire_bytes")):
             first, *others = sorted(able, key=itemgetter(measure))
             rival = next((row for row in others if row["codec"] != first["codec"]), first)
             entry[name] = {
                 "codec": first["codec"],
                 "step_n": first["step_n"],
                 "value": first[measure],
-                "over_optimum": first["over_optimum"],
+                "over_optimum": first["near_over_optimum"],
                 "of_deadband": first[measure] / max(plain[measure], 1),
                 "second": rival["codec"],
                 "of_second": first[measure] / max(rival[measure], 1),
@@ -134,84 +175,13 @@ def contest(rows: Sequence[Row]) -> list[Row]:
     return best
 
 
-def regimes(trials: Sequence[Trial], thresholds: Sequence[float]) -> list[Row]:
-    """Return what the published codecs reach over the threshold on forces of the scale they were published for."""
-    rows = []
-    for trial in trials:
-        law = WeberLaw()
-        moves = perceptual_distances(law, trial.stimuli[1:], trial.stimuli[:-1])
-        moved = 0.0 if moves is None else float(moves.sum())
-        speed = (
-            0.0
-            if trial.positions is None
-            else float(np.abs(np.diff(trial.positions, axis=0)).sum()) / max(trial.seconds, 1e-9)
-        )
-        for name, published in PUBLISHED.items():
-            found = list(compare([trial], [make_codec(name, replace(law, multiplier=m)) for m in thresholds]))
-            points = [
-                {
-                    "multiplier": row.multiplier,
-                    "weber_fraction": row.multiplier * law.weber_fraction,
-                    "reduction": row.cost.packet_rate_reduction,
-                    "exceed_jnd_fraction": row.quality.exceed_jnd_fraction,
-                    "optimum_reduction": 1.0 - row.limits.holds / row.cost.samples,
-                }
-                for row in found
-            ]
-            rows.append(
-                {
-                    "trial": trial.name,
-                    "peak_n": float(np.linalg.norm(trial.stimuli, axis=1).max()),
-                    "samples_per_s": len(trial.t_us) / trial.seconds,
-                    "jnds_per_s": moved / trial.seconds,
-                    "mean_speed_m_per_s": speed,
-                    "has_position": trial.positions is not None,
-                    "codec": name,
-                    "published": published,
-                    "points": points,
-                    "reached_at": next((p["weber_fraction"] for p in points if p["reduction"] >= published), None),
-                }
-            )
-    return rows
-
-
-def payloads(trials: Sequence[Trial], thresholds: Iterable[float]) -> list[Row]:
-    """Return wire bytes of the entropy-coded predictor beside the float32 one: from fewer packets, and from payload."""
-    rows = []
-    for trial, multiplier in itertools.product(trials, thresholds):
-        law = WeberLaw(multiplier=multiplier)
-        row: Row = {"trial": trial.name, "multiplier": multiplier}
-        for key, codec in (
-            ("float32", make_codec("linear-predictive", law)),
-            ("coded", make_codec("least-squares", law)),
-            ("ours", make_codec("adaptive-predictive", law, {"step_n": 0.001})),
-        ):
-            encoding = codec.encode_array(trial.t_us, trial.stimuli, trial.positions)
-            cost = cost_report(codec, trial.t_us, trial.stimuli, encoding)
-            payload = int(encoding.payload_bytes.sum(dtype=np.int64))
-            sent = max(cost.sent, 1)
-            row[key] = {
-                "sent": cost.sent,
-                "wire_bytes": cost.wire_bytes,
-                "payload_per_packet": payload / sent,
-                "headers_per_packet": (cost.wire_bytes - payload) / sent,
-                "exceed_jnd_fraction": cost.exceed_jnd_fraction,
-            }
-        base, coded = row["float32"], row["coded"]
-        each = base["payload_per_packet"] + base["headers_per_packet"]
-        row["saving"] = 1.0 - coded["wire_bytes"] / base["wire_bytes"]
-        row["ours_saving"] = 1.0 - row["ours"]["wire_bytes"] / base["wire_bytes"]
-        row["fewer_packets"] = 1.0 - coded["sent"] / base["sent"]
-        row["payload_saving"] = (base["payload_per_packet"] - coded["payload_per_packet"]) / each
-        row["largest_payload_saving"] = base["payload_per_packet"] / each
-        rows.append(row)
-    return rows
-
-
-def measure(trials: Sequence[Trial], seed: int, *, quick: bool) -> Row:
-    """Return all results."""
+def measure(signals: Mapping[str, Sequence[Trial]], seed: int, *, quick: bool) -> Row:
+    """Return all results on the signals of each kind."""
+    kinds = {trial.name: kind for kind, members in signals.items() for trial in members}
+    trials = [trial for members in signals.values() for trial in members]
+    aimed_at = [trial for trial in trials if kinds[trial.name] in next(iter(SETS.values()))]
     thresholds, steps_n, losses = ((1.0,), (0.0,), (0.0, 0.05)) if quick else (THRESHOLDS, STEPS_N, LOSSES)
-    rows = compared(trials, codecs(thresholds, steps_n), losses, seed)
+    rows = compared(trials, codecs(thresholds, steps_n), losses, () if quick else NEAR, seed)
     strong = [
         trial
         for trial in trials
@@ -222,6 +192,7 @@ def measure(trials: Sequence[Trial], seed: int, *, quick: bool) -> Row:
         "signals": [
             {
                 "name": trial.name,
+                "kind": kinds[trial.name],
                 "samples": len(trial.t_us),
                 "seconds": trial.seconds,
                 "axes": trial.stimuli.shape[1],
@@ -231,27 +202,31 @@ def measure(trials: Sequence[Trial], seed: int, *, quick: bool) -> Row:
             for trial in trials
         ],
         "rows": rows,
-        "averages": averages(rows),
+        "sets": SETS,
+        "averages": averages(rows, kinds),
         "contest": contest(rows),
         "regimes": regimes(strong, (1.0, 4.0) if quick else REGIME_THRESHOLDS),
         "payloads": payloads(trials, thresholds),
+        "steps": steps(aimed_at),
     }
 
 
 def show(results: Row) -> None:
     """Print the averages without loss, and the winners."""
-    print(f"{'without loss, mean over signals':34}{'× optimum':>10}{'kB/s':>8}{'exceed':>8}{'RMSE N':>8}"
-          f"{'jump':>6}{'max':>7}{'mJ':>8}{'µs':>6}")  # fmt: skip
-    for mean in results["averages"]:
-        if not mean["loss"]:
-            name = f"{mean['codec']}, {1000 * mean['step_n']:g} mN" if mean["step_n"] else mean["codec"]
-            jump, energy_j = mean["largest_send_jump_max_jnd"], mean["largest_energy_peak_j"]
-            print(
-                f"{mean['multiplier']:4g} JND  {name:25}{mean['over_optimum']:10.2f}"
-                f"{mean['wire_bytes_per_s'] / 1000:8.2f}{mean['exceed_jnd_fraction']:8.1%}{mean['rmse_n']:8.4f}"
-                f"{mean['send_jump_mean_jnd']:6.1f}{'–' if jump is None else f'{jump:.1f}':>7}"
-                f"{'–' if energy_j is None else f'{1e3 * energy_j:.2f}':>8}{mean['nanoseconds_per_sample'] / 1000:6.1f}"
-            )
+    for name in SETS:
+        print(f"\n{f'without loss, mean over {name}':64}{'× optimum':>10}{'kB/s':>8}{'exceed':>8}{'RMSE N':>8}"
+              f"{'jump':>6}{'max':>7}{'mJ':>8}{'µs':>6}")  # fmt: skip
+        for mean in results["averages"]:
+            if mean["signals"] == name and not mean["loss"]:
+                codec = f"{mean['codec']}, {1000 * mean['step_n']:g} mN" if mean["step_n"] else mean["codec"]
+                jump, energy_j = mean["largest_send_jump_max_jnd"], mean["largest_energy_peak_j"]
+                print(
+                    f"{mean['multiplier']:4g} JND  {codec:54}{mean['over_optimum']:10.2f}"
+                    f"{mean['wire_bytes_per_s'] / 1000:8.2f}{mean['exceed_jnd_fraction']:8.1%}{mean['rmse_n']:8.4f}"
+                    f"{mean['send_jump_mean_jnd']:6.1f}{'–' if jump is None else f'{jump:.1f}':>7}"
+                    f"{'–' if energy_j is None else f'{1e3 * energy_j:.2f}':>8}"
+                    f"{mean['nanoseconds_per_sample'] / 1000:6.1f}"
+                )
     print("\nfewest packets, fewest bytes at zero exceedance")
     for entry in results["contest"]:
         fewest = "   ".join(
@@ -282,12 +257,12 @@ def main() -> None:
         parser.error("--seeds must be 1 or more, and --seconds from 1 to 1e4")
     seeds = range(arguments.seed, arguments.seed + (1 if arguments.quick else arguments.seeds))
     try:
-        trials = [
-            *paper_signals(seeds, 1 if arguments.quick else 2),
-            *made_signals(arguments.seed, 2.0 if arguments.quick else arguments.seconds),
-            *map(recorded_signal, arguments.recordings),
-        ]
-        results = measure(trials, arguments.seed, quick=arguments.quick)
+        signals = {
+            "scene": paper_signals(seeds, 1 if arguments.quick else 2),
+            "recorded": list(map(recorded_signal, arguments.recordings)),
+            "made": made_signals(arguments.seed, 2.0 if arguments.quick else arguments.seconds),
+        }
+        results = measure(signals, arguments.seed, quick=arguments.quick)
     except HapticnetError as error:
         parser.error(str(error))
     show(results)

@@ -1,0 +1,121 @@
+"""What papers report and what was aimed at, tried on rate_distortion.py's signals: reductions, payloads, steps."""
+
+import itertools
+import statistics
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+
+from hapticnet.codec.quality import perceptual_distances
+from hapticnet.codec.registry import make_codec
+from hapticnet.experiment.comparison import Trial, compare
+from hapticnet.node.offline import cost_report
+from hapticnet.perception import WeberLaw
+
+Row = dict[str, Any]
+
+PUBLISHED: Final = {"deadband": 0.90, "velocity-adaptive": 0.96, "linear-predictive": 0.96, "least-squares": 0.96,
+                    "passive-extrapolative": 0.89, "passive-interpolative": 0.89}  # fmt: skip
+"""Largest packet-rate reductions reported; sources: the codecs' docstrings. Those of the predictors is one figure."""
+
+JUMPS: Final = (0.0, 2.0, 1.0, 0.5)
+"""Bounds on the jumps of our codec, in thresholds; 0: none."""
+
+
+def regimes(trials: Sequence[Trial], thresholds: Sequence[float]) -> list[Row]:
+    """Return what the published codecs reach over the threshold on forces of the scale they were published for."""
+    rows = []
+    for trial in trials:
+        law = WeberLaw()
+        moves = perceptual_distances(law, trial.stimuli[1:], trial.stimuli[:-1])
+        moved = 0.0 if moves is None else float(moves.sum())
+        speed = (
+            0.0
+            if trial.positions is None
+            else float(np.abs(np.diff(trial.positions, axis=0)).sum()) / max(trial.seconds, 1e-9)
+        )
+        for name, published in PUBLISHED.items():
+            found = list(compare([trial], [make_codec(name, replace(law, multiplier=m)) for m in thresholds]))
+            points = [
+                {
+                    "multiplier": row.multiplier,
+                    "weber_fraction": row.multiplier * law.weber_fraction,
+                    "reduction": row.cost.packet_rate_reduction,
+                    "exceed_jnd_fraction": row.quality.exceed_jnd_fraction,
+                    "optimum_reduction": 1.0 - row.limits.holds / row.cost.samples,
+                }
+                for row in found
+            ]
+            rows.append(
+                {
+                    "trial": trial.name,
+                    "peak_n": float(np.linalg.norm(trial.stimuli, axis=1).max()),
+                    "samples_per_s": len(trial.t_us) / trial.seconds,
+                    "jnds_per_s": moved / trial.seconds,
+                    "mean_speed_m_per_s": speed,
+                    "has_position": trial.positions is not None,
+                    "codec": name,
+                    "published": published,
+                    "points": points,
+                    "reached_at": next((p["weber_fraction"] for p in points if p["reduction"] >= published), None),
+                }
+            )
+    return rows
+
+
+def payloads(trials: Sequence[Trial], thresholds: Iterable[float]) -> list[Row]:
+    """Return wire bytes of the entropy-coded predictor beside the float32 one: from fewer packets, and from payload."""
+    rows = []
+    for trial, multiplier in itertools.product(trials, thresholds):
+        law = WeberLaw(multiplier=multiplier)
+        row: Row = {"trial": trial.name, "multiplier": multiplier}
+        for key, codec in (
+            ("float32", make_codec("linear-predictive", law)),
+            ("coded", make_codec("least-squares", law)),
+            ("ours", make_codec("adaptive-predictive", law, {"step_n": 0.001})),
+        ):
+            encoding = codec.encode_array(trial.t_us, trial.stimuli, trial.positions)
+            cost = cost_report(codec, trial.t_us, trial.stimuli, encoding)
+            payload = int(encoding.payload_bytes.sum(dtype=np.int64))
+            sent = max(cost.sent, 1)
+            row[key] = {
+                "sent": cost.sent,
+                "wire_bytes": cost.wire_bytes,
+                "payload_per_packet": payload / sent,
+                "headers_per_packet": (cost.wire_bytes - payload) / sent,
+                "exceed_jnd_fraction": cost.exceed_jnd_fraction,
+            }
+        base, coded = row["float32"], row["coded"]
+        each = base["payload_per_packet"] + base["headers_per_packet"]
+        row["saving"] = 1.0 - coded["wire_bytes"] / base["wire_bytes"]
+        row["ours_saving"] = 1.0 - row["ours"]["wire_bytes"] / base["wire_bytes"]
+        row["fewer_packets"] = 1.0 - coded["sent"] / base["sent"]
+        row["payload_saving"] = (base["payload_per_packet"] - coded["payload_per_packet"]) / each
+        row["largest_payload_saving"] = base["payload_per_packet"] / each
+        rows.append(row)
+    return rows
+
+
+def steps(trials: Sequence[Trial]) -> list[Row]:
+    """Return packets and jumps at 1 JND of the deadband, of linear prediction and of ours with each bound on jumps."""
+    chosen = [
+        make_codec("deadband", WeberLaw()),
+        make_codec("linear-predictive", WeberLaw()),
+        *(make_codec("adaptive-predictive", WeberLaw(), {"jump_thresholds": bound}) for bound in JUMPS),
+    ]
+    rows = []
+    for codec in chosen:
+        found = list(compare(trials, [codec]))
+        rows.append(
+            {
+                "codec": codec.name,
+                "bound": found[0].parameters.get("jump_thresholds"),
+                "over_optimum": statistics.fmean(row.over_optimum for row in found),
+                "jump_mean_jnd": statistics.fmean(row.quality.send_jump_mean_jnd for row in found),
+                "jump_p999_jnd": max(row.quality.send_jump_p999_jnd for row in found),
+                "jump_max_jnd": max(row.quality.send_jump_max_jnd for row in found),
+            }
+        )
+    return rows
