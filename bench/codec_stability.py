@@ -10,6 +10,7 @@ import argparse
 import statistics
 import time
 from collections.abc import Iterator, Sequence
+from itertools import cycle, repeat
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from hapticnet.codec.streamed import encode_lossy, encode_streamed
 from hapticnet.experiment.comparison import REPAIR_US, Trial
 from hapticnet.experiment.paper_force import paper_recording
 from hapticnet.perception import WeberLaw
+from hapticnet.samples import Vector
 
 Row = dict[str, Any]
 
@@ -138,25 +140,34 @@ def force_blocks(seed: int) -> Iterator[FloatArray]:
         yield force * rng.choice([1.0, 1.0, 1.0, 1e-3])
 
 
+def hand_positions() -> Iterator[Vector]:
+    """Return the positions without end of a hand that goes in and out 2 cm each 3 s, with rests."""
+    way_m = 0.02 * np.clip(1.5 * np.sin(np.arange(0.0, 2.0 * np.pi, 2.0 * np.pi / 3000)), -1.0, 1.0)
+    return cycle([(x,) for x in way_m.tolist()])
+
+
 def stream_for(codec: Codec, seconds: float, most_samples: int, seed: int) -> Row:
     """Stream blocks for so long [s] or so many samples, looking at every sample, and for drift after every block."""
     encoder, decoder = codec.encoder(1), codec.decoder(1)
+    resting = codec.decoder(1)  # what it applies shows what a passive codec holds behind its shift
     encode, decode, reconstruct = encoder.encode, decoder.decode, decoder.reconstruct
     weber, floor_n = LAW.weber_fraction, LAW.floor_n
+    where: Iterator[Vector | None] = hand_positions() if codec.needs_position else repeat(None)
     t_us = samples = packets = exceeding = out_of_step = 0
     ends_s = time.monotonic() + seconds
     for block in force_blocks(seed):
-        for x in block.tolist():
+        for x, position in zip(block.tolist(), where, strict=False):
             t_us += PERIOD_US
-            payload = encode(t_us, (x,))
+            payload = encode(t_us, (x,), position)
             if payload is not None:
                 packets += 1
                 decode(t_us, payload)
-            (applied,) = reconstruct(t_us)
+                resting.decode(t_us, payload)
+            (applied,) = reconstruct(t_us, position)
             error = abs(x - applied)
             exceeding += not (error <= floor_n or error <= weber * abs(applied))
         samples += len(block)
-        out_of_step += not in_step(encoder, decoder, LAW, t_us, x)
+        out_of_step += not in_step(encoder, resting, LAW, t_us, x)
         if samples >= most_samples or time.monotonic() >= ends_s:
             break
     return long_row(codec, "streaming", samples, packets, exceeding, out_of_step)

@@ -91,7 +91,11 @@ def codec_stability(results: Row) -> list[str]:
                 for row in results["loss"]
             ),
         ),
-        "Long runs: samples beyond the threshold, and times at which encoder and decoder were out of step.",
+        (
+            "Long runs: samples beyond the threshold, and how often encoder and decoder were found out of step, looked at after"
+            " every hundred thousand samples. `bench/codec_stability.py --seconds` says how long each codec streams, up to"
+            " 10⁸ samples."
+        ),
         table(
             ("codec", "way", "samples", "packets", "beyond", "out of step"),
             (

@@ -13,7 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import NullLocator
 
-INK = "#222222"
+from hapticnet.experiment.figures import INK
+
 SETTLING_COLOUR = "#1f77b4"
 RIPPLE_COLOUR = "#d9822b"
 FROM_N, TO_N = 0.4, 2.0

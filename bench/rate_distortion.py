@@ -15,8 +15,8 @@ from typing import Any, Final
 
 import numpy as np
 import record
-from rate_distortion_claims import payloads, regimes, steps
-from rate_distortion_signals import KINESTHETIC, made_signals, paper_signals, recorded_signal
+from rate_distortion_claims import mean, payloads, regimes, steps
+from rate_distortion_signals import KINESTHETIC, made_signals, paper_signals, recorded_signals
 
 from hapticnet.codec.base import Codec
 from hapticnet.codec.bound import fewest_holds
@@ -53,7 +53,8 @@ LARGEST: Final = (
     "exceed_jnd_fraction", "max_error_n", "send_jump_max_jnd", "worst_100ms_packets", "energy_peak_j", "over_optimum",
 )  # fmt: skip
 
-SETS: Final = {"paper's scene and recordings": ("scene", "recorded"), "made signals": ("made",)}
+AIMED_AT: Final = "paper's scene and recordings"
+SETS: Final = {AIMED_AT: ("scene", "recorded"), "made signals": ("made",)}
 """What is averaged over, and which kinds of signal are in it. The first is what our codec was aimed at."""
 
 
@@ -104,10 +105,7 @@ def averaged(trial: Trial, codec: Codec, row: Row, beside: Sequence[float], fewe
 
 
 def averages(rows: Sequence[Row], kinds: Mapping[str, str]) -> list[Row]:
-    """Return means over each set of signals and the largest in it; `kinds` says what each signal is.
-
-    Each signal counts alike, and the paper's scene as one, however many hands have felt it.
-    """
+    """Return means over each set of signals and the largest in it; `kinds` says what each signal is."""
     key = itemgetter("loss", "multiplier", "step_n", "codec")
     means = []
     for name, members in SETS.items():
@@ -116,25 +114,15 @@ def averages(rows: Sequence[Row], kinds: Mapping[str, str]) -> list[Row]:
             if kinds[row["trial"]] in members:
                 inside.setdefault(key(row), []).append(row)
         for (loss, multiplier, step_n, codec), block in inside.items():
-            mean = {"signals": name, "loss": loss, "multiplier": multiplier, "step_n": step_n, "codec": codec}
-            alike = {row["trial"]: "scene" if kinds[row["trial"]] == "scene" else row["trial"] for row in block}
+            made = {"signals": name, "loss": loss, "multiplier": multiplier, "step_n": step_n, "codec": codec}
             for figure in MEANS:
-                mean[figure] = mean_of(block, figure, alike)
+                values = [(kinds[row["trial"]], row["trial"], row[figure]) for row in block]
+                # What is infinite has become None, as a jump where the law has no floor; or it was not measured.
+                made[figure] = None if any(value is None for *_, value in values) else mean(values)
             for figure in LARGEST:
-                # An infinite jump has become None, as in a law without a floor.
-                mean[f"largest_{figure}"] = max((row[figure] for row in block if row[figure] is not None), default=None)
-            means.append(mean)
+                made[f"largest_{figure}"] = max((row[figure] for row in block if row[figure] is not None), default=None)
+            means.append(made)
     return means
-
-
-def mean_of(block: Sequence[Row], figure: str, alike: Mapping[str, str]) -> float | None:
-    """Return the mean of the means of what counts alike; None where a figure is infinite or not known."""
-    groups: dict[str, list[float]] = {}
-    for row in block:
-        if row[figure] is None:
-            return None
-        groups.setdefault(alike[row["trial"]], []).append(row[figure])
-    return statistics.fmean(map(statistics.fmean, groups.values()))
 
 
 def contest(rows: Sequence[Row]) -> list[Row]:
@@ -160,16 +148,13 @@ def contest(rows: Sequence[Row]) -> list[Row]:
         plain = next(row for row in able if row["codec"] == "deadband")
         entry: Row = {"trial": trial, "multiplier": multiplier}
         for name, measure in (("packets", "near_sent"), ("bytes", "near_wire_bytes")):
-            first, *others = sorted(able, key=itemgetter(measure))
-            rival = next((row for row in others if row["codec"] != first["codec"]), first)
+            first = min(able, key=itemgetter(measure))
             entry[name] = {
                 "codec": first["codec"],
                 "step_n": first["step_n"],
                 "value": first[measure],
                 "over_optimum": first["near_over_optimum"],
                 "of_deadband": first[measure] / max(plain[measure], 1),
-                "second": rival["codec"],
-                "of_second": first[measure] / max(rival[measure], 1),
             }
         best.append(entry)
     return best
@@ -179,9 +164,10 @@ def measure(signals: Mapping[str, Sequence[Trial]], seed: int, *, quick: bool) -
     """Return all results on the signals of each kind."""
     kinds = {trial.name: kind for kind, members in signals.items() for trial in members}
     trials = [trial for members in signals.values() for trial in members]
-    aimed_at = [trial for trial in trials if kinds[trial.name] in next(iter(SETS.values()))]
+    aimed_at = [trial for trial in trials if kinds[trial.name] in SETS[AIMED_AT]]
     thresholds, steps_n, losses = ((1.0,), (0.0,), (0.0, 0.05)) if quick else (THRESHOLDS, STEPS_N, LOSSES)
-    rows = compared(trials, codecs(thresholds, steps_n), losses, () if quick else NEAR, seed)
+    beside = () if quick else NEAR
+    rows = compared(trials, codecs(thresholds, steps_n), losses, beside, seed)
     strong = [
         trial
         for trial in trials
@@ -189,6 +175,8 @@ def measure(signals: Mapping[str, Sequence[Trial]], seed: int, *, quick: bool) -
     ]
     return {
         "repair_us": REPAIR_US,
+        "thresholds": thresholds,
+        "beside": beside,
         "signals": [
             {
                 "name": trial.name,
@@ -207,7 +195,7 @@ def measure(signals: Mapping[str, Sequence[Trial]], seed: int, *, quick: bool) -
         "contest": contest(rows),
         "regimes": regimes(strong, (1.0, 4.0) if quick else REGIME_THRESHOLDS),
         "payloads": payloads(trials, thresholds),
-        "steps": steps(aimed_at),
+        "steps": steps(aimed_at, kinds),
     }
 
 
@@ -216,16 +204,16 @@ def show(results: Row) -> None:
     for name in SETS:
         print(f"\n{f'without loss, mean over {name}':64}{'× optimum':>10}{'kB/s':>8}{'exceed':>8}{'RMSE N':>8}"
               f"{'jump':>6}{'max':>7}{'mJ':>8}{'µs':>6}")  # fmt: skip
-        for mean in results["averages"]:
-            if mean["signals"] == name and not mean["loss"]:
-                codec = f"{mean['codec']}, {1000 * mean['step_n']:g} mN" if mean["step_n"] else mean["codec"]
-                jump, energy_j = mean["largest_send_jump_max_jnd"], mean["largest_energy_peak_j"]
+        for row in results["averages"]:
+            if row["signals"] == name and not row["loss"]:
+                codec = f"{row['codec']}, {1000 * row['step_n']:g} mN" if row["step_n"] else row["codec"]
+                jump, energy_j = row["largest_send_jump_max_jnd"], row["largest_energy_peak_j"]
                 print(
-                    f"{mean['multiplier']:4g} JND  {codec:54}{mean['over_optimum']:10.2f}"
-                    f"{mean['wire_bytes_per_s'] / 1000:8.2f}{mean['exceed_jnd_fraction']:8.1%}{mean['rmse_n']:8.4f}"
-                    f"{mean['send_jump_mean_jnd']:6.1f}{'–' if jump is None else f'{jump:.1f}':>7}"
+                    f"{row['multiplier']:4g} JND  {codec:54}{row['over_optimum']:10.2f}"
+                    f"{row['wire_bytes_per_s'] / 1000:8.2f}{row['exceed_jnd_fraction']:8.1%}{row['rmse_n']:8.4f}"
+                    f"{row['send_jump_mean_jnd']:6.1f}{'–' if jump is None else f'{jump:.1f}':>7}"
                     f"{'–' if energy_j is None else f'{1e3 * energy_j:.2f}':>8}"
-                    f"{mean['nanoseconds_per_sample'] / 1000:6.1f}"
+                    f"{row['nanoseconds_per_sample'] / 1000:6.1f}"
                 )
     print("\nfewest packets, fewest bytes at zero exceedance")
     for entry in results["contest"]:
@@ -259,7 +247,7 @@ def main() -> None:
     try:
         signals = {
             "scene": paper_signals(seeds, 1 if arguments.quick else 2),
-            "recorded": list(map(recorded_signal, arguments.recordings)),
+            "recorded": recorded_signals(arguments.recordings),
             "made": made_signals(arguments.seed, 2.0 if arguments.quick else arguments.seconds),
         }
         results = measure(signals, arguments.seed, quick=arguments.quick)

@@ -2,7 +2,7 @@
 
 import itertools
 import statistics
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
@@ -18,7 +18,7 @@ Row = dict[str, Any]
 
 PUBLISHED: Final = {"deadband": 0.90, "velocity-adaptive": 0.96, "linear-predictive": 0.96, "least-squares": 0.96,
                     "passive-extrapolative": 0.89, "passive-interpolative": 0.89}  # fmt: skip
-"""Largest packet-rate reductions reported; sources: the codecs' docstrings. Those of the predictors is one figure."""
+"""Largest packet-rate reductions reported by the papers that the codecs' docstrings name; the predictors share one."""
 
 JUMPS: Final = (0.0, 2.0, 1.0, 0.5)
 """Bounds on the jumps of our codec, in thresholds; 0: none."""
@@ -98,8 +98,11 @@ def payloads(trials: Sequence[Trial], thresholds: Iterable[float]) -> list[Row]:
     return rows
 
 
-def steps(trials: Sequence[Trial]) -> list[Row]:
-    """Return packets and jumps at 1 JND of the deadband, of linear prediction and of ours with each bound on jumps."""
+def steps(trials: Sequence[Trial], kinds: Mapping[str, str]) -> list[Row]:
+    """Return packets and jumps at 1 JND of the deadband, of linear prediction and of ours with each bound on jumps.
+
+    Means over the signals, the paper's scene being one, and the largest over all.
+    """
     chosen = [
         make_codec("deadband", WeberLaw()),
         make_codec("linear-predictive", WeberLaw()),
@@ -112,10 +115,18 @@ def steps(trials: Sequence[Trial]) -> list[Row]:
             {
                 "codec": codec.name,
                 "bound": found[0].parameters.get("jump_thresholds"),
-                "over_optimum": statistics.fmean(row.over_optimum for row in found),
-                "jump_mean_jnd": statistics.fmean(row.quality.send_jump_mean_jnd for row in found),
+                "over_optimum": mean([(kinds[row.trial], row.trial, row.over_optimum) for row in found]),
+                "jump_mean_jnd": mean([(kinds[row.trial], row.trial, row.quality.send_jump_mean_jnd) for row in found]),
                 "jump_p999_jnd": max(row.quality.send_jump_p999_jnd for row in found),
                 "jump_max_jnd": max(row.quality.send_jump_max_jnd for row in found),
             }
         )
     return rows
+
+
+def mean(figures: Iterable[tuple[str, str, float]]) -> float:
+    """Return the mean of figures, each with its signal's kind and name: the paper's scene counts as one signal."""
+    groups: dict[str, list[float]] = {}
+    for kind, trial, figure in figures:
+        groups.setdefault("scene" if kind == "scene" else trial, []).append(figure)
+    return statistics.fmean(map(statistics.fmean, groups.values()))

@@ -5,6 +5,7 @@ durations in them are assumptions, chosen to be typical. Positions grow into wha
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -45,6 +46,16 @@ def made_signals(seed: int, seconds: float) -> list[Trial]:
         force_n, position_m = made(rng, samples)
         trials.append(Trial(name=name, t_us=t_us, stimuli=force_n[:, np.newaxis], positions=position_m[:, np.newaxis]))
     return trials
+
+
+def recorded_signals(arguments: Sequence[str]) -> list[Trial]:
+    """Return the recordings given as in `recorded_signal`; those of one name keep their whole paths."""
+    trials = [recorded_signal(argument) for argument in dict.fromkeys(arguments)]
+    names = [trial.name for trial in trials]
+    return [
+        trial if names.count(trial.name) == 1 else replace(trial, name=argument)
+        for argument, trial in zip(dict.fromkeys(arguments), trials, strict=True)
+    ]
 
 
 def recorded_signal(argument: str) -> Trial:
