@@ -32,6 +32,8 @@ static double within(double x, double limit)
 
 static struct trend trend(const int64_t *t_us, const double *stimuli, size_t newest, double band, double window_us)
 {
+    if (newest)
+        window_us = larger(window_us, 3.0 * (double)(t_us[newest] - t_us[newest - 1]));
     const double x = stimuli[newest], short_us = 0.3 * window_us;
     size_t count = 0;
     double weights = 1.0, moment = 0.0, spread = 0.0, product = 0.0, rise = 0.0, slope = 0.0;

@@ -1,21 +1,22 @@
 """``hapticnet compare``: which codec, at what rate, with what error, at what cost, how far from the best possible."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
 from hapticnet.cli import options
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION
 
-SMALLEST_SCALE = 1e-9
-LARGEST_SCALE = 1e9
-
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from hapticnet.codec.base import Codec
     from hapticnet.experiment.comparison import Row, Trial
+
+SMALLEST_SCALE: Final = 1e-9
+LARGEST_SCALE: Final = 1e9
+"""Metres in one unit of position: from nanometres to what no hand moves."""
 
 
 def compare(
@@ -62,6 +63,7 @@ def compare(
     from hapticnet.cli.console import Console
     from hapticnet.errors import SettingsError
     from hapticnet.experiment.comparison import compare as compare_codecs
+    from hapticnet.experiment.figures import pyplot
     from hapticnet.files import make_folder
 
     if not traces and any(option is not None for option in (column, position, rate)):
@@ -80,6 +82,7 @@ def compare(
         for file in files
     ] or [_paper(seed)]
     if plot is not None:
+        pyplot()  # which says at once where it is missing
         make_folder(plot)
     console = Console("compare", quiet=json)
     rows: list[Row] = []
@@ -109,7 +112,7 @@ def _codecs(names: str | None, thresholds: str, weber: float, floor: float) -> "
         multipliers = list(dict.fromkeys(float(part) for part in thresholds.split(",")))
     except ValueError:
         raise SettingsError(f"thresholds {thresholds!r} must be numbers of JNDs, such as 1,2,4") from None
-    written: Iterable[str] = dict.fromkeys(names.split(";") if names else CODECS)
+    written: Iterable[str] = dict.fromkeys(CODECS if names is None else names.split(";"))
     return [
         make_codec(name, WeberLaw(weber_fraction=weber, floor_n=floor, multiplier=multiplier), parameters)
         for multiplier in multipliers

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TextIO
 
 from hapticnet.errors import FileError, SettingsError
-from hapticnet.files import check_replaceable, replacing
+from hapticnet.files import check_replaceable, replacing, takes_a_stream
 
 if TYPE_CHECKING:
     from hapticnet.channel.emulator import Emulator
@@ -100,7 +100,7 @@ def write_text(path: Path, text: str) -> None:
         file.write(text)
 
 
-def check_outputs(*outputs: Path | None, inputs: Iterable[Path] = ()) -> None:
+def check_outputs(*outputs: Path | None, inputs: Iterable[Path | None] = ()) -> None:
     """Find out before a run whether its results can be written after it; makes folders where they are missing.
 
     Raises
@@ -110,12 +110,13 @@ def check_outputs(*outputs: Path | None, inputs: Iterable[Path] = ()) -> None:
     FileError
         When one cannot be written.
     """
-    taken = {path.resolve(): "is read by this run" for path in inputs}
+    taken = {os.path.realpath(path): "is read by this run" for path in inputs if path is not None}
     for path in outputs:
         if path is not None:
-            if path.resolve() in taken:
-                raise SettingsError(f"{path} {taken[path.resolve()]}, and would be written over; name another file")
-            taken[path.resolve()] = "is to be written twice"
+            place = os.path.realpath(path)
+            if place in taken and not takes_a_stream(path):
+                raise SettingsError(f"{path} {taken[place]}, and would be written over; name another file")
+            taken[place] = "is to be written twice"
             check_replaceable(path)
 
 

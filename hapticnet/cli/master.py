@@ -77,13 +77,14 @@ def master(
         control=devices.control_settings(known),
     )
     hand = _operator(operator, insertions, seed)
+    trace = Path(operator.removeprefix("trace:")) if operator.startswith("trace:") else None
     out = parse_channel(channel_out)
     channel = None if out.is_perfect else Emulator[Any](out, np.random.default_rng([seed, 2]))
     if duration is None and hand.duration_us is not None:
         duration = hand.duration_us / 1e6
     address = parse_host_port(connect)
     sock, slave = open_toward(address)
-    check_outputs(record, report, inputs=[] if profile is None else [profile])
+    check_outputs(record, report, inputs=[profile, trace])
     console = Console(name, quiet=quiet)
     scheduling = prefer_realtime() if realtime else OTHER
     console.say(f"asking {address} for {codec}, {rate:g} Hz, device {device}, {scheduling}")

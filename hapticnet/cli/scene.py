@@ -17,9 +17,10 @@ def show(scene: Spec = "paper", json: options.Json = False, report: options.Repo
     """Print the tissues of a scene, from front to back."""
     from dataclasses import asdict
 
-    from hapticnet.cli.console import deliver
-    from hapticnet.scene.presets import find_scene, scene_names
+    from hapticnet.cli.console import check_outputs, deliver
+    from hapticnet.scene.presets import find_scene, scene_file, scene_names
 
+    check_outputs(report, inputs=[scene_file(scene)])
     settings = find_scene(scene)
     tissues = []
     for tissue in settings.tissues:
@@ -49,11 +50,11 @@ def run_scene(
     from hapticnet.cli.console import check_outputs
     from hapticnet.experiment.recordings import load_recording
     from hapticnet.samples import PositionSample
-    from hapticnet.scene.presets import find_scene
+    from hapticnet.scene.presets import find_scene, scene_file
     from hapticnet.scene.scene import Scene
     from hapticnet.tables import write_csv
 
-    check_outputs(out, inputs=[positions])
+    check_outputs(out, inputs=[positions, scene_file(scene)])
     settings = find_scene(scene)
     recording = load_recording(positions, columns=[column], rate_hz=rate)
     world = Scene(settings.tissues, name=settings.name)

@@ -39,14 +39,14 @@ def slave(
     from hapticnet.channel.spec import parse_channel
     from hapticnet.cli.console import Console, channel_account, check_outputs, deliver
     from hapticnet.errors import FileError
-    from hapticnet.files import check_replaceable
+    from hapticnet.files import check_folder
     from hapticnet.node.slave import MasterJoined, MasterLeft, SlaveEvent, SlaveNode, SlaveSettings
     from hapticnet.protocol.settings import SessionSettings
     from hapticnet.runtime.processes import run_slave
     from hapticnet.runtime.realtime import OTHER, prefer_realtime, run
     from hapticnet.runtime.udp import bound_address, parse_host_port
     from hapticnet.runtime.udp import listen as listen_on
-    from hapticnet.scene.presets import find_scene
+    from hapticnet.scene.presets import find_scene, scene_file
     from hapticnet.scene.scene import Scene
     from hapticnet.tables import write_csv
 
@@ -66,8 +66,8 @@ def slave(
     )
     channel = None if out.is_perfect else Emulator[Any](out, np.random.default_rng([seed, 1]))
     if record is not None:
-        check_replaceable(record / "a recording")
-    check_outputs(report)
+        check_folder(record)
+    check_outputs(report, inputs=[scene_file(scene)])
     console = Console("slave", quiet=quiet)
     to_write: list[Station] = []
 

@@ -53,8 +53,8 @@ class AdaptivePredictive:
     dies away and ends in a hold. Send when ``|x - p| > threshold(|p|)``, strictly. The first stimulus is always sent.
     The curve sent has ``travel = horizon / 2 · (c1 · short slope + c2 · long slope)`` and ``value = x + c3 · level``;
     the slopes are those of the newest samples (`codec.trend`), the level is how far their line passes from x, and the
-    c are learned by least squares (`codec.trend.Trust`), such that a slope that goes on is led by 0.3 thresholds at
-    most. A curve never starts further from x than the threshold.
+    c are learned by least squares (`codec.trend.Trust`), such that a slope that goes on, and on
+    which both agree, is led by 0.3 thresholds at most. A curve never starts further from x than the threshold.
     Payload: the value as in the deadband, then an axis at a time float16, the travel in thresholds around the value.
 
     Without loss the applied stimulus is within the threshold of the true one at every sample, whatever the input.
@@ -66,8 +66,8 @@ class AdaptivePredictive:
     horizon_ms
         For how long the slope takes to die away [ms]: 1 to 10 000.
     window_ms
-        How old the samples are that the long slope is taken from [ms]: 1 to 1000; the short one, 0.3 of that. At least
-        three samples should fit in, or it is a plain deadband.
+        How old the samples are that the long slope is taken from [ms]: 1 to 1000, and no less than three sampling
+        periods; the short one, 0.3 of that.
     jump_thresholds
         How far the applied stimulus may jump when an update arrives, in thresholds: 0.1 to 10; further only as far as
         the threshold around the stimulus demands. The rest of the way is made up for along the curve. 0: as far as

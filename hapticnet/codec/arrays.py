@@ -51,7 +51,8 @@ def refuse_out_of_range(stimuli: FloatArray, sent: npt.NDArray[np.int64]) -> Non
     if not good.all():
         first = int(sent[np.argmin(good)])
         raise SampleError(
-            f"sample {first} is {stimuli[first].tolist()}; it must be finite and within ±{LARGEST_COMPONENT:g}"
+            f"sample {first}: stimulus is {stimuli[first].tolist()}; it must be finite and within"
+            f" ±{LARGEST_COMPONENT:g}"
         )
 
 

@@ -3,7 +3,9 @@
 Imported only where a recording is long enough to pay for loading it.
 """
 
+import contextlib
 import math
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +22,21 @@ from hapticnet.samples import LARGEST_COMPONENT
 IntArray = npt.NDArray[np.int64]
 SizeArray = npt.NDArray[np.uint16]
 
+
+def _forget_stale_kernels() -> None:
+    """Have kernels compiled anew when any file of this room is newer than what numba has kept.
+
+    numba looks at the file a kernel stands in, not at those whose constants and functions are compiled into it.
+    """
+    folder = Path(__file__).parent
+    newest_ns = max(file.stat().st_mtime_ns for file in folder.glob("*.py"))
+    for kept in (folder / "__pycache__").glob("kernels*.nbi"):
+        with contextlib.suppress(OSError):  # somebody else was quicker, or owns the folder
+            if kept.stat().st_mtime_ns < newest_ns:
+                kept.unlink()
+
+
+_forget_stale_kernels()
 
 shortcut = njit(cache=True, nogil=True, error_model="numpy")(deadband_module.shortcut)
 limited = njit(cache=True, nogil=True, error_model="numpy")(predictive.limited)

@@ -18,6 +18,7 @@ from hapticnet.codec.trend import (
     CAUTION,
     LARGEST_LESSON,
     LEAD,
+    LEAST_PERIODS,
     LEAST_SAMPLES,
     MEMORY,
     SCATTER,
@@ -95,6 +96,8 @@ def _taken(wanted: float, value: float, threshold: float) -> float:
 def _trend(times: IntArray, stimuli: FloatArray, newest: int, band: float, window_us: float) -> Triple:
     """Return short slope, long slope and level, as `codec.trend.trend` does."""
     x = stimuli[newest]
+    if newest:
+        window_us = max(window_us, LEAST_PERIODS * since_us(times[newest - 1], times[newest]))
     short_us = SHORT * window_us
     count = 0
     weights = 1.0

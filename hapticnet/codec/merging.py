@@ -30,7 +30,8 @@ class Merging:
     Rule: the deadband's, except that nothing is sent until `window_ms` after the last transmission. The first sample
     at or after the window's end is held against the dead zone as ever; what left it meanwhile and came back is merged
     away. So a change after a pause is sent at once, and no window of `window_ms` holds more than one packet, plus
-    those that a repair asks for (`refresh` overrides the window) and those after a time stamp that goes back.
+    those that a repair asks for (`refresh` overrides the window) and those after a time stamp that goes back. On a
+    clock that stands still a window never ends.
 
     Within a window the error is not bounded by the JND: how long, but not how far, a stimulus is away is bounded, and
     its exceedance is above zero by design. Payload: as the deadband's.

@@ -100,7 +100,8 @@ class PassiveInterpolative:
     that is ``max(b, v) + Δ`` pushing in and ``min(b, v) - Δ`` pulling out: a change in favour of the hand, such as
     a breach on the way in, comes as a ramp; one against it comes at once.
     Payload: the deadband's. Delay: up to `interval_ms` for changes in favour of the hand, none for the others.
-    Error: up to 2 Δ, plus what is left of the ramp.
+    Error: up to 2 Δ, plus what is left of the ramp; on several axes the force applied on the way may be up to √2 times
+    the larger of its ends, and Δ.
 
     Attributes
     ----------

@@ -14,6 +14,9 @@ SHORT: Final = 0.3
 LEAST_SAMPLES: Final = 2
 """Samples beside the newest that a slope needs: with fewer, an impact would pass for a slope."""
 
+LEAST_PERIODS: Final = 3.0
+"""Sampling periods that a window is long at least, so that `LEAST_SAMPLES` are in it however slow the sampling is."""
+
 MEMORY: Final = 0.99
 """Weight of what was learned before when one more curve has ended: some hundred curves are remembered."""
 
@@ -24,7 +27,7 @@ BELIEVED: Final = (0.5, 0.5, 0.0)
 """What is believed before anything is learned: the slope goes on, and the newest sample is the level."""
 
 LEAD: Final = 0.55
-"""Square root of how far a curve may get ahead of a slope that goes on, in thresholds.
+"""Square root of how far a curve may get ahead of a slope that goes on, where both slopes agree, in thresholds.
 
 A curve dies away, so it stays near a steady slope for longest if it starts steeper, and is ahead at first: with trust
 1 + d, at a travel of T thresholds, by ``T·((1 + d)·s·(2 - s) - 2·s)``, at most ``T·d²/(1 + d)``. So d is up to LEAD/√T.
@@ -43,9 +46,12 @@ def trend(samples: Sequence[tuple[int, Vector]], *, band_n: float, window_us: fl
     """Return short slope, long slope [N/µs] and level [N], an axis at a time; zeros where samples say nothing.
 
     The slopes are those of lines through the newest sample, fitted to the older ones with weights that fall linearly to
-    zero at the end of each window. The level is how far from the newest sample a line passes that need not go
-    through it. Going back, a sample further than `band_n` from the line so far ends the window: there was an impact.
+    zero at the end of each window, which is no shorter than `LEAST_PERIODS`. The level is how far from the newest
+    sample a line passes that need not go through it. Going back, a sample further than `band_n` from the line so far
+    ends the window: there was an impact.
     """
+    if len(samples) > 1:
+        window_us = max(window_us, LEAST_PERIODS * (samples[-1][0] - samples[-2][0]))
     fits = [_fit(samples, axis, band_n, window_us) for axis in range(len(samples[-1][1]))]
     short, long, level = zip(*fits, strict=True)
     return short, long, level

@@ -1,11 +1,10 @@
 """Position-based explicit force control: the platform goes where the finger, as far as it is known, gives the target.
 
 The sensed force does not drive the platform, it corrects what is believed of the finger (``finger.py``): where it is
-and how stiff. From that belief follows where the platform must stand for the target. A target that leaps is
-therefore answered by one motion of the right size, whatever the finger, and there is no integral that could
-wind up. Because the belief compares the
-force with where the platform really stood at that moment, a delay the host knows of cannot make it swing by itself; a
-finger much stiffer than believed can (``margins.py`` says how much).
+and how stiff. From that belief follows where the platform must stand for the target. A target that leaps is therefore
+answered by one motion of the right size, whatever the finger, and there is no integral that could wind up. Because the
+belief compares the force with where the platform really stood at that moment, a delay the host knows of cannot make it
+swing by itself; a finger much stiffer than believed can (``margins.py`` says how much).
 
 Around it stand the rules that a deaf sensor and a lost finger ask for.
 """

@@ -51,7 +51,8 @@ class Margins:
     gain
         By how much the finger may be stiffer than believed before the loop swings; infinite when it never does.
     phase_deg
-        Phase [deg] left where the open loop's gain is one.
+        How far [deg] the phase is from where the loop would swing, where the open loop's gain is one; it has no sign.
+        Whether it swings is said by `gain` alone: it does below one.
     crossover_hz
         Where that is [Hz].
     """

@@ -167,7 +167,10 @@ class SlaveNode:
             self._forget(station)
 
     def report(self) -> dict[str, Any]:
-        """Return the account of all sessions, for JSON; those never used count among the strangers."""
+        """Return the account of the sessions for JSON: those that stand, and the newest that have ended.
+
+        Those that were never used count among the strangers.
+        """
         return {
             "sessions": [*self._ended, *(self._report(station) for station in self.stations if station.steps)],
             "never_used": self.never_used,

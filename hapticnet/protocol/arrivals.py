@@ -10,9 +10,8 @@ WINDOW: Final = 1024
 loss. What is older counts as late."""
 
 LEAP: Final = 1 << 15
-"""A number so far ahead is not believed until the one after it comes, as in RFC 3550, appendix A.1: else a single
-datagram with a wrong number would make all true ones count as late. Half a minute at 1 kHz, longer than a session
-bears silence."""
+"""A number so far ahead or behind is not believed until the one after it comes next, after RFC 3550, appendix A.1:
+else a single datagram with a wrong number would make all true ones count as late. Half a minute at 1 kHz."""
 
 
 class Arrival(enum.Enum):
@@ -52,13 +51,17 @@ class ArrivalWindow:
         ahead = distance(sequence, self._newest)
         if ahead == 1:  # the common case, kept short
             self._seen = (self._seen << 1 | 1) & _MASK
+        elif wrap(sequence) == self._after_leap:
+            self._seen = 1
+            ahead = max(ahead, 1)
+        elif abs(ahead) >= LEAP:
+            self._after_leap = wrap(sequence + 1)
+            return Arrival.ASTRAY
         elif ahead > 0:
-            if ahead >= LEAP and sequence != self._after_leap:
-                self._after_leap = wrap(sequence + 1)
-                return Arrival.ASTRAY
             self._seen = (self._seen << ahead | 1) & _MASK if ahead < WINDOW else 1
         else:
             return self._arrive_behind(-ahead)
+        self._after_leap = None
         self._newest = wrap(sequence)
         self._expected += ahead
         self._unique += 1

@@ -280,11 +280,10 @@ async def open_wire(wire: Wire, stop: asyncio.Event) -> SerialPort | None:
     opened = False
     try:
         await asyncio.wait({ready, stopped}, return_when=asyncio.FIRST_COMPLETED)
-        if stop.is_set():
-            return None
-        await ready
-        opened = True
-        return port
+        if ready.done():
+            await ready
+        opened = not stop.is_set()
+        return port if opened else None
     finally:
         ready.cancel()
         stopped.cancel()

@@ -47,6 +47,12 @@ def paper_scene(seed: int) -> SceneSettings:
     )
 
 
+def scene_file(spec: str) -> Path | None:
+    """Return the file that a scene written as `spec` is in; None for one that is hapticnet's own."""
+    path = Path(spec)
+    return path if path.suffix == ".toml" and spec not in scene_names() else None
+
+
 def find_scene(spec: str) -> SceneSettings:
     """Return the scene that is meant by ``paper``, ``paper:SEED``, a preset's name or a path to a TOML file.
 
@@ -66,8 +72,8 @@ def find_scene(spec: str) -> SceneSettings:
 
     if spec in scene_names():
         return parse_scene((_PRESETS / f"{spec}.toml").read_text(encoding="utf-8"), spec)
-    path = Path(spec)
-    if path.suffix != ".toml":
+    path = scene_file(spec)
+    if path is None:
         raise SettingsError(
             f"unknown scene {spec!r}; there are: paper, paper:SEED, {', '.join(scene_names())}, "
             "or the path of a .toml file"

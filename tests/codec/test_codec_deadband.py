@@ -51,7 +51,7 @@ def test_compiled_kernels_agree_with_plain_python(monkeypatch, axes, law, step_n
     plain = codec.encode_array(t_us, stimuli)
     monkeypatch.setattr(deadband_module, "COMPILE_ABOVE_SAMPLES", 0)
     assert_same(plain, codec.encode_array(t_us, stimuli))
-    with pytest.raises(SampleError, match="sample 7 is"):
+    with pytest.raises(SampleError, match="sample 7: stimulus is"):
         codec.encode_array(t_us, np.where(np.arange(40_000)[:, None] == 7, np.nan, stimuli))
 
 

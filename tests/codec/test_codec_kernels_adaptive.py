@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from codec_cases import anything, assert_same, haptic, laws, steps
+from codec_cases import anything, assert_same, haptic, laws, only_compiled, steps
 from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from hapticnet.codec import arrays
+from hapticnet.codec import adaptive_predictive
 from hapticnet.codec.adaptive_predictive import AdaptivePredictive
 from hapticnet.codec.streamed import encode_streamed
 from hapticnet.errors import SampleError
@@ -54,8 +54,7 @@ def movements(draw):
 
 @pytest.fixture(autouse=True, scope="module")
 def _compiled():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(arrays, "COMPILE_STREAM_ABOVE_SAMPLES", -1)
+    with only_compiled(adaptive_predictive):
         yield
 
 
@@ -102,7 +101,8 @@ def test_what_is_not_finite_or_out_of_range_is_refused(bad):
             encode(AdaptivePredictive(), 1000 * np.arange(9), stimuli)
 
 
-def test_a_recording_with_too_few_times_is_refused():
+def test_a_recording_with_too_few_times_is_refused(monkeypatch):
+    monkeypatch.setattr(adaptive_predictive, "encode_streamed", encode_streamed)
     for encode in (AdaptivePredictive.encode_array, encode_streamed):
         with pytest.raises(ValueError, match="shorter"):
             encode(AdaptivePredictive(), 1000 * np.arange(8), np.ones((9, 1)))

@@ -1,15 +1,16 @@
 """What is compiled for receivers that hold is what streams, to the bit, whatever time and hand do."""
 
 import math
+import sys
 
 import numpy as np
 import pytest
-from codec_cases import anything, assert_same, haptic, laws, steps
+from codec_cases import anything, assert_same, haptic, laws, only_compiled, steps
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from hapticnet.codec import arrays
+from hapticnet.codec import merging, passive, probabilistic, velocity_adaptive
 from hapticnet.codec.merging import Merging
 from hapticnet.codec.passive import PassiveExtrapolative, PassiveInterpolative
 from hapticnet.codec.probabilistic import Probabilistic
@@ -63,8 +64,7 @@ def moving(draw):
 
 @pytest.fixture(autouse=True, scope="module")
 def _compiled():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(arrays, "COMPILE_STREAM_ABOVE_SAMPLES", -1)
+    with only_compiled(merging, probabilistic, velocity_adaptive, passive):
         yield
 
 
@@ -128,7 +128,7 @@ def test_compiled_holds_refuse_a_stimulus_out_of_range_wherever_it_is(codec, bad
     for sample in (0, 1, 7, 999):
         spoilt = stimuli.copy()
         spoilt[sample] = bad
-        with pytest.raises(SampleError, match=rf"^sample {sample} is .* finite and within"):
+        with pytest.raises(SampleError, match=rf"^sample {sample}: stimulus is .* finite and within"):
             codec().encode_array(t_us, spoilt, positions)
 
 
@@ -161,7 +161,8 @@ def test_compiled_passive_codecs_take_a_lost_position_as_their_streams_do(codec)
 
 
 @pytest.mark.parametrize("codec", [Merging, Probabilistic, VelocityAdaptive, PassiveInterpolative])
-def test_a_recording_whose_times_are_not_as_many_is_refused_as_its_stream_does(codec):
+def test_a_recording_whose_times_are_not_as_many_is_refused_as_its_stream_does(codec, monkeypatch):
+    monkeypatch.setattr(sys.modules[codec.__module__], "encode_streamed", encode_streamed)
     t_us, stimuli, positions = walk(10)
     with pytest.raises(ValueError, match="zip"):
         codec().encode_array(t_us[:-1], stimuli, positions)

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from codec_cases import anything, assert_same, haptic, laws, steps
+from codec_cases import anything, assert_same, haptic, laws, only_compiled, steps
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from hapticnet.codec import arrays
+from hapticnet.codec import level_crossing
 from hapticnet.codec.level_crossing import LevelCrossing
 from hapticnet.codec.predictive import LinearPredictive
 from hapticnet.codec.streamed import encode_streamed
@@ -26,8 +26,7 @@ gaps = st.lists(st.one_of(st.just(1000), st.just(0), st.integers(-10, 30_000), s
 
 @pytest.fixture(autouse=True, scope="module")
 def _compiled():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(arrays, "COMPILE_STREAM_ABOVE_SAMPLES", -1)
+    with only_compiled(level_crossing):
         yield
 
 

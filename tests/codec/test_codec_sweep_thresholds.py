@@ -60,5 +60,5 @@ def test_several_axes_are_swept_too():
 @pytest.mark.usefixtures("_way")
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -1e300])
 def test_what_is_not_finite_or_out_of_range_is_refused_before_anything_is_swept(bad):
-    with pytest.raises(SampleError, match="sample 2 is"):
+    with pytest.raises(SampleError, match="sample 2: stimulus is"):
         sweep_deadband(np.array([[1.0], [1.0], [bad], [1.0]]), CONDITIONS)

@@ -32,9 +32,22 @@ def test_fewer_than_three_samples_since_an_impact_say_nothing(values):
     assert trend(samples(values), band_n=0.1, window_us=20_000.0) == ((0.0,), (0.0,), (0.0,))
 
 
-def test_samples_of_the_same_time_or_too_old_say_nothing():
-    for period_us in (0, 20_000, -1000):
+def test_samples_of_the_same_time_or_of_times_that_go_back_say_nothing():
+    for period_us in (0, -1000):
         assert trend(samples([1.0, 2.0, 3.0], period_us), band_n=9.0, window_us=20_000.0) == ((0.0,), (0.0,), (0.0,))
+
+
+@pytest.mark.parametrize("period_us", [1000, 10_000, 1_000_000])
+def test_however_slow_the_sampling_a_line_is_seen(period_us):
+    (short,), (long,), _ = trend(samples([1.0, 2.0, 3.0], period_us), band_n=9.0, window_us=2_000.0)
+    assert short == pytest.approx(1.0 / period_us)
+    assert long == pytest.approx(1.0 / period_us)
+
+
+def test_samples_from_before_the_window_say_nothing():
+    old = [(0, (100.0,)), (1000, (100.0,))]
+    new = [(50_000 + 1000 * index, (2.0 * index,)) for index in range(5)]
+    assert trend(old + new, band_n=1e9, window_us=10_000.0) == trend(new, band_n=1e9, window_us=10_000.0)
 
 
 def test_axes_are_independent():

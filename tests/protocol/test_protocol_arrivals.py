@@ -55,3 +55,20 @@ def test_two_numbers_in_a_row_far_ahead_are_believed(first, leap):
     window.arrive(wrap(first + leap))
     assert window.arrive(wrap(first + leap + 1)) is Arrival.NEW
     assert window.lost == leap
+
+
+@given(numbers, st.integers(LEAP, HALF - 2))
+def test_two_wrong_numbers_that_are_not_next_to_each_other_are_not(first, leap):
+    window = ArrivalWindow(first)
+    arrivals = [window.arrive(wrap(first + number)) for number in (leap, 1, leap + 1, 2)]
+    assert arrivals == [Arrival.ASTRAY, Arrival.NEW, Arrival.ASTRAY, Arrival.NEW]
+    assert window.lost == 0
+
+
+@given(numbers, st.integers(LEAP, HALF - 2))
+def test_there_is_a_way_back_from_two_wrong_numbers_in_a_row(first, leap):
+    window = ArrivalWindow(first)
+    for number in (leap, leap + 1):
+        window.arrive(wrap(first + number))
+    arrivals = [window.arrive(wrap(first + number)) for number in (1, 2, 3)]
+    assert arrivals == [Arrival.ASTRAY, Arrival.NEW, Arrival.NEW]

@@ -33,7 +33,7 @@ def monitor(
 
     spec = parse_serial(device)
     known = devices.load(profile)
-    check_outputs(csv)
+    check_outputs(csv, inputs=[profile])
     wired = WiredDevice(known.calibration)
     console = Console("monitor")
     summary = Summary()

@@ -46,7 +46,7 @@ def step(
     control = devices.control_settings(known)
     if plot.suffix not in (".png", ".pdf", ".svg"):
         raise SettingsError(f"picture {plot} must end in .png, .pdf or .svg")
-    check_outputs(plot, csv, inputs=[] if profile is None else [profile])
+    check_outputs(plot, csv, inputs=[profile])
     tests: list[StepTest] = []
 
     def prepare(made: "Device") -> Callable[[int], bool]:
