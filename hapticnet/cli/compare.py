@@ -1,7 +1,7 @@
 """``hapticnet compare``: which codec, at what rate, with what error, at what cost, how far from the best possible."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,10 +14,6 @@ if TYPE_CHECKING:
     from hapticnet.codec.base import Codec
     from hapticnet.experiment.comparison import Row, Trial
 
-SMALLEST_SCALE: Final = 1e-9
-LARGEST_SCALE: Final = 1e9
-"""Metres in one unit of position: from nanometres to what no hand moves."""
-
 
 def compare(
     traces: Annotated[
@@ -28,17 +24,8 @@ def compare(
         str | None,
         typer.Option(metavar="NAME[,NAME…]", help="Force columns [N], by name or number from 0; one to three axes."),
     ] = None,
-    position: Annotated[
-        str | None,
-        typer.Option(metavar="NAME[,NAME…]", help="Position columns [m], for codecs and measures that need motion."),
-    ] = None,
-    position_scale: Annotated[
-        float,
-        typer.Option(
-            metavar="M",
-            help="Metres in one unit of position; negative where it grows the way a positive force pushes.",
-        ),
-    ] = 1.0,
+    position: options.Position = None,
+    position_scale: options.PositionScale = 1.0,
     rate: Annotated[
         float | None, typer.Option(metavar="HZ", help="Sampling rate; else from a column t_s, time_s or t_us.")
     ] = None,
@@ -59,6 +46,7 @@ def compare(
     """Run every codec over recordings and compare packets, bytes, errors and cost with the best possible."""
     import json as json_module
 
+    from hapticnet import __version__
     from hapticnet.channel.quantities import parse_share
     from hapticnet.cli.console import Console
     from hapticnet.errors import SettingsError
@@ -68,11 +56,6 @@ def compare(
 
     if not traces and any(option is not None for option in (column, position, rate)):
         raise SettingsError("--column, --position and --rate say how to read a TRACE, and none is named")
-    if not SMALLEST_SCALE <= abs(position_scale) <= LARGEST_SCALE or (position is None and position_scale != 1.0):
-        raise SettingsError(
-            f"--position-scale is {position_scale}; it must be between {SMALLEST_SCALE:g} and {LARGEST_SCALE:g}, or as"
-            " far below 0, and goes with --position"
-        )
     chosen = _codecs(codecs, thresholds, weber, floor)
     lost = parse_share(loss)
     files = dict.fromkeys(traces or ())
@@ -90,17 +73,20 @@ def compare(
         rows.append(row)
         console.status(f"{row.trial}: {row.codec} at {row.multiplier:g} JND")
     console.finish()
-    if json:
-        print(json_module.dumps([row.flat() for row in rows], indent=2))
-    else:
-        from hapticnet.cli.compare_table import print_rows
-
-        print_rows(rows, lost)
     if plot is not None:
         from hapticnet.experiment.comparison_figures import draw_comparison
 
         for file in draw_comparison(rows, plot):
             console.say(f"picture: {file}")
+    if json:
+        settings = {"version": __version__, "weber_fraction": weber, "floor_n": floor, "loss": lost, "seed": seed}
+        recordings = [trial.account() for trial in trials]
+        account = {"settings": settings, "recordings": recordings, "rows": [row.flat() for row in rows]}
+        print(json_module.dumps(account, indent=2))
+    else:
+        from hapticnet.cli.compare_table import print_rows
+
+        print_rows(rows, trials, lost)
 
 
 def _codecs(names: str | None, thresholds: str, weber: float, floor: float) -> "list[Codec]":
@@ -126,22 +112,16 @@ def _trial(
 ) -> "Trial":
     import numpy as np
 
-    from hapticnet.errors import FileError, SettingsError
+    from hapticnet.errors import FileError
     from hapticnet.experiment.comparison import Trial
-    from hapticnet.experiment.recordings import load_recording
+    from hapticnet.experiment.recordings import load_positions, load_recording
 
     force = load_recording(file, columns=None if column is None else column.split(","), rate_hz=rate)
     if len(force.t_us) > 1 and not (np.diff(force.t_us) >= 0).all():
         raise FileError(f"{file}: time goes backwards; the samples must be in order")
     if len(force.t_us) < 2 or force.t_us[-1] == force.t_us[0]:
         raise FileError(f"{file}: {len(force.t_us)} samples over no time; two at different times are needed")
-    where = None
-    if position is not None:
-        where = position_scale * load_recording(file, columns=position.split(","), rate_hz=rate).values
-        if where.shape != force.values.shape:
-            raise SettingsError(
-                f"{where.shape[1]} position columns for {force.values.shape[1]} of force; as many are needed"
-            )
+    where = load_positions(file, position, position_scale, like=force, rate_hz=rate)
     return Trial(name=name, t_us=force.t_us, stimuli=force.values, positions=where)
 
 

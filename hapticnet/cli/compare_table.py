@@ -9,19 +9,21 @@ from rich.console import Console
 from rich.table import Table
 
 from hapticnet.channel.quantities import format_share
-from hapticnet.codec.registry import CODECS
-from hapticnet.experiment.comparison import REPAIR_US, Row
+from hapticnet.experiment.comparison import REPAIR_US, Row, Trial
 
 WIDEST: Final = 1000
 """More characters than any table needs."""
 
 
-def print_rows(rows: Sequence[Row], loss: float) -> None:
+def print_rows(rows: Sequence[Row], trials: Sequence[Trial], loss: float) -> None:
     """Print a comparison on stdout."""
+    described = {trial.name: describe(trial) for trial in trials}
     # A terminal that is too narrow breaks lines, which is better than cutting numbers.
     console = Console(highlight=False, width=WIDEST)
     for (trial, multiplier), block in groupby(rows, key=lambda row: (row.trial, row.multiplier)):
-        table = Table(title=f"{trial}, threshold {multiplier:g} JND", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+        table = Table(
+            title=f"{described[trial]}; threshold {multiplier:g} JND", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0)
+        )
         table.add_column("codec", no_wrap=True)
         for heading, _ in _COLUMNS:
             table.add_column(heading, justify="right", no_wrap=True)
@@ -31,7 +33,7 @@ def print_rows(rows: Sequence[Row], loss: float) -> None:
             rate = row.packets_per_s * packets / row.cost.sent if row.cost.sent else 0.0
             share = packets / row.limits.holds if row.limits.holds else 1.0
             table.add_row(
-                name, f"{rate:.1f}", f"{1.0 - packets / row.cost.samples:.1%}", "–", f"{share:.2f}", *["–"] * 7
+                name, f"{rate:.1f}", f"{1.0 - packets / row.cost.samples:.1%}", "–", "–", f"{share:.2f}", *["–"] * 7
             )
         console.print(table, width=console.measure(table).maximum)
     print(_FOOTNOTE)
@@ -40,15 +42,24 @@ def print_rows(rows: Sequence[Row], loss: float) -> None:
         print(f"{format_share(loss)} of the updates were lost, and replaced {later}.\n")
 
 
+def describe(trial: Trial) -> str:
+    """Return what a recording is, so that a wrong rate or a gap is seen."""
+    account = trial.account()
+    return (
+        f"{trial.name}, {account['samples']:,} samples, {account['seconds']:.1f} s, {account['period_ms']:g} ms apart,"
+        f" longest gap {account['longest_gap_ms']:g} ms"
+    )
+
+
 def _name(row: Row) -> str:
-    moved = row.quality.energy_peak_j is not None  # which takes positions to tell
-    return row.label if moved or not CODECS[row.codec].needs_position else f"{row.label} (at rest)"
+    return f"{row.label} (at rest)" if row.at_rest else row.label
 
 
 _COLUMNS: tuple[tuple[str, Callable[[Row], str]], ...] = (
     ("packets/s", lambda row: f"{row.packets_per_s:.1f}"),
     ("fewer", lambda row: f"{row.cost.packet_rate_reduction:.1%}"),
     ("kB/s", lambda row: f"{row.wire_bytes_per_s / 1000:.2f}"),
+    ("+ keepalives", lambda row: f"{row.session_wire_bytes_per_s / 1000:.2f}"),
     ("× optimum", lambda row: f"{row.over_optimum:.2f}"),
     ("worst 0.1 s", lambda row: f"{row.cost.worst_100ms_packets}"),
     ("RMSE N", lambda row: f"{row.quality.rmse_n:.4f}"),
@@ -60,10 +71,10 @@ _COLUMNS: tuple[tuple[str, Callable[[Row], str]], ...] = (
 )
 
 _FOOTNOTE = """\
-kB/s with protocol, UDP and IPv4 headers. × optimum: packets over the fewest that any
-zero-order hold could do with, all of the future known (codec/bound.py; for two and
-three axes a number that cannot be undercut). Exceed JND: share of samples at which one
-JND is exceeded, whatever the threshold. Jump: between successive applied samples.
-(at rest): its rule depends on motion, and no positions were given (--position).
-µs/sample: encoding and decoding in a stream, plain Python, on this machine.
+fewer: packets than samples. kB/s: the forces, with protocol, UDP and IPv4 headers; + keepalives: with those that a
+session says while no force is sent. × optimum: packets over the fewest that any zero-order hold could do with, all of
+the future known; what extrapolates may be below (on two and three axes the optimum is a lower bound). worst 0.1 s:
+most packets in 100 ms. exceed JND: share of samples at which one JND is exceeded, whatever the threshold. jump: largest
+between successive applied samples. age: mean, of the stimulus being applied. µs/sample: encoding and decoding in a
+stream, plain Python, on this machine. (at rest): its rule depends on motion, and no positions were given (--position).
 """

@@ -18,6 +18,8 @@ def encode(
     rate: Annotated[
         float | None, typer.Option(metavar="HZ", help="Sampling rate; else from a column t_s, time_s or t_us.")
     ] = None,
+    position: options.Position = None,
+    position_scale: options.PositionScale = 1.0,
     codec: options.Codec = "deadband",
     weber: options.Weber = PAPER_WEBER_FRACTION,
     floor: options.Floor = PAPER_FLOOR_N,
@@ -30,10 +32,10 @@ def encode(
     import time
     from dataclasses import asdict
 
-    from hapticnet.cli.console import check_outputs, deliver
+    from hapticnet.cli.console import Console, check_outputs, deliver
     from hapticnet.codec.registry import make_codec, parse_codec
     from hapticnet.errors import FileError, SampleError
-    from hapticnet.experiment.recordings import load_recording
+    from hapticnet.experiment.recordings import load_positions, load_recording
     from hapticnet.node.offline import cost_report
     from hapticnet.perception import WeberLaw
     from hapticnet.tables import write_csv
@@ -42,9 +44,12 @@ def encode(
     name, parameters = parse_codec(codec)
     chosen = make_codec(name, WeberLaw(weber_fraction=weber, floor_n=floor, multiplier=multiplier), parameters)
     recording = load_recording(file, columns=None if column is None else column.split(","), rate_hz=rate)
+    positions = load_positions(file, position, position_scale, like=recording, rate_hz=rate)
+    if positions is None and chosen.needs_position:
+        Console("encode").say(f"{chosen.name} depends on the tool's motion; without --position it does as at rest")
     started = time.perf_counter()
     try:
-        encoding = chosen.encode_array(recording.t_us, recording.values)
+        encoding = chosen.encode_array(recording.t_us, recording.values, positions)
     except SampleError as error:
         raise FileError(f"{file}: {error}") from error
     seconds = time.perf_counter() - started

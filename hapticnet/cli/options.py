@@ -12,6 +12,16 @@ Weber: TypeAlias = Annotated[float, typer.Option(help="Weber fraction k: JND = k
 Floor: TypeAlias = Annotated[float, typer.Option(help="Smallest JND [N], where k·|force| falls below it.")]
 Multiplier: TypeAlias = Annotated[float, typer.Option(help="Deadband threshold in JNDs. The paper's: 1, 2, 4.")]
 Seed: TypeAlias = Annotated[int, typer.Option(min=0, help="Seed of everything random that can be repeated.")]
+Position: TypeAlias = Annotated[
+    str | None,
+    typer.Option(metavar="NAME[,NAME…]", help="Position columns [m], for codecs and measures that need motion."),
+]
+PositionScale: TypeAlias = Annotated[
+    float,
+    typer.Option(
+        metavar="M", help="Metres in one unit of position; negative where it grows the way a positive force pushes."
+    ),
+]
 Json: TypeAlias = Annotated[bool, typer.Option("--json", help="Print the report as JSON on stdout.")]
 Report: TypeAlias = Annotated[Path | None, typer.Option(metavar="FILE", help="Write the report to FILE as JSON too.")]
 Quiet: TypeAlias = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors and the report.")]

@@ -70,6 +70,22 @@ class Trial:
         span_s = float(self.t_us[-1] - self.t_us[0]) * 1e-6
         return span_s * samples / (samples - 1) if samples > 1 else 1.0
 
+    def account(self) -> dict[str, Any]:
+        """Return what there is to know of the recording before any codec, for JSON."""
+        gaps_us = np.diff(self.t_us)
+        return {
+            "name": self.name,
+            "samples": len(self.t_us),
+            "axes": self.stimuli.shape[1],
+            "seconds": self.seconds,
+            "period_ms": float(np.median(gaps_us)) / 1e3 if len(gaps_us) else 0.0,
+            "longest_gap_ms": float(gaps_us.max(initial=0)) / 1e3,
+            "peak_n": float(np.linalg.norm(self.stimuli, axis=1).max(initial=0.0)),
+            "mean_speed_m_per_s": None
+            if self.positions is None
+            else float(np.linalg.norm(np.diff(self.positions, axis=0), axis=1).sum()) / self.seconds,
+        }
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
@@ -107,6 +123,7 @@ class Row:
     over_optimum: float
     packets_per_s: float
     wire_bytes_per_s: float
+    session_wire_bytes_per_s: float
     nanoseconds_per_sample: float
 
     @property
@@ -116,6 +133,11 @@ class Row:
         changed = [f"{key}={value:g}" for key, value in self.parameters.items() if value != usual[key]]
         return f"{self.codec}:{','.join(changed)}" if changed else self.codec
 
+    @property
+    def at_rest(self) -> bool:
+        """Whether the codec's rule depends on motion and none was known, so that it did as at rest."""
+        return CODECS[self.codec].needs_position and self.quality.energy_peak_j is None
+
     def flat(self) -> dict[str, Any]:
         """Return all of it in one level, for JSON, which knows no infinity: what is infinite is None there."""
         row = asdict(self)
@@ -123,6 +145,7 @@ class Row:
         level = {
             **row,
             "label": self.label,
+            "at_rest": self.at_rest,
             "optimum_holds": limits["holds"],
             "optimum_lines": limits["lines"],
             **cost,
@@ -186,6 +209,7 @@ def _row(trial: Trial, codec: Codec, limits: Limits, loss: float, seed: int) -> 
         over_optimum=cost.sent / limits.holds if limits.holds else 1.0,
         packets_per_s=cost.sent / trial.seconds,
         wire_bytes_per_s=cost.wire_bytes / trial.seconds,
+        session_wire_bytes_per_s=cost.session_wire_bytes / trial.seconds,
         nanoseconds_per_sample=_nanoseconds_per_sample(codec, trial),
     )
 

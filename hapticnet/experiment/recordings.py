@@ -20,6 +20,10 @@ SLOWEST_HZ: Final = 1e-3
 FASTEST_HZ: Final = 1e6
 """Sampling rates that time stamps of whole microseconds can tell."""
 
+SMALLEST_SCALE: Final = 1e-9
+LARGEST_SCALE: Final = 1e9
+"""Metres in one unit of position: from nanometres to what no hand moves."""
+
 
 @dataclass(frozen=True, slots=True)
 class Signal:
@@ -48,7 +52,7 @@ def load_recording(file: Path, *, columns: Sequence[str] | None = None, rate_hz:
     columns
         Names or numbers from 0; None: the only column that is not time.
     rate_hz
-        Sampling rate [Hz]; None: a column t_us, t_s or time_s tells the time.
+        Sampling rate [Hz]; None: a column t_us, t_s or time_s tells the time, and must where there is one.
 
     Raises
     ------
@@ -68,6 +72,40 @@ def load_recording(file: Path, *, columns: Sequence[str] | None = None, rate_hz:
         raise SettingsError(f"{len(columns)} columns are named; 1 to {MAX_AXES} make a signal")
     values = np.column_stack([source.column(name) for name in columns])
     return Signal(_times(file, source, rate_hz, len(values)), values, tuple(columns))
+
+
+def load_positions(
+    file: Path, columns: str | None, scale: float, *, like: Signal, rate_hz: float | None
+) -> FloatArray | None:
+    """Return the positions [m] that go with a force, shape (n, a); None where no columns are named.
+
+    Parameters
+    ----------
+    columns
+        Names or numbers from 0, separated by commas, as many as the force has.
+    scale
+        Metres in one unit of position; negative where it grows the way a positive force pushes.
+
+    Raises
+    ------
+    FileError
+        When the file cannot be used.
+    SettingsError
+        When there are not as many columns, or the scale cannot be.
+    """
+    if not SMALLEST_SCALE <= abs(scale) <= LARGEST_SCALE or (columns is None and scale != 1.0):
+        raise SettingsError(
+            f"--position-scale is {scale}; it must be between {SMALLEST_SCALE:g} and {LARGEST_SCALE:g}, or as far"
+            " below 0, and goes with --position"
+        )
+    if columns is None:
+        return None
+    positions: FloatArray = scale * load_recording(file, columns=columns.split(","), rate_hz=rate_hz).values
+    if positions.shape != like.values.shape:
+        raise SettingsError(
+            f"{positions.shape[1]} position columns for {like.values.shape[1]} of force; as many are needed"
+        )
+    return positions
 
 
 class _NpySource:
@@ -112,6 +150,8 @@ class _NpySource:
 
 def _times(file: Path, source: _NpySource | Table, rate_hz: float | None, samples: int) -> npt.NDArray[np.int64]:
     column = next((name for name in TIME_COLUMNS if name in source.names), None)
+    if rate_hz is not None and column is not None:
+        raise SettingsError(f"{file}: column {column} tells the time; leave --rate away")
     if rate_hz is not None:
         t_us = np.arange(samples) * (1e6 / rate_hz)
     elif column is None:

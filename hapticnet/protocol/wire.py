@@ -133,6 +133,13 @@ def force_datagram_bytes(
     return 13 + _uint_bytes(sequence) + _uint_bytes(t_us) + payload_bytes
 
 
+def keepalive_datagram_bytes(
+    sequence: npt.NDArray[np.int64], t_us: npt.NDArray[np.int64], newest_force: npt.NDArray[np.int64]
+) -> npt.NDArray[np.int64]:
+    """Return the size [B] of KEEPALIVE datagrams, without UDP and IP headers, shapes (m,)."""
+    return 11 + _uint_bytes(sequence) + _uint_bytes(t_us) + _uint_bytes(newest_force)
+
+
 def _uint_bytes(values: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     sizes = np.array([1, 2, 3, 5], dtype=np.int64)
     return sizes[np.searchsorted([1 << 7, 1 << 8, 1 << 16], values % MODULUS, side="right")]

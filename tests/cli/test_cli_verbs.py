@@ -12,8 +12,8 @@ from hapticnet.tables import read_csv
 from tests.cli.test_cli_errors import ROOT, hapticnet
 
 KEYS = {
-    "samples", "sent", "packet_rate_reduction", "payload_bytes", "wire_bytes", "wire_byte_reduction", "rmse_n",
-    "max_error_n", "exceed_jnd_fraction", "worst_100ms_packets", "samples_per_second",
+    "samples", "sent", "packet_rate_reduction", "payload_bytes", "wire_bytes", "keepalives", "session_wire_bytes",
+    "wire_byte_reduction", "rmse_n", "max_error_n", "exceed_jnd_fraction", "worst_100ms_packets", "samples_per_second",
 }  # fmt: skip
 
 
@@ -44,8 +44,8 @@ def test_encode_takes_columns_by_number_from_csv_and_npy(trace, tmp_path):
     array = np.column_stack([read_csv(trace).column(name) for name in ("t_s", "fx", "fy")])
     np.save(tmp_path / "force.npy", array)
     reports = [
-        json.loads(hapticnet("encode", file, "--column", "1", "--rate", "1000", "--json").stdout)
-        for file in (trace, tmp_path / "force.npy")
+        json.loads(hapticnet("encode", file, "--column", "1", *rate, "--json").stdout)
+        for file, rate in ((trace, ()), (tmp_path / "force.npy", ("--rate", "1000")))
     ]
     for report in reports:
         report.pop("samples_per_second")
@@ -136,13 +136,18 @@ def test_codecs_lists_every_codec_with_its_parameters():
 
 def test_compare_puts_every_codec_beside_the_optimum(trace, tmp_path):
     done = hapticnet("compare", trace, "--column", "fx", "--thresholds", "1,2", "--json", "--plot", tmp_path / "plots")
-    rows = json.loads(done.stdout)
+    account = json.loads(done.stdout)
+    rows = account["rows"]
+    assert account["settings"]["weber_fraction"] == 0.05
+    assert account["recordings"][0]["samples"] == 2000
     assert {row["codec"] for row in rows} == set(CODECS)
     for row in rows:
         assert row["samples"] == 2000
         assert 0 < row["optimum_lines"] <= row["optimum_holds"] <= 2000
         assert row["over_optimum"] == pytest.approx(row["sent"] / row["optimum_holds"])
         assert row["nanoseconds_per_sample"] > 0.0
+        assert row["at_rest"] == CODECS[row["codec"]].needs_position
+        assert row["session_wire_bytes"] >= row["wire_bytes"]
     deadband = [row for row in rows if row["codec"] == "deadband"]
     assert [row["multiplier"] for row in deadband] == [1.0, 2.0]
     assert deadband[0]["exceed_jnd_fraction"] == 0.0 < deadband[1]["exceed_jnd_fraction"]
@@ -173,7 +178,7 @@ def test_compare_under_loss_and_on_two_axes(trace):
 
 def test_compare_without_a_recording_plays_the_papers_scene():
     done = hapticnet("compare", "--codecs", "deadband", "--thresholds", "1", "--json")
-    (row,) = json.loads(done.stdout)
+    (row,) = json.loads(done.stdout)["rows"]
     assert row["trial"].startswith("paper's scene")
     assert row["energy_peak_j"] is not None
     assert 1.0 < row["over_optimum"] < 2.5

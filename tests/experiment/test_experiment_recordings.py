@@ -14,7 +14,10 @@ def csv(tmp_path):
 
 def test_time_comes_from_a_column_or_from_the_rate(csv):
     assert load_recording(csv, columns=["fx"]).t_us.tolist() == [0, 1000, 2500]
-    assert load_recording(csv, columns=["fx"], rate_hz=500.0).t_us.tolist() == [0, 2000, 4000]
+    np.save(csv.with_suffix(".npy"), np.arange(3.0))
+    assert load_recording(csv.with_suffix(".npy"), rate_hz=500.0).t_us.tolist() == [0, 2000, 4000]
+    with pytest.raises(SettingsError, match="t_s tells the time; leave --rate away"):
+        load_recording(csv, columns=["fx"], rate_hz=500.0)
 
 
 def test_columns_by_name_and_number(csv):

@@ -1,5 +1,7 @@
 """The cost of a codec on a recording is the cost it has in a session."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -29,6 +31,10 @@ def test_offline_and_session_agree_on_packets_bytes_and_errors(loopback, name):
     assert report.payload_bytes == pytest.approx(
         table["datagram_bytes"][table["transmitted"] > 0].sum(), abs=2 * report.sent
     )
+    said = replace(station.session.sent)
+    assert report.keepalives == said.by_kind[Kind.KEEPALIVE]
+    welcome_bytes = len(station.session.welcome(1000.0, station.scene.name, 0))
+    assert report.session_wire_bytes == said.wire_bytes - welcome_bytes - 28
     assert report.rmse_n == pytest.approx(session["rmse_n"])
     assert report.exceed_jnd_fraction == session["exceed_jnd_fraction"]
 
