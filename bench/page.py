@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 import page_codecs
+import page_fairness
 import page_nodes
 import page_published
 import page_speed
@@ -23,8 +24,10 @@ SECTIONS: Final[Sequence[tuple[str, str, Section]]] = (
     ("rate_distortion", "Signals", page_codecs.signals),
     ("rate_distortion", "Packets over the best possible", page_codecs.over_optimum),
     ("rate_distortion", "Which codec wins where", page_codecs.winners),
+    ("rate_distortion", "Packets at equal error", page_fairness.equal_error),
+    ("rate_distortion", "What is in the tuning", page_fairness.settings),
     ("rate_distortion", "Error, age and energy", page_codecs.errors),
-    ("rate_distortion", "The steps a person feels", page_codecs.steps),
+    ("rate_distortion", "The steps a person feels", page_published.steps),
     ("rate_distortion", "Loss", page_published.losses),
     ("rate_distortion", "Published reductions", page_published.regimes),
     ("rate_distortion", "Entropy-coded payloads", page_published.payloads),

@@ -1,7 +1,42 @@
-"""The page's part on loss, published reductions and entropy coding: the rest of what rate_distortion.py measured."""
+"""The page's part on steps, loss, published reductions and entropy coding: the rest of rate_distortion.py's results."""
 
 from page_codecs import OURS, averages
 from page_markdown import Row, picture, span, table
+
+
+def steps(results: Row) -> list[str]:
+    """Return the steps a person feels, and what it costs to bound them."""
+    rows = results["steps"]
+    free = next(row for row in rows if row["codec"] == OURS and not row["bound"])
+    plain = next(row for row in rows if row["codec"] == "deadband")
+    return [
+        (
+            "Two stimuli more than a JND apart can be told apart, so that the change of the applied force when an update"
+            " arrives, in JNDs of what was applied before, may be felt as a step. At 1 JND, over"
+            f" {next(iter(results['sets']))}: means over the signals, and the largest of any. The largest steps of the paper's"
+            " scene are in the signal itself: a breach lets go of it all. `jump_thresholds` of our codec bounds the others."
+        ),
+        table(
+            ("codec", "`jump_thresholds`", "packets over the optimum", "mean jump [JND]", "99.9 % below [JND]",
+             "largest [JND]"),
+            (
+                (
+                    row["codec"],
+                    "–" if row["bound"] is None else f"{row['bound']:g}" if row["bound"] else "0 (free)",
+                    f"{row['over_optimum']:.2f}",
+                    f"{row['jump_mean_jnd']:.2f}",
+                    f"{row['jump_p999_jnd']:.1f}",
+                    f"{row['jump_max_jnd']:.1f}",
+                )
+                for row in rows
+            ),
+        ),
+        (
+            f"Left free, `{OURS}` jumps by {free['jump_mean_jnd']:.2f} JND in the mean,"
+            f" {free['jump_mean_jnd'] / plain['jump_mean_jnd']:.2f} times as far as the deadband, and sends"
+            f" {free['over_optimum'] / plain['over_optimum']:.2f} times as many packets."
+        ),
+    ]  # fmt: skip
 
 
 def losses(results: Row) -> list[str]:
@@ -21,14 +56,21 @@ def losses(results: Row) -> list[str]:
                     codec,
                     *(f"{own[loss]['exceed_jnd_fraction']:.1%}" for loss in rates),
                     *(f"{1e3 * own[loss]['rmse_n']:.0f}" for loss in rates),
+                    *(f"{own[loss]['largest_max_error_n']:.1f}" for loss in rates),
                     *(f"{own[loss]['packets_per_s']:.0f}" for loss in rates),
                 )
             )
-    heads = (f"{what}, {loss:.0%} lost" for what in ("above 1 JND", "RMSE [mN]", "packets/s") for loss in rates)
+    heads = (
+        f"{what}, {loss:.0%} lost"
+        for what in ("above 1 JND", "RMSE [mN]", "largest error [N]", "packets/s")
+        for loss in rates
+    )
     return [
         (
             f"Updates lost at random, each replaced by the present stimulus {results['repair_us'] / 1000:g} ms later, if that"
-            f" is not lost in turn; 1 JND, float32 payloads, means over {aimed_at}."
+            f" is not lost in turn; 1 JND, float32 payloads, means over {aimed_at}, each over {results['loss_seeds']} channels"
+            " that lose; the largest error is of all of them. A predictor that misses the end of a slope follows it to its"
+            " horizon, and so may be off by more than the force itself. Delay and jitter are not in it."
         ),
         table(("codec", *heads), lines),
     ]
@@ -118,7 +160,7 @@ def payloads(results: Row) -> list[str]:
         (
             "Least-squares prediction with Golomb–Rice coded residuals beside linear prediction with float32 payloads, both"
             " at zero exceedance of their threshold. Payload: what the smaller payload saves of the wire bytes if as many"
-            " packets are sent; bound: what an empty payload would save. A negative saving is a cost."
+            " packets are sent; bound: what an empty payload would save. Negative: more. The last column is our codec with payloads of whole millinewtons."
         ),
         table(
             ("signal", "JND", "payload [B]", "headers [B]", "payload", "bound", "fewer packets", "fewer wire bytes",
@@ -126,7 +168,7 @@ def payloads(results: Row) -> list[str]:
             lines,
         ),
         (
-            f"At least 25 % fewer wire bytes was aimed at. That is reached on {reached} of {len(rows)} pairs of signal and"
+            f"At least 25 % fewer wire bytes were aimed at. That is reached on {reached} of {len(rows)} pairs of signal and"
             f" threshold. With {span([row['float32']['headers_per_packet'] for row in rows], '.0f')} B of headers around each"
             f" payload the bound for any coding of the payload is {span(largest, '.0%')}, and this coding reaches"
             f" {span([row['payload_saving'] for row in rows], '.0%')}. {verdict} The rest comes from the prediction, as"

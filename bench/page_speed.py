@@ -11,7 +11,7 @@ def codec_speed(results: Row) -> list[str]:
     return [
         (
             f"The scalar deadband over {results['samples']:,} samples, Msamples/s, best of the repetitions, in turns with"
-            " a plain C loop (`bench/peers`, gcc -O3)."
+            " a plain C loop (`bench/peers`, gcc -O3 -march=native)."
         ),
         table(
             ("updates sent", "C loop", "`fast` extra", "of C", "plain Python", "streaming"),

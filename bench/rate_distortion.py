@@ -15,7 +15,7 @@ from typing import Any, Final
 
 import numpy as np
 import record
-from rate_distortion_claims import mean, payloads, regimes, steps
+from rate_distortion_claims import mean, payloads, regimes, settings, steps
 from rate_distortion_signals import KINESTHETIC, made_signals, paper_signals, recorded_signals
 
 from hapticnet.codec.base import Codec
@@ -23,6 +23,7 @@ from hapticnet.codec.bound import fewest_holds
 from hapticnet.codec.registry import CODECS, codec_parameters, make_codec
 from hapticnet.errors import HapticnetError
 from hapticnet.experiment.comparison import REPAIR_US, Trial, compare
+from hapticnet.experiment.comparison import Row as ComparisonRow
 from hapticnet.node.offline import cost_report
 from hapticnet.perception import WeberLaw
 
@@ -31,7 +32,9 @@ Fewest = dict[tuple[str, WeberLaw], int]
 
 THRESHOLDS: Final = (0.5, 1.0, 2.0, 4.0)
 STEPS_N: Final = (0.0, 0.001)
-LOSSES: Final = (0.0, 0.05, 0.3)
+LOSSES: Final = (0.05, 0.1, 0.3)
+LOSS_SEEDS: Final = 10
+"""How many channels that lose are tried, at 1 JND with float32 payloads."""
 NEAR: Final = (0.94, 0.97, 1.03, 1.06)
 """Factors of the thresholds beside each: at one threshold alone, luck moves the number of packets by some per cent."""
 REGIME_THRESHOLDS: Final = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
@@ -39,12 +42,14 @@ KINESTHETIC_PEAK_N: Final = 10.0
 
 KEPT: Final = (
     "trial", "codec", "multiplier", "samples", "sent", "over_optimum", "optimum_holds", "optimum_lines",
-    "packet_rate_reduction", "packets_per_s", "wire_bytes", "wire_bytes_per_s", "exceed_jnd_fraction", "rmse_n",
+    "packet_rate_reduction", "packets_per_s", "wire_bytes", "wire_bytes_per_s", "session_wire_bytes_per_s",
+    "exceed_jnd_fraction", "rmse_n",
     "max_error_n", "psnr_db", "hpw_psnr_db", "perceptual_mse", "send_jump_mean_jnd", "send_jump_max_jnd",
     "age_mean_us", "worst_100ms_packets", "energy_peak_j", "nanoseconds_per_sample",
 )  # fmt: skip
 MEANS: Final = (
-    "near_over_optimum", "near_wire_bytes_per_s", "over_optimum", "packets_per_s", "wire_bytes_per_s",
+    "near_over_optimum", "near_wire_bytes_per_s", "over_optimum", "over_lines", "packets_per_s", "wire_bytes_per_s",
+    "session_wire_bytes_per_s",
     "packet_rate_reduction", "exceed_jnd_fraction", "rmse_n", "psnr_db", "hpw_psnr_db", "perceptual_mse",
     "send_jump_mean_jnd", "age_mean_us", "nanoseconds_per_sample",
 )  # fmt: skip
@@ -70,19 +75,29 @@ def codecs(thresholds: Iterable[float], steps_n: Iterable[float]) -> list[Codec]
     return made
 
 
-def compared(
-    trials: Sequence[Trial], chosen: Sequence[Codec], losses: Iterable[float], beside: Sequence[float], seed: int
-) -> list[Row]:
-    """Return a row for every signal, codec and loss; without loss also packets and bytes averaged over `beside`."""
-    rows = []
+def lossless(trials: Sequence[Trial], chosen: Sequence[Codec], beside: Sequence[float]) -> list[Row]:
+    """Return a row for every signal and codec without loss, packets and bytes also averaged over `beside`."""
     fewest: Fewest = {}
-    for loss in losses:
-        pairs = itertools.product(trials, chosen)
-        for row, (trial, codec) in zip(compare(trials, chosen, loss=loss, seed=seed), pairs, strict=True):
-            flat = row.flat()
-            made = {key: flat[key] for key in KEPT} | {"step_n": row.parameters.get("step_n", 0.0), "loss": loss}
-            rows.append(made | (dict.fromkeys(NEARBY) if loss else averaged(trial, codec, made, beside, fewest)))
-    return rows
+    pairs = itertools.product(trials, chosen)
+    rows = [(kept(row), trial, codec) for row, (trial, codec) in zip(compare(trials, chosen), pairs, strict=True)]
+    return [row | averaged(trial, codec, row, beside, fewest) for row, trial, codec in rows]
+
+
+def lossy(trials: Sequence[Trial], losses: Iterable[float], seeds: Iterable[int]) -> list[Row]:
+    """Return a row for every signal, codec, loss and seed of what is lost, at 1 JND with float32 payloads."""
+    chosen = codecs((1.0,), (0.0,))
+    return [
+        kept(row) | dict.fromkeys(NEARBY) | {"loss": loss, "seed": seed}
+        for loss, seed in itertools.product(losses, seeds)
+        for row in compare(trials, chosen, loss=loss, seed=seed)
+    ]
+
+
+def kept(row: ComparisonRow) -> Row:
+    """Return what is recorded of a row."""
+    flat = row.flat()
+    own = {"step_n": row.parameters.get("step_n", 0.0), "loss": 0.0, "over_lines": row.cost.sent / row.limits.lines}
+    return {key: flat[key] for key in KEPT} | own
 
 
 def averaged(trial: Trial, codec: Codec, row: Row, beside: Sequence[float], fewest: Fewest) -> Row:
@@ -165,9 +180,9 @@ def measure(signals: Mapping[str, Sequence[Trial]], seed: int, *, quick: bool) -
     kinds = {trial.name: kind for kind, members in signals.items() for trial in members}
     trials = [trial for members in signals.values() for trial in members]
     aimed_at = [trial for trial in trials if kinds[trial.name] in SETS[AIMED_AT]]
-    thresholds, steps_n, losses = ((1.0,), (0.0,), (0.0, 0.05)) if quick else (THRESHOLDS, STEPS_N, LOSSES)
-    beside = () if quick else NEAR
-    rows = compared(trials, codecs(thresholds, steps_n), losses, beside, seed)
+    thresholds, steps_n, losses = ((1.0,), (0.0,), (0.05,)) if quick else (THRESHOLDS, STEPS_N, LOSSES)
+    beside, seeds = ((), range(seed, seed + 1)) if quick else (NEAR, range(seed, seed + LOSS_SEEDS))
+    rows = lossless(trials, codecs(thresholds, steps_n), beside) + lossy(trials, losses, seeds)
     strong = [
         trial
         for trial in trials
@@ -177,6 +192,7 @@ def measure(signals: Mapping[str, Sequence[Trial]], seed: int, *, quick: bool) -
         "repair_us": REPAIR_US,
         "thresholds": thresholds,
         "beside": beside,
+        "loss_seeds": len(seeds),
         "signals": [
             {
                 "name": trial.name,
@@ -196,6 +212,7 @@ def measure(signals: Mapping[str, Sequence[Trial]], seed: int, *, quick: bool) -
         "regimes": regimes(strong, (1.0, 4.0) if quick else REGIME_THRESHOLDS),
         "payloads": payloads(trials, thresholds),
         "steps": steps(aimed_at, kinds),
+        "settings": settings(trials, kinds, beside),
     }
 
 

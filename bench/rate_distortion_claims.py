@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from hapticnet.codec.bound import fewest_holds
 from hapticnet.codec.quality import perceptual_distances
 from hapticnet.codec.registry import make_codec
 from hapticnet.experiment.comparison import Trial, compare
@@ -19,6 +20,15 @@ Row = dict[str, Any]
 PUBLISHED: Final = {"deadband": 0.90, "velocity-adaptive": 0.96, "linear-predictive": 0.96, "least-squares": 0.96,
                     "passive-extrapolative": 0.89, "passive-interpolative": 0.89}  # fmt: skip
 """Largest packet-rate reductions reported by the papers that the codecs' docstrings name; the predictors share one."""
+
+VARIANTS: Final[tuple[tuple[str, dict[str, float]], ...]] = (
+    *(("linear-predictive", {"slope_samples": samples}) for samples in (3, 5, 8, 16)),
+    *(("linear-predictive", {"horizon_ms": horizon_ms}) for horizon_ms in (50.0, 200.0)),
+    *(("least-squares", {"updates": updates}) for updates in (2, 4)),
+    *(("adaptive-predictive", {"window_ms": window_ms}) for window_ms in (10.0, 17.0, 30.0)),
+    *(("adaptive-predictive", {"horizon_ms": horizon_ms}) for horizon_ms in (100.0, 400.0)),
+)
+"""Settings beside the usual ones: how much of a lead is in the tuning."""
 
 JUMPS: Final = (0.0, 2.0, 1.0, 0.5)
 """Bounds on the jumps of our codec, in thresholds; 0: none."""
@@ -121,6 +131,27 @@ def steps(trials: Sequence[Trial], kinds: Mapping[str, str]) -> list[Row]:
                 "jump_max_jnd": max(row.quality.send_jump_max_jnd for row in found),
             }
         )
+    return rows
+
+
+def settings(trials: Sequence[Trial], kinds: Mapping[str, str], beside: Sequence[float]) -> list[Row]:
+    """Return packets at 1 JND over the optimum with other settings than the usual, averaged over thresholds beside."""
+    laws = [WeberLaw(multiplier=factor) for factor in (1.0, *beside)]
+    fewest = {(trial.name, law): fewest_holds(law, trial.stimuli) for trial in trials for law in laws}
+    rows = []
+    for name, parameters in VARIANTS:
+        figures = []
+        for trial in trials:
+            sent = [
+                len(make_codec(name, law, parameters).encode_array(trial.t_us, trial.stimuli, trial.positions).sent)
+                / fewest[trial.name, law]
+                for law in laws
+            ]
+            figures.append((kinds[trial.name], trial.name, statistics.fmean(sent)))
+        row: Row = {"codec": name, "parameters": parameters}
+        for which, members in (("aimed_at", ("scene", "recorded")), ("made", ("made",))):
+            row[which] = mean([figure for figure in figures if figure[0] in members])
+        rows.append(row)
     return rows
 
 

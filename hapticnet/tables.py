@@ -116,6 +116,9 @@ def read_csv(path: Path) -> Table:
     if not kept:
         raise FileError(f"{path}: there is nothing in it; a CSV file with a header and rows is wanted")
     header = _split(path, lines, kept[:1])[0]
+    for separator, name in ((";", "semicolons"), ("\t", "tabs")):
+        if len(header) == 1 and separator in header[0]:
+            raise FileError(f"{path}, line {kept[0] + 1}: cells are separated by {name}; commas are wanted")
     if all(_number(cell) is not None for cell in header):
         names = tuple(str(index) for index in range(len(header)))
     else:

@@ -21,9 +21,7 @@ def print_rows(rows: Sequence[Row], trials: Sequence[Trial], loss: float) -> Non
     # A terminal that is too narrow breaks lines, which is better than cutting numbers.
     console = Console(highlight=False, width=WIDEST)
     for (trial, multiplier), block in groupby(rows, key=lambda row: (row.trial, row.multiplier)):
-        table = Table(
-            title=f"{described[trial]}; threshold {multiplier:g} JND", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0)
-        )
+        table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
         table.add_column("codec", no_wrap=True)
         for heading, _ in _COLUMNS:
             table.add_column(heading, justify="right", no_wrap=True)
@@ -35,6 +33,7 @@ def print_rows(rows: Sequence[Row], trials: Sequence[Trial], loss: float) -> Non
             table.add_row(
                 name, f"{rate:.1f}", f"{1.0 - packets / row.cost.samples:.1%}", "–", "–", f"{share:.2f}", *["–"] * 7
             )
+        print(f"{described[trial]}; threshold {multiplier:g} JND")
         console.print(table, width=console.measure(table).maximum)
     print(_FOOTNOTE)
     if loss:

@@ -46,7 +46,7 @@ class LevelCrossing:
 
     So ``|x - ref| ≤ w(ref) ≤ threshold`` anywhere in a cell, and with a axes ``|x - ref|² ≤ Σ w(refₐ)² ≤
     a·w(|ref|)² ≤ threshold(|ref|)²``: the held stimulus is within the threshold of the true one at every sample. On
-    one axis without hysteresis dead zone and cell are the same, and this is level crossing as published; with
+    one axis without hysteresis dead zone and cell are the same, and this is level crossing with those levels; with
     more axes the dead zone is the ball around the box of cells.
 
     Noise: a stimulus that rests near a crossing is sent whenever noise, however small, takes it across, where a
