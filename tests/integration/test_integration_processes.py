@@ -239,7 +239,8 @@ def test_a_child_ends_when_its_parent_is_killed():
     """As `master --device simavr` and the demo start theirs."""
     script = (
         "import time; from hapticnet.runtime.children import Child;"
-        "child = Child(['slave', '--listen', '127.0.0.1:0']); child.address(); print(child._process.pid, flush=True); time.sleep(60)"
+        "child = Child(['slave', '--listen', '127.0.0.1:0']); child.address();"
+        "print(child._process.pid, flush=True); time.sleep(60)"
     )
     with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, cwd=ROOT, text=True) as parent:
         assert parent.stdout is not None
