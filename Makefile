@@ -13,7 +13,7 @@ help:
 	@echo 'make test           install everything the tests need, and run them all'
 	@echo 'make check          linters, types, layers'
 	@echo 'make docker-check   build the image and play every scenario of docker/ (needs a Docker engine)'
-	@echo 'make bench          run every benchmark, results and figures in results/bench'
+	@echo 'make bench          run every benchmark and write docs/benchmarks.md anew; results in results/bench'
 	@echo 'make simulator      build the firmware and the simulator that runs it (--device simavr)'
 	@echo 'make clean          remove the virtual environment and all results'
 
@@ -32,20 +32,20 @@ check: $(VENV)/installed-dev
 docker-check: $(VENV)/installed-dev
 	$(BIN)/pytest -m docker tests/docker
 
+# Recordings to try every codec on, as FILE[:FORCE[:POSITION[:SCALE]]]; there are none in the repository.
+RECORDINGS ?=
+
 bench: system-packages $(VENV)/installed-dev
-	$(BIN)/python bench/packet_rate.py --out results/bench
-	$(BIN)/python bench/plot_packet_rate.py results/bench/packet_rate.json
-	$(BIN)/python bench/scene_cost.py --json results/bench/scene_cost.json
+	$(BIN)/python bench/rate_distortion.py $(RECORDINGS) --json results/bench/rate_distortion.json
 	$(BIN)/python bench/codec_speed.py --json results/bench/codec_speed.json
 	$(BIN)/python bench/codec_stability.py --json results/bench/codec_stability.json
-	$(BIN)/python bench/rate_distortion.py --json results/bench/rate_distortion.json
-	$(BIN)/python bench/plot_rate_distortion.py results/bench/rate_distortion.json
+	$(BIN)/python bench/packet_rate.py --out results/bench
 	$(BIN)/python bench/scene_accuracy.py --json results/bench/scene_accuracy.json
-	$(BIN)/python bench/plot_scene_accuracy.py results/bench/scene_accuracy.json
+	$(BIN)/python bench/scene_cost.py --json results/bench/scene_cost.json
+	$(BIN)/python bench/force_loop.py --json results/bench/force_loop.json
 	$(BIN)/python bench/virtual_time.py --json results/bench/virtual_time.json
 	$(BIN)/python bench/loop.py --json results/bench/loop.json
-	$(BIN)/python bench/force_loop.py --json results/bench/force_loop.json
-	$(BIN)/python bench/plot_force_loop.py results/bench/force_loop.json
+	$(BIN)/python bench/page.py results/bench
 
 # The C programs that bench/ measures against, the network namespaces of the two-host test, and what the firmware is
 # built with and simulated in.

@@ -30,9 +30,10 @@ def test_the_scene_example_is_a_scene():
 
 def test_every_file_the_documents_link_to_is_there():
     root = Path(__file__).parents[1]
-    for document in (root / "README.md", root / "docs" / "adr" / "README.md"):
-        for link in re.findall(r"\]\(([^)#]+)\)", document.read_text()):
-            assert (document.parent / link).exists(), f"{document.name} links to {link}"
+    documents = [root / "README.md", root / "CONTRIBUTING.md", *sorted((root / "docs").rglob("*.md"))]
+    for document in documents:
+        for link in re.findall(r"\]\(([^)#]+)[^)]*\)", document.read_text()):
+            assert link.startswith("http") or (document.parent / link).exists(), f"{document.name} links to {link}"
 
 
 def test_the_table_of_channel_presets_is_the_one_in_the_code():
