@@ -26,6 +26,7 @@ SECTIONS: Final[Sequence[tuple[str, str, Section]]] = (
     ("rate_distortion", "Which codec wins where", page_codecs.winners),
     ("rate_distortion", "Packets at equal error", page_fairness.equal_error),
     ("rate_distortion", "What is in the tuning", page_fairness.settings),
+    ("rate_distortion", "Packets over the sampling rate", page_fairness.sampling),
     ("rate_distortion", "Error, age and energy", page_codecs.errors),
     ("rate_distortion", "The steps a person feels", page_published.steps),
     ("rate_distortion", "Loss", page_published.losses),

@@ -58,7 +58,7 @@ def over_optimum(results: Row) -> list[str]:
     return [
         (
             "Packets sent at 1 JND over the fewest that any zero-order hold could do with, all of the future known; what"
-            f" does not hold can be below 1. Without loss, float32 payloads, 1 kHz. {around(results)} Means over signals are"
+            f" does not hold can be below 1; on three axes that fewest is a lower bound. Without loss, float32 payloads, 1 kHz. {around(results)} Means over signals are"
             " arithmetic. Bold: the least of all codecs that never exceed 1 JND on that signal."
         ),
         matrix(results, "near_over_optimum", ".2f", 1.0),

@@ -53,6 +53,30 @@ def interpolated(points: Sequence[tuple[float, float]], error_n: float) -> float
     return points[0][1] if len(points) == 1 and points[0][0] == error_n else None
 
 
+def sampling(results: Row) -> list[str]:
+    """Return packets over the optimum at lower sampling rates."""
+    aimed_at, *others = results["sets"]
+    rows = results["rates"]
+    codecs = list(dict.fromkeys(row["codec"] for row in rows))
+    found = {(row["codec"], row["every"]): row for row in rows}
+    return [
+        (
+            "The same signals with samples left out, so that the force moves on further from one to the next; packets at 1 JND"
+            " over the optimal hold of what is left, each codec with the settings it has at 1 kHz."
+        ),
+        table(
+            ("samples/s", *(f"{codec}: {name}" for name in (aimed_at, *others) for codec in codecs)),
+            (
+                (
+                    f"{1000 / every:g}",
+                    *(f"{found[codec, every][which]:.2f}" for which in ("aimed_at", "made") for codec in codecs),
+                )
+                for every in dict.fromkeys(row["every"] for row in rows)
+            ),
+        ),
+    ]
+
+
 def settings(results: Row) -> list[str]:
     """Return packets over the optimum with other settings than the usual ones."""
     aimed_at, *others = results["sets"]

@@ -15,7 +15,7 @@ from typing import Any, Final
 
 import numpy as np
 import record
-from rate_distortion_claims import mean, payloads, regimes, settings, steps
+from rate_distortion_claims import VARIANTS, mean, payloads, rates, regimes, settings, steps
 from rate_distortion_signals import KINESTHETIC, made_signals, paper_signals, recorded_signals
 
 from hapticnet.codec.base import Codec
@@ -212,7 +212,8 @@ def measure(signals: Mapping[str, Sequence[Trial]], seed: int, *, quick: bool) -
         "regimes": regimes(strong, (1.0, 4.0) if quick else REGIME_THRESHOLDS),
         "payloads": payloads(trials, thresholds),
         "steps": steps(aimed_at, kinds),
-        "settings": settings(trials, kinds, beside),
+        "settings": settings(trials, kinds, beside, VARIANTS),
+        "rates": rates(trials, kinds, beside),
     }
 
 

@@ -30,6 +30,10 @@ VARIANTS: Final[tuple[tuple[str, dict[str, float]], ...]] = (
 )
 """Settings beside the usual ones: how much of a lead is in the tuning."""
 
+DECIMATIONS: Final = (1, 2, 5, 10, 20)
+RIVALS: Final = ("deadband", "adaptive-predictive", "linear-predictive", "least-squares")
+"""How many samples are skipped to see what a slower sampling does, and to which codecs."""
+
 JUMPS: Final = (0.0, 2.0, 1.0, 0.5)
 """Bounds on the jumps of our codec, in thresholds; 0: none."""
 
@@ -134,12 +138,17 @@ def steps(trials: Sequence[Trial], kinds: Mapping[str, str]) -> list[Row]:
     return rows
 
 
-def settings(trials: Sequence[Trial], kinds: Mapping[str, str], beside: Sequence[float]) -> list[Row]:
-    """Return packets at 1 JND over the optimum with other settings than the usual, averaged over thresholds beside."""
+def settings(
+    trials: Sequence[Trial],
+    kinds: Mapping[str, str],
+    beside: Sequence[float],
+    variants: Sequence[tuple[str, dict[str, float]]],
+) -> list[Row]:
+    """Return packets at 1 JND over the optimum with some settings, averaged over thresholds beside."""
     laws = [WeberLaw(multiplier=factor) for factor in (1.0, *beside)]
     fewest = {(trial.name, law): fewest_holds(law, trial.stimuli) for trial in trials for law in laws}
     rows = []
-    for name, parameters in VARIANTS:
+    for name, parameters in variants:
         figures = []
         for trial in trials:
             sent = [
@@ -152,6 +161,24 @@ def settings(trials: Sequence[Trial], kinds: Mapping[str, str], beside: Sequence
         for which, members in (("aimed_at", ("scene", "recorded")), ("made", ("made",))):
             row[which] = mean([figure for figure in figures if figure[0] in members])
         rows.append(row)
+    return rows
+
+
+def rates(trials: Sequence[Trial], kinds: Mapping[str, str], beside: Sequence[float]) -> list[Row]:
+    """Return packets at 1 JND over the optimum on signals of which every so many samples are left."""
+    rows = []
+    for every in DECIMATIONS:
+        fewer = [
+            replace(
+                trial,
+                t_us=trial.t_us[::every],
+                stimuli=trial.stimuli[::every],
+                positions=None if trial.positions is None else trial.positions[::every],
+            )
+            for trial in trials
+        ]
+        for row in settings(fewer, kinds, beside, variants=[(name, {}) for name in RIVALS]):
+            rows.append({"every": every, **row})
     return rows
 
 

@@ -43,8 +43,8 @@ def made_signals(seed: int, seconds: float) -> list[Trial]:
     t_us = np.arange(samples, dtype=np.int64) * round(1e6 / RATE_HZ)
     trials = []
     for (name, made), rng in zip(MADE.items(), np.random.default_rng(seed).spawn(len(MADE)), strict=True):
-        force_n, position_m = made(rng, samples)
-        trials.append(Trial(name=name, t_us=t_us, stimuli=force_n[:, np.newaxis], positions=position_m[:, np.newaxis]))
+        force_n, position_m = (each.reshape(samples, -1) for each in made(rng, samples))
+        trials.append(Trial(name=name, t_us=t_us, stimuli=force_n, positions=position_m))
     return trials
 
 
@@ -132,12 +132,23 @@ def stiff_wall(rng: np.random.Generator, samples: int) -> tuple[Array, Array]:
     return np.maximum(3000.0 * position_m, 0.0) + rng.normal(0.0, SENSOR_NOISE_N, samples), position_m
 
 
+def turning_touch(rng: np.random.Generator, samples: int) -> tuple[Array, Array]:
+    """Return presses on an elastic body by a tool that slides about and turns, with a sensor's noise, three axes."""
+    depth_m = presses(rng, samples, move_s=(0.4, 1.2), rest_s=(0.1, 0.5), depth_m=(2e-3, 10e-3))
+    tilt = np.stack([coloured(rng, samples, correlation_s=1.0, rms=0.3) for _ in range(2)], axis=1)
+    normal = np.column_stack([tilt, np.ones(samples)])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    force_n = 400.0 * depth_m[:, np.newaxis] * normal + rng.normal(0.0, SENSOR_NOISE_N, (samples, 3))
+    return force_n, depth_m[:, np.newaxis] * normal
+
+
 MADE: Final[dict[str, Made]] = {
     "smooth palpation": smooth_palpation,
     "noisy hold": noisy_hold,
     "impacts": impacts,
     "free motion": free_motion,
     KINESTHETIC: stiff_wall,
+    "turning touch": turning_touch,
 }
 
 
