@@ -149,13 +149,17 @@ def payloads(results: Row) -> list[str]:
         if row["multiplier"] == 1.0
     ]
     reached = sum(row["saving"] >= 0.25 for row in rows)
-    largest = [row["largest_payload_saving"] for row in rows]
-    axes = {row["axes"] for row in results["signals"]}
-    verdict = (
-        "Headers forbid it: as many packets with an empty payload would not save 25 % either."
-        if max(largest) < 0.25
-        else "As many packets with an empty payload could save 25 % on some of them."
-    )
+    axes_of = {row["name"]: row["axes"] for row in results["signals"]}
+    verdicts = []
+    for axes in sorted(set(axes_of.values())):
+        own = [row for row in rows if axes_of[row["trial"]] == axes]
+        bounds = [row["largest_payload_saving"] for row in own]
+        verdicts.append(
+            f"On {axes} {'axis' if axes == 1 else 'axes'} no coding of the payload can save more than"
+            f" {span(bounds, '.0%')}, packet for packet, and this one saves"
+            f" {span([row['payload_saving'] for row in own], '.0%')}"
+            + (": there the headers forbid it." if max(bounds) < 0.25 else ".")
+        )
     return [
         (
             "Least-squares prediction with Golomb–Rice coded residuals beside linear prediction with float32 payloads, both"
@@ -169,11 +173,8 @@ def payloads(results: Row) -> list[str]:
         ),
         (
             f"At least 25 % fewer wire bytes were aimed at. That is reached on {reached} of {len(rows)} pairs of signal and"
-            f" threshold. With {span([row['float32']['headers_per_packet'] for row in rows], '.0f')} B of headers around each"
-            f" payload the bound for any coding of the payload is {span(largest, '.0%')}, and this coding reaches"
-            f" {span([row['payload_saving'] for row in rows], '.0%')}. {verdict} The rest comes from the prediction, as"
-            " packets."
-            + (" All signals here have one axis; on three, payloads are three times as long." if axes == {1} else "")
+            f" threshold. There are {span([row['float32']['headers_per_packet'] for row in rows], '.0f')} B of headers around each"
+            f" payload. {' '.join(verdicts)} The rest comes from the prediction, as packets."
         ),
     ]  # fmt: skip
 
