@@ -76,8 +76,11 @@ def compare(
     if plot is not None:
         from hapticnet.experiment.comparison_figures import draw_comparison
 
-        for file in draw_comparison(rows, plot):
-            console.say(f"picture: {file}")
+        pictures = draw_comparison(rows, plot)
+        for picture in pictures:
+            console.say(f"picture: {picture}")
+        if not pictures:
+            console.say("no picture: raw alone has no error to draw anything over")
     if json:
         settings = {"version": __version__, "weber_fraction": weber, "floor_n": floor, "loss": lost, "seed": seed}
         recordings = [trial.account() for trial in trials]

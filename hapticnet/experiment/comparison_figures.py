@@ -89,8 +89,12 @@ def finish_axes(axes: Any, *, across: str = "linear") -> None:
     """Give axes their scales, plain numbers and a grid."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    for scale, axis, set_scale in (("log", axes.yaxis, axes.set_yscale), (across, axes.xaxis, axes.set_xscale)):
-        if scale == "log":
+    for scale, axis, set_scale, which in (
+        ("log", axes.yaxis, axes.set_yscale, 1),
+        (across, axes.xaxis, axes.set_xscale, 0),
+    ):
+        # What is all zero, as the error of a force that stands still, has no place on a logarithmic scale.
+        if scale == "log" and any(value > 0.0 for line in axes.get_lines() for value in line.get_data()[which]):
             set_scale("log")
             axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

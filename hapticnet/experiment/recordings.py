@@ -93,13 +93,15 @@ def load_positions(
     SettingsError
         When there are not as many columns, or the scale cannot be.
     """
-    if not SMALLEST_SCALE <= abs(scale) <= LARGEST_SCALE or (columns is None and scale != 1.0):
+    if columns is None:
+        if scale != 1.0:
+            raise SettingsError("--position-scale says how to read --position, which is not given")
+        return None
+    if not SMALLEST_SCALE <= abs(scale) <= LARGEST_SCALE:
         raise SettingsError(
             f"--position-scale is {scale}; it must be between {SMALLEST_SCALE:g} and {LARGEST_SCALE:g}, or as far"
-            " below 0, and goes with --position"
+            " below 0"
         )
-    if columns is None:
-        return None
     positions: FloatArray = scale * load_recording(file, columns=columns.split(","), rate_hz=rate_hz).values
     if positions.shape != like.values.shape:
         raise SettingsError(

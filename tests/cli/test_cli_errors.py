@@ -199,6 +199,7 @@ def test_an_address_that_is_not_this_machines():
             ("{files}/good.csv", "--column", "f", "--position", "x", "--position-scale", "nan"),
             ("--position-scale is nan",),
         ),
+        (("{files}/good.csv", "--column", "f", "--position-scale", "2"), ("--position, which is not given",)),
         (("{files}/good.csv", "--column", "f", "--rate", "500"), ("t_s tells the time",)),
         (("--column", ""), ("none is named",)),
         (("--rate", "0"), ("none is named",)),

@@ -169,6 +169,16 @@ def test_compare_tells_apart_what_differs_in_a_parameter_only_and_cuts_no_number
     assert "…" not in done.stdout
 
 
+def test_compare_draws_a_force_that_stands_still_and_says_where_there_is_nothing_to_draw(tmp_path):
+    np.save(tmp_path / "still.npy", np.zeros(500))
+    done = hapticnet("compare", tmp_path / "still.npy", "--rate", "1000", "--plot", tmp_path / "plots")
+    assert [line.partition(":")[0] for line in done.stderr.splitlines()] == ["compare"] * 3
+    done = hapticnet(
+        "compare", tmp_path / "still.npy", "--rate", "1000", "--codecs", "raw", "--plot", tmp_path / "plots"
+    )
+    assert done.stderr.startswith("compare: no picture")
+
+
 def test_compare_under_loss_and_on_two_axes(trace):
     done = hapticnet("compare", trace, "--column", "fx,fy", "--codecs", "raw;deadband:step_n=0.001", "--loss", "10%")
     assert "deadband:step_n=0.001" in done.stdout
