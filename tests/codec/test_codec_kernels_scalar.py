@@ -1,5 +1,7 @@
 """What is compiled is what streams, to the bit."""
 
+import os
+
 import numpy as np
 import pytest
 from codec_cases import anything, assert_same, haptic, laws, only_compiled, steps
@@ -7,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from hapticnet.codec import level_crossing
+from hapticnet.codec import kernels, level_crossing
 from hapticnet.codec.level_crossing import LevelCrossing
 from hapticnet.codec.predictive import LinearPredictive
 from hapticnet.codec.streamed import encode_streamed
@@ -58,3 +60,15 @@ def test_compiled_codecs_agree_with_their_streams_over_a_long_walk_with_impacts(
 def test_a_recording_whose_times_are_not_as_many_is_refused_as_its_stream_does():
     with pytest.raises(ValueError, match="zip"):
         LinearPredictive().encode_array(np.arange(9), np.ones((10, 1)))
+
+
+def test_kernels_older_than_any_file_they_may_build_on_are_forgotten(tmp_path, monkeypatch):
+    (tmp_path / "__pycache__").mkdir()
+    stale, fresh = (tmp_path / "__pycache__" / f"kernels_{name}.nbi" for name in ("stale", "fresh"))
+    for at_s, file in enumerate((stale, tmp_path / "trend.py", fresh)):
+        file.touch()
+        os.utime(file, (at_s, at_s))
+    monkeypatch.setattr(kernels, "__file__", str(tmp_path / "kernels.py"))
+    kernels._forget_stale_kernels()
+    assert not stale.exists()
+    assert fresh.exists()
