@@ -12,11 +12,11 @@ from codec_twins import Array, Loop, hand_m, load_twins, times_us
 
 from hapticnet.codec import arrays
 from hapticnet.codec import deadband as deadband_module
-from hapticnet.codec.arrays import fast_extra_installed
 from hapticnet.codec.base import Codec
 from hapticnet.codec.deadband import Deadband
 from hapticnet.codec.registry import CODECS
 from hapticnet.codec.sweep_thresholds import sweep_deadband
+from hapticnet.compiled import fast_extra_installed
 from hapticnet.experiment.paper_force import paper_recording
 from hapticnet.perception import WeberLaw
 

@@ -18,14 +18,15 @@ import numpy as np
 import record
 from codec_trials import PERIOD_US, hand_force, in_step, trials
 
-from hapticnet.codec.arrays import fast_extra_installed
-from hapticnet.codec.base import Codec, Encoding, FloatArray
+from hapticnet.arrays import FloatArray
+from hapticnet.codec.base import Codec, Encoding
 from hapticnet.codec.deadband import Deadband
-from hapticnet.codec.metrics import error_report
+from hapticnet.codec.recording import encode_lossy, encode_streamed
 from hapticnet.codec.registry import CODECS, make_codec
-from hapticnet.codec.streamed import encode_lossy, encode_streamed
+from hapticnet.compiled import fast_extra_installed
 from hapticnet.experiment.comparison import REPAIR_US, Trial
 from hapticnet.experiment.paper_force import paper_recording
+from hapticnet.measure.metrics import error_report
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector
 

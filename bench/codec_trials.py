@@ -9,7 +9,8 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from hapticnet.codec.base import Decoder, Encoder, FloatArray
+from hapticnet.arrays import FloatArray
+from hapticnet.codec.base import Decoder, Encoder
 from hapticnet.experiment.comparison import Trial
 from hapticnet.perception import WeberLaw
 

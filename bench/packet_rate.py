@@ -20,13 +20,13 @@ import record
 from virtual_time import both_nodes
 
 from hapticnet.codec.base import Codec
-from hapticnet.codec.metrics import error_report
 from hapticnet.codec.registry import make_codec
 from hapticnet.errors import HapticnetError
 from hapticnet.experiment.analysis import Columns, bytes_per_penetration
 from hapticnet.experiment.conditions import CONDITIONS, Condition
 from hapticnet.experiment.paper_force import paper_recording
 from hapticnet.experiment.recordings import load_recording
+from hapticnet.measure.metrics import error_report
 from hapticnet.node.master import MasterSettings
 from hapticnet.node.offline import cost_report
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator

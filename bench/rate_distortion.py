@@ -19,11 +19,11 @@ from rate_distortion_claims import VARIANTS, mean, payloads, rates, regimes, set
 from rate_distortion_signals import KINESTHETIC, made_signals, paper_signals, recorded_signals
 
 from hapticnet.codec.base import Codec
-from hapticnet.codec.bound import fewest_holds
 from hapticnet.codec.registry import CODECS, codec_parameters, make_codec
 from hapticnet.errors import HapticnetError
 from hapticnet.experiment.comparison import REPAIR_US, Trial, compare
 from hapticnet.experiment.comparison import Row as ComparisonRow
+from hapticnet.measure.bound import fewest_holds
 from hapticnet.node.offline import cost_report
 from hapticnet.perception import WeberLaw
 

@@ -8,10 +8,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from hapticnet.codec.bound import fewest_holds
-from hapticnet.codec.quality import perceptual_distances
 from hapticnet.codec.registry import make_codec
 from hapticnet.experiment.comparison import Trial, compare
+from hapticnet.measure.bound import fewest_holds
+from hapticnet.measure.quality import perceptual_distances
 from hapticnet.node.offline import cost_report
 from hapticnet.perception import WeberLaw
 

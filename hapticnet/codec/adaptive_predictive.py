@@ -17,11 +17,12 @@ from typing import ClassVar, Final
 import numpy as np
 import numpy.typing as npt
 
-from hapticnet.codec.arrays import as_recording, worth_compiling
-from hapticnet.codec.base import Encoding, FloatArray
+from hapticnet.arrays import FloatArray, as_recording
+from hapticnet.codec.arrays import worth_compiling
+from hapticnet.codec.base import Encoding
 from hapticnet.codec.payload import PayloadFormat, check_axes, check_parameter, check_step, distance
 from hapticnet.codec.predictive import is_impact, limited
-from hapticnet.codec.streamed import encode_streamed
+from hapticnet.codec.recording import encode_streamed
 from hapticnet.codec.trend import Trust, Vectors, trend
 from hapticnet.errors import PeerError
 from hapticnet.perception import WeberLaw

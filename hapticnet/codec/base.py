@@ -5,10 +5,9 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from hapticnet.arrays import FloatArray
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class Encoder(Protocol):

@@ -12,14 +12,9 @@ from typing import ClassVar, Final
 import numpy as np
 import numpy.typing as npt
 
-from hapticnet.codec.arrays import (
-    COMPILE_ABOVE_SAMPLES,
-    MARGIN,
-    as_recording,
-    fast_extra_installed,
-    refuse_out_of_range,
-)
-from hapticnet.codec.base import Encoder, Encoding, FloatArray
+from hapticnet.arrays import FloatArray, as_recording, refuse_out_of_range
+from hapticnet.codec.arrays import COMPILE_ABOVE_SAMPLES, MARGIN
+from hapticnet.codec.base import Encoder, Encoding
 from hapticnet.codec.payload import (
     COUNT_BYTES,
     DOUBLE_BYTES,
@@ -32,6 +27,7 @@ from hapticnet.codec.payload import (
     check_step,
     distance,
 )
+from hapticnet.compiled import fast_extra_installed
 from hapticnet.errors import SampleError
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector

@@ -11,10 +11,11 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from hapticnet.arrays import FloatArray, refuse_out_of_range
 from hapticnet.codec import deadband as deadband_module
 from hapticnet.codec import predictive
-from hapticnet.codec.arrays import MARGIN, refuse_out_of_range
-from hapticnet.codec.base import Encoding, FloatArray
+from hapticnet.codec.arrays import MARGIN
+from hapticnet.codec.base import Encoding
 from hapticnet.codec.payload import COUNT_BYTES, DOUBLE_BYTES, LARGEST_COUNT, SINGLE_BYTES
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import LARGEST_COMPONENT

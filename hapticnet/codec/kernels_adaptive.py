@@ -9,8 +9,9 @@ from typing import TypeAlias
 import numpy as np
 from numba import njit
 
+from hapticnet.arrays import FloatArray
 from hapticnet.codec.adaptive_predictive import BAND, LARGEST_OFFSET, LARGEST_TRAVEL, MOST_SAMPLES, TRAVEL
-from hapticnet.codec.base import Encoding, FloatArray
+from hapticnet.codec.base import Encoding
 from hapticnet.codec.kernels import IntArray, SizeArray, encoding, fraction_and_floor, room, rounded, since_us
 from hapticnet.codec.predictive import IMPACT_THRESHOLDS
 from hapticnet.codec.trend import (

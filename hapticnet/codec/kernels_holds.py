@@ -8,7 +8,8 @@ import math
 import numpy as np
 from numba import njit
 
-from hapticnet.codec.base import Encoding, FloatArray
+from hapticnet.arrays import FloatArray
+from hapticnet.codec.base import Encoding
 from hapticnet.codec.kernels import IntArray, SizeArray, encoding, fraction_and_floor, room, rounded, shortcut
 from hapticnet.codec.probabilistic import MOST_STATES
 from hapticnet.perception import WeberLaw

@@ -8,8 +8,9 @@ import math
 import numpy as np
 from numba import njit
 
+from hapticnet.arrays import FloatArray
 from hapticnet.codec.arrays import MARGIN
-from hapticnet.codec.base import Encoding, FloatArray
+from hapticnet.codec.base import Encoding
 from hapticnet.codec.kernels import (
     IntArray,
     SizeArray,

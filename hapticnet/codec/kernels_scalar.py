@@ -9,7 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 from numba import njit
 
-from hapticnet.codec.base import Encoding, FloatArray
+from hapticnet.arrays import FloatArray
+from hapticnet.codec.base import Encoding
 from hapticnet.codec.kernels import IntArray, SizeArray, encoding, fraction_and_floor, limited, room, rounded, shortcut
 from hapticnet.codec.payload import COUNT_BYTES, LARGEST_COUNT, SINGLE_BYTES
 from hapticnet.codec.predictive import IMPACT_THRESHOLDS

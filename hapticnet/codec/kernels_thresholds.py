@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numba import njit
 
-from hapticnet.codec.base import FloatArray
+from hapticnet.arrays import FloatArray
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import LARGEST_COMPONENT
 

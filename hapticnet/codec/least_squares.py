@@ -12,11 +12,12 @@ from typing import ClassVar, Final
 import numpy as np
 import numpy.typing as npt
 
-from hapticnet.codec.base import Encoding, FloatArray
+from hapticnet.arrays import FloatArray
+from hapticnet.codec.base import Encoding
 from hapticnet.codec.golomb_rice import RiceParameter, pack_integers, unpack_integers
 from hapticnet.codec.payload import SINGLE_BYTES, check_axes, check_parameter, check_step, distance
 from hapticnet.codec.predictive import Line, LineFormat, check_integer, is_impact, least_squares_slope
-from hapticnet.codec.streamed import encode_streamed
+from hapticnet.codec.recording import encode_streamed
 from hapticnet.errors import PeerError
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import LARGEST_COMPONENT, Vector, checked_vector, magnitude

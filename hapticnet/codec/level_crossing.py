@@ -14,11 +14,12 @@ from typing import ClassVar, Final
 import numpy as np
 import numpy.typing as npt
 
-from hapticnet.codec.arrays import as_recording, worth_compiling
-from hapticnet.codec.base import Encoder, Encoding, FloatArray
+from hapticnet.arrays import FloatArray, as_recording
+from hapticnet.codec.arrays import worth_compiling
+from hapticnet.codec.base import Encoder, Encoding
 from hapticnet.codec.deadband import hold_encoder
 from hapticnet.codec.payload import COUNT, HoldDecoder, PayloadFormat, check_axes, check_parameter, distance
-from hapticnet.codec.streamed import encode_streamed
+from hapticnet.codec.recording import encode_streamed
 from hapticnet.errors import PeerError
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import LARGEST_COMPONENT, Vector, checked_vector, magnitude

@@ -34,11 +34,12 @@ from typing import ClassVar, Final
 import numpy as np
 import numpy.typing as npt
 
-from hapticnet.codec.arrays import MARGIN, as_recording, worth_compiling
-from hapticnet.codec.base import Encoder, Encoding, FloatArray
+from hapticnet.arrays import FloatArray, as_recording
+from hapticnet.codec.arrays import MARGIN, worth_compiling
+from hapticnet.codec.base import Encoder, Encoding
 from hapticnet.codec.deadband import Deadband, hold_encoder
 from hapticnet.codec.payload import PayloadFormat, check_parameter, check_step
-from hapticnet.codec.streamed import encode_streamed
+from hapticnet.codec.recording import encode_streamed
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector, magnitude
 

@@ -14,8 +14,9 @@ from typing import ClassVar, Final
 import numpy as np
 import numpy.typing as npt
 
-from hapticnet.codec.arrays import as_recording, worth_compiling
-from hapticnet.codec.base import Encoding, FloatArray
+from hapticnet.arrays import FloatArray, as_recording
+from hapticnet.codec.arrays import worth_compiling
+from hapticnet.codec.base import Encoding
 from hapticnet.codec.payload import (
     COUNT,
     COUNT_BYTES,
@@ -27,7 +28,7 @@ from hapticnet.codec.payload import (
     check_step,
     distance,
 )
-from hapticnet.codec.streamed import encode_streamed
+from hapticnet.codec.recording import encode_streamed
 from hapticnet.errors import PeerError, SettingsError
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import LARGEST_COMPONENT, Vector, checked_vector, magnitude

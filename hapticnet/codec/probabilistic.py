@@ -12,10 +12,11 @@ from typing import ClassVar, Final
 import numpy as np
 import numpy.typing as npt
 
-from hapticnet.codec.arrays import as_recording, worth_compiling
-from hapticnet.codec.base import Encoding, FloatArray
+from hapticnet.arrays import FloatArray, as_recording
+from hapticnet.codec.arrays import worth_compiling
+from hapticnet.codec.base import Encoding
 from hapticnet.codec.payload import Form, HoldDecoder, PayloadFormat, check_parameter, check_step, distance
-from hapticnet.codec.streamed import encode_streamed
+from hapticnet.codec.recording import encode_streamed
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector
 

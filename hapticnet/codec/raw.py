@@ -6,8 +6,8 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from hapticnet.codec.arrays import as_recording, refuse_out_of_range
-from hapticnet.codec.base import Encoding, FloatArray
+from hapticnet.arrays import FloatArray, as_recording, refuse_out_of_range
+from hapticnet.codec.base import Encoding
 from hapticnet.codec.payload import COUNT_BYTES, LARGEST_COUNT, SINGLE_BYTES, HoldDecoder, PayloadFormat, check_step
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector

@@ -6,10 +6,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hapticnet.codec.arrays import COMPILE_ABOVE_SAMPLES, as_recording, fast_extra_installed
-from hapticnet.codec.base import FloatArray
+from hapticnet.arrays import FloatArray, as_recording
+from hapticnet.codec.arrays import COMPILE_ABOVE_SAMPLES
 from hapticnet.codec.deadband import Deadband
-from hapticnet.codec.metrics import error_report
+from hapticnet.compiled import fast_extra_installed
+from hapticnet.measure.metrics import error_report
 from hapticnet.perception import WeberLaw
 
 

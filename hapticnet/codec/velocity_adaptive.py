@@ -11,8 +11,9 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from hapticnet.codec.arrays import as_recording, worth_compiling
-from hapticnet.codec.base import Encoding, FloatArray
+from hapticnet.arrays import FloatArray, as_recording
+from hapticnet.codec.arrays import worth_compiling
+from hapticnet.codec.base import Encoding
 from hapticnet.codec.deadband import Deadband
 from hapticnet.codec.payload import (
     Form,
@@ -23,7 +24,7 @@ from hapticnet.codec.payload import (
     check_step,
     distance,
 )
-from hapticnet.codec.streamed import encode_streamed
+from hapticnet.codec.recording import encode_streamed
 from hapticnet.errors import SampleError
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import LARGEST_COMPONENT, Vector, magnitude

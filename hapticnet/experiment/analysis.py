@@ -7,8 +7,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from hapticnet.codec.base import FloatArray
-from hapticnet.codec.metrics import ErrorReport, error_report
+from hapticnet.arrays import FloatArray
+from hapticnet.measure.metrics import ErrorReport, error_report
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.wire import UDP_IPV4_HEADER_BYTES
 

@@ -9,12 +9,13 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from hapticnet.codec.base import Codec, FloatArray
-from hapticnet.codec.bound import fewest_holds, fewest_lines
-from hapticnet.codec.quality import QualityReport, quality_report
+from hapticnet.arrays import FloatArray
+from hapticnet.codec.base import Codec
+from hapticnet.codec.recording import encode_lossy, encode_streamed
 from hapticnet.codec.registry import CODECS, codec_parameters
-from hapticnet.codec.streamed import encode_lossy, encode_streamed
 from hapticnet.errors import SampleError
+from hapticnet.measure.bound import fewest_holds, fewest_lines
+from hapticnet.measure.quality import QualityReport, quality_report
 from hapticnet.node.offline import CostReport, cost_report
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import LARGEST_COMPONENT
@@ -89,7 +90,7 @@ class Trial:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """The fewest packets any encoder could do with on one recording under one law; see `codec.bound`.
+    """The fewest packets any encoder could do with on one recording under one law; see `measure.bound`.
 
     Attributes
     ----------

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from hapticnet.codec.base import FloatArray
+from hapticnet.arrays import FloatArray
 from hapticnet.errors import UnavailableError
 from hapticnet.experiment.analysis import Columns, bytes_per_penetration, felt_error
 from hapticnet.experiment.conditions import Condition, conditions_with

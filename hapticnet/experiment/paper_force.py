@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from hapticnet.codec.base import FloatArray
+from hapticnet.arrays import FloatArray
 from hapticnet.errors import SettingsError
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.samples import PositionSample

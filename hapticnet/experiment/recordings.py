@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from hapticnet.codec.base import FloatArray
+from hapticnet.arrays import FloatArray
 from hapticnet.errors import FileError, SettingsError
 from hapticnet.samples import MAX_AXES
 from hapticnet.tables import Table, read_csv

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 
-from hapticnet.codec.metrics import RunningError
 from hapticnet.codec.raw import Raw
 from hapticnet.codec.registry import codec_parameters, make_codec
 from hapticnet.control.force import ForceControlSettings
@@ -14,6 +13,7 @@ from hapticnet.control.hold import Hold, HoldSettings
 from hapticnet.control.limits import LimitSettings
 from hapticnet.device.base import Device
 from hapticnet.errors import PeerError, SettingsError
+from hapticnet.measure.metrics import RunningError
 from hapticnet.node.fingertip import Fingertip, FingertipEvent
 from hapticnet.node.recording import MASTER_COLUMNS, Recording
 from hapticnet.operator.base import Operator

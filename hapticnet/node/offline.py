@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from hapticnet.codec.base import Codec, Encoding, FloatArray
-from hapticnet.codec.metrics import error_report, worst_window_packets
+from hapticnet.arrays import FloatArray
+from hapticnet.codec.base import Codec, Encoding
+from hapticnet.measure.metrics import error_report, worst_window_packets
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.wire import UDP_IPV4_HEADER_BYTES, force_datagram_bytes, keepalive_datagram_bytes
 
@@ -28,7 +29,7 @@ class CostReport:
     wire_byte_reduction
         ``1 - wire_bytes / (wire bytes when every sample is sent raw)``.
     rmse_n, max_error_n, exceed_jnd_fraction
-        See `codec.metrics.ErrorReport`.
+        See `measure.metrics.ErrorReport`.
     worst_100ms_packets
         Most packets in any 100 ms.
     """

@@ -4,7 +4,7 @@ from array import array
 
 import numpy as np
 
-from hapticnet.codec.base import FloatArray
+from hapticnet.arrays import FloatArray
 
 SLAVE_COLUMNS = ("t_us", "position_m", "force_n", "held_n", "transmitted", "datagram_bytes", "breaches")
 """Per position answered: its time stamp (the master's clock), the position, the true force, what the master applies

@@ -4,10 +4,10 @@ from collections.abc import Hashable
 from typing import Any
 
 from hapticnet.codec.base import Codec
-from hapticnet.codec.metrics import RunningError
 from hapticnet.codec.raw import Raw
 from hapticnet.codec.registry import codec_parameters
 from hapticnet.errors import PeerError, SampleError
+from hapticnet.measure.metrics import RunningError
 from hapticnet.node.recording import SLAVE_COLUMNS, Recording
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import Datagram, Kind

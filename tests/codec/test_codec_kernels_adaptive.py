@@ -11,7 +11,7 @@ from hypothesis.extra import numpy as npst
 
 from hapticnet.codec import adaptive_predictive
 from hapticnet.codec.adaptive_predictive import AdaptivePredictive
-from hapticnet.codec.streamed import encode_streamed
+from hapticnet.codec.recording import encode_streamed
 from hapticnet.errors import SampleError
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import LARGEST_COMPONENT

@@ -14,7 +14,7 @@ from hapticnet.codec import merging, passive, probabilistic, velocity_adaptive
 from hapticnet.codec.merging import Merging
 from hapticnet.codec.passive import PassiveExtrapolative, PassiveInterpolative
 from hapticnet.codec.probabilistic import Probabilistic
-from hapticnet.codec.streamed import encode_streamed
+from hapticnet.codec.recording import encode_streamed
 from hapticnet.codec.velocity_adaptive import VelocityAdaptive
 from hapticnet.errors import SampleError
 from hapticnet.perception import WeberLaw

@@ -12,7 +12,7 @@ from hypothesis.extra import numpy as npst
 from hapticnet.codec import kernels, level_crossing
 from hapticnet.codec.level_crossing import LevelCrossing
 from hapticnet.codec.predictive import LinearPredictive
-from hapticnet.codec.streamed import encode_streamed
+from hapticnet.codec.recording import encode_streamed
 from hapticnet.errors import SampleError
 from hapticnet.perception import WeberLaw
 

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from hapticnet.codec.deadband import Deadband
 from hapticnet.codec.merging import Merging
-from hapticnet.codec.metrics import worst_window_packets
 from hapticnet.errors import SampleError, SettingsError
+from hapticnet.measure.metrics import worst_window_packets
 from hapticnet.perception import WeberLaw
 
 MS = 1000

@@ -6,9 +6,9 @@ from hypothesis import strategies as st
 
 from hapticnet.codec.base import Codec
 from hapticnet.codec.deadband import Deadband
-from hapticnet.codec.metrics import error_report
 from hapticnet.codec.probabilistic import MOST_STATES, Probabilistic
 from hapticnet.errors import SettingsError
+from hapticnet.measure.metrics import error_report
 from hapticnet.perception import WeberLaw
 
 LAW = WeberLaw(weber_fraction=0.1, floor_n=0.01)

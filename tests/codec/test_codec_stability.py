@@ -8,9 +8,9 @@ import pytest
 
 from bench.codec_trials import hand_force, in_step, trials
 from hapticnet.codec.least_squares import ABSOLUTE, LeastSquares
-from hapticnet.codec.metrics import norms
 from hapticnet.codec.registry import CODECS, codec_parameters, make_codec
 from hapticnet.errors import SampleError
+from hapticnet.measure.metrics import norms
 from hapticnet.perception import WeberLaw
 
 LAW = WeberLaw(weber_fraction=0.05, floor_n=0.025)

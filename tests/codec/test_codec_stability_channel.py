@@ -7,8 +7,8 @@ import pytest
 from codec_cases import wandering
 
 import bench.codec_trials  # noqa: F401 - so that codecs can be copied
+from hapticnet.codec.recording import encode_lossy
 from hapticnet.codec.registry import CODECS, codec_parameters, make_codec
-from hapticnet.codec.streamed import encode_lossy
 from hapticnet.errors import PeerError
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import LARGEST_COMPONENT, magnitude

@@ -9,9 +9,9 @@ from hypothesis.extra import numpy as npst
 
 from hapticnet.codec import sweep_thresholds
 from hapticnet.codec.deadband import Deadband
-from hapticnet.codec.metrics import error_report
 from hapticnet.codec.sweep_thresholds import sweep_deadband
 from hapticnet.errors import SampleError
+from hapticnet.measure.metrics import error_report
 from hapticnet.perception import WeberLaw
 
 CONDITIONS = [WeberLaw(multiplier=multiplier) for multiplier in np.geomspace(0.01, 20.0, 11)]

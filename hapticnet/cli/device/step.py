@@ -9,7 +9,7 @@ import typer
 from hapticnet.cli import options
 
 if TYPE_CHECKING:
-    from hapticnet.codec.base import FloatArray
+    from hapticnet.arrays import FloatArray
     from hapticnet.device.base import Device
 
 

@@ -10,10 +10,10 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from hapticnet.codec import bound
-from hapticnet.codec.bound import fewest_holds, fewest_lines, hold_pieces, line_pieces, tube
 from hapticnet.codec.deadband import Deadband
 from hapticnet.errors import SampleError
+from hapticnet.measure import bound
+from hapticnet.measure.bound import fewest_holds, fewest_lines, hold_pieces, line_pieces, tube
 from hapticnet.perception import WeberLaw
 
 SLACK = 1e-12

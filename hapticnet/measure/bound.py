@@ -16,11 +16,11 @@ from typing import Final
 
 import numpy as np
 
-from hapticnet.codec.arrays import as_recording, fast_extra_installed, refuse_out_of_range
-from hapticnet.codec.base import FloatArray
-from hapticnet.codec.metrics import norms
-from hapticnet.codec.sweeps import IntArray, compiled, sweep_holds, sweep_holds_of_columns, sweep_lines
+from hapticnet.arrays import FloatArray, as_recording, refuse_out_of_range
+from hapticnet.compiled import compiled, fast_extra_installed
 from hapticnet.errors import SampleError
+from hapticnet.measure.metrics import norms
+from hapticnet.measure.pieces import IntArray, sweep_holds, sweep_holds_of_columns, sweep_lines
 from hapticnet.perception import WeberLaw
 
 COMPILE_HOLDS_ABOVE = 5_000_000

@@ -5,14 +5,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from hapticnet.codec.arrays import as_recording
-from hapticnet.codec.base import Codec, Encoding, FloatArray
+from hapticnet.arrays import FloatArray, as_recording
+from hapticnet.codec.base import Codec, Encoding
 from hapticnet.errors import PeerError, SampleError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from hapticnet.samples import Vector
+
+
+def encode_array(
+    codec: Codec, t_us: npt.NDArray[np.int64], stimuli: FloatArray, positions: FloatArray | None = None
+) -> Encoding:
+    """Encode and decode a recording without loss; see `Codec.encode_array`."""
+    return codec.encode_array(t_us, stimuli, positions)
 
 
 def encode_streamed(

@@ -7,8 +7,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from hapticnet.codec.base import FloatArray
-from hapticnet.codec.metrics import error_report, norms, worst_window_packets
+from hapticnet.arrays import FloatArray
+from hapticnet.measure.metrics import error_report, norms, worst_window_packets
 from hapticnet.perception import WeberLaw
 
 IntArray = npt.NDArray[np.int64]
@@ -26,7 +26,7 @@ class QualityReport:
     Attributes
     ----------
     rmse_n, max_error_n, exceed_jnd_fraction
-        See `codec.metrics.ErrorReport`.
+        See `measure.metrics.ErrorReport`.
     peak_n
         Largest norm of a true stimulus [N], the peak of both signal-to-noise ratios.
     psnr_db

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 from hapticnet.codec.deadband import Deadband
-from hapticnet.codec.quality import (
+from hapticnet.measure.quality import (
     QualityReport,
     created_energy_j,
     fechner_scale,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from hapticnet.codec.base import FloatArray
+from hapticnet.arrays import FloatArray
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector, magnitude
 

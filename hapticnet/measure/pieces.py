@@ -1,25 +1,14 @@
 """The greedy sweeps behind `bound`: the same source runs as plain Python over lists, and compiled over arrays."""
 
 import math
-from collections.abc import Callable
-from functools import cache
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from hapticnet.codec.base import FloatArray
+from hapticnet.arrays import FloatArray
 
 IntArray = npt.NDArray[np.int64]
-
-
-@cache
-def compiled(sweep: Callable[..., int]) -> Callable[..., int]:
-    """Return the very same function compiled by numba; it takes arrays where plain Python is faster with lists."""
-    from numba import njit
-
-    function: Callable[..., int] = njit(cache=True, nogil=True, error_model="numpy")(sweep)
-    return function
 
 
 def sweep_holds(low: Any, high: Any, starts: IntArray) -> int:

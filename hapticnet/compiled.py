@@ -1,0 +1,133 @@
+"""Plain functions compiled by numba (the ``fast`` extra). The functions themselves know nothing of it.
+
+A function is compiled together with every plain function of hapticnet it calls by name. The subset is that of numba
+in nopython mode; tuples of 1 to 3 floats stand for vectors, and ``if len(x) == 1`` is decided when it is compiled.
+
+Machine code is kept in ``$XDG_CACHE_HOME/hapticnet`` (or ``$NUMBA_CACHE_DIR``), in a folder named after the content of
+the sources, so that an edited constant or function is never run from old machine code.
+"""
+
+import hashlib
+import importlib.util
+import math
+import os
+import shutil
+from collections.abc import Callable, Mapping
+from functools import cache
+from pathlib import Path
+from types import FunctionType
+from typing import Any, Final
+
+from hapticnet import rounding
+
+SOURCES: Final = ("*.py", "codec/**/*.py", "measure/*.py")
+"""Files of hapticnet whose content names the folder of machine code."""
+
+KEPT_FOLDERS: Final = 3
+"""Folders of machine code that are kept, the newest first."""
+
+
+@cache
+def fast_extra_installed() -> bool:
+    """Tell whether the ``fast`` extra (numba) can be imported, without importing it."""
+    return importlib.util.find_spec("numba") is not None
+
+
+_compiled: dict[tuple[FunctionType, str], Callable[..., Any]] = {}
+
+
+def compiled(
+    function: Callable[..., Any], *, name: str = "", using: Mapping[str, Callable[..., Any]] | None = None
+) -> Callable[..., Any]:
+    """Return a plain function compiled, the same object every time.
+
+    Parameters
+    ----------
+    function
+        A function of module level without closures.
+    name
+        Distinguishes the versions of one function that differ in `using`.
+    using
+        Functions that take the place of globals of `function`, by the name it calls them.
+    """
+    if not isinstance(function, FunctionType):
+        raise TypeError(f"{function!r} is not a plain function")
+    if (function, name) not in _compiled:
+        _compiled[function, name] = _bodies().get(function) or _jit(_linked(function, name, using or {}))
+    return _compiled[function, name]
+
+
+def _linked(function: FunctionType, name: str, using: Mapping[str, Callable[..., Any]]) -> FunctionType:
+    """Return a function whose globals are compiled where they are functions of hapticnet."""
+    scope = {**function.__globals__, **using}
+    for called in function.__code__.co_names:
+        other = scope.get(called)
+        if isinstance(other, FunctionType) and other.__module__.startswith("hapticnet."):
+            scope[called] = compiled(other)
+    linked = FunctionType(function.__code__, scope, function.__name__, function.__defaults__)
+    linked.__qualname__ = f"{name}.{function.__qualname__}" if name else function.__qualname__
+    linked.__module__ = function.__module__
+    return linked
+
+
+def _jit(function: Callable[..., Any]) -> Callable[..., Any]:
+    from numba import config as numba_config
+    from numba import njit
+
+    config: Any = numba_config  # its settings are set by name when it is imported
+    given = config.CACHE_DIR
+    config.CACHE_DIR = str(_folder(given))
+    try:
+        jitted: Callable[..., Any] = njit(cache=True, nogil=True, error_model="numpy")(function)
+    finally:
+        config.CACHE_DIR = given
+    return jitted
+
+
+@cache
+def _folder(base: str) -> Path:
+    """Return the folder for machine code of the present sources; remove the oldest ones beside it."""
+    package = Path(__file__).parent
+    digest = hashlib.sha256()
+    for file in sorted({file for pattern in SOURCES for file in package.glob(pattern)}):
+        digest.update(file.read_bytes())
+    caches = Path(base or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hapticnet"
+    folder = caches / digest.hexdigest()[:16]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        os.utime(folder)
+        newest_first = sorted(caches.iterdir(), key=lambda each: each.stat().st_mtime, reverse=True)
+        for old in newest_first[KEPT_FOLDERS:]:
+            shutil.rmtree(old, ignore_errors=True)
+    except OSError:
+        pass  # numba then chooses a folder of its own, or keeps nothing
+    return folder
+
+
+@cache
+def _bodies() -> dict[Callable[..., Any], Callable[..., Any]]:
+    """Return the compiled bodies of `rounding`."""
+    import numpy as np
+
+    def as_single(x: float) -> float:
+        return np.float64(np.float32(x))
+
+    def as_half(x: float) -> float:
+        # Eleven bits, of which the last is worth no less than 2 ** -24.
+        _, exponent = math.frexp(x)
+        unit = math.ldexp(1.0, max(exponent, -13) - 11)
+        units: float = np.rint(x / unit)
+        return units * unit
+
+    def nearest(x: float) -> float:
+        whole: float = np.rint(x)
+        return whole
+
+    from numba import njit
+
+    inline = njit(nogil=True, error_model="numpy")
+    return {
+        rounding.as_single: inline(as_single),
+        rounding.as_half: inline(as_half),
+        rounding.nearest: inline(nearest),
+    }
