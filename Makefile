@@ -36,16 +36,16 @@ docker-check: $(VENV)/installed-dev
 RECORDINGS ?=
 
 bench: system-packages $(VENV)/installed-dev
-	$(BIN)/python bench/rate_distortion.py $(RECORDINGS) --json results/bench/rate_distortion.json
-	$(BIN)/python bench/codec_speed.py --json results/bench/codec_speed.json
-	$(BIN)/python bench/codec_stability.py --json results/bench/codec_stability.json
-	$(BIN)/python bench/packet_rate.py --out results/bench
-	$(BIN)/python bench/scene_accuracy.py --json results/bench/scene_accuracy.json
-	$(BIN)/python bench/scene_cost.py --json results/bench/scene_cost.json
-	$(BIN)/python bench/force_loop.py --json results/bench/force_loop.json
-	$(BIN)/python bench/virtual_time.py --json results/bench/virtual_time.json
-	$(BIN)/python bench/loop.py --json results/bench/loop.json
-	$(BIN)/python bench/page.py results/bench
+	$(BIN)/python bench/measure/rate_distortion.py $(RECORDINGS) --json results/bench/rate_distortion.json
+	$(BIN)/python bench/measure/codec_speed.py --json results/bench/codec_speed.json
+	$(BIN)/python bench/measure/codec_stability.py --json results/bench/codec_stability.json
+	$(BIN)/python bench/measure/packet_rate.py --out results/bench
+	$(BIN)/python bench/measure/scene_accuracy.py --json results/bench/scene_accuracy.json
+	$(BIN)/python bench/measure/scene_cost.py --json results/bench/scene_cost.json
+	$(BIN)/python bench/measure/force_loop.py --json results/bench/force_loop.json
+	$(BIN)/python bench/measure/virtual_time.py --json results/bench/virtual_time.json
+	$(BIN)/python bench/measure/loop.py --json results/bench/loop.json
+	$(BIN)/python bench/report/page.py results/bench
 
 # The C programs that bench/ measures against, the network namespaces of the two-host test, and what the firmware is
 # built with and simulated in.

@@ -50,7 +50,7 @@ def _tracking(row: Row) -> str:
 
 _FOOTNOTE = """\
 Paper: "Cutaneous haptic deadband compression". It states neither its sampling
-rate nor its motion, on which the reduction depends: see bench/packet_rate.py.
+rate nor its motion, on which the reduction depends: see bench/measure/packet_rate.py.
 Bytes are all that the slave sent, keepalives, UDP and IPv4 headers included.
 Packet-rate reduction counts force packets only. "As felt" is the force held at
 each tick against the true force at the position of that tick: delay counts too.

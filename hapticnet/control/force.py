@@ -38,7 +38,7 @@ class ForceControlSettings:
     finger
         What is known of the finger, and how fast it may change.
     period_us
-        Control period [µs]; readings in between are averaged. bench/force_loop.py compares periods.
+        Control period [µs]; readings in between are averaged. bench/measure/force_loop.py compares periods.
     travel_m
         How far [m] the platform may go.
     max_force_n

@@ -1,7 +1,7 @@
 """Timers that wake an event loop to the microsecond.
 
 The loops' own timers are a millisecond coarse (uvloop) or late (asyncio); a timerfd that the loop watches like a socket
-is as punctual as a C program sleeping with clock_nanosleep. bench/loop.py measures both.
+is as punctual as a C program sleeping with clock_nanosleep. bench/measure/loop.py measures both.
 """
 
 import asyncio

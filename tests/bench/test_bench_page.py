@@ -10,8 +10,9 @@ REPOSITORY = Path(__file__).parents[2]
 
 
 def bench(script, *arguments):
+    folder = "report" if script.startswith(("page", "plot")) else "measure"
     environment = os.environ | {"PYTHONPATH": str(REPOSITORY)}
-    command = [sys.executable, REPOSITORY / "bench" / script, *map(str, arguments)]
+    command = [sys.executable, REPOSITORY / "bench" / folder / script, *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=100, check=True)
 
 
@@ -32,9 +33,9 @@ def sections(page):
 
 def test_the_page_says_what_was_not_measured(page):
     found = sections(page)
-    assert "Not measured (`bench/force_loop.py`)." in found["The fingertip's force loop"]
+    assert "Not measured (`bench/measure/force_loop.py`)." in found["The fingertip's force loop"]
     assert "Not measured" not in found["Packets over the best possible"]
-    assert "`bench/scene_accuracy.py`" in found["Set-up"]
+    assert "`bench/measure/scene_accuracy.py`" in found["Set-up"]
     assert "force_loop" not in found["Set-up"]
 
 

@@ -17,8 +17,9 @@ TINY = ("--seeds", "1", "--insertions", "1")
 
 
 def bench(script, *arguments):
+    folder = "report" if script.startswith(("page", "plot")) else "measure"
     environment = os.environ | {"PYTHONPATH": str(REPOSITORY)}
-    command = [sys.executable, REPOSITORY / "bench" / script, *map(str, arguments)]
+    command = [sys.executable, REPOSITORY / "bench" / folder / script, *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=100, check=False)
 
 

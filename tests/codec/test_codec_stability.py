@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from bench.codec_trials import hand_force, in_step, trials
+from bench.measure.codec_trials import hand_force, in_step, trials
 from hapticnet.codec.least_squares import ABSOLUTE, LeastSquares
 from hapticnet.codec.registry import CODECS, codec_parameters, make_codec
 from hapticnet.errors import SampleError

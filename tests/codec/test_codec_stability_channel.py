@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from codec_cases import wandering
 
-import bench.codec_trials  # noqa: F401 - so that codecs can be copied
+import bench.measure.codec_trials  # noqa: F401 - so that codecs can be copied
 from hapticnet.codec.recording import encode_lossy
 from hapticnet.codec.registry import CODECS, codec_parameters, make_codec
 from hapticnet.errors import PeerError

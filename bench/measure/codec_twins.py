@@ -22,7 +22,7 @@ from hapticnet.perception import WeberLaw
 Array = npt.NDArray[np.float64]
 Loop = Callable[[Array], int]
 
-PEERS = Path(__file__).parent / "peers"
+PEERS = Path(__file__).parents[1] / "peers"
 LAW = WeberLaw()
 
 

@@ -67,7 +67,9 @@ def page(records: dict[str, Row]) -> str:
     ]
     for name, title, section in SECTIONS:
         parts.append(f"## {title}")
-        parts += section(records[name]["results"]) if name in records else [f"Not measured (`bench/{name}.py`)."]
+        parts += (
+            section(records[name]["results"]) if name in records else [f"Not measured (`bench/measure/{name}.py`)."]
+        )
     return "\n\n".join(parts) + "\n"
 
 
@@ -85,7 +87,7 @@ def setup(records: dict[str, Row]) -> list[str]:
         table(
             ("benchmark", "revision", "seed", "repetitions"),
             (
-                (f"`bench/{name}.py`", record["revision"], str(record["seed"]), str(record["repetitions"]))
+                (f"`bench/measure/{name}.py`", record["revision"], str(record["seed"]), str(record["repetitions"]))
                 for name, record in records.items()
             ),
         ),
@@ -104,8 +106,10 @@ def draw(folder: Path, records: dict[str, Row], figures: Path) -> None:
 def main() -> None:
     """Read what there is, draw, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("results", type=Path, nargs="?", default=BENCH.parent / "results" / "bench", help="folder")
-    parser.add_argument("--out", type=Path, default=BENCH.parent / "docs", metavar="DIR", help="where the page goes")
+    parser.add_argument("results", type=Path, nargs="?", default=BENCH.parents[1] / "results" / "bench", help="folder")
+    parser.add_argument(
+        "--out", type=Path, default=BENCH.parents[1] / "docs", metavar="DIR", help="where the page goes"
+    )
     arguments = parser.parse_args()
     records = {}
     names = dict.fromkeys(name for name, _, _ in SECTIONS)

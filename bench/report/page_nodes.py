@@ -99,7 +99,7 @@ def codec_stability(results: Row) -> list[str]:
         ),
         (
             "Long runs: samples beyond the threshold, and how often encoder and decoder were found out of step, looked at after"
-            " every hundred thousand samples. `bench/codec_stability.py --seconds` says how long each codec streams, up to"
+            " every hundred thousand samples. `bench/measure/codec_stability.py --seconds` says how long each codec streams, up to"
             " 10⁸ samples."
         ),
         table(

@@ -18,7 +18,7 @@ import record
 
 from hapticnet.runtime.children import Child
 
-PEERS = Path(__file__).parent / "peers"
+PEERS = Path(__file__).parents[1] / "peers"
 PERCENTILES = (50, 99, 99.9)
 CODECS = ("raw", "deadband")
 

@@ -40,7 +40,7 @@ def signals(results: Row) -> list[str]:
         ),
         (
             "The paper's scene is felt by the scripted hand of so many seeds, and counts as one signal in every average."
-            " Made signals come from `bench/rate_distortion_signals.py`, each one thing a codec must live with. Recordings are"
+            " Made signals come from `bench/measure/rate_distortion_signals.py`, each one thing a codec must live with. Recordings are"
             " not in the repository"
             f" (`make bench RECORDINGS=FILE:FORCE:POSITION`). {' '.join(sources)}"
         ).rstrip(),

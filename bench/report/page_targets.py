@@ -14,7 +14,7 @@ def targets(records: dict[str, Row]) -> list[str]:
     """Return the table of targets of whatever was measured."""
     found = [target for name, of in OF.items() if name in records for target in of(records[name]["results"])]
     missed = sum(not reached for *_, reached in found)
-    absent = [f"`bench/{name}.py`" for name in OF if name not in records]
+    absent = [f"`bench/measure/{name}.py`" for name in OF if name not in records]
     text = [
         (
             f"What hapticnet aims at, and what this run reached: {missed} of {len(found)} are missed. The sections below have the"
