@@ -1,0 +1,53 @@
+"""Range checks of settings, and the messages that report a value out of range."""
+
+from hapticnet.errors import SettingsError
+
+
+def check_parameter(
+    name: str, value: float, smallest: float, largest: float, unit: str = "", *, zero_allowed: bool = False
+) -> None:
+    """Check that ``smallest <= value <= largest``, or that `value` is 0 where `zero_allowed`.
+
+    Raises
+    ------
+    SettingsError
+        If the value is out of range or NaN. The message has the form "NAME is VALUE; it must be between A and B".
+    """
+    # NaN compares false with everything, so this form rejects it too.
+    if not (smallest <= value <= largest or (zero_allowed and value == 0)):
+        zero = "0 or " if zero_allowed else ""
+        raise _out_of_range(name, value, f"{zero}between {_text(smallest)} and {_text(largest)}", unit)
+
+
+def check_integer(name: str, value: float, smallest: int, largest: int, unit: str = "") -> None:
+    """Check that `value` is a whole number from `smallest` to `largest`.
+
+    Raises
+    ------
+    SettingsError
+        If it is not.
+    """
+    check_parameter(name, value, smallest, largest, unit)
+    if value != int(value):
+        raise _out_of_range(name, value, "a whole number", "")
+
+
+def check_above(name: str, value: float, bound: float, largest: float, unit: str = "") -> None:
+    """Check that ``bound < value <= largest``.
+
+    Raises
+    ------
+    SettingsError
+        If the value is out of range or NaN.
+    """
+    if not bound < value <= largest:
+        raise _out_of_range(name, value, f"above {_text(bound)} and at most {_text(largest)}", unit)
+
+
+def _out_of_range(name: str, value: float, expected: str, unit: str) -> SettingsError:
+    unit = unit and f" {unit}"
+    return SettingsError(f"{name} is {value}{unit}; it must be {expected}{unit}")
+
+
+def _text(number: float) -> str:
+    return str(number) if isinstance(number, int) else f"{number:g}"

@@ -1,0 +1,43 @@
+"""Range checks: what they accept and what their messages say."""
+
+import math
+
+import pytest
+
+from hapticnet.checks import check_above, check_integer, check_parameter
+from hapticnet.errors import SettingsError
+
+
+def test_limits_of_a_range_are_accepted():
+    check_parameter("gain", 0.5, 0.5, 2.0)
+    check_parameter("gain", 2.0, 0.5, 2.0)
+    check_integer("count", 3.0, 1, 3)
+    check_above("rate", 5.0, 0.0, 5.0)
+    check_parameter("step", 0.0, 1e-6, 1.0, zero_allowed=True)
+
+
+@pytest.mark.parametrize("value", [0.0, 2.1, math.nan, math.inf, -math.inf])
+def test_a_value_out_of_range_is_reported_with_the_range_and_the_unit(value):
+    with pytest.raises(SettingsError, match=rf"^gain is {value} N; it must be between 0\.5 and 2 N$"):
+        check_parameter("gain", value, 0.5, 2.0, "N")
+
+
+@pytest.mark.parametrize("value", [-1.0, 1e-7, math.nan])
+def test_a_value_out_of_range_is_reported_with_zero_if_zero_is_allowed(value):
+    with pytest.raises(SettingsError, match=rf"^step is {value}; it must be 0 or between 1e-06 and 1$"):
+        check_parameter("step", value, 1e-6, 1.0, zero_allowed=True)
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [(1.5, "a whole number"), (4, "between 1 and 3 samples"), (math.nan, "between 1 and 3 samples")],
+)
+def test_a_value_that_is_not_a_whole_number_in_range_is_reported(value, expected):
+    with pytest.raises(SettingsError, match=rf"^count is {value}( samples)?; it must be {expected}$"):
+        check_integer("count", value, 1, 3, "samples")
+
+
+@pytest.mark.parametrize("value", [0.0, 5.1, math.nan])
+def test_an_open_lower_bound_is_reported_as_above(value):
+    with pytest.raises(SettingsError, match=rf"^rate is {value}; it must be above 0 and at most 5$"):
+        check_above("rate", value, 0.0, 5.0)
