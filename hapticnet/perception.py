@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from statistics import fmean
 from typing import TYPE_CHECKING, Final
 
-from hapticnet.errors import SettingsError
+from hapticnet.checks import check_parameter
 
 if TYPE_CHECKING:
     import numpy as np
@@ -61,8 +61,7 @@ class WeberLaw:
             ("JND floor", self.floor_n, 1e9),
             ("JND multiplier", self.multiplier, 1e3),
         ):
-            if value and not SMALLEST <= value <= largest:
-                raise SettingsError(f"{name} is {value}; it must be 0 or between {SMALLEST:g} and {largest:g}")
+            check_parameter(name, value, SMALLEST, largest, zero_allowed=True)
 
     def jnd_n(self, reference_n: float) -> float:
         """Return the just-noticeable difference [N] from a stimulus of magnitude `reference_n` [N]."""

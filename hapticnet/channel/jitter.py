@@ -9,6 +9,7 @@ import numpy as np
 
 from hapticnet.channel.loss import BLOCK
 from hapticnet.channel.quantities import LONGEST_US, format_time, parse_number, parse_time_us
+from hapticnet.checks import check_above, check_parameter
 from hapticnet.errors import SettingsError
 
 Distribution: TypeAlias = Literal["normal", "uniform", "pareto"]
@@ -58,15 +59,11 @@ class Jitter:
     def __post_init__(self) -> None:
         if self.distribution not in DISTRIBUTIONS:
             raise SettingsError(f'jitter is "{self.distribution}"; it must be one of {", ".join(DISTRIBUTIONS)}')
-        if not 0 <= self.deviation_us <= LONGEST_US:
-            raise SettingsError(f"jitter deviation is {self.deviation_us} us; it must be between 0 and {LONGEST_US} us")
+        check_parameter("jitter deviation", self.deviation_us, 0, LONGEST_US, "µs")
         if self.distribution != "pareto" and self.shape != DEFAULT_SHAPE:
             raise SettingsError(f"jitter shape is {self.shape}; only pareto has a shape")
-        if not 2.0 < self.shape <= LARGEST_SHAPE:
-            raise SettingsError(
-                f"jitter shape is {self.shape}; it must be above 2, where a Pareto distribution has a standard "
-                f"deviation, and at most {LARGEST_SHAPE:g}"
-            )
+        # At 2 and below, a Pareto distribution has no standard deviation.
+        check_above("jitter shape", self.shape, 2, LARGEST_SHAPE)
 
     def describe(self) -> str:
         """Return the text `parse_jitter` reads."""

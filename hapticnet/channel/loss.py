@@ -8,19 +8,13 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from hapticnet.channel.quantities import format_share, parse_share
+from hapticnet.checks import check_parameter
 from hapticnet.errors import SettingsError
 
 BLOCK: Final = 1024
 """Random numbers drawn at once: one at a time they would cost more than all the rest of a packet's way."""
 
 LONGEST_PATTERN: Final = 1_000_000
-
-
-def _check_shares(what: str, shares: dict[str, float]) -> None:
-    for name, share in shares.items():
-        # Written so that NaN, which compares false with everything, is refused too.
-        if not 0.0 <= share <= 1.0:
-            raise SettingsError(f"{what}: {name} is {share}; it must be between 0 and 1")
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +35,7 @@ class BernoulliLoss:
     probability: float
 
     def __post_init__(self) -> None:
-        _check_shares("loss", {"probability": self.probability})
+        check_parameter("loss probability", self.probability, 0, 1)
 
     @property
     def mean(self) -> float:
@@ -91,7 +85,8 @@ class GilbertElliottLoss:
     k: float = 1.0
 
     def __post_init__(self) -> None:
-        _check_shares("loss gilbert", {"p": self.p, "r": self.r, "h": self.h, "k": self.k})
+        for name, share in (("p", self.p), ("r", self.r), ("h", self.h), ("k", self.k)):
+            check_parameter(f"loss gilbert: {name}", share, 0, 1)
         if self.p + self.r == 0.0:
             raise SettingsError("loss gilbert: p and r are both 0; the state would never change")
 

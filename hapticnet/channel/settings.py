@@ -12,7 +12,7 @@ from hapticnet.channel.quantities import (
     format_share,
     format_time,
 )
-from hapticnet.errors import SettingsError
+from hapticnet.checks import check_parameter
 
 DEFAULT_HOLD_BACK_US: Final = 10_000
 """How long a reordered packet is held back: ten packets of a 1 kHz stream overtake it."""
@@ -70,17 +70,12 @@ class ChannelSettings:
 
     def __post_init__(self) -> None:
         rate = FASTEST_BIT_PER_S if self.rate_bit_per_s is None else self.rate_bit_per_s
-        for name, value, least, most in (
-            ("delay_us", self.delay_us, 0, LONGEST_US),
-            ("reorder_probability", self.reorder_probability, 0, 1),
-            ("hold_back_us", self.hold_back_us, 1, LONGEST_US),
-            ("duplicate_probability", self.duplicate_probability, 0, 1),
-            ("rate_bit_per_s", rate, 1, FASTEST_BIT_PER_S),
-            ("queue_us", self.queue_us, 1, LONGEST_US),
-        ):
-            # Written so that NaN, which compares false with everything, is refused too.
-            if not least <= value <= most:
-                raise SettingsError(f"channel {name} is {value}; it must be between {least} and {most}")
+        check_parameter("channel delay_us", self.delay_us, 0, LONGEST_US)
+        check_parameter("channel reorder_probability", self.reorder_probability, 0, 1)
+        check_parameter("channel hold_back_us", self.hold_back_us, 1, LONGEST_US)
+        check_parameter("channel duplicate_probability", self.duplicate_probability, 0, 1)
+        check_parameter("channel rate_bit_per_s", rate, 1, FASTEST_BIT_PER_S)
+        check_parameter("channel queue_us", self.queue_us, 1, LONGEST_US)
 
     @property
     def is_perfect(self) -> bool:

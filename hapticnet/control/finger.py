@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from hapticnet.errors import SettingsError
+from hapticnet.checks import check_parameter
 
 STIFFENING: Final = 0.3
 """Share of a fingertip's stiffness at 1 N that comes from the force; an assumption, fingers vary.
@@ -77,19 +77,15 @@ class FingerSettings:
     lag_s: float = 0.01
 
     def __post_init__(self) -> None:
-        for name, value, smallest, largest in (
-            ("finger stiffness [N/m]", self.stiffness_n_m, SOFTEST_N_M, STIFFEST_N_M),
-            ("uncertainty of the compliance", self.uncertainty, 0.0, 1.0),
-            ("largest uncertainty of the compliance", self.largest_uncertainty, 0.0, 1.0),
-            ("uncertainty of the finger's position [m]", self.position_m, 1e-6, 0.1),
-            ("uncertainty of a finger touched again [m]", self.reseat_m, 0.0, 0.1),
-            ("finger drift [m/s]", self.drift_m, 0.0, 0.1),
-            ("change of compliance [m/N/s]", self.change_m_n, 0.0, 0.1),
-            ("uncertainty of the platform [m]", self.platform_m, 1e-6, 0.1),
-            ("uncertainty of the servos' lag [s]", self.lag_s, 0.0, 1.0),
-        ):
-            if not smallest <= value <= largest:
-                raise SettingsError(f"{name} is {value}; it must be between {smallest:g} and {largest:g}")
+        check_parameter("finger stiffness", self.stiffness_n_m, SOFTEST_N_M, STIFFEST_N_M, "N/m")
+        check_parameter("uncertainty of the compliance", self.uncertainty, 0.0, 1.0)
+        check_parameter("largest uncertainty of the compliance", self.largest_uncertainty, 0.0, 1.0)
+        check_parameter("uncertainty of the finger's position", self.position_m, 1e-6, 0.1, "m")
+        check_parameter("uncertainty of a finger touched again", self.reseat_m, 0.0, 0.1, "m")
+        check_parameter("finger drift", self.drift_m, 0.0, 0.1, "m/s")
+        check_parameter("change of compliance", self.change_m_n, 0.0, 0.1, "m/N/s")
+        check_parameter("uncertainty of the platform", self.platform_m, 1e-6, 0.1, "m")
+        check_parameter("uncertainty of the servos' lag", self.lag_s, 0.0, 1.0, "s")
 
 
 class LearnedFinger:

@@ -13,10 +13,10 @@ import math
 from dataclasses import dataclass, field
 from typing import Final
 
+from hapticnet.checks import check_parameter
 from hapticnet.control.finger import SOFTEST_N_M, STIFFEST_N_M, FingerSettings, LearnedFinger, compressed
 from hapticnet.control.limits import DEVICE_MAX_FORCE_N
 from hapticnet.control.watch import SensorWatch
-from hapticnet.errors import SettingsError
 from hapticnet.samples import LARGEST_COMPONENT
 
 ASSUMED_CONTACT_M: Final = 0.002
@@ -100,27 +100,23 @@ class ForceControlSettings:
     reach_m: float = ASSUMED_CONTACT_M + BEYOND_M
 
     def __post_init__(self) -> None:
-        for name, value, smallest, largest in (
-            ("control period [µs]", self.period_us, 1, 1_000_000),
-            ("travel [m]", self.travel_m, 1e-4, 0.1),
-            ("largest force [N]", self.max_force_n, 0.01, DEVICE_MAX_FORCE_N),
-            ("force headroom [N]", self.headroom_n, 0.0, self.max_force_n),
-            ("lead [s]", self.lead_s, 0.0, 0.1),
-            ("press speed [m/s]", self.press_speed_m_s, 1e-4, 1.0),
-            ("approach speed [m/s]", self.approach_speed_m_s, 1e-4, 1.0),
-            ("touch force [N]", self.touch_n, 0.0, 1.0),
-            ("release force [N]", self.release_n, 0.0, 1.0),
-            ("clearance [m]", self.clearance_m, 0.0, 0.1),
-            ("force deadband [N]", self.deadband_n, 0.0, 1.0),
-            ("force deadband fraction", self.deadband_fraction, 0.0, 1.0),
-            ("yield force [N]", self.yield_n, 0.0, self.max_force_n),
-            ("yield fraction", self.yield_fraction, 0.0, 1.0),
-            ("search [m]", self.search_m, 0.0, 0.1),
-            ("search force [N]", self.search_n, 0.0, self.max_force_n),
-            ("reach [m]", self.reach_m, 0.0, 0.1),
-        ):
-            if not smallest <= value <= largest:
-                raise SettingsError(f"{name} is {value}; it must be between {smallest:g} and {largest:g}")
+        check_parameter("control period", self.period_us, 1, 1_000_000, "µs")
+        check_parameter("travel", self.travel_m, 1e-4, 0.1, "m")
+        check_parameter("largest force", self.max_force_n, 0.01, DEVICE_MAX_FORCE_N, "N")
+        check_parameter("force headroom", self.headroom_n, 0.0, self.max_force_n, "N")
+        check_parameter("lead", self.lead_s, 0.0, 0.1, "s")
+        check_parameter("press speed", self.press_speed_m_s, 1e-4, 1.0, "m/s")
+        check_parameter("approach speed", self.approach_speed_m_s, 1e-4, 1.0, "m/s")
+        check_parameter("touch force", self.touch_n, 0.0, 1.0, "N")
+        check_parameter("release force", self.release_n, 0.0, 1.0, "N")
+        check_parameter("clearance", self.clearance_m, 0.0, 0.1, "m")
+        check_parameter("force deadband", self.deadband_n, 0.0, 1.0, "N")
+        check_parameter("force deadband fraction", self.deadband_fraction, 0.0, 1.0)
+        check_parameter("yield force", self.yield_n, 0.0, self.max_force_n, "N")
+        check_parameter("yield fraction", self.yield_fraction, 0.0, 1.0)
+        check_parameter("search", self.search_m, 0.0, 0.1, "m")
+        check_parameter("search force", self.search_n, 0.0, self.max_force_n, "N")
+        check_parameter("reach", self.reach_m, 0.0, 0.1, "m")
 
 
 def for_known_finger(*, stiffness_n_m: float, contact_m: float) -> ForceControlSettings:

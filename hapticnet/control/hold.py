@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
+from hapticnet.checks import check_parameter
 from hapticnet.errors import SampleError, SettingsError
 from hapticnet.samples import MAX_AXES, Vector
 
@@ -33,9 +34,8 @@ class HoldSettings:
     decay_us: int = 100_000
 
     def __post_init__(self) -> None:
-        for name, value, smallest in (("age limit", self.age_limit_us, 1), ("decay", self.decay_us, 0)):
-            if not smallest <= value <= LONGEST_US:
-                raise SettingsError(f"hold {name} is {value} µs; it must be between {smallest} and {LONGEST_US}")
+        check_parameter("hold age limit", self.age_limit_us, 1, LONGEST_US, "µs")
+        check_parameter("hold decay", self.decay_us, 0, LONGEST_US, "µs")
 
 
 class Hold:

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from hapticnet.errors import SettingsError
+from hapticnet.checks import check_above
 
 DEVICE_MAX_FORCE_N: Final = 5.0
 """Largest force [N] the paper's fingertip device renders."""
@@ -33,12 +33,8 @@ class LimitSettings:
     slew_n_per_s: float = 50.0
 
     def __post_init__(self) -> None:
-        for name, value, largest in (
-            ("largest force [N]", self.max_force_n, DEVICE_MAX_FORCE_N),
-            ("slew limit [N/s]", self.slew_n_per_s, 1e6),
-        ):
-            if not 0.0 < value <= largest:
-                raise SettingsError(f"{name} is {value}; it must be above 0 and at most {largest:g}")
+        check_above("largest force", self.max_force_n, 0, DEVICE_MAX_FORCE_N, "N")
+        check_above("slew limit", self.slew_n_per_s, 0, 1e6, "N/s")
 
 
 class ForceLimiter:

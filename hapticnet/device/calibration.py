@@ -10,6 +10,7 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from hapticnet.checks import check_parameter
 from hapticnet.errors import SettingsError
 
 Numbers: TypeAlias = NDArray[np.float64]
@@ -148,8 +149,7 @@ def fit_calibration(adc_counts: Sequence[float], forces_n: Sequence[float], *, k
     >>> round(fit.calibration.force_n(300), 2)
     1.25
     """
-    if not 2 <= knots <= MOST_KNOTS:
-        raise SettingsError(f"calibration was to have {knots} knots; it can have 2 to {MOST_KNOTS}")
+    check_parameter("number of calibration knots", knots, 2, MOST_KNOTS)
     counts, forces = _checked(adc_counts, forces_n)
     measured = counts <= FULL_SCALE_COUNTS - 1.0
     usable = measured & (counts > 0.0)
@@ -179,12 +179,8 @@ def _checked(adc_counts: Sequence[float], forces_n: Sequence[float]) -> tuple[Nu
     if counts.ndim != 1 or counts.shape != forces.shape:
         raise SettingsError(f"calibration has {counts.size} counts and {forces.size} forces; it needs a force for each")
     for pair, (adc, force_n) in enumerate(zip(counts.tolist(), forces.tolist(), strict=True), start=1):
-        if not 0.0 <= adc <= FULL_SCALE_COUNTS:
-            raise SettingsError(f"pair {pair}: adc is {adc:g}; counts are between 0 and {FULL_SCALE_COUNTS:g}")
-        if not 0.0 <= force_n <= LARGEST_FORCE_N:
-            raise SettingsError(
-                f"pair {pair}: force is {force_n:g}; it must be between 0 and {LARGEST_FORCE_N:g}, in newton"
-            )
+        check_parameter(f"pair {pair}: adc", adc, 0.0, FULL_SCALE_COUNTS, "counts")
+        check_parameter(f"pair {pair}: force", force_n, 0.0, LARGEST_FORCE_N, "N")
     return counts, forces
 
 

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import Final, TypeAlias
 
+from hapticnet.checks import check_parameter
 from hapticnet.errors import SettingsError
 
 Pulses: TypeAlias = tuple[float, float, float]
@@ -57,17 +58,13 @@ class Linkage:
     deadband_us: float = 8.0
 
     def __post_init__(self) -> None:
-        for name, value, smallest, largest in (
-            ("arm length [m]", self.arm_m, 1e-3, 0.1),
-            ("pulse per degree [µs]", self.us_per_degree, 1.0, 100.0),
-            ("level pulse [µs]", self.level_us, 500.0, 2500.0),
-            ("retracted pulse [µs]", self.retracted_us, 500.0, self.extended_us),
-            ("extended pulse [µs]", self.extended_us, self.retracted_us, 2500.0),
-            ("timer step [µs]", self.timer_step_us, 0.01, 10.0),
-            ("servo deadband [µs]", self.deadband_us, 0.0, 50.0),
-        ):
-            if not smallest <= value <= largest:
-                raise SettingsError(f"{name} is {value}; it must be between {smallest:g} and {largest:g}")
+        check_parameter("arm length", self.arm_m, 1e-3, 0.1, "m")
+        check_parameter("pulse per degree", self.us_per_degree, 1.0, 100.0, "µs")
+        check_parameter("level pulse", self.level_us, 500.0, 2500.0, "µs")
+        check_parameter("retracted pulse", self.retracted_us, 500.0, self.extended_us, "µs")
+        check_parameter("extended pulse", self.extended_us, self.retracted_us, 2500.0, "µs")
+        check_parameter("timer step", self.timer_step_us, 0.01, 10.0, "µs")
+        check_parameter("servo deadband", self.deadband_us, 0.0, 50.0, "µs")
         for name, pulse_us in (("retracted", self.retracted_us), ("extended", self.extended_us)):
             if abs(pulse_us - self.level_us) > 80.0 * self.us_per_degree:
                 raise SettingsError(

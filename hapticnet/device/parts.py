@@ -3,13 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from hapticnet.errors import SettingsError
-
-
-def _check(*ranges: tuple[str, float, float, float]) -> None:
-    for name, value, smallest, largest in ranges:
-        if not smallest <= value <= largest:
-            raise SettingsError(f"{name} is {value}; it must be between {smallest:g} and {largest:g}")
+from hapticnet.checks import check_parameter
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,14 +34,12 @@ class Servo:
     stall_nm: float = 0.108
 
     def __post_init__(self) -> None:
-        _check(
-            ("servo frame [µs]", self.frame_us, 1_000, 100_000),
-            ("servo deadband [µs]", self.deadband_us, 0.0, 50.0),
-            ("servo lag [s]", self.lag_s, 1e-4, 1.0),
-            ("servo speed limit [deg/s]", self.rate_deg_s, 1.0, 1e5),
-            ("servo backlash [deg]", self.backlash_deg, 0.0, 10.0),
-            ("servo stall torque [N·m]", self.stall_nm, 1e-4, 10.0),
-        )
+        check_parameter("servo frame", self.frame_us, 1_000, 100_000, "µs")
+        check_parameter("servo deadband", self.deadband_us, 0.0, 50.0, "µs")
+        check_parameter("servo lag", self.lag_s, 1e-4, 1.0, "s")
+        check_parameter("servo speed limit", self.rate_deg_s, 1.0, 1e5, "deg/s")
+        check_parameter("servo backlash", self.backlash_deg, 0.0, 10.0, "deg")
+        check_parameter("servo stall torque", self.stall_nm, 1e-4, 10.0, "N·m")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,11 +66,9 @@ class Finger:
     contact_m: float = 0.002
 
     def __post_init__(self) -> None:
-        _check(
-            ("finger stiffness [N/m]", self.stiffness_n_m, 1.0, 1e5),
-            ("finger stiffening", self.stiffening, 0.0, 0.9),
-            ("finger contact [m]", self.contact_m, 0.0, 1.0),
-        )
+        check_parameter("finger stiffness", self.stiffness_n_m, 1.0, 1e5, "N/m")
+        check_parameter("finger stiffening", self.stiffening, 0.0, 0.9)
+        check_parameter("finger contact", self.contact_m, 0.0, 1.0, "m")
 
     def force_n(self, displacement_m: float) -> float:
         """Return the force [N] on a platform at `displacement_m` [m]; never negative, the finger does not stick."""
@@ -126,15 +116,13 @@ class Sensor:
     noise_counts: float = 1.0
 
     def __post_init__(self) -> None:
-        _check(
-            ("sensor threshold [N]", self.threshold_n, 0.0, 5.0),
-            ("sensor resistance at 1 N [Ω]", self.ohm_at_1_n, 10.0, 1e7),
-            ("sensor exponent", self.exponent, 0.5, 2.0),
-            ("sensor hysteresis", self.hysteresis, 0.0, 0.9),
-            ("divider [Ω]", self.divider_ohm, 10.0, 1e7),
-            ("converter bits", self.adc_bits, 8, 16),
-            ("sensor noise [counts]", self.noise_counts, 0.0, 100.0),
-        )
+        check_parameter("sensor threshold", self.threshold_n, 0.0, 5.0, "N")
+        check_parameter("sensor resistance at 1 N", self.ohm_at_1_n, 10.0, 1e7, "Ω")
+        check_parameter("sensor exponent", self.exponent, 0.5, 2.0)
+        check_parameter("sensor hysteresis", self.hysteresis, 0.0, 0.9)
+        check_parameter("divider", self.divider_ohm, 10.0, 1e7, "Ω")
+        check_parameter("converter bits", self.adc_bits, 8, 16)
+        check_parameter("sensor noise", self.noise_counts, 0.0, 100.0, "counts")
 
     @property
     def unloading_gain(self) -> float:

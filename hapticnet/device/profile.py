@@ -30,6 +30,7 @@ from typing import Annotated, Any, Final, TypeAlias
 import tomli_w
 from pydantic import BaseModel, BeforeValidator
 
+from hapticnet.checks import check_parameter
 from hapticnet.device.calibration import Calibration
 from hapticnet.device.parts import Sensor
 from hapticnet.documents import STRICT, parse_document, read_document
@@ -74,8 +75,8 @@ class MeasuredCalibration:
 
     def __post_init__(self) -> None:
         _check_date("calibration date", self.date)
-        _check("calibration residual [N]", self.residual_rms_n, 0.0, 100.0)
-        _check("calibration pairs", self.pairs, 2, 1_000_000_000)
+        check_parameter("calibration residual", self.residual_rms_n, 0.0, 100.0, "N")
+        check_parameter("calibration pairs", self.pairs, 2, 1_000_000_000)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,8 +104,8 @@ class MeasuredFinger:
 
     def __post_init__(self) -> None:
         _check_date("finger date", self.date)
-        _check("finger stiffness [N/m]", self.stiffness_n_m, 1.0, 1e5)
-        _check("finger contact [m]", self.contact_m, 0.0, 0.05)
+        check_parameter("finger stiffness", self.stiffness_n_m, 1.0, 1e5, "N/m")
+        check_parameter("finger contact", self.contact_m, 0.0, 0.05, "m")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,7 +140,7 @@ class Profile:
                 f"serial is {reprlib.repr(self.serial)}; it must be {LONGEST_SERIAL} printable characters at most"
             )
         if self.servo_lag_s is not None:
-            _check("servo lag [s]", self.servo_lag_s, 1e-4, 1.0)
+            check_parameter("servo lag", self.servo_lag_s, 1e-4, 1.0, "s")
 
     @property
     def calibration(self) -> Calibration:
@@ -247,11 +248,6 @@ def _measured(table: _CalibrationTable) -> MeasuredCalibration:
         residual_rms_n=table.residual_rms_n,
         pairs=table.pairs,
     )
-
-
-def _check(name: str, value: float, smallest: float, largest: float) -> None:
-    if not smallest <= value <= largest:
-        raise SettingsError(f"{name} is {value}; it must be between {smallest:g} and {largest:g}")
 
 
 def _check_date(name: str, date: str) -> None:

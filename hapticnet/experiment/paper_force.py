@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticnet.arrays import FloatArray
-from hapticnet.errors import SettingsError
+from hapticnet.checks import check_above
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.samples import PositionSample
 from hapticnet.scene.presets import paper_scene
@@ -63,8 +63,7 @@ def paper_recording(
         motion = replace(motion, insertions=insertions)
     scene = Scene(paper_scene(seed).tissues)
     operator = ScriptedOperator(motion, np.random.default_rng(seed))
-    if not 1e6 / operator.duration_us < rate_hz <= 1e6:
-        raise SettingsError(f"rate is {rate_hz} Hz; it must be above {1e6 / operator.duration_us:g} and at most 1e6")
+    check_above("rate", rate_hz, 1e6 / operator.duration_us, 1e6, "Hz")
     period_us = round(1e6 / rate_hz)
     # A session stands at 0, and the first position is sent a period later; on the wire it is a float32.
     times_us = range(period_us, operator.duration_us, period_us)

@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 
+from hapticnet.checks import check_parameter
 from hapticnet.codec.raw import Raw
 from hapticnet.codec.registry import codec_parameters, make_codec
 from hapticnet.control.force import ForceControlSettings
 from hapticnet.control.hold import Hold, HoldSettings
 from hapticnet.control.limits import LimitSettings
 from hapticnet.device.base import Device
-from hapticnet.errors import PeerError, SettingsError
+from hapticnet.errors import PeerError
 from hapticnet.measure.metrics import RunningError
 from hapticnet.node.fingertip import Fingertip, FingertipEvent
 from hapticnet.node.recording import MASTER_COLUMNS, Recording
@@ -69,10 +70,7 @@ class MasterSettings:
     control: ForceControlSettings = field(default_factory=ForceControlSettings)
 
     def __post_init__(self) -> None:
-        if not self.session.slowest_hz <= self.rate_hz <= FASTEST_HZ:
-            raise SettingsError(
-                f"rate is {self.rate_hz} Hz; it must be between {self.session.slowest_hz:g} and {FASTEST_HZ:g}"
-            )
+        check_parameter("rate", self.rate_hz, self.session.slowest_hz, FASTEST_HZ, "Hz")
 
 
 class MasterNode:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from hapticnet.checks import check_parameter
 from hapticnet.control.finger import compressed
 from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.node.fingertip import Fingertip
@@ -93,9 +94,8 @@ class StepTest(_Procedure):
     ) -> None:
         super().__init__(fingertip)
         largest_n = fingertip.largest_n
-        for name, force_n in (("from", from_n), ("to", to_n)):
-            if not 0.0 <= force_n <= largest_n:
-                raise SettingsError(f"the step goes {name} {force_n} N; it must be between 0 and {largest_n:g}")
+        check_parameter("start of the step", from_n, 0, largest_n, "N")
+        check_parameter("end of the step", to_n, 0, largest_n, "N")
         if from_n == to_n:
             raise SettingsError(f"the step goes from {from_n} N to the same; there is nothing to see")
         self.recording = Recording(STEP_COLUMNS)

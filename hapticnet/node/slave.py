@@ -7,6 +7,7 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
+from hapticnet.checks import check_parameter
 from hapticnet.codec.registry import make_codec
 from hapticnet.errors import PeerError, SettingsError
 from hapticnet.node.station import Station
@@ -49,10 +50,7 @@ class SlaveSettings:
     session: SessionSettings = field(default_factory=SessionSettings)
 
     def __post_init__(self) -> None:
-        if not self.session.slowest_hz <= self.fastest_rate_hz <= 1e6:
-            raise SettingsError(
-                f"fastest rate is {self.fastest_rate_hz} Hz; it must be between {self.session.slowest_hz:g} and 1000000"
-            )
+        check_parameter("fastest rate", self.fastest_rate_hz, self.session.slowest_hz, 1_000_000, "Hz")
 
 
 @dataclass(frozen=True, slots=True)

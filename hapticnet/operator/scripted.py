@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from hapticnet.errors import SettingsError
+from hapticnet.checks import check_parameter
 from hapticnet.samples import PositionSample
 
 TREMOR_BAND_HZ: Final = (8.0, 12.0)
@@ -87,23 +87,18 @@ class InsertionSettings:
     tremor_rms_m: float = TYPICAL_TREMOR_RMS_M
 
     def __post_init__(self) -> None:
-        for name, value, least, most in (
-            ("start_m", self.start_m, -LARGEST_POSITION_M, LARGEST_POSITION_M),
-            ("approach_m", self.approach_m, self.start_m, LARGEST_POSITION_M),
-            ("depth_m", self.depth_m, self.approach_m, LARGEST_POSITION_M),
-            ("approach_s", self.approach_s, 0.001, LONGEST_PHASE_S),
-            ("push_s", self.push_s, 0.001, LONGEST_PHASE_S),
-            ("push_steps", self.push_steps, 1, 100),
-            ("pause_s", self.pause_s, 0.0, LONGEST_PHASE_S),
-            ("withdraw_s", self.withdraw_s, 0.001, LONGEST_PHASE_S),
-            ("rest_s", self.rest_s, 0.0, LONGEST_PHASE_S),
-            ("insertions", self.insertions, 1, MOST_INSERTIONS),
-            ("variation", self.variation, 0.0, 0.5),
-            ("tremor_rms_m", self.tremor_rms_m, 0.0, 0.01),
-        ):
-            # Written so that NaN, which compares false with everything, is refused too.
-            if not least <= value <= most:
-                raise SettingsError(f"insertion {name} is {value}; it must be between {least} and {most}")
+        check_parameter("insertion start_m", self.start_m, -LARGEST_POSITION_M, LARGEST_POSITION_M)
+        check_parameter("insertion approach_m", self.approach_m, self.start_m, LARGEST_POSITION_M)
+        check_parameter("insertion depth_m", self.depth_m, self.approach_m, LARGEST_POSITION_M)
+        check_parameter("insertion approach_s", self.approach_s, 0.001, LONGEST_PHASE_S)
+        check_parameter("insertion push_s", self.push_s, 0.001, LONGEST_PHASE_S)
+        check_parameter("insertion push_steps", self.push_steps, 1, 100)
+        check_parameter("insertion pause_s", self.pause_s, 0.0, LONGEST_PHASE_S)
+        check_parameter("insertion withdraw_s", self.withdraw_s, 0.001, LONGEST_PHASE_S)
+        check_parameter("insertion rest_s", self.rest_s, 0.0, LONGEST_PHASE_S)
+        check_parameter("insertion insertions", self.insertions, 1, MOST_INSERTIONS)
+        check_parameter("insertion variation", self.variation, 0.0, 0.5)
+        check_parameter("insertion tremor_rms_m", self.tremor_rms_m, 0.0, 0.01)
 
 
 class ScriptedOperator:

@@ -12,11 +12,12 @@ from typing import Any, Final, Self, TypeAlias
 
 import numpy as np
 
+from hapticnet.checks import check_parameter
 from hapticnet.device.base import Device, Reading
 from hapticnet.device.plant import Plant, PlantSettings
 from hapticnet.device.simulated import loading_calibration
 from hapticnet.device.wired import WiredDevice
-from hapticnet.errors import SettingsError, UnavailableError
+from hapticnet.errors import UnavailableError
 from hapticnet.runtime.simavr import CYCLES_PER_US, Simavr, simavr_build
 
 SLICE_US: Final = 1_000
@@ -138,10 +139,8 @@ class Disturbance:
     loss: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0 <= self.delay_us <= 10_000_000:
-            raise SettingsError(f"delay is {self.delay_us} µs; it must be between 0 and 10000000")
-        if not 0.0 <= self.loss <= 1.0:
-            raise SettingsError(f"loss is {self.loss}; it must be between 0 and 1")
+        check_parameter("delay", self.delay_us, 0, 10_000_000, "µs")
+        check_parameter("loss", self.loss, 0, 1)
 
 
 class SimulatedNano(Device):

@@ -16,6 +16,7 @@ from types import TracebackType
 from typing import Final, NamedTuple, Self
 
 import hapticnet
+from hapticnet.checks import check_parameter
 from hapticnet.errors import SettingsError, UnavailableError
 
 CYCLES_PER_US: Final = 16
@@ -135,8 +136,7 @@ class Simavr:
         UnavailableError
             When the simulator has ended.
         """
-        if not 0 <= duration_us <= LONGEST_STEP_US:
-            raise SettingsError(f"step is {duration_us} µs; it must be between 0 and {LONGEST_STEP_US}")
+        check_parameter("step", duration_us, 0, LONGEST_STEP_US, "µs")
         if len(data) > MOST_BYTES:
             raise SettingsError(f"{len(data)} bytes for the UART in one step; {MOST_BYTES} at most")
         stdin, stdout = self._process.stdin, self._process.stdout

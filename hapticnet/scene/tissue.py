@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from hapticnet.checks import check_parameter
 from hapticnet.errors import SettingsError
 
 SMALLEST_VALUE: Final = 1e-9
@@ -74,24 +75,12 @@ class Tissue:
     recovery_time_s: float = 0.0
 
     def __post_init__(self) -> None:
-        # Written so that NaN, which compares false with everything, is refused too.
-        if not -LARGEST_VALUE <= self.rest_position_m <= LARGEST_VALUE:
-            raise SettingsError(
-                f"tissue {self.name!r}: rest_position_m is {self.rest_position_m}; it must be within ±{LARGEST_VALUE:g}"
-            )
+        where = f"tissue {self.name!r}:"
+        check_parameter(f"{where} rest_position_m", self.rest_position_m, -LARGEST_VALUE, LARGEST_VALUE)
         for key in ("stiffness_n_per_m", "breach_force_n", "shaft_presliding_m"):
-            self._check(key, "")
+            check_parameter(f"{where} {key}", getattr(self, key), SMALLEST_VALUE, LARGEST_VALUE)
         for key in ("viscosity_n_s_per_m", "shaft_friction_n", "stiffening_per_m", "recovery_time_s"):
-            if getattr(self, key) != 0.0:
-                self._check(key, "0 or ")
-
-    def _check(self, key: str, otherwise: str) -> None:
-        value = getattr(self, key)
-        if not SMALLEST_VALUE <= value <= LARGEST_VALUE:
-            raise SettingsError(
-                f"tissue {self.name!r}: {key} is {value}; "
-                f"it must be {otherwise}from {SMALLEST_VALUE:g} to {LARGEST_VALUE:g}"
-            )
+            check_parameter(f"{where} {key}", getattr(self, key), SMALLEST_VALUE, LARGEST_VALUE, zero_allowed=True)
 
     @property
     def breach_depth_m(self) -> float:

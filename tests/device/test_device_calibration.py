@@ -187,12 +187,12 @@ def test_thousands_of_pairs_are_fitted() -> None:
         ([0, 0, 300], [0.0, 0.1, 1.0], "1 pairs can be used"),
         ([200, 300], [1.0], "2 counts and 1 forces; it needs a force for each"),
         ([800, 500, 200], [0.5, 1.0, 2.0], "the sensor belongs between 5 V and A0"),
-        ([200, math.nan], [1.0, 2.0], "pair 2: adc is nan; counts are between 0 and 1023"),
+        ([200, math.nan], [1.0, 2.0], "pair 2: adc is nan counts; it must be between 0 and 1023 counts"),
         ([200, 1024], [1.0, 2.0], "pair 2: adc is 1024"),
         ([-1, 300], [1.0, 2.0], "pair 1: adc is -1"),
-        ([200, 300], [1.0, math.inf], "pair 2: force is inf; it must be between 0 and 100, in newton"),
+        ([200, 300], [1.0, math.inf], "pair 2: force is inf N; it must be between 0 and 100 N"),
         ([200, 300], [-0.5, 1.0], "pair 1: force is -0.5"),
-        ([200, 300], [50.0, 200.0], "pair 2: force is 200; it must be between 0 and 100, in newton"),
+        ([200, 300], [50.0, 200.0], "pair 2: force is 200.0 N; it must be between 0 and 100 N"),
         ([200, 300], [5e-324, 1e-300], "largest force is 1e-300 N; the sensor feels nothing below 0.2 N"),
     ],
 )
@@ -203,5 +203,5 @@ def test_pairs_that_make_no_calibration_are_refused(counts, forces_n, message) -
 
 @pytest.mark.parametrize("knots", [-1, 0, 1, 9])
 def test_a_fit_has_two_to_eight_knots(knots) -> None:
-    with pytest.raises(SettingsError, match=f"{knots} knots; it can have 2 to 8"):
+    with pytest.raises(SettingsError, match=f"calibration knots is {knots}; it must be between 2 and 8"):
         fit_calibration([200, 300], [1.0, 2.0], knots=knots)

@@ -159,7 +159,7 @@ def test_counts_and_movements_of_nothing_are_refused(name, value):
 
 
 def test_positions_out_of_order_are_refused():
-    with pytest.raises(SettingsError, match=r"approach_m is -0\.01; it must be between 0\.0 and"):
+    with pytest.raises(SettingsError, match=r"approach_m is -0\.01; it must be between 0 and"):
         InsertionSettings(approach_m=-0.01)
     with pytest.raises(SettingsError, match=r"depth_m is 0\.01; it must be between 0\.014 and"):
         InsertionSettings(depth_m=0.01)
