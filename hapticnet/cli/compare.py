@@ -68,10 +68,11 @@ def compare(
         pyplot()  # which says at once where it is missing
         make_folder(plot)
     console = Console("compare", quiet=json)
-    rows: list[Row] = []
-    for row in compare_codecs(trials, chosen, loss=lost, seed=seed):
-        rows.append(row)
-        console.status(f"{row.trial}: {row.codec} at {row.multiplier:g} JND")
+
+    def on_row(row: "Row") -> None:
+        console.status(f"{row.trial}: {row.label} at {row.multiplier:g} JND")
+
+    rows = compare_codecs(trials, chosen, loss=lost, seed=seed, on_row=on_row)
     console.finish()
     if plot is not None:
         from hapticnet.experiment.comparison_figures import draw_comparison

@@ -1,19 +1,22 @@
 """Codecs side by side: what each costs and does on a recording, and how far from the best possible that is."""
 
+import dataclasses
 import math
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, Final
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from hapticnet.arrays import FloatArray
-from hapticnet.codec.base import Codec
-from hapticnet.codec.recording import encode_lossy, encode_streamed
-from hapticnet.codec.registry import CODECS, codec_parameters
-from hapticnet.errors import SampleError
+from hapticnet.codec.base import Codec, Encoding
+from hapticnet.codec.recording import encode_array, encode_lossy, encode_streamed
+from hapticnet.codec.registry import codec_parameters
+from hapticnet.errors import SampleError, SettingsError
+from hapticnet.experiment.workers import workers
 from hapticnet.measure.bound import fewest_holds, fewest_lines
 from hapticnet.measure.quality import QualityReport, quality_report
 from hapticnet.node.offline import CostReport, cost_report
@@ -22,10 +25,10 @@ from hapticnet.samples import LARGEST_COMPONENT
 
 TIMED_SAMPLES: Final = 10_000
 TIMED_PASSES: Final = 3
-"""Samples over which a streaming pair is timed, and how often: the best counts, the others met a busy machine."""
+"""How many samples are timed in a stream, and how often. The fastest pass counts: the others were disturbed."""
 
 REPAIR_US: Final = 20_000
-"""After this time [µs] a lost update is replaced by the present one: about a round trip over a city, and its spread."""
+"""Time [µs] after which a lost update is replaced by the present force: about one round trip across a city."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,16 +38,16 @@ class Trial:
     Attributes
     ----------
     name
-        What it is called.
+        Name in tables and figures.
     t_us, stimuli
         Time stamps [µs], shape (n,), and stimuli [N], shape (n, a).
     positions
-        Positions of the tool [m], shape (n, a), where they are known.
+        Positions of the tool [m], shape (n, a), if known.
 
     Raises
     ------
     SampleError
-        When a stimulus or a position is not finite or out of range.
+        If a stimulus or a position is not finite or is out of range.
     """
 
     name: str
@@ -66,13 +69,13 @@ class Trial:
 
     @property
     def seconds(self) -> float:
-        """How long it is [s], its last sample period included."""
+        """Duration [s], including the last sample period."""
         samples = len(self.t_us)
         span_s = float(self.t_us[-1] - self.t_us[0]) * 1e-6
         return span_s * samples / (samples - 1) if samples > 1 else 1.0
 
     def account(self) -> dict[str, Any]:
-        """Return what there is to know of the recording before any codec, for JSON."""
+        """Describe the recording itself, for JSON."""
         gaps_us = np.diff(self.t_us)
         return {
             "name": self.name,
@@ -90,12 +93,12 @@ class Trial:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """The fewest packets any encoder could do with on one recording under one law; see `measure.bound`.
+    """The fewest packets that any encoder needs on one recording under one law; see `measure.bound`.
 
     Attributes
     ----------
     holds, lines
-        With a zero-order hold, and with straight lines. For two and three axes numbers that cannot be undercut.
+        With a zero-order hold, and with straight lines. On two and three axes these are lower bounds.
     """
 
     holds: int
@@ -104,20 +107,36 @@ class Limits:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """One codec under one law on one recording.
+    """One codec with one law on one recording.
 
     Attributes
     ----------
+    trial
+        Name of the recording.
+    codec, label
+        Name of the codec, and its name with the parameters that differ from their defaults, as on a command line.
+    at_rest
+        Whether the codec depends on motion but no positions were given, so that it behaves as if the tool were at rest.
+    weber_fraction, floor_n, multiplier
+        The codec's law; see `perception.WeberLaw`.
+    loss
+        Share of the updates that were lost at random.
     over_optimum
-        Packets sent over the fewest that any zero-order hold could do with.
+        Packets sent over the fewest that any zero-order hold needs.
     nanoseconds_per_sample
-        Time for encoding and decoding one sample in a stream, in plain Python on this machine [ns].
+        Time to encode and decode one sample in a stream, in plain Python on this machine [ns]. It is measured, so it
+        varies from run to run, and grows when other processes are busy.
     """
 
     trial: str
     codec: str
+    label: str
     parameters: dict[str, float]
+    at_rest: bool
+    weber_fraction: float
+    floor_n: float
     multiplier: float
+    loss: float
     cost: CostReport
     quality: QualityReport
     limits: Limits
@@ -127,83 +146,119 @@ class Row:
     session_wire_bytes_per_s: float
     nanoseconds_per_sample: float
 
-    @property
-    def label(self) -> str:
-        """The codec as it is written on a command line: with the parameters that are not its own defaults."""
-        usual = codec_parameters(CODECS[self.codec]())
-        changed = [f"{key}={value:g}" for key, value in self.parameters.items() if value != usual[key]]
-        return f"{self.codec}:{','.join(changed)}" if changed else self.codec
-
-    @property
-    def at_rest(self) -> bool:
-        """Whether the codec's rule depends on motion and none was known, so that it did as at rest."""
-        return CODECS[self.codec].needs_position and self.quality.energy_peak_j is None
-
     def flat(self) -> dict[str, Any]:
-        """Return all of it in one level, for JSON, which knows no infinity: what is infinite is None there."""
-        row = asdict(self)
+        """Return all figures in one level, for JSON and CSV. Infinite values become None: JSON has no infinity."""
+        row = dataclasses.asdict(self)
         cost, quality, limits = row.pop("cost"), row.pop("quality"), row.pop("limits")
-        level = {
-            **row,
-            "label": self.label,
-            "at_rest": self.at_rest,
-            "optimum_holds": limits["holds"],
-            "optimum_lines": limits["lines"],
-            **cost,
-            **quality,
-        }
+        optimum = {f"optimum_{name}": packets for name, packets in limits.items()}
+        level = row | optimum | cost | quality
         return {key: None if isinstance(value, float) and math.isinf(value) else value for key, value in level.items()}
 
 
-def compare(trials: Sequence[Trial], codecs: Sequence[Codec], *, loss: float = 0.0, seed: int = 0) -> Iterator[Row]:
-    """Yield a row for every codec (each with its own law) on every trial, trial by trial.
+def compare(
+    trials: Sequence[Trial],
+    codecs: Sequence[Codec],
+    *,
+    loss: float | Sequence[float] = 0.0,
+    seed: int = 0,
+    jobs: int = 1,
+    on_row: Callable[[Row], None] | None = None,
+) -> list[Row]:
+    """Run every codec, each with its own law, over every recording.
 
     Parameters
     ----------
     loss
-        Share of updates that get lost, each at random; each is replaced after `REPAIR_US`.
+        Share of the updates that are lost, each at random, or several such shares. A lost update is replaced after
+        `REPAIR_US`.
     seed
-        Of the losses; the same for all codecs.
+        Seed of the losses; all codecs meet the same.
+    jobs
+        Number of processes. The results do not depend on it, apart from the measured `nanoseconds_per_sample`.
+    on_row
+        Called with each row as soon as it is complete, in order.
+
+    Returns
+    -------
+    list of Row
+        A row for each trial, loss and codec; the trial changes slowest, the codec fastest.
+
+    Raises
+    ------
+    SettingsError
+        If a loss is outside 0 to 1, or `jobs` is out of range.
+    SampleError
+        If a codec refuses a sample.
+    UnavailableError
+        If a process of the pool ends unexpectedly.
     """
-    for trial in trials:
-        limits: dict[WeberLaw, Limits] = {}
-        for codec in codecs:
-            if codec.law not in limits:
-                limits[codec.law] = find_limits(codec.law, trial)
-            yield _row(trial, codec, limits[codec.law], loss, seed)
+    losses = tuple(loss) if isinstance(loss, Sequence) else (loss,)
+    if not all(0.0 <= each <= 1.0 for each in losses):
+        raise SettingsError(f"loss is {', '.join(map(str, losses))}; it must be between 0 and 1")
+    shared = _Shared(trials, codecs, seed)
+    laws = list(product(range(len(trials)), dict.fromkeys(codec.law for codec in codecs)))
+    cases = list(product(range(len(trials)), losses, range(len(codecs))))
+    rows: list[Row] = []
+    with workers(jobs, shared) as ordered_map:
+        limits_found, measured = ordered_map(_limits, laws), ordered_map(_measured, cases)
+        limits = dict(zip(laws, limits_found, strict=True))
+        for (trial, each, codec), found in zip(cases, measured, strict=True):
+            law = codecs[codec].law
+            rows.append(_row(trials[trial], codecs[codec], each, limits[trial, law], found))
+            if on_row is not None:
+                on_row(rows[-1])
+    return rows
+
+
+_Measured: TypeAlias = tuple[CostReport, QualityReport, float]
+
+
+@dataclass(frozen=True, slots=True)
+class _Shared:
+    """What every process of a comparison has."""
+
+    trials: Sequence[Trial]
+    codecs: Sequence[Codec]
+    seed: int
 
 
 def find_limits(law: WeberLaw, trial: Trial) -> Limits:
     """Return the fewest packets for a trial."""
-    return Limits(
-        holds=fewest_holds(law, trial.stimuli),
-        lines=fewest_lines(law, trial.t_us, trial.stimuli),
-    )
+    return Limits(holds=fewest_holds(law, trial.stimuli), lines=fewest_lines(law, trial.t_us, trial.stimuli))
 
 
-def _row(trial: Trial, codec: Codec, limits: Limits, loss: float, seed: int) -> Row:
-    received = None
-    if loss:
-        encoding, received = encode_lossy(
-            codec,
-            trial.t_us,
-            trial.stimuli,
-            trial.positions,
-            loss=loss,
-            repair_us=REPAIR_US,
-            rng=np.random.default_rng(seed),
-        )
-    else:
-        encoding = codec.encode_array(trial.t_us, trial.stimuli, trial.positions)
-    cost = cost_report(codec, trial.t_us, trial.stimuli, encoding)
-    quality = quality_report(
-        codec.law, trial.t_us, trial.stimuli, encoding.decoded, encoding.sent, trial.positions, received=received
-    )
+def encode_trial(
+    codec: Codec, trial: Trial, *, loss: float = 0.0, seed: int = 0
+) -> tuple[Encoding, npt.NDArray[np.int64]]:
+    """Return what a codec does to a trial, and which of the sent updates arrive (indices, shape (m,))."""
+    if not loss:
+        encoding = encode_array(codec, trial.t_us, trial.stimuli, trial.positions)
+        return encoding, encoding.sent
+    rng = np.random.default_rng(seed)
+    return encode_lossy(codec, trial.t_us, trial.stimuli, trial.positions, loss=loss, repair_us=REPAIR_US, rng=rng)
+
+
+def codec_label(codec: Codec) -> str:
+    """Return a codec as it is written on a command line, with the parameters that differ from their defaults."""
+    usual = {field.name: field.default for field in dataclasses.fields(codec)}
+    changed = [f"{key}={value:g}" for key, value in codec_parameters(codec).items() if value != usual[key]]
+    return f"{codec.name}:{','.join(changed)}" if changed else codec.name
+
+
+def _row(
+    trial: Trial, codec: Codec, loss: float, limits: Limits, measured: tuple[CostReport, QualityReport, float]
+) -> Row:
+    cost, quality, nanoseconds_per_sample = measured
     return Row(
         trial=trial.name,
         codec=codec.name,
+        label=codec_label(codec),
         parameters=codec_parameters(codec),
+        at_rest=codec.needs_position and trial.positions is None,
+        weber_fraction=codec.law.weber_fraction,
+        floor_n=codec.law.floor_n,
         multiplier=codec.law.multiplier,
+        loss=loss,
         cost=cost,
         quality=quality,
         limits=limits,
@@ -211,8 +266,22 @@ def _row(trial: Trial, codec: Codec, limits: Limits, loss: float, seed: int) -> 
         packets_per_s=cost.sent / trial.seconds,
         wire_bytes_per_s=cost.wire_bytes / trial.seconds,
         session_wire_bytes_per_s=cost.session_wire_bytes / trial.seconds,
-        nanoseconds_per_sample=_nanoseconds_per_sample(codec, trial),
+        nanoseconds_per_sample=nanoseconds_per_sample,
     )
+
+
+def _limits(shared: _Shared, law: tuple[int, WeberLaw]) -> Limits:
+    return find_limits(law[1], shared.trials[law[0]])
+
+
+def _measured(shared: _Shared, case: tuple[int, float, int]) -> _Measured:
+    trial, loss, codec = shared.trials[case[0]], case[1], shared.codecs[case[2]]
+    encoding, received = encode_trial(codec, trial, loss=loss, seed=shared.seed)
+    cost = cost_report(codec, trial.t_us, trial.stimuli, encoding)
+    quality = quality_report(
+        codec.law, trial.t_us, trial.stimuli, encoding.decoded, encoding.sent, trial.positions, received=received
+    )
+    return cost, quality, _nanoseconds_per_sample(codec, trial)
 
 
 def _nanoseconds_per_sample(codec: Codec, trial: Trial) -> float:
