@@ -13,11 +13,12 @@ from packet_rate import say, show
 
 from hapticnet.control.finger import compressed
 from hapticnet.control.force import ForceControlSettings
-from hapticnet.control.limits import DEVICE_MAX_FORCE_N, LimitSettings
+from hapticnet.control.limits import LimitSettings
 from hapticnet.device.base import Reading
 from hapticnet.device.parts import Finger
 from hapticnet.device.plant import PlantSettings
 from hapticnet.device.simulated import SimulatedDevice, loading_calibration
+from hapticnet.hardware import MAX_FORCE_N
 from hapticnet.node.fingertip import Fingertip
 from hapticnet.runtime.nano import Disturbance, SensorHook, SimulatedNano
 
@@ -201,7 +202,7 @@ def largest_rows(
                     "delay_ms": delay_ms,
                     "loss": loss,
                     "max_n": max(float(true_n.max()) for true_n, _ in runs),
-                    "above_limit_ms": max(int((true_n > DEVICE_MAX_FORCE_N).sum()) for true_n, _ in runs),
+                    "above_limit_ms": max(int((true_n > MAX_FORCE_N).sum()) for true_n, _ in runs),
                     "at_rest": all(at_rest(true_n) for true_n, _ in runs),
                     "end_n": [round(float(true_n[-1]), 3) for true_n, _ in runs],
                     "faults": sorted({fault for _, fault in runs if fault}),
@@ -236,7 +237,7 @@ def print_largest(rows: list[Row]) -> None:
     )
     say(
         f"A finger that is twice as stiff all at once at 2 N feels {struck_n():.2f} N before anything can react. Above"
-        f" {DEVICE_MAX_FORCE_N:g} N for {longest} at most, in the same order."
+        f" {MAX_FORCE_N:g} N for {longest} at most, in the same order."
     )
 
 

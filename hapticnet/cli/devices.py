@@ -115,10 +115,10 @@ def control_settings(profile: "Profile") -> "ForceControlSettings":
 
 def _parse(text: str) -> "tuple[str, PlantSettings | None]":
     """Return the kind of device and, where it is simulated, its plant."""
-    from hapticnet.control.finger import SOFTEST_N_M, STIFFEST_N_M
     from hapticnet.device.parts import Finger
     from hapticnet.device.plant import PlantSettings
     from hapticnet.errors import SettingsError
+    from hapticnet.hardware import SOFTEST_N_M, STIFFEST_N_M
 
     kind, separator, stiffness = text.partition(":")
     if kind == "serial":

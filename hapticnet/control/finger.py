@@ -11,17 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from hapticnet.checks import check_parameter
-
-STIFFENING: Final = 0.3
-"""Share of a fingertip's stiffness at 1 N that comes from the force; an assumption, fingers vary.
-
-Its curve is ``force = k0 / b · (exp(b · compression) − 1)``, the form Pawluk and Howe (1999, "Dynamic contact of the
-human fingerpad against a flat surface") found.
-"""
-
-SOFTEST_N_M: Final = 200.0
-STIFFEST_N_M: Final = 5000.0
-"""Stiffnesses at 1 N beyond which what is pressed is no fingertip (300 to 3000 N/m is typical)."""
+from hapticnet.hardware import SOFTEST_N_M, STIFFENING, STIFFEST_N_M, STIFFNESS_N_M
 
 LARGEST_CHANGE: Final = 0.5
 """Share of the compliance that one reading may change: a leap of the force is no measurement of a stiffness."""
@@ -66,7 +56,7 @@ class FingerSettings:
         When a value is out of its range.
     """
 
-    stiffness_n_m: float = 1000.0
+    stiffness_n_m: float = STIFFNESS_N_M
     uncertainty: float = 0.7
     largest_uncertainty: float = 0.3
     position_m: float = 1e-3

@@ -14,13 +14,11 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from hapticnet.checks import check_parameter
-from hapticnet.control.finger import SOFTEST_N_M, STIFFEST_N_M, FingerSettings, LearnedFinger, compressed
-from hapticnet.control.limits import DEVICE_MAX_FORCE_N
+from hapticnet.control.finger import FingerSettings, LearnedFinger, compressed
 from hapticnet.control.watch import SensorWatch
+from hapticnet.hardware import CONTACT_M, MAX_FORCE_N, SENSOR_THRESHOLD_N, SOFTEST_N_M, STIFFEST_N_M
+from hapticnet.perception import PAPER_FLOOR_N
 from hapticnet.samples import LARGEST_COMPONENT
-
-ASSUMED_CONTACT_M: Final = 0.002
-"""Where [m] a finger that was never tuned is assumed, as in the simulated device."""
 
 BEYOND_M: Final = 0.0011
 """How far [m] beyond its contact a 0.3 N/mm finger has to be pressed for the sensor to feel it."""
@@ -83,13 +81,13 @@ class ForceControlSettings:
     finger: FingerSettings = field(default_factory=FingerSettings)
     period_us: int = 10_000
     travel_m: float = 0.015
-    max_force_n: float = DEVICE_MAX_FORCE_N
+    max_force_n: float = MAX_FORCE_N
     headroom_n: float = 0.4
     lead_s: float = 0.01
     press_speed_m_s: float = 0.06
     approach_speed_m_s: float = 0.01
-    touch_n: float = 0.2
-    release_n: float = 0.0125
+    touch_n: float = SENSOR_THRESHOLD_N
+    release_n: float = 0.5 * PAPER_FLOOR_N
     clearance_m: float = 0.0005
     deadband_n: float = 0.03
     deadband_fraction: float = 0.02
@@ -97,12 +95,12 @@ class ForceControlSettings:
     yield_fraction: float = 0.15
     search_m: float = 0.0005
     search_n: float = 1.0
-    reach_m: float = ASSUMED_CONTACT_M + BEYOND_M
+    reach_m: float = CONTACT_M + BEYOND_M
 
     def __post_init__(self) -> None:
         check_parameter("control period", self.period_us, 1, 1_000_000, "µs")
         check_parameter("travel", self.travel_m, 1e-4, 0.1, "m")
-        check_parameter("largest force", self.max_force_n, 0.01, DEVICE_MAX_FORCE_N, "N")
+        check_parameter("largest force", self.max_force_n, 0.01, MAX_FORCE_N, "N")
         check_parameter("force headroom", self.headroom_n, 0.0, self.max_force_n, "N")
         check_parameter("lead", self.lead_s, 0.0, 0.1, "s")
         check_parameter("press speed", self.press_speed_m_s, 1e-4, 1.0, "m/s")

@@ -2,12 +2,9 @@
 
 import math
 from dataclasses import dataclass
-from typing import Final
 
 from hapticnet.checks import check_above
-
-DEVICE_MAX_FORCE_N: Final = 5.0
-"""Largest force [N] the paper's fingertip device renders."""
+from hapticnet.hardware import MAX_FORCE_N
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,11 +26,11 @@ class LimitSettings:
         When a limit is not finite, zero, negative or above what the device is built for.
     """
 
-    max_force_n: float = DEVICE_MAX_FORCE_N
+    max_force_n: float = MAX_FORCE_N
     slew_n_per_s: float = 50.0
 
     def __post_init__(self) -> None:
-        check_above("largest force", self.max_force_n, 0, DEVICE_MAX_FORCE_N, "N")
+        check_above("largest force", self.max_force_n, 0, MAX_FORCE_N, "N")
         check_above("slew limit", self.slew_n_per_s, 0, 1e6, "N/s")
 
 

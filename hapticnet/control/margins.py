@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from hapticnet.control.finger import LearnedFinger, compressed
 from hapticnet.control.force import ForceControlSettings
+from hapticnet.hardware import SERVO_FRAME_US, SERVO_LAG_S
 
 FREQUENCIES: int = 4000
 HELD_S = 2.0
@@ -36,8 +37,8 @@ class Actuator:
         Delay [s] of the reading that the host does not know of, so that force and platform do not belong together.
     """
 
-    lag_s: float = 0.03
-    frame_s: float = 0.02
+    lag_s: float = SERVO_LAG_S
+    frame_s: float = SERVO_FRAME_US * 1e-6
     transport_s: float = 0.005
     unseen_s: float = 0.0
 

@@ -5,6 +5,7 @@ from collections import deque
 from typing import Final
 
 from hapticnet.control.finger import compressed
+from hapticnet.hardware import STIFFEST_N_M
 
 ANSWER_N: Final = 0.06
 """A change of the sensed force [N] by which a sensor proves alive; several times its noise (about 10 mN a count)."""
@@ -30,9 +31,6 @@ FORGIVEN: Final = 0.25
 20 ms a frame and 20 to 40 ms of lag to turn round. Nor does one spread so far within a period while the platform hardly
 moves. So many such periods are a fault; each without makes up for a part of one. An open input hums with the mains, 50
 or 60 Hz, or is noise; what drifts or hums more slowly cannot be told from a finger."""
-
-STIFFEST_N_M: Final = 5000.0
-"""Stiffness [N/m] that explains a spread of the force by the platform's motion."""
 
 FALL_N: Final = 0.5
 FALL_FRACTION: Final = 0.3

@@ -1,9 +1,6 @@
 """What the master sees of a fingertip device, real or simulated."""
 
-from typing import Any, Final, NamedTuple, Protocol
-
-MAX_FORCE_N: Final = 5.0
-"""Largest force [N] the paper's device renders."""
+from typing import Any, NamedTuple, Protocol
 
 
 class Reading(NamedTuple):

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from hapticnet.checks import check_parameter
 from hapticnet.errors import SettingsError
+from hapticnet.hardware import SENSOR_THRESHOLD_N
 
 Numbers: TypeAlias = NDArray[np.float64]
 
@@ -23,9 +24,6 @@ MOST_KNOTS: Final = 8
 
 FULL_SCALE_COUNTS: Final = 1023.0
 """Highest count of the ATmega328P's 10-bit converter. Means within one of it were saturated part of the time."""
-
-THRESHOLD_N: Final = 0.2
-"""Force [N] below which an FSR of the 400 series feels nothing (data sheet)."""
 
 LARGEST_FORCE_N: Final = 100.0
 """Force [N] above which a pair is taken for grams: five times the range of the FSR 400 series (20 N, data sheet)."""
@@ -195,8 +193,10 @@ def _check_usable(counts: Numbers, forces: Numbers, *, saturated: int) -> None:
             f"{len(counts)} pairs can be used ({saturated} are saturated, and 0 counts say nothing); "
             "a calibration needs two different forces at least, and different counts for them"
         )
-    if forces.max() < THRESHOLD_N:
-        raise SettingsError(f"the largest force is {forces.max():g} N; the sensor feels nothing below {THRESHOLD_N} N")
+    if forces.max() < SENSOR_THRESHOLD_N:
+        raise SettingsError(
+            f"the largest force is {forces.max():g} N; the sensor detects nothing below {SENSOR_THRESHOLD_N} N"
+        )
     if np.dot(counts - counts.mean(), forces - forces.mean()) <= 0.0:
         raise SettingsError(
             "the force does not grow with the counts; the sensor belongs between 5 V and A0, the resistor between "
@@ -229,7 +229,7 @@ def _steps_n(knots: Numbers, counts: Numbers, forces: Numbers) -> Numbers:
     below = np.concatenate(([0.0], knots[:-1]))
     least: Numbers = FLATTEST_SLOPE * forces.max() / knots[-1] * (knots - below)
     shares = np.clip((counts[:, np.newaxis] - below) / (knots - below), 0.0, 1.0)
-    weights = 1.0 / np.maximum(forces, THRESHOLD_N)
+    weights = 1.0 / np.maximum(forces, SENSOR_THRESHOLD_N)
     # Thousands of pairs become as many equations as there are knots.
     rotation, triangle = np.linalg.qr(weights[:, np.newaxis] * shares)
     wanted = rotation.T @ (weights * (forces - shares @ least))
@@ -248,9 +248,9 @@ def _steps_n(knots: Numbers, counts: Numbers, forces: Numbers) -> Numbers:
 
 def _hysteresis(residuals: Numbers, forces: Numbers) -> float | None:
     change = np.diff(forces, prepend=forces[:1])
-    felt = forces >= THRESHOLD_N
+    felt = forces >= SENSOR_THRESHOLD_N
     loading, unloading = felt & (change > 0.0), felt & (change < 0.0)
     if not (loading.any() and unloading.any()):
         return None
-    relative = residuals / np.maximum(forces, THRESHOLD_N)
+    relative = residuals / np.maximum(forces, SENSOR_THRESHOLD_N)
     return float(relative[unloading].mean() - relative[loading].mean())

@@ -12,6 +12,7 @@ from typing import Final, TypeAlias
 
 from hapticnet.checks import check_parameter
 from hapticnet.errors import SettingsError
+from hapticnet.hardware import SERVO_DEADBAND_US
 
 Pulses: TypeAlias = tuple[float, float, float]
 
@@ -55,7 +56,7 @@ class Linkage:
     retracted_us: float = 1200.0
     extended_us: float = 2000.0
     timer_step_us: float = 0.5
-    deadband_us: float = 8.0
+    deadband_us: float = SERVO_DEADBAND_US
 
     def __post_init__(self) -> None:
         check_parameter("arm length", self.arm_m, 1e-3, 0.1, "m")

@@ -4,6 +4,15 @@ import math
 from dataclasses import dataclass
 
 from hapticnet.checks import check_parameter
+from hapticnet.hardware import (
+    CONTACT_M,
+    SENSOR_THRESHOLD_N,
+    SERVO_DEADBAND_US,
+    SERVO_FRAME_US,
+    SERVO_LAG_S,
+    STIFFENING,
+    STIFFNESS_N_M,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,9 +35,9 @@ class Servo:
         Torque [N·m] at which it stalls; 0.108 at 4.8 V is typical.
     """
 
-    frame_us: int = 20_000
-    deadband_us: float = 8.0
-    lag_s: float = 0.03
+    frame_us: int = SERVO_FRAME_US
+    deadband_us: float = SERVO_DEADBAND_US
+    lag_s: float = SERVO_LAG_S
     rate_deg_s: float = 353.0
     backlash_deg: float = 0.5
     stall_nm: float = 0.108
@@ -61,9 +70,9 @@ class Finger:
         Platform displacement [m] at which it touches the finger. An assumption.
     """
 
-    stiffness_n_m: float = 1000.0
-    stiffening: float = 0.3
-    contact_m: float = 0.002
+    stiffness_n_m: float = STIFFNESS_N_M
+    stiffening: float = STIFFENING
+    contact_m: float = CONTACT_M
 
     def __post_init__(self) -> None:
         check_parameter("finger stiffness", self.stiffness_n_m, 1.0, 1e5, "N/m")
@@ -107,7 +116,7 @@ class Sensor:
         Standard deviation [counts] of one reading's noise; about one count is typical of this converter.
     """
 
-    threshold_n: float = 0.2
+    threshold_n: float = SENSOR_THRESHOLD_N
     ohm_at_1_n: float = 9500.0
     exponent: float = 1.0
     hysteresis: float = 0.1

@@ -10,8 +10,9 @@ from hapticnet.device.kinematics import Linkage, Pulses
 from hapticnet.device.messages import TICKS_PER_US, Flag, Identity, SensorReading, Setpoint
 from hapticnet.device.parts import Servo
 from hapticnet.device.servos import Servos
+from hapticnet.hardware import SERVO_FRAME_US
 
-REPEAT_US: Final = 20_000
+REPEAT_US: Final = SERVO_FRAME_US
 """Longest time between setpoints [µs], a servo frame; the firmware retracts after 190 ms without one."""
 
 LEAD_US: Final = 1_000

@@ -5,12 +5,13 @@ from typing import Final
 
 import numpy as np
 
-from hapticnet.device.base import MAX_FORCE_N, Device, Reading
+from hapticnet.device.base import Device, Reading
 from hapticnet.device.calibration import Calibration
 from hapticnet.device.kinematics import Pulses
 from hapticnet.device.parts import Sensor
 from hapticnet.device.plant import NEVER_US, Plant, PlantSettings
 from hapticnet.device.servos import Servos
+from hapticnet.hardware import MAX_FORCE_N
 
 CALIBRATION_FORCES_N: Final = (0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 14.0, 20.0)
 """Forces [N] at which the simulated sensor is calibrated: its data sheet's range, closer where it bends more."""

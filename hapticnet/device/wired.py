@@ -13,7 +13,7 @@ In every state but streaming there are no readings, and the device, hearing no s
 from enum import Enum
 from typing import Final
 
-from hapticnet.device.base import MAX_FORCE_N, Device, Reading
+from hapticnet.device.base import Device, Reading
 from hapticnet.device.calibration import Calibration
 from hapticnet.device.framing import Deframer, frame
 from hapticnet.device.kinematics import Linkage
@@ -33,6 +33,7 @@ from hapticnet.device.messages import (
 from hapticnet.device.parts import Servo
 from hapticnet.device.setpoints import Setpoints
 from hapticnet.errors import PeerError, RefusedError
+from hapticnet.hardware import MAX_FORCE_N
 
 ASK_AGAIN_US: Final = 100_000
 """How long [µs] an answer to HELLO or STREAM is waited for before asking again."""

@@ -7,15 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.control.finger import (
-    SOFTEST_N_M,
-    STIFFENING,
-    STIFFEST_N_M,
-    FingerSettings,
-    LearnedFinger,
-    compressed,
-)
+from hapticnet.control.finger import FingerSettings, LearnedFinger, compressed
 from hapticnet.errors import SettingsError
+from hapticnet.hardware import SOFTEST_N_M, STIFFENING, STIFFEST_N_M
 
 PERIOD_S = 0.01
 

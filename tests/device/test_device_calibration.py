@@ -5,10 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.device.calibration import THRESHOLD_N, Calibration, fit_calibration
+from hapticnet.device.calibration import Calibration, fit_calibration
 from hapticnet.device.parts import Sensor
 from hapticnet.device.simulated import loading_calibration
 from hapticnet.errors import SettingsError
+from hapticnet.hardware import SENSOR_THRESHOLD_N
 
 SENSOR = Sensor()
 CALIBRATION = loading_calibration(SENSOR)
@@ -97,7 +98,7 @@ def test_a_fit_is_strictly_increasing_or_refused_and_knows_no_order(pairs, knots
 )
 def test_few_exact_pairs_are_reproduced(counts, steps_n) -> None:
     counts.sort()
-    forces_n = [float(force_n) for force_n in THRESHOLD_N + np.cumsum(steps_n)[: len(counts)]]
+    forces_n = [float(force_n) for force_n in SENSOR_THRESHOLD_N + np.cumsum(steps_n)[: len(counts)]]
     fit = fit_calibration(counts, forces_n)
     assert fit.calibration.counts == tuple(counts)
     assert fit.calibration.forces_n == pytest.approx(forces_n, rel=1e-6)
@@ -193,7 +194,7 @@ def test_thousands_of_pairs_are_fitted() -> None:
         ([200, 300], [1.0, math.inf], "pair 2: force is inf N; it must be between 0 and 100 N"),
         ([200, 300], [-0.5, 1.0], "pair 1: force is -0.5"),
         ([200, 300], [50.0, 200.0], "pair 2: force is 200.0 N; it must be between 0 and 100 N"),
-        ([200, 300], [5e-324, 1e-300], "largest force is 1e-300 N; the sensor feels nothing below 0.2 N"),
+        ([200, 300], [5e-324, 1e-300], "largest force is 1e-300 N; the sensor detects nothing below 0.2 N"),
     ],
 )
 def test_pairs_that_make_no_calibration_are_refused(counts, forces_n, message) -> None:

@@ -185,7 +185,7 @@ def _account(measured: Pairs, fit: "Fit", file: Path) -> dict[str, Any]:
 
 
 def _table(account: dict[str, Any]) -> list[str]:
-    from hapticnet.control.limits import DEVICE_MAX_FORCE_N
+    from hapticnet.hardware import MAX_FORCE_N
 
     lines = [f"{'pair':>6}{'force [N]':>11}{'adc':>8}{'table [N]':>11}{'residual [N]':>14}"]
     for number, pair in enumerate(account["pairs"], start=1):
@@ -201,9 +201,9 @@ def _table(account: dict[str, Any]) -> list[str]:
     if account["hysteresis"] is not None:
         lines.append(f"hysteresis: reads {account['hysteresis']:.1%} of the force more while unloading")
     strongest_n = max(pair["force_n"] for pair in account["pairs"] if pair["residual_n"] is not None)
-    if strongest_n < DEVICE_MAX_FORCE_N:
+    if strongest_n < MAX_FORCE_N:
         lines.append(
-            f"the device renders {DEVICE_MAX_FORCE_N:g} N, but above {strongest_n:g} N this table says only "
+            f"the device renders {MAX_FORCE_N:g} N, but above {strongest_n:g} N this table says only "
             '"at least that": better measure stronger forces, too'
         )
     lines.append(f"written to {account['profile']}")

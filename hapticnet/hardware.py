@@ -1,0 +1,36 @@
+"""Nominal values of the fingertip device and of the finger on it, for all who control, describe or simulate them."""
+
+from typing import Final
+
+MAX_FORCE_N: Final = 5.0
+"""Largest force [N] the paper's fingertip device renders."""
+
+SENSOR_THRESHOLD_N: Final = 0.2
+"""Smallest force [N] that a sensor of the FSR 400 series detects (data sheet)."""
+
+SERVO_FRAME_US: Final = 20_000
+"""Period [µs] at which a servo takes a new pulse; 50 Hz is the convention of analog servos."""
+
+SERVO_DEADBAND_US: Final = 8.0
+"""Change of pulse [µs] below which a servo does not move; typical of the HS-55."""
+
+SERVO_LAG_S: Final = 0.03
+"""Time constant [s] of a servo's first-order lag; 20 to 40 ms is typical of the HS-55."""
+
+CONTACT_M: Final = 0.002
+"""Platform displacement [m] at which it touches the finger. An assumption."""
+
+STIFFNESS_N_M: Final = 1000.0
+"""Tangent stiffness [N/m] of a finger at 1 N, the middle of the typical range of 300 to 3000."""
+
+SOFTEST_N_M: Final = 200.0
+STIFFEST_N_M: Final = 5000.0
+"""Limits [N/m] of the stiffness at 1 N that a fingertip can have."""
+
+STIFFENING: Final = 0.3
+"""Share of a finger's stiffness at 1 N that comes from the force (dimensionless). An assumption: fingers vary.
+
+The force is ``k0 / b · (exp(b · compression) − 1)``, the form that Pawluk and Howe (1999, "Dynamic contact of the human
+fingerpad against a flat surface") found for 0 to 2 N, without their relaxation. The tangent stiffness is
+``k0 + b · force``; at 1 N, `STIFFENING` is the share of b.
+"""
