@@ -14,8 +14,11 @@ def codecs(json: options.Json = False) -> None:
     import shutil
     import textwrap
 
-    from hapticnet.codec.registry import describe_codecs
+    from hapticnet.cli.console import Console
+    from hapticnet.codec.registry import describe_codecs, register_installed_codecs
 
+    for fault in register_installed_codecs():
+        Console("codecs").say(fault)
     listed: list[dict[str, Any]] = describe_codecs()
     if json:
         print(json_module.dumps(listed, indent=2))

@@ -6,7 +6,11 @@ from typing import Annotated, TypeAlias
 import typer
 
 Codec: TypeAlias = Annotated[
-    str, typer.Option(metavar="NAME[:KEY=VALUE,…]", help="Feedback codec; hapticnet codecs lists them.")
+    str,
+    typer.Option(
+        metavar="NAME[:KEY=VALUE,…]",
+        help="Feedback codec; hapticnet codecs lists them. One of yours: FILE.py:CLASS or package.module:CLASS.",
+    ),
 ]
 Weber: TypeAlias = Annotated[float, typer.Option(help="Weber fraction k: JND = k·|force|. The paper's mean: 0.05.")]
 Floor: TypeAlias = Annotated[float, typer.Option(help="Smallest JND [N], where k·|force| falls below it.")]

@@ -19,6 +19,14 @@ def slave(
     duration: Annotated[float | None, typer.Option(min=0.0, help="Stop after this many seconds.")] = None,
     fastest_rate: Annotated[float, typer.Option(help="Highest sample rate granted to a master [Hz].")] = 10_000.0,
     most_sessions: Annotated[int, typer.Option(min=1, help="Masters served at once.")] = 64,
+    codec: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FILE.py:CLASS",
+            help="Codec of yours that masters may ask for, or package.module:CLASS; repeat for more. Codecs of"
+            " installed packages are always served.",
+        ),
+    ] = None,
     channel_out: options.ChannelOut = "perfect",
     seed: options.Seed = 0,
     record: Annotated[
@@ -38,7 +46,8 @@ def slave(
     from hapticnet.channel.emulator import Emulator
     from hapticnet.channel.spec import parse_channel
     from hapticnet.cli.console import Console, channel_account, check_outputs, deliver
-    from hapticnet.errors import FileError
+    from hapticnet.codec.registry import parse_codec, register_installed_codecs
+    from hapticnet.errors import FileError, SettingsError
     from hapticnet.files import check_folder
     from hapticnet.node.slave import MasterJoined, MasterLeft, SlaveEvent, SlaveNode, SlaveSettings
     from hapticnet.protocol.settings import SessionSettings
@@ -50,6 +59,12 @@ def slave(
     from hapticnet.scene.scene import Scene
     from hapticnet.tables import write_csv
 
+    console = Console("slave", quiet=quiet)
+    for text in codec or ():
+        if parse_codec(text)[1]:
+            raise SettingsError(f"--codec {text}: omit the parameters; each master sends its own")
+    for fault in register_installed_codecs():
+        console.say(f"not served: {fault}")
     settings = find_scene(scene)
     out = parse_channel(channel_out)
     sock = listen_on(parse_host_port(listen, lowest_port=0))
@@ -68,7 +83,6 @@ def slave(
     if record is not None:
         check_folder(record)
     check_outputs(report, inputs=[scene_file(scene)])
-    console = Console("slave", quiet=quiet)
     to_write: list[Station] = []
 
     def on_event(event: SlaveEvent) -> None:

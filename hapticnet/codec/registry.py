@@ -1,7 +1,8 @@
-"""The codecs by name. A later codec joins by being listed in `CODECS`."""
+"""The codecs by name: hapticnet's own in `CODECS`, and those of users, which `parse_codec` loads."""
 
 import dataclasses
 import inspect
+import re
 from collections.abc import Mapping
 from typing import Any, Final
 
@@ -12,11 +13,12 @@ from hapticnet.codec.least_squares import LeastSquares
 from hapticnet.codec.level_crossing import LevelCrossing
 from hapticnet.codec.merging import Merging
 from hapticnet.codec.passive import PassiveExtrapolative, PassiveInterpolative
+from hapticnet.codec.plugins import installed_codecs, user_class
 from hapticnet.codec.predictive import LinearPredictive
 from hapticnet.codec.probabilistic import Probabilistic
 from hapticnet.codec.raw import Raw
 from hapticnet.codec.velocity_adaptive import VelocityAdaptive
-from hapticnet.errors import SettingsError
+from hapticnet.errors import HapticnetError, SettingsError
 from hapticnet.perception import WeberLaw
 
 CODECS: Final[Mapping[str, type[Any]]] = {
@@ -37,33 +39,60 @@ CODECS: Final[Mapping[str, type[Any]]] = {
 }
 
 
+_SOURCE = re.compile(r"(?P<source>(?:.+\.py|[A-Za-z_][\w.]*):[A-Za-z_]\w*)(?::(?P<parameters>.*))?")
+
+_user_codecs: dict[str, type[Any]] = {}
+
+
+def all_codecs() -> Mapping[str, type[Any]]:
+    """Return hapticnet's codecs and the user codecs registered so far, by name."""
+    return {**CODECS, **_user_codecs}
+
+
 def make_codec(name: str, law: WeberLaw, parameters: Mapping[str, float] | None = None) -> Codec:
     """Return the codec called `name` for a person whose perception follows `law`.
 
+    Nothing is imported here: the name may come from the network.
+
     Raises
     ------
     SettingsError
-        When no codec has that name, or the codec has no such parameter; the message lists what there is.
+        If no codec has that name or the codec has no such parameter; the message lists what there is.
     """
-    if name not in CODECS:
-        raise SettingsError(f"unknown codec {name!r}; there are: {', '.join(CODECS)}")
-    known = [field.name for field in dataclasses.fields(CODECS[name]) if field.name != "law"]
+    made = CODECS.get(name) or _user_codecs.get(name)
+    if made is None:
+        raise SettingsError(f"unknown codec {name!r}; there are: {', '.join(all_codecs())}")
+    known = [field.name for field in dataclasses.fields(made) if field.name != "law"]
     for key in parameters or {}:
         if key not in known:
             raise SettingsError(f"codec {name!r} has no parameter {key!r}; it has: {', '.join(known) or 'none'}")
-    made: Codec = CODECS[name](law=law, **(parameters or {}))
-    return made
+    try:
+        codec: Codec = made(law=law, **(parameters or {}))
+    except HapticnetError:
+        raise
+    except Exception as error:  # a user's codec may raise anything
+        raise SettingsError(
+            f"codec {name!r} refused {dict(parameters or {})}: {type(error).__name__}: {error}"
+        ) from error
+    return codec
 
 
 def parse_codec(text: str) -> tuple[str, dict[str, float]]:
-    """Return name and parameters of a codec written as ``NAME[:KEY=VALUE,…]``.
+    """Return name and parameters of a codec written as ``CODEC[:KEY=VALUE,…]``.
+
+    CODEC is a name, ``FILE.py:Class`` or ``package.module:Class``. The last two, and names that installed packages
+    offer as entry points, are imported and registered. Do not call it with text from the network.
 
     Raises
     ------
     SettingsError
-        When a parameter has not that form, or comes twice.
+        If a parameter does not have that form or occurs twice, or a user's codec cannot be used.
     """
-    name, _, rest = text.partition(":")
+    codec, rest = split_codec(text)
+    if ":" in codec:
+        codec = register_codec(user_class(codec))
+    elif codec not in CODECS and codec in (points := installed_codecs()):
+        codec = _register_installed(codec, points[codec].value)
     parameters: dict[str, float] = {}
     for part in rest.split(",") if rest else ():
         key, separator, value = part.partition("=")
@@ -77,13 +106,58 @@ def parse_codec(text: str) -> tuple[str, dict[str, float]]:
                 f"codec {text!r}: {part!r} must be KEY=NUMBER, each key once, as in deadband:step_n=0.001"
             )
         parameters[key] = number
+    return codec, parameters
+
+
+def split_codec(text: str) -> tuple[str, str]:
+    """Return what names the codec in ``CODEC[:KEY=VALUE,…]``, and its parameters as text."""
+    source = _SOURCE.fullmatch(text.strip())
+    if source and text.partition(":")[0].strip() not in CODECS:
+        return source["source"], source["parameters"] or ""
+    name, _, parameters = text.partition(":")
+    if name.strip().endswith(".py"):
+        raise SettingsError(f"codec {text!r}: name the class in the file too, as in {name.strip()}:MyCodec")
     return name.strip(), parameters
+
+
+def register_codec(made: type[Any]) -> str:
+    """Make a class from `plugins.user_class` known under its name, and return that.
+
+    Raises
+    ------
+    SettingsError
+        If another codec has that name.
+    """
+    name: str = made.name
+    taken = "hapticnet" if name in CODECS else getattr(_user_codecs.get(name), "source", made.source)
+    if taken != made.source:
+        raise SettingsError(f"codec {made.source}: the name {name!r} is taken by {taken}; choose another")
+    _user_codecs[name] = made
+    return name
+
+
+def register_installed_codecs() -> list[str]:
+    """Register every codec that installed packages offer as an entry point; return what is wrong with the others."""
+    faults = []
+    for name, point in installed_codecs().items():
+        try:
+            _register_installed(name, point.value)
+        except SettingsError as error:
+            faults.append(str(error))
+    return faults
+
+
+def _register_installed(name: str, source: str) -> str:
+    made = user_class(source)
+    if made.name != name:
+        raise SettingsError(f"codec {source}: its entry point is {name!r} and its name {made.name!r}; make them equal")
+    return register_codec(made)
 
 
 def describe_codecs() -> list[dict[str, Any]]:
     """Return name, rule and parameters of every codec, for a person or for JSON."""
     described = []
-    for name, codec in CODECS.items():
+    for name, codec in all_codecs().items():
         meanings = _attributes(inspect.getdoc(codec) or "")
         described.append(
             {
@@ -91,7 +165,7 @@ def describe_codecs() -> list[dict[str, Any]]:
                 "summary": (inspect.getdoc(codec) or "").partition("\n")[0],
                 "needs_position": codec.needs_position,
                 "parameters": [
-                    {"name": key, "default": value, "meaning": meanings[key]}
+                    {"name": key, "default": value, "meaning": meanings.get(key, "")}
                     for key, value in codec_parameters(codec()).items()
                 ],
             }

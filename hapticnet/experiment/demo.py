@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from hapticnet.arrays import FloatArray
+from hapticnet.codec.registry import split_codec
 from hapticnet.errors import UnavailableError
 from hapticnet.experiment.analysis import Columns, bytes_per_penetration, felt_error
 from hapticnet.experiment.conditions import Condition, conditions_with
@@ -68,7 +69,7 @@ def play_conditions(
     """
     conditions = conditions_with(codec)
     slave_report = folder / "slave.json"
-    with _slave(folder, seed, slave_report) as address:
+    with _slave(folder, seed, codec, slave_report) as address:
         for condition in conditions:
             arguments = ["master", "--connect", address, "--name", condition.slug, "--seed", str(seed)]
             arguments += ["--codec", condition.codec, "--multiplier", str(condition.multiplier)]
@@ -121,9 +122,10 @@ def results(played: list[Played]) -> list[dict[str, Any]]:
 
 
 @contextmanager
-def _slave(folder: Path, seed: int, report: Path) -> Iterator[str]:
+def _slave(folder: Path, seed: int, codec: str, report: Path) -> Iterator[str]:
     """Run a slave on a free port and yield its address; its report is written when it ends."""
     arguments = ["slave", "--listen", "127.0.0.1:0", "--scene", f"paper:{seed}"]
+    arguments += ["--codec", split_codec(codec)[0]]  # the slave must know a codec of the user's too
     slave = Child([*arguments, "--record", str(folder / "slave"), "--report", str(report)])
     try:
         yield slave.address()

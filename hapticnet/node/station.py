@@ -51,12 +51,12 @@ class Station:
             self._positions.decode(t_us, position.payload)
             sample = PositionSample(t_us, self._positions.reconstruct(t_us))
             force = self.scene.step(sample)
+            if self.session.expire_update(now_us):
+                self._encoder.refresh()
+            payload = self._encoder.encode(t_us, force.force_n, sample.position_m)
         except (PeerError, SampleError):  # counted as a datagram already, so not by `add_malformed`
             self.session.received.malformed += 1
             return None
-        if self.session.expire_update(now_us):
-            self._encoder.refresh()
-        payload = self._encoder.encode(t_us, force.force_n, sample.position_m)
         answer = None
         if payload is not None:
             self._mirror.decode(t_us, payload)

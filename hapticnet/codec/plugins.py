@@ -1,0 +1,293 @@
+"""Codecs of users: loaded from a file, a module or an entry point, and rehearsed before anything depends on them."""
+
+import importlib
+import importlib.util
+import math
+import re
+import sys
+import traceback
+from dataclasses import MISSING, fields
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Any, Final
+
+from hapticnet.codec.base import Codec, Decoder, Encoder
+from hapticnet.errors import HapticnetError, PeerError, SampleError, SettingsError
+from hapticnet.samples import MAX_AXES, Vector
+
+ENTRY_POINT_GROUP: Final = "hapticnet.codecs"
+
+LARGEST_PAYLOAD: Final = 1024
+"""Bytes of a payload that still fit a datagram on every network, with room for headers."""
+
+REHEARSED_N: Final = (0.0, 0.2, 0.5, 2.0, 2.01, 2.5, -1.0, -1.0, 0.0, 5.0, 0.001, 1.0)
+"""Forces of the rehearsal [N]: rest, rises, a sign change, repeats."""
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+
+
+_loaded: dict[tuple[str, int], type[Any]] = {}
+
+
+def user_class(source: str) -> type[Any]:
+    """Return the codec class at ``FILE.py:Class`` or ``package.module:Class``, checked; reread if its file changed.
+
+    Raises
+    ------
+    SettingsError
+        If the file or module cannot be imported, or the class is missing or not a codec.
+    """
+    file = Path(source.rpartition(":")[0])
+    key = source, file.stat().st_mtime_ns if file.is_file() else 0
+    if key not in _loaded:
+        _loaded[key] = checked_class(_load(source), source)
+    return _loaded[key]
+
+
+def _load(source: str) -> type[Any]:
+    place, _, name = source.rpartition(":")
+    try:
+        module = _run_file(Path(place)) if place.endswith(".py") else _import(place)
+    except (Exception, SystemExit) as error:
+        raise SettingsError(f"codec {source}: importing {place} raised {_in_words(error)}") from error
+    if module is None:
+        raise SettingsError(f"codec {source}: cannot find {place}")
+    found = getattr(module, name, None)
+    if not isinstance(found, type):
+        raise SettingsError(f"codec {source}: {place} defines no class {name!r}")
+    return found
+
+
+def installed_codecs() -> dict[str, EntryPoint]:
+    """Return the entry points of installed packages that offer codecs, by name."""
+    return {point.name: point for point in entry_points(group=ENTRY_POINT_GROUP)}
+
+
+def checked_class(found: Any, source: str) -> type[Any]:
+    """Return a user's codec class such that its faults surface as errors of hapticnet, after a rehearsal.
+
+    Parameters
+    ----------
+    found
+        The class; see docs/api.md for what it has to define.
+    source
+        Where it is defined, as ``FILE.py:Class`` or ``package.module:Class``.
+
+    Raises
+    ------
+    SettingsError
+        If the class is not a codec or fails the rehearsal; says in which respect.
+    """
+    parameters = getattr(found, "__dataclass_params__", None)
+    if parameters is None or not parameters.frozen:
+        raise SettingsError(f"codec {source}: not a frozen dataclass; decorate it with @dataclass(frozen=True)")
+    known = {field.name: field for field in fields(found)}
+    for name, kind in (("name", str), ("needs_position", bool)):
+        if name in known or not isinstance(getattr(found, name, None), kind):
+            raise SettingsError(f"codec {source}: needs a class variable {name}: ClassVar[{kind.__name__}]")
+    if not _NAME.fullmatch(found.name):
+        raise SettingsError(
+            f"codec {source}: name is {found.name!r}; use 1 to 64 letters, digits, dots, dashes and underscores"
+        )
+    for name in ("encoder", "decoder"):
+        if not callable(getattr(found, name, None)):
+            raise SettingsError(f"codec {source}: has no method {name}(axes)")
+    if "law" not in known:
+        raise SettingsError(f"codec {source}: has no field law: WeberLaw = field(default_factory=WeberLaw)")
+    for name, field in known.items():
+        if field.default is MISSING and field.default_factory is MISSING:
+            raise SettingsError(f"codec {source}: field {name} has no default")
+        if name != "law" and not isinstance(field.default, (int, float)):
+            raise SettingsError(f"codec {source}: parameter {name} is {field.default!r}; parameters are numbers")
+    try:
+        codec = found()
+    except Exception as error:
+        raise SettingsError(f"codec {source}: making it raised {_in_words(error)}") from error
+    rehearse(codec, source)
+    return _guarded(found, source)
+
+
+def rehearse(codec: Codec, source: str) -> None:
+    """Run a codec over a few samples of one to three axes, with and without positions.
+
+    A codec may refuse two or three axes with a SampleError.
+
+    Raises
+    ------
+    SettingsError
+        If it raises or returns something other than what `codec.base` describes.
+    """
+    for axes in range(1, MAX_AXES + 1):
+        for moving in (False, True):
+            try:
+                _rehearse(codec, axes, moving)
+            except SampleError as error:
+                if axes == 1:
+                    raise SettingsError(f"codec {source}: {error}") from error
+            except _Fault as fault:
+                raise SettingsError(f"codec {source}: {fault}") from fault
+            except Exception as error:
+                raise SettingsError(
+                    f"codec {source}: a rehearsal with {axes}-axis forces raised {_in_words(error)}"
+                ) from error
+
+
+class _Fault(Exception):  # noqa: N818 - it never leaves this module
+    """What a rehearsal found."""
+
+
+def _rehearse(codec: Codec, axes: int, moving: bool) -> None:
+    encoder, decoder = codec.encoder(axes), codec.decoder(axes)
+    if encoder is codec.encoder(axes) or decoder is codec.decoder(axes):
+        raise _Fault("encoder(axes) and decoder(axes) must return a new object each time")
+    _check_applied(decoder.reconstruct(0), axes)
+    for index, force_n in enumerate((*REHEARSED_N, 1.0)):
+        t_us = 1000 * index
+        stimulus = tuple(force_n * scale for scale in (1.0, -0.5, 0.1)[:axes])
+        position = tuple(1e-3 * index * scale for scale in (1.0, 0.2, 0.0)[:axes]) if moving else None
+        last = index == len(REHEARSED_N)
+        if last:
+            encoder.refresh()
+        payload = encoder.encode(t_us, stimulus, position)
+        _check_payload(payload)
+        if payload is None and (index == 0 or last):
+            which = "the first sample after refresh()" if last else "the first sample"
+            raise _Fault(f"encode must send {which}; it returned None")
+        if payload is not None:
+            decoder.decode(t_us, payload)
+        _check_applied(decoder.reconstruct(t_us, position), axes)
+
+
+def _check_payload(payload: Any) -> None:
+    if payload is not None and type(payload) is not bytes:
+        raise _Fault(f"encode returned {_short(payload)}; it must return bytes or None")
+    if payload is not None and len(payload) > LARGEST_PAYLOAD:
+        raise _Fault(f"encode returned {len(payload)} bytes; a payload has at most {LARGEST_PAYLOAD}")
+
+
+def _check_applied(applied: Any, axes: int) -> None:
+    good = type(applied) is tuple and len(applied) == axes
+    if not good or not all(isinstance(each, (int, float)) and math.isfinite(each) for each in applied):
+        raise _Fault(f"reconstruct returned {_short(applied)}; it must return {axes} finite floats as a tuple")
+
+
+def _guarded(found: type[Any], source: str) -> type[Any]:
+    """Return a subclass whose faults are errors of hapticnet; `source` becomes an attribute of it."""
+
+    def encoder(self: Any, axes: int) -> Encoder:
+        return _Encoder(started(super(made, self).encoder, axes), source)
+
+    def decoder(self: Any, axes: int) -> Decoder:
+        return _Decoder(started(super(made, self).decoder, axes), axes, source)
+
+    def started(method: Any, axes: int) -> Any:
+        try:
+            return method(axes)
+        except Exception as error:
+            raise SettingsError(f"codec {source}: {method.__name__}({axes}) raised {_in_words(error)}") from error
+
+    scope = {"__doc__": found.__doc__, "__module__": found.__module__, "source": source}
+    made: type[Any] = type(found.__name__, (found,), {**scope, "encoder": encoder, "decoder": decoder})
+    return made
+
+
+class _Encoder:
+    """The encoder of a user. Satisfies `Encoder`."""
+
+    __slots__ = ("_encode", "_refresh", "_source")
+
+    def __init__(self, inner: Encoder, source: str) -> None:
+        self._encode, self._refresh, self._source = inner.encode, inner.refresh, source
+
+    def encode(self, t_us: int, stimulus: Vector, position: Vector | None = None) -> bytes | None:
+        """Return the payload or None; whatever the user's encoder raises becomes a SampleError."""
+        try:
+            payload = self._encode(t_us, stimulus, position)
+            _check_payload(payload)
+        except SampleError:
+            raise
+        except Exception as error:
+            raise SampleError(f"codec {self._source}: encode failed: {_in_words(error)}") from error
+        return payload
+
+    def refresh(self) -> None:
+        """Make the next stimulus a transmitted one."""
+        self._refresh()
+
+
+class _Decoder:
+    """The decoder of a user: what it returns is checked, as it is on its way to a device. Satisfies `Decoder`."""
+
+    __slots__ = ("_applied", "_axes", "_decode", "_reconstruct", "_source")
+
+    def __init__(self, inner: Decoder, axes: int, source: str) -> None:
+        self._decode, self._reconstruct, self._source = inner.decode, inner.reconstruct, source
+        self._axes = axes
+        self._applied: Vector = (0.0,) * axes
+
+    def decode(self, t_us: int, payload: bytes) -> None:
+        """Take in a payload; whatever the user's decoder raises becomes a PeerError."""
+        try:
+            self._decode(t_us, payload)
+        except PeerError:
+            raise
+        except Exception as error:
+            raise PeerError(f"codec {self._source}: decode failed: {_in_words(error)}") from error
+
+    def reconstruct(self, t_us: int, position: Vector | None = None) -> Vector:
+        """Return the stimulus to apply; the last valid one where the user's decoder returns none."""
+        try:
+            applied = self._reconstruct(t_us, position)
+            _check_applied(applied, self._axes)
+            self._applied = applied
+        except Exception:  # noqa: S110 - a device must get a finite force whatever a codec does
+            pass
+        return self._applied
+
+
+def _run_file(file: Path) -> Any:
+    if not file.is_file():
+        return None
+    name = f"hapticnet_codec_{file.stem}"
+    spec = importlib.util.spec_from_file_location(name, file)
+    if spec is None or spec.loader is None:
+        return None
+    _look_in(file.parent)  # as Python does for a script, so that it can import its neighbours
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look their module up
+    spec.loader.exec_module(module)
+    return module
+
+
+def _import(name: str) -> Any:
+    _look_in(Path.cwd())  # which a console script does not search by itself
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name is not None and name.startswith(error.name):
+            return None
+        raise
+
+
+def _look_in(folder: Path) -> None:
+    path = str(folder.resolve())
+    if path not in sys.path:
+        sys.path.append(path)
+
+
+def _in_words(error: BaseException) -> str:
+    """Return kind and message of an error, and the line of the user's code it comes from."""
+    kind = type(error)
+    name = (
+        kind.__name__ if kind.__module__ in ("builtins", "hapticnet.errors") else f"{kind.__module__}.{kind.__name__}"
+    )
+    text = f"{name}: {error}" if str(error) else name
+    if isinstance(error, (SyntaxError, HapticnetError)):
+        return text
+    places = [place for place in traceback.extract_tb(error.__traceback__) if not place.filename.startswith("<")]
+    return f"{text} ({Path(places[-1].filename).name}, line {places[-1].lineno})" if places else text
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
