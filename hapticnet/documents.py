@@ -1,4 +1,4 @@
-"""TOML files that people write: read, parsed and checked; each mistake is one line that says what would be right."""
+"""Read, parse and validate TOML files; report each mistake in one line that says what would be right."""
 
 import reprlib
 import tomllib
@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from hapticnet.errors import FileError, SettingsError
 
 STRICT: Final = ConfigDict(extra="forbid", strict=True)
-"""What the model of a document is configured with: no unknown keys, nothing taken for what it is not."""
+"""Model configuration of a document: no unknown keys, no type conversions."""
 
 _WANTED: Final = {
     "string_type": "text in quotes",
@@ -21,13 +21,13 @@ _WANTED: Final = {
     "dict_type": "a table",
     "model_type": "a table",
 }
-"""What pydantic's commonest complaints come to, by its names for them."""
+"""Expected value for pydantic's most frequent error types."""
 
 Document = TypeVar("Document", bound=BaseModel)
 
 
 def read_document(path: Path) -> str:
-    """Return the text of a file; a FileError says why it cannot be read."""
+    """Return the text of a file; raise FileError if it cannot be read."""
     try:
         return path.read_text(encoding="utf-8")
     except OSError as error:
@@ -37,17 +37,17 @@ def read_document(path: Path) -> str:
 
 
 def parse_document(text: str, source: str, model: type[Document]) -> Document:
-    """Return the document that `text`, which came from `source`, is by its model.
+    """Return `text` parsed and validated by a model; messages name `source` as its origin.
 
     Raises
     ------
     FileError
-        When the text is not TOML; the message has the line and column.
+        If the text is not TOML; the message has the line and column.
     SettingsError
-        When a key is unknown or missing, or a value is not of its kind; the message names the key.
+        If a key is unknown or missing, or a value has the wrong type; the message names the key.
     """
     try:
-        # Beside its own error tomllib lets through what int() and the recursion limit refuse.
+        # Besides its own error, tomllib lets errors of int() and of the recursion limit through.
         content = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise FileError(f"{source}: not a TOML file: {_with_place(str(error), text)}") from error
@@ -58,15 +58,15 @@ def parse_document(text: str, source: str, model: type[Document]) -> Document:
 
 
 def _with_place(message: str, text: str) -> str:
-    """Return tomllib's message with the line and column it leaves out at the end of a document."""
+    """Return tomllib's message with the line and column, which it omits at the end of a document."""
     line = text.count("\n") + 1
     column = len(text) - text.rfind("\n")
     return message.replace("(at end of document)", f"(at line {line}, column {column}, the end of the document)")
 
 
 def _first_mistake(error: ValidationError, model: type[BaseModel]) -> str:
-    """Return in one line where the first mistake is and what would be right."""
-    # A misspelt key is both unknown and missing; unknown says more.
+    """Return the place of the first mistake and what would be right, in one line."""
+    # A misspelt key is both unknown and missing; "unknown" is more useful.
     mistake = min(error.errors(include_url=False), key=lambda each: each["type"] != "extra_forbidden")
     table, where, key = _place(model, mistake["loc"])
     if mistake["type"] == "extra_forbidden":
@@ -79,7 +79,7 @@ def _first_mistake(error: ValidationError, model: type[BaseModel]) -> str:
 
 
 def _place(model: type[BaseModel], location: tuple[int | str, ...]) -> tuple[type[BaseModel], str, str]:
-    """Return the table a mistake is in, which of several it is ("tissue 2: "), and the key within ("finger.date")."""
+    """Return the table with the mistake, its number ("tissue 2: ") and the key within it ("finger.date")."""
     where, key, several = "", "", False
     for part in location:
         if isinstance(part, int) and several:  # one table of several
@@ -94,7 +94,7 @@ def _place(model: type[BaseModel], location: tuple[int | str, ...]) -> tuple[typ
 
 
 def _table_in(annotation: Any) -> type[BaseModel] | None:
-    """Return the model of a table, an optional table or a list of tables; None for anything else."""
+    """Return the model of a table, an optional table or a list of tables; otherwise None."""
     for candidate in (annotation, *get_args(annotation)):
         if isinstance(candidate, type) and issubclass(candidate, BaseModel):
             return candidate

@@ -1,4 +1,4 @@
-"""What the skin can tell apart: Weber's law and the published thresholds hapticnet starts from."""
+"""Weber's law and the published force thresholds that hapticnet starts from."""
 
 from dataclasses import dataclass
 from statistics import fmean
@@ -14,25 +14,25 @@ SUBJECT_JND_N: Final = (0.05, 0.04, 0.06, 0.05, 0.05, 0.06, 0.05, 0.04)
 """Force JND [N] of the eight subjects of "Cutaneous haptic deadband compression", ascending method of limits."""
 
 JND_REFERENCE_FORCES_N: Final = (0.5, 1.0, 1.5)
-"""Reference forces [N] at which those JNDs were taken."""
+"""Reference forces [N] at which those JNDs were measured."""
 
 PAPER_WEBER_FRACTION: Final = round(fmean(SUBJECT_JND_N) / fmean(JND_REFERENCE_FORCES_N), 9)
 """Mean JND of the eight subjects over their mean reference force: k = 0.05 N / 1 N."""
 
 PAPER_FLOOR_N: Final = PAPER_WEBER_FRACTION * min(JND_REFERENCE_FORCES_N)
-"""The JND at the weakest force the paper tested, 0.025 N.
+"""JND at the weakest force the paper tested, 0.025 N.
 
-Weber's law is not supported below the weakest force tested, and k·|I| goes to zero with the force, so that noise
-alone would fire the deadband: below 0.5 N the JND is held at its value there.
+Weber's law is not supported below the weakest force tested, and k·|I| vanishes with the force, so that noise alone
+would trigger the deadband. Below 0.5 N the JND is therefore constant.
 """
 
 SMALLEST: Final = 1e-12
-"""The smallest Weber fraction, floor [N] and multiplier but 0: far below any sense, and errors in JNDs stay numbers."""
+"""Smallest nonzero Weber fraction, floor [N] and multiplier: far below any sense, and errors in JNDs stay finite."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WeberLaw:
-    """When two stimuli can be told apart.
+    """The threshold at which two stimuli can be told apart.
 
     ``threshold(ref) = multiplier · max(weber_fraction · |ref|, floor_n)``, with ``|·|`` the Euclidean norm.
 
@@ -41,14 +41,14 @@ class WeberLaw:
     weber_fraction
         JND as a fraction of the reference stimulus (dimensionless, 0 to 1). Weber 1834; k·|I| in the paper.
     floor_n
-        Smallest JND [N], which holds where k·|I| falls below it.
+        Smallest JND [N]; applies where k·|I| is below it.
     multiplier
-        How many JNDs the threshold is. The paper's conditions are 1, 2 and 4.
+        Threshold in JNDs. The paper's conditions are 1, 2 and 4.
 
     Raises
     ------
     SettingsError
-        When a value is not finite, negative or too large, or neither 0 nor large enough to be divided by.
+        If a value is not finite, negative or too large, or nonzero and too small to divide by.
     """
 
     weber_fraction: float = PAPER_WEBER_FRACTION
@@ -68,18 +68,18 @@ class WeberLaw:
         return max(self.weber_fraction * reference_n, self.floor_n)
 
     def jnds_n(self, references_n: "npt.NDArray[np.float64]") -> "npt.NDArray[np.float64]":
-        """Return `jnd_n` of each of an array of magnitudes [N]."""
+        """Return `jnd_n` for an array of magnitudes [N]."""
         import numpy as np
 
         return np.maximum(self.weber_fraction * references_n, self.floor_n)
 
     def threshold_n(self, reference_n: float) -> float:
         """Return the deadband threshold [N] around a stimulus of magnitude `reference_n` [N]."""
-        # The multiplier goes inside, so that array code can take it out of its loop and still get the same bits.
+        # The multiplier is inside, so that array code can hoist it out of its loop and still get the same bits.
         return max(self.multiplier * self.weber_fraction * reference_n, self.multiplier * self.floor_n)
 
     def thresholds_n(self, references_n: "npt.NDArray[np.float64]") -> "npt.NDArray[np.float64]":
-        """Return `threshold_n` of each of an array of magnitudes [N], the same to the bit."""
+        """Return `threshold_n` for an array of magnitudes [N], identical to the bit."""
         import numpy as np
 
         return np.maximum(self.multiplier * self.weber_fraction * references_n, self.multiplier * self.floor_n)

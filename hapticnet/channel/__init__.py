@@ -1,1 +1,1 @@
-"""A network to put between two nodes: delay, jitter, loss, reordering, duplication, a bottleneck; seeded."""
+"""An emulated network, seeded: delay, jitter, loss, reordering, duplication and a rate limit."""

@@ -1,4 +1,4 @@
-"""The channel itself: packets go in with the time they are sent, and come out when they are due."""
+"""The channel emulator: packets enter with the time they are sent and leave when they are due."""
 
 import heapq
 from collections import deque
@@ -14,10 +14,10 @@ from hapticnet.channel.settings import ChannelSettings
 T = TypeVar("T")
 
 HEADER_BYTES: Final = 20 + 8
-"""IPv4 header without options (RFC 791) and UDP header (RFC 768), which every packet takes on the wire."""
+"""Bytes of each packet's IPv4 header without options (RFC 791) and UDP header (RFC 768)."""
 
 MAX_IN_FLIGHT: Final = 100_000
-"""Most packets an emulator holds, so that one nobody takes packets out of does not fill the memory."""
+"""Limit of packets in an emulator, so that memory stays bounded if packets are never taken out."""
 
 _NS_PER_US: Final = 1_000
 _NS_PER_S: Final = 1_000_000_000
@@ -25,18 +25,18 @@ _NS_PER_S: Final = 1_000_000_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChannelCounters:
-    """What became of the packets so far: accepted + duplicated = delivered + lost + queue_dropped + in flight.
+    """Counters of packets: accepted + duplicated = delivered + lost + queue_dropped + in flight.
 
     Attributes
     ----------
     accepted
-        Packets pushed in.
+        Packets pushed.
     delivered
-        Packets handed out, duplicates included.
+        Packets taken out, duplicates included.
     lost
-        Packets the loss model took.
+        Packets dropped by the loss model.
     queue_dropped
-        Packets that found the bottleneck's queue full, or `MAX_IN_FLIGHT` packets under way.
+        Packets dropped because the bottleneck's queue was full or `MAX_IN_FLIGHT` packets were in flight.
     duplicated
         Copies made.
     reordered
@@ -61,17 +61,17 @@ class ChannelCounters:
 class Emulator(Generic[T]):
     """One direction of an emulated network.
 
-    A packet's fate depends only on the seed, the settings, its size, and the packets pushed before it, not on when
-    `due` is called; each kind of chance has a random stream of its own, so that the same packets are lost whatever
-    the jitter is. A time stamp earlier than the one before is taken as it is: the packet still waits for those it
-    must not overtake, and for a bottleneck that is busy.
+    The fate of a packet depends only on the seed, the settings, its size and the packets pushed before it, not on when
+    `due` is called. Each random effect has its own stream, so the same packets are lost whatever the jitter is. A time
+    stamp earlier than the previous one is used as it is: the packet still waits for those it must not overtake, and for
+    a busy bottleneck.
 
     Parameters
     ----------
     settings
-        What happens to packets; parts that are not set cost nothing.
+        Effects of the channel; those that are not set cost nothing.
     rng
-        Where chance comes from. Child streams are spawned from it; nothing is drawn from it.
+        Random generator. Child streams are spawned from it; nothing is drawn from it.
     """
 
     __slots__ = (
@@ -122,9 +122,9 @@ class Emulator(Generic[T]):
         self._plain = not self._reorders and all(
             part is None for part in (self._losses, self._duplicates, self._jitter_us, self._rate_bit_per_s)
         )
-        # Packets under way are in one of these. In the queue, a packet waits for the one before it whatever its own
-        # time. The heap is for when some may overtake others; there a packet is (due, number, copy, item, size),
-        # so that no two compare equal before their items.
+        # Packets in flight are in one of these. The queue is used if packets keep their order: each waits for the one
+        # before it. Otherwise the heap holds (due, number, copy, item, size), so that no two entries compare equal
+        # before their items.
         self._fifo: deque[tuple[int, T, int]] = deque()
         self._heap: list[tuple[int, int, bool, T, int]] = []
         self._last_due_us = 0
@@ -139,12 +139,12 @@ class Emulator(Generic[T]):
 
     @property
     def in_flight(self) -> int:
-        """Packets pushed in and neither handed out nor dropped yet, copies included."""
+        """Number of packets pushed and neither delivered nor dropped, copies included."""
         return len(self._fifo) + len(self._heap)
 
     @property
     def counters(self) -> ChannelCounters:
-        """What became of the packets so far."""
+        """Counters of packets so far."""
         return ChannelCounters(
             accepted=self._accepted,
             delivered=self._delivered,
@@ -165,7 +165,7 @@ class Emulator(Generic[T]):
         Parameters
         ----------
         item
-            What comes out again.
+            What `due` returns.
         size_bytes
             Size of the UDP payload.
         now_us
@@ -191,7 +191,7 @@ class Emulator(Generic[T]):
             self._forward(item, size_bytes, now_us, is_copy=True)
 
     def due(self, now_us: int) -> list[T]:
-        """Take out the packets whose time of delivery has come by `now_us` [µs], in the order of delivery."""
+        """Remove and return the packets due by `now_us` [µs], in order of delivery."""
         under_way = self._heap or self._fifo
         if not under_way or under_way[0][0] > now_us:
             return []
@@ -216,13 +216,13 @@ class Emulator(Generic[T]):
         return items
 
     def next_timer_us(self) -> int | None:
-        """Return when [µs] the next packet is due, or None when none is under way."""
+        """Return the time [µs] when the next packet is due, or None if none is in flight."""
         if self._fifo:
             return self._fifo[0][0]
         return self._heap[0][0] if self._heap else None
 
     def _forward(self, item: T, size_bytes: int, now_us: int, *, is_copy: bool) -> None:
-        """Send a packet or a copy of one through the bottleneck, and on."""
+        """Send a packet or a copy through the bottleneck and the delay."""
         under_way = self._heap or self._fifo
         if len(under_way) >= MAX_IN_FLIGHT:
             self._drop(size_bytes)

@@ -1,4 +1,4 @@
-"""How much longer than its constant delay a packet takes."""
+"""Random delay of packets, added to the constant delay of a channel."""
 
 import math
 from collections.abc import Iterator
@@ -21,10 +21,10 @@ LARGEST_SHAPE: Final = 1000.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Jitter:
-    """A random delay added to the constant one, never below zero: the constant delay is the shortest there is.
+    """A random delay, never negative, added to the constant one.
 
-    Queues and retransmissions only ever add to the time light takes, so each distribution starts at 0 and falls off
-    or ends from there. All are scaled to the same standard deviation σ, and so can be exchanged for each other:
+    Queues and retransmissions only add to the propagation time, so each distribution starts at 0. All are scaled to the
+    same standard deviation σ, so one can replace another:
 
     ========== ==================================================================== ===================
     uniform    from 0 to σ·√12                                                      mean 1.732 σ
@@ -40,15 +40,14 @@ class Jitter:
     deviation_us
         Standard deviation σ [µs].
     shape
-        α of the Pareto distribution; the smaller, the heavier its tail. Above 2: else there is no standard deviation.
-        The other two have no shape.
+        α of the Pareto distribution, above 2; smaller values give a heavier tail. Not used by the other two.
     keeps_order
-        Whether a packet waits for those before it (a queue), or may overtake them (many paths).
+        Whether a packet waits for earlier ones (a queue) or may overtake them (multiple paths).
 
     Raises
     ------
     SettingsError
-        When a value is unknown or out of range.
+        If a value is unknown or out of range.
     """
 
     distribution: Distribution
@@ -66,12 +65,12 @@ class Jitter:
         check_above("jitter shape", self.shape, 2, LARGEST_SHAPE)
 
     def describe(self) -> str:
-        """Return the text `parse_jitter` reads."""
+        """Return the text that `parse_jitter` reads."""
         shape = f":{self.shape!r}" if self.distribution == "pareto" else ""
         return f"{self.distribution}:{format_time(self.deviation_us)}{shape}"
 
     def delays_us(self, rng: np.random.Generator) -> Iterator[int]:
-        """Yield for each packet in turn how much it is delayed [µs]."""
+        """Yield the delay [µs] of each packet in turn."""
         alpha = self.shape
         while True:
             match self.distribution:
@@ -90,11 +89,11 @@ def parse_jitter(text: str) -> Jitter:
     Raises
     ------
     SettingsError
-        When it is none of these.
+        If it has another form.
     """
     match text.split(":"):
         case [("normal" | "uniform" | "pareto") as distribution, deviation]:
             return Jitter(distribution=distribution, deviation_us=parse_time_us(deviation))
         case ["pareto", deviation, shape]:
             return Jitter(distribution="pareto", deviation_us=parse_time_us(deviation), shape=parse_number(shape))
-    raise SettingsError(f'"{text[:60]}" is none of normal:5ms, uniform:5ms and pareto:5ms[:3]')
+    raise SettingsError(f'"{text[:60]}" is not a jitter such as normal:5ms, uniform:5ms or pareto:5ms[:3]')

@@ -1,4 +1,4 @@
-"""Which packets a channel loses: independently, in bursts, or by an explicit pattern."""
+"""Loss models of a channel: independent, in bursts, or by an explicit pattern."""
 
 import itertools
 from collections.abc import Iterator
@@ -12,14 +12,14 @@ from hapticnet.checks import check_parameter
 from hapticnet.errors import SettingsError
 
 BLOCK: Final = 1024
-"""Random numbers drawn at once: one at a time they would cost more than all the rest of a packet's way."""
+"""Random numbers drawn at a time; drawing one at a time would dominate the cost of a packet."""
 
 LONGEST_PATTERN: Final = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class BernoulliLoss:
-    """Each packet is lost with the same probability, whatever became of the others.
+    """Each packet is lost independently with the same probability.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class BernoulliLoss:
     Raises
     ------
     SettingsError
-        When the probability is not between 0 and 1.
+        If the probability is not between 0 and 1.
     """
 
     probability: float
@@ -39,44 +39,44 @@ class BernoulliLoss:
 
     @property
     def mean(self) -> float:
-        """Share of packets lost in the long run."""
+        """Long-term share of lost packets."""
         return self.probability
 
     def describe(self) -> str:
-        """Return the text `parse_loss` reads."""
+        """Return the text that `parse_loss` reads."""
         return format_share(self.probability)
 
     def fates(self, rng: np.random.Generator) -> Iterator[bool]:
-        """Yield for each packet in turn whether it is lost."""
+        """Yield whether each packet in turn is lost."""
         while True:
             yield from (rng.random(BLOCK) < self.probability).tolist()
 
 
 @dataclass(frozen=True, slots=True)
 class GilbertElliottLoss:
-    """Losses in bursts: a Markov chain that changes between a good and a bad state, once a packet.
+    """Losses in bursts: a Markov chain with a good and a bad state that takes one step per packet.
 
     Gilbert, "Capacity of a burst-noise channel", Bell System Technical Journal 39 (1960) 1253–1265, with k = 1;
     Elliott, "Estimates of error rates for codes on burst-noise channels", same journal 42 (1963) 1977–1997, with
-    k below 1. The chain is in the bad state for a share p / (p + r) of the packets, so that the stationary loss
-    rate is ``(1 − h)·p/(p + r) + (1 − k)·r/(p + r)``; a stay in the bad state lasts 1/r packets on average. The
-    first packet finds the chain in its stationary distribution.
+    k below 1. The chain is in the bad state for a share p / (p + r) of the packets, so the stationary loss rate is
+    ``(1 − h)·p/(p + r) + (1 − k)·r/(p + r)``; a burst in the bad state lasts 1/r packets on average. The chain starts
+    in its stationary distribution.
 
     Attributes
     ----------
     p
-        Probability that the bad state follows on the good one.
+        Probability of a transition from the good to the bad state.
     r
-        Probability that the good state follows on the bad one.
+        Probability of a transition from the bad to the good state.
     h
-        Probability that a packet gets through in the bad state; none does by default.
+        Probability that a packet is delivered in the bad state; 0 by default.
     k
-        Probability that a packet gets through in the good state; every one does by default.
+        Probability that a packet is delivered in the good state; 1 by default.
 
     Raises
     ------
     SettingsError
-        When a probability is not between 0 and 1, or p and r are both 0, so that there is no stationary state.
+        If a probability is not between 0 and 1, or p and r are both 0, which has no stationary state.
     """
 
     p: float
@@ -92,16 +92,16 @@ class GilbertElliottLoss:
 
     @property
     def mean(self) -> float:
-        """Share of packets lost in the long run."""
+        """Long-term share of lost packets."""
         bad = self.p / (self.p + self.r)
         return (1.0 - self.h) * bad + (1.0 - self.k) * (1.0 - bad)
 
     def describe(self) -> str:
-        """Return the text `parse_loss` reads."""
+        """Return the text that `parse_loss` reads."""
         return "gilbert:" + ",".join(format_share(share) for share in (self.p, self.r, self.h, self.k))
 
     def fates(self, rng: np.random.Generator) -> Iterator[bool]:
-        """Yield for each packet in turn whether it is lost."""
+        """Yield whether each packet in turn is lost."""
         to_bad, stay_bad, loss_good, loss_bad = self.p, 1.0 - self.r, 1.0 - self.k, 1.0 - self.h
         bad = bool(rng.random() < self.p / (self.p + self.r))
         while True:
@@ -112,17 +112,17 @@ class GilbertElliottLoss:
 
 @dataclass(frozen=True, slots=True)
 class PatternLoss:
-    """Losses by an explicit pattern, repeated without end.
+    """Losses by an explicit pattern, repeated forever.
 
     Attributes
     ----------
     pattern
-        One character a packet: 1 is lost, 0 gets through.
+        One character per packet: 1 is lost, 0 is delivered.
 
     Raises
     ------
     SettingsError
-        When the pattern is empty, too long or has other characters than 0 and 1.
+        If the pattern is empty, too long or contains characters other than 0 and 1.
     """
 
     pattern: str
@@ -131,20 +131,20 @@ class PatternLoss:
         if not 1 <= len(self.pattern) <= LONGEST_PATTERN or set(self.pattern) - {"0", "1"}:
             raise SettingsError(
                 f'loss pattern is "{self.pattern[:40]}"; it must be 1 to {LONGEST_PATTERN} characters 0 '
-                "(gets through) or 1 (is lost), such as 0010110"
+                "(delivered) or 1 (lost), such as 0010110"
             )
 
     @property
     def mean(self) -> float:
-        """Share of packets lost in the long run."""
+        """Long-term share of lost packets."""
         return self.pattern.count("1") / len(self.pattern)
 
     def describe(self) -> str:
-        """Return the text `parse_loss` reads."""
+        """Return the text that `parse_loss` reads."""
         return f"pattern:{self.pattern}"
 
     def fates(self, _rng: np.random.Generator) -> Iterator[bool]:
-        """Yield for each packet in turn whether it is lost; there is nothing random in it."""
+        """Yield whether each packet in turn is lost; the generator is not used."""
         return itertools.cycle([mark == "1" for mark in self.pattern])
 
 
@@ -157,7 +157,7 @@ def parse_loss(text: str) -> Loss:
     Raises
     ------
     SettingsError
-        When it is none of these.
+        If it has another form.
     """
     model, colon, arguments = text.partition(":")
     if not colon:
@@ -167,4 +167,4 @@ def parse_loss(text: str) -> Loss:
     shares = arguments.split(",")
     if model == "gilbert" and 2 <= len(shares) <= 4:
         return GilbertElliottLoss(*(parse_share(share) for share in shares))
-    raise SettingsError(f'"{text[:60]}" is none of 2%, gilbert:p,r[,h[,k]] and pattern:0010110')
+    raise SettingsError(f'"{text[:60]}" is not a loss such as 2%, gilbert:p,r[,h[,k]] or pattern:0010110')

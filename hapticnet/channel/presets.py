@@ -1,7 +1,7 @@
-"""Networks by name. Each stands for one direction of the link; a round trip goes through two.
+"""Named networks. Each describes one direction of a link; a round trip passes through two.
 
-Only what the laws of physics say is exact here. The rest is typical: the middle of what such links do, for trying a
-system against a kind of network, not a measurement of any.
+Only physical limits are exact. The other numbers are typical of such links, for trying a system on a kind of network;
+they are not measurements of one.
 """
 
 import math
@@ -15,25 +15,25 @@ from hapticnet.channel.loss import BernoulliLoss, GilbertElliottLoss
 from hapticnet.channel.settings import ChannelSettings
 
 SPEED_OF_LIGHT_KM_PER_S: Final = 299_792.458
-"""In vacuum, by definition of the metre (SI)."""
+"""Speed of light in vacuum, by definition of the metre (SI)."""
 
 FIBRE_GROUP_INDEX: Final = 1.468
-"""How much slower light is in single-mode fibre at 1550 nm; typical of data sheets."""
+"""Group index of single-mode fibre at 1550 nm, typical of data sheets."""
 
 LONDON_NEW_YORK_KM: Final = 5_570.0
 """Great circle from 51.51° N 0.13° W to 40.71° N 74.01° W on a sphere of 6,371 km radius."""
 
 GEOSTATIONARY_ALTITUDE_KM: Final = 35_786.0
-"""Above the equator: where an orbit takes one sidereal day."""
+"""Altitude above the equator of an orbit with a period of one sidereal day."""
 
 EARTH_RADIUS_KM: Final = 6_378.0
-"""At the equator."""
+"""Radius at the equator."""
 
 FIBRE_FLOOR_MS: Final = LONDON_NEW_YORK_KM * FIBRE_GROUP_INDEX / SPEED_OF_LIGHT_KM_PER_S * 1e3
-"""27.3 ms: light in a fibre laid along the great circle."""
+"""27.3 ms: propagation time in a fibre along the great circle."""
 
 OVERHEAD_HOP_MS: Final = 2.0 * GEOSTATIONARY_ALTITUDE_KM / SPEED_OF_LIGHT_KM_PER_S * 1e3
-"""238.7 ms: up and down, with the satellite overhead at both ends."""
+"""238.7 ms: up and down with the satellite overhead at both ends."""
 
 HORIZON_HOP_MS: Final = (
     2.0
@@ -41,7 +41,7 @@ HORIZON_HOP_MS: Final = (
     / SPEED_OF_LIGHT_KM_PER_S
     * 1e3
 )
-"""278.1 ms: up and down, with the satellite on the horizon at both ends."""
+"""278.1 ms: up and down with the satellite on the horizon at both ends."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,9 +51,9 @@ class Preset:
     Attributes
     ----------
     settings
-        What it does, in one direction.
+        Its effects, in one direction.
     source
-        Where its numbers come from.
+        Source of its numbers.
     """
 
     settings: ChannelSettings
@@ -79,9 +79,9 @@ PRESETS: Final[Mapping[str, Preset]] = MappingProxyType(
                 loss=GilbertElliottLoss(p=0.004, r=0.4),
                 rate_bit_per_s=50_000_000,
             ),
-            "typical of a shared home or office access point. Losses come in bursts of 2.5 packets, 1 % in all; "
+            "typical of a shared home or office access point. Losses come in bursts of 2.5 packets, 1 % overall; "
             "two states are a simplification: da Silva and Pedroso, Sensors 22 (2022) 8592, find them inadequate "
-            "for measured Wi-Fi losses. Order is kept, as 802.11's receiver reorders",
+            "for measured Wi-Fi losses. Order is kept because 802.11 receivers reorder",
         ),
         "4g": Preset(
             ChannelSettings(
@@ -115,7 +115,7 @@ PRESETS: Final[Mapping[str, Preset]] = MappingProxyType(
                 queue_us=300_000,
             ),
             f"geostationary: {OVERHEAD_HOP_MS:.1f} ms with the satellite overhead to {HORIZON_HOP_MS:.1f} ms on the "
-            "horizon, and ground equipment, for the round trip of about 600 ms that Huston reports (APNIC, 2022); "
+            "horizon, plus ground equipment, for the round trip of about 600 ms that Huston reports (APNIC, 2022); "
             "jitter, loss, rate and queue typical",
         ),
     }

@@ -1,6 +1,6 @@
-"""Times, shares and rates as people write them in a channel's specification: 20ms, 2%, 1Mbit/s.
+"""Times, shares and rates as written in a channel specification: 20ms, 2%, 1Mbit/s.
 
-What is formatted here is read back as exactly the same number.
+Formatted quantities are read back as exactly the same number.
 """
 
 import re
@@ -10,10 +10,10 @@ from typing import Final
 from hapticnet.errors import SettingsError
 
 LONGEST_US: Final = 3_600_000_000
-"""Longest time a channel may be set to: one hour, far beyond any link that carries touch."""
+"""Longest time [µs] in a channel's settings: one hour, far beyond any link that carries touch."""
 
 FASTEST_BIT_PER_S: Final = 10**12
-"""Fastest bottleneck: 1 Tbit/s, where a packet takes less than a nanosecond."""
+"""Fastest bottleneck [bit/s]: 1 Tbit/s, where a packet takes less than a nanosecond."""
 
 _TIME_UNITS: Final = {"us": 1, "µs": 1, "ms": 1_000, "s": 1_000_000}
 _RATE_UNITS: Final = {"bit/s": 1, "kbit/s": 10**3, "mbit/s": 10**6, "gbit/s": 10**9}
@@ -52,17 +52,17 @@ def parse_number(text: str) -> float:
 
 
 def format_time(time_us: int) -> str:
-    """Return a time in the largest unit that leaves it whole."""
+    """Return a time as a whole number in the largest possible unit."""
     return _in_largest_unit(time_us, {"s": 1_000_000, "ms": 1_000, "us": 1})
 
 
 def format_rate(rate_bit_per_s: int) -> str:
-    """Return a rate in the largest unit that leaves it whole."""
+    """Return a rate as a whole number in the largest possible unit."""
     return _in_largest_unit(rate_bit_per_s, {"Gbit/s": 10**9, "Mbit/s": 10**6, "kbit/s": 10**3, "bit/s": 1})
 
 
 def format_share(share: float) -> str:
-    """Return a share in percent where that reads back as the same number, else as a fraction of 1."""
+    """Return a share in percent if that reads back as the same number, else as a fraction of 1."""
     percent = f"{share * 100.0:.12g}"
     return f"{percent}%" if float(percent) / 100.0 == share else repr(share)
 
@@ -75,7 +75,7 @@ def _number_and_unit(text: str) -> tuple[float, str]:
 def _whole(text: str, units: Mapping[str, int], largest: int, wanted: str) -> int:
     number, unit = _number_and_unit(text)
     value = number * units.get(unit, float("nan"))
-    # Written so that NaN, which compares false with everything, is refused too.
+    # NaN compares false with everything, so this form rejects it too.
     if not 0.0 <= value <= largest:
         raise SettingsError(f'"{text[:60]}" is not {wanted}')
     return round(value)

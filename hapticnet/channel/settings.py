@@ -1,4 +1,4 @@
-"""What a channel does to the packets sent through it."""
+"""Settings of one direction of an emulated network."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -15,48 +15,47 @@ from hapticnet.channel.quantities import (
 from hapticnet.checks import check_parameter
 
 DEFAULT_HOLD_BACK_US: Final = 10_000
-"""How long a reordered packet is held back: ten packets of a 1 kHz stream overtake it."""
+"""Time [µs] a reordered packet is held back: ten packets of a 1 kHz stream overtake it."""
 
 DEFAULT_QUEUE_US: Final = 100_000
-"""How long a packet may wait for the bottleneck."""
+"""Longest time [µs] a packet waits for the bottleneck."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChannelSettings:
-    """What one direction of a network does; by default nothing.
+    """Effects of one direction of a network; none by default.
 
-    A packet meets the parts in this order: loss, duplication, bottleneck, delay with jitter and reordering. A lost
-    packet is not duplicated; a duplicate follows its original through the bottleneck, as a retransmission whose
-    acknowledgement was lost does, so that no more than the rate ever leaves it.
+    The effects apply in this order: loss, duplication, bottleneck, delay with jitter and reordering. A lost packet is
+    not duplicated. A duplicate follows its original through the bottleneck, like a retransmission after a lost
+    acknowledgement, so the output never exceeds the rate.
 
-    Packets keep their order: none is delivered before one sent earlier. Only two settings lift that rule:
-    `reorder_probability`, for single packets, which are held back while later ones overtake; and a jitter that does
-    not keep the order, for all.
+    Packets keep their order, with two exceptions: `reorder_probability` holds back single packets while later ones
+    overtake, and a jitter with ``keeps_order=False`` reorders all.
 
     Attributes
     ----------
     delay_us
-        Shortest time from sending to delivery [µs].
+        Shortest time [µs] from sending to delivery.
     jitter
-        Random delay on top of it.
+        Random delay added to it.
     loss
-        Which packets are lost.
+        Loss model.
     reorder_probability
         Probability that a packet is held back, 0 to 1.
     hold_back_us
-        For how long [µs], beyond its own time of delivery.
+        Additional delay [µs] of a packet that is held back.
     duplicate_probability
         Probability that a packet arrives twice, 0 to 1.
     rate_bit_per_s
-        Rate of the bottleneck [bit/s], UDP and IPv4 headers counted; None for no bottleneck.
+        Rate of the bottleneck [bit/s], counting UDP and IPv4 headers; None: no bottleneck.
     queue_us
-        Longest time a packet waits for the bottleneck [µs]; one that would wait longer is dropped. The bound is a
-        time, for that is what a queue costs a haptic loop, whatever its packets' size and the rate.
+        Longest time [µs] a packet waits for the bottleneck; one that would wait longer is dropped. The limit is a time
+        because time is what a queue costs a haptic loop, at any packet size and rate.
 
     Raises
     ------
     SettingsError
-        When a value is out of range.
+        If a value is out of range.
     """
 
     delay_us: int = 0
@@ -90,7 +89,7 @@ class ChannelSettings:
         )
 
     def describe(self) -> str:
-        """Return the settings as one line that `parse_channel` reads back."""
+        """Return the settings as one line that `parse_channel` can read."""
         parts = []
         if self.delay_us:
             parts.append(f"delay={format_time(self.delay_us)}")

@@ -1,4 +1,4 @@
-"""A network written in one line of text: a preset, parts, or both."""
+"""Read a channel specification: one line of text with a preset, parts, or both."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -13,17 +13,17 @@ from hapticnet.errors import SettingsError
 
 
 def parse_channel(spec: str) -> ChannelSettings:
-    """Return the settings written as a preset, as parts separated by commas, or as a preset and then parts.
+    """Return the settings written as a preset, as parts separated by commas, or as a preset followed by parts.
 
     ``perfect``, ``wifi``, ``wifi,loss=5%``, or the parts ``delay=20ms``, ``jitter=normal:5ms`` (or ``uniform:5ms``,
     ``pareto:5ms[:shape]``), ``order=keep`` (or ``free``), ``loss=2%`` (or ``gilbert:p,r[,h[,k]]``,
     ``pattern:0010110``), ``reorder=1%[:10ms]``, ``duplicate=0.1%``, ``rate=1Mbit/s``, ``queue=100ms``. A part
-    replaces what the preset says; ``none`` takes it out. Capitals do not matter.
+    replaces that of the preset; ``none`` removes it. Case does not matter.
 
     Raises
     ------
     SettingsError
-        When a part cannot be used; the message names it, and says what can.
+        If a part is invalid; the message names it and says what is valid.
     """
     parts = spec.lower().split(",")
     settings = ChannelSettings()
@@ -54,8 +54,8 @@ def parse_channel(spec: str) -> ChannelSettings:
 def _preset(name: str) -> ChannelSettings:
     if name not in PRESETS:
         raise SettingsError(
-            f'channel: "{name[:60]}" is no preset; presets are {", ".join(PRESETS)}, '
-            "and anything else is written such as delay=20ms,loss=2%"
+            f'channel: "{name[:60]}" is not a preset; presets are {", ".join(PRESETS)}, '
+            "or write parts such as delay=20ms,loss=2%"
         )
     return PRESETS[name].settings
 
@@ -92,4 +92,4 @@ _PARTS: Final[Mapping[str, Callable[[ChannelSettings, str], dict[str, Any]]]] = 
     "rate": _part("rate_bit_per_s", parse_rate_bit_per_s),
     "queue": _part("queue_us", parse_time_us),
 }
-"""The parts of a specification in the order they take effect: how each changes the settings."""
+"""The parts of a specification in the order they take effect, each with its change of the settings."""

@@ -69,7 +69,7 @@ def deliver(report: Mapping[str, Any], *, as_json: bool, file: Path | None) -> N
     Raises
     ------
     FileError
-        When stdout or the file cannot be written; the other one is written all the same.
+        If stdout or the file cannot be written; the other one is written all the same.
     """
     text = json.dumps(report, indent=2) + "\n"
     try:
@@ -106,9 +106,9 @@ def check_outputs(*outputs: Path | None, inputs: Iterable[Path | None] = ()) -> 
     Raises
     ------
     SettingsError
-        When two of them are one file, or one would be written over an input.
+        If two of them are one file, or one would be written over an input.
     FileError
-        When one cannot be written.
+        If one cannot be written.
     """
     taken = {os.path.realpath(path): "is read by this run" for path in inputs if path is not None}
     for path in outputs:

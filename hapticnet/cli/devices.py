@@ -29,9 +29,9 @@ def real_time_device(text: str, profile: "Profile", seed: int) -> Iterator["tupl
     Raises
     ------
     SettingsError
-        When there is no such device.
+        If there is no such device.
     UnavailableError
-        When the simulator is not built or does not start.
+        If the simulator is not built or does not start.
     """
     from hapticnet.runtime.children import Child
     from hapticnet.runtime.serial_port import SerialSpec, Wire, parse_serial
@@ -61,9 +61,9 @@ def virtual_device(text: str, profile: "Profile", seed: int) -> Iterator["Device
     Raises
     ------
     SettingsError
-        When there is no such device.
+        If there is no such device.
     UnavailableError
-        When the simulator is not built or does not start.
+        If the simulator is not built or does not start.
     """
     kind, settings = _parse(text)
     if settings is None:
@@ -90,9 +90,9 @@ def profile_to_write(profile: Path | None, out: Path | None) -> Path | None:
     Raises
     ------
     SettingsError
-        When it is there, and not the one that is gone on from: what another verb found out would be lost.
+        If it is there, and not the one that is gone on from: what another verb found out would be lost.
     FileError
-        When it cannot be written.
+        If it cannot be written.
     """
     from hapticnet.cli.console import check_outputs
     from hapticnet.errors import SettingsError

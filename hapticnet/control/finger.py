@@ -53,7 +53,7 @@ class FingerSettings:
     Raises
     ------
     SettingsError
-        When a value is out of its range.
+        If a value is out of its range.
     """
 
     stiffness_n_m: float = STIFFNESS_N_M

@@ -75,7 +75,7 @@ class ForceControlSettings:
     Raises
     ------
     SettingsError
-        When a value is out of its range.
+        If a value is out of its range.
     """
 
     finger: FingerSettings = field(default_factory=FingerSettings)

@@ -27,7 +27,7 @@ class HoldSettings:
     Raises
     ------
     SettingsError
-        When a time is negative or above ten seconds, or the age limit is zero.
+        If a time is negative or above ten seconds, or the age limit is zero.
     """
 
     age_limit_us: int = 200_000
@@ -75,7 +75,7 @@ class Hold:
         Raises
         ------
         SampleError
-            When it is not finite or does not have this hold's number of axes; the decoder refuses such a stimulus
+            If it is not finite or does not have this hold's number of axes; the decoder refuses such a stimulus
             before it comes here.
         """
         # A passive codec may go a threshold beyond the range of stimuli; it is the limits that come after that count.

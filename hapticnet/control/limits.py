@@ -23,7 +23,7 @@ class LimitSettings:
     Raises
     ------
     SettingsError
-        When a limit is not finite, zero, negative or above what the device is built for.
+        If a limit is not finite, zero, negative or above what the device is built for.
     """
 
     max_force_n: float = MAX_FORCE_N

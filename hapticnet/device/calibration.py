@@ -53,7 +53,7 @@ class Calibration:
     Raises
     ------
     SettingsError
-        When there are fewer than two pairs, or a column is not finite, positive and strictly increasing.
+        If there are fewer than two pairs, or a column is not finite, positive and strictly increasing.
 
     Examples
     --------
@@ -139,7 +139,7 @@ def fit_calibration(adc_counts: Sequence[float], forces_n: Sequence[float], *, k
     Raises
     ------
     SettingsError
-        When a value cannot be used, when too few pairs are left, or when the force does not grow with the counts.
+        If a value cannot be used, if too few pairs are left, or if the force does not grow with the counts.
 
     Examples
     --------

@@ -47,7 +47,7 @@ class Linkage:
     Raises
     ------
     SettingsError
-        When a value is not finite or the pulses are not in order.
+        If a value is not finite or the pulses are not in order.
     """
 
     arm_m: float = 0.012

@@ -145,7 +145,7 @@ def encode(message: Message) -> bytes:
     Raises
     ------
     SettingsError
-        When a field is no integer or does not fit its place.
+        If a field is no integer or does not fit its place.
     """
     kind, layout = _BY_CLASS[type(message)]
     try:
@@ -160,7 +160,7 @@ def decode(body: bytes) -> Message:
     Raises
     ------
     PeerError
-        When the kind is unknown, or the length is not that of the kind.
+        If the kind is unknown, or the length is not that of the kind.
     """
     entry = LAYOUTS.get(body[0]) if body else None
     if entry is None:
@@ -178,7 +178,7 @@ def check_version(identity: Identity) -> None:
     Raises
     ------
     RefusedError
-        When the major versions differ; the message says how to flash the firmware of this release.
+        If the major versions differ; the message says how to flash the firmware of this release.
     """
     if identity.protocol_major != PROTOCOL_MAJOR:
         raise RefusedError(

@@ -65,7 +65,7 @@ class MeasuredCalibration:
     Raises
     ------
     SettingsError
-        When a value cannot be used.
+        If a value cannot be used.
     """
 
     calibration: Calibration
@@ -95,7 +95,7 @@ class MeasuredFinger:
     Raises
     ------
     SettingsError
-        When a value cannot be used.
+        If a value cannot be used.
     """
 
     stiffness_n_m: float
@@ -126,7 +126,7 @@ class Profile:
     Raises
     ------
     SettingsError
-        When a value cannot be used.
+        If a value cannot be used.
     """
 
     serial: str = ""
@@ -194,9 +194,9 @@ def load_profile(path: Path) -> Profile:
     Raises
     ------
     FileError
-        When the file is missing, unreadable or not TOML.
+        If the file is missing, unreadable or not TOML.
     SettingsError
-        When a key is unknown or missing, or a value cannot be used.
+        If a key is unknown or missing, or a value cannot be used.
     """
     return parse_profile(read_document(path), str(path))
 
@@ -207,9 +207,9 @@ def parse_profile(text: str, source: str) -> Profile:
     Raises
     ------
     FileError
-        When the text is not TOML; the message has the line and column.
+        If the text is not TOML; the message has the line and column.
     SettingsError
-        When a key is unknown or missing, or a value cannot be used.
+        If a key is unknown or missing, or a value cannot be used.
     """
     table = parse_document(text, source, _ProfileTable)
     try:

@@ -57,7 +57,7 @@ def paper_recording(
     Raises
     ------
     SettingsError
-        When the seed is negative, the rate is not one sample per script to one per µs, or the insertions cannot be.
+        If the seed is negative, the rate is not one sample per script to one per µs, or the insertions cannot be.
     """
     if insertions is not None:
         motion = replace(motion, insertions=insertions)

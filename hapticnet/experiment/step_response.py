@@ -85,7 +85,7 @@ def step_figures(
     Raises
     ------
     SettingsError
-        When a value is not finite, times do not increase, the step has no height or fewer than two samples follow it.
+        If a value is not finite, times do not increase, the step has no height or fewer than two samples follow it.
     """
     times, forces = np.asarray(t_s, dtype=np.float64), np.asarray(force_n, dtype=np.float64)
     _check(times, forces, at_s, from_n, to_n)
@@ -133,7 +133,7 @@ def plot_step(
     Raises
     ------
     UnavailableError
-        When matplotlib is missing.
+        If matplotlib is missing.
     """
     from hapticnet.experiment.figures import pyplot
 

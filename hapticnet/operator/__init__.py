@@ -1,1 +1,1 @@
-"""Where positions come from: scripted insertions of a needle, or a recorded motion."""
+"""Sources of positions: scripted needle insertions and recorded motion."""

@@ -1,4 +1,4 @@
-"""What an operator is to the rest of hapticnet."""
+"""The interface of an operator."""
 
 from typing import Protocol
 
@@ -6,7 +6,7 @@ from hapticnet.samples import PositionSample
 
 
 class Operator(Protocol):
-    """Whoever moves the tool: a script, a recording, a person."""
+    """A source of tool positions: a script, a recording or a person."""
 
     @property
     def axes(self) -> int:
@@ -15,9 +15,9 @@ class Operator(Protocol):
 
     @property
     def duration_us(self) -> int | None:
-        """How long the motion takes [µs], or None when it does not end."""
+        """Duration of the motion [µs], or None if it is endless."""
         ...
 
     def sample(self, t_us: int) -> PositionSample:
-        """Return where the tool is at `t_us` [µs] since the start of the motion."""
+        """Return the position of the tool at `t_us` [µs] from the start of the motion."""
         ...

@@ -1,4 +1,4 @@
-"""A needle inserted and withdrawn again and again by a hand that trembles, from a seed."""
+"""Repeated needle insertions with tremor, generated from a seed."""
 
 import math
 from bisect import bisect_right
@@ -12,18 +12,18 @@ from hapticnet.checks import check_parameter
 from hapticnet.samples import PositionSample
 
 TREMOR_BAND_HZ: Final = (8.0, 12.0)
-"""Where physiological tremor has its peak, as in the title of Novak and Newell, Neuroscience Letters (2017)."""
+"""Band of the peak of physiological tremor, from the title of Novak and Newell, Neuroscience Letters (2017)."""
 
 TYPICAL_TREMOR_RMS_M: Final = 50e-6
 """Lower end of the 50–200 µm rms reported for the hand in microsurgery.
 
-The range is quoted, with its 8–12 Hz, in PMC3989364, on two microsurgeons' tremor in pointing tasks. Riviere, Rader and
-Khosla, "Characteristics of hand motion of eye surgeons" (1997), measured 49 µm rms, slow drift included, in surgeons
-who held an instrument still.
+PMC3989364, on the tremor of two microsurgeons in pointing tasks, quotes this range and the 8–12 Hz band. Riviere, Rader
+and Khosla, "Characteristics of hand motion of eye surgeons" (1997), measured 49 µm rms, slow drift included, in
+surgeons who held an instrument still.
 """
 
 TREMOR_SINUSOIDS: Final = 8
-"""Sinusoids the tremor is made of: enough for an irregular envelope, few enough for a 1 kHz loop. An assumption."""
+"""Number of sinusoids: enough for an irregular envelope, few enough for a 1 kHz loop. An assumption."""
 
 LARGEST_POSITION_M: Final = 10.0
 LONGEST_PHASE_S: Final = 3600.0
@@ -32,45 +32,45 @@ MOST_INSERTIONS: Final = 10_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InsertionSettings:
-    """How a needle is inserted. Positions [m] grow into the tissue, times are in seconds.
+    """Motion of the insertions. Positions [m] increase into the tissue; times are in seconds.
 
     The hand approaches, pushes in equal steps with a pause after each, withdraws and rests. The defaults fit the
-    paper's scene, whose surfaces at 20, 40 and 60 mm breach when indented by 10 mm: the steps end at 29 mm (pressing
-    on the first tissue), 44 mm (first breached, pressing on the second), 59 mm (second breached) and 74 mm (all
-    breached). Their durations are an assumption, as the paper does not state its motion.
+    paper's scene, whose surfaces at 20, 40 and 60 mm breach at an indentation of 10 mm: the steps end at 29 mm
+    (pressing on the first tissue), 44 mm (first breached, pressing on the second), 59 mm (second breached) and 74 mm
+    (all breached). The durations are an assumption, because the paper does not state its motion.
 
     Attributes
     ----------
     start_m
-        Where the hand rests; before the first surface.
+        Rest position of the hand, in front of the first surface.
     approach_m
-        Where the approach ends and pushing begins; before the first surface too.
+        End of the approach and start of pushing, also in front of the first surface.
     depth_m
-        Where the last push ends.
+        End of the last push.
     approach_s
-        How long the approach takes.
+        Duration of the approach.
     push_s
-        How long pushing takes in all, pauses not counted.
+        Total duration of pushing, without pauses.
     push_steps
-        In how many equal steps the needle is pushed.
+        Number of equal pushing steps.
     pause_s
-        How long the hand keeps still after each step.
+        Duration of the pause after each step.
     withdraw_s
-        How long the way back to the start takes.
+        Duration of the withdrawal to the start.
     rest_s
-        How long the hand rests at the start before the next insertion.
+        Duration of the rest before the next insertion.
     insertions
-        How often all this is done.
+        Number of insertions.
     variation
-        How much insertions differ: the speed of each insertion, and the length of each pause and rest, is varied
-        by a factor drawn evenly from 1 ± variation. An assumption too.
+        Variation between insertions: the speed of each insertion and the length of each pause and rest are scaled by a
+        factor drawn uniformly from 1 ± variation. An assumption.
     tremor_rms_m
-        Root mean square of the tremor on top of the motion.
+        Root mean square of the tremor added to the motion.
 
     Raises
     ------
     SettingsError
-        When a value is out of range or the positions are not in order.
+        If a value is out of range or the positions are not in order.
     """
 
     start_m: float = 0.0
@@ -96,32 +96,32 @@ class InsertionSettings:
         check_parameter("insertion pause_s", self.pause_s, 0.0, LONGEST_PHASE_S)
         check_parameter("insertion withdraw_s", self.withdraw_s, 0.001, LONGEST_PHASE_S)
         check_parameter("insertion rest_s", self.rest_s, 0.0, LONGEST_PHASE_S)
-        check_parameter("insertion insertions", self.insertions, 1, MOST_INSERTIONS)
+        check_parameter("number of insertions", self.insertions, 1, MOST_INSERTIONS)
         check_parameter("insertion variation", self.variation, 0.0, 0.5)
         check_parameter("insertion tremor_rms_m", self.tremor_rms_m, 0.0, 0.01)
 
 
 class ScriptedOperator:
-    """Insertions from a script: minimum-jerk movements, pauses and tremor.
+    """Scripted insertions: minimum-jerk movements, pauses and tremor.
 
     A movement follows the minimum-jerk polynomial (Flash and Hogan, "The coordination of arm movements", Journal of
-    Neuroscience 5, 1985): ``x₀ + (x₁ − x₀)(10τ³ − 15τ⁴ + 6τ⁵)``, τ the share of its duration gone by. Tremor is a sum
-    of sinusoids of equal amplitude, each with a random phase and a random frequency in its own part of the band, so
-    that the position is a function of time alone, the same at any sampling rate.
+    Neuroscience 5, 1985): ``x₀ + (x₁ − x₀)(10τ³ − 15τ⁴ + 6τ⁵)``, with τ the elapsed share of its duration. Tremor is a
+    sum of sinusoids of equal amplitude, each with a random phase and a random frequency in its own part of the band, so
+    the position is a function of time alone, the same at any sampling rate.
 
     Parameters
     ----------
     settings
-        How the needle is inserted.
+        Motion of the insertions.
     rng
-        Where the differences between insertions and the tremor come from.
+        Source of the variation between insertions and of the tremor.
 
     Attributes
     ----------
     axes
         1: the needle's axis.
     duration_us
-        How long the whole script takes [µs]; before and after it the hand rests, still, at the start.
+        Duration of the script [µs]; before and after it the hand rests at the start, without tremor.
     """
 
     __slots__ = ("_amplitude_m", "_ends_us", "_phases", "_rest", "_waves", "axes", "duration_us")
@@ -129,7 +129,7 @@ class ScriptedOperator:
     def __init__(self, settings: InsertionSettings, rng: np.random.Generator) -> None:
         self.axes = 1
         self._rest = (settings.start_m,)
-        # Drawn first, and always: a longer script begins as a shorter one, and tremor changes nothing else.
+        # Drawn first and always: a longer script starts like a shorter one, and tremor changes nothing else.
         waves = _tremor_waves(rng)
         self._waves = waves if settings.tremor_rms_m else ()
         self._amplitude_m = settings.tremor_rms_m * math.sqrt(2.0 / TREMOR_SINUSOIDS)
@@ -147,7 +147,7 @@ class ScriptedOperator:
         self.duration_us = t_us
 
     def sample(self, t_us: int) -> PositionSample:
-        """Return where the needle is at `t_us` [µs] since the start of the script."""
+        """Return the position of the needle at `t_us` [µs] from the start of the script."""
         if not 0 <= t_us < self.duration_us:
             return PositionSample(t_us, self._rest)
         start_us, per_us, from_m, by_m = self._phases[bisect_right(self._ends_us, t_us)]
@@ -162,7 +162,7 @@ class ScriptedOperator:
 
 
 def _insertion(settings: InsertionSettings, rng: np.random.Generator) -> list[tuple[float, float, float]]:
-    """Return one insertion's phases as (duration [s], from [m], to [m])."""
+    """Return the phases of one insertion as (duration [s], from [m], to [m])."""
     steps = settings.push_steps
     least, most = 1.0 - settings.variation, 1.0 + settings.variation
     slowness = 1.0 / rng.uniform(least, most)
@@ -183,7 +183,7 @@ def _insertion(settings: InsertionSettings, rng: np.random.Generator) -> list[tu
 
 
 def _tremor_waves(rng: np.random.Generator) -> tuple[tuple[float, float], ...]:
-    """Return angular frequency [rad/µs] and phase [rad] of each sinusoid of the tremor."""
+    """Return the angular frequency [rad/µs] and phase [rad] of each sinusoid."""
     low_hz, high_hz = TREMOR_BAND_HZ
     part_hz = (high_hz - low_hz) / TREMOR_SINUSOIDS
     frequencies_hz = low_hz + part_hz * (np.arange(TREMOR_SINUSOIDS) + rng.random(TREMOR_SINUSOIDS))

@@ -34,9 +34,9 @@ async def run_device(
     Raises
     ------
     RefusedError
-        When the device speaks another protocol.
+        If the device speaks another protocol.
     UnavailableError
-        When there is no such port, or no device answers on it.
+        If there is no such port, or no device answers on it.
     """
     loop = asyncio.get_running_loop()
     signalled = stop_on_signals(loop)

@@ -61,7 +61,7 @@ class Board:
     Raises
     ------
     UnavailableError
-        When there is no build, or the simulator does not start.
+        If there is no build, or the simulator does not start.
     """
 
     def __init__(
@@ -89,7 +89,7 @@ class Board:
         Raises
         ------
         UnavailableError
-            When the simulator has ended.
+            If the simulator has ended.
         """
         plant = self.plant
         counts = plant.level_counts()
@@ -132,7 +132,7 @@ class Disturbance:
     Raises
     ------
     SettingsError
-        When a value is out of its range.
+        If a value is out of its range.
     """
 
     delay_us: int = 0

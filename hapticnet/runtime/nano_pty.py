@@ -51,9 +51,9 @@ class NanoPty:
     Raises
     ------
     UnavailableError
-        When there is no pseudo-terminal to be had.
+        If there is no pseudo-terminal to be had.
     FileError
-        When the link cannot be made; what is there and no link is left alone.
+        If the link cannot be made; what is there and no link is left alone.
     """
 
     def __init__(self, board: Board, *, link: Path | None = None) -> None:
@@ -86,7 +86,7 @@ class NanoPty:
         Raises
         ------
         UnavailableError
-            When the simulator has ended.
+            If the simulator has ended.
         """
         reached_us = now_us if self._reached_us is None else self._reached_us
         self._reached_us = now_us
@@ -165,7 +165,7 @@ async def run_nano_pty(nano: NanoPty, *, duration_s: float | None, on_status: Ca
     Raises
     ------
     UnavailableError
-        When the simulator ends by itself.
+        If the simulator ends by itself.
     """
     loop = asyncio.get_running_loop()
     stop = stop_on_signals(loop)

@@ -178,9 +178,9 @@ class SerialPort:
         Raises
         ------
         RefusedError
-            When it speaks another protocol.
+            If it speaks another protocol.
         UnavailableError
-            When the port cannot be opened, or the device gives no readings for `timeout_s` [s].
+            If the port cannot be opened, or the device gives no readings for `timeout_s` [s].
         """
         end_us = now_us() + round(timeout_s * 1e6)
         while self._wired.status != READY:
@@ -270,9 +270,9 @@ async def open_wire(wire: Wire, stop: asyncio.Event) -> SerialPort | None:
     Raises
     ------
     RefusedError
-        When the device speaks another protocol.
+        If the device speaks another protocol.
     UnavailableError
-        When there is no such port, or no device answers on it.
+        If there is no such port, or no device answers on it.
     """
     port = SerialPort(asyncio.get_running_loop(), wire.spec, wire.wired)
     ready = asyncio.ensure_future(port.wait_ready(START_WITHIN_S))

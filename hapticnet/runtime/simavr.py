@@ -42,7 +42,7 @@ def simavr_build() -> tuple[Path, Path]:
     Raises
     ------
     UnavailableError
-        When one of them is missing.
+        If one of them is missing.
     """
     named = os.environ.get(BUILD_VARIABLE)
     folder = Path(named) if named else Path(hapticnet.__file__).parents[1] / "firmware" / "build"
@@ -101,7 +101,7 @@ class Simavr:
     Raises
     ------
     UnavailableError
-        When either file is missing or the simulator does not start.
+        If either file is missing or the simulator does not start.
     """
 
     def __init__(self, harness: Path, firmware: Path) -> None:
@@ -132,9 +132,9 @@ class Simavr:
         Raises
         ------
         SettingsError
-            When the duration is out of range or there are too many bytes.
+            If the duration is out of range or there are too many bytes.
         UnavailableError
-            When the simulator has ended.
+            If the simulator has ended.
         """
         check_parameter("step", duration_us, 0, LONGEST_STEP_US, "µs")
         if len(data) > MOST_BYTES:

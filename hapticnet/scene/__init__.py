@@ -1,1 +1,1 @@
-"""What the operator touches: a needle against layers of virtual tissue, position in, contact force out."""
+"""Virtual tissues and the needle that touches them: position in, contact force out."""

@@ -1,6 +1,6 @@
 """Scenes as TOML files.
 
-A file has a ``name`` and one ``[[tissue]]`` table per tissue, whose keys are the attributes of `Tissue`.
+A file has a ``name`` and one ``[[tissue]]`` table for each tissue; its keys are the attributes of `Tissue`.
 """
 
 import dataclasses
@@ -34,22 +34,22 @@ def load_scene(path: Path) -> SceneSettings:
     Raises
     ------
     FileError
-        When the file is missing, unreadable or not TOML.
+        If the file is missing, unreadable or not TOML.
     SettingsError
-        When a key is unknown or missing, or a value cannot be used.
+        If a key is unknown or missing, or a value is invalid.
     """
     return parse_scene(read_document(path), str(path))
 
 
 def parse_scene(text: str, source: str) -> SceneSettings:
-    """Return the scene described by `text`, which came from `source`.
+    """Return the scene described by `text`; messages name `source` as its origin.
 
     Raises
     ------
     FileError
-        When the text is not TOML; the message has the line and column.
+        If the text is not TOML; the message has the line and column.
     SettingsError
-        When a key is unknown or missing, or a value cannot be used.
+        If a key is unknown or missing, or a value is invalid.
     """
     scene = parse_document(text, source, _SceneTable)
     try:

@@ -1,7 +1,7 @@
-"""The mechanics of one tissue, put together from what it declares.
+"""Force laws of one tissue, built from its properties.
 
-Contact is a chain of closures, one per declared property: each takes a number and returns a force, or
-`None` when the tissue gives way. A property that is not declared has no link in the chain.
+The contact law is a chain of closures, one per property in use: each takes a position or depth and returns a force, or
+`None` if the tissue breaks. Properties that are zero add nothing to the chain.
 """
 
 import math
@@ -12,14 +12,14 @@ from hapticnet.scene.needle import Needle
 from hapticnet.scene.tissue import Tissue
 
 Law: TypeAlias = Callable[[float], float | None]
-"""Force [N] from an indentation or a tip position [m]; `None` when it would exceed the breach force."""
+"""Force [N] from a depth or tip position [m]; `None` if it would exceed the breach force."""
 
 LARGEST_EXPONENT: Final = 700.0
-"""`math.expm1` overflows above 709; the force is beyond any breach force well before."""
+"""`math.expm1` overflows above 709; at this exponent the force exceeds any breach force."""
 
 
 class RestingSurface:
-    """A surface that goes back to its rest position at once."""
+    """A surface that returns to its rest position at once."""
 
     __slots__ = ("_rest_m",)
 
@@ -27,17 +27,17 @@ class RestingSurface:
         self._rest_m = tissue.rest_position_m
 
     def position_m(self) -> float:
-        """Return where the surface is [m] when the needle does not hold it."""
+        """Return the position [m] of the surface when the needle does not hold it."""
         return self._rest_m
 
     def release(self, from_m: float) -> None:
-        """Let the surface go from where it was pierced."""
+        """Release the surface at the position where it was pierced."""
 
 
 class RecoveringSurface:
     """A surface that relaxes exponentially to its rest position: s(t) = rest + (s₀ − rest)·exp(−t/τ).
 
-    It is evaluated from the time of its release, so that the result does not depend on the steps between.
+    It is evaluated from the time of release, so the result does not depend on the steps in between.
     """
 
     __slots__ = ("_needle", "_released_m", "_released_us", "_rest_m", "_time_constant_us")
@@ -50,15 +50,15 @@ class RecoveringSurface:
         self._released_us = 0
 
     def position_m(self) -> float:
-        """Return where the surface is [m] when the needle does not hold it."""
+        """Return the position [m] of the surface when the needle does not hold it."""
         elapsed_us = self._needle.now_us - self._released_us
         decayed = math.exp(-elapsed_us / self._time_constant_us)
         position_m = self._rest_m + (self._released_m - self._rest_m) * decayed
-        # Rounding must not carry it past a tip that stands where it was pierced.
+        # Rounding must not carry it past a tip that is still where it pierced the surface.
         return position_m if position_m < self._released_m else self._released_m
 
     def release(self, from_m: float) -> None:
-        """Let the surface go from where it was pierced."""
+        """Release the surface at the position where it was pierced."""
         self._released_m = from_m
         self._released_us = self._needle.now_us
 
@@ -69,14 +69,14 @@ Surface: TypeAlias = RestingSurface | RecoveringSurface
 class Shaft:
     """Friction of a pierced tissue on the needle's shaft, after Dahl.
 
-    dF/dz = (F_c/δ)·(1 − (F/F_c)·sgn v): the tissue is dragged along over a length δ before it slides, at ±F_c.
-    For motion in one direction this is F = s·F_c + (F₀ − s·F_c)·exp(−|Δz|/δ) with s = sgn Δz, which is
-    evaluated exactly: it is bounded, needs no velocity, and holds its force while the needle is still.
-    It is negative on the way out, when the tissue holds the needle.
+    dF/dz = (F_c/δ)·(1 − (F/F_c)·sgn v): the tissue is dragged along over a length δ before it slides, at ±F_c. For
+    motion in one direction this is F = s·F_c + (F₀ − s·F_c)·exp(−|Δz|/δ) with s = sgn Δz, which is evaluated exactly.
+    The force is bounded, needs no velocity, and stays constant while the needle is at rest. It is negative during
+    withdrawal, when the tissue holds the needle back.
 
-    P. R. Dahl, "A solid friction model", The Aerospace Corporation, 1968. C. Kim and D. Y. Lee, "An empirical
-    model of friction force between a needle and soft tissue", 2016, found this gradual rise in porcine
-    tissue and used Dahl's model for it (with a viscous term, which is left out here).
+    P. R. Dahl, "A solid friction model", The Aerospace Corporation, 1968. C. Kim and D. Y. Lee, "An empirical model of
+    friction force between a needle and soft tissue", 2016, found this gradual rise in porcine tissue and used Dahl's
+    model with a viscous term, which is omitted here.
     """
 
     __slots__ = ("_force_n", "_friction_n", "_presliding_m", "_tip_m")
@@ -88,7 +88,7 @@ class Shaft:
         self._tip_m = 0.0
 
     def grip(self, tip_m: float) -> None:
-        """Take hold, without force, of a needle whose tip is at `tip_m`."""
+        """Grip, with zero force, a needle whose tip is at `tip_m`."""
         self._force_n = 0.0
         self._tip_m = tip_m
 
@@ -104,8 +104,8 @@ class Shaft:
 
 
 def contact_law(tissue: Tissue, surface: Surface, needle: Needle) -> Law:
-    """Return the force of an unpierced tissue over the tip's position."""
-    # Where the surface does not move the law starts at it; else it is given the distance from the surface.
+    """Return the force of an unpierced tissue as a function of the tip position."""
+    # The law of a fixed surface takes the tip position, that of a moving surface the depth below it.
     start_m = 0.0 if tissue.recovery_time_s else tissue.rest_position_m
     law = _stiffening(tissue, start_m) if tissue.stiffening_per_m else _linear(tissue, start_m)
     if tissue.viscosity_n_s_per_m:
@@ -129,8 +129,8 @@ def _linear(tissue: Tissue, start_m: float) -> Law:
 def _stiffening(tissue: Tissue, start_m: float) -> Law:
     """F = (k/a)·(exp(a·x) − 1), so that dF/dx = k + a·F.
 
-    Tangent stiffness that is linear in the load is Fung's finding for soft tissue: Y. C. Fung, "Elasticity of
-    soft tissues in simple elongation", American Journal of Physiology 213, 1967.
+    Fung found that the tangent stiffness of soft tissue is linear in the load: Y. C. Fung, "Elasticity of soft tissues
+    in simple elongation", American Journal of Physiology 213, 1967.
     """
     stiffening_per_m = tissue.stiffening_per_m
     scale_n = tissue.stiffness_n_per_m / stiffening_per_m
@@ -147,10 +147,10 @@ def _stiffening(tissue: Tissue, start_m: float) -> Law:
 
 
 def _damped(elastic: Law, tissue: Tissue, needle: Needle) -> Law:
-    """Kelvin–Voigt: a damper beside the spring.
+    """Kelvin–Voigt: a damper in parallel with the spring.
 
-    It can take force away but not pull, and has no part in the breach: a velocity from two positions carries
-    their noise, and the depth of a breach would depend on the sampling rate.
+    The damper can reduce the force to zero but not below, and does not affect the breach: the velocity is a difference
+    of two noisy positions, and the depth of the breach would depend on the sampling rate.
     """
     viscosity_n_s_per_m = tissue.viscosity_n_s_per_m
 

@@ -1,4 +1,4 @@
-"""One tissue and what the needle has done to it."""
+"""One tissue of a scene and its state: intact or pierced."""
 
 from typing import Final
 
@@ -8,29 +8,29 @@ from hapticnet.scene.tissue import Contact, Tissue
 
 
 def _nothing(_tip_m: float) -> float:
-    """Return the force [N] of a pierced tissue that lets the needle slide freely."""
+    """Return the force [N] of a pierced tissue without shaft friction."""
     return 0.0
 
 
 class Layer:
-    """A tissue of the scene, whole or pierced.
+    """A tissue of the scene, intact or pierced.
 
-    The needle's god-object (Zilles and Salisbury, "A constraint-based god-object method for haptic display",
-    1995) stays on `surface`, where the tissue would be without the needle; the force grows with the tip's
-    distance from it. The tissue that is seen follows the tip while it is indented.
+    The needle's god-object (Zilles and Salisbury, "A constraint-based god-object method for haptic display", 1995)
+    stays on `surface`, where the tissue would be without the needle; the force grows with the distance of the tip from
+    it. The visible surface follows the tip while it is indented.
 
     Attributes
     ----------
     rest_m
         Position [m] of the surface at rest.
     surface
-        Where the surface is when the needle does not hold it.
+        Position of the surface when the needle does not hold it.
     breached
-        Whether the needle is through.
+        Whether the needle has pierced the layer.
     feel
-        Force over tip position, as the layer is now: its contact law, or the friction on the shaft.
+        Force as a function of tip position: the contact law or the friction on the shaft.
     is_felt
-        Whether the layer can exert a force on a needle beyond its surface.
+        Whether the layer can exert a force on a needle past its surface.
     """
 
     __slots__ = ("_breach_depth_m", "_press", "_shaft", "breached", "feel", "is_felt", "rest_m", "surface")
@@ -46,16 +46,16 @@ class Layer:
         self.heal()
 
     def heal(self) -> None:
-        """Close behind a needle that has left."""
+        """Make the layer intact after the needle has been withdrawn."""
         self.breached = False
         self.is_felt = True
         self.feel = self._press
 
     def breach(self, tip_m: float) -> float:
-        """Let the needle through to `tip_m` and return the force [N] that is left.
+        """Pierce the layer with the tip at `tip_m` and return the remaining force [N].
 
-        The surface breaks at the depth where the elastic force reaches the breach force, however far beyond
-        it the sample is; it springs back from there, and the shaft is gripped from there.
+        The surface breaks at the depth where the elastic force reaches the breach force, even if the sample is
+        beyond it. It springs back, and grips the shaft, from there.
         """
         broken_at_m = min(self.surface.position_m() + self._breach_depth_m, tip_m)
         self.surface.release(broken_at_m)
@@ -69,11 +69,11 @@ class Layer:
         return self._shaft.slide(tip_m)
 
     def contact(self, tip_m: float) -> Contact:
-        """Return what a needle with its tip at `tip_m` does to the layer."""
+        """Return the contact of a needle whose tip is at `tip_m`."""
         if self.breached:
             return Contact.PENETRATED
         return Contact.CONTACT if tip_m > self.surface.position_m() else Contact.NONE
 
     def surface_m(self, tip_m: float) -> float:
-        """Return where the surface is [m], given that the needle's tip is at `tip_m`."""
+        """Return the position [m] of the visible surface for a tip at `tip_m`."""
         return tip_m if self.contact(tip_m) is Contact.CONTACT else self.surface.position_m()

@@ -1,4 +1,4 @@
-"""The needle's motion: where its tip is, how fast it moves and how much time has passed for the tissue."""
+"""Motion of the needle: position and speed of its tip, and the elapsed time."""
 
 import math
 from typing import Final
@@ -6,28 +6,27 @@ from typing import Final
 from hapticnet.samples import LARGEST_COMPONENT
 
 LARGEST_SPEED_M_PER_S: Final = 10.0
-"""Bound on the tip's speed [m/s], which two samples with nearly equal time stamps would make boundless.
+"""Limit of the tip's speed [m/s]; two samples with nearly equal time stamps would give an unbounded one.
 
-An assumption: several times faster than a hand that inserts a needle.
+An assumption: several times the speed of a hand that inserts a needle.
 """
 
 LONGEST_STEP_US: Final = 10**15
-"""Bound on the time [µs] one step takes, about 32 years, so that the clock always fits a float."""
+"""Limit of the duration [µs] of one step, about 32 years, so that the clock always fits a float."""
 
 
 class Needle:
-    """Position, speed and time of the needle, which layers read when what they declare depends on it.
+    """Position, speed and time of the needle, read by layers whose properties depend on them.
 
-    Time runs by the differences of the sample time stamps and only forwards: a stamp that repeats or goes
-    backwards takes no time, and the next one counts from it, so that a clock that was set back cannot stop
-    the scene.
+    Time is the sum of the forward differences of the sample time stamps. A stamp that repeats or goes backwards adds
+    no time, and the next difference is taken from it, so a clock that is set back does not stop the scene.
 
     Attributes
     ----------
     tip_m
-        Position of the tip [m] at the newest step.
+        Position of the tip [m] at the newest sample.
     velocity_m_per_s
-        Its velocity [m/s] since the step before, positive into the tissue; zero where no time has passed.
+        Velocity [m/s] since the previous sample, positive into the tissue; zero if no time has passed.
     now_us
         Time [µs] that has passed since the first sample.
     """
@@ -41,7 +40,7 @@ class Needle:
         self._stamp_us: int | None = None
 
     def advance(self, t_us: int, tip_m: float) -> None:
-        """Let time pass until the sample at `t_us`, by when the tip will be at `tip_m`."""
+        """Advance time to the sample at `t_us`, at which the tip is at `tip_m`."""
         elapsed_us = 0 if self._stamp_us is None else t_us - self._stamp_us
         self._stamp_us = t_us
         if elapsed_us <= 0:

@@ -1,4 +1,4 @@
-"""Scenes that come with hapticnet."""
+"""Built-in scenes."""
 
 import re
 from importlib.resources import files
@@ -14,24 +14,24 @@ PAPER_BREACH_FORCES_N: Final = (2.0, 3.5, 5.0)
 """Breach forces [N] of the three tissues of "Cutaneous haptic deadband compression"."""
 
 PAPER_GAP_M: Final = 20e-3
-"""Distance [m] from one surface to the next, and before the first. The paper states none: an assumption."""
+"""Distance [m] between surfaces, and in front of the first. The paper states none: an assumption."""
 
 _PRESETS: Final = files("hapticnet.scene") / "presets"
 
 
 def paper_scene(seed: int) -> SceneSettings:
-    """Return the paper's three tissues, their breach forces in an order drawn from `seed`.
+    """Return the paper's three tissues, with their breach forces in an order drawn from `seed`.
 
-    Each breaches at half the distance to the next, which gives 200, 350 and 500 N/m; the last has the same
-    distance behind it.
+    Each is breached at half the distance to the next surface (the last at the same depth), which gives stiffnesses of
+    200, 350 and 500 N/m.
 
     Raises
     ------
     SettingsError
-        When the seed is negative.
+        If the seed is negative.
     """
     if seed < 0:
-        raise SettingsError(f"the seed of the paper's scene is {seed}; it must be a whole number from 0")
+        raise SettingsError(f"the seed of the paper's scene is {seed}; it must be a whole number, 0 or greater")
     breach_forces_n = np.random.default_rng(seed).permutation(PAPER_BREACH_FORCES_N).tolist()
     return SceneSettings(
         name=f"paper:{seed}",
@@ -48,26 +48,26 @@ def paper_scene(seed: int) -> SceneSettings:
 
 
 def scene_file(spec: str) -> Path | None:
-    """Return the file that a scene written as `spec` is in; None for one that is hapticnet's own."""
+    """Return the path of the file that `spec` names; None for a built-in scene."""
     path = Path(spec)
     return path if path.suffix == ".toml" and spec not in scene_names() else None
 
 
 def find_scene(spec: str) -> SceneSettings:
-    """Return the scene that is meant by ``paper``, ``paper:SEED``, a preset's name or a path to a TOML file.
+    """Return the scene named by ``paper``, ``paper:SEED``, a preset's name or the path of a TOML file.
 
     ``paper`` alone is ``paper:0``.
 
     Raises
     ------
     SettingsError
-        When there is no such scene, or its values cannot be used.
+        If there is no such scene, or a value is invalid.
     FileError
-        When the file is missing, unreadable or malformed.
+        If the file is missing, unreadable or malformed.
     """
     if spec == "paper" or spec.startswith("paper:"):
         return paper_scene(_paper_seed(spec))
-    # Imported here because pydantic is slow to import and the paper's scene does not need it.
+        # Imported here: pydantic is slow to import, and the paper's scene does not need it.
     from hapticnet.scene.config import load_scene, parse_scene
 
     if spec in scene_names():
@@ -75,19 +75,19 @@ def find_scene(spec: str) -> SceneSettings:
     path = scene_file(spec)
     if path is None:
         raise SettingsError(
-            f"unknown scene {spec!r}; there are: paper, paper:SEED, {', '.join(scene_names())}, "
+            f"unknown scene {spec!r}; choose from paper, paper:SEED, {', '.join(scene_names())}, "
             "or the path of a .toml file"
         )
     return load_scene(path)
 
 
 def scene_names() -> list[str]:
-    """Return the names of the scenes that come as TOML files."""
+    """Return the names of the scenes stored as TOML files."""
     return sorted(entry.name.removesuffix(".toml") for entry in _PRESETS.iterdir() if entry.name.endswith(".toml"))
 
 
 def _paper_seed(spec: str) -> int:
     seed = spec.removeprefix("paper").removeprefix(":") if spec != "paper" else "0"
     if not re.fullmatch("[0-9]{1,18}", seed):
-        raise SettingsError(f"scene {spec!r}: after 'paper:' comes a seed, a whole number from 0, not {seed!r}")
+        raise SettingsError(f"scene {spec!r}: expected a whole number (0 or greater) as the seed after 'paper:'")
     return int(seed)

@@ -1,21 +1,20 @@
 """The scene: a needle on one axis against layers of tissue.
 
-Each layer is, from the needle's side, in one of three states.
+Each layer is in one of three states.
 
-- No contact: the tip is before its surface.
+- No contact: the tip is in front of its surface.
 - Contact: the tip is past the surface, which follows it, and the layer pushes back.
-- Penetrated: its elastic force has exceeded its breach force. That force is gone and the surface returns to
-  its rest position, at once or with a recovery time. When the tip is withdrawn behind the surface the layer
-  has healed and must be breached anew.
+- Penetrated: its elastic force has exceeded its breach force. That force is gone and the surface returns to its rest
+  position, at once or with a recovery time. When the tip is withdrawn behind the surface, the layer heals and must be
+  breached again.
 
-Layers act in parallel: a tip can reach a second surface before it has breached the first, each layer
-answers its own indentation and gives way by its own force alone, and the needle feels their sum. A tip that
-crosses several surfaces in one step meets and breaches them from front to back; those whose force stays
-within their breach force remain in contact.
+Layers act in parallel: a tip can reach a second surface before it has breached the first. Each layer responds to its
+own indentation and breaks at its own breach force; the needle feels the sum. A tip that crosses several surfaces in one
+step breaches them from front to back; those whose force stays within their breach force remain in contact.
 
-A surface that recovers while the needle rests in its way comes to lie against the tip and presses on it as
-it relaxes further: contact starts without force, grows with the surface's way past the tip, and can breach
-a layer under a needle that does not move.
+A surface that recovers while the needle is in its way comes to rest against the tip and presses on it as it relaxes
+further: contact starts at zero force, grows with the distance of the surface past the tip, and can breach a layer
+although the needle does not move.
 """
 
 import heapq
@@ -33,32 +32,32 @@ _rest_m = attrgetter("rest_m")
 
 
 class Scene:
-    """Tissues under a needle, stepped by position samples.
+    """Tissues and a needle, advanced by position samples.
 
-    A step evaluates the layers that can be felt, from front to back, and no others. The rest wait: those the
-    tip has not reached, in a row; those it is through, in a heap by the position behind which the tip must
-    come to heal them. While the tip stays between the nearest of either there is nothing to look for.
+    A step evaluates only the layers that can exert a force, from front to back. Layers the tip has not reached wait in
+    a list; layers it has pierced wait in a heap, ordered by the position behind which they heal. While the tip stays
+    between the nearest of both, the layers need not be searched.
 
     Parameters
     ----------
     tissues
-        In any order; no two with the same rest position.
+        The tissues, in any order, with different rest positions.
     name
-        What people call the scene.
+        Name of the scene.
 
     Attributes
     ----------
     tissues
         The tissues from front to back.
     breaches
-        Breaches so far. It never decreases, not even by `reset`.
+        Number of breaches so far. `reset` does not set it back.
     force_n
         The newest force [N].
 
     Raises
     ------
     SettingsError
-        When there is no tissue, or when two share a rest position.
+        If there is no tissue, or if two share a rest position.
     """
 
     axes = 1
@@ -72,7 +71,7 @@ class Scene:
         self.reset()
 
     def reset(self) -> None:
-        """Take the needle out and make every tissue whole."""
+        """Withdraw the needle and heal every tissue."""
         self.force_n = 0.0
         self._needle = Needle()
         self._layers = [Layer(tissue, self._needle) for tissue in self.tissues]
@@ -83,18 +82,18 @@ class Scene:
         self._ahead_m = self._layers[0].rest_m
 
     def step(self, sample: PositionSample) -> ForceSample:
-        """Return the force on a needle whose tip has come to `sample`.
+        """Return the force on a needle whose tip is at `sample`.
 
         Raises
         ------
         SampleError
-            When the position is not finite or has more than one axis; the scene is as it was before.
+            If the position is not finite or has more than one axis; the scene does not change.
         """
         try:
             (tip_m,) = sample.position_m
         except ValueError:
-            tip_m = _checked_tip_m(sample)  # refuses it
-        if not self._back_m <= tip_m < self._ahead_m:  # true of NaN too, which is refused there
+            tip_m = _checked_tip_m(sample)  # raises
+        if not self._back_m <= tip_m < self._ahead_m:  # also true of NaN, which _regroup rejects
             self._regroup(sample)
         self._needle.tip_m = tip_m
         force_n = 0.0
@@ -107,22 +106,22 @@ class Scene:
         return ForceSample(sample.t_us, (force_n,))
 
     def surfaces_m(self) -> tuple[float, ...]:
-        """Return where each surface is [m], front to back."""
+        """Return the position [m] of each surface, front to back."""
         return tuple(layer.surface_m(self._needle.tip_m) for layer in self._layers)
 
     def contacts(self) -> tuple[Contact, ...]:
-        """Return what the needle does to each tissue, front to back."""
+        """Return the contact of the needle with each tissue, front to back."""
         return tuple(layer.contact(self._needle.tip_m) for layer in self._layers)
 
     def _step_in_time(self, sample: PositionSample) -> ForceSample:
-        """Stand in for `step` where a tissue depends on time."""
+        """Replace `step` if a tissue depends on time."""
         position_m = sample.position_m
         if len(position_m) == 1 and -LARGEST_COMPONENT <= position_m[0] <= LARGEST_COMPONENT:
             self._needle.advance(sample.t_us, position_m[0])
-        return Scene.step(self, sample)  # refuses anything else
+        return Scene.step(self, sample)  # raises for any other position
 
     def _breach(self, layer: Layer, tip_m: float) -> float:
-        """Let the needle through `layer` and return the force [N] that is left of it."""
+        """Pierce `layer` and return its remaining force [N]."""
         left_n = layer.breach(tip_m)
         self.breaches += 1
         self._await_withdrawal(layer)
@@ -130,12 +129,12 @@ class Scene:
         return left_n
 
     def _await_withdrawal(self, layer: Layer) -> None:
-        # A surface only ever moves back to its rest, so where it is now bounds where it will be. No two
-        # layers rest at the same position, so the heap never compares layers.
+        # A surface only moves back toward rest, so its present position is a bound. No two layers rest at the same
+        # position, so the heap never compares layers.
         heapq.heappush(self._passed, (-layer.surface.position_m(), layer.rest_m, layer))
 
     def _regroup(self, sample: PositionSample) -> None:
-        """Find the layers that can be felt at `sample`, and how far the tip may go before others can."""
+        """Find the layers that can exert a force at `sample`, and the limits within which that set stays the same."""
         tip_m = _checked_tip_m(sample)
         felt = [layer for layer in self._felt if layer.is_felt]
         while self._passed and tip_m < -self._passed[0][0]:

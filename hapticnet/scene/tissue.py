@@ -1,4 +1,4 @@
-"""What a tissue is before a needle touches it: its place, its stiffness and what it takes to pierce it."""
+"""Properties of a tissue: position, stiffness, breach force and optional effects."""
 
 import enum
 import itertools
@@ -12,17 +12,17 @@ from hapticnet.checks import check_parameter
 from hapticnet.errors import SettingsError
 
 SMALLEST_VALUE: Final = 1e-9
-"""Smallest value [SI units] of a property that is declared at all; below it, floating point runs out first."""
+"""Smallest nonzero value [SI units] of a property; below it, floating-point precision runs out."""
 
 LARGEST_VALUE: Final = 1e6
-"""Largest value [SI units] of any property. A stiffness of 1e6 N/m is bone and steel, not tissue."""
+"""Largest value [SI units] of a property. A stiffness of 1e6 N/m is bone or steel, not tissue."""
 
 LONGEST_NAME: Final = 64
-"""Bytes of UTF-8 that the protocol has room for where a master is told what it touches."""
+"""Largest size [bytes of UTF-8] of a name, limited by the protocol's WELCOME message."""
 
 
 class Contact(enum.IntEnum):
-    """What the needle does to one tissue."""
+    """Contact of the needle with one tissue."""
 
     NONE = 0
     CONTACT = 1
@@ -33,35 +33,35 @@ class Contact(enum.IntEnum):
 class Tissue:
     """One layer of tissue, described by its surface.
 
-    The first four properties make the tissue of "Cutaneous haptic deadband compression": a spring that gives
-    way. Each of the others is left out of the computation while it is zero.
+    The first four properties describe the tissue of "Cutaneous haptic deadband compression": a spring that breaks.
+    Each of the others has no effect, and no cost, while it is zero.
 
     Attributes
     ----------
     name
-        What people call it.
+        Name of the tissue.
     rest_position_m
-        Where its surface is [m] when nothing touches it; it grows into the body.
+        Position [m] of the undisturbed surface; it increases into the body.
     stiffness_n_per_m
-        Force over indentation [N/m], at the surface where the tissue stiffens.
+        Force per indentation [N/m]; the stiffness at the surface if the tissue stiffens.
     breach_force_n
-        Elastic force [N] above which the needle goes through.
+        Elastic force [N] above which the needle pierces the surface.
     viscosity_n_s_per_m
-        Force over speed [N·s/m] while the surface is indented.
+        Force per speed [N·s/m] while the surface is indented.
     shaft_friction_n
-        Friction [N] of the tissue on the shaft of a needle that slides through it.
+        Friction [N] of the pierced tissue on the needle's shaft.
     shaft_presliding_m
-        How far [m] the tissue is dragged along before the shaft slides; only of use with `shaft_friction_n`.
+        Distance [m] over which the tissue is dragged along before the shaft slides; used with `shaft_friction_n`.
         The default is an assumption.
     stiffening_per_m
         Relative growth of stiffness with indentation [1/m].
     recovery_time_s
-        Time constant [s] with which a pierced surface returns to its rest position; at once when zero.
+        Time constant [s] with which a pierced surface returns to its rest position; zero: it returns at once.
 
     Raises
     ------
     SettingsError
-        When a value is not finite or not within what the scene can compute.
+        If a value is not finite or out of range.
     """
 
     name: str
@@ -92,7 +92,7 @@ class Tissue:
 
     @property
     def depends_on_time(self) -> bool:
-        """Whether its force depends on when the needle moved, and not only on where to."""
+        """Whether the force depends on the time of the motion, not only on the position."""
         return self.viscosity_n_s_per_m > 0.0 or self.recovery_time_s > 0.0
 
 
@@ -102,7 +102,7 @@ def front_to_back(tissues: Sequence[Tissue]) -> tuple[Tissue, ...]:
     Raises
     ------
     SettingsError
-        When there is no tissue, or when two share a rest position.
+        If there is no tissue, or if two share a rest position.
     """
     if not tissues:
         raise SettingsError("the scene has no tissue; it must have at least one")
@@ -118,12 +118,12 @@ def front_to_back(tissues: Sequence[Tissue]) -> tuple[Tissue, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SceneSettings:
-    """A scene on paper: a name, and the tissues from front to back, whichever order they came in.
+    """A scene's name and its tissues, sorted from front to back.
 
     Raises
     ------
     SettingsError
-        When there is no tissue, when two share a rest position or a name, or when a name cannot be told to a master.
+        If there is no tissue, two share a rest position or a name, or a name does not fit a WELCOME message.
     """
 
     name: str
@@ -139,4 +139,4 @@ class SceneSettings:
                     " printable characters"
                 )
             if names.count(name) > 1:
-                raise SettingsError(f"{names.count(name)} tissues are called {name!r}; each needs a name of its own")
+                raise SettingsError(f"{names.count(name)} tissues are called {name!r}; names must be unique")

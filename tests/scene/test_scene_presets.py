@@ -45,7 +45,7 @@ def test_every_preset_makes_a_scene_of_its_name(name: str) -> None:
 
 
 def test_an_unknown_scene_is_refused_with_what_there_is() -> None:
-    with pytest.raises(SettingsError, match=r"unknown scene 'liver'; there are: paper, paper:SEED, example-viscous"):
+    with pytest.raises(SettingsError, match=r"unknown scene 'liver'; choose from paper, paper:SEED, example-viscous"):
         find_scene("liver")
 
 
