@@ -1,4 +1,4 @@
-"""From decoded stimuli to a platform displacement: hold, limits and the force loop, in that order.
+"""From decoded stimuli to a platform displacement: hold, limits and force loop, in that order.
 
-Each stage assumes the worst of the one before it, so that a fault anywhere ends in a platform that retracts.
+Each stage checks the output of the one before it, so that any fault retracts the platform.
 """

@@ -1,9 +1,9 @@
-"""What the force loop knows of the finger: where it is and how stiff, learned while it is being pressed.
+"""The force loop's model of the finger: its position and stiffness, learned while it is pressed.
 
-Two numbers are learned by a Kalman filter: the displacement at which the platform touches the finger, and the
-finger's compliance. The measurement is where the platform stands, the regressor what the sensor reads. The filter
-weighs both by how much they can be trusted, so a slow drift is taken for a finger that moves and a force that
-does not fit the way made is taken for another stiffness.
+A Kalman filter estimates two numbers: the displacement at which the platform touches the finger, and the finger's
+compliance. The measurement is the position of the platform, the regressor the sensed force. The filter weighs both by
+their uncertainty, so it attributes a slow drift to motion of the finger, and a force that does not match the motion to
+a different stiffness.
 """
 
 import math
@@ -14,11 +14,11 @@ from hapticnet.checks import check_parameter
 from hapticnet.hardware import SOFTEST_N_M, STIFFENING, STIFFEST_N_M, STIFFNESS_N_M
 
 LARGEST_CHANGE: Final = 0.5
-"""Share of the compliance that one reading may change: a leap of the force is no measurement of a stiffness."""
+"""Largest relative change of the compliance per reading: a jump of the force is not a measurement of stiffness."""
 
 
 def compressed(force_n: float) -> float:
-    """Return how far a fingertip of 1 N/m at 1 N is compressed by a force [N]; below 0 N its tangent at 0 goes on."""
+    """Return the compression at a force [N] of a fingertip of 1 N/m at 1 N; linear, with the slope at 0, below 0 N."""
     if force_n <= 0.0:
         return force_n / (1.0 - STIFFENING)
     return math.log1p(STIFFENING / (1.0 - STIFFENING) * force_n) / STIFFENING
@@ -26,34 +26,34 @@ def compressed(force_n: float) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FingerSettings:
-    """What is known of a finger before it is touched, and how fast that may change.
+    """Prior knowledge of a finger, and how fast it may change.
 
     Attributes
     ----------
     stiffness_n_m
-        Tangent stiffness [N/m] at 1 N, the middle of what fingers have, or what was identified.
+        Tangent stiffness [N/m] at 1 N: the middle of the typical range, or the identified value.
     uncertainty
-        Standard deviation of its compliance, as a share of it. The first touch is cautious by that much.
+        Relative standard deviation of the compliance. The first touch is cautious by this amount.
     largest_uncertainty
-        The same once the finger is known: what may have changed in the meantime.
+        The same once the finger is known: limits the effect of later changes.
     position_m
-        Standard deviation [m] of where the finger is, when it is touched for the first time.
+        Standard deviation [m] of the finger's position at the first touch.
     reseat_m
-        The same when it is touched again. An assumption.
+        The same at a later touch. An assumption.
     drift_m
-        How far [m] a finger moves in one second by itself. An assumption: what a resting hand does.
+        Spontaneous motion [m] of a finger in one second. An assumption for a resting hand.
     change_m_n
-        How much [m/N] its compliance changes in one second by itself. An assumption.
+        Spontaneous change [m/N] of the compliance in one second. An assumption.
     platform_m
-        Standard deviation [m] of where a platform at rest is believed to be: half the gears' play.
+        Standard deviation [m] of the estimated position of a resting platform: half the gears' play.
     lag_s
-        How little [s] the servos' lag is known; 20 to 40 ms is typical of the HS-55. While the platform moves, this
-        outweighs all else.
+        Uncertainty [s] of the servos' lag; 20 to 40 ms is typical of the HS-55. While the platform moves, this is the
+        dominant uncertainty.
 
     Raises
     ------
     SettingsError
-        If a value is out of its range.
+        If a value is out of range.
     """
 
     stiffness_n_m: float = STIFFNESS_N_M
@@ -79,16 +79,16 @@ class FingerSettings:
 
 
 class LearnedFinger:
-    """The finger as far as it is known.
+    """Estimate of the finger.
 
     Attributes
     ----------
     contact_m
-        Platform displacement [m] at which it is touched.
+        Platform displacement [m] at which it touches the finger.
     compliance_m_n
-        Its compliance [m/N] at 1 N.
+        Compliance [m/N] at 1 N.
     felt
-        Whether it was ever touched.
+        Whether the finger was ever touched.
     """
 
     __slots__ = (
@@ -100,7 +100,7 @@ class LearnedFinger:
         self.forget()
 
     def forget(self) -> None:
-        """Know no more than at the start."""
+        """Return to the prior."""
         settings = self._settings
         self.felt = False
         self.contact_m = 0.0
@@ -112,18 +112,18 @@ class LearnedFinger:
 
     @property
     def cautious_m_n(self) -> float:
-        """The compliance [m/N] at 1 N, less one standard deviation: a finger that may be stiffer is taken to be."""
+        """The compliance [m/N] at 1 N less one standard deviation, so that a stiff finger is not overloaded."""
         return max(self.compliance_m_n - math.sqrt(self._variance), 1.0 / STIFFEST_N_M)
 
     def gain_at(self, force_n: float, elapsed_s: float) -> float:
-        """Return what share of a deviation the next update takes for true (0 to 1).
+        """Return the share (0 to 1) of a deviation that the next update attributes to the finger.
 
         Parameters
         ----------
         force_n
-            The force [N] being held, platform at rest.
+            Force [N] held with the platform at rest.
         elapsed_s
-            Time [s] between two updates.
+            Time [s] between updates.
         """
         compression = compressed(force_n)
         k_position, k_compliance, innovation = self._gains(compression, 0.0)
@@ -131,11 +131,11 @@ class LearnedFinger:
         return (k_position + compression * k_compliance + drift_m2) / (innovation + drift_m2)
 
     def displacement_m(self, force_n: float) -> float:
-        """Return where the platform stands [m] when it presses with a force [N]."""
+        """Return the displacement [m] of the platform at which it presses with a force [N]."""
         return self.contact_m + self.compliance_m_n * compressed(force_n)
 
     def touch(self, displacement_m: float, force_n: float) -> None:
-        """Note that the finger was touched here [m], with a first reading [N]."""
+        """Note a touch at a displacement [m] with a first reading [N]."""
         if self.felt:
             self._position_var += self._settings.reseat_m**2
         else:
@@ -143,19 +143,19 @@ class LearnedFinger:
             self.contact_m = displacement_m - self.compliance_m_n * compressed(force_n)
 
     def recall(self) -> None:
-        """Forget what was learned last: a touch that ended while it was measured was measured wrong."""
+        """Discard the last updates: a touch that ended during the measurement gave wrong values."""
         if self._earlier:
             belief = self._earlier[0]
             self.contact_m, self.compliance_m_n, self._position_var, self._covariance, self._variance = belief
             self._earlier.clear()
 
     def learn(self, displacement_m: float, force_n: float, speed_m_s: float, elapsed_s: float) -> None:
-        """Take in where the platform stands [m], how fast it moves [m/s], and what the sensor reads [N]."""
+        """Update with the position [m] and speed [m/s] of the platform and the sensed force [N]."""
         settings = self._settings
         before = self.contact_m, self.compliance_m_n, self._position_var, self._covariance, self._variance
         self._earlier = [*self._earlier[-1:], before]
         self._position_var += settings.drift_m**2 * elapsed_s
-        # Uncertainty grows no further than this: a finger held still is not forgotten.
+        # Limited, so that a finger held at rest is not forgotten.
         largest = (settings.largest_uncertainty * self.compliance_m_n) ** 2
         if self._variance < largest:
             self._variance = min(self._variance + settings.change_m_n**2 * elapsed_s, largest)
@@ -166,7 +166,7 @@ class LearnedFinger:
         least_m_n = max((1.0 - LARGEST_CHANGE) * self.compliance_m_n, 1.0 / STIFFEST_N_M)
         most_m_n = min((1.0 + LARGEST_CHANGE) * self.compliance_m_n, 1.0 / SOFTEST_N_M)
         self.compliance_m_n = min(max(wanted_m_n, least_m_n), most_m_n)
-        # What the compliance was not allowed to explain, the position does.
+        # The position absorbs what the limits of the compliance cut off.
         self.contact_m += k_position / innovation * error_m + (wanted_m_n - self.compliance_m_n) * compression
         self._position_var -= k_position * k_position / innovation
         self._covariance -= k_position * k_compliance / innovation
@@ -181,7 +181,7 @@ class LearnedFinger:
         return k_position, k_compliance, k_position + compression * k_compliance + noise_m2
 
     def _bound(self) -> None:
-        """Keep the covariance one, whatever is rounded."""
+        """Keep the covariance matrix positive definite despite rounding."""
         self._variance = max(self._variance, 1e-18)
         self._position_var = min(max(self._position_var, 1e-18), self._settings.position_m**2)
         most = 0.999 * math.sqrt(self._position_var * self._variance)

@@ -1,12 +1,12 @@
-"""Position-based explicit force control: the platform goes where the finger, as far as it is known, gives the target.
+"""Position-based explicit force control: move the platform to where the learned finger gives the target force.
 
-The sensed force does not drive the platform, it corrects what is believed of the finger (``finger.py``): where it is
-and how stiff. From that belief follows where the platform must stand for the target. A target that leaps is therefore
-answered by one motion of the right size, whatever the finger, and there is no integral that could wind up. Because the
-belief compares the force with where the platform really stood at that moment, a delay the host knows of cannot make it
-swing by itself; a finger much stiffer than believed can (``margins.py`` says how much).
+The sensed force does not drive the platform. It corrects the model of the finger (``finger.py``), its position and
+stiffness, from which the displacement for the target follows. A step of the target is therefore answered by one motion
+of the right size, whatever the finger, and there is no integral that could wind up. The model compares the force with
+the position of the platform at the same moment, so a delay known to the host cannot make the loop oscillate; a finger
+much stiffer than the model can (``margins.py`` computes the margin).
 
-Around it stand the rules that a deaf sensor and a lost finger ask for.
+Further rules handle an insensitive sensor and a lost finger.
 """
 
 import math
@@ -21,61 +21,61 @@ from hapticnet.perception import PAPER_FLOOR_N
 from hapticnet.samples import LARGEST_COMPONENT
 
 BEYOND_M: Final = 0.0011
-"""How far [m] beyond its contact a 0.3 N/mm finger has to be pressed for the sensor to feel it."""
+"""Distance [m] past its contact at which the sensor detects a 0.3 N/mm finger."""
 
 RESTING_N: Final = 1e-3
-"""A target that changes by less [N] in a control period is at rest: 0.1 N/s."""
+"""Largest change [N] of a resting target in a control period: 0.1 N/s."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceControlSettings:
-    """Limits of the force loop, and what is known of the finger.
+    """Limits of the force loop, and prior knowledge of the finger.
 
     Attributes
     ----------
     finger
-        What is known of the finger, and how fast it may change.
+        Prior knowledge of the finger and how fast it may change.
     period_us
-        Control period [µs]; readings in between are averaged. bench/measure/force_loop.py compares periods.
+        Control period [µs]; readings within it are averaged. bench/measure/force_loop.py compares periods.
     travel_m
-        How far [m] the platform may go.
+        Largest displacement [m] of the platform.
     max_force_n
-        Largest force [N] the finger may feel.
+        Largest force [N] on the finger.
     headroom_n
-        How far [N] below that the loop aims at most, room for its overshoot, and for one step of a servo on a
-        3 N/mm finger (0.37 N on the wire).
+        Distance [N] of the largest target from that, for overshoot and for one servo step on a 3 N/mm finger (0.37 N
+        on the wire).
     lead_s
-        By how much [s] the platform runs ahead of a moving target, to make up for the servos' lag. Half the
-        shortest lag that is typical of the HS-55; more would make a 3 N/mm finger overshoot.
+        Time [s] by which the platform leads a moving target, to compensate the servos' lag. Half the shortest lag
+        typical of the HS-55; a longer lead would make a 3 N/mm finger overshoot.
     press_speed_m_s
-        Fastest motion [m/s] toward the finger; the servos' own limit is 74 mm/s.
+        Largest speed [m/s] toward the finger; the limit of the servos is 74 mm/s.
     approach_speed_m_s
-        Fastest motion [m/s] while the finger is being looked for. The sensor reports a touch some 60 ms late: 0.6 mm,
-        some 2 N on a 3 N/mm finger.
+        Largest speed [m/s] while searching for the finger. The sensor reports a touch about 60 ms late, after 0.6 mm:
+        about 2 N on a 3 N/mm finger.
     touch_n
-        Smallest force [N] the sensor can tell; 0.2 N of the FSR 400 series, data sheet.
+        Smallest force [N] the sensor detects.
     release_n
-        Targets [N] below this let the finger go. An assumption: half the JND's floor.
+        Target [N] below which the finger is released. An assumption: half the JND's floor.
     clearance_m
-        How far [m] before the finger the platform then waits. An assumption, several times the gears' play.
+        Distance [m] from the finger at which the platform then waits. An assumption, several times the gears' play.
     deadband_n, deadband_fraction
-        While the sensed force is as near as this to a resting target, by force [N] or by share of it, the platform
-        rests. Without it the sensor's noise would walk the platform down through the sensor's hysteresis, where the
-        reading does not change. Several times the noise of an averaged reading; less than half a JND.
+        Largest error, as a force [N] or as a share of the target, at which the platform rests under a resting target.
+        Without this deadband, noise would walk the platform down through the sensor's hysteresis, where the reading
+        does not change. Several times the noise of an averaged reading; less than half a JND.
     yield_n, yield_fraction
-        When the sensor reads more than the target by this force [N] and by this share of the target, the belief is
-        not waited for: the platform yields from where it stands.
+        Excess of the sensed force over the target, as a force [N] and as a share of the target, at which the platform
+        retreats from its present position instead of waiting for the model.
     search_m, search_n
-        How far [m] beyond the point where it last felt the finger the platform may look for it, or as far as the known
-        finger would take for this force [N], whichever is further. As far as that force it goes at once.
+        Distance [m] past the last contact to search for the finger, or the compression of the known finger at this
+        force [N] if that is further. Up to that force the platform does not slow down.
     reach_m
-        How far [m] it may look for a finger that was never felt. An assumption for a finger 2 mm from the retracted
-        platform: far enough to feel a 0.3 N/mm finger, and below 5 N on a 3 N/mm one should the sensor be dead.
+        Largest displacement [m] in the search for a finger not yet felt. An assumption for a finger 2 mm from the
+        retracted platform: far enough to detect a 0.3 N/mm finger; below 5 N on a 3 N/mm finger if the sensor is dead.
 
     Raises
     ------
     SettingsError
-        If a value is out of its range.
+        If a value is out of range.
     """
 
     finger: FingerSettings = field(default_factory=FingerSettings)
@@ -118,9 +118,9 @@ class ForceControlSettings:
 
 
 def for_known_finger(*, stiffness_n_m: float, contact_m: float) -> ForceControlSettings:
-    """Return the settings for a finger that was tuned: its stiffness [N/m], and where it was touched [m].
+    """Return the settings for a tuned finger with a stiffness [N/m] and a contact position [m].
 
-    It is looked for as far beyond that as a soft finger needs to be felt, seated anew.
+    The search extends past the contact by the distance at which a soft finger is detected.
     """
     usual = FingerSettings()
     finger = FingerSettings(
@@ -130,23 +130,23 @@ def for_known_finger(*, stiffness_n_m: float, contact_m: float) -> ForceControlS
 
 
 class ForceController:
-    """Force control through a learned finger, over a sensor that is deaf to light touch.
+    """Force control through a learned finger, with a sensor that does not detect light touch.
 
-    A target below what the sensor can tell is set by the belief alone; without a target the platform waits just
-    before the finger. With a target but no touch it goes where the finger was and then looks for it, slowly and not
-    far, so a finger withdrawn is not chased, and a sensor that falls silent while pressing cannot drive the platform
-    into the finger. A sensor stuck at full scale retracts at once, one stuck in between as soon as the platform has
-    moved further than the finger could without answering, one that leaps forth and back within some periods
-    (``watch.py``); it is tried again when the target has been gone.
+    A target below the sensor's threshold is set by the model alone. Without a target the platform waits just before the
+    finger. With a target but no touch it goes to the last known position of the finger and then searches slowly and
+    not far: it does not chase a withdrawn finger, and a sensor that falls silent cannot drive the platform into the
+    finger. The platform retracts if the sensor is stuck at full scale (at once), stuck at another value (once the
+    platform has moved further than the finger could without a change of force) or oscillates (within a few periods;
+    see ``watch.py``). The controller tries again after the target has been released.
 
     Attributes
     ----------
     finger
-        What has been learned of the finger.
+        Model of the finger.
     displacement_m
-        Where the platform was last sent [m].
+        Last displacement [m] of the platform that was commanded.
     fault
-        Why the platform is kept retracted, or None.
+        Reason why the platform stays retracted, or None.
     """
 
     __slots__ = (
@@ -161,7 +161,7 @@ class ForceController:
         self.reset()
 
     def reset(self) -> None:
-        """Retract, and look for the finger anew: after a device was lost, changed or taken off."""
+        """Retract and forget the finger: after a device was lost, exchanged or taken off."""
         self.fault: str | None = None
         self.finger.forget()
         self._watch = SensorWatch()
@@ -175,17 +175,17 @@ class ForceController:
         self._smallest_n, self._largest_n = math.inf, -math.inf
 
     def update(self, target_n: float, sensed_n: float, stood_m: float, now_us: int) -> float:
-        """Return the platform displacement [m] toward the finger; changes once a control period.
+        """Return the platform displacement [m] toward the finger; it changes once per control period.
 
         Parameters
         ----------
         target_n
-            Force asked for [N]; what is not finite and positive asks for none.
+            Target force [N]; a value that is not finite and positive counts as 0.
         sensed_n, stood_m
-            The newest reading [N] and where the platform stood [m] when it was taken. A reading that is no number, or
-            absurd, retracts at once and starts anew.
+            The newest reading [N] and the position [m] of the platform when it was taken. A reading that is not finite
+            or is out of range resets the controller, which retracts the platform.
         now_us
-            The time [µs].
+            Current time [µs].
         """
         if not -LARGEST_COMPONENT < sensed_n < LARGEST_COMPONENT or not -1.0 < stood_m < 1.0:
             self.reset()
@@ -204,7 +204,7 @@ class ForceController:
         if elapsed_us < self._settings.period_us:
             return self.displacement_m
         self._now_us = now_us
-        # A late call must not make up for lost time with a leap.
+        # After a late call, do not make up for the lost time in one step.
         elapsed_s = min(elapsed_us, 2 * self._settings.period_us) * 1e-6
         newest_n = sensed_n
         sensed_n, stood_m = self._sensed_sum_n / self._readings, self._stood_sum_m / self._readings
@@ -221,8 +221,8 @@ class ForceController:
 
     def _control(self, target_n: float, sensed_n: float, newest_n: float, stood_m: float, elapsed_s: float) -> None:
         settings = self._settings
-        # Half the threshold tells a sensor that conducts from one that does not, through its noise. A mean of both says
-        # nothing, so the newest reading counts, too.
+        # Half the threshold separates a sensor that conducts from one that does not, despite noise. The mean may mix
+        # both states, so the newest reading counts as well.
         touching = min(sensed_n, newest_n) > 0.5 * settings.touch_n
         watch = self._watch
         spread_n = self._largest_n - self._smallest_n

@@ -1,4 +1,4 @@
-"""Zero-order hold with an age limit: what the finger feels between two packets, and after the last one."""
+"""Zero-order hold with an age limit: the force between two packets and after the last one."""
 
 import math
 from dataclasses import dataclass
@@ -9,20 +9,21 @@ from hapticnet.errors import SampleError, SettingsError
 from hapticnet.samples import MAX_AXES, Vector
 
 LONGEST_US: Final = 10_000_000
-"""Longest age limit or decay [µs]. A stimulus older than ten seconds is not held by anyone's wish."""
+"""Longest age limit or decay [µs]; no application needs to hold a stimulus longer than ten seconds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HoldSettings:
-    """How long a stimulus is held.
+    """Timings of the hold.
 
     Attributes
     ----------
     age_limit_us
-        How long [µs] a stimulus holds after the last sign of life from the link. An assumption: long enough for
-        several keepalives to get lost.
+        Time [µs] a stimulus is held after the last sign of life from the link. An assumption: long enough to lose
+        several keepalives.
     decay_us
-        Time [µs] in which a stale stimulus falls to zero. An assumption: short beside the age limit, yet no jerk.
+        Time [µs] in which a stale stimulus decays to zero. An assumption: short compared with the age limit, but not
+        abrupt.
 
     Raises
     ------
@@ -39,21 +40,21 @@ class HoldSettings:
 
 
 class Hold:
-    """The last stimulus, for as long as the link proves alive.
+    """The last stimulus, held as long as the link is alive.
 
-    In a deadband stream silence means consent: nothing arrives while nothing changes. Only a keepalive tells that from
-    a dead link. After the age limit the stimulus falls in a straight line to exactly zero, so the finger is released
-    no later than ``age_limit_us + decay_us`` after the last sign of life.
+    In a deadband stream nothing arrives while nothing changes; only keepalives distinguish this from a dead link. After
+    the age limit the stimulus decays linearly to exactly zero, so the finger is released at most
+    ``age_limit_us + decay_us`` after the last sign of life.
 
-    Age is the sum of the forward steps of the time stamps it is called with, so a clock that jumps backward never
-    makes a stimulus younger, and one that jumps forward makes it stale.
+    Age is the sum of the forward differences of the time stamps, so a clock that jumps backward never makes a stimulus
+    younger, and one that jumps forward makes it stale.
 
     Parameters
     ----------
     settings
-        How long a stimulus is held.
+        Timings.
     axes
-        How many axes a stimulus has.
+        Number of axes of a stimulus.
     """
 
     __slots__ = ("_age_limit_us", "_age_us", "_axes", "_decay_us", "_force_n", "_now_us", "_zero_n")
@@ -70,15 +71,14 @@ class Hold:
         self._now_us = 0
 
     def receive(self, force_n: Vector, now_us: int) -> None:
-        """Take a new stimulus [N], already decoded.
+        """Hold a new stimulus [N], already decoded.
 
         Raises
         ------
         SampleError
-            If it is not finite or does not have this hold's number of axes; the decoder refuses such a stimulus
-            before it comes here.
+            If it is not finite or has the wrong number of axes. Decoders reject such stimuli first.
         """
-        # A passive codec may go a threshold beyond the range of stimuli; it is the limits that come after that count.
+        # A passive codec may exceed the range of stimuli by a threshold; the limiter that follows bounds the force.
         if not all(map(math.isfinite, force_n)):
             raise SampleError(f"held force is {force_n}; it must be finite")
         if len(force_n) != self._axes:
@@ -88,16 +88,16 @@ class Hold:
         self._now_us = now_us
 
     def follow(self, force_n: Vector) -> None:
-        """Let the stimulus become what the decoder makes of it by now; it is no younger for that."""
+        """Set the stimulus [N] to the decoder's current reconstruction, without resetting its age."""
         self._force_n = force_n
 
     def confirm(self, now_us: int) -> None:
-        """Note that the link is alive and the held stimulus still the newest, as a keepalive says."""
+        """Reset the age: a keepalive shows that the link is alive and the held stimulus still the newest."""
         self._age_us = 0
         self._now_us = now_us
 
     def value(self, now_us: int) -> Vector:
-        """Return the held stimulus [N]: whole until the age limit, then falling to zero."""
+        """Return the held stimulus [N]: unchanged until the age limit, then decaying to zero."""
         self._grow_older(now_us)
         overdue_us = self._age_us - self._age_limit_us
         if overdue_us <= 0:

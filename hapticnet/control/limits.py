@@ -1,4 +1,4 @@
-"""What the device may be asked for: clamp and slew limit of the target force."""
+"""Limits of the target force: clamp and slew limit."""
 
 import math
 from dataclasses import dataclass
@@ -14,16 +14,16 @@ class LimitSettings:
     Attributes
     ----------
     max_force_n
-        Largest target [N].
+        Largest target force [N].
     slew_n_per_s
-        Fastest rise of the target [N/s]. The default is an assumption: 0 to 5 N in 100 ms is two thirds of what the
-        HS-55 can do on a 12 mm arm against a 1 N/mm finger (74 mm/s), so honest stimuli lose no time and a wrong one
-        no longer strikes.
+        Largest rate of rise [N/s]. The default is an assumption: 0 to 5 N in 100 ms is two thirds of what the HS-55
+        can do with a 12 mm arm against a 1 N/mm finger (74 mm/s), so correct stimuli are not delayed and a wrong one
+        does not strike.
 
     Raises
     ------
     SettingsError
-        If a limit is not finite, zero, negative or above what the device is built for.
+        If a limit is not finite and positive, or exceeds the limit of the device.
     """
 
     max_force_n: float = MAX_FORCE_N
@@ -37,9 +37,9 @@ class LimitSettings:
 class ForceLimiter:
     """Clamp and slew limit for a device that can only press.
 
-    The target lies between 0 and the largest force and never rises faster than the slew limit. It falls as fast as
-    asked: a fall moves the platform away from the finger, and delaying it would only prolong a force that is no
-    longer wanted. What is not a finite positive force asks for none.
+    The target lies between 0 and the largest force and never rises faster than the slew limit. It falls without a
+    limit: the platform then moves away from the finger, and a delay would only prolong an unwanted force. A force that
+    is not finite and positive sets the target to 0.
     """
 
     __slots__ = ("_force_n", "_max_force_n", "_now_us", "_slew_n_per_us")
@@ -51,10 +51,10 @@ class ForceLimiter:
         self._now_us: int | None = None
 
     def limit(self, force_n: float, now_us: int) -> float:
-        """Return the force [N] nearest to `force_n` that the limits allow now; the first call returns 0."""
+        """Return the force [N] nearest to `force_n` that the limits allow; the first call returns 0."""
         before_us = self._now_us
         self._now_us = now_us
-        # Written so that NaN is refused too.
+        # NaN compares false with everything, so this form rejects it too.
         if not 0.0 < force_n < math.inf:
             self._force_n = 0.0
             return 0.0

@@ -1,9 +1,9 @@
-"""How far the force loop is from swinging: gain and phase margins of its linear model.
+"""Gain and phase margins of the force loop, from a linear model.
 
-Around a target held for a while the loop is linear: the learned finger is a low-pass with gain H, the platform a servo
-with frames and lag P, and a reading the mean A over a control period. With ``rho`` the finger's stiffness over the one
-believed and ``c`` the caution, the platform is sent to ``u = H·(A·P·u − rho·A·P·u) + c·rho·A·P·u``, and so the open
-loop is ``L = rho·(H − c)·A·P / (1 − H·A·P)``. Margins are the textbook ones (Åström and Murray, "Feedback Systems",
+Around a constant target the loop is linear: the learned finger is a low-pass with gain H, the platform is a servo with
+frames and lag P, and a reading is the mean A over a control period. With ``rho`` the ratio of the finger's stiffness to
+the model's and ``c`` the caution, the platform is sent to ``u = H·(A·P·u − rho·A·P·u) + c·rho·A·P·u``, so the open
+loop is ``L = rho·(H − c)·A·P / (1 − H·A·P)``. The margins are the textbook ones (Åström and Murray, "Feedback Systems",
 section 10.3), read from L on a grid of frequencies.
 """
 
@@ -18,12 +18,12 @@ from hapticnet.hardware import SERVO_FRAME_US, SERVO_LAG_S
 
 FREQUENCIES: int = 4000
 HELD_S = 2.0
-"""How long [s] a target is held before the loop is looked at."""
+"""Time [s] for which the target is held before the margins are computed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Actuator:
-    """What lies between the displacement sent and the force read.
+    """Dynamics between the commanded displacement and the sensed force.
 
     Attributes
     ----------
@@ -32,9 +32,9 @@ class Actuator:
     frame_s
         Period of the servo frames [s].
     transport_s
-        All plain delay [s]: setpoint to the device, its pulses, reading back. 5 ms is about what the Nano needs.
+        Transport delay [s]: setpoint to the device, its pulses, reading back. About 5 ms for the Nano.
     unseen_s
-        Delay [s] of the reading that the host does not know of, so that force and platform do not belong together.
+        Delay [s] of the reading that the host does not compensate, so that force and position do not match.
     """
 
     lag_s: float = SERVO_LAG_S
@@ -50,12 +50,12 @@ class Margins:
     Attributes
     ----------
     gain
-        By how much the finger may be stiffer than believed before the loop swings; infinite when it never does.
+        Factor by which the finger may be stiffer than the model before the loop is unstable; infinite if it never is.
     phase_deg
-        How far [deg] the phase is from where the loop would swing, where the open loop's gain is one; it has no sign.
-        Whether it swings is said by `gain` alone: it does below one.
+        Distance [deg] of the phase from -180°, without sign, where the open loop's gain is one. Stability is decided by
+        `gain` alone: the loop is unstable if it is below one.
     crossover_hz
-        Where that is [Hz].
+        Frequency [Hz] at which the open loop's gain is one.
     """
 
     gain: float
@@ -64,12 +64,12 @@ class Margins:
 
 
 def loop_margins(settings: ForceControlSettings, actuator: Actuator, *, force_n: float, stiffness: float) -> Margins:
-    """Return the margins while a force [N] is held on a finger `stiffness` times as stiff as believed."""
+    """Return the margins while a force [N] is held on a finger `stiffness` times as stiff as the model."""
     finger = _held(settings, force_n)
     frequency_hz = np.geomspace(0.01, 0.5e6 / settings.period_us, FREQUENCIES)
     loop = stiffness * _open_loop(settings, actuator, finger, force_n, 2.0 * np.pi * frequency_hz)
     gain, phase_deg = np.abs(loop), np.degrees(np.unwrap(np.angle(loop)))
-    # -180°, -540°, … are all the same point to a Nyquist plot, from whichever side it is passed.
+    # In a Nyquist plot -180°, -540°, … are the same point, and it may be passed from either side.
     turns = np.floor((phase_deg + 180.0) / 360.0)
     critical = np.flatnonzero(np.diff(turns))
     gain_margin = min((float(1.0 / gain[index]) for index in critical), default=float("inf"))

@@ -1,5 +1,5 @@
-"""The fingertip device: what it is made of, how it moves and senses, and a simulated one.
+"""The fingertip device: mechanics, sensor, serial protocol, and a simulated device.
 
-Three servos lift a platform toward the fingertip; a force sensor under the platform says how hard it presses.
-``base`` is what the master sees of any device, ``simulated`` the one that needs no hardware.
+Three servos lift a platform toward the fingertip; a force sensor under the platform measures how hard it presses.
+``base`` has the interface of any device, ``wired`` the real one, ``simulated`` one without hardware.
 """

@@ -1,4 +1,4 @@
-"""What the master sees of a fingertip device, real or simulated."""
+"""The interface of a fingertip device, real or simulated."""
 
 from typing import Any, NamedTuple, Protocol
 
@@ -9,14 +9,14 @@ class Reading(NamedTuple):
     Attributes
     ----------
     t_us
-        When it was taken [µs], on the master's clock.
+        Time [µs] of the reading, on the master's clock.
     adc
-        What the converter gave, in counts; a device that averages gives fractions of one.
+        Output of the converter [counts]; averages may have a fraction.
     force_n
-        The same through the device's calibration [N]; 0 below the sensor's threshold.
+        Calibrated force [N]; 0 below the sensor's threshold.
     displacement_m
-        Where the platform stands [m above retracted], as far as anyone can tell from the pulses its servos took:
-        their lag is known, their backlash is not.
+        Estimated position [m above retracted] of the platform, from the pulses its servos took. The estimate includes
+        their lag but not their backlash.
     """
 
     t_us: int
@@ -31,13 +31,13 @@ class Device(Protocol):
     Attributes
     ----------
     travel_m
-        How far the platform can go toward the finger [m]; 0 is fully retracted.
+        Largest displacement [m] of the platform toward the finger; 0 is fully retracted.
     max_force_n
-        Largest force [N] the device may be asked for.
+        Largest target force [N] of the device.
     description
-        One line that tells a person which device this is.
+        One line that identifies the device to a person.
     status
-        What a person should know of it now: "ready", or why there are no readings.
+        "ready", or the reason why there are no readings.
     """
 
     travel_m: float
@@ -46,18 +46,18 @@ class Device(Protocol):
     status: str
 
     def exchange(self, displacement_m: float, now_us: int) -> Reading | None:
-        """Hand over the newest platform displacement [m] and get the newest reading; None while the device is lost.
+        """Set the platform displacement [m] and return the newest reading, or None while the device is lost.
 
-        Called every tick. Never blocks and never raises: a displacement outside the travel is clamped, one that is
-        not finite retracts. A device that was lost comes back retracted.
+        Called every tick. It never blocks and never raises. A displacement outside the travel is clamped; one that is
+        not finite retracts the platform. A device that was lost comes back retracted.
         """
         ...
 
     @property
     def contact_force_n(self) -> float | None:
-        """True force [N] on the finger, which only a simulated device knows."""
+        """True force [N] on the finger, known only to simulated devices."""
         return None
 
     def report(self) -> dict[str, Any]:
-        """Return what this kind of device has to say of itself for JSON, beyond its description and status."""
+        """Return further information about this kind of device as a JSON object."""
         return {}

@@ -1,4 +1,4 @@
-"""From the force sensor's counts to newton: a monotone piecewise-linear table, and how to get one from measurements."""
+"""Calibration of the force sensor: a monotone piecewise-linear table from counts to newtons, and its fit."""
 
 import itertools
 import math
@@ -17,38 +17,38 @@ from hapticnet.hardware import SENSOR_THRESHOLD_N
 Numbers: TypeAlias = NDArray[np.float64]
 
 LARGEST: Final = 1e6
-"""Counts and newtons of a table go so far at most, which is beyond any sensor."""
+"""Largest counts and newtons in a table, beyond any sensor."""
 
 MOST_KNOTS: Final = 8
-"""Knots of a fitted table. It follows a sensor whose conductance is linear in force within 3 % from 0.2 to 10 N."""
+"""Most knots of a fitted table: follows a sensor with conductance linear in force within 3 % from 0.2 to 10 N."""
 
 FULL_SCALE_COUNTS: Final = 1023.0
 """Highest count of the ATmega328P's 10-bit converter. Means within one of it were saturated part of the time."""
 
 LARGEST_FORCE_N: Final = 100.0
-"""Force [N] above which a pair is taken for grams: five times the range of the FSR 400 series (20 N, data sheet)."""
+"""Largest force [N] of a pair: five times the range of the FSR 400 series (20 N, data sheet). Catches grams."""
 
 FLATTEST_SLOPE: Final = 0.01
-"""Least slope of a fitted table, as a fraction of its mean slope.
+"""Smallest slope of a fitted table, as a fraction of its mean slope.
 
-A force loop is blind where the table is flat. A sensor linear in conductance is nowhere flatter than 5 % of its mean
-slope up to 20 N, so only noise is bent by this.
+A force loop gets no signal where the table is flat. A sensor linear in conductance is nowhere flatter than 5 % of its
+mean slope up to 20 N, so this limit affects only noise.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """Pairs of converter counts and the force that gave them, joined by straight lines.
+    """A piecewise-linear table of converter counts and forces.
 
-    Below the first pair the force falls in a straight line to 0 N at 0 counts; above the last it stays at the last
-    pair's force, because a sensor beyond its range says only "at least that".
+    Below the first pair the force falls linearly to 0 N at 0 counts. Above the last pair it is constant, because a
+    sensor beyond its range gives only a lower bound.
 
     Attributes
     ----------
     counts
         Converter counts, positive and strictly increasing.
     forces_n
-        The force [N] at each of them, positive and strictly increasing.
+        The force [N] at each count, positive and strictly increasing.
 
     Raises
     ------
@@ -68,22 +68,22 @@ class Calibration:
         if len(self.counts) != len(self.forces_n) or len(self.counts) < 2:
             raise SettingsError(
                 f"calibration has {len(self.counts)} counts and {len(self.forces_n)} forces; "
-                "it needs as many of one as of the other, and two at least"
+                "it needs two or more of each, and the same number"
             )
         for name, column in (("counts", self.counts), ("forces [N]", self.forces_n)):
             for before, after in zip((0.0, *column), column, strict=False):
                 if not before < after <= LARGEST:
                     raise SettingsError(
                         f"calibration {name} go from {before:g} to {after:g}; "
-                        f"they must be above 0, strictly increasing and {LARGEST:g} at most"
+                        f"they must be above 0, strictly increasing and at most {LARGEST:g}"
                     )
 
     def force_n(self, adc: float) -> float:
-        """Return the force [N] that belongs to a reading in counts (averaged readings may have a fraction)."""
+        """Return the force [N] at a reading [counts]; averaged readings may have a fraction."""
         counts = self.counts
         if adc <= 0.0:
             return 0.0
-        # Written so that NaN gives the largest force, from which the force loop retracts.
+        # NaN gives the largest force, from which the force loop retracts.
         if not adc < counts[-1]:
             return self.forces_n[-1]
         above = bisect_right(counts, adc)
@@ -94,21 +94,21 @@ class Calibration:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit:
-    """A calibration and how well it agrees with the pairs it was made from.
+    """A fitted calibration and its errors.
 
     Attributes
     ----------
     calibration
         The fitted table.
     residuals_n
-        What the table makes of each pair's counts less the pair's force [N], in the order the pairs came; None where
-        the converter was saturated.
+        Force of the table at each pair's counts less the pair's force [N], in the given order; None where the
+        converter was saturated.
     rms_n, max_n
         Root mean square and largest magnitude [N] of the residuals.
     hysteresis
-        How much more the sensor seems to feel while unloading, as a fraction of the force: mean relative residual of
-        the pairs whose force is lower than that of the pair before, less that of those where it is higher. None when
-        the pairs, in the order they came, do not go both ways.
+        Relative excess of the sensed force during unloading: the mean relative residual of the pairs with a lower
+        force than the pair before, less that of the pairs with a higher force. None if there are not pairs of both
+        kinds.
     """
 
     calibration: Calibration
@@ -119,27 +119,27 @@ class Fit:
 
 
 def fit_calibration(adc_counts: Sequence[float], forces_n: Sequence[float], *, knots: int = MOST_KNOTS) -> Fit:
-    """Fit a calibration to measured pairs: the best of all monotone piecewise-linear tables with given knots.
+    """Fit the best monotone piecewise-linear table with given knots to measured pairs.
 
-    Best is the one with the least squares of residual over force: the sensor's own errors are a fraction of the force
-    (hysteresis 10 %, FSR 400 series data sheet), and so is what a finger can tell.
+    The fit minimizes the squared relative residuals, because the sensor's own errors are a fraction of the force
+    (hysteresis 10 %, FSR 400 series data sheet), and so is the JND.
 
-    Pairs may be noisy, repeated, in any order, and taken while loading and unloading. A pair at 0 counts says nothing
-    a table could use, because 0 counts are 0 N in any; it still has a residual. Saturated pairs are left out.
+    Pairs may be noisy, repeated, in any order, and taken during loading and unloading. Pairs at 0 counts do not affect
+    the table, in which 0 counts are always 0 N; they still have a residual. Saturated pairs are ignored.
 
     Parameters
     ----------
     adc_counts
         Converter counts, 0 to 1023; means may have a fraction.
     forces_n
-        The force [N] that was applied at each of them.
+        The force [N] applied at each of them.
     knots
-        Largest number of knots, 2 to 8. There are never more than there are different forces.
+        Largest number of knots, 2 to 8; limited by the number of different forces.
 
     Raises
     ------
     SettingsError
-        If a value cannot be used, if too few pairs are left, or if the force does not grow with the counts.
+        If a value is invalid, too few pairs are usable, or the force does not increase with the counts.
 
     Examples
     --------
@@ -151,7 +151,7 @@ def fit_calibration(adc_counts: Sequence[float], forces_n: Sequence[float], *, k
     counts, forces = _checked(adc_counts, forces_n)
     measured = counts <= FULL_SCALE_COUNTS - 1.0
     usable = measured & (counts > 0.0)
-    # Sorted, so that the order in which the pairs came cannot show in the last bits.
+    # Sorted, so that the order of the pairs does not affect the last bits.
     order = np.lexsort((forces[usable], counts[usable]))
     sorted_counts, sorted_forces = counts[usable][order], forces[usable][order]
     _check_usable(sorted_counts, sorted_forces, saturated=len(counts) - int(measured.sum()))
@@ -183,15 +183,15 @@ def _checked(adc_counts: Sequence[float], forces_n: Sequence[float]) -> tuple[Nu
 
 
 def _whole(counts: Numbers) -> Numbers:
-    """Return the whole counts, 1 or more, nearest to measured ones: what may become a knot."""
+    """Return the whole counts, 1 or more, nearest to measured ones: the candidates for knots."""
     return np.unique(np.maximum(np.rint(counts), 1.0))
 
 
 def _check_usable(counts: Numbers, forces: Numbers, *, saturated: int) -> None:
     if len(np.unique(forces)) < 2 or len(_whole(counts)) < 2:
         raise SettingsError(
-            f"{len(counts)} pairs can be used ({saturated} are saturated, and 0 counts say nothing); "
-            "a calibration needs two different forces at least, and different counts for them"
+            f"{len(counts)} pairs are usable ({saturated} saturated; pairs at 0 counts are ignored); "
+            "a calibration needs two or more different forces at different counts"
         )
     if forces.max() < SENSOR_THRESHOLD_N:
         raise SettingsError(
@@ -199,17 +199,17 @@ def _check_usable(counts: Numbers, forces: Numbers, *, saturated: int) -> None:
         )
     if np.dot(counts - counts.mean(), forces - forces.mean()) <= 0.0:
         raise SettingsError(
-            "the force does not grow with the counts; the sensor belongs between 5 V and A0, the resistor between "
-            "A0 and ground"
+            "the force does not increase with the counts; connect the sensor between 5 V and A0 and the resistor "
+            "between A0 and ground"
         )
 
 
 def _knots(candidates: Numbers, most: int) -> Numbers:
-    """Return at most `most` of the candidates, the lowest and the highest among them.
+    """Return at most `most` of the candidates, including the lowest and the highest.
 
     They are nearest to equal distances on ``arsinh √G``, with the sensor's conductance ``G = counts / (full scale +
-    1 − counts)`` in units of the divider's: there straight lines miss a force that grows with G by the same fraction
-    in every interval.
+    1 − counts)`` in units of the divider's. Straight lines then have the same relative error in every interval for a
+    force that grows with G.
     """
     if len(candidates) <= most:
         return candidates
@@ -223,14 +223,14 @@ def _knots(candidates: Numbers, most: int) -> Numbers:
 def _steps_n(knots: Numbers, counts: Numbers, forces: Numbers) -> Numbers:
     """Return the force [N] gained from each knot to the next, the first from 0 counts, by weighted least squares.
 
-    Every step gets its least height; what comes on top must not be negative. The best such steps are the plain least
-    squares of those that are not 0: with 8 knots at most, all 256 choices can be tried.
+    Each step has a minimum height; the remainder must not be negative. The optimum is the plain least-squares solution
+    for the remainders that are not 0, so with at most 8 knots all 256 subsets can be tried.
     """
     below = np.concatenate(([0.0], knots[:-1]))
     least: Numbers = FLATTEST_SLOPE * forces.max() / knots[-1] * (knots - below)
     shares = np.clip((counts[:, np.newaxis] - below) / (knots - below), 0.0, 1.0)
     weights = 1.0 / np.maximum(forces, SENSOR_THRESHOLD_N)
-    # Thousands of pairs become as many equations as there are knots.
+    # Reduce thousands of pairs to one equation per knot.
     rotation, triangle = np.linalg.qr(weights[:, np.newaxis] * shares)
     wanted = rotation.T @ (weights * (forces - shares @ least))
     best, smallest = np.zeros_like(knots), float(wanted @ wanted)
@@ -242,7 +242,7 @@ def _steps_n(knots: Numbers, counts: Numbers, forces: Numbers) -> Numbers:
         if steps.min() >= 0.0 and missed @ missed < smallest:
             best, smallest = steps, float(missed @ missed)
             if len(choice) == len(knots):
-                break  # Nothing held it back, so nothing is better.
+                break  # No constraint is active, so this is the optimum.
     return least + best
 
 

@@ -1,34 +1,34 @@
-"""Frames on the serial line: a message and its CRC in COBS, between zero bytes.
+"""Frames on the serial line: a message and its CRC, COBS-encoded, between zero bytes.
 
 Consistent overhead byte stuffing (Cheshire and Baker, IEEE/ACM Transactions on Networking 7(2), 1999) leaves no zero
-inside a frame, so whatever was lost or garbled, the next zero byte starts afresh.
+inside a frame, so after lost or damaged bytes the receiver resynchronizes at the next zero byte.
 """
 
 import binascii
 from typing import Final
 
 LONGEST_BODY: Final = 48
-"""Longest message [bytes], kind included; the firmware's buffers are made for it."""
+"""Longest message [bytes], including its kind; the size of the firmware's buffers."""
 
 LONGEST_FRAME: Final = LONGEST_BODY + 3
-"""The same on the line without its delimiter: 2 bytes CRC, 1 byte COBS."""
+"""Longest frame [bytes] without its delimiter: adds 2 bytes of CRC and 1 byte of COBS."""
 
 _CRC_START: Final = 0xFFFF
 
 
 def _crc(body: bytes) -> bytes:
-    """CRC-16/CCITT-FALSE, low byte first as all of the wire; its check value for "123456789" is 0x29B1."""
+    """CRC-16/CCITT-FALSE, little-endian; its check value for "123456789" is 0x29B1."""
     return binascii.crc_hqx(body, _CRC_START).to_bytes(2, "little")
 
 
 def frame(body: bytes) -> bytes:
-    """Return a message as it goes on the line, its delimiter included."""
+    """Return a message as a frame with its delimiter."""
     blocks = (body + _crc(body)).split(b"\0")
     return b"".join(bytes((len(block) + 1,)) + block for block in blocks) + b"\0"
 
 
 def _unstuffed(stuffed: bytes) -> bytes | None:
-    """Undo COBS; None when a length byte points beyond the end. Frames are too short for a block of 254."""
+    """Decode COBS; None if a length byte points past the end. Frames are too short for blocks of 254 bytes."""
     blocks = []
     at = 0
     while at < len(stuffed):
@@ -41,15 +41,15 @@ def _unstuffed(stuffed: bytes) -> bytes | None:
 
 
 class Deframer:
-    """Finds messages in a stream of bytes that may start anywhere and hold anything.
+    """Extract messages from a stream of bytes that may start anywhere and contain anything.
 
     Attributes
     ----------
     received
-        Messages whose CRC was right.
+        Number of messages with a correct CRC.
     damaged
-        Frames dropped because their COBS or CRC was wrong, or because they were too short or too long. What comes
-        before the first delimiter is such a frame, too, unless it is whole.
+        Number of frames dropped because their COBS, CRC or length was wrong, including an incomplete frame before the
+        first delimiter.
     """
 
     __slots__ = ("_oversize", "_partial", "damaged", "received")
@@ -61,7 +61,7 @@ class Deframer:
         self._oversize = False
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Take the next bytes, however many; return the messages they complete, oldest first."""
+        """Add received bytes; return the messages they complete, oldest first."""
         *ended, rest = data.split(b"\0")
         bodies = []
         for end in ended:
@@ -74,7 +74,7 @@ class Deframer:
             self._oversize = False
         if len(self._partial) + len(rest) > LONGEST_FRAME:
             self._oversize = True
-        # Nothing of an oversize frame is kept, so memory is bounded on a line without delimiters.
+        # An oversize frame is discarded, so memory stays bounded on a line without delimiters.
         self._partial = b"" if self._oversize else self._partial + rest
         self.received += len(bodies)
         return bodies

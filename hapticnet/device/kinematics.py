@@ -1,9 +1,9 @@
-"""From platform displacement to three servo pulses, and back.
+"""Conversion between platform displacement and three servo pulses.
 
-Three servos stand around the platform, each lifting one corner with a short arm; the mean of the three heights is how
-far the platform presses the fingertip, their differences only tilt it. A servo ignores a pulse that is nearer than
-its deadband to the one it holds, so moved together the three can go in steps of a deadband only. Moved one at a time,
-always the one that lags most, their mean goes in steps of a third of it.
+Three servos around the platform each lift one corner with a short arm. The mean of the three heights is the
+displacement toward the fingertip; their differences only tilt the platform. A servo ignores a pulse within its deadband
+of the one it holds, so three servos moved together have a resolution of one deadband. Moved one at a time, always the
+one furthest behind, they have a resolution of a third of it.
 """
 
 import math
@@ -17,32 +17,32 @@ from hapticnet.hardware import SERVO_DEADBAND_US
 Pulses: TypeAlias = tuple[float, float, float]
 
 ROUNDING: Final = 0.53
-"""Share of a deadband that must be missing before one servo moves by a whole one.
+"""Smallest error of the mean, as a share of a deadband, at which one servo moves by a whole deadband.
 
-A half would put the mean nearest to its goal, but then noise alone would send the servo forth and back.
+At one half the mean would be nearest to its goal, but noise alone would make the servo oscillate.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Linkage:
-    """How servo pulses lift the platform.
+    """Geometry and pulses of the servos.
 
     Attributes
     ----------
     arm_m
-        Length of each servo's arm [m]; 12 mm in the paper's device.
+        Length of a servo's arm [m]; 12 mm in the paper's device.
     us_per_degree
         Pulse [µs] per degree of rotation; 10 is typical of the HS-55 (600 to 2400 µs over 180°).
     level_us
-        Pulse [µs] at which the arms stand at right angles to the platform's way.
+        Pulse [µs] at which the arms are perpendicular to the motion of the platform.
     retracted_us
-        Pulse [µs] at displacement 0. An assumption: 30° below level leaves room for a finger to slip in.
+        Pulse [µs] at displacement 0. An assumption: 30° below level leaves room to insert a finger.
     extended_us
-        Pulse [µs] at full travel. An assumption: 50° above level, what any hobby servo reaches safely.
+        Pulse [µs] at full travel. An assumption: any hobby servo reaches 50° above level safely.
     timer_step_us
         Resolution of a pulse [µs]: Timer1 of the ATmega328P at 16 MHz / 8.
     deadband_us
-        Change of pulse [µs] below which a servo does not stir; 8 is typical of the HS-55.
+        Change of pulse [µs] below which a servo does not move.
 
     Raises
     ------
@@ -73,11 +73,13 @@ class Linkage:
                     f"{abs(pulse_us - self.level_us) / self.us_per_degree:g}° from level; 80° at most"
                 )
         if self.travel_m <= 0.0:
-            raise SettingsError("the extended pulse must be longer than the retracted one; both are the same")
+            raise SettingsError(
+                f"the retracted and the extended pulse are both {self.extended_us} µs; they must differ"
+            )
 
     @property
     def travel_m(self) -> float:
-        """How far the platform goes from retracted to extended [m]."""
+        """Displacement [m] from retracted to extended."""
         return self.displacement_m(self.extended_us)
 
     def displacement_m(self, pulse_us: float) -> float:
@@ -89,7 +91,7 @@ class Linkage:
         )
 
     def pulse_us(self, displacement_m: float) -> float:
-        """Return the exact pulse [µs] for a displacement [m], clamped to the travel; retracted if not finite."""
+        """Return the exact pulse [µs] for a displacement [m], clamped to the travel; retracted if it is not finite."""
         if not 0.0 < displacement_m < math.inf:
             return self.retracted_us
         us_per_radian = 180.0 / math.pi * self.us_per_degree
@@ -99,16 +101,16 @@ class Linkage:
         return min(self.level_us + us_per_radian * math.asin(sine), self.extended_us)
 
     def pulses_us(self, displacement_m: float, held_us: Pulses) -> Pulses:
-        """Return the three pulses [µs] that bring the servos' mean as near to a displacement [m] as they can.
+        """Return the three pulses [µs] that bring the servos' mean as near to a displacement [m] as possible.
 
-        Every servo keeps the pulse it holds or gets one at least a deadband away, so that what is sent is what the
-        servos do. The mean pulse misses its goal by less than a quarter of a deadband, and the servos stay at most two
-        deadbands apart: 1.6° of arm, or 0.3 mm across the platform.
+        Every servo keeps its pulse or gets one at least a deadband away, so that each servo follows what it is sent.
+        The error of the mean pulse is below a quarter of a deadband, and the servos stay within two deadbands of each
+        other: 1.6° of arm, or 0.3 mm across the platform.
 
         Parameters
         ----------
         displacement_m
-            Displacement [m] wanted; clamped to the travel, retracted if not finite.
+            Displacement [m]; clamped to the travel, retracted if it is not finite.
         held_us
             Pulses [µs] the servos took at their last frame.
         """
@@ -131,6 +133,6 @@ class Linkage:
         return (pulses_us[0], pulses_us[1], pulses_us[2])
 
     def _shared_us(self, total_us: float, servos: int) -> list[float]:
-        """Divide a sum of pulses [µs] into whole timer steps, as evenly as they go."""
+        """Divide a sum of pulses [µs] into whole timer steps, as evenly as possible."""
         each, left_over = divmod(round(total_us / self.timer_step_us), servos)
         return [(each + (i < left_over)) * self.timer_step_us for i in range(servos)]

@@ -1,7 +1,8 @@
-"""What host and firmware say to each other: one table of layouts.
+"""Messages between host and firmware: one table of layouts.
 
-Everything is little-endian and of fixed length. The first byte of a message is its kind; kinds the host sends are below
-128. ``tests/vectors/device.json`` holds every message as bytes, and both this module and the firmware are tested on it.
+All fields are little-endian and of fixed size. The first byte of a message is its kind; kinds below 128 are sent by the
+host. ``tests/vectors/device.json`` holds an example of every message, against which this module and the firmware are
+tested.
 """
 
 import struct
@@ -10,16 +11,16 @@ from typing import Final, NamedTuple, TypeAlias
 from hapticnet.errors import PeerError, RefusedError, SettingsError
 
 PROTOCOL_MAJOR: Final = 1
-"""A device with another major version is refused: layouts or their meaning differ."""
+"""A device with another major version is refused, because layouts or meanings differ."""
 
 PROTOCOL_MINOR: Final = 0
-"""Grows with additions an older peer may ignore."""
+"""Incremented for additions that an older peer may ignore."""
 
 TICKS_PER_US: Final = 2
-"""Pulses are in ticks of 0.5 µs: Timer1 of the ATmega328P at 16 MHz / 8."""
+"""Timer ticks per µs of a pulse: Timer1 of the ATmega328P at 16 MHz / 8 has ticks of 0.5 µs."""
 
 ADC_FRACTION: Final = 64
-"""An averaged reading is in 1/64 count, the finest in which 1023 counts fit 16 bits."""
+"""An averaged reading is in 1/64 count, the finest unit in which 1023 counts fit in 16 bits."""
 
 FLASH_COMMAND: Final = "make -C firmware flash PORT=/dev/ttyUSB0"
 
@@ -31,25 +32,25 @@ class Flag:
     """Bits of `SensorReading.flags`."""
 
     GREETED: Final = 1
-    """A HELLO of this protocol was heard since the reset; setpoints are taken."""
+    """A HELLO of this protocol was received since the reset; setpoints are accepted."""
     RETRACTED: Final = 2
-    """No setpoint is in force: none came yet, or the host fell silent. The servos are retracted."""
+    """No setpoint is in force, because none was received yet or the host is silent. The servos are retracted."""
     STEP_LIMITED: Final = 4
-    """At the last servo frame a servo was not allowed to go all the way to its setpoint."""
+    """At the last servo frame, the step limit kept a servo from reaching its setpoint."""
 
 
 class Hello(NamedTuple):
-    """Host: who are you? Starts afresh: retracts, stops the stream; setpoints are taken from now on."""
+    """Host: request the identity. The device retracts, stops the stream and accepts setpoints from then on."""
 
     protocol_major: int = PROTOCOL_MAJOR
     protocol_minor: int = PROTOCOL_MINOR
 
 
 class Setpoint(NamedTuple):
-    """Host: three servo pulses [ticks of 0.5 µs]; the newest is applied at the next 50 Hz frame.
+    """Host: three servo pulses [ticks of 0.5 µs]; the newest setpoint is applied at the next 50 Hz frame.
 
-    `sequence` is any 16-bit number; it comes back as `SensorReading.applied_sequence`. Refused as a whole when a pulse
-    is outside the limits of its servo.
+    `sequence` is any 16-bit number, returned as `SensorReading.applied_sequence`. The whole setpoint is refused if a
+    pulse is outside the limits of its servo.
     """
 
     sequence: int
@@ -59,16 +60,16 @@ class Setpoint(NamedTuple):
 
 
 class Stream(NamedTuple):
-    """Host: send a reading every `period_ms` [ms], 1 to 255; 0 sends none. Answered by `StreamAck`."""
+    """Host: request a reading every `period_ms` [ms], 1 to 255, or none (0). Answered by `StreamAck`."""
 
     period_ms: int
 
 
 class Identity(NamedTuple):
-    """Device: answer to HELLO, whatever its version.
+    """Device: answer to HELLO of any version.
 
-    `reset_cause` is MCUSR as the last reset left it; `boot_id` grows by one at every reset; `clock_hz` [Hz]; pulse
-    limits of each servo and the largest step toward a setpoint per servo frame [ticks of 0.5 µs].
+    `reset_cause` is MCUSR after the last reset; `boot_id` is incremented at every reset; `clock_hz` [Hz]; then the
+    pulse limits of each servo and the largest step toward a setpoint per servo frame [ticks of 0.5 µs].
     """
 
     protocol_major: int
@@ -99,11 +100,11 @@ class Identity(NamedTuple):
 
 
 class SensorReading(NamedTuple):
-    """Device: what the sensor read over the last millisecond, and how the device fares.
+    """Device: the sensor's mean over the last millisecond, and the state of the device.
 
-    `sequence` grows by one per reading, sent or dropped; `uptime_ms` [ms] since reset; `adc` [1/64 count];
-    `applied_sequence` of the setpoint taken at the last servo frame; then counters that wrap at 256: frames from the
-    host that were damaged, messages refused, bytes lost because nobody fetched them.
+    `sequence` is incremented for each reading, sent or dropped; `uptime_ms` [ms] since reset; `adc` [1/64 count];
+    `applied_sequence` of the setpoint taken at the last servo frame; then counters modulo 256: damaged frames from the
+    host, refused messages, bytes lost because they were not read in time.
     """
 
     sequence: int
@@ -118,7 +119,7 @@ class SensorReading(NamedTuple):
 
 
 class StreamAck(NamedTuple):
-    """Device: the period asked for, and the one in force [ms]: a slow line cannot carry 1 kHz."""
+    """Device: the requested period and the granted one [ms]; a slow line cannot carry 1 kHz."""
 
     asked_ms: int
     period_ms: int
@@ -134,7 +135,7 @@ LAYOUTS: Final[dict[int, tuple[type[Message], struct.Struct]]] = {
     0x82: (SensorReading, struct.Struct("<HIHHBHBBB")),
     0x83: (StreamAck, struct.Struct("<BB")),
 }
-"""Kind: what it says, and how."""
+"""Message class and layout of each kind."""
 
 _BY_CLASS: Final = {message: (bytes((kind,)), layout) for kind, (message, layout) in LAYOUTS.items()}
 
@@ -145,7 +146,7 @@ def encode(message: Message) -> bytes:
     Raises
     ------
     SettingsError
-        If a field is no integer or does not fit its place.
+        If a field is not an integer or is out of range.
     """
     kind, layout = _BY_CLASS[type(message)]
     try:
@@ -160,12 +161,12 @@ def decode(body: bytes) -> Message:
     Raises
     ------
     PeerError
-        If the kind is unknown, or the length is not that of the kind.
+        If the kind is unknown or the length does not match it.
     """
     entry = LAYOUTS.get(body[0]) if body else None
     if entry is None:
         kind = body[:1].hex() or "missing"
-        raise PeerError(f"kind {kind} ({len(body)} bytes) is none of protocol {PROTOCOL_MAJOR}.{PROTOCOL_MINOR}")
+        raise PeerError(f"kind {kind} ({len(body)} bytes) is not in protocol {PROTOCOL_MAJOR}.{PROTOCOL_MINOR}")
     message, layout = entry
     if len(body) != layout.size + 1:
         raise PeerError(f"{message.__name__} has {len(body)} bytes; it must have {layout.size + 1}")
@@ -173,15 +174,15 @@ def decode(body: bytes) -> Message:
 
 
 def check_version(identity: Identity) -> None:
-    """Refuse a device whose protocol is another.
+    """Check that a device speaks this protocol.
 
     Raises
     ------
     RefusedError
-        If the major versions differ; the message says how to flash the firmware of this release.
+        If the major versions differ; the message says how to flash the matching firmware.
     """
     if identity.protocol_major != PROTOCOL_MAJOR:
         raise RefusedError(
             f"the device speaks protocol {identity.protocol_major}.{identity.protocol_minor}, this host "
-            f"{PROTOCOL_MAJOR}.{PROTOCOL_MINOR}; give it the firmware of this release: {FLASH_COMMAND}"
+            f"{PROTOCOL_MAJOR}.{PROTOCOL_MINOR}; flash the firmware of this release: {FLASH_COMMAND}"
         )

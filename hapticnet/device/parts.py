@@ -1,4 +1,4 @@
-"""What the simulated device is made of: servo, finger and sensor, each number with its source."""
+"""Parts of the simulated device: servo, finger and sensor, each number with its source."""
 
 import math
 from dataclasses import dataclass
@@ -17,22 +17,22 @@ from hapticnet.hardware import (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Servo:
-    """One HS-55 hobby servo.
+    """An HS-55 hobby servo.
 
     Attributes
     ----------
     frame_us
-        Period [µs] at which it takes a new pulse; 50 Hz is the convention of analog servos.
+        Period [µs] at which it takes a new pulse.
     deadband_us
-        Change of pulse [µs] below which it does not stir; 8 is typical.
+        Change of pulse [µs] below which it does not move.
     lag_s
-        Time constant [s] of its first-order lag; 20 to 40 ms is typical.
+        Time constant [s] of its first-order lag.
     rate_deg_s
-        Greatest speed [deg/s]: 60° in 0.17 s at 4.8 V, HS-55 data sheet.
+        Largest speed [deg/s]: 60° in 0.17 s at 4.8 V, HS-55 data sheet.
     backlash_deg
         Play of the gears [deg] at the arm; 0.5 is typical of plastic gears.
     stall_nm
-        Torque [N·m] at which it stalls; 0.108 at 4.8 V is typical.
+        Stall torque [N·m]; 0.108 at 4.8 V is typical.
     """
 
     frame_us: int = SERVO_FRAME_US
@@ -55,19 +55,17 @@ class Servo:
 class Finger:
     """A fingertip pressed by a flat plate: its force grows exponentially with compression.
 
-    ``force = k0 / b · (exp(b · compression) − 1)``, the form Pawluk and Howe (1999, "Dynamic contact of the human
-    fingerpad against a flat surface") found for 0 to 2 N, here without their relaxation. Its tangent stiffness is
-    ``k0 + b · force``; k0 and b are chosen so that this is `stiffness_n_m` at 1 N.
+    ``force = k0 / b · (exp(b · compression) − 1)``, see `hapticnet.hardware.STIFFENING`; k0 and b give the tangent
+    stiffness ``k0 + b · force`` the value `stiffness_n_m` at 1 N.
 
     Attributes
     ----------
     stiffness_n_m
-        Tangent stiffness [N/m] at 1 N; fingers range from 300 to 3000, typical.
+        Tangent stiffness [N/m] at 1 N.
     stiffening
-        Share of that stiffness which comes from the force (dimensionless, 0 to 0.9): 0 is a linear spring. The
-        default is an assumption.
+        Share of that stiffness which comes from the force (dimensionless, 0 to 0.9); 0 is a linear spring.
     contact_m
-        Platform displacement [m] at which it touches the finger. An assumption.
+        Platform displacement [m] at which it touches the finger.
     """
 
     stiffness_n_m: float = STIFFNESS_N_M
@@ -80,7 +78,7 @@ class Finger:
         check_parameter("finger contact", self.contact_m, 0.0, 1.0, "m")
 
     def force_n(self, displacement_m: float) -> float:
-        """Return the force [N] on a platform at `displacement_m` [m]; never negative, the finger does not stick."""
+        """Return the force [N] on a platform at `displacement_m` [m]; never negative, because skin does not stick."""
         compression_m = displacement_m - self.contact_m
         if compression_m <= 0.0:
             return 0.0
@@ -94,26 +92,26 @@ class Finger:
 class Sensor:
     """An FSR 408 with a divider resistor to ground and the ATmega328P's 10-bit converter.
 
-    Conductance is ``force ** exponent / ohm_at_1_n`` above the threshold and nothing below, and counts are
+    Conductance is ``force ** exponent / ohm_at_1_n`` above the threshold and zero below; the counts are
     ``2 ** adc_bits · R · G / (1 + R · G)``. Interlink's FSR 400 series data sheet gives threshold, hysteresis and an
-    open resistance above 10 MΩ (here: no conductance at all); drift (under 5 % per decade of time) is not modelled.
+    open resistance above 10 MΩ (here: no conductance). Drift (under 5 % per decade of time) is not modelled.
 
     Attributes
     ----------
     threshold_n
-        Force [N] below which it does not conduct; about 0.2, data sheet.
+        Force [N] below which it does not conduct.
     ohm_at_1_n
         Resistance [Ω] at 1 N; about 9.5 kΩ is typical.
     exponent
         Exponent of the conductance (dimensionless); 0.9 to 1.1 is typical.
     hysteresis
-        How much lower the resistance is at the same force while unloading; 10 % on average, data sheet.
+        Relative decrease of the resistance at the same force during unloading; 10 % on average, data sheet.
     divider_ohm
-        The divider's resistor [Ω].
+        Resistance of the divider [Ω].
     adc_bits
         Resolution of the converter.
     noise_counts
-        Standard deviation [counts] of one reading's noise; about one count is typical of this converter.
+        Standard deviation [counts] of the noise of a reading; about one count is typical of this converter.
     """
 
     threshold_n: float = SENSOR_THRESHOLD_N
@@ -135,11 +133,11 @@ class Sensor:
 
     @property
     def unloading_gain(self) -> float:
-        """How much more force the sensor seems to feel while unloading (dimensionless, 1 or more)."""
+        """Factor by which the sensor overestimates the force during unloading (dimensionless, 1 or more)."""
         return math.pow(1.0 - self.hysteresis, -1.0 / self.exponent)
 
     def counts(self, force_n: float) -> float:
-        """Return the converter's mean counts for a force [N] while loading, without noise or rounding."""
+        """Return the converter's mean counts at a force [N] during loading, without noise or rounding."""
         if force_n < self.threshold_n:
             return 0.0
         ratio = self.divider_ohm / self.ohm_at_1_n * math.pow(force_n, self.exponent)

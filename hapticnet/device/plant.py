@@ -1,7 +1,7 @@
 """The simulated mechanics: three servos, a fingertip and a force sensor, from pulse widths to converter counts.
 
-Nothing here knows displacement commands, servo frames or calibrations: it takes what a microcontroller's pins put out
-and gives what its converter reads, so the simulated device and the simulated firmware press the same finger.
+The plant takes the pulses of a microcontroller's pins and returns what its converter reads; it does not depend on
+displacement commands, servo frames or calibration. The simulated device and the simulated firmware share it.
 """
 
 from dataclasses import dataclass, field
@@ -21,14 +21,14 @@ NOISE_BLOCK: Final = 1024
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlantSettings:
-    """The whole simulated device.
+    """Settings of the simulated mechanics.
 
     Attributes
     ----------
     linkage
         Arms and pulses.
     servo
-        Each of the three servos.
+        The three servos.
     finger
         The fingertip being pressed.
     sensor
@@ -42,9 +42,7 @@ class PlantSettings:
 
 
 class Plant:
-    """Three servos that press a fingertip, and the sensor that feels it.
-
-    The finger is a massless spring.
+    """Three servos that press a fingertip, and the sensor between. The finger is a massless spring.
 
     Attributes
     ----------
@@ -76,17 +74,17 @@ class Plant:
         return self._servos.displacement_m
 
     def take(self, pulses_us: Pulses) -> None:
-        """Give each servo a pulse [µs], now: a frame."""
+        """Give each servo a pulse [µs] now: one frame."""
         self._servos.take(pulses_us)
 
     def take_one(self, index: int, pulse_us: float) -> None:
-        """Give one servo (0 to 2) a pulse [µs], which ends now."""
+        """Give one servo (0 to 2) a pulse [µs] that ends now."""
         self._servos.take_one(index, pulse_us)
 
     def advance(self, now_us: float) -> None:
-        """Let time pass until `now_us` [µs].
+        """Advance time to `now_us` [µs].
 
-        A repeated or earlier time advances nothing, and the clock goes on from there.
+        A repeated or earlier time advances nothing, and the clock continues from it.
         """
         elapsed_us = now_us - self._now_us
         self._now_us = now_us
@@ -94,13 +92,13 @@ class Plant:
             self._press()
 
     def read(self) -> int:
-        """Return what the converter gives [counts], noise and rounding included."""
+        """Return the converter's reading [counts], with noise and rounding."""
         if self._mean_counts <= 0.0:
             return 0
         return min(max(int(self.level_counts()), 0), self._full_scale)
 
     def level_counts(self) -> float:
-        """Return the level at the converter's pin [counts], its noise included."""
+        """Return the level at the converter's pin [counts], with noise."""
         mean = self._mean_counts
         if mean <= 0.0:
             return 0.0
@@ -112,12 +110,12 @@ class Plant:
         return mean + self._noise[at]
 
     def exchange_finger(self, finger: Finger) -> None:
-        """Put another finger under the platform, as when it stiffens or is withdrawn in the middle of a run."""
+        """Replace the finger, for instance by a stiffer or a withdrawn one during a run."""
         self._finger = finger
         self._press()
 
     def _press(self) -> None:
         force_n = self.contact_force_n = min(self._finger.force_n(self._servos.displacement_m), self._stall_n)
-        # A play operator whose gap grows with the load: loading goes along its lower edge, unloading along the upper.
+        # Play operator with a gap proportional to the load: loading follows its lower edge, unloading its upper edge.
         self._loaded_n = min(max(self._loaded_n, force_n), force_n * self._sensor.unloading_gain)
         self._mean_counts = self._sensor.counts(self._loaded_n)

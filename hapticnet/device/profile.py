@@ -1,6 +1,6 @@
-"""What is known of one device: its calibration, the finger it was tuned on, its servos. Kept as a TOML file.
+"""The profile of one device, stored as TOML: its calibration, the finger it was tuned on, its servos.
 
-The file may say all or little of that:
+All keys are optional:
 
 .. code-block:: toml
 
@@ -39,33 +39,33 @@ from hapticnet.errors import SettingsError
 LONGEST_SERIAL: Final = 200
 
 GENERIC_FORCES_N: Final = (0.2, 0.4, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0, 14.0, 20.0)
-"""Forces [N] of the generic curve's knots: the range of the FSR 400 series, closer where it bends more."""
+"""Forces [N] of the generic curve's knots: the range of the FSR 400 series, denser where it is curved."""
 
 GENERIC_CALIBRATION: Final = Calibration(
     tuple(Sensor().counts(force_n) for force_n in GENERIC_FORCES_N), GENERIC_FORCES_N
 )
-"""A typical FSR 408 on 10 kΩ, from its data sheet; one sensor reads 6 % more or less than the next."""
+"""A typical FSR 408 with 10 kΩ, from its data sheet; sensors differ by about 6 %."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredCalibration:
-    """A calibration somebody made.
+    """A measured calibration.
 
     Attributes
     ----------
     calibration
         The table.
     date
-        Day it was made, as YYYY-MM-DD.
+        Day of the measurement, as YYYY-MM-DD.
     residual_rms_n
-        Root mean square [N] of what the table misses the measured pairs by.
+        Root mean square [N] of the residuals of the measured pairs.
     pairs
-        How many pairs were measured.
+        Number of measured pairs.
 
     Raises
     ------
     SettingsError
-        If a value cannot be used.
+        If a value is invalid.
     """
 
     calibration: Calibration
@@ -81,7 +81,7 @@ class MeasuredCalibration:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredFinger:
-    """A finger as the device felt it.
+    """A finger as measured by the device.
 
     Attributes
     ----------
@@ -90,12 +90,12 @@ class MeasuredFinger:
     contact_m
         Platform displacement [m] at which it touches the finger.
     date
-        Day it was felt, as YYYY-MM-DD.
+        Day of the measurement, as YYYY-MM-DD.
 
     Raises
     ------
     SettingsError
-        If a value cannot be used.
+        If a value is invalid.
     """
 
     stiffness_n_m: float
@@ -110,23 +110,23 @@ class MeasuredFinger:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Profile:
-    """What is known of one device.
+    """Properties of one device.
 
     Attributes
     ----------
     serial
-        Serial number of its USB adapter, or another name that tells it from others; may be empty.
+        Serial number of its USB adapter or another identifier; may be empty.
     measured
-        Its own calibration; None while there is only the generic one.
+        Its own calibration; None if it has only the generic one.
     finger
-        The finger it was tuned on; None before.
+        The finger it was tuned on; None before tuning.
     servo_lag_s
-        Time constant [s] of its servos, where it was identified.
+        Time constant [s] of its servos, if identified.
 
     Raises
     ------
     SettingsError
-        If a value cannot be used.
+        If a value is invalid.
     """
 
     serial: str = ""
@@ -137,24 +137,24 @@ class Profile:
     def __post_init__(self) -> None:
         if len(self.serial) > LONGEST_SERIAL or not self.serial.isprintable():
             raise SettingsError(
-                f"serial is {reprlib.repr(self.serial)}; it must be {LONGEST_SERIAL} printable characters at most"
+                f"serial is {reprlib.repr(self.serial)}; it must be at most {LONGEST_SERIAL} printable characters"
             )
         if self.servo_lag_s is not None:
             check_parameter("servo lag", self.servo_lag_s, 1e-4, 1.0, "s")
 
     @property
     def calibration(self) -> Calibration:
-        """Its own calibration or else the generic one."""
+        """Its own calibration, or the generic one."""
         return self.measured.calibration if self.measured else GENERIC_CALIBRATION
 
     @property
     def is_generic(self) -> bool:
-        """Whether the device was never calibrated, so that its forces may be far off."""
+        """Whether the device was never calibrated; its forces may then be far off."""
         return self.measured is None
 
 
 def _as_text(day: Any) -> Any:
-    """Return a day written without quotes, which TOML reads as a date, as the text it was."""
+    """Return an unquoted day, which TOML reads as a date, as text."""
     return day.isoformat() if hasattr(day, "isoformat") else day
 
 
@@ -196,20 +196,20 @@ def load_profile(path: Path) -> Profile:
     FileError
         If the file is missing, unreadable or not TOML.
     SettingsError
-        If a key is unknown or missing, or a value cannot be used.
+        If a key is unknown or missing, or a value is invalid.
     """
     return parse_profile(read_document(path), str(path))
 
 
 def parse_profile(text: str, source: str) -> Profile:
-    """Return the profile described by `text`, which came from `source`.
+    """Return the profile described by `text`; messages name `source` as its origin.
 
     Raises
     ------
     FileError
         If the text is not TOML; the message has the line and column.
     SettingsError
-        If a key is unknown or missing, or a value cannot be used.
+        If a key is unknown or missing, or a value is invalid.
     """
     table = parse_document(text, source, _ProfileTable)
     try:
@@ -224,7 +224,7 @@ def parse_profile(text: str, source: str) -> Profile:
 
 
 def dump_profile(profile: Profile) -> str:
-    """Return a profile as TOML; `parse_profile` gives the same profile back."""
+    """Return a profile as TOML, which `parse_profile` reads back as the same profile."""
     content: dict[str, Any] = {"serial": profile.serial}
     if profile.servo_lag_s is not None:
         content["servo_lag_s"] = profile.servo_lag_s
@@ -252,4 +252,4 @@ def _measured(table: _CalibrationTable) -> MeasuredCalibration:
 
 def _check_date(name: str, date: str) -> None:
     if not re.fullmatch(r"[0-9]{4}-(0[1-9]|1[0-2])-(0[1-9]|[12][0-9]|3[01])", date):
-        raise SettingsError(f"{name} is {reprlib.repr(date)}; it must be a day as in 2026-05-04")
+        raise SettingsError(f"{name} is {reprlib.repr(date)}; it must be a date such as 2026-05-04")

@@ -1,4 +1,4 @@
-"""Three servos: from the pulses they take to the height of the platform they lift."""
+"""Three servos: from pulses to the height of the platform."""
 
 import math
 from typing import Final
@@ -7,23 +7,23 @@ from hapticnet.device.kinematics import Linkage, Pulses
 from hapticnet.device.parts import Servo
 
 AT_REST_US: Final = 0.01
-"""A servo this near its goal [µs of pulse] is there: 0.2 µm of platform."""
+"""Distance from the goal [µs of pulse] at which a servo counts as arrived: 0.2 µm of platform."""
 
 
 class Servos:
-    """The motion of three servos and their arms.
+    """Motion of three servos and their arms.
 
-    A servo follows a pulse that is at least its deadband away from where it stands or from where it is heading, as a
-    first-order lag whose speed is limited, and its arm follows through the gears' backlash. Between pulses the motion
-    is a closed form, so the steps' size does not matter.
+    A servo follows a pulse that differs by at least its deadband from its position or from its goal. It moves as a
+    first-order lag with limited speed; its arm follows through the gears' backlash. Between pulses the motion has a
+    closed form, so the step size does not matter.
 
-    Backlash is a play operator, as if friction held the arm: pessimistic, because a pressed finger loads the gears to
-    one side. Without backlash this is the best a host can know of a platform it does not see.
+    Backlash is a play operator, as if friction held the arm. This is pessimistic, because a pressed finger loads the
+    gears to one side. Without backlash, the model is the best estimate a host can make of an unobserved platform.
 
     Attributes
     ----------
     taken_us
-        The pulses [µs] the servos took last.
+        The pulses [µs] the servos received last.
     displacement_m
         Mean height [m] of the three arms above retracted.
     """
@@ -43,7 +43,7 @@ class Servos:
         self._half_play_us = 0.5 * servo.backlash_deg * linkage.us_per_degree
         self._lag_s = servo.lag_s
         self._rate = servo.rate_deg_s * linkage.us_per_degree * 1e-6  # µs of pulse per µs
-        self._slow_us = self._rate * servo.lag_s * 1e6  # nearer than this the lag is slower than the limit
+        self._slow_us = self._rate * servo.lag_s * 1e6  # below this distance the lag is slower than the speed limit
         self._decay_us = 0.0
         self._decay = 1.0
         pulse_us = linkage.retracted_us
@@ -57,20 +57,20 @@ class Servos:
 
     @property
     def heading_us(self) -> Pulses:
-        """The pulses [µs] the servos have accepted; one nearer than the deadband to that was not."""
+        """The pulses [µs] the servos move to; a received pulse within the deadband does not change them."""
         one, two, three = self._goals_us
         return one, two, three
 
     def take(self, pulses_us: Pulses) -> None:
-        """Take one pulse [µs] each: a frame."""
-        # A servo that stands has long decided about the pulse it is given again.
+        """Give each servo a pulse [µs]: one frame."""
+        # A servo at rest ignores a repeated pulse.
         if self._moving or pulses_us != self.taken_us:
             for index, pulse_us in enumerate(pulses_us):
                 self._head_for(index, pulse_us)
             self.taken_us = pulses_us
 
     def take_one(self, index: int, pulse_us: float) -> None:
-        """Take the pulse [µs] of one servo (0 to 2)."""
+        """Give one servo (0 to 2) a pulse [µs]."""
         one, two, three = self.taken_us
         self.taken_us = (
             (pulse_us, two, three) if index == 0 else (one, pulse_us, three) if index == 1 else (one, two, pulse_us)
@@ -78,7 +78,7 @@ class Servos:
         self._head_for(index, pulse_us)
 
     def move(self, elapsed_us: float) -> bool:
-        """Let time [µs] pass; tell whether any servo moved."""
+        """Advance time by `elapsed_us` [µs]; return whether any servo moved."""
         if not self._moving or elapsed_us <= 0.0:
             return False
         if elapsed_us != self._decay_us:
@@ -112,7 +112,7 @@ class Servos:
         return True
 
     def _rate_limited_us(self, distance_us: float, elapsed_us: float) -> float:
-        """Return how far [µs of pulse] is left of a way that begins at the speed limit and may end in the lag."""
+        """Return the remaining distance [µs of pulse] of a motion that starts at the speed limit."""
         fast_us = distance_us - self._slow_us
         if fast_us >= self._rate * elapsed_us:
             return distance_us - self._rate * elapsed_us

@@ -1,6 +1,6 @@
-"""What the servos of a wired device are told, and what they are known to have done.
+"""Setpoints for the servos of a wired device, and an estimate of their motion.
 
-A setpoint takes effect at the device's next servo frame, up to 20 ms later; its number comes back with the readings.
+A setpoint takes effect at the device's next servo frame, up to 20 ms later; readings report its sequence number.
 """
 
 from dataclasses import replace
@@ -13,31 +13,31 @@ from hapticnet.device.servos import Servos
 from hapticnet.hardware import SERVO_FRAME_US
 
 REPEAT_US: Final = SERVO_FRAME_US
-"""Longest time between setpoints [µs], a servo frame; the firmware retracts after 190 ms without one."""
+"""Longest time between setpoints [µs]: one servo frame. The firmware retracts after 190 ms without one."""
 
 LEAD_US: Final = 1_000
 SLOT_US: Final = 2_500
-"""The firmware decides on a frame this long [µs] before its first pulse, and makes the three pulses one after the other
-at this distance (firmware/avr/clock.c). A servo has its pulse when that ends."""
+"""Time [µs] from the firmware's choice of a setpoint to the first pulse of the frame, and between the starts of its
+three pulses (firmware/avr/clock.c). A servo takes a pulse when it ends."""
 
 JITTER_US: Final = 0.5
-"""A pulse may come out this much [µs] wider or narrower (the ELF in simavr: 0.44), so a step must exceed the servo's
-deadband by as much, or it is taken frames later."""
+"""Largest error [µs] of a pulse width (0.44 in simavr). A step must exceed the servo's deadband by this margin, or the
+servo takes it frames later."""
 
 REMEMBERED: Final = 256
-"""Setpoints remembered until the device says that it took them; at most one is sent per millisecond."""
+"""Number of setpoints kept until the device reports that it took them; at most one is sent per millisecond."""
 
 
 class Setpoints:
-    """Makes setpoints from displacements, and estimates from what was taken where the platform stands.
+    """Convert displacements to setpoints, and estimate the position of the platform from those that were taken.
 
-    The decision for a setpoint was up to one period of readings before the first that tells of it: the estimate is
-    half of one late on average.
+    The device chose a setpoint up to one reading period before the first reading that reports it, so the estimate is
+    late by half a period on average.
 
     Attributes
     ----------
     held_us
-        The pulses [µs] of the device's last frame, as far as it has told.
+        The pulses [µs] of the device's last reported frame.
     """
 
     def __init__(self, linkage: Linkage, servo: Servo) -> None:
@@ -51,18 +51,18 @@ class Setpoints:
         self._planned_for: tuple[float, Pulses] | None = None
         self._sent_at_us: int | None = None
         self._moved_us = 0
-        self._under_way: list[tuple[int, int, float]] = []  # when its pulse ends, servo, pulse
+        self._under_way: list[tuple[int, int, float]] = []  # end of the pulse, servo, pulse
         self._sequence: int | None = None
-        self._taken: int | None = None  # sequence of the setpoint taken last
+        self._taken: int | None = None  # sequence number of the last setpoint taken
         self._remembered: list[tuple[int, Pulses] | None] = []
 
     @property
     def displacement_m(self) -> float:
-        """Where the platform stands [m above retracted], as of the last reading."""
+        """Estimated position [m above retracted] of the platform at the last reading."""
         return self._estimate.displacement_m
 
     def start(self, identity: Identity, now_us: int) -> None:
-        """Note that the device has answered HELLO: it is retracted, and knows no setpoint."""
+        """Note that the device answered HELLO: it is retracted and has no setpoint."""
         self._limits = list(identity.pulse_limits)
         self._largest_step = identity.largest_step
         self.retract(now_us)
@@ -71,16 +71,16 @@ class Setpoints:
         self._remembered = [None] * REMEMBERED
 
     def retract(self, now_us: int) -> None:
-        """Note that the device gets no setpoints any more: it retracts by itself, within 220 ms."""
+        """Note that the device no longer receives setpoints: it retracts by itself within 220 ms."""
         self._move(now_us)
         self._hold(self._retracted_us, now_us)
 
     def follow(self, reading: SensorReading, now_us: int) -> None:
-        """Let time pass, and the servos take what a reading says their last frame gave them."""
+        """Advance time and apply the setpoint that a reading reports as taken."""
         self._move(now_us)
         applied = reading.applied_sequence
         if self._sequence is None:
-            # What was applied before the HELLO stays in the readings until the next frame; none of ours may be that.
+            # Until the next frame, readings report a setpoint from before the HELLO; ignore it.
             self._sequence = applied
         if reading.flags & Flag.RETRACTED:
             self._hold(self._retracted_us, now_us)
@@ -91,15 +91,15 @@ class Setpoints:
         if not reading.flags & Flag.STEP_LIMITED:
             self._hold(remembered[1], now_us)
         elif applied != self._taken:
-            # It crossed with a frame that took another. The next frame makes up the rest.
+            # The frame took an older setpoint than this one; the next frame takes the rest.
             self._hold(self._stepped_us(remembered[1]), now_us)
         self._taken = applied
 
     def next(self, displacement_m: float, now_us: int) -> Setpoint | None:
-        """Return the setpoint to be sent now for a displacement [m], or None: the last one will do."""
+        """Return the setpoint to send now for a displacement [m], or None if the last one is still valid."""
         if self._sequence is None:
             return None
-        # What a servo was told but did not take, being too near to where it was going, is not where it is.
+        # A pulse within the deadband of a servo's goal was not taken, so it is not the servo's position.
         heading_us = self.held_us if self._under_way else self._estimate.heading_us
         if self._planned_for != (displacement_m, heading_us):
             self._planned_for = (displacement_m, heading_us)
@@ -127,12 +127,12 @@ class Setpoints:
     def _hold(self, pulses_us: Pulses, now_us: int) -> None:
         if pulses_us != self.held_us:
             self.held_us = pulses_us
-            # Of the frame before, all pulses are made by now; were time to leap, they would be late, not lost.
+            # All pulses of the previous frame are over by now, so a jump of time delays but never loses them.
             for servo, pulse_us in enumerate(pulses_us):
                 self._under_way.append((now_us + LEAD_US + servo * SLOT_US + round(pulse_us), servo, pulse_us))
 
     def _stepped_us(self, pulses_us: Pulses) -> Pulses:
-        """Return pulses in whole ticks, each no further from the held one than the firmware goes in a frame."""
+        """Return pulses in whole ticks, each within the firmware's step limit of the held one."""
         step = self._largest_step
         stepped = []
         for pulse_us, held_us in zip(pulses_us, self.held_us, strict=True):
@@ -141,7 +141,7 @@ class Setpoints:
         return (stepped[0], stepped[1], stepped[2])
 
     def _allowed_us(self, pulses_us: Pulses) -> Pulses:
-        """Return pulses in whole ticks that the firmware neither refuses nor shortens."""
+        """Return pulses in whole ticks that the firmware neither refuses nor limits."""
         one, two, three = (
             min(max(pulse_us, shortest / TICKS_PER_US), longest / TICKS_PER_US)
             for pulse_us, (shortest, longest) in zip(self._stepped_us(pulses_us), self._limits, strict=True)

@@ -1,4 +1,4 @@
-"""A fingertip device without hardware: a stand-in for its microcontroller drives the simulated plant."""
+"""A fingertip device without hardware: the plant, driven like a microcontroller would."""
 
 from dataclasses import replace
 from typing import Final
@@ -14,13 +14,13 @@ from hapticnet.device.servos import Servos
 from hapticnet.hardware import MAX_FORCE_N
 
 CALIBRATION_FORCES_N: Final = (0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 14.0, 20.0)
-"""Forces [N] at which the simulated sensor is calibrated: its data sheet's range, closer where it bends more."""
+"""Forces [N] at which the simulated sensor is calibrated: the range of its data sheet, denser where it is curved."""
 
 
 def loading_calibration(sensor: Sensor) -> Calibration:
-    """Return what calibrating a sensor with growing weights gives.
+    """Return the calibration of a sensor with increasing weights.
 
-    While unloading the sensor then reads up to its hysteresis too much, so that the finger feels too little.
+    During unloading the reading is then too high by up to the sensor's hysteresis, so the finger feels too little.
     """
     lowest_n = max(sensor.threshold_n, 0.01)
     forces_n = (lowest_n, *(force_n for force_n in CALIBRATION_FORCES_N if force_n > lowest_n))
@@ -30,13 +30,13 @@ def loading_calibration(sensor: Sensor) -> Calibration:
 class SimulatedDevice(Device):
     """Three simulated servos that press a simulated finger.
 
-    Pulses wait for the next servo frame (multiples of the frame period on the caller's clock), which takes the newest
-    that were handed over before it began; one that begins with the call takes its pulses.
+    Pulses wait for the next servo frame, at multiples of the frame period on the caller's clock. The frame takes the
+    newest pulses set before it begins, or those of a call at the same time.
 
     Attributes
     ----------
     plant
-        The mechanics behind it, for those who want to exchange the finger.
+        The simulated mechanics, for instance to replace the finger.
     """
 
     def __init__(self, settings: PlantSettings, rng: np.random.Generator) -> None:
@@ -58,13 +58,13 @@ class SimulatedDevice(Device):
 
     @property
     def contact_force_n(self) -> float:
-        """True force [N] on the finger, which no real device knows."""
+        """True force [N] on the finger, unknown to real devices."""
         return self.plant.contact_force_n
 
     def exchange(self, displacement_m: float, now_us: int) -> Reading:
-        """Hand over the newest platform displacement [m] and get the newest reading.
+        """Set the platform displacement [m] and return the newest reading.
 
-        A repeated or earlier time advances nothing, and the clock goes on from there.
+        A repeated or earlier time advances nothing, and the clock continues from it.
         """
         handed_us = self._pulses_us
         held_us = self._known.taken_us
@@ -85,7 +85,7 @@ class SimulatedDevice(Device):
         frame_us = self._next_frame_us
         last_frame_us = now_us - now_us % self._frame_us
         self._advance(frame_us)
-        # Taking the same pulses again at later frames changes nothing, so a long gap is one motion.
+        # Repeating the same pulses at later frames changes nothing, so a long gap is one motion.
         self._take(self._pulses_us if frame_us == now_us else handed_us)
         self._advance(now_us)
         if frame_us < last_frame_us == now_us:

@@ -1,13 +1,13 @@
-"""The host's end of the serial wire to a fingertip device, without the port: bytes in, bytes out, time passed in.
+"""The host's end of the serial line to a fingertip device, sans-I/O: bytes in, bytes out, time passed in.
 
 ::
 
     absent ── opened ──► greeting ── identity ──► starting ── reading ──► streaming
        ▲                    │  ▲                                              │
        └── closed (any) ──  │  └──────── reset, or silent for 50 ms ──────────┘
-                            └── another protocol ──► refused
+                             └── other protocol version ──► refused
 
-In every state but streaming there are no readings, and the device, hearing no setpoints, retracts by itself.
+Readings exist only in the streaming state. Otherwise the device receives no setpoints and retracts by itself.
 """
 
 from enum import Enum
@@ -36,24 +36,24 @@ from hapticnet.errors import PeerError, RefusedError
 from hapticnet.hardware import MAX_FORCE_N
 
 ASK_AGAIN_US: Final = 100_000
-"""How long [µs] an answer to HELLO or STREAM is waited for before asking again."""
+"""Time [µs] to wait for an answer to HELLO or STREAM before asking again."""
 
 PATIENCE_US: Final = 3_000_000
-"""How long [µs] a device may leave HELLO unanswered. Opening the port resets a Nano, whose bootloader then eats what it
-is sent for one to two seconds, typical."""
+"""Time [µs] to wait for an answer to HELLO. Opening the port resets a Nano, whose bootloader then discards input for
+one to two seconds, typically."""
 
 SILENCE_US: Final = 50_000
-"""Time without a reading [µs] after which a device that streamed counts as lost."""
+"""Time [µs] without a reading after which a streaming device counts as lost."""
 
 LONGEST_STEP_US: Final = 10_000
-"""Most that one step between exchanges counts toward silence [µs]: a host that was stalled heard nothing either."""
+"""Largest contribution [µs] of one step to the silence, because a stalled host could not have received anything."""
 
 STREAM_PERIOD_MS: Final = 2
-"""Period of readings asked for [ms]: what a line of 115200 baud can carry, and five to a control period. At 500 kbaud
-one each millisecond would be granted, and would only cost both sides time."""
+"""Requested period of readings [ms]: what a line of 115200 baud can carry, and five per control period. At 500 kbaud,
+1 ms would be possible but would only cost time on both sides."""
 
 READY: Final = "ready"
-"""`WiredDevice.status` while it gives readings."""
+"""`WiredDevice.status` while there are readings."""
 
 
 class _State(Enum):
@@ -65,41 +65,41 @@ class _State(Enum):
 
 
 def reset_cause(identity: Identity) -> str:
-    """Return in words why the device was last reset."""
+    """Return a description of the device's last reset."""
     causes = [words for bit, words in RESET_CAUSES.items() if identity.reset_cause & bit]
     return " and ".join(causes) or "unknown"
 
 
 def firmware_version(identity: Identity) -> str:
-    """Return the version of the device's firmware as it is written."""
+    """Return the version of the device's firmware as text."""
     return f"{identity.firmware_major}.{identity.firmware_minor}.{identity.firmware_patch}"
 
 
 class WiredDevice(Device):
     """A fingertip device on a serial line.
 
-    Its owner carries bytes: `opened` and `closed` tell of the port, `receive` takes what came, and after each
-    `exchange` and `receive` what `bytes_to_send` gives is written. Nothing that arrives can raise.
+    The owner moves the bytes: `opened` and `closed` report the state of the port, `receive` takes what was read, and
+    after each `exchange` and `receive`, `bytes_to_send` returns what to write. No input can make it raise.
 
     Parameters
     ----------
     calibration
-        From the sensor's counts to newton. No more is asked for than where it ends.
+        Calibration of the sensor; its last force limits the target.
     linkage
-        How servo pulses lift the platform.
+        Geometry and pulses of the servos.
     servo
-        What the servos are, to estimate where they stand.
+        Model of the servos, to estimate their position.
 
     Attributes
     ----------
     identity
-        Who answered HELLO since the port was opened.
+        Answer to HELLO since the port was opened.
     refusal
-        Why this device is not spoken to, and what helps; it is not tried again until the port is opened anew.
+        Reason why the device is not used, and the remedy; it is not tried again until the port is reopened.
     wants_reopening
-        Whether the port should be closed and opened again, which resets a Nano: nobody answers.
+        Whether to close and reopen the port, which resets a Nano, because there is no answer.
     stream_period_ms
-        Period of readings the device granted [ms]; 0 before it did.
+        Period of readings granted by the device [ms]; 0 before.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class WiredDevice(Device):
         linkage = linkage or Linkage()
         self._setpoints = Setpoints(linkage, servo or Servo())
         self.travel_m = linkage.travel_m
-        # Beyond its table the sensor says only "at least that", and the force loop would press on and on.
+        # Beyond its table the reading does not rise, and the force loop would keep pressing.
         self.max_force_n = min(MAX_FORCE_N, calibration.forces_n[-1])
         self.description = "device on a serial line"
         self.status = "the port is not open"
@@ -123,11 +123,11 @@ class WiredDevice(Device):
         self.stream_period_ms = 0
         self._state = _State.ABSENT
         self._deframer = Deframer()
-        self._request = b""  # HELLO or STREAM; the newest wins, as among setpoints
+        self._request = b""  # HELLO or STREAM; a newer one replaces it, as for setpoints
         self._setpoint = b""
         self._reading: Reading | None = None
         self._now_us = 0
-        self._waited_us = 0  # for what the state waits for: a reading, or an answer
+        self._waited_us = 0  # time waited for a reading or an answer, depending on the state
         self._asked_us = 0  # the same clock
         self._heard_bytes = 0  # while greeting
         self._unanswered = False
@@ -137,29 +137,29 @@ class WiredDevice(Device):
         self._lost = self._resets = self._gaps = self._damaged = self._refused = self._overruns = 0
 
     def opened(self, now_us: int) -> None:
-        """Note that the port was opened, and start from nothing."""
+        """Note that the port was opened, and start over."""
         self.identity = None
         self.refusal = None
         self._boot_id = None
         self._last = None
         self._now_us = now_us
         self._deframer.feed(b"\0")
-        if not self._unanswered:  # else what was found out last time says more
+        if not self._unanswered:  # otherwise keep the reason found last time
             self.status = "waiting for an answer to HELLO"
         self._greet()
 
     def closed(self, reason: str, now_us: int, *, orderly: bool = False) -> None:
-        """Note that the port is gone, and in a phrase why; `orderly`, its owner had enough, and nothing was wrong."""
+        """Note that the port was closed and why; `orderly`: the owner closed it without a fault."""
         self._now_us = now_us
         self._stop(_State.ABSENT, lost=not orderly)
-        if not self.wants_reopening:  # else it was closed only to open it again
+        if not self.wants_reopening:  # otherwise it was closed only to be reopened
             self._unanswered = False
             if not orderly:
                 self.status = reason
         self.wants_reopening = False
 
     def receive(self, data: bytes, now_us: int) -> None:
-        """Take what came from the line; anything may come."""
+        """Process bytes from the line, whatever they are."""
         self._bytes += len(data)
         self._heard_bytes += len(data)
         for body in self._deframer.feed(data):
@@ -179,11 +179,11 @@ class WiredDevice(Device):
                 self._take_identity(message, now_us)
             elif isinstance(message, StreamAck):
                 self.stream_period_ms = message.period_ms
-            else:  # what only hosts say
+            else:  # a message that only hosts send
                 self._unknown += 1
 
     def exchange(self, displacement_m: float, now_us: int) -> Reading | None:
-        """Hand over the newest platform displacement [m] and get the newest reading; None while the device is lost."""
+        """Set the platform displacement [m] and return the newest reading, or None while the device is lost."""
         self._waited_us += min(max(now_us - self._now_us, 0), LONGEST_STEP_US)
         self._now_us = now_us
         if self._state is _State.STREAMING:
@@ -199,7 +199,7 @@ class WiredDevice(Device):
         return None
 
     def bytes_to_send(self) -> bytes:
-        """Return what is to be written to the line now."""
+        """Return the bytes to write to the line now."""
         data = self._request + self._setpoint
         if self._setpoint:
             self._sent += 1
@@ -207,7 +207,7 @@ class WiredDevice(Device):
         return data
 
     def report(self) -> dict[str, object]:
-        """Return what happened on the line so far, over all openings of the port."""
+        """Return counters of the line, over all openings of the port."""
         who = self.identity
         return {
             "status": self.status,
@@ -245,7 +245,7 @@ class WiredDevice(Device):
         self._ask(Hello())
 
     def _ask(self, message: Hello | Stream) -> None:
-        # The delimiter ahead ends whatever half a frame the device may have heard before.
+        # The delimiter in front ends a partial frame that the device may have received before.
         self._request = b"\0" + frame(encode(message))
         self._asked_us = self._waited_us
 
@@ -270,7 +270,7 @@ class WiredDevice(Device):
         return f"no answer to HELLO in {seconds}: another device or baud rate, or no firmware?"
 
     def _take_identity(self, identity: Identity, now_us: int) -> None:
-        """Start the stream: at any HELLO, even one sent long ago, the device stopped it and retracted."""
+        """Start the stream: on any HELLO, even an old one, the device stopped it and retracted."""
         self._stop(_State.STARTING)
         self._unanswered = False
         self.wants_reopening = False
@@ -292,15 +292,15 @@ class WiredDevice(Device):
     def _note_reset(self) -> None:
         self._resets += 1
         self._boot_id = None
-        self._last = None  # its counters started anew
+        self._last = None  # its counters restarted
 
     def _take_reading(self, new: SensorReading, now_us: int) -> None:
-        if self._state is _State.GREETING:  # of a stream that our HELLO is about to stop
+        if self._state is _State.GREETING:  # from a stream that our HELLO will stop
             return
         last = self._last
         if new.boot_id != self._boot_id or (last and (new.uptime_ms - last.uptime_ms) & 0xFFFFFFFF >= 1 << 31):
             self._note_reset()
-            self.status = "it was reset; greeting it again"
+            self.status = "the device was reset; greeting it again"
             self._greet()
             return
         self._last = new
@@ -308,7 +308,7 @@ class WiredDevice(Device):
         self._waited_us = 0
         if last:
             gap = (new.sequence - last.sequence - 1) & 0xFFFF
-            self._gaps += gap if gap < 1 << 15 else 0  # a repeated one is no gap
+            self._gaps += gap if gap < 1 << 15 else 0  # a repeated reading is not a gap
             self._damaged += (new.damaged - last.damaged) & 0xFF
             self._refused += (new.refused - last.refused) & 0xFF
             self._overruns += (new.overruns - last.overruns) & 0xFF

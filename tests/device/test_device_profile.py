@@ -102,9 +102,9 @@ def test_a_device_nobody_calibrated_has_the_data_sheets_curve_and_says_so():
         (("0.03\n", "inf\n"), r"calibration residual is inf N; it must be between"),
         (("900", "0"), r"finger stiffness is 0.0 N/m; it must be between 1 and"),
         (("0.0021", "-1e300"), r"finger contact is -1e\+300 m; it must be between 0 and 0.05 m"),
-        (("2026-05-04", "yesterday"), r"calibration date is 'yesterday'; it must be a day as in 2026-05-04"),
+        (("2026-05-04", "yesterday"), r"calibration date is 'yesterday'; it must be a date such as 2026-05-04"),
         (('"A9B0C1D2"', "7"), r"serial is 7; it must be text in quotes"),
-        (('"A9B0C1D2"', '"a\\nb"'), r"serial is 'a\\nb'; it must be 200 printable"),
+        (('"A9B0C1D2"', '"a\\nb"'), r"serial is 'a\\nb'; it must be at most 200 printable"),
         (("[finger]", "[[finger]]"), r"finger is \[.*\]; it must be a table"),
     ],
 )
