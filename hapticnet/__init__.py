@@ -1,8 +1,86 @@
-"""Haptic teleoperation with perceptual deadband compression.
+"""Haptic teleoperation with perceptual deadband compression: ``import hapticnet as hn``.
+
+The names below are the public interface; docs/api.md describes them and docs/tutorial.md shows them at work. They are
+imported when first used, so that ``import hapticnet`` is fast.
 
 Follow one force sample through the rooms in the order that data takes:
 ``scene`` → ``codec`` → ``protocol`` → ``channel`` → (UDP) → ``protocol`` → ``codec`` → ``control`` → ``device``.
 ``docs/architecture.md`` walks that way file by file.
 """
 
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from hapticnet.api.comparing import Comparison, compare
+    from hapticnet.api.encoding import Encoded, Report, encode, make_codec
+    from hapticnet.api.link import LinkReport, VirtualLink, virtual_link
+    from hapticnet.api.measures import error_report, fewest_holds, fewest_lines, quality_report
+    from hapticnet.codec.base import Codec, Decoder, Encoder
+    from hapticnet.codec.registry import CODECS
+    from hapticnet.errors import (
+        FileError,
+        HapticnetError,
+        PeerError,
+        SampleError,
+        SettingsError,
+        UnavailableError,
+    )
+    from hapticnet.perception import WeberLaw
+
 __version__ = "0.1.0"
+
+_HOMES: Final = {
+    "hapticnet.api.comparing": ("Comparison", "compare"),
+    "hapticnet.api.encoding": ("Encoded", "Report", "encode", "make_codec"),
+    "hapticnet.api.link": ("LinkReport", "VirtualLink", "virtual_link"),
+    "hapticnet.api.measures": ("error_report", "fewest_holds", "fewest_lines", "quality_report"),
+    "hapticnet.codec.base": ("Codec", "Decoder", "Encoder"),
+    "hapticnet.codec.registry": ("CODECS",),
+    "hapticnet.errors": (
+        "FileError", "HapticnetError", "PeerError", "SampleError", "SettingsError", "UnavailableError",
+    ),
+    "hapticnet.perception": ("WeberLaw",),
+}  # fmt: skip
+
+__all__ = [
+    "CODECS",
+    "Codec",
+    "Comparison",
+    "Decoder",
+    "Encoded",
+    "Encoder",
+    "FileError",
+    "HapticnetError",
+    "LinkReport",
+    "PeerError",
+    "Report",
+    "SampleError",
+    "SettingsError",
+    "UnavailableError",
+    "VirtualLink",
+    "WeberLaw",
+    "__version__",
+    "compare",
+    "encode",
+    "error_report",
+    "fewest_holds",
+    "fewest_lines",
+    "make_codec",
+    "quality_report",
+    "virtual_link",
+]
+
+
+if not TYPE_CHECKING:  # a type checker then knows which names there are
+
+    def __getattr__(name: str) -> Any:
+        from importlib import import_module
+
+        for home, names in _HOMES.items():
+            if name in names:
+                return globals().setdefault(name, getattr(import_module(home), name))
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -15,7 +15,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Final, NamedTuple, Self
 
-import hapticnet
 from hapticnet.checks import check_parameter
 from hapticnet.errors import SettingsError, UnavailableError
 
@@ -45,7 +44,7 @@ def simavr_build() -> tuple[Path, Path]:
         If one of them is missing.
     """
     named = os.environ.get(BUILD_VARIABLE)
-    folder = Path(named) if named else Path(hapticnet.__file__).parents[1] / "firmware" / "build"
+    folder = Path(named) if named else Path(__file__).parents[2] / "firmware" / "build"
     paths = folder / "harness", folder / "firmware-500000.elf"
     for path in paths:
         if not path.is_file():

@@ -1,0 +1,1 @@
+"""What ``import hapticnet`` offers. Import the names from `hapticnet` itself; docs/api.md describes them."""

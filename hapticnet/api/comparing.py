@@ -1,0 +1,140 @@
+"""``hn.compare``: several codecs on one or more recordings, beside the fewest packets possible."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy.typing as npt
+
+from hapticnet.api.inputs import ForceLike, as_codec, is_recording, read_trial
+from hapticnet.api.tables import html_table, text_table
+from hapticnet.codec.base import Codec
+from hapticnet.codec.registry import all_codecs, register_installed_codecs
+from hapticnet.errors import SettingsError, UnavailableError
+from hapticnet.experiment import comparison
+from hapticnet.experiment.comparison import Row, Trial
+
+if TYPE_CHECKING:
+    import pandas
+
+_SHOWN: Final = (
+    "trial", "label", "multiplier", "packets_per_s", "wire_bytes_per_s", "over_optimum", "rmse_n", "max_error_n",
+    "exceed_jnd_fraction",
+)  # fmt: skip
+
+
+class Comparison(list[Row]):
+    """Rows of a comparison. `Row` documents the fields, and ``row.flat()`` returns them all in one dictionary."""
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """Return a pandas DataFrame with a line for each row and a column for each figure of ``row.flat()``.
+
+        Raises
+        ------
+        UnavailableError
+            If pandas is not installed.
+        """
+        try:
+            import pandas
+        except ImportError as error:
+            raise UnavailableError("to_dataframe() needs pandas: pip install pandas") from error
+        return pandas.DataFrame([row.flat() for row in self])
+
+    def __repr__(self) -> str:
+        return text_table(_SHOWN, self._shown())
+
+    def _repr_html_(self) -> str:
+        return html_table(_SHOWN, self._shown())
+
+    def _shown(self) -> list[list[Any]]:
+        flat = (row.flat() for row in self)
+        return [[row[name] for name in _SHOWN] for row in flat]
+
+
+def compare(
+    force: "ForceLike | Sequence[ForceLike] | Mapping[str, ForceLike]",
+    *,
+    rate_hz: float | None = None,
+    t_s: npt.ArrayLike | None = None,
+    t_us: npt.ArrayLike | None = None,
+    position: npt.ArrayLike | None = None,
+    codecs: Sequence[str | Codec] | None = None,
+    multipliers: Sequence[float] = (1.0, 2.0, 4.0),
+    weber_fraction: float | None = None,
+    floor_n: float | None = None,
+    loss: float | Sequence[float] = 0.0,
+    seed: int = 1,
+    jobs: int = 1,
+) -> Comparison:
+    """Run several codecs over one or more recordings.
+
+    Parameters
+    ----------
+    force
+        As for `encode`; or a dictionary of them by name; or a list of recordings from `load_recording`.
+    rate_hz, t_s, t_us, position
+        As for `encode`; the same for all entries of a dictionary.
+    codecs
+        Names with or without parameters, or codec objects; default: every codec there is. An object has its own law,
+        so that `multipliers`, `weber_fraction` and `floor_n` do not apply to it.
+    multipliers
+        Thresholds in JNDs, each tried with every codec name. "raw" has no threshold and is tried once.
+    weber_fraction, floor_n
+        The law of the person; default: 0.05 and 0.025 N, from the paper.
+    loss
+        Share of updates lost at random (0 to 1), or several; a lost update is repaired after 20 ms.
+    seed
+        Seed of the losses; all codecs meet the same.
+    jobs
+        Number of processes.
+
+    Returns
+    -------
+    Comparison
+        A list with a `Row` for each recording, loss and codec.
+
+    Raises
+    ------
+    SampleError
+        If a recording cannot be used; see `encode`.
+    SettingsError
+        If a codec or another argument cannot be used.
+    """
+    times = {"rate_hz": rate_hz, "t_s": t_s, "t_us": t_us, "position": position}
+    trials = [read_trial(each, **times, name=name) for name, each in _named(force).items()]  # type: ignore[arg-type]
+    if codecs is None:
+        register_installed_codecs()
+        codecs = list(all_codecs())
+    law = {"weber_fraction": weber_fraction, "floor_n": floor_n}
+    chosen = [
+        as_codec(codec, **law, multiplier=multiplier, parameters={})
+        for multiplier in multipliers
+        for codec in codecs
+        if isinstance(codec, str) and (codec != "raw" or multiplier == multipliers[0])
+    ]
+    for codec in codecs:
+        if not isinstance(codec, str):
+            chosen.append(as_codec(codec, weber_fraction=None, floor_n=None, multiplier=None, parameters={}))
+    if not chosen:
+        raise SettingsError("nothing to compare; give at least one codec and one multiplier")
+    _check_duration(trials)
+    return Comparison(comparison.compare(trials, chosen, loss=loss, seed=seed, jobs=jobs))
+
+
+def _named(force: Any) -> dict[str, Any]:
+    if isinstance(force, Mapping):
+        return {str(name): each for name, each in force.items()}
+    if isinstance(force, (list, tuple)) and force and all(map(is_recording, force)):
+        names = [str(getattr(each, "name", "recording")) for each in force]
+        return {
+            name if names.count(name) == 1 else f"{name} {number}": each
+            for number, (name, each) in enumerate(zip(names, force, strict=True), start=1)
+        }
+    return {"force": force}
+
+
+def _check_duration(trials: list[Trial]) -> None:
+    for trial in trials:
+        if trial.t_us[-1] == trial.t_us[0]:
+            raise SettingsError(
+                f"{trial.name}: {len(trial.t_us)} samples over no time; at least two at different times are needed"
+            )

@@ -1,0 +1,232 @@
+"""``hn.encode`` and ``hn.make_codec``: one codec on one recording."""
+
+from dataclasses import asdict, dataclass, fields
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from hapticnet.api.inputs import ForceLike, as_codec, read_trial
+from hapticnet.api.tables import html_table, text_table
+from hapticnet.arrays import FloatArray, IntArray
+from hapticnet.codec.base import Codec, Encoding
+from hapticnet.codec.recording import encode_array
+from hapticnet.errors import UnavailableError
+from hapticnet.experiment.comparison import Trial
+from hapticnet.measure.metrics import norms
+from hapticnet.measure.quality import QualityReport, quality_report
+from hapticnet.node.offline import cost_report
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Report(QualityReport):
+    """What a codec costs and does on one recording: the fields of `QualityReport`, and these.
+
+    Attributes
+    ----------
+    codec
+        Name of the codec.
+    samples, seconds
+        Length of the recording.
+    sent, packet_rate_reduction, packets_per_s
+        Samples transmitted; ``1 - sent / samples``; `sent` per second.
+    payload_bytes
+        Bytes of all FORCE datagrams.
+    wire_bytes, wire_bytes_per_s
+        The same with 28 B of UDP and IPv4 headers each; per second.
+    wire_byte_reduction
+        ``1 - wire_bytes / (wire bytes when every sample is sent raw)``.
+    keepalives, session_wire_bytes
+        Keepalives of a session in which these forces are sent; its wire bytes including them.
+    """
+
+    codec: str
+    samples: int
+    seconds: float
+    sent: int
+    packet_rate_reduction: float
+    packets_per_s: float
+    payload_bytes: int
+    wire_bytes: int
+    wire_bytes_per_s: float
+    wire_byte_reduction: float
+    keepalives: int
+    session_wire_bytes: int
+
+    def __repr__(self) -> str:
+        return text_table(("measure", "value"), self._shown())
+
+    def _repr_html_(self) -> str:
+        return html_table(("measure", "value"), self._shown())
+
+    def _shown(self) -> list[tuple[str, Any]]:
+        costs_first = dict.fromkeys([*Report.__annotations__, *(field.name for field in fields(self))])
+        return [(name, getattr(self, name)) for name in costs_first]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False, eq=False)
+class Encoded:
+    """What a codec does to a recording of n samples without loss.
+
+    Attributes
+    ----------
+    codec
+        The codec object, with its parameters and its law.
+    t_us
+        Time stamps [µs], shape (n,).
+    force
+        The forces that were given [N], shape (n,) or (n, a) as they were given.
+    decoded
+        The force the receiver applies at every sample [N], same shape.
+    sent
+        Indices of the transmitted samples, shape (m,).
+    payload_bytes
+        Size of each transmitted payload [B], shape (m,).
+    position
+        Positions of the tool [m], same shape, if given.
+    """
+
+    codec: Codec
+    t_us: IntArray
+    force: FloatArray
+    decoded: FloatArray
+    sent: IntArray
+    payload_bytes: npt.NDArray[np.uint16]
+    position: FloatArray | None = None
+
+    def report(self) -> Report:
+        """Return all costs and errors."""
+        force, decoded = _columns(self.force), _columns(self.decoded)
+        position = None if self.position is None else _columns(self.position)
+        trial = Trial(name="force", t_us=self.t_us, stimuli=force)
+        encoding = Encoding(self.sent, decoded, self.payload_bytes)
+        cost = cost_report(self.codec, self.t_us, force, encoding)
+        quality = quality_report(self.codec.law, self.t_us, force, decoded, self.sent, position)
+        known = {
+            **asdict(cost),
+            **asdict(quality),
+            "codec": self.codec.name,
+            "seconds": trial.seconds,
+            "packets_per_s": cost.sent / trial.seconds,
+            "wire_bytes_per_s": cost.wire_bytes / trial.seconds,
+        }
+        return Report(**{field.name: known[field.name] for field in fields(Report)})
+
+    def plot(self) -> "list[Axes]":
+        """Draw force, decoded force and sent samples over the error, in a new pyplot figure; return its two axes.
+
+        Raises
+        ------
+        UnavailableError
+            If matplotlib is not installed.
+        """
+        try:
+            from matplotlib import pyplot
+        except ImportError as error:
+            raise UnavailableError("drawing needs matplotlib: pip install 'hapticnet[plot]'") from error
+        t_s = (self.t_us - self.t_us[0]) / 1e6
+        force, decoded = _columns(self.force), _columns(self.decoded)
+        figure, (above, below) = pyplot.subplots(2, 1, sharex=True, layout="constrained", height_ratios=(2, 1))
+        above.plot(t_s, force, color="0.6", linewidth=2.0, label="force")
+        above.plot(t_s, decoded, color="tab:blue", linewidth=1.0, drawstyle="steps-post", label="decoded")
+        above.plot(t_s[self.sent], decoded[self.sent], ".", color="tab:orange", markersize=4, label="sent")
+        above.set_ylabel("force [N]")
+        handles, labels = above.get_legend_handles_labels()
+        unique = dict(zip(labels, handles, strict=True))
+        above.legend(unique.values(), unique.keys(), frameon=False)
+        below.plot(t_s, norms(force - decoded), color="tab:blue", linewidth=1.0, label="error")
+        below.plot(t_s, self.codec.law.jnds_n(norms(decoded)), "--", color="0.4", linewidth=1.0, label="1 JND")
+        below.set(ylabel="error [N]", xlabel="time [s]")
+        below.legend(frameon=False)
+        figure.suptitle(f"{self.codec.name}: {len(self.sent)} of {len(t_s)} samples sent", fontsize=10)
+        return [above, below]
+
+    def __repr__(self) -> str:
+        return f"<Encoded: {self.codec.name}, {len(self.sent)} of {len(self.t_us)} samples sent>"
+
+
+def make_codec(
+    codec: str | Codec = "deadband",
+    *,
+    weber_fraction: float | None = None,
+    floor_n: float | None = None,
+    multiplier: float | None = None,
+    **parameters: float,
+) -> Codec:
+    """Return a codec, from which ``encoder(axes)`` and ``decoder(axes)`` make the two halves of a stream.
+
+    Parameters
+    ----------
+    codec
+        A name in `CODECS`, ``"name:key=value,…"``, ``"FILE.py:Class"``, ``"package.module:Class"``, or a codec object.
+    weber_fraction, floor_n, multiplier
+        The law of the person: the threshold is ``multiplier · max(weber_fraction · |force|, floor_n)``. Default: 0.05,
+        0.025 N and 1, from the paper.
+    **parameters
+        The codec's own parameters; ``hapticnet codecs`` lists them.
+
+    Raises
+    ------
+    SettingsError
+        If the codec or a parameter is unknown or out of range.
+    """
+    return as_codec(codec, weber_fraction=weber_fraction, floor_n=floor_n, multiplier=multiplier, parameters=parameters)
+
+
+def encode(
+    force: ForceLike,
+    *,
+    rate_hz: float | None = None,
+    t_s: npt.ArrayLike | None = None,
+    t_us: npt.ArrayLike | None = None,
+    position: npt.ArrayLike | None = None,
+    codec: str | Codec = "deadband",
+    weber_fraction: float | None = None,
+    floor_n: float | None = None,
+    multiplier: float | None = None,
+    **parameters: float,
+) -> Encoded:
+    """Encode and decode a recording as slave and master do when nothing is lost.
+
+    Parameters
+    ----------
+    force
+        Forces [N], shape (n,) or (n, a) with 1 to 3 axes, positive when they push the tool out of the tissue: a list,
+        array, pandas Series or DataFrame; or a recording from `load_recording`, which has its own times.
+    rate_hz, t_s, t_us
+        Sampling rate [Hz], or the time of each sample in seconds or microseconds, shape (n,): at most one of them.
+        Default: 1000 Hz.
+    position
+        Positions of the tool [m], growing into the tissue, same shape as `force`.
+    codec, weber_fraction, floor_n, multiplier, **parameters
+        See `make_codec`.
+
+    Raises
+    ------
+    SampleError
+        If a value is not finite, lengths differ, times run backwards, or the sample period is implausible.
+    SettingsError
+        If the codec, a parameter or the rate cannot be used, or times are given twice.
+    """
+    chosen = make_codec(codec, weber_fraction=weber_fraction, floor_n=floor_n, multiplier=multiplier, **parameters)
+    trial = read_trial(force, rate_hz=rate_hz, t_s=t_s, t_us=t_us, position=position)
+    encoding = encode_array(chosen, trial.t_us, trial.stimuli, trial.positions)
+    shape = trial.stimuli.shape
+    if np.ndim(force) == 1:  # type: ignore[arg-type]  # a recording has none
+        shape = shape[:1]
+    return Encoded(
+        codec=chosen,
+        t_us=trial.t_us,
+        force=trial.stimuli.reshape(shape),
+        decoded=encoding.decoded.reshape(shape),
+        sent=encoding.sent,
+        payload_bytes=encoding.payload_bytes,
+        position=None if trial.positions is None else trial.positions.reshape(shape),
+    )
+
+
+def _columns(values: FloatArray) -> FloatArray:
+    return values.reshape(len(values), -1)

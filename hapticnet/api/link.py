@@ -1,0 +1,250 @@
+"""``hn.virtual_link``: master, slave and an emulated network in virtual time, without sockets or waiting."""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from hapticnet.api.inputs import as_codec
+from hapticnet.api.tables import html_table, text_table
+from hapticnet.arrays import FloatArray
+from hapticnet.channel.emulator import Emulator
+from hapticnet.channel.spec import parse_channel
+from hapticnet.checks import check_parameter
+from hapticnet.codec import registry
+from hapticnet.codec.base import Codec
+from hapticnet.codec.plugins import checked_class
+from hapticnet.errors import UnavailableError
+from hapticnet.experiment.analysis import felt_error
+from hapticnet.node.loopback import Loopback
+from hapticnet.node.master import MasterNode, MasterSettings
+from hapticnet.node.slave import SlaveNode, SlaveSettings
+from hapticnet.operator.base import Operator
+from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
+from hapticnet.scene.presets import find_scene
+from hapticnet.scene.scene import Scene
+
+LONGEST_RUN_S = 1e6
+"""Longest single run [s]; its recordings would fill some ten gigabytes of memory."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class LinkReport:
+    """What a virtual link did so far.
+
+    Attributes
+    ----------
+    scene, codec
+        Their names.
+    seconds
+        Virtual time since the link was made [s].
+    samples, sent, keepalives
+        Positions answered by the slave; forces and keepalives it sent.
+    packet_rate_reduction
+        ``1 - sent / samples``.
+    forward_wire_bytes, feedback_wire_bytes
+        Bytes sent by master and slave, with 28 B of UDP and IPv4 headers each.
+    forward_lost, feedback_lost
+        Datagrams that did not arrive at the slave and at the master.
+    round_trip_ms, round_trip_p99_ms
+        Median and 99th percentile of the round-trip time [ms]; None if none was measured.
+    breaches
+        Tissues breached.
+    rmse_n, max_error_n, exceed_jnd_fraction
+        Error [N] of what the master applies if nothing is lost, against the true force; see `ErrorReport`.
+    felt_rmse_n, felt_max_error_n, felt_exceed_jnd_fraction
+        The same of what the master held at the time of each position, so that delay and loss count.
+    slave, master
+        The complete reports of both sides.
+    """
+
+    scene: str
+    codec: str
+    seconds: float
+    samples: int
+    sent: int
+    keepalives: int
+    packet_rate_reduction: float
+    forward_wire_bytes: int
+    feedback_wire_bytes: int
+    forward_lost: int
+    feedback_lost: int
+    round_trip_ms: float | None
+    round_trip_p99_ms: float | None
+    breaches: int
+    rmse_n: float
+    max_error_n: float
+    exceed_jnd_fraction: float
+    felt_rmse_n: float
+    felt_max_error_n: float
+    felt_exceed_jnd_fraction: float
+    slave: dict[str, Any]
+    master: dict[str, Any]
+
+    def __repr__(self) -> str:
+        return text_table(("measure", "value"), self._shown())
+
+    def _repr_html_(self) -> str:
+        return html_table(("measure", "value"), self._shown())
+
+    def _shown(self) -> list[tuple[str, Any]]:
+        return [(name, value) for name, value in asdict(self).items() if name not in ("slave", "master")]
+
+
+class VirtualLink:
+    """Master and slave with an emulated network between them; `virtual_link` makes it."""
+
+    def __init__(self, loopback: Loopback, codec: Codec) -> None:
+        self._loopback = loopback
+        self._codec = codec
+
+    def run(self, *, seconds: float) -> None:
+        """Advance by `seconds` of virtual time.
+
+        Raises
+        ------
+        SettingsError
+            If `seconds` is not between 0 and 1e6.
+        """
+        check_parameter("seconds", seconds, 0.0, LONGEST_RUN_S, "s")
+        self._loopback.run(round(seconds * 1e6))
+
+    def slave_samples(self) -> dict[str, FloatArray]:
+        """Return, for every position the slave answered: t_us, position_m, force_n, held_n, transmitted and more.
+
+        `node.recording.SLAVE_COLUMNS` describes the columns; each has shape (n,).
+
+        Raises
+        ------
+        UnavailableError
+            If no session has been established.
+        """
+        stations = self._loopback.slave.stations
+        if not stations or stations[-1].recording is None or not stations[-1].steps:
+            raise UnavailableError(
+                f"no session after {self._loopback.now_us / 1e6:g} s of virtual time; run longer or with less loss"
+            )
+        return stations[-1].recording.table()
+
+    def master_samples(self) -> dict[str, FloatArray]:
+        """Return, for every tick of the master: t_us, position_m, held_n and more, shape (n,) each.
+
+        `node.recording.MASTER_COLUMNS` describes the columns.
+        """
+        recording = self._loopback.master.recording
+        return recording.table() if recording is not None else {}
+
+    def report(self) -> LinkReport:
+        """Return the account of the newest session.
+
+        Raises
+        ------
+        UnavailableError
+            If no session has been established.
+        """
+        samples = self.slave_samples()
+        slave, master = self._loopback.slave.report()["sessions"][-1], self._loopback.master.report()
+        felt = felt_error(self._codec.law, samples, self.master_samples())
+        round_trip = master["round_trip"]
+        return LinkReport(
+            scene=slave["scene"],
+            codec=slave["codec"],
+            seconds=self._loopback.now_us / 1e6,
+            samples=slave["steps"],
+            sent=slave["sent"]["by_kind"].get("force", 0),
+            keepalives=slave["sent"]["by_kind"].get("keepalive", 0),
+            packet_rate_reduction=slave["packet_rate_reduction"],
+            forward_wire_bytes=master["sent"]["wire_bytes"],
+            feedback_wire_bytes=slave["sent"]["wire_bytes"],
+            forward_lost=slave["received"]["lost"],
+            feedback_lost=master["received"]["lost"],
+            round_trip_ms=_milliseconds(round_trip["p50_us"]),
+            round_trip_p99_ms=_milliseconds(round_trip["p99_us"]),
+            breaches=slave["breaches"],
+            rmse_n=slave["rmse_n"],
+            max_error_n=slave["max_error_n"],
+            exceed_jnd_fraction=slave["exceed_jnd_fraction"],
+            felt_rmse_n=felt.rmse_n,
+            felt_max_error_n=felt.max_error_n,
+            felt_exceed_jnd_fraction=felt.exceed_jnd_fraction,
+            slave=slave,
+            master=master,
+        )
+
+    def __repr__(self) -> str:
+        return f"<VirtualLink: {self._codec.name}, {self._loopback.now_us / 1e6:g} s of virtual time>"
+
+
+def virtual_link(
+    *,
+    scene: str | Scene = "paper:0",
+    codec: str | Codec = "deadband",
+    forward: str = "perfect",
+    feedback: str = "perfect",
+    rate_hz: float = 1000.0,
+    operator: Operator | None = None,
+    seed: int = 0,
+    weber_fraction: float | None = None,
+    floor_n: float | None = None,
+    multiplier: float | None = None,
+    **parameters: float,
+) -> VirtualLink:
+    """Connect a master and a slave over an emulated network in virtual time.
+
+    The same arguments give the same run, byte for byte.
+
+    Parameters
+    ----------
+    scene
+        ``"paper:SEED"``, the name of a preset, the path of a .toml file, or a `Scene` object.
+    codec, weber_fraction, floor_n, multiplier, **parameters
+        The feedback codec; see `make_codec`.
+    forward, feedback
+        The network from master to slave and back: a preset (perfect, lan, wifi, 4g, transatlantic, satellite), parts
+        such as ``"delay=20ms,loss=2%"``, or both, as in ``"wifi,loss=5%"``.
+    rate_hz
+        Positions per second.
+    operator
+        Source of the positions; default: the scripted needle insertions.
+    seed
+        Seed of hand and network.
+
+    Raises
+    ------
+    SettingsError
+        If a value cannot be used.
+    FileError
+        If the scene's file cannot be read.
+    """
+    chosen = as_codec(
+        codec, weber_fraction=weber_fraction, floor_n=floor_n, multiplier=multiplier, parameters=parameters
+    )
+    kind = type(chosen)
+    if kind not in registry.all_codecs().values():
+        registry.register_codec(checked_class(kind, f"{kind.__module__}:{kind.__qualname__}"))
+    check_parameter("seed", seed, 0, 2**63)
+    if isinstance(scene, str):
+        found = find_scene(scene)
+        tissues, name = found.tissues, found.name
+    else:
+        tissues, name = scene.tissues, scene.name
+    channels = [
+        Emulator[bytes](parse_channel(spec), np.random.default_rng([seed, number]))
+        for number, spec in ((1, feedback), (2, forward))
+    ]
+    if operator is None:
+        operator = ScriptedOperator(InsertionSettings(insertions=100), np.random.default_rng([seed, 3]))
+    settings = MasterSettings(
+        codec=chosen.name, parameters=registry.codec_parameters(chosen), law=chosen.law, rate_hz=rate_hz, record=True
+    )
+    loopback = Loopback(
+        MasterNode(operator, None, settings, np.random.default_rng([seed, 4])),
+        SlaveNode(lambda: Scene(tissues, name=name), SlaveSettings(record=True), np.random.default_rng([seed, 5])),
+        forward=channels[1],
+        feedback=channels[0],
+    )
+    return VirtualLink(loopback, chosen)
+
+
+def _milliseconds(microseconds: float | None) -> float | None:
+    return None if microseconds is None else microseconds / 1e3

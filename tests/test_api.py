@@ -1,0 +1,267 @@
+"""``import hapticnet as hn``: what users call, and how it refuses what cannot be right."""
+
+import dataclasses
+import subprocess
+import sys
+import types
+
+import numpy as np
+import pytest
+
+import hapticnet as hn
+from hapticnet.codec import registry
+from hapticnet.codec.recording import encode_array
+
+T_S = np.arange(2000) / 1000
+FORCE = 2.0 + np.sin(2 * np.pi * T_S)
+VECTORS = np.column_stack([FORCE, 0.5 * FORCE, -FORCE])
+
+
+@pytest.fixture(autouse=True)
+def nothing_registered(monkeypatch):
+    monkeypatch.setattr(registry, "_user_codecs", {})
+
+
+def test_every_public_name_is_there_and_nothing_heavy_is_imported_before_it_is_used():
+    assert all(getattr(hn, name) is not None for name in hn.__all__)
+    assert set(hn.__all__) <= set(dir(hn))
+    with pytest.raises(AttributeError, match="module 'hapticnet' has no attribute 'nothing'"):
+        hn.nothing  # noqa: B018
+    script = "import sys, hapticnet; print([m for m in ('numpy', 'typer', 'msgpack') if m in sys.modules])"
+    said = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert said.stdout == "[]\n"
+
+
+def test_encode_does_what_the_codec_does_to_the_recording():
+    result = hn.encode(FORCE, codec="deadband", multiplier=2.0, step_n=0.001)
+    codec = registry.make_codec("deadband", hn.WeberLaw(multiplier=2.0), {"step_n": 0.001})
+    expected = encode_array(codec, np.arange(2000) * 1000, FORCE[:, np.newaxis])
+    assert result.codec == codec
+    assert np.array_equal(result.sent, expected.sent)
+    assert np.array_equal(result.decoded, expected.decoded[:, 0])
+    assert np.array_equal(result.payload_bytes, expected.payload_bytes)
+
+
+@pytest.mark.parametrize(
+    "times", [{}, {"rate_hz": 1000}, {"t_s": T_S}, {"t_us": T_S * 1e6}, {"t_s": list(T_S + 1.7e9)}]
+)
+def test_times_are_given_by_rate_seconds_or_microseconds(times):
+    result = hn.encode(FORCE, codec="linear-predictive", **times)
+    assert np.array_equal(result.t_us - result.t_us[0], np.arange(2000) * 1000)
+
+
+@pytest.mark.parametrize("force", [FORCE, FORCE.tolist(), FORCE.astype(np.float32), VECTORS, VECTORS[:, :1], [1, 2]])
+def test_what_is_decoded_has_the_shape_of_what_was_given(force):
+    result = hn.encode(force)
+    assert result.decoded.shape == result.force.shape == np.shape(force)
+    assert result.report().samples == len(force)
+
+
+def test_a_recording_brings_its_own_times_and_positions():
+    class Recorded:
+        t_us = np.arange(2000) * 2000
+        values = VECTORS
+        positions = 0.001 * VECTORS
+
+    result = hn.encode(Recorded())
+    assert result.t_us[-1] == 1999 * 2000
+    assert result.position is not None
+    assert result.report().energy_peak_j is not None
+    with pytest.raises(hn.SettingsError, match="a recording with times of its own; omit rate_hz"):
+        hn.encode(Recorded(), rate_hz=500)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"t_us": T_S}, "the median period of t_us is 0.001 µs; .* if these are seconds, pass them as t_s"),
+        ({"t_s": T_S * 1e6}, "the median period of t_s is 1000 s; .* if these are microseconds, pass them as t_us"),
+        ({"t_s": T_S * 1e3}, "t_s is 1 s; .* milliseconds, pass t_s = milliseconds / 1000"),
+        ({"t_us": T_S * 1e3}, "t_us is 1 µs; .* milliseconds, pass t_s = milliseconds / 1000"),
+        ({"t_us": np.zeros(2000)}, "t_us is 0 µs; .* give rate_hz"),
+        ({"t_s": T_S[:99]}, "t_s has 99 values for 2000 samples"),
+        ({"t_s": T_S[::-1]}, r"t_s\[1\] is 1.998 s, before t_s\[0\], 1.999 s"),
+        ({"t_s": np.where(T_S == 0.5, np.nan, T_S)}, r"t_s\[500\] is nan"),
+        ({"t_s": T_S, "rate_hz": 1000}, "times are given as rate_hz and t_s; give one of rate_hz, t_s and t_us"),
+        ({"rate_hz": 0.0}, "rate_hz is 0.0 Hz; it must be between 0.001 and 1e"),
+        ({"position": FORCE[:7]}, "position has 7 samples of 1 axes, force 2000 of 1"),
+        ({"codec": "deadbnad"}, "unknown codec 'deadbnad'; there are: raw, deadband"),
+        ({"codec": "deadband:step_n=0.1", "step_n": 0.1}, "parameter 'step_n' is given twice"),
+        ({"gain": 1.0}, "codec 'deadband' has no parameter 'gain'; it has: step_n"),
+        ({"weber_fraction": -1.0}, "Weber fraction is -1.0"),
+    ],
+)
+def test_what_cannot_be_right_is_refused_with_the_value_seen(arguments, message):
+    with pytest.raises(hn.HapticnetError, match=message):
+        hn.encode(FORCE, **arguments)
+
+
+@pytest.mark.parametrize(
+    ("force", "message"),
+    [
+        ([], "force is empty"),
+        (None, "force is None"),
+        (["1", "2"], "force is of type <U1; it must be real numbers"),
+        (1j * FORCE, "force is of type complex128"),
+        ([object()], "force is not made of numbers"),
+        (FORCE.reshape(4, 500), r"force: recording of shape \(4, 500\); it must be \(n,\) or \(n, 1 to 3\)"),
+        (np.where(T_S == 0.5, np.nan, FORCE), r"sample 500: stimulus \[nan\] is not finite"),
+        ([1.0, -np.inf], r"sample 1: stimulus \[-inf\] is not finite"),
+    ],
+)
+def test_forces_that_cannot_be_forces_are_refused(force, message):
+    with pytest.raises(hn.SampleError, match=message):
+        hn.encode(force)
+
+
+def test_the_report_has_costs_and_errors_and_reads_well():
+    report = hn.encode(FORCE, multiplier=2).report()
+    assert report.packet_rate_reduction == 1 - report.sent / 2000
+    assert 0 < report.exceed_jnd_fraction < 1
+    assert report.packets_per_s == report.sent / 2.0
+    assert report.rmse_n == hn.error_report(FORCE, hn.encode(FORCE, multiplier=2).decoded).rmse_n
+    assert repr(report).splitlines()[1].split() == ["codec", "deadband"]
+    assert "<td>rmse_n</td>" in report._repr_html_()
+    assert dataclasses.asdict(report)["wire_bytes"] == report.wire_bytes
+
+
+def test_a_result_is_drawn():
+    import matplotlib as mpl
+    from matplotlib import pyplot
+
+    mpl.use("agg")
+    above, below = hn.encode(VECTORS).plot()
+    assert {text.get_text() for text in above.get_legend().get_texts()} == {"force", "decoded", "sent"}
+    assert below.get_xlabel() == "time [s]"
+    pyplot.close("all")
+
+
+def test_without_matplotlib_a_line_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(hn.UnavailableError, match=r"pip install 'hapticnet\[plot\]'"):
+        hn.encode(FORCE).plot()
+
+
+def test_compare_has_a_row_for_each_codec_and_threshold():
+    rows = hn.compare(FORCE, codecs=["raw", "deadband", "deadband:step_n=0.01"], multipliers=(1, 4), rate_hz=1000)
+    assert [(row.label, row.multiplier) for row in rows] == [
+        ("raw", 1), ("deadband", 1), ("deadband:step_n=0.01", 1), ("deadband", 4), ("deadband:step_n=0.01", 4)
+    ]  # fmt: skip
+    assert rows[3].cost.sent == len(hn.encode(FORCE, multiplier=4).sent)
+    assert rows[3].limits.holds == hn.fewest_holds(FORCE, law=hn.WeberLaw(multiplier=4))
+    assert rows[3].limits.lines == hn.fewest_lines(FORCE, law=hn.WeberLaw(multiplier=4))
+    assert len(repr(rows).splitlines()) == 6
+    assert rows._repr_html_().count("<tr>") == 6
+
+
+def test_compare_takes_several_recordings_and_codec_objects():
+    objects = [hn.make_codec("deadband", multiplier=3), "merging"]
+    rows = hn.compare({"one": FORCE, "three": VECTORS}, codecs=objects, multipliers=[1], loss=0.05, seed=7)
+    assert [(row.trial, row.codec, row.multiplier) for row in rows] == [
+        ("one", "merging", 1), ("one", "deadband", 3), ("three", "merging", 1), ("three", "deadband", 3)
+    ]  # fmt: skip
+    recorded = [types.SimpleNamespace(name="a", t_us=np.arange(2000) * 1000, values=FORCE) for _ in range(2)]
+    assert {row.trial for row in hn.compare(recorded, codecs=["raw"])} == {"a 1", "a 2"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"codecs": []}, "nothing to compare"),
+        ({"loss": 2.0}, "loss is 2.0"),
+        ({"t_us": T_S}, "if these are seconds"),
+    ],
+)
+def test_a_comparison_that_cannot_be_made_is_refused(arguments, message):
+    with pytest.raises(hn.HapticnetError, match=message):
+        hn.compare(FORCE, **arguments)
+    with pytest.raises(hn.SettingsError, match="force: 1 samples over no time"):
+        hn.compare([1.0])
+
+
+def test_rows_become_a_data_frame_where_pandas_is_installed(monkeypatch):
+    rows = hn.compare(FORCE, codecs=["deadband"], multipliers=[1, 2])
+    monkeypatch.setitem(sys.modules, "pandas", types.SimpleNamespace(DataFrame=list))
+    table = rows.to_dataframe()
+    assert [line["multiplier"] for line in table] == [1, 2]
+    assert {"trial", "label", "sent", "rmse_n", "optimum_holds"} <= set(table[0])
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(hn.UnavailableError, match=r"to_dataframe\(\) needs pandas: pip install pandas"):
+        rows.to_dataframe()
+
+
+def test_a_table_that_still_has_its_column_of_times_is_refused():
+    class Table:
+        columns = ("t_us", "fx")
+
+        def __array__(self, dtype=None, copy=None):
+            return np.column_stack([T_S, FORCE])
+
+    with pytest.raises(hn.SampleError, match="force has a column 't_us'; select the columns of force"):
+        hn.encode(Table())
+
+
+def test_measures_take_what_encode_gives():
+    result = hn.encode(VECTORS, codec="deadband", position=0.01 * VECTORS)
+    quality = hn.quality_report(VECTORS, result.decoded, sent=result.sent, rate_hz=1000, position=result.position)
+    report = result.report()
+    assert dataclasses.asdict(quality).items() <= dataclasses.asdict(report).items()
+    with pytest.raises(hn.SampleError, match="applied has 1999 samples of 3 axes, true 2000 of 3; they must match"):
+        hn.error_report(VECTORS, result.decoded[1:])
+    with pytest.raises(hn.SampleError, match="sent must be increasing indices from 0 to 1999"):
+        hn.quality_report(VECTORS, result.decoded, sent=result.t_us)
+    with pytest.raises(hn.SampleError, match=r"applied\[0\] is not finite"):
+        hn.error_report([1.0], [np.nan])
+
+
+def test_streaming_is_the_same_as_encoding_at_once():
+    codec = hn.make_codec("adaptive-predictive", multiplier=2)
+    encoder, decoder = codec.encoder(1), codec.decoder(1)
+    sent, decoded = [], []
+    for index, force_n in enumerate(FORCE.tolist()):
+        payload = encoder.encode(1000 * index, (force_n,))
+        if payload is not None:
+            decoder.decode(1000 * index, payload)
+            sent.append(index)
+        decoded.append(decoder.reconstruct(1000 * index)[0])
+    at_once = hn.encode(FORCE, codec=codec)
+    assert sent == at_once.sent.tolist()
+    assert decoded == at_once.decoded.tolist()
+
+
+def test_a_codec_object_keeps_its_law():
+    codec = hn.make_codec("deadband", weber_fraction=0.2)
+    assert hn.encode(FORCE, codec=codec).codec is codec
+    with pytest.raises(hn.SettingsError, match="codec is an object with its own law and parameters; omit multiplier"):
+        hn.encode(FORCE, codec=codec, multiplier=2)
+
+
+def test_a_virtual_link_is_the_same_run_after_run():
+    def run():
+        link = hn.virtual_link(scene="paper:1", codec="deadband", forward="wifi", feedback="wifi,loss=5%", seed=3)
+        link.run(seconds=1)
+        link.run(seconds=2)
+        return link
+
+    one, other = run(), run()
+    report = one.report()
+    assert report == other.report()
+    assert report.scene == "paper:1"
+    assert report.seconds == pytest.approx(3.0)
+    assert report.feedback_lost > 0
+    assert report.felt_rmse_n > report.rmse_n > 0
+    assert report.round_trip_ms > 1
+    assert len(one.slave_samples()["force_n"]) == report.samples
+    assert "felt_rmse_n" in repr(report)
+    assert "master" not in repr(report).split()
+
+
+def test_a_virtual_link_without_a_session_says_so():
+    link = hn.virtual_link(forward="loss=100%")
+    link.run(seconds=0.5)
+    with pytest.raises(hn.UnavailableError, match=r"no session after 0.5 s of virtual time"):
+        link.report()
+    with pytest.raises(hn.SettingsError, match="seconds is -1"):
+        link.run(seconds=-1)
+    with pytest.raises(hn.SettingsError, match="unknown scene 'nowhere'"):
+        hn.virtual_link(scene="nowhere")

@@ -1,0 +1,54 @@
+"""What a user writes against ``import hapticnet as hn`` is checked by mypy, and mistakes are found."""
+
+import subprocess
+import sys
+
+USER = """
+import numpy as np
+import hapticnet as hn
+
+force = np.ones(100)
+result = hn.encode(force, t_s=np.arange(100) / 1e3, codec="deadband", multiplier=2, step_n=0.001)
+reveal_type(result)
+reveal_type(result.decoded.shape)
+reveal_type(result.report().rmse_n)
+rows = hn.compare({"a": force, "b": [1.0, 2.0]}, codecs=["raw", hn.make_codec("deadband")], jobs=2)
+reveal_type([row.cost.sent for row in rows])
+encoder: hn.Encoder = hn.make_codec().encoder(1)
+reveal_type(encoder.encode(0, (1.0,)))
+link = hn.virtual_link(scene="paper:1", feedback="wifi")
+link.run(seconds=1)
+reveal_type(link.report().felt_rmse_n)
+reveal_type(hn.fewest_holds(force, law=hn.WeberLaw(multiplier=2)))
+hn.encode(force, rate_hz="fast")
+hn.encode(force, 1000)
+link.run(1)
+hn.nothing
+"""
+
+REVEALED = (
+    "hapticnet.api.encoding.Encoded",
+    "tuple[Any, ...]",
+    "float",
+    "list[int]",
+    "bytes | None",
+    "float",
+    "int",
+)
+MISTAKES = (
+    'Argument "rate_hz" to "encode" has incompatible type "str"',
+    'Too many positional arguments for "encode"',
+    'Too many positional arguments for "run" of "VirtualLink"',
+    'Module has no attribute "nothing"',
+)
+
+
+def test_a_users_file_is_typed(tmp_path):
+    (tmp_path / "user.py").write_text(USER)
+    command = [sys.executable, "-m", "mypy", "--strict", "--config-file=", "--cache-dir", tmp_path / "cache", "user.py"]
+    said = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path).stdout
+    revealed = [line.split('"')[1] for line in said.splitlines() if "Revealed type" in line]
+    assert tuple(each.replace("builtins.", "") for each in revealed) == REVEALED
+    errors = [line for line in said.splitlines() if ": error: " in line and line.startswith("user.py")]
+    for mistake in MISTAKES:
+        assert any(mistake in error for error in errors), said
