@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import NullLocator
 
-from hapticnet.experiment.figures import INK
+from hapticnet.experiment.style import INK
 
 SETTLING_COLOUR = "#1f77b4"
 RIPPLE_COLOUR = "#d9822b"

@@ -10,8 +10,7 @@ import matplotlib as mpl
 mpl.use("Agg")
 from matplotlib import pyplot as plt
 
-from hapticnet.experiment.comparison_figures import draw_codecs, finish_axes
-from hapticnet.experiment.figures import INK
+from hapticnet.experiment.style import INK, draw_codecs, finish_axes
 
 OURS: Final = "adaptive-predictive"
 SHOWN: Final = {"scene": 1, "recorded": 2, "made": 3}

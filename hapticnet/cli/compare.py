@@ -1,7 +1,7 @@
 """``hapticnet compare``: which codec, at what rate, with what error, at what cost, how far from the best possible."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -9,16 +9,15 @@ from hapticnet.cli import options
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from hapticnet.codec.base import Codec
     from hapticnet.experiment.comparison import Row, Trial
+
+THRESHOLDS = "1,2,4"
 
 
 def compare(
     traces: Annotated[
         list[Path] | None,
-        typer.Argument(metavar="[TRACE…]", help="Recordings, .csv or .npy; none: the paper's scene."),
+        typer.Argument(metavar="[TRACE…]", help="Recordings, .csv or .npy; default: the paper's scene."),
     ] = None,
     column: Annotated[
         str | None,
@@ -31,84 +30,124 @@ def compare(
     ] = None,
     codecs: Annotated[
         str | None,
-        typer.Option(metavar="CODEC[;CODEC…]", help="Codecs as NAME[:KEY=VALUE,…]; else all of them."),
+        typer.Option(metavar="CODEC[;CODEC…]", help="Codecs as NAME[:KEY=VALUE,…]; default: all."),
     ] = None,
-    thresholds: Annotated[str, typer.Option(metavar="M[,M…]", help="Deadband thresholds in JNDs.")] = "1,2,4",
+    thresholds: Annotated[str, typer.Option(metavar="M[,M…]", help="Deadband thresholds in JNDs.")] = THRESHOLDS,
     weber: options.Weber = PAPER_WEBER_FRACTION,
     floor: options.Floor = PAPER_FLOOR_N,
     loss: Annotated[
         str, typer.Option(metavar="P", help="Share of updates lost at random, such as 5%; repaired after 20 ms.")
     ] = "0",
+    grid: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=FROM:TO:COUNT|A,B,…",
+            help="Try these values of multiplier, weber_fraction, floor_n, loss or a codec's parameter; repeatable.",
+        ),
+    ] = None,
     seed: options.Seed = 1,
+    jobs: Annotated[int, typer.Option(metavar="N", help="Processes; the figures do not depend on it.")] = 1,
     json: options.Json = False,
+    csv: Annotated[Path | None, typer.Option(metavar="FILE", help="Write every figure to FILE as CSV.")] = None,
+    latex: Annotated[Path | None, typer.Option(metavar="FILE", help="Write booktabs tables to FILE.")] = None,
     plot: Annotated[Path | None, typer.Option(metavar="DIR", help="Draw figures into DIR.")] = None,
+    plot_format: Annotated[str, typer.Option(metavar="png|pdf|svg", help="Format of the figures.")] = "png",
+    signal: Annotated[
+        str | None, typer.Option(metavar="CODEC", help="Codec whose signal is drawn over time; default: the first.")
+    ] = None,
+    window: Annotated[
+        str | None, typer.Option(metavar="FROM:TO", help="Time [s] that the figure of the signal shows.")
+    ] = None,
+    force: options.Force = False,
 ) -> None:
     """Run every codec over recordings and compare packets, bytes, errors and cost with the best possible."""
     import json as json_module
 
-    from hapticnet import __version__
-    from hapticnet.channel.quantities import parse_share
-    from hapticnet.cli.console import Console
+    from hapticnet.cli.console import Console, check_new, check_outputs, write_text
+    from hapticnet.codec.registry import CODECS
     from hapticnet.errors import SettingsError
     from hapticnet.experiment.comparison import compare as compare_codecs
-    from hapticnet.experiment.figures import pyplot
-    from hapticnet.files import make_folder
+    from hapticnet.experiment.comparison_table import csv_text
+    from hapticnet.experiment.comparison_table import latex as latex_tables
+    from hapticnet.experiment.grid import grid_codecs
+    from hapticnet.experiment.provenance import provenance, provenance_lines
 
     if not traces and any(option is not None for option in (column, position, rate)):
         raise SettingsError("--column, --position and --rate say how to read a TRACE, and none is named")
-    chosen = _codecs(codecs, thresholds, weber, floor)
-    lost = parse_share(loss)
+    values = _grid(grid or [], thresholds, weber, floor, loss)
+    losses = values.pop("loss")
+    chosen = grid_codecs(list(CODECS) if codecs is None else codecs.split(";"), values)
     files = dict.fromkeys(traces or ())
     stems = [file.stem for file in files]
     trials = [
         _trial(file, file.stem if stems.count(file.stem) == 1 else str(file), column, position, position_scale, rate)
         for file in files
     ] or [_paper(seed)]
+    check_outputs(csv, latex, inputs=files)
+    check_new(csv, latex, force=force)
+    figures = None
     if plot is not None:
-        pyplot()  # which says at once where it is missing
-        make_folder(plot)
+        from hapticnet.experiment.comparison_figures import Figures
+
+        figures = Figures(trials, chosen, folder=plot, form=plot_format, signal=signal, window=window, seed=seed)
+        check_outputs(*figures.files)
+        check_new(*figures.files, force=force)
     console = Console("compare", quiet=json)
 
     def on_row(row: "Row") -> None:
         console.status(f"{row.trial}: {row.label} at {row.multiplier:g} JND")
 
-    rows = compare_codecs(trials, chosen, loss=lost, seed=seed, on_row=on_row)
+    rows = compare_codecs(trials, chosen, loss=losses, seed=seed, jobs=jobs, on_row=on_row)
     console.finish()
-    if plot is not None:
-        from hapticnet.experiment.comparison_figures import draw_comparison
-
-        pictures = draw_comparison(rows, plot)
-        for picture in pictures:
+    if figures is not None:
+        for picture in figures.draw(rows):
             console.say(f"picture: {picture}")
-        if not pictures:
-            console.say("no picture: raw alone has no error to draw anything over")
+    for file, table in ((csv, csv_text), (latex, latex_tables)):
+        if file is not None:
+            write_text(file, table(rows, provenance_lines()))
+            console.say(f"table: {file}")
     if json:
-        settings = {"version": __version__, "weber_fraction": weber, "floor_n": floor, "loss": lost, "seed": seed}
-        recordings = [trial.account() for trial in trials]
-        account = {"settings": settings, "recordings": recordings, "rows": [row.flat() for row in rows]}
-        print(json_module.dumps(account, indent=2))
+        settings = {"seed": seed, **values, "loss": losses}
+        print(json_module.dumps({"provenance": provenance(), "settings": settings, **_account(trials, rows)}, indent=2))
     else:
         from hapticnet.cli.compare_table import print_rows
 
-        print_rows(rows, trials, lost)
+        print_rows(rows, trials)
 
 
-def _codecs(names: str | None, thresholds: str, weber: float, floor: float) -> "list[Codec]":
-    from hapticnet.codec.registry import CODECS, make_codec, parse_codec
+def _account(trials: "list[Trial]", rows: "list[Row]") -> dict[str, Any]:
+    from dataclasses import asdict
+
+    from hapticnet.experiment.summary import blocks, means
+
+    return {
+        "recordings": [trial.account() for trial in trials],
+        "rows": [row.flat() for row in rows],
+        "means": [asdict(block) for block in means(blocks(rows))],
+    }
+
+
+def _grid(texts: list[str], thresholds: str, weber: float, floor: float, loss: str) -> dict[str, list[float]]:
+    """Return the values of the law, the loss and the codecs' parameters; a grid takes the place of an option."""
+    from hapticnet.channel.quantities import parse_share
     from hapticnet.errors import SettingsError
-    from hapticnet.perception import WeberLaw
+    from hapticnet.experiment.grid import parse_grid
 
+    grid = parse_grid(texts)
+    for key, option, given in (
+        ("multiplier", "--thresholds", thresholds != THRESHOLDS),
+        ("weber_fraction", "--weber", weber != PAPER_WEBER_FRACTION),
+        ("floor_n", "--floor", floor != PAPER_FLOOR_N),
+        ("loss", "--loss", loss != "0"),
+    ):
+        if key in grid and given:
+            raise SettingsError(f"--grid {key} and {option} set the same; give one of them")
     try:
         multipliers = list(dict.fromkeys(float(part) for part in thresholds.split(",")))
     except ValueError:
         raise SettingsError(f"thresholds {thresholds!r} must be numbers of JNDs, such as 1,2,4") from None
-    written: Iterable[str] = dict.fromkeys(CODECS if names is None else names.split(";"))
-    return [
-        make_codec(name, WeberLaw(weber_fraction=weber, floor_n=floor, multiplier=multiplier), parameters)
-        for multiplier in multipliers
-        for name, parameters in map(parse_codec, written)
-        if name != "raw" or multiplier == multipliers[0]
-    ]
+    usual = {"multiplier": multipliers, "weber_fraction": [weber], "floor_n": [floor], "loss": [parse_share(loss)]}
+    return usual | grid
 
 
 def _trial(

@@ -120,6 +120,13 @@ def check_outputs(*outputs: Path | None, inputs: Iterable[Path | None] = ()) -> 
             check_replaceable(path)
 
 
+def check_new(*outputs: Path | None, force: bool) -> None:
+    """Raise SettingsError if one of the outputs exists already, unless it may be overwritten."""
+    for path in outputs:
+        if path is not None and not force and path.is_file():
+            raise SettingsError(f"{path} exists; name another, or add --force to overwrite it")
+
+
 def _to_stderr(text: str) -> None:
     """Write for a person who may have gone: a closed stderr must not end a run that others depend on."""
     try:

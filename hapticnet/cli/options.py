@@ -28,6 +28,7 @@ PositionScale: TypeAlias = Annotated[
 ]
 Json: TypeAlias = Annotated[bool, typer.Option("--json", help="Print the report as JSON on stdout.")]
 Report: TypeAlias = Annotated[Path | None, typer.Option(metavar="FILE", help="Write the report to FILE as JSON too.")]
+Force: TypeAlias = Annotated[bool, typer.Option("--force", help="Overwrite files that exist.")]
 Quiet: TypeAlias = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors and the report.")]
 ChannelOut: TypeAlias = Annotated[
     str,

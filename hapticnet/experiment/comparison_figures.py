@@ -1,176 +1,241 @@
-"""Pictures of a comparison: packet and byte rate over every measure of error with the optimum drawn in, and time."""
+"""Figures of a comparison, one a question: packets and bytes against error, distance from the optimum, signal."""
 
 import math
-from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from itertools import groupby
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from hapticnet.codec.registry import CODECS
-from hapticnet.experiment.comparison import Row
-from hapticnet.experiment.figures import INK, pyplot
+import numpy as np
 
-Points = list[tuple[float, float]]
-Figure = Callable[[Row], float | None]
+from hapticnet.codec.base import Codec
+from hapticnet.errors import SettingsError
+from hapticnet.experiment.comparison import Row, Trial, codec_label, encode_trial
+from hapticnet.experiment.signal_figure import Signal, draw_signal
+from hapticnet.experiment.style import BLUE, INK, check_format, draw_codecs, finish_axes, picture, pyplot
+from hapticnet.experiment.summary import HOLD_OPTIMUM, LINE_OPTIMUM, METHOD, Block, blocks, means
 
-COLUMNS: Final = 5
-LONG: Final = 26
-"""Letters of a codec with its parameters that leave no room for another beside it in a legend."""
+HEIGHT_IN: Final = 4.0
+SHOWN_S: Final = 4.0
+"""Seconds of a recording in the figure of the signal: by default those with the most sent samples."""
 
-MEASURES: Final[tuple[tuple[str, str, bool, Figure], ...]] = (
-    ("RMSE [N]", "log", True, lambda row: row.quality.rmse_n),
-    ("largest error [N]", "log", True, lambda row: row.quality.max_error_n),
-    ("share of samples beyond 1 JND", "linear", True, lambda row: row.quality.exceed_jnd_fraction),
-    ("perceptual MSE [JND²]", "log", True, lambda row: row.quality.perceptual_mse),
-    ("PSNR [dB]", "linear", True, lambda row: row.quality.psnr_db),
-    ("HPW-PSNR [dB]", "linear", True, lambda row: row.quality.hpw_psnr_db),
-    ("mean jump at an update [JND]", "linear", False, lambda row: row.quality.send_jump_mean_jnd),
-    ("mean age of the stimulus [ms]", "linear", False, lambda row: row.quality.age_mean_us / 1e3),
-    ("most packets in 100 ms", "log", False, lambda row: float(row.quality.worst_100ms_packets)),
-    ("energy created, at most [mJ]", "linear", False, lambda row: _milli(row.quality.energy_peak_j)),
-)
-"""Of every measure: label, scale, whether the fewest packets that the law allows have one, and the value.
+ERROR: Final = "rmse_n"
+SWEPT: Final = {
+    "multiplier": "threshold [JND]",
+    "weber_fraction": "Weber fraction",
+    "floor_n": "smallest JND [N]",
+    "loss": "share of updates lost",
+}
+"""Settings that can vary along a line, and what they are called on an axis."""
 
-docs/perception.md has the formulae.
-"""
+MOST_TICKS: Final = 8
 
-DASHES: Final = ("-", "--", ":", "-.")
-MARKERS: Final = ("o", "s", "^", "D")
-"""For variants of one codec, which share a colour."""
+OPTIMA: Final = {HOLD_OPTIMUM: (0, (4, 2)), LINE_OPTIMUM: (0, (1, 1.5))}
 
 
-def draw_comparison(rows: Sequence[Row], folder: Path) -> list[Path]:
-    """Draw three pictures for each recording, a point for each threshold, and return their files.
+class Figures:
+    """The figures of a comparison that is still to be run, so that they can be refused before it.
+
+    Parameters
+    ----------
+    signal
+        Codec, as its label, whose signal is drawn over time; None: the first that is not raw.
+    window
+        The seconds of the recordings that are drawn, as ``FROM:TO``.
+
+    Attributes
+    ----------
+    files
+        The files that `draw` writes.
 
     Raises
     ------
+    SettingsError
+        If the format, the codec or the window cannot be used.
     UnavailableError
-        When matplotlib is missing.
+        If matplotlib is missing.
     """
-    files = []
-    for number, (trial, block) in enumerate(groupby(rows, key=lambda row: row.trial), start=1):
-        own = [row for row in block if row.codec != "raw"]
-        if own:
-            stem = "".join(character if character.isalnum() else "-" for character in trial)
-            for name, label, rate in (
-                ("packets", "packets/s", lambda row: row.packets_per_s),
-                ("bytes", "kB/s, headers included", lambda row: row.wire_bytes_per_s / 1e3),
-            ):
-                file = folder / f"{number}-{stem}-{name}.png"
-                thresholds = ", ".join(f"{each:g}" for each in dict.fromkeys(row.multiplier for row in own))
-                title = f"{trial}: {label} over each measure of error, a point for each threshold ({thresholds} JND)"
-                files.append(_draw_rates(own, title, label, rate, file))
-            files.append(_draw_cost(own, f"{trial}: time over error", folder / f"{number}-{stem}-cost.png"))
-    return files
+
+    def __init__(
+        self,
+        trials: Sequence[Trial],
+        codecs: Sequence[Codec],
+        *,
+        folder: Path,
+        form: str = "png",
+        signal: str | None = None,
+        window: str | None = None,
+        seed: int = 0,
+    ) -> None:
+        check_format(form)
+        pyplot()
+        self._trials, self._seed = trials, seed
+        self._codec = _chosen(codecs, signal)
+        self._window = None if window is None else _window(window)
+        names = ["packets-against-error", "bytes-against-error", "packets-over-optimum"]
+        if all(codec.name == "raw" for codec in codecs):
+            names = []  # raw has no error to draw anything against
+        names += [f"signal-{number}-{_stem(trial.name)}" for number, trial in enumerate(trials, start=1)]
+        self.files = [folder / f"{name}.{form}" for name in names]
+
+    def draw(self, rows: Sequence[Row]) -> list[Path]:
+        """Draw the figures of the rows of the comparison, which are of the same trials, and return their files."""
+        single = blocks(rows)
+        shown = means(single) or single
+        *rates, signals = self.files[: -len(self._trials)], self.files[-len(self._trials) :]
+        if rates[0]:
+            packets, size, optimum = rates[0]
+            _draw_rates(shown, packets, "packets_per_s", "packets/s", 1.0)
+            _draw_rates(shown, size, "wire_bytes_per_s", "kB/s, headers included", 1e-3)
+            _draw_optimum(shown, optimum)
+        for trial, file in zip(self._trials, signals, strict=True):
+            signal = codec_signal(self._codec, trial, loss=rows[0].loss, seed=self._seed)
+            title = f"{trial.name}: {codec_label(self._codec)}, threshold {self._codec.law.multiplier:g} JND"
+            draw_signal(signal, file, window_s=self._window or _busiest(signal), title=title)
+        return self.files
 
 
-def draw_codecs(axes: Any, points: Mapping[str, Points], *, highlight: str | None = None) -> None:
-    """Draw a line for each codec on logarithmic axes upward; a codec has the same colour in every picture."""
-    variants: Counter[int] = Counter()
-    for label, line in points.items():
-        index = list(CODECS).index(label.partition(":")[0])
-        strong = label == highlight
-        variant = variants[index] % len(DASHES)
-        variants[index] += 1
-        axes.plot(
-            *zip(*line, strict=True),
-            MARKERS[variant] + DASHES[variant],
-            color=f"C{index % 10}",
-            markerfacecolor=f"C{index % 10}" if index < 10 else "white",
-            markersize=6 if strong else 4,
-            linewidth=2.2 if strong else 1.0,
-            zorder=3 if strong else 2,
-            label=label,
-        )
-
-
-def finish_axes(axes: Any, *, across: str = "linear") -> None:
-    """Give axes their scales, plain numbers and a grid."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
-    for scale, axis, set_scale, which in (
-        ("log", axes.yaxis, axes.set_yscale, 1),
-        (across, axes.xaxis, axes.set_xscale, 0),
-    ):
-        # What is all zero, as the error of a force that stands still, has no place on a logarithmic scale.
-        if scale == "log" and any(value > 0.0 for line in axes.get_lines() for value in line.get_data()[which]):
-            set_scale("log")
-            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-            axis.set_minor_formatter(NullFormatter())
-    axes.grid(linewidth=0.4, alpha=0.5, which="both")
-    axes.spines[["top", "right"]].set_visible(False)
-
-
-def _draw_rates(rows: list[Row], title: str, label: str, rate: Callable[[Row], float], file: Path) -> Path:
-    plt = pyplot()
-    shown = [measure for measure in MEASURES if any(_known(measure[3](row)) for row in rows)]
-    height = math.ceil(len(shown) / COLUMNS)
-    figure, grid = plt.subplots(
-        height, COLUMNS, figsize=(3.4 * COLUMNS, 3.4 * height + 0.9), layout="constrained", sharey=True, squeeze=False
+def codec_signal(codec: Codec, trial: Trial, *, loss: float = 0.0, seed: int = 0) -> Signal:
+    """Return what a codec does to a trial over time."""
+    encoding, received = encode_trial(codec, trial, loss=loss, seed=seed)
+    return Signal(
+        t_s=(trial.t_us - trial.t_us[0]) * 1e-6,
+        true_n=trial.stimuli,
+        applied_n=encoding.decoded,
+        sent=encoding.sent,
+        lost=np.setdiff1d(encoding.sent, received),
+        law=codec.law,
     )
-    for axes in grid.flat[len(shown) :]:
-        axes.remove()
-    # The fewest packets have no error of their own but that the law holds; they are drawn at the deadband's.
-    plain = [row for row in rows if row.codec == "deadband" and row.cost.sent and label == "packets/s"]
-    plain = [row for row in plain if row.label == plain[0].label]
-    for axes, (heading, scale, bounded, measure) in zip(grid.flat, shown, strict=False):
-        draw_codecs(axes, _points(rows, measure, rate))
-        for name, style, marker, fewest in (
-            ("fewest, hold", "--", "_", [row.limits.holds for row in plain]),
-            ("fewest, lines", ":", "1", [row.limits.lines for row in plain]),
-        ):
+
+
+def _draw_rates(shown: Sequence[Block], file: Path, key: str, label: str, factor: float) -> None:
+    swept = _swept(shown)
+    with picture(file, HEIGHT_IN) as figure:
+        axes = figure.subplots()
+        draw_codecs(axes, _lines(shown, swept, (ERROR, 1.0), (key, factor)))
+        for name, dash in OPTIMA.items():
+            # An optimum has no error but what its threshold allows, so it is drawn at the deadband's.
             line = [
-                (value, rate(row) * count / row.cost.sent)
-                for row, count in zip(plain, fewest, strict=True)
-                if bounded and _known(value := measure(row))
+                (plain.values[ERROR], factor * optimum.values[key])
+                for block in shown
+                for plain in [line for line in block.lines if line.label == "deadband"][:1]
+                for optimum in block.lines
+                if optimum.label == name and key in optimum.values
             ]
             if line:
-                described = f"{name} (at the deadband's error)"
-                axes.plot(*zip(*line, strict=True), style, marker=marker, color=INK, markersize=9, label=described)
-        finish_axes(axes, across=scale)
-        axes.set_xlabel(heading)
-    for row_of_axes in grid:
-        row_of_axes[0].set_ylabel(label)
-    figure.legend(
-        *grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=9, frameon=False
+                told = f"{name}\n(at the deadband's error)"
+                axes.plot(*zip(*sorted(line), strict=True), linestyle=dash, color=INK, linewidth=1.0, label=told)
+        finish_axes(axes, across="log")
+        axes.set_xlabel("RMSE of the applied force [N]")
+        axes.set_ylabel(label)
+        _finish(figure, axes, shown, swept)
+
+
+def _draw_optimum(shown: Sequence[Block], file: Path) -> None:
+    swept, key = _swept(shown), "over_optimum"
+    lines = _lines(shown, swept, (swept, 1.0), (key, 1.0))
+    optimum = sorted(
+        (getattr(block.settings, swept), line.values[key])
+        for block in shown
+        for line in block.lines
+        if line.label == LINE_OPTIMUM
     )
-    return _save(plt, figure, title, file)
+    with picture(file, HEIGHT_IN) as figure:
+        axes = figure.subplots()
+        if all(len(line) == 1 for line in lines.values()):
+            # At one threshold a row for each codec says more than points above one another.
+            ordered = sorted(lines.items(), key=lambda item: -item[1][0][1])
+            for place, (_, [(_, value, _, half_width)]) in enumerate(ordered):
+                axes.errorbar(value, place, xerr=half_width or None, fmt="o", color=BLUE, capsize=2.0)
+            axes.set_yticks(range(len(ordered)), [label for label, _ in ordered])
+            axes.axvline(1.0, linestyle=OPTIMA[HOLD_OPTIMUM], color=INK, linewidth=1.0, label=HOLD_OPTIMUM)
+            axes.axvline(optimum[0][1], linestyle=OPTIMA[LINE_OPTIMUM], color=INK, linewidth=1.0, label=LINE_OPTIMUM)
+            axes.set_xlabel("packets over the fewest of any hold")
+        else:
+            draw_codecs(axes, lines)
+            axes.axhline(1.0, linestyle=OPTIMA[HOLD_OPTIMUM], color=INK, linewidth=1.0, label=HOLD_OPTIMUM)
+            dash = OPTIMA[LINE_OPTIMUM]
+            axes.plot(*zip(*optimum, strict=True), linestyle=dash, color=INK, linewidth=1.0, label=LINE_OPTIMUM)
+            finish_axes(axes, across="log" if swept == "multiplier" else "linear")
+            values = [value for value, _ in optimum]
+            if len(values) <= MOST_TICKS:
+                axes.set_xticks(values, [f"{value:g}" for value in values])
+            axes.set_xlabel(SWEPT[swept])
+            axes.set_ylabel("packets over the fewest of any hold")
+        _finish(figure, axes, shown, swept)
 
 
-def _draw_cost(rows: list[Row], title: str, file: Path) -> Path:
-    plt = pyplot()
-    figure, axes = plt.subplots(figsize=(6.8, 5.0), layout="constrained")
-    draw_codecs(axes, _points(rows, lambda row: row.quality.rmse_n, lambda row: row.nanoseconds_per_sample / 1e3))
-    finish_axes(axes, across="log")
-    axes.set_xlabel("RMSE [N]")
-    axes.set_ylabel("encoding and decoding, plain Python [µs/sample]")
-    longest = max(len(row.label) for row in rows)
-    figure.legend(loc="outside lower center", ncols=3 if longest < LONG else 1, fontsize=8, frameon=False)
-    return _save(plt, figure, title, file)
+def _swept(shown: Sequence[Block]) -> str:
+    """Return the setting along which lines run: the one with the most values, the threshold if in doubt."""
+    return max(SWEPT, key=lambda key: len({getattr(block.settings, key) for block in shown}))
 
 
-def _points(rows: list[Row], across: Figure, up: Callable[[Row], float]) -> dict[str, Points]:
-    """Return the points of each codec in the order of its thresholds, those without a value left out."""
-    points: dict[str, Points] = {}
-    for row in sorted(rows, key=lambda row: row.multiplier):
-        value = across(row)
-        if value is not None and math.isfinite(value):
-            points.setdefault(row.label, []).append((value, up(row)))
-    return {label: points[label] for label in dict.fromkeys(row.label for row in rows) if label in points}
+def _lines(
+    shown: Sequence[Block], swept: str, across: tuple[str, float], up: tuple[str, float]
+) -> dict[str, list[tuple[float, ...]]]:
+    """Return points (x, y, half width of x, half width of y) for each codec and each value of the other settings."""
+    others = [key for key in SWEPT if key != swept and len({getattr(block.settings, key) for block in shown}) > 1]
+    lines: dict[str, list[tuple[float, ...]]] = {}
+    for block in sorted(shown, key=lambda block: getattr(block.settings, swept)):
+        for line in block.lines:
+            if line.codec not in (None, "raw") and all(line.values[key] is not None for key, _ in (across, up)):
+                fixed = "".join(f", {key}={getattr(block.settings, key):g}" for key in others)
+                point = [factor * line.values[key] for key, factor in (across, up)]
+                half_widths = [factor * line.half_widths.get(key, 0.0) for key, factor in (across, up)]
+                lines.setdefault(line.label + fixed, []).append((*point, *half_widths))
+    return lines
 
 
-def _known(value: float | None) -> bool:
-    return value is not None and math.isfinite(value)
+def _finish(figure: Any, axes: Any, shown: Sequence[Block], swept: str) -> None:
+    """Add the legend, and what the figure shows."""
+    handles, labels = axes.get_legend_handles_labels()
+    # Codecs first, in their order, then the optima: matplotlib puts lines without error bars first.
+    order = sorted(range(len(labels)), key=lambda index: labels[index].startswith("optimum"))
+    figure.legend(
+        [handles[index] for index in order],
+        [labels[index] for index in order],
+        loc="outside right center",
+        handlelength=3.6,
+        labelspacing=0.7,
+    )
+    values = sorted({getattr(block.settings, swept) for block in shown})
+    some = (
+        ", ".join(f"{value:g}" for value in values) if len(values) <= MOST_TICKS else f"{values[0]:g} to {values[-1]:g}"
+    )
+    recordings = shown[0].trial or METHOD.format(count=shown[0].recordings)
+    figure.suptitle(f"{recordings}; {SWEPT[swept]}: {some}", fontsize=8)
 
 
-def _milli(value: float | None) -> float | None:
-    return None if value is None else 1e3 * value
+def _chosen(codecs: Sequence[Codec], label: str | None) -> Codec:
+    labels = [codec_label(codec) for codec in codecs]
+    if label is None:
+        return next((codec for codec in codecs if codec.name != "raw"), codecs[0])
+    if label not in labels:
+        there = ", ".join(dict.fromkeys(labels))
+        raise SettingsError(f"signal {label!r} is not a codec of this comparison; there are: {there}")
+    return codecs[labels.index(label)]
 
 
-def _save(plt: Any, figure: Any, title: str, file: Path) -> Path:
-    figure.suptitle(title, fontsize=11)
-    figure.savefig(file, dpi=110)
-    plt.close(figure)
-    return file
+def _window(text: str) -> tuple[float, float]:
+    try:
+        start_s, end_s = (float(part) for part in text.split(":"))
+    except ValueError:
+        start_s, end_s = math.nan, math.nan
+    if not 0.0 <= start_s < end_s < math.inf:
+        raise SettingsError(f"window {text!r} must be FROM:TO in seconds from 0, such as 2.5:5")
+    return start_s, end_s
+
+
+def _busiest(signal: Signal) -> tuple[float, float]:
+    """Return the stretch of SHOWN_S, or all of a shorter recording, in which the most samples are sent."""
+    end_s = float(signal.t_s[-1])
+    sent_s = signal.t_s[signal.sent]
+    if not len(sent_s):
+        return 0.0, min(SHOWN_S, end_s)
+    counts = np.searchsorted(sent_s, sent_s + SHOWN_S) - np.arange(len(sent_s))
+    first_s = float(sent_s[np.argmax(counts)]) - SHOWN_S / 20
+    start_s = max(min(first_s, end_s - SHOWN_S), 0.0)
+    return start_s, min(start_s + SHOWN_S, end_s)
+
+
+def _stem(name: str) -> str:
+    return "".join(character if character.isalnum() else "-" for character in name)

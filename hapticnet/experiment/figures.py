@@ -5,14 +5,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from hapticnet.errors import UnavailableError
 from hapticnet.experiment.analysis import STAMP_MODULUS
 from hapticnet.experiment.demo import Played
+from hapticnet.experiment.style import INK, pyplot
 
 TISSUES: Final = 3
 MARGIN_S: Final = 0.25
 
-INK: Final = "#222222"
 TRUE_COLOUR: Final = "#222222"
 HELD_COLOUR: Final = "#1f77b4"
 SENSED_COLOUR: Final = "#d9822b"
@@ -91,15 +90,3 @@ def _seconds(t_us: Any, zero_us: float) -> Any:
     """Return times [s] after `zero_us`, whichever side's unwrapping they come from."""
     half = STAMP_MODULUS / 2
     return ((t_us - zero_us + half) % STAMP_MODULUS - half) / 1e6
-
-
-def pyplot() -> Any:
-    """Return matplotlib's pyplot, drawing to files only; an UnavailableError says what to install."""
-    try:
-        import matplotlib as mpl
-    except ImportError as error:
-        raise UnavailableError("figures need matplotlib: pip install 'hapticnet[plot]'") from error
-    mpl.use("Agg")
-    from matplotlib import pyplot
-
-    return pyplot

@@ -135,7 +135,7 @@ def plot_step(
     UnavailableError
         If matplotlib is missing.
     """
-    from hapticnet.experiment.figures import pyplot
+    from hapticnet.experiment.style import pyplot
 
     plt = pyplot()
     figure, axes = plt.subplots(figsize=(6.4, 4.2), layout="constrained")

@@ -208,6 +208,15 @@ def test_an_address_that_is_not_this_machines():
         (("--thresholds", "nan"), ("multiplier is nan",)),
         (("--codecs", "deadband;mp3"), ("'mp3'",)),
         (("--loss", "nan"), ("nan",)),
+        (("--grid", "multiplier"), ("'multiplier'", "KEY=FROM:TO:COUNT")),
+        (("--grid", "gain=1,2"), ("'gain'", "multiplier", "window_ms")),
+        (("--grid", "multiplier=1,2", "--thresholds", "4"), ("--grid multiplier and --thresholds",)),
+        (("--jobs", "0"), ("jobs is 0",)),
+        (("--plot", "{files}/plots", "--plot-format", "gif"), ("'gif'", "png, pdf or svg")),
+        (("--plot", "{files}/plots", "--signal", "mp3"), ("'mp3'", "deadband")),
+        (("--plot", "{files}/plots", "--window", "3:1"), ("'3:1'", "FROM:TO")),
+        (("{files}/good.csv", "--column", "f", "--csv", "{files}/good.csv"), ("good.csv", "name another file")),
+        (("--csv", "{files}/good.csv"), ("good.csv exists", "--force")),
     ],
 )
 def test_what_cannot_be_compared_is_refused_in_one_line(files, arguments, words):
@@ -223,8 +232,8 @@ def test_recordings_of_one_name_stay_apart(tmp_path):
         "--codecs", "deadband",
     )  # fmt: skip
     for folder in "ab":
-        assert f"{tmp_path / folder / 'force.npy'}, 500 samples" in done.stdout
-    assert done.stdout.count("threshold 1 JND") == 2
+        assert f"{tmp_path / folder / 'force.npy'}: 500 samples" in done.stdout
+    assert done.stdout.count("threshold 1 JND") == 3  # each recording, and the mean
 
 
 @pytest.mark.parametrize("others", [("--out", "{file}"), ("--out", "{file}.x", "--report", "{file}.x")])

@@ -1,0 +1,87 @@
+"""Grids of settings: the codecs and losses that ``--grid KEY=FROM:TO:COUNT`` or ``KEY=a,b,c`` stands for."""
+
+import math
+from collections.abc import Mapping, Sequence
+from itertools import product
+from typing import Final
+
+from hapticnet.checks import check_integer
+from hapticnet.codec.base import Codec
+from hapticnet.codec.registry import codec_parameters, make_codec, parse_codec
+from hapticnet.errors import SettingsError
+from hapticnet.perception import WeberLaw
+
+LAW_KEYS: Final = ("multiplier", "weber_fraction", "floor_n")
+LOSS_KEY: Final = "loss"
+MOST_VALUES: Final = 1000
+
+
+def parse_grid(texts: Sequence[str]) -> dict[str, list[float]]:
+    """Return the values of each key of grids written as ``KEY=FROM:TO:COUNT`` (equal steps) or ``KEY=a,b,c``.
+
+    Raises
+    ------
+    SettingsError
+        If a grid does not have that form, or a key comes twice.
+    """
+    grid: dict[str, list[float]] = {}
+    for text in texts:
+        key, _, values = (part.strip() for part in text.partition("="))
+        if key in grid:
+            raise SettingsError(f"grid {text!r}: {key} is given twice")
+        try:
+            grid[key] = _values(key, values)
+        except ValueError:
+            expected = "KEY=FROM:TO:COUNT or KEY=a,b,c, as in multiplier=0.5:4:8"
+            raise SettingsError(f"grid {text!r} must have the form {expected}") from None
+    return grid
+
+
+def grid_codecs(names: Sequence[str], grid: Mapping[str, Sequence[float]]) -> list[Codec]:
+    """Return the codecs written in `names` with every combination of the law and the parameters in a grid.
+
+    A parameter applies to the codecs that have it, except where the name itself fixes it. Raw has no threshold and
+    comes once.
+
+    Raises
+    ------
+    SettingsError
+        If a codec cannot be made, or none of them has a parameter of the grid.
+    """
+    plain = [(name, *parse_codec(name)) for name in dict.fromkeys(names)]
+    known = {text: codec_parameters(make_codec(name, WeberLaw(), given)) for text, name, given in plain}
+    swept = [key for key in grid if key not in (*LAW_KEYS, LOSS_KEY)]
+    for key in swept:
+        if not any(key in parameters for parameters in known.values()):
+            there = sorted({parameter for parameters in known.values() for parameter in parameters})
+            raise SettingsError(
+                f"no codec here has a parameter {key!r} for a grid; there are: "
+                f"{', '.join([*LAW_KEYS, LOSS_KEY, *there])}"
+            )
+    law_keys = [key for key in LAW_KEYS if key in grid]
+    codecs: list[Codec] = []
+    for number, values in enumerate(product(*(grid[key] for key in law_keys))):
+        law = WeberLaw(**dict(zip(law_keys, values, strict=True)))
+        for text, name, given in plain:
+            if name == "raw" and number:
+                continue
+            own = [key for key in swept if key in known[text] and key not in given]
+            for point in product(*(grid[key] for key in own)):
+                codec = make_codec(name, law, given | dict(zip(own, point, strict=True)))
+                if codec not in codecs:
+                    codecs.append(codec)
+    return codecs
+
+
+def _values(key: str, text: str) -> list[float]:
+    if ":" not in text:
+        values = [float(part) for part in text.split(",")]
+    else:
+        start, end, count = (float(part) for part in text.split(":"))
+        check_integer(f"the number of values of {key}", count, 1, MOST_VALUES)
+        steps = max(int(count) - 1, 1)
+        # Twelve digits, so that 0.1:1:10 has 0.3 in it and not 0.30000000000000004.
+        values = [float(f"{start + (end - start) * step / steps:.12g}") for step in range(int(count))]
+    if not key or not all(map(math.isfinite, values)):
+        raise ValueError
+    return list(dict.fromkeys(values))

@@ -1,0 +1,98 @@
+"""The figure of a signal: true and applied force, the samples that are sent, and the error over time."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from hapticnet.arrays import FloatArray
+from hapticnet.experiment.style import BLUE, INK, ORANGE, PRINT_WIDTH_IN, VERMILION, picture
+from hapticnet.perception import WeberLaw
+
+HEIGHTS: Final = (3.0, 0.55, 1.3)
+"""Relative heights of force, sent samples and error."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Signal:
+    """A force and what the other side applies.
+
+    Attributes
+    ----------
+    t_s
+        Times [s], shape (n,).
+    true_n, applied_n
+        True and applied force [N], shape (n, a).
+    sent, lost
+        Indices of the samples that were sent, and of those among them that were lost.
+    law
+        The law whose threshold is drawn.
+    felt_n
+        Force at the fingertip [N], shape (n,), if there is a finger.
+    """
+
+    t_s: FloatArray
+    true_n: FloatArray
+    applied_n: FloatArray
+    sent: npt.NDArray[np.int64]
+    lost: npt.NDArray[np.int64]
+    law: WeberLaw
+    felt_n: FloatArray | None = None
+
+
+def draw_signal(
+    signal: Signal,
+    file: Path,
+    *,
+    window_s: tuple[float, float],
+    title: str,
+    height_in: float = 4.4,
+    width_in: float = PRINT_WIDTH_IN,
+    **settings: Any,
+) -> None:
+    """Draw a stretch of a signal. On several axes force and error are magnitudes."""
+    one_axis = signal.true_n.shape[1] == 1
+    shown = (signal.t_s >= window_s[0]) & (signal.t_s <= window_s[1])
+    t_s = signal.t_s[shown]
+    true_n, applied_n, error_n, threshold_n = (values[shown] for values in _scalars(signal))
+    sent, lost = (indices[shown[indices]] for indices in (signal.sent, signal.lost))
+    with picture(file, height_in, width_in=width_in, **settings) as figure:
+        force, ticks, error = figure.subplots(3, 1, sharex=True, height_ratios=HEIGHTS)
+        force.plot(t_s, true_n, color=INK, linewidth=0.9, label="true force")
+        force.step(t_s, applied_n, where="post", color=VERMILION, linewidth=1.1, label="applied (held) force")
+        if signal.felt_n is not None:
+            label = "force at the fingertip"
+            force.plot(t_s, signal.felt_n[shown], color=BLUE, linewidth=1.0, linestyle=(0, (4, 1.5)), label=label)
+        force.set_ylabel("force [N]" if one_axis else "|force| [N]")
+        force.legend(loc="upper left", ncols=3)
+        force.set_title(title, loc="left")
+        share = f"{len(sent):,} of {len(t_s):,} samples sent: {1 - len(sent) / max(len(t_s), 1):.1%} fewer packets"
+        ticks.vlines(signal.t_s[sent], 0.0, 1.0, color=VERMILION, linewidth=0.6)
+        if len(lost):
+            ticks.vlines(signal.t_s[lost], -0.6, 0.0, color=BLUE, linewidth=0.6)
+            share += f", {len(lost):,} lost (blue)"
+        ticks.set_yticks([])
+        ticks.grid(visible=False)
+        ticks.spines["left"].set_visible(False)
+        ticks.set_ylabel("sent", rotation=0, ha="right", va="center")
+        ticks.set_title(share, loc="left", color=VERMILION)
+        error.fill_between(t_s, -threshold_n, threshold_n, color=ORANGE, alpha=0.35, linewidth=0, label="threshold")
+        error.plot(t_s, error_n, color=INK, linewidth=0.7, label="error")
+        error.set_ylabel("error [N]" if one_axis else "|error| [N]")
+        if not one_axis:
+            error.set_ylim(bottom=0.0)
+        error.legend(loc="upper left", ncols=2)
+        error.set_xlabel("time [s]")
+        error.set_xlim(window_s)
+
+
+def _scalars(signal: Signal) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return true force, applied force, error and threshold [N], shape (n,) each."""
+    difference = signal.applied_n - signal.true_n
+    threshold_n = signal.law.thresholds_n(np.linalg.norm(signal.applied_n, axis=1))
+    if signal.true_n.shape[1] == 1:
+        return signal.true_n[:, 0], signal.applied_n[:, 0], difference[:, 0], threshold_n
+    true_n, applied_n, error_n = (np.linalg.norm(x, axis=1) for x in (signal.true_n, signal.applied_n, difference))
+    return true_n, applied_n, error_n, threshold_n

@@ -1,0 +1,194 @@
+"""`hapticnet compare`: tables, files and figures."""
+
+import csv
+import json
+import re
+
+import numpy as np
+import pytest
+
+from hapticnet.cli.compare_table import print_rows
+from hapticnet.codec.registry import CODECS, make_codec
+from hapticnet.experiment.comparison import Trial, compare
+from hapticnet.experiment.comparison_table import COLUMNS, latex
+from hapticnet.perception import WeberLaw
+from hapticnet.tables import read_csv
+from tests.cli.test_cli_errors import hapticnet
+
+WIDE = "adaptive-predictive:horizon_ms=150,jump_thresholds=0.5,step_n=0.001"
+
+
+@pytest.fixture
+def traces(tmp_path):
+    t_s = np.arange(1500) / 1000
+    files = []
+    for index in range(3):
+        files.append(tmp_path / f"force{index}.csv")
+        force = 2 + np.sin(2 * np.pi * t_s) + 0.3 * index * np.sin(9 * t_s)
+        np.savetxt(
+            files[-1], np.column_stack([t_s, force, np.cos(t_s)]), delimiter=",", header="t_s,fx,fy", comments=""
+        )
+    return files
+
+
+def test_every_codec_stands_beside_the_optimum(traces):
+    done = hapticnet("compare", traces[0], "--column", "fx", "--thresholds", "1,2", "--json")
+    account = json.loads(done.stdout)
+    rows = account["rows"]
+    assert account["settings"]["weber_fraction"] == [0.05]
+    assert account["recordings"][0]["samples"] == 1500
+    assert {row["codec"] for row in rows} == set(CODECS)
+    for row in rows:
+        assert row["samples"] == 1500
+        assert 0 < row["optimum_lines"] <= row["optimum_holds"] <= 1500
+        assert row["over_optimum"] == pytest.approx(row["sent"] / row["optimum_holds"])
+        assert row["nanoseconds_per_sample"] > 0.0
+        assert row["at_rest"] == CODECS[row["codec"]].needs_position
+        assert row["session_wire_bytes"] >= row["wire_bytes"]
+    deadband = [row for row in rows if row["codec"] == "deadband"]
+    assert [row["multiplier"] for row in deadband] == [1.0, 2.0]
+    assert deadband[0]["exceed_jnd_fraction"] == 0.0 < deadband[1]["exceed_jnd_fraction"]
+
+
+def test_what_differs_in_a_parameter_only_is_told_apart(traces):
+    codecs = f"adaptive-predictive;{WIDE}"
+    done = hapticnet("compare", traces[0], "--column", "fx", "--thresholds", "1", "--codecs", codecs)
+    found = [line.split()[0] for line in done.stdout.splitlines() if "predictive" in line]
+    assert found == ["adaptive-predictive", WIDE]
+    assert "…" not in done.stdout
+
+
+def test_encode_and_compare_call_the_same_figures_the_same(traces):
+    arguments = (traces[0], "--column", "fx", "--json", "--codec")
+    report = json.loads(hapticnet("encode", *arguments, "deadband").stdout)
+    compared = hapticnet("compare", *arguments[:-1], "--thresholds", "1", "--codecs", "deadband")
+    (row,) = json.loads(compared.stdout)["rows"]
+    shared = set(report) & set(row)
+    assert {"sent", "wire_bytes", "rmse_n", "keepalives", "worst_100ms_packets"} <= shared
+    assert {key: report[key] for key in shared} == {key: row[key] for key in shared}
+
+
+def test_csv_has_every_figure_at_full_precision_and_says_where_it_comes_from(traces, tmp_path):
+    out = tmp_path / "rows.csv"
+    done = hapticnet("compare", *traces, "--column", "fx", "--codecs", f"deadband;{WIDE}", "--json", "--csv", out)
+    rows = json.loads(done.stdout)["rows"]
+    comments = [line for line in out.read_text().splitlines() if line.startswith("#")]
+    assert [line.split()[1] for line in comments] == ["version:", "date:", "machine:", "command:"]
+    assert f"--csv {out}" in comments[-1]
+    table = read_csv(out)
+    sent, statistic = table.column("sent"), [line.split(",")[0] for line in out.read_text().splitlines()[5:]]
+    assert sent[: len(rows)].tolist() == [row["sent"] for row in rows]
+    assert statistic == ["recording"] * len(rows) + ["mean", "half_width"] * 6
+    with out.open() as file:
+        cells = list(csv.DictReader(line for line in file if not line.startswith("#")))
+    first = [row for row in rows if row["label"] == "deadband" and row["multiplier"] == 1.0]
+    mean = next(cell for cell in cells if cell["statistic"] == "mean" and cell["label"] == "deadband")
+    assert mean["recordings"] == "3"
+    assert float(mean["rmse_n"]) == pytest.approx(np.mean([row["rmse_n"] for row in first]))
+
+
+def test_json_says_where_it_comes_from():
+    done = hapticnet("compare", "--codecs", "deadband", "--thresholds", "1", "--json")
+    account = json.loads(done.stdout)
+    assert set(account["provenance"]) == {"version", "date", "machine", "command"}
+    assert account["provenance"]["command"].endswith("compare --codecs deadband --thresholds 1 --json")
+    (row,) = account["rows"]
+    assert row["trial"].startswith("paper's scene")
+    assert row["energy_peak_j"] is not None
+    assert 1.0 < row["over_optimum"] < 2.5
+
+
+def test_a_grid_tries_every_combination_and_parameters_where_they_exist(traces):
+    done = hapticnet(
+        "compare", traces[0], "--column", "fx", "--codecs", "raw;deadband;least-squares", "--json", "--jobs", "2",
+        "--grid", "multiplier=0.5:2:4", "--grid", "loss=0,0.1", "--grid", "updates=2,4",
+    )  # fmt: skip
+    rows = json.loads(done.stdout)["rows"]
+    deadband = [(row["loss"], row["multiplier"]) for row in rows if row["codec"] == "deadband"]
+    assert deadband == [(loss, multiplier) for loss in (0.0, 0.1) for multiplier in (0.5, 1.0, 1.5, 2.0)]
+    assert len([row for row in rows if row["codec"] == "least-squares"]) == 16
+    assert len([row for row in rows if row["codec"] == "raw"]) == 2
+
+
+def test_loss_and_two_axes_are_told_in_the_table(traces):
+    codecs = "raw;deadband:step_n=0.001"
+    done = hapticnet("compare", traces[0], "--column", "fx,fy", "--codecs", codecs, "--loss", "10%")
+    assert "deadband:step_n=0.001" in done.stdout
+    assert "optimum, hold" in done.stdout
+    assert "lost at random" in done.stdout
+
+
+FIGURES = ("bytes-against-error", "packets-against-error", "packets-over-optimum", "signal-1-force0")
+
+
+@pytest.mark.parametrize(("form", "start"), [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")])
+def test_figures_are_drawn_in_any_format_and_overwritten_only_on_demand(traces, tmp_path, form, start):
+    arguments = ("compare", traces[0], "--column", "fx", "--codecs", "raw;deadband;merging", "--plot-format", form)
+    plots = ("--plot", tmp_path / "plots", "--signal", "merging", "--window", "0.2:0.9")
+    done = hapticnet(*arguments, *plots)
+    assert done.returncode == 0, done.stderr
+    drawn = sorted((tmp_path / "plots").iterdir())
+    assert [file.name for file in drawn] == [f"{name}.{form}" for name in FIGURES]
+    assert all(file.read_bytes().startswith(start) for file in drawn)
+    before = [file.read_bytes() for file in drawn]
+    again = hapticnet(*arguments, *plots)
+    assert again.returncode == 2
+    assert "exists" in again.stderr
+    assert "--force" in again.stderr
+    assert hapticnet(*arguments, *plots, "--force").returncode == 0
+    assert [file.read_bytes() for file in drawn] == before
+
+
+def test_several_recordings_and_a_constant_force_are_drawn(traces, tmp_path):
+    np.save(tmp_path / "still.npy", np.zeros(500))
+    for files, more in ((traces, ("--column", "fx")), ([tmp_path / "still.npy"], ("--rate", "1000"))):
+        for codecs in ("raw", "raw;deadband;linear-predictive"):
+            plots = tmp_path / f"{len(files)}{codecs[-1]}"
+            done = hapticnet("compare", *files, *more, "--codecs", codecs, "--thresholds", "1", "--plot", plots)
+            assert done.returncode == 0, done.stderr
+            assert all(line.startswith("compare: picture") for line in done.stderr.splitlines())
+            assert len(list(plots.iterdir())) == len(files) + (0 if codecs == "raw" else 3)
+
+
+def rows_and_trials(count=1):
+    t_us = np.arange(900) * 1000
+    trials = [
+        Trial(name=f"hand {n}", t_us=t_us, stimuli=2 + np.sin(t_us * (4 + n) * 1e-6)[:, np.newaxis])
+        for n in range(count)
+    ]
+    codecs = [make_codec("deadband", WeberLaw()), make_codec("velocity-adaptive", WeberLaw())]
+    codecs.append(make_codec("adaptive-predictive", WeberLaw(), {"horizon_ms": 150.0, "step_n": 0.001}))
+    return compare(trials, codecs), trials
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+@pytest.mark.parametrize("recordings", [1, 3])
+def test_tables_fit_the_terminal_and_lose_no_number(capsys, width, recordings):
+    rows, trials = rows_and_trials(recordings)
+    print_rows(rows, trials, 1000)
+    wide = capsys.readouterr().out
+    print_rows(rows, trials, width)
+    narrow = capsys.readouterr().out
+    assert max(map(len, narrow.splitlines())) <= width
+    assert "…" not in narrow
+    numbers = re.compile(r"(?<![\w:=])\d+\.\d+%?(?![\w,])")
+    assert sorted(numbers.findall(wide)) == sorted(numbers.findall(narrow))
+
+
+def test_latex_and_terminal_have_the_same_columns_and_the_mean_of_several_recordings(capsys):
+    rows, trials = rows_and_trials(3)
+    print_rows(rows, trials, 1000)
+    printed = capsys.readouterr().out
+    text = latex(rows, ["version: 1"])
+    assert text.startswith("% version: 1\n")
+    assert text.count("\\begin{table}") == 1
+    body = [line for line in text.splitlines() if line.endswith("\\\\")]
+    columns = [column for column in COLUMNS if column.in_papers]
+    assert {line.count("&") for line in body} == {len(columns)}
+    assert "over 3 recordings" in text
+    deadband = next(line for line in body if "deadband" in line)
+    shown = deadband.split("&")[1].replace("$\\pm$", "±").strip()
+    assert shown in printed
+    assert not re.search(
+        r"(?<!\\)[%_]", text.replace("% ", "").partition("\\begin{table}")[2].partition("\\end{table}")[0]
+    )

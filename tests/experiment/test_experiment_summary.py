@@ -1,0 +1,63 @@
+"""Means over recordings, and grids of settings."""
+
+import numpy as np
+import pytest
+
+from hapticnet.codec.registry import make_codec
+from hapticnet.errors import SettingsError
+from hapticnet.experiment.comparison import Trial, codec_label, compare
+from hapticnet.experiment.grid import grid_codecs, parse_grid
+from hapticnet.experiment.summary import blocks, means, t_quantile
+from hapticnet.perception import WeberLaw
+
+
+@pytest.mark.parametrize(
+    ("freedom", "quantile"), [(1, 12.706), (2, 4.303), (3, 3.182), (9, 2.262), (10, 2.228), (30, 2.042), (1000, 1.962)]
+)
+def test_the_quantiles_are_those_of_printed_tables(freedom, quantile):
+    assert t_quantile(freedom) == pytest.approx(quantile, abs=5e-4)
+
+
+def test_a_mean_has_the_t_interval_over_recordings_and_optima_are_averaged_too():
+    t_us = np.arange(600) * 1000
+    trials = [Trial(name=str(n), t_us=t_us, stimuli=n + np.sin(t_us * 1e-5)[:, np.newaxis]) for n in (1, 2, 3)]
+    rows = compare(trials, [make_codec("deadband", WeberLaw()), make_codec("raw", WeberLaw())])
+    single = blocks(rows)
+    assert [block.trial for block in single] == ["1", "2", "3"]
+    (mean,) = means(single)
+    assert (mean.trial, mean.recordings) == (None, 3)
+    deadband, raw, hold, lines = mean.lines
+    sent = [row.cost.sent for row in rows if row.codec == "deadband"]
+    assert deadband.values["sent"] == pytest.approx(np.mean(sent))
+    assert deadband.half_widths["sent"] == pytest.approx(4.302653 * np.std(sent, ddof=1) / np.sqrt(3))
+    assert raw.values["packet_rate_reduction"] == 0.0
+    assert hold.values["over_optimum"] == 1.0 > lines.values["over_optimum"]
+    assert means(single[:1]) == []
+
+
+def test_a_grid_is_a_range_of_equal_steps_or_a_list():
+    grid = parse_grid(["multiplier=0.5:4:8", "floor_n = 0.01,0.02", "x=0.1:1:10", "y=3:9:1"])
+    assert grid["multiplier"] == [0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0]
+    assert grid["floor_n"] == [0.01, 0.02]
+    assert grid["x"][2] == 0.3
+    assert grid["y"] == [3.0]
+
+
+@pytest.mark.parametrize(
+    "text", ["multiplier", "=1,2", "m=", "m=1:2", "m=1:2:0", "m=1:2:2.5", "m=a,b", "m=nan", "m=1:2:3:4"]
+)
+def test_what_is_no_grid_is_refused(text):
+    with pytest.raises(SettingsError):
+        parse_grid([text])
+    with pytest.raises(SettingsError, match="twice"):
+        parse_grid(["m=1", "m=2"])
+
+
+def test_a_parameter_applies_to_the_codecs_that_have_it_unless_the_name_fixes_it():
+    names = ["raw", "deadband", "least-squares", "least-squares:updates=3"]
+    codecs = grid_codecs(names, {"multiplier": [1.0, 2.0], "updates": [4.0, 5.0]})
+    assert [(codec_label(codec), codec.law.multiplier) for codec in codecs if codec.name == "least-squares"] == [
+        (f"least-squares:updates={updates}", multiplier) for multiplier in (1.0, 2.0) for updates in (4, 5, 3)
+    ]
+    assert [codec.name for codec in codecs].count("deadband") == 2
+    assert [codec.name for codec in codecs].count("raw") == 1
