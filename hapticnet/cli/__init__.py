@@ -9,7 +9,7 @@ from hapticnet.cli.console import abandon, complain
 from hapticnet.errors import HapticnetError
 
 app = typer.Typer(
-    add_completion=False,
+    add_completion=True,
     no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
@@ -39,7 +39,7 @@ def _root(version: bool = typer.Option(False, "--version", help="Print the versi
 def main() -> None:
     """Run the command line. Errors are one line on stderr and exit code 2; never a traceback."""
     try:
-        code = app(standalone_mode=False)
+        code = app(standalone_mode=False, prog_name="hapticnet")
         if sys.stdout is not None:
             sys.stdout.flush()
     except HapticnetError as error:

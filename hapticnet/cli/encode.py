@@ -33,6 +33,7 @@ def encode(
     from dataclasses import asdict
 
     from hapticnet.cli.console import Console, check_outputs, deliver
+    from hapticnet.codec.recording import encode_array
     from hapticnet.codec.registry import make_codec, parse_codec
     from hapticnet.errors import FileError, SampleError
     from hapticnet.experiment.recordings import load_positions, load_recording
@@ -49,7 +50,7 @@ def encode(
         Console("encode").say(f"{chosen.name} depends on the tool's motion; without --position it does as at rest")
     started = time.perf_counter()
     try:
-        encoding = chosen.encode_array(recording.t_us, recording.values, positions)
+        encoding = encode_array(chosen, recording.t_us, recording.values, positions)
     except SampleError as error:
         raise FileError(f"{file}: {error}") from error
     seconds = time.perf_counter() - started

@@ -5,9 +5,19 @@ from typing import Annotated, TypeAlias
 
 import typer
 
+
+def _codec_names(incomplete: str) -> list[str]:
+    """Return what the shell may complete the name of a codec to."""
+    from hapticnet.codec.registry import all_codecs, register_installed_codecs
+
+    register_installed_codecs()
+    return [name for name in all_codecs() if name.startswith(incomplete)]
+
+
 Codec: TypeAlias = Annotated[
     str,
     typer.Option(
+        autocompletion=_codec_names,
         metavar="NAME[:KEY=VALUE,…]",
         help="Feedback codec; hapticnet codecs lists them. One of yours: FILE.py:CLASS or package.module:CLASS.",
     ),
