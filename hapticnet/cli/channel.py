@@ -1,4 +1,4 @@
-"""``hapticnet channel``: an emulated network as a process of its own."""
+"""``hapticnet channel``: run an emulated network as a separate process."""
 
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,8 +11,8 @@ if TYPE_CHECKING:
 
 
 def channel(
-    to: Annotated[str, typer.Option(metavar="HOST:PORT", help="Where the slave listens.")],
-    listen: Annotated[str, typer.Option(metavar="HOST:PORT", help="Where masters connect to.")] = "127.0.0.1:47801",
+    to: Annotated[str, typer.Option(metavar="HOST:PORT", help="Address of the slave.")],
+    listen: Annotated[str, typer.Option(metavar="HOST:PORT", help="Address for masters.")] = "127.0.0.1:47801",
     forward: Annotated[str, typer.Option(metavar="SPEC", help="Network from master to slave.")] = "perfect",
     feedback: Annotated[str, typer.Option(metavar="SPEC", help="Network from slave to master.")] = "perfect",
     duration: Annotated[float | None, typer.Option(min=0.0, help="Stop after this many seconds.")] = None,
@@ -22,7 +22,7 @@ def channel(
     report: options.Report = None,
     quiet: options.Quiet = False,
 ) -> None:
-    """Stand between masters and a slave, and treat their datagrams as a network would.
+    """Relay datagrams between masters and a slave through an emulated network.
 
     SPEC is a preset (perfect, lan, wifi, 4g, transatlantic, satellite), or parts such as
     delay=20ms,jitter=normal:5ms,loss=2%, or a preset followed by parts.
@@ -45,7 +45,7 @@ def channel(
     try:
         open_toward(target)[0].close()
     except UnavailableError as error:
-        console.say(f"{error}; it is looked for again when a master comes")
+        console.say(f"{error}; trying again when a master connects")
 
     def on_status(relay: "Relay") -> None:
         console.status(f"{relay.clients} clients")

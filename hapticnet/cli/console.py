@@ -1,4 +1,4 @@
-"""What a person sees: events, a live status line and errors on stderr; reports on stdout."""
+"""Output of commands: events, a live status line and errors on stderr; reports on stdout."""
 
 import json
 import math
@@ -16,18 +16,18 @@ if TYPE_CHECKING:
     from hapticnet.channel.settings import ChannelSettings
 
 MOST_ENTRIES: Final = 20
-"""Entries of a list that a report for a person shows."""
+"""Entries shown of a list in a report for a person."""
 
 
 class Console:
-    """Lines for the person who watches a process.
+    """Messages of a process to the person who watches it.
 
     Parameters
     ----------
     name
-        Stands before each line.
+        Prefix of each line.
     quiet
-        Whether to say nothing but errors.
+        Whether to print only errors.
     """
 
     def __init__(self, name: str, *, quiet: bool = False) -> None:
@@ -37,19 +37,19 @@ class Console:
         self._shown = False
 
     def say(self, line: str) -> None:
-        """Print a line that stays."""
+        """Print a permanent line."""
         if not self._quiet:
             self._clear()
             _to_stderr(f"{self._name}: {line}\n")
 
     def status(self, line: str) -> None:
-        """Replace the live status line, where a terminal can show one."""
+        """Replace the live status line, if stderr is a terminal."""
         if self._live:
             _to_stderr(f"\r\x1b[2K{self._name}: {line}")
             self._shown = True
 
     def finish(self) -> None:
-        """Take the status line away."""
+        """Remove the status line."""
         self._clear()
 
     def _clear(self) -> None:
@@ -64,12 +64,12 @@ def complain(message: str) -> None:
 
 
 def deliver(report: Mapping[str, Any], *, as_json: bool, file: Path | None) -> None:
-    """Print a report on stdout, as JSON or for a person, and write it to `file` as JSON where one is named.
+    """Print a report on stdout, as JSON or for a person, and write it to `file` as JSON.
 
     Raises
     ------
     FileError
-        If stdout or the file cannot be written; the other one is written all the same.
+        If stdout or the file cannot be written; the other one is still written.
     """
     text = json.dumps(report, indent=2) + "\n"
     try:
@@ -88,35 +88,35 @@ def deliver(report: Mapping[str, Any], *, as_json: bool, file: Path | None) -> N
 
 
 def channel_account(settings: "ChannelSettings", channel: "Emulator[Any]") -> dict[str, Any]:
-    """Return what an emulated channel did, for a report."""
+    """Return what an emulated channel did, as part of a report."""
     from dataclasses import asdict
 
     return {"settings": settings.describe(), **asdict(channel.counters)}
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file, whole or not at all; a FileError says why it cannot be written."""
+    """Write a file, completely or not at all; raise FileError if it cannot be written."""
     with replacing(path) as file:
         file.write(text)
 
 
 def check_outputs(*outputs: Path | None, inputs: Iterable[Path | None] = ()) -> None:
-    """Find out before a run whether its results can be written after it; makes folders where they are missing.
+    """Check before a run that its results can be written; make missing directories.
 
     Raises
     ------
     SettingsError
-        If two of them are one file, or one would be written over an input.
+        If two outputs are the same file, or an output is an input.
     FileError
         If one cannot be written.
     """
-    taken = {os.path.realpath(path): "is read by this run" for path in inputs if path is not None}
+    taken = {os.path.realpath(path): "is an input and would be overwritten" for path in inputs if path is not None}
     for path in outputs:
         if path is not None:
             place = os.path.realpath(path)
             if place in taken and not takes_a_stream(path):
-                raise SettingsError(f"{path} {taken[place]}, and would be written over; name another file")
-            taken[place] = "is to be written twice"
+                raise SettingsError(f"{path} {taken[place]}; choose another file")
+            taken[place] = "is named as an output twice"
             check_replaceable(path)
 
 
@@ -128,25 +128,25 @@ def check_new(*outputs: Path | None, force: bool) -> None:
 
 
 def _to_stderr(text: str) -> None:
-    """Write for a person who may have gone: a closed stderr must not end a run that others depend on."""
+    """Write to stderr; a closed stderr must not end a run that others depend on."""
     try:
         sys.stderr.write(text)
         sys.stderr.flush()
-    except OSError:  # nobody reads it any more
+    except OSError:  # the reader is gone
         abandon(sys.stderr)
-    except (ValueError, AttributeError):  # closed by whoever started us
+    except (ValueError, AttributeError):  # closed by the parent process
         pass
 
 
 def abandon(stream: TextIO) -> None:
-    """Let what a stream still holds go nowhere, or Python would fail at exit, when it writes out the rest."""
+    """Redirect a stream to the null device; otherwise flushing its buffer at exit would fail."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, stream.fileno())
     os.close(nowhere)
 
 
 def _lines(report: Mapping[str, Any], indent: str = "") -> list[str]:
-    """Return a report as aligned lines; what is nested is indented, what was not measured is left out."""
+    """Return a report as aligned lines, with nested entries indented and missing values left out."""
     width = max((len(key) for key in report), default=0)
     lines = []
     for key, value in report.items():

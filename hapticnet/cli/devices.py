@@ -1,4 +1,4 @@
-"""What ``--device`` may say, and the device it stands for."""
+"""Parse ``--device`` and make the device."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 NOT_CALIBRATED: Final = "the force sensor is not calibrated (see hapticnet device calibrate); forces may be far off"
 
 DEVICES: Final = "sim[:N/MM], simavr[:N/MM], serial:auto, serial:PATH[@BAUD]"
-"""The devices there are, as a person writes them; N/MM is the simulated finger's stiffness."""
+"""Device specifications; N/MM is the simulated finger's stiffness."""
 
 
 @contextmanager
 def real_time_device(text: str, profile: "Profile", seed: int) -> Iterator["tuple[Device, Wire | None]"]:
-    """Yield the device written as `text` for use in real time, and its wire where it has one.
+    """Yield the device written as `text` for real time, and its wire if it has one.
 
     Raises
     ------
@@ -44,7 +44,7 @@ def real_time_device(text: str, profile: "Profile", seed: int) -> Iterator["tupl
     elif kind == "sim":
         yield _simulated(settings, _rng(seed)), None
     else:
-        simavr_build()  # what is missing is better said by us than by a child
+        simavr_build()  # fail here, with a clear message, rather than in a child process
         stiffness = settings.finger.stiffness_n_m / 1000.0
         child = Child(["device", "sim", "--seed", str(seed), "--stiffness", str(stiffness)])
         try:
@@ -56,7 +56,7 @@ def real_time_device(text: str, profile: "Profile", seed: int) -> Iterator["tupl
 
 @contextmanager
 def virtual_device(text: str, profile: "Profile", seed: int) -> Iterator["Device | None"]:
-    """Yield the device written as `text` for use in virtual time, or None when it is real.
+    """Yield the device written as `text` for virtual time, or None if it is a real one.
 
     Raises
     ------
@@ -78,19 +78,19 @@ def virtual_device(text: str, profile: "Profile", seed: int) -> Iterator["Device
 
 
 def load(path: Path | None) -> "Profile":
-    """Return the profile in a file, or that of a device nobody measured."""
+    """Return the profile in a file, or an empty one."""
     from hapticnet.device.profile import Profile, load_profile
 
     return load_profile(path) if path is not None else Profile()
 
 
 def profile_to_write(profile: Path | None, out: Path | None) -> Path | None:
-    """Return the file a verb writes the profile to: `out`, else the one it goes on from, else none.
+    """Return the file to which a command writes the profile: `out`, else `profile`, else none.
 
     Raises
     ------
     SettingsError
-        If it is there, and not the one that is gone on from: what another verb found out would be lost.
+        If the file exists and is not `profile`, so that earlier results would be lost.
     FileError
         If it cannot be written.
     """
@@ -99,13 +99,13 @@ def profile_to_write(profile: Path | None, out: Path | None) -> Path | None:
 
     file = out or profile
     if file is not None and file != profile and file.exists():
-        raise SettingsError(f"{file} exists; --profile {file} goes on from it, --out FILE names another")
+        raise SettingsError(f"{file} exists; update it with --profile {file} or choose another file with --out FILE")
     check_outputs(file)
     return file
 
 
 def control_settings(profile: "Profile") -> "ForceControlSettings":
-    """Return the force loop's settings for what is known of the finger."""
+    """Return the force loop's settings for the finger in a profile."""
     from hapticnet.control.force import ForceControlSettings, for_known_finger
 
     if profile.finger is None:
@@ -114,7 +114,7 @@ def control_settings(profile: "Profile") -> "ForceControlSettings":
 
 
 def _parse(text: str) -> "tuple[str, PlantSettings | None]":
-    """Return the kind of device and, where it is simulated, its plant."""
+    """Return the kind of device and, if it is simulated, its plant."""
     from hapticnet.device.parts import Finger
     from hapticnet.device.plant import PlantSettings
     from hapticnet.errors import SettingsError
@@ -124,19 +124,18 @@ def _parse(text: str) -> "tuple[str, PlantSettings | None]":
     if kind == "serial":
         return kind, None
     if kind not in ("sim", "simavr"):
-        raise SettingsError(f"unknown device {text!r}; there are: {DEVICES}")
+        raise SettingsError(f"unknown device {text!r}; choose from {DEVICES}")
     if not separator:
         return kind, PlantSettings()
     try:
         n_per_mm = float(stiffness)
     except ValueError:
         raise SettingsError(
-            f"stiffness {stiffness!r} of device {text!r} must be a number of N/mm, as in sim:0.3"
+            f"stiffness {stiffness!r} of device {text!r} must be a number of N/mm, such as sim:0.3"
         ) from None
     if not SOFTEST_N_M <= 1000.0 * n_per_mm <= STIFFEST_N_M:
         raise SettingsError(
-            f"stiffness of device {text!r} must be {SOFTEST_N_M / 1000.0:g} to {STIFFEST_N_M / 1000.0:g} N/mm, "
-            "as fingers have"
+            f"stiffness of device {text!r} must be from {SOFTEST_N_M / 1000.0:g} to {STIFFEST_N_M / 1000.0:g} N/mm"
         )
     return kind, PlantSettings(finger=Finger(stiffness_n_m=1000.0 * n_per_mm))
 

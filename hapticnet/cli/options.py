@@ -1,4 +1,4 @@
-"""Options that several verbs share, so that they are called and explained the same everywhere."""
+"""Options shared by several commands."""
 
 from pathlib import Path
 from typing import Annotated, TypeAlias
@@ -7,7 +7,7 @@ import typer
 
 
 def _codec_names(incomplete: str) -> list[str]:
-    """Return what the shell may complete the name of a codec to."""
+    """Return the codec names that start with `incomplete`, for shell completion."""
     from hapticnet.codec.registry import all_codecs, register_installed_codecs
 
     register_installed_codecs()
@@ -23,9 +23,9 @@ Codec: TypeAlias = Annotated[
     ),
 ]
 Weber: TypeAlias = Annotated[float, typer.Option(help="Weber fraction k: JND = k·|force|. The paper's mean: 0.05.")]
-Floor: TypeAlias = Annotated[float, typer.Option(help="Smallest JND [N], where k·|force| falls below it.")]
+Floor: TypeAlias = Annotated[float, typer.Option(help="Smallest JND [N]; applies where k·|force| is below it.")]
 Multiplier: TypeAlias = Annotated[float, typer.Option(help="Deadband threshold in JNDs. The paper's: 1, 2, 4.")]
-Seed: TypeAlias = Annotated[int, typer.Option(min=0, help="Seed of everything random that can be repeated.")]
+Seed: TypeAlias = Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")]
 Position: TypeAlias = Annotated[
     str | None,
     typer.Option(metavar="NAME[,NAME…]", help="Position columns [m], for codecs and measures that need motion."),
@@ -33,22 +33,23 @@ Position: TypeAlias = Annotated[
 PositionScale: TypeAlias = Annotated[
     float,
     typer.Option(
-        metavar="M", help="Metres in one unit of position; negative where it grows the way a positive force pushes."
+        metavar="M",
+        help="Metres per unit of position; negative if positions increase in the direction of a positive force.",
     ),
 ]
 Json: TypeAlias = Annotated[bool, typer.Option("--json", help="Print the report as JSON on stdout.")]
 Report: TypeAlias = Annotated[Path | None, typer.Option(metavar="FILE", help="Write the report to FILE as JSON too.")]
 Force: TypeAlias = Annotated[bool, typer.Option("--force", help="Overwrite files that exist.")]
-Quiet: TypeAlias = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors and the report.")]
+Quiet: TypeAlias = Annotated[bool, typer.Option("--quiet", "-q", help="Print only errors and the report.")]
 ChannelOut: TypeAlias = Annotated[
     str,
     typer.Option(
         metavar="SPEC",
-        help="Emulated network for what this side sends: a preset (lan, wifi, 4g, transatlantic, satellite) or parts"
+        help="Emulated network for outgoing datagrams: a preset (lan, wifi, 4g, transatlantic, satellite) or parts"
         " such as delay=20ms,jitter=normal:5ms,loss=2%.",
     ),
 ]
-Realtime: TypeAlias = Annotated[bool, typer.Option(help="Ask for real-time scheduling (SCHED_FIFO); go on without.")]
+Realtime: TypeAlias = Annotated[bool, typer.Option(help="Use real-time scheduling (SCHED_FIFO) if permitted.")]
 DeviceOption: TypeAlias = Annotated[
     str,
     typer.Option(

@@ -1,4 +1,4 @@
-"""The paper's scene touched by the scripted hand, without a network: a recording to try codecs on."""
+"""The force of the paper's scene for scripted insertions, without a network: a recording to test codecs on."""
 
 from dataclasses import dataclass, replace
 from typing import Final
@@ -18,18 +18,18 @@ DEFAULT_MOTION: Final = InsertionSettings()
 
 @dataclass(frozen=True, slots=True)
 class PaperRecording:
-    """What the scene answers to every position of one hand.
+    """Positions and forces of one series of insertions.
 
     Attributes
     ----------
     t_us
-        Time since the hand began [µs], shape (n,).
+        Time since the start of the motion [µs], shape (n,).
     force_n
         True contact force [N], positive out of the tissue, shape (n, 1).
     position_m
-        Position of the needle as the slave has it [m], growing into the tissue, shape (n, 1).
+        Position of the needle at the slave [m], increasing into the tissue, shape (n, 1).
     breaches
-        Tissues breached so far, shape (n,).
+        Number of tissues breached so far, shape (n,).
     """
 
     t_us: npt.NDArray[np.int64]
@@ -41,23 +41,23 @@ class PaperRecording:
 def paper_recording(
     seed: int, rate_hz: float = 1000.0, *, insertions: int | None = None, motion: InsertionSettings = DEFAULT_MOTION
 ) -> PaperRecording:
-    """Return what `seed`'s hand feels in `seed`'s order of tissues, as the slave of a perfect channel records it.
+    """Return the positions and forces for a seed, as the slave of a perfect channel records them.
 
     Parameters
     ----------
     seed
-        Orders the tissues, and makes the hand tremble.
+        Seed of the order of the tissues and of the operator's motion.
     rate_hz
         Sampling rate [Hz].
     insertions
-        How many, where not as many as `motion` says.
+        Number of insertions; None: as in `motion`.
     motion
-        How the needle is inserted.
+        Motion of the insertions.
 
     Raises
     ------
     SettingsError
-        If the seed is negative, the rate is not one sample per script to one per µs, or the insertions cannot be.
+        If the seed is negative, the rate does not give one sample per script to one per µs, or a setting is invalid.
     """
     if insertions is not None:
         motion = replace(motion, insertions=insertions)
@@ -65,7 +65,7 @@ def paper_recording(
     operator = ScriptedOperator(motion, np.random.default_rng(seed))
     check_above("rate", rate_hz, 1e6 / operator.duration_us, 1e6, "Hz")
     period_us = round(1e6 / rate_hz)
-    # A session stands at 0, and the first position is sent a period later; on the wire it is a float32.
+    # The session starts at 0, and the first position is sent a period later, as float32 on the wire.
     times_us = range(period_us, operator.duration_us, period_us)
     positions_m = np.array([operator.sample(t_us).position_m[0] for t_us in times_us], dtype=np.float32)
     forces_n: list[float] = []

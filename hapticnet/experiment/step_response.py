@@ -1,4 +1,4 @@
-"""How a force loop answers a step of its target: the figures control engineers quote, and the paper's Fig. 2."""
+"""Step response of the force loop: the standard figures of control engineering, and the paper's Fig. 2."""
 
 import math
 from collections.abc import Sequence
@@ -15,13 +15,13 @@ Numbers: TypeAlias = NDArray[np.float64]
 
 RISE_FROM: Final = 0.1
 RISE_TO: Final = 0.9
-"""Fractions of the step between which the rise time is taken: the 10–90 % convention."""
+"""Fractions of the step between which the rise time is measured: the 10–90 % convention."""
 
 SETTLED_WITHIN: Final = 0.05
 """Fraction of the step within which the response counts as settled: the 5 % convention."""
 
 STEADY_FRACTION: Final = 0.25
-"""Last part of the recording after the step that counts as steady. Our choice; no convention fixes it."""
+"""Final share of the recording after the step that counts as steady. There is no convention for it."""
 
 TARGET_COLOUR: Final = "#1f77b4"
 SENSED_COLOUR: Final = "#d9822b"
@@ -30,25 +30,24 @@ TRUE_COLOUR: Final = "#222222"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepFigures:
-    """Figures of a step response, after the conventional definitions of control engineering.
+    """Figures of a step response, as defined in control engineering.
 
-    All are taken from the force asked for, not from where the response ends, so that a loop which stays away from its
-    target cannot look good.
+    The reference is the target, not the final value, so that a loop with a steady error gets worse figures.
 
     Attributes
     ----------
     rise_s
-        Time [s] from the first crossing of 10 % of the step to the first crossing of 90 %; None when it gets not so
-        far.
+        Time [s] from the first crossing of 10 % of the step to the first crossing of 90 %; None if 90 % is not
+        reached.
     overshoot
-        How far beyond the target the force goes, as a fraction of the step; 0 when it does not.
+        Largest excess over the target, as a fraction of the step; 0 if there is none.
     settling_s
-        Time [s] from the step until the force is within 5 % of the step around the target and stays there; None when
-        it is outside at the end of the recording.
+        Time [s] from the step until the force stays within 5 % of the step around the target; None if it is outside
+        at the end of the recording.
     steady_error_n
         Mean force less target [N] over the last quarter of the recording after the step.
     ripple_peak_to_peak_n, ripple_rms_n
-        Largest less smallest force [N] and standard deviation [N] in that quarter.
+        Range (largest less smallest) and standard deviation of the force [N] in that quarter.
     """
 
     rise_s: float | None
@@ -76,11 +75,11 @@ def step_figures(
     t_s
         Times [s] of the samples, shape (samples,), increasing.
     force_n
-        Force [N] at those times, shape (samples,): sensed or true.
+        Sensed or true force [N], shape (samples,).
     at_s
-        When the target stepped [s].
+        Time of the step [s].
     from_n, to_n
-        Target [N] before and after; a downward step is turned round.
+        Target [N] before and after; a downward step is inverted.
 
     Raises
     ------
@@ -91,8 +90,8 @@ def step_figures(
     _check(times, forces, at_s, from_n, to_n)
     after = times >= at_s
     if after.sum() < 2:
-        raise SettingsError(f"{after.sum()} samples follow the step at {at_s:g} s; two at least are wanted")
-    # The sample before belongs to the first interval, in which a crossing may lie.
+        raise SettingsError(f"{after.sum()} samples follow the step at {at_s:g} s; at least 2 are needed")
+    # Include the sample before the step, because the first interval may contain a crossing.
     first = max(int(after.argmax()) - 1, 0)
     since_s = times[first:] - at_s
     done = (forces[first:] - from_n) / (to_n - from_n)
@@ -117,7 +116,7 @@ def plot_step(
     contact_force_n: Sequence[float] | Numbers | None = None,
     title: str = "",
 ) -> None:
-    """Draw the paper's Fig. 2: target and sensed force over time; the true force, too, where a simulation knows it.
+    """Draw the paper's Fig. 2: target, sensed and, if known, true force over time.
 
     Parameters
     ----------
@@ -128,7 +127,7 @@ def plot_step(
     target_n, force_n, contact_force_n
         Target, sensed and true force [N] at those times, shape (samples,).
     title
-        Stands above.
+        Title of the picture.
 
     Raises
     ------
@@ -166,11 +165,11 @@ def _check(times: Numbers, forces: Numbers, at_s: float, from_n: float, to_n: fl
         late = int((np.diff(times) <= 0.0).argmax())
         raise SettingsError(f"times go from {times[late]} to {times[late + 1]} s; they must increase")
     if from_n == to_n:
-        raise SettingsError(f"the step goes from {from_n:g} to {to_n:g} N; it needs a height")
+        raise SettingsError(f"the step goes from {from_n:g} to {to_n:g} N; the forces must differ")
 
 
 def _reached_s(since_s: Numbers, done: Numbers, level: float) -> float | None:
-    """Return when the response first reaches a fraction of the step, not before the step itself."""
+    """Return the time when the response first reaches a fraction of the step, not before the step."""
     reached = np.flatnonzero((done >= level) & (since_s >= 0.0))
     return _crossing_s(since_s, done, int(reached[0]), level) if reached.size else None
 
@@ -186,7 +185,7 @@ def _settled_s(since_s: Numbers, done: Numbers) -> float | None:
 
 
 def _crossing_s(since_s: Numbers, done: Numbers, index: int, level: float) -> float:
-    """Return when a straight line from the sample before `index` to it goes through a level."""
+    """Return the time when the line from the sample before `index` to the sample at `index` crosses a level."""
     if index == 0:
         return float(max(since_s[0], 0.0))
     before, after = float(done[index - 1]), float(done[index])

@@ -1,1 +1,1 @@
-"""The only sockets, clocks, timers and processes: what carries the sans-I/O nodes through real time."""
+"""Sockets, clocks, timers, ports and processes: run the sans-I/O nodes in real time. No lower layer uses them."""

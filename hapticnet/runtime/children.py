@@ -1,4 +1,4 @@
-"""hapticnet's own processes as children of another: started, listened to, and ended by their process id."""
+"""hapticnet processes as children of another process: start, read messages, end by process id."""
 
 import ctypes
 import os
@@ -11,16 +11,16 @@ from typing import Final
 from hapticnet.errors import UnavailableError
 
 LISTENING: Final = "listening on "
-"""What a slave says once it can be reached, followed by its address and a comma."""
+"""Start of a slave's message that it can be reached, followed by its address and a comma."""
 
 END_WITHIN_S: Final = 5.0
 
 PR_SET_PDEATHSIG: Final = 1
-"""Have a signal sent when the parent has died, however it did: Linux, prctl(2)."""
+"""Option of prctl(2) on Linux: receive a signal when the parent dies, for whatever reason."""
 
 
 class Child:
-    """A ``hapticnet`` process with its stderr on a pipe. It does not outlive us, not even where we are killed."""
+    """A ``hapticnet`` process with its stderr on a pipe. It ends when this process ends, even if that is killed."""
 
     def __init__(self, arguments: Sequence[str]) -> None:
         self._arguments = arguments
@@ -28,7 +28,7 @@ class Child:
 
         def end_with_parent() -> None:
             prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
-            if os.getppid() != parent:  # it was already too late
+            if os.getppid() != parent:  # the parent ended before prctl
                 os._exit(1)
 
         self._process = subprocess.Popen(  # noqa: S603 - our own program, arguments not through a shell
@@ -42,7 +42,7 @@ class Child:
         )
 
     def address(self) -> str:
-        """Wait until the process says where it listens and return that; an UnavailableError repeats what it said."""
+        """Wait for the address on which the process listens, and return it; UnavailableError repeats its messages."""
         assert self._process.stderr is not None  # noqa: S101 - for the type checker: stderr is a pipe
         said = []
         for line in self._process.stderr:
@@ -52,18 +52,18 @@ class Child:
         raise UnavailableError(f"'{self._command}' ended before it listened: {'; '.join(said)}")
 
     def poll(self) -> bool:
-        """Tell whether the process has ended."""
+        """Return whether the process has ended."""
         return self._process.poll() is not None
 
     def finish(self) -> None:
-        """Wait for the process to end by itself; an UnavailableError repeats what it said if it failed."""
+        """Wait for the process to end by itself; if it fails, UnavailableError repeats its last message."""
         _, said = self._process.communicate()
         if self._process.returncode:
             last = said.strip().splitlines()[-1:] or ["nothing"]
             raise UnavailableError(f"'{self._command}' failed ({self._process.returncode}); it said: {last[0]}")
 
     def end(self) -> None:
-        """Ask the process to end in good order, and make it after `END_WITHIN_S`."""
+        """Terminate the process, and kill it after `END_WITHIN_S`."""
         if self._process.poll() is None:
             self._process.send_signal(signal.SIGTERM)
             try:

@@ -1,4 +1,4 @@
-"""A wired device in real time: opened, awaited, and driven a thousand times a second until someone has enough."""
+"""Run a wired device in real time: open it, wait for readings, and tick every millisecond until done or interrupted."""
 
 import asyncio
 from collections.abc import Callable
@@ -17,24 +17,24 @@ async def run_device(
     *,
     duration_s: float | None = None,
 ) -> bool:
-    """Open a device, wait until it gives readings, then call `tick` with the time [µs] every millisecond.
+    """Open a device, wait for readings, then call `tick` with the time [µs] every millisecond.
 
     Parameters
     ----------
     tick
-        Exchanges with the wired device; returns whether it is done. What it raises ends the run and is raised here.
+        Exchanges with the wired device; returns whether it is done. An exception ends the run and is raised here.
     duration_s
-        Longest time to go on [s] once the device is ready.
+        Longest time [s] to run once the device is ready.
 
     Returns
     -------
     bool
-        Whether the run came to its end; False when SIGINT or SIGTERM ended it.
+        Whether the run was completed; False if SIGINT or SIGTERM ended it.
 
     Raises
     ------
     RefusedError
-        If the device speaks another protocol.
+        If the device speaks a different protocol version.
     UnavailableError
         If there is no such port, or no device answers on it.
     """

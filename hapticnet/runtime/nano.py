@@ -1,6 +1,6 @@
-"""The whole device without hardware: the compiled firmware, its servo pins and its converter on the simulated plant.
+"""The whole device without hardware: the compiled firmware with its servo pins and converter on the simulated plant.
 
-All of it in virtual time, so the same calls give the same answers, to the byte.
+It runs in virtual time: the same calls give the same results, to the byte.
 """
 
 from collections import deque
@@ -21,42 +21,42 @@ from hapticnet.errors import UnavailableError
 from hapticnet.runtime.simavr import CYCLES_PER_US, Simavr, simavr_build
 
 SLICE_US: Final = 1_000
-"""How often [µs] the voltage at the converter follows the plant; the firmware averages over as long."""
+"""Interval [µs] at which the converter's voltage follows the plant; the firmware averages over the same time."""
 
 LONGEST_GAP_US: Final = 2_000_000
-"""Time [µs] of a longer gap is left out: the firmware has long retracted, and the servos have come to rest."""
+"""Longest gap [µs] that is simulated; after it the firmware has long retracted and the servos are at rest."""
 
 SHORTEST_PULSE_US: Final = 500.0
 LONGEST_PULSE_US: Final = 2_500.0
-"""A servo ignores a pulse beyond these, such as one cut short by a reset; typical of hobby servos."""
+"""Limits [µs] of a pulse that a servo accepts; a shorter one may come from a reset. Typical of hobby servos."""
 
 SUPPLY_MV: Final = 5_000.0
-"""Full scale of the converter, whose reference is the supply."""
+"""Full scale of the converter [mV], whose reference is the supply."""
 
 SensorHook: TypeAlias = Callable[[float, int], float]
-"""What the converter sees [counts] of what the sensor gives [counts], at a time [µs]: a broken wire, say."""
+"""Converter input [counts] as a function of the sensor's output [counts] and the time [µs]; models faults."""
 
 
 class Board:
-    """The firmware on its board, joined to the plant: pulses out, sensor voltage in.
+    """The firmware on its board, connected to the plant: pulses out, sensor voltage in.
 
     Parameters
     ----------
     settings
-        The plant.
+        Settings of the plant.
     rng
-        For the plant's noise.
+        Source of the plant's noise.
     build
-        Simulator and firmware; else as `simavr_build` finds them.
+        Simulator and firmware; default: those that `simavr_build` finds.
 
     Attributes
     ----------
     plant
         The mechanics.
     sensor
-        What is wrong with the sensor, if anything.
+        Fault of the sensor, if any.
     resets
-        How often the controller was reset since power-on.
+        Number of resets of the controller since power-on.
 
     Raises
     ------
@@ -78,13 +78,13 @@ class Board:
         self._rises: list[int | None] = [None, None, None]
 
     def set_clock(self, now_us: int) -> None:
-        """Call the present `now_us` [µs]: firmware and caller go on from here, whatever came before."""
+        """Set the present time to `now_us` [µs]; simulation continues from here."""
         self._now_us = now_us
         self._power_on_us = now_us - self._cycle / CYCLES_PER_US
         self.plant.advance(now_us)
 
     def advance(self, now_us: int, data: bytes = b"") -> bytes:
-        """Let time pass until `now_us` [µs], a slice at most; hand over bytes at its start, return what it sent.
+        """Advance time to `now_us` [µs], by a slice at most; pass bytes at its start and return the output.
 
         Raises
         ------
@@ -95,7 +95,7 @@ class Board:
         counts = plant.level_counts()
         if self.sensor is not None:
             counts = self.sensor(counts, self._now_us)
-        # A step may run a few cycles over; counted from power-on they do not add up.
+        # Steps may be a few cycles too long; counting from power-on keeps the excess from accumulating.
         duration_us = round(now_us - self._power_on_us - self._cycle / CYCLES_PER_US)
         step = self._simavr.advance(max(0, duration_us), millivolts=counts * self._millivolts_per_count, data=data)
         self._now_us = now_us
@@ -105,7 +105,7 @@ class Board:
             rise = self._rises[servo]
             if level:
                 self._rises[servo] = cycle
-            elif rise is not None:  # the pins' first level comes as an edge, too
+            elif rise is not None:  # the initial level of a pin is also reported as an edge
                 width_us = (cycle - rise) / CYCLES_PER_US
                 if SHORTEST_PULSE_US <= width_us <= LONGEST_PULSE_US:
                     plant.advance(self._power_on_us + cycle / CYCLES_PER_US)
@@ -120,19 +120,19 @@ class Board:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Disturbance:
-    """What happens to what the host writes.
+    """Disturbance of what the host writes.
 
     Attributes
     ----------
     delay_us
-        How much later [µs] it arrives.
+        Delay [µs].
     loss
-        Share of writes that never do (0 to 1), requests among them.
+        Share of writes that are lost (0 to 1), requests included.
 
     Raises
     ------
     SettingsError
-        If a value is out of its range.
+        If a value is out of range.
     """
 
     delay_us: int = 0
@@ -144,28 +144,28 @@ class Disturbance:
 
 
 class SimulatedNano(Device):
-    """The fingertip device in lockstep: the host's end of the wire, the firmware's end, and the plant.
+    """The fingertip device in lockstep: host's end of the line, firmware and plant.
 
-    Its time is the caller's: each `exchange` first carries board, plant and wire to the time it is given. A context
-    manager, which ends the simulator. Should the simulator end by itself, the device is lost.
+    Each `exchange` first advances board, plant and line to the given time. Use it as a context manager, which ends the
+    simulator. If the simulator ends by itself, the device is lost.
 
     Parameters
     ----------
     settings
-        The plant.
+        Settings of the plant.
     rng
-        For noise and losses.
+        Source of noise and losses.
     wired
-        The host's end; else one that knows linkage, servos and sensor of the plant.
+        The host's end; default: one that knows linkage, servos and sensor of the plant.
     build
-        Simulator and firmware; else as `simavr_build` finds them.
+        Simulator and firmware; default: those that `simavr_build` finds.
     disturbance
-        What happens to what the host writes.
+        Disturbance of what the host writes.
 
     Attributes
     ----------
     board
-        Firmware and plant; break the sensor with `board.sensor`.
+        Firmware and plant; set `board.sensor` for a sensor fault.
     plant
         The mechanics.
     wired
@@ -200,13 +200,13 @@ class SimulatedNano(Device):
 
     @property
     def contact_force_n(self) -> float:
-        """True force [N] on the finger, which no real device knows."""
+        """True force [N] on the finger, unknown to real devices."""
         return self.plant.contact_force_n
 
     def exchange(self, displacement_m: float, now_us: int) -> Reading | None:
-        """Hand over the newest platform displacement [m] and get the newest reading; None while the device is lost.
+        """Set the platform displacement [m] and return the newest reading, or None while the device is lost.
 
-        A repeated or earlier time advances nothing, and the clock goes on from there.
+        A repeated or earlier time advances nothing, and the clock continues from it.
         """
         try:
             self._advance(now_us)
@@ -217,17 +217,17 @@ class SimulatedNano(Device):
         return reading
 
     def report(self) -> dict[str, Any]:
-        """Return what happened on the wire, for JSON."""
+        """Return the counters of the line, for JSON."""
         return self.wired.report()
 
     def pull_plug(self, now_us: int) -> None:
-        """Cut the wire; the firmware runs on."""
+        """Disconnect the line; the firmware keeps running."""
         self._plugged = False
         self._under_way.clear()
         self.wired.closed("unplugged", now_us)
 
     def plug_in(self, now_us: int) -> None:
-        """Join the wire again; unlike a real port this does not reset the controller."""
+        """Reconnect the line; unlike with a real port, this does not reset the controller."""
         self._plugged = True
         self.wired.opened(now_us)
 
@@ -260,7 +260,7 @@ class SimulatedNano(Device):
         self._now_us = now_us
 
     def _arriving(self, now_us: int) -> bytes:
-        """Take over what the host writes, and return what reaches the board."""
+        """Take what the host writes, and return what reaches the board."""
         data = self.wired.bytes_to_send()
         disturbance = self._disturbance
         if data and not (disturbance.loss and self._loss_rng.random() < disturbance.loss):

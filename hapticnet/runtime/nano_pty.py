@@ -1,4 +1,4 @@
-"""The simulated Nano behind a pseudo-terminal that any program can open as a serial port, paced to real time."""
+"""The simulated Nano on a pseudo-terminal that any program can open as a serial port, in real time."""
 
 import asyncio
 import contextlib
@@ -17,43 +17,43 @@ from hapticnet.runtime.processes import Repeating, stop_on_signals, until
 from hapticnet.runtime.timer import Ticker
 
 MOST_CATCH_UP_US: Final = 50_000
-"""Most time [µs] made up for in one go; of a longer stall the rest is lost, and the firmware knows nothing of it."""
+"""Longest stall [µs] that is made up for; the rest of a longer one is skipped, also for the firmware."""
 
 TERMINALS: Final = "/dev/pts/"
-"""Where pseudo-terminals are: pts(4)."""
+"""Directory of pseudo-terminals: pts(4)."""
 
 MOST_BYTES: Final = 4096
-"""Most bytes taken from a visitor at a time: all that a pseudo-terminal holds."""
+"""Largest number of bytes read at a time: the capacity of a pseudo-terminal."""
 
 
 class NanoPty:
-    """A board on a pseudo-terminal; a context manager, which lets go of all of it.
+    """A board on a pseudo-terminal; a context manager that releases both.
 
-    As on a real port, what the firmware sends while nobody listens is lost. Unlike a real one, opening it does not
-    reset the controller.
+    As with a real port, output of the firmware is lost while the port is closed. Unlike a real port, opening it does
+    not reset the controller.
 
     Parameters
     ----------
     board
         Firmware and plant.
     link
-        Where to leave a symbolic link to the pseudo-terminal, for a name that stays the same.
+        Symbolic link to make to the pseudo-terminal, for a name that stays the same.
 
     Attributes
     ----------
     path
         The pseudo-terminal to open.
     visited
-        Whether someone has it open.
+        Whether a program has it open.
     lost_us
-        Real time [µs] not made up for after stalls.
+        Real time [µs] skipped after stalls.
 
     Raises
     ------
     UnavailableError
-        If there is no pseudo-terminal to be had.
+        If no pseudo-terminal can be created.
     FileError
-        If the link cannot be made; what is there and no link is left alone.
+        If the link cannot be made; an existing file that is not a link is not touched.
     """
 
     def __init__(self, board: Board, *, link: Path | None = None) -> None:
@@ -66,10 +66,10 @@ class NanoPty:
         try:
             self._master, visitor = os.openpty()
         except OSError as error:
-            raise UnavailableError(f"no pseudo-terminal to be had: {error.strerror}") from error
+            raise UnavailableError(f"cannot create a pseudo-terminal: {error.strerror}") from error
         try:
             self.path = os.ttyname(visitor)
-            tty.setraw(visitor)  # stays so as long as our end is open
+            tty.setraw(visitor)  # remains in force as long as this end is open
             os.set_blocking(self._master, False)
             if link is not None:
                 self._make_link(link)
@@ -77,11 +77,11 @@ class NanoPty:
             os.close(self._master)
             raise
         finally:
-            # Only visitors hold this end, so that we see them come and go.
+            # Only visitors hold this end, so that their coming and going can be detected.
             os.close(visitor)
 
     def advance(self, now_us: int) -> None:
-        """Let the board catch up with the clock [µs], and carry bytes.
+        """Advance the board to the time `now_us` [µs], and carry bytes.
 
         Raises
         ------
@@ -100,9 +100,9 @@ class NanoPty:
             data = b""
 
     def close(self) -> None:
-        """Take the link away and close the pseudo-terminal; the board is its owner's to end."""
+        """Remove the link and close the pseudo-terminal; the owner closes the board."""
         if self._link is not None:
-            with contextlib.suppress(OSError):  # gone already, or no longer ours
+            with contextlib.suppress(OSError):  # already removed, or replaced by another
                 if os.readlink(self._link) == self.path:
                     self._link.unlink()
         os.close(self._master)
@@ -117,7 +117,7 @@ class NanoPty:
 
     def _make_link(self, link: Path) -> None:
         if os.path.lexists(link) and not (link.is_symlink() and os.readlink(link).startswith(TERMINALS)):
-            raise FileError(f"{link}: is there, and no link of an earlier device; name another place")
+            raise FileError(f"{link}: exists and was not created by hapticnet; choose another path")
         made = link.with_name(f".{link.name}.{os.getpid()}")
         try:
             made.symlink_to(self.path)
@@ -125,7 +125,7 @@ class NanoPty:
         except OSError as error:
             with contextlib.suppress(OSError):
                 made.unlink()
-            raise FileError(f"{link}: the link cannot be made: {error.strerror}") from error
+            raise FileError(f"{link}: cannot create the link: {error.strerror}") from error
         self._link = link
 
     def _read(self) -> bytes:
@@ -134,7 +134,7 @@ class NanoPty:
         except BlockingIOError:
             data = b""
         except OSError as error:
-            if error.errno != errno.EIO:  # which says that nobody has the other end open
+            if error.errno != errno.EIO:  # EIO: no program has the other end open
                 raise UnavailableError(f"{self.path} cannot be read: {error.strerror}") from error
             if self.visited:
                 self.visited = False
@@ -144,7 +144,7 @@ class NanoPty:
         return data
 
     def _forget_unread(self) -> None:
-        """Let the next visitor find nothing of what the last one left; only from a visitor's end can it be done."""
+        """Discard input that the last visitor left unread; this is possible only from a visitor's end."""
         with contextlib.suppress(OSError, termios.error):
             visitor = os.open(self.path, os.O_RDWR | os.O_NOCTTY)
             try:
@@ -154,7 +154,7 @@ class NanoPty:
 
     def _write(self, data: bytes) -> None:
         if data and self.visited:
-            # What a visitor who does not read leaves no room for is lost; one who has just left is seen next time.
+            # Output that does not fit because the visitor does not read is lost; a departure is noticed next time.
             with contextlib.suppress(OSError):
                 os.write(self._master, data)
 

@@ -1,4 +1,4 @@
-"""Being run on time: an event loop on libuv where there is one, and the real-time scheduling class where allowed."""
+"""Punctual execution: a libuv event loop if installed, and real-time scheduling if permitted."""
 
 import asyncio
 import gc
@@ -10,19 +10,19 @@ from typing import Any, Final, TypeVar
 Result = TypeVar("Result")
 
 FIFO_PRIORITY: Final = 10
-"""Low among real-time priorities: above every ordinary process, below the kernel's own threads."""
+"""A low real-time priority: above all ordinary processes, below the kernel's threads."""
 
 OTHER: Final = "SCHED_OTHER"
 
 
 def run(main: Coroutine[Any, Any, Result]) -> Result:
-    """Run a coroutine on uvloop, or on asyncio's own loop where uvloop is absent."""
+    """Run a coroutine on uvloop, or on asyncio's own loop if uvloop is not installed."""
     with asyncio.Runner(loop_factory=loop_factory()) as runner:
         return runner.run(main)
 
 
 def loop_factory() -> Callable[[], asyncio.AbstractEventLoop] | None:
-    """Return what makes the best event loop there is; None for asyncio's own."""
+    """Return the factory of the best available event loop; None for asyncio's own."""
     try:
         import uvloop
     except ImportError:
@@ -31,8 +31,8 @@ def loop_factory() -> Callable[[], asyncio.AbstractEventLoop] | None:
 
 
 def prefer_realtime() -> str:
-    """Ask for SCHED_FIFO and settle the garbage collector; return in words which scheduling was granted."""
-    # What was allocated up to here stays: collecting it again and again would only cost ticks.
+    """Request SCHED_FIFO and tune the garbage collector; return a description of the granted scheduling."""
+    # Objects allocated so far are permanent: scanning them at every collection would only delay ticks.
     gc.collect()
     gc.freeze()
     if not sys.platform.startswith("linux"):
@@ -40,7 +40,7 @@ def prefer_realtime() -> str:
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIFO_PRIORITY))
     except PermissionError:
-        return f"{OTHER} (SCHED_FIFO refused: it takes root or CAP_SYS_NICE, and in a container a real-time budget)"
+        return f"{OTHER} (SCHED_FIFO refused: it needs root or CAP_SYS_NICE, and in a container a real-time budget)"
     except OSError as error:
         return f"{OTHER} (SCHED_FIFO refused: {error.strerror})"
     return f"SCHED_FIFO {FIFO_PRIORITY}"

@@ -1,7 +1,7 @@
-"""Serial ports: finding the one with the device, and carrying a wired device's bytes over it, come what may.
+"""Serial ports: find the port of a device, and carry the bytes of a wired device over it despite any fault.
 
-A port that goes away is looked for again, four times a second. Opening happens in a thread, because a driver may take
-its time over it; reading and writing never wait.
+A lost port is retried four times a second. A port is opened in a thread, because a driver may block; reading and
+writing never wait.
 """
 
 import asyncio
@@ -22,10 +22,10 @@ from hapticnet.runtime.clock import now_us
 
 DEFAULT_BAUD: Final = 500_000
 BAUDS: Final = (DEFAULT_BAUD, 115_200)
-"""What the firmware can be built for."""
+"""Baud rates for which the firmware can be built."""
 
 BY_ID: Final = Path("/dev/serial/by-id")
-"""Where udev names ports by what is plugged in, so that a name survives replugging."""
+"""Directory in which udev links ports by the name of the device, which is the same after replugging."""
 
 NANO_VENDORS: Final = {
     0x0403: "FTDI chip, as on Arduino Nanos",
@@ -33,20 +33,20 @@ NANO_VENDORS: Final = {
     0x2341: "made by Arduino",
     0x2A03: "made by Arduino",
 }
-"""USB vendors of Nanos and their adapters; numbers from the USB ID Repository."""
+"""USB vendor ids of Nanos and their adapters, from the USB ID Repository."""
 
 START_WITHIN_S: Final = 5.0
-"""How long a device may take to come up [s]: the three seconds after which it counts as silent, and time to open."""
+"""Time for a device to give readings [s]: three seconds until it counts as silent, plus time to open the port."""
 
 RETRY_S: Final = 0.25
 WAIT_STEP_S: Final = 0.005
 READ_BYTES: Final = 4096
-"""Some 80 ms of a full line at 500 kbaud."""
+"""About 80 ms of a full line at 500 kbaud."""
 
 
 @dataclass(frozen=True, slots=True)
 class SerialSpec:
-    """A serial device as written: serial:PATH[@BAUD]; path None is auto."""
+    """A serial device specification: serial:PATH[@BAUD]; path None means auto."""
 
     path: str | None
     baud: int = DEFAULT_BAUD
@@ -57,7 +57,7 @@ class SerialSpec:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wire:
-    """A device on a serial line, and where that is."""
+    """A device on a serial line, and its port."""
 
     wired: WiredDevice
     spec: SerialSpec
@@ -65,20 +65,20 @@ class Wire:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundPort:
-    """A serial port of this computer.
+    """A serial port of this host.
 
     Attributes
     ----------
     path
-        What to write: its link in /dev/serial/by-id where there is one.
+        Path for a specification: its link in /dev/serial/by-id, if there is one.
     name
         The device file.
     description
-        What the USB device calls itself.
+        Name reported by the USB device.
     serial_number
-        Of the USB device; None where it has none.
+        Serial number of the USB device; None if it has none.
     likely
-        Why it may be an Arduino Nano; None: nothing says so.
+        Why it may be an Arduino Nano; None if there is no indication.
     """
 
     path: str
@@ -89,7 +89,7 @@ class FoundPort:
 
 
 def parse_serial(text: str) -> SerialSpec:
-    """Return the serial device written as `text`; a SettingsError says what is wrong with it."""
+    """Return the specification written as `text`; raise SettingsError if it is invalid."""
     kind, _, rest = text.partition(":")
     path, separator, baud = rest.partition("@")
     if kind != "serial" or not path:
@@ -97,14 +97,14 @@ def parse_serial(text: str) -> SerialSpec:
     if separator and baud not in map(str, BAUDS):
         raise SettingsError(f"baud {baud!r} of device {text!r} must be {' or '.join(map(str, BAUDS))}")
     if path != "auto" and not path.startswith("/"):
-        raise SettingsError(f"port {path!r} of device {text!r} must be auto or a whole path, such as /dev/ttyUSB0")
+        raise SettingsError(f"port {path!r} of device {text!r} must be auto or an absolute path, such as /dev/ttyUSB0")
     return SerialSpec(None if path == "auto" else path, int(baud) if separator else DEFAULT_BAUD)
 
 
 def find_ports() -> list[FoundPort]:
-    """Return the serial ports of this computer: likely ones first, then those known by id."""
+    """Return the serial ports of this host: likely ones first, then those with a link by id."""
     links = {}
-    with contextlib.suppress(OSError):  # where nothing is plugged in there is no such folder
+    with contextlib.suppress(OSError):  # the directory does not exist if nothing is plugged in
         links = {os.path.realpath(link): str(link) for link in sorted(BY_ID.iterdir())}
     found = [
         FoundPort(
@@ -120,31 +120,31 @@ def find_ports() -> list[FoundPort]:
 
 
 def choose_port() -> str:
-    """Return the path of the one port that may be a Nano; an UnavailableError lists the choice when there is none."""
+    """Return the path of the only port that may be a Nano; otherwise UnavailableError lists the choices."""
     ports = find_ports()
     likely = [port for port in ports if port.likely]
     if len(likely) == 1:
         return likely[0].path
     if likely:
         names = ", ".join(f"serial:{port.path}" for port in likely)
-        raise UnavailableError(f"{len(likely)} ports may be the device; write which: {names}")
-    others = ", ".join(f"serial:{port.path}" for port in ports) or "none at all"
-    raise UnavailableError(f"no port looks like an Arduino Nano; is it plugged in? If it is, write which: {others}")
+        raise UnavailableError(f"{len(likely)} ports may be the device; choose one: {names}")
+    others = ", ".join(f"serial:{port.path}" for port in ports) or "none"
+    raise UnavailableError(f"no port looks like an Arduino Nano. Is it plugged in? Ports to choose from: {others}")
 
 
 class SerialPort:
     """A serial port on an event loop that carries a wired device.
 
-    Whoever drives the device calls `flush` after each exchange.
+    Call `flush` after each exchange with the device.
 
     Attributes
     ----------
     failure
-        Why the port could not be opened last; None when it is open.
+        Why the port could not be opened at the last attempt; None if it is open.
     openings
-        How often it was opened.
+        Number of times the port was opened.
     unwritten
-        Bytes the port would not take; they are not kept, newer ones follow.
+        Number of bytes the port did not accept; they are dropped in favour of newer ones.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop, spec: SerialSpec, wired: WiredDevice) -> None:
@@ -155,12 +155,12 @@ class SerialPort:
         self._spec = spec
         self._wired = wired
         self._fd: int | None = None
-        self._rest = b""  # of a frame the port took only a part of
+        self._rest = b""  # remainder of a frame that the port accepted in part
         self._gone = asyncio.Event()
         self._task = loop.create_task(self._keep_open())
 
     def flush(self, now_us: int) -> None:
-        """Write what the device wants sent, without waiting; close and open the port anew when it wants that."""
+        """Write the device's output without waiting; reopen the port if the device requests it."""
         data = self._wired.bytes_to_send()
         if self._fd is not None and self._wired.wants_reopening:
             self._lose(self._wired.status, now_us)
@@ -178,9 +178,9 @@ class SerialPort:
         Raises
         ------
         RefusedError
-            If it speaks another protocol.
+            If it speaks a different protocol version.
         UnavailableError
-            If the port cannot be opened, or the device gives no readings for `timeout_s` [s].
+            If the port cannot be opened, or there are no readings for `timeout_s` [s].
         """
         end_us = now_us() + round(timeout_s * 1e6)
         while self._wired.status != READY:
@@ -193,7 +193,7 @@ class SerialPort:
             await asyncio.sleep(WAIT_STEP_S)
 
     async def stop(self) -> None:
-        """Close the port for good. The device, hearing nothing more, retracts."""
+        """Close the port for good. The device retracts because it receives nothing more."""
         self._task.cancel()
         with contextlib.suppress(asyncio.CancelledError):
             await self._task
@@ -230,7 +230,7 @@ class SerialPort:
     def _lose(self, reason: str, now_us: int, *, orderly: bool = False) -> None:
         if self._fd is None:
             return
-        # At once: a port that hung up stays readable for ever, and the loop would spin on it.
+        # At once: a closed port stays readable, and the loop would spin on it.
         self._loop.remove_reader(self._fd)
         self._fd = None
         self._rest = b""
@@ -252,7 +252,7 @@ class SerialPort:
             self._lose("unplugged", now_us())
 
     def _write(self, data: bytes, now_us: int) -> int:
-        """Write what the port takes at once; return how much that was."""
+        """Write what the port accepts at once; return the number of bytes."""
         if self._fd is None or not data:
             return 0
         try:
@@ -265,12 +265,12 @@ class SerialPort:
 
 
 async def open_wire(wire: Wire, stop: asyncio.Event) -> SerialPort | None:
-    """Open a wire and wait until its device gives readings; None when `stop` was set meanwhile.
+    """Open a wire and wait for readings; return None if `stop` was set meanwhile.
 
     Raises
     ------
     RefusedError
-        If the device speaks another protocol.
+        If the device speaks a different protocol version.
     UnavailableError
         If there is no such port, or no device answers on it.
     """
@@ -292,17 +292,17 @@ async def open_wire(wire: Wire, stop: asyncio.Event) -> SerialPort | None:
 
 
 def _open(spec: SerialSpec) -> serial.Serial:
-    """Open a port; an UnavailableError says why it cannot be had, and what helps."""
+    """Open a port; UnavailableError says why this failed and what helps."""
     path = spec.path or "the port"
     try:
         path = spec.path or choose_port()
         port = serial.Serial(path, spec.baud, timeout=0, exclusive=True)
         attributes = termios.tcgetattr(port.fileno())
-        attributes[6][termios.VMIN] = 1  # so that reading nothing means that the port is gone
+        attributes[6][termios.VMIN] = 1  # so that an empty read means that the port is gone
         termios.tcsetattr(port.fileno(), termios.TCSANOW, attributes)
     except (OSError, ValueError, termios.error) as error:
         raise UnavailableError(f"{path} {_in_words(error, spec.baud)}") from error
-    # An FTDI chip gathers bytes for up to 16 ms unless told not to; others, and pseudo-terminals, need no telling.
+    # An FTDI chip buffers bytes for up to 16 ms unless told otherwise; other chips and pseudo-terminals do not.
     with contextlib.suppress(OSError, ValueError, NotImplementedError):
         port.set_low_latency_mode(True)
     return port
@@ -311,22 +311,23 @@ def _open(spec: SerialSpec) -> serial.Serial:
 def _in_words(error: Exception, baud: int) -> str:
     number = error.errno if isinstance(error, OSError) else error.args[0] if error.args else None
     if number == errno.ENOENT:
-        return "is missing; is the device plugged in? hapticnet device find lists the ports there are"
+        return "is missing; is the device plugged in? hapticnet device find lists the ports"
     if number in (errno.EACCES, errno.EPERM):
         return (
-            "may not be opened by you; add yourself to the group dialout (sudo usermod -aG dialout $USER), log in anew"
+            "cannot be opened: permission denied; add yourself to the group dialout (sudo usermod -aG dialout $USER) "
+            "and log in again"
         )
     if number in (errno.EAGAIN, errno.EBUSY):
         return "is in use by another program"
     if number in (errno.EISDIR, errno.ENOTTY) or "Inappropriate ioctl" in str(error):
-        return "is no serial port"
+        return "is not a serial port"
     if isinstance(error, ValueError):
-        return f"cannot do {baud} baud; build the firmware with BAUD=115200 and write @115200"
+        return f"does not support {baud} baud; build the firmware with BAUD=115200 and write @115200"
     return f"cannot be opened: {os.strerror(number) if isinstance(number, int) and number > 0 else error}"
 
 
 def _close(port: serial.Serial) -> None:
-    # What was not sent yet would keep a dead adapter's port from closing.
+    # Unsent output would keep the port of a dead adapter from closing.
     with contextlib.suppress(OSError, termios.error):
         port.reset_output_buffer()
     with contextlib.suppress(OSError):

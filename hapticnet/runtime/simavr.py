@@ -1,10 +1,10 @@
-"""The compiled firmware in a simulated ATmega328P, in lockstep with whoever advances it.
+"""The compiled firmware on a simulated ATmega328P, in lockstep with its caller.
 
-The simulator is a program of its own (firmware/sim, under its own licence), spoken to over pipes. It reads no clock:
-the same calls give the same answers, and pacing to real time is the caller's.
+The simulator is a separate program (firmware/sim, with its own licence), connected by pipes. It reads no clock: the
+same calls give the same results, and the caller paces it to real time if needed.
 
-The two take turns, so a second core only adds the time it takes to wake it: on one core (``os.sched_setaffinity``)
-steps of 1 ms run twice as fast.
+Simulator and caller take turns, so a second core only adds wake-up time: on one core (``os.sched_setaffinity``), steps
+of 1 ms run twice as fast.
 """
 
 import contextlib
@@ -19,16 +19,16 @@ from hapticnet.checks import check_parameter
 from hapticnet.errors import SettingsError, UnavailableError
 
 CYCLES_PER_US: Final = 16
-"""The Nano's clock: 16 MHz."""
+"""Clock cycles per µs of the Nano: 16 MHz."""
 
 LONGEST_STEP_US: Final = 10_000_000
-"""Longest single step [µs]: what the firmware sends meanwhile must fit the harness's buffers."""
+"""Longest step [µs]: the firmware's output during a step must fit the harness's buffers."""
 
 MOST_BYTES: Final = 0xFFFF
-"""Most bytes handed over in one step."""
+"""Largest number of bytes passed in one step."""
 
 BUILD_VARIABLE: Final = "HAPTICNET_FIRMWARE"
-"""Environment variable that names the folder with the simulator and the firmware; else the checkout's own is taken."""
+"""Environment variable with the folder of simulator and firmware; default: the folder in the checkout."""
 
 _REQUEST: Final = struct.Struct("<IHH")
 _REPLY: Final = struct.Struct("<QIIII")
@@ -36,7 +36,7 @@ _EDGE: Final = struct.Struct("<QII")
 
 
 def simavr_build() -> tuple[Path, Path]:
-    """Return the simulator and the firmware for the usual line, as ``make simulator`` built them.
+    """Return the simulator and the firmware for the default baud rate, as built by ``make simulator``.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def simavr_build() -> tuple[Path, Path]:
 
 
 class Edge(NamedTuple):
-    """A servo pin changed: when [clock cycles since power-on], which servo (0 to 2), and to what level."""
+    """A change of a servo pin: time [clock cycles since power-on], servo (0 to 2) and new level."""
 
     cycle: int
     servo: int
@@ -64,20 +64,20 @@ class Edge(NamedTuple):
 
 
 class Step(NamedTuple):
-    """What happened while the time was advanced.
+    """Result of a step.
 
     Attributes
     ----------
     cycle
-        Time at its end [clock cycles since power-on].
+        Time at the end [clock cycles since power-on].
     sent
-        Bytes the firmware sent.
+        Bytes sent by the firmware.
     edges
-        Servo pulses, oldest first.
+        Changes of the servo pins, oldest first.
     resets
-        How often the controller was reset since power-on.
+        Number of resets of the controller since power-on.
     latency_cycles
-        The longest that any interrupt was ever pending [clock cycles].
+        Longest time that any interrupt was pending so far [clock cycles].
     """
 
     cycle: int
@@ -109,24 +109,24 @@ class Simavr:
                 raise UnavailableError(f"{path} is missing; build it: make -C firmware {target}")
         command = [str(harness), str(firmware)]
         try:
-            # In a session of its own, so that a Ctrl-C meant for us does not end it under our hands.
+            # In its own session, so that Ctrl-C does not end it before its caller.
             self._process = subprocess.Popen(  # noqa: S603
                 command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
             )
         except OSError as error:
-            raise UnavailableError(f"{harness} does not start: {error}") from error
+            raise UnavailableError(f"cannot start {harness}: {error}") from error
 
     def advance(self, duration_us: int, *, millivolts: float = 0.0, data: bytes = b"") -> Step:
-        """Let time pass.
+        """Advance time.
 
         Parameters
         ----------
         duration_us
-            How much [µs], up to ten seconds; a few clock cycles more may pass.
+            Duration [µs], up to ten seconds; it may be exceeded by a few clock cycles.
         millivolts
-            Voltage [mV] at the force sensor's pin meanwhile, clamped to the 5 V supply.
+            Voltage [mV] at the force sensor's pin during the step, clamped to the 5 V supply.
         data
-            Bytes for the firmware, up to `MOST_BYTES`; they arrive one after the other at the line's speed.
+            Bytes for the firmware, up to `MOST_BYTES`; they arrive one after the other at the speed of the line.
 
         Raises
         ------
@@ -137,7 +137,7 @@ class Simavr:
         """
         check_parameter("step", duration_us, 0, LONGEST_STEP_US, "µs")
         if len(data) > MOST_BYTES:
-            raise SettingsError(f"{len(data)} bytes for the UART in one step; {MOST_BYTES} at most")
+            raise SettingsError(f"{len(data)} bytes for the UART in one step; the limit is {MOST_BYTES}")
         stdin, stdout = self._process.stdin, self._process.stdout
         assert stdin is not None  # noqa: S101
         assert stdout is not None  # noqa: S101
@@ -156,7 +156,7 @@ class Simavr:
         """End the simulation."""
         for pipe in (self._process.stdin, self._process.stdout):
             if pipe is not None:
-                with contextlib.suppress(OSError):  # what it did not live to read is lost
+                with contextlib.suppress(OSError):  # unread input is lost
                     pipe.close()
         self._process.wait()
 

@@ -54,7 +54,7 @@ def test_a_file_of_pairs_becomes_a_profile(pairs, tmp_path, capsys):
 def test_a_calibration_that_ends_below_what_the_device_renders_says_so(pairs, capsys):
     pairs.write_text("force_n,adc\n0.5,353\n1,525\n2,694\n")
     calibrate(pairs=pairs)
-    assert "the device renders 5 N, but above 2 N this table says only" in capsys.readouterr().out
+    assert "the device renders up to 5 N, but above 2 N this table is constant" in capsys.readouterr().out
 
 
 def test_for_a_program_the_same_comes_as_json(pairs, tmp_path, capsys):
@@ -82,7 +82,9 @@ def test_a_profile_gone_on_from_keeps_what_else_it_knows(pairs, tmp_path):
 def test_a_profile_is_not_overwritten_unasked(pairs, tmp_path):
     calibrate(pairs=pairs)
     before = (tmp_path / "device.toml").read_text()
-    with pytest.raises(SettingsError, match=r"device.toml exists; --profile device.toml goes on from it"):
+    with pytest.raises(
+        SettingsError, match=r"device.toml exists; update it with --profile device.toml or choose another file"
+    ):
         calibrate(pairs=pairs)
     assert (tmp_path / "device.toml").read_text() == before
     calibrate(pairs=pairs, profile=tmp_path / "device.toml")
@@ -134,7 +136,7 @@ def test_what_is_no_force_is_asked_for_again(line):
     session = CalibrationSession()
     said = measure(session, line, [500.0] * 1000)
     assert len(said) == 1
-    assert "is no force between 0 and 100 N" in said[0]
+    assert "is not a force between 0 and 100 N" in said[0]
     assert len(said[0]) < 100
     assert session.pairs == []
 
@@ -142,7 +144,7 @@ def test_what_is_no_force_is_asked_for_again(line):
 def test_a_force_typed_too_early_does_not_disturb_the_measurement():
     session = CalibrationSession()
     assert measure(session, "1", [500.0] * 100) == []
-    assert session.typed("2", 100_000) == "still measuring the last one; hold it"
+    assert session.typed("2", 100_000) == "still measuring the last force; keep holding it"
     said = [session.read(500.0, 101_000 + 1000 * index) for index in range(500)]
     assert [each for each in said if each] == ["pair 1: 1 N, 500.0 counts"]
 
@@ -168,7 +170,7 @@ def test_a_device_lost_meanwhile_costs_only_that_pair():
 
 def test_a_saturated_pair_is_said_to_be_one():
     session = CalibrationSession()
-    assert measure(session, "30", [1023.0] * 500) == ["pair 1: 30 N, 1023.0 counts (saturated: it will be left out)"]
+    assert measure(session, "30", [1023.0] * 500) == ["pair 1: 30 N, 1023.0 counts (saturated: will be ignored)"]
 
 
 def test_a_clock_that_leaps_ends_a_measurement_with_what_there_is():

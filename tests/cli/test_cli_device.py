@@ -93,7 +93,7 @@ def test_monitor_sums_up_when_interrupted():
     ("device", "words"),
     [
         ("serial:/dev/nowhere", ("/dev/nowhere is missing", "hapticnet device find")),
-        ("serial:/dev/null", ("/dev/null is no serial port",)),
+        ("serial:/dev/null", ("/dev/null is not a serial port",)),
         ("serial:/dev/ttyUSB0@9600", ("'9600'", "500000 or 115200")),
         ("ttyUSB0", ("serial:/dev/ttyUSB0",)),
     ],
@@ -171,7 +171,7 @@ def test_step_reports_figures_and_draws_a_picture(tmp_path):
 def test_a_step_that_is_never_felt_is_no_success(tmp_path):
     done = hapticnet("device", "step", "sim", "--from", "0", "--to", "0.05", "--plot", tmp_path / "s.png")
     assert done.returncode == 2
-    assert "the step was never made" in done.stderr
+    assert "did not reach 90 %" in done.stderr
 
 
 def test_tune_finds_the_finger_and_writes_it_into_the_profile(tmp_path):

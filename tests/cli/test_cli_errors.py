@@ -241,7 +241,7 @@ def test_no_result_is_written_over_the_recording_or_over_another_result(tmp_path
     file = tmp_path / "force.csv"
     file.write_text("t_s,force_N\n0.0,1.0\n0.001,2.0\n")
     before = file.read_bytes()
-    assert_one_line(hapticnet("encode", file, *(each.format(file=file) for each in others)), "name another file")
+    assert_one_line(hapticnet("encode", file, *(each.format(file=file) for each in others)), "choose another file")
     assert file.read_bytes() == before
 
 

@@ -118,7 +118,7 @@ def test_what_happened_before_the_step_does_not_count():
         ([0.0, 1.0, 2.0], [1.0, math.nan, 1.0], (0.0, 0.4, 2.0), r"forces \[N\] hold nan"),
         ([0.0, math.inf, 2.0], [1.0, 1.0, 1.0], (0.0, 0.4, 2.0), r"times \[s\] hold inf"),
         ([0.0, 1.0, 2.0], [1.0, 1.0, 1.0], (0.0, 0.4, math.nan), "step hold nan"),
-        ([0.0, 1.0, 2.0], [1.0, 1.0, 1.0], (0.0, 2.0, 2.0), "from 2 to 2 N; it needs a height"),
+        ([0.0, 1.0, 2.0], [1.0, 1.0, 1.0], (0.0, 2.0, 2.0), "from 2 to 2 N; the forces must differ"),
         ([0.0, 1.0, 2.0], [1.0, 1.0, 1.0], (1.5, 0.4, 2.0), "1 samples follow the step at 1.5 s"),
         ([], [], (0.0, 0.4, 2.0), "0 samples follow"),
     ],

@@ -119,7 +119,7 @@ def test_info_tells_who_answers_as_json(start, plug_in):
     [
         (("master", "--quiet", "--device", "serial:/dev/no-such-port"), "is missing; is the device plugged in?"),
         (("device", "info", "serial:/dev/no-such-port"), "is missing; is the device plugged in?"),
-        (("device", "info", "serial:/dev/null"), "is no serial port"),
+        (("device", "info", "serial:/dev/null"), "is not a serial port"),
         (("master", "--quiet", "--device", "serial:nano"), "a whole path"),
     ],
 )

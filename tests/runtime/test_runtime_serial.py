@@ -257,7 +257,7 @@ def test_what_keeps_a_port_from_opening_is_said_for_people(tmp_path, monkeypatch
     master, slave = os.openpty()
     path = os.ttyname(slave)
     held = serial_port._open(SerialSpec(path))
-    cases = [(str(file), "no serial port"), (str(tmp_path), "no serial port"), (path, "in use")]
+    cases = [(str(file), "not a serial port"), (str(tmp_path), "not a serial port"), (path, "in use")]
     for bad, words in cases:
         with pytest.raises(UnavailableError, match=words):
             serial_port._open(SerialSpec(bad))
@@ -331,7 +331,7 @@ def test_ports_are_found_by_id_and_likely_ones_first(tmp_path, monkeypatch):
 def test_auto_with_none_or_two_candidates_says_what_to_write(monkeypatch, tmp_path):
     monkeypatch.setattr(serial_port, "BY_ID", tmp_path / "none")
     monkeypatch.setattr(list_ports, "comports", list)
-    with pytest.raises(UnavailableError, match=r"is it plugged in.*none at all"):
+    with pytest.raises(UnavailableError, match=r"Is it plugged in.*none"):
         choose_port()
     monkeypatch.setattr(list_ports, "comports", lambda: [usb("/dev/ttyS0", None)])
     with pytest.raises(UnavailableError, match="serial:/dev/ttyS0"):

@@ -1,4 +1,4 @@
-"""``hapticnet device calibrate``: from the force sensor's counts to newton."""
+"""``hapticnet device calibrate``: calibrate the force sensor."""
 
 import math
 from pathlib import Path
@@ -13,26 +13,26 @@ if TYPE_CHECKING:
     from hapticnet.runtime.serial_port import SerialSpec
 
 WINDOW_US: Final = 500_000
-"""How long [µs] the readings of one force are averaged: it takes out the converter's noise and a hand's tremor."""
+"""Time [µs] over which the readings of one force are averaged, to remove noise and the tremor of a hand."""
 
 Pairs: TypeAlias = list[tuple[float, float]]
-"""Each a force [N] and the counts it gave."""
+"""Pairs of a force [N] and its counts."""
 
 
 def calibrate(
     device: Annotated[str | None, typer.Argument(help="serial:PORT[@BAUD] or serial:auto.")] = None,
     pairs: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="CSV with columns force_n [N] and adc [counts]: no device.")
+        Path | None, typer.Option(metavar="FILE", help="CSV with columns force_n [N] and adc [counts], not a device.")
     ] = None,
     profile: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Profile to go on from: its serial and finger are kept.")
+        Path | None, typer.Option(metavar="FILE", help="Profile to update; its serial and finger are kept.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Profile to write; else --profile's, else device.toml.")
+        Path | None, typer.Option(metavar="FILE", help="Profile to write. Default: that of --profile, or device.toml.")
     ] = None,
     json: options.Json = False,
 ) -> None:
-    """Fit the force sensor's calibration to known forces, show how well it fits, and keep it."""
+    """Fit the force sensor's calibration to known forces, report the residuals, and write it to a profile."""
     import datetime
     from dataclasses import replace
 
@@ -43,7 +43,7 @@ def calibrate(
     from hapticnet.errors import FileError, SettingsError
 
     if (device is None) == (pairs is None):
-        raise SettingsError("calibrate takes either a device, such as serial:auto, or --pairs FILE")
+        raise SettingsError("calibrate needs either a device, such as serial:auto, or --pairs FILE")
     known = devices.load(profile)
     file = devices.profile_to_write(profile, out or (Path("device.toml") if profile is None else None))
     assert file is not None  # noqa: S101 - one of the three it is
@@ -61,7 +61,7 @@ def calibrate(
         if pairs is None:
             raise
         raise FileError(f"{pairs}: {error}") from error
-    # Nine digits after the point are far below any sensor's noise, and a person will read this file.
+    # Nine decimals are far below any sensor's noise and keep the file readable.
     table = Calibration(
         counts=tuple(round(adc, 9) for adc in fit.calibration.counts),
         forces_n=tuple(round(force_n, 9) for force_n in fit.calibration.forces_n),
@@ -81,17 +81,17 @@ def calibrate(
 
 
 class CalibrationSession:
-    """A guided calibration: lines that a person types, readings of the sensor, and what to say to the person.
+    """A guided calibration: takes typed lines and sensor readings, and returns messages for the person.
 
     Attributes
     ----------
     pairs
-        What was measured so far.
+        Pairs measured so far.
     finished
-        Whether the person has had enough.
+        Whether the person has ended the session.
     """
 
-    PROMPT: Final = "apply a force, hold it, type its value in N and press Enter (an empty line ends): "
+    PROMPT: Final = "apply a force, hold it, type its value in N and press Enter (empty line: end): "
 
     def __init__(self) -> None:
         self.pairs: Pairs = []
@@ -103,22 +103,22 @@ class CalibrationSession:
         self._readings = 0
 
     def typed(self, line: str, now_us: int) -> str | None:
-        """Take a line; return what to say to it, or None when a measurement begins or the session ends."""
+        """Take a typed line; return a message, or None if a measurement begins or the session ends."""
         from hapticnet.device.calibration import LARGEST_FORCE_N
 
         if not line.strip():
-            # What is being measured is measured to its end.
+            # Finish the measurement in progress first.
             self._ending = True
             self.finished = self._force_n is None
             return None
         if self._force_n is not None:
-            return "still measuring the last one; hold it"
+            return "still measuring the last force; keep holding it"
         try:
             force_n = float(line)
         except ValueError:
             force_n = math.nan
         if not 0.0 <= force_n <= LARGEST_FORCE_N:
-            return f"{line.strip()[:20]!r} is no force between 0 and {LARGEST_FORCE_N:g} N; type it as in 1.5"
+            return f"{line.strip()[:20]!r} is not a force between 0 and {LARGEST_FORCE_N:g} N; type for example 1.5"
         self._force_n = force_n
         self._started_us = now_us
         self._sum = 0.0
@@ -126,7 +126,7 @@ class CalibrationSession:
         return None
 
     def read(self, adc: float | None, now_us: int) -> str | None:
-        """Take a reading [counts], None while the device is lost; return what to say when a measurement ends."""
+        """Take a reading [counts], or None while the device is lost; return a message when a measurement ends."""
         from hapticnet.device.calibration import FULL_SCALE_COUNTS
 
         if self._force_n is None:
@@ -134,7 +134,7 @@ class CalibrationSession:
         if adc is None:
             self._force_n = None
             self.finished = self._ending
-            return "the device was lost meanwhile; once it is back, apply and type this force again"
+            return "the device was lost during the measurement; once it is back, apply and type this force again"
         self._sum += adc
         self._readings += 1
         if now_us - self._started_us < WINDOW_US:
@@ -143,9 +143,9 @@ class CalibrationSession:
         self.finished = self._ending
         mean = self._sum / self._readings
         self.pairs.append((force_n, mean))
-        remark = " (saturated: it will be left out)" if mean > FULL_SCALE_COUNTS - 1.0 else ""
+        remark = " (saturated: will be ignored)" if mean > FULL_SCALE_COUNTS - 1.0 else ""
         if mean == 0.0 < force_n:
-            remark = " (the sensor reads nothing: is it wired, and pressed?)"
+            remark = " (the sensor reads 0: is it wired and pressed?)"
         return f"pair {len(self.pairs)}: {force_n:g} N, {mean:.1f} counts{remark}"
 
 
@@ -157,7 +157,7 @@ def _read(file: Path) -> Pairs:
 
 
 def _serial_number(spec: "SerialSpec") -> str | None:
-    """Return the serial number of a port's USB device; None where it has none, as most clones."""
+    """Return the serial number of a port's USB device; None if it has none, like most clones."""
     import os
 
     from hapticnet.runtime.serial_port import choose_port, find_ports
@@ -199,19 +199,19 @@ def _table(account: dict[str, Any]) -> list[str]:
         f"{len(knots)} knots up to {knots[-1]['force_n']:.2f} N"
     )
     if account["hysteresis"] is not None:
-        lines.append(f"hysteresis: reads {account['hysteresis']:.1%} of the force more while unloading")
+        lines.append(f"hysteresis: readings are {account['hysteresis']:.1%} higher while unloading")
     strongest_n = max(pair["force_n"] for pair in account["pairs"] if pair["residual_n"] is not None)
     if strongest_n < MAX_FORCE_N:
         lines.append(
-            f"the device renders {MAX_FORCE_N:g} N, but above {strongest_n:g} N this table says only "
-            '"at least that": better measure stronger forces, too'
+            f"the device renders up to {MAX_FORCE_N:g} N, but above {strongest_n:g} N this table is constant; "
+            "measure stronger forces as well"
         )
     lines.append(f"written to {account['profile']}")
     return lines
 
 
 def _measure(spec: "SerialSpec") -> Pairs:
-    """Measure pairs on a device, guided by prompts on stderr, with what is typed on stdin."""
+    """Measure pairs on a device, with prompts on stderr and input from stdin."""
     from hapticnet.device.profile import GENERIC_CALIBRATION
     from hapticnet.device.wired import WiredDevice
     from hapticnet.runtime.device_run import run_device
@@ -244,7 +244,7 @@ def _measure(spec: "SerialSpec") -> Pairs:
 
 
 class _Keyboard:
-    """Lines on stdin, without waiting for them; the end of stdin is an empty line."""
+    """Non-blocking lines from stdin; the end of stdin counts as an empty line."""
 
     def __init__(self) -> None:
         import sys
@@ -252,7 +252,7 @@ class _Keyboard:
         from hapticnet.errors import UnavailableError
 
         if sys.stdin is None or sys.stdin.closed:
-            raise UnavailableError("there is no stdin to type forces on; measure them otherwise and use --pairs FILE")
+            raise UnavailableError("cannot read forces: there is no stdin; use --pairs FILE")
         self._fd = sys.stdin.fileno()
         self._partial = b""
 

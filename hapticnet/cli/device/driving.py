@@ -1,4 +1,4 @@
-"""Carries a procedure through time: virtual for a simulated device, real for one on a serial line."""
+"""Run a procedure on a device: in virtual time on a simulated one, in real time on a serial line."""
 
 from typing import TYPE_CHECKING
 
@@ -14,9 +14,9 @@ TICK_US = 1000
 
 
 def drive(text: str, known: "Profile", seed: int, prepare: "Callable[[Device], Callable[[int], bool]]") -> "Device":
-    """Make the device written as `text`, let `prepare` make a procedure's tick for it, and tick until it is done.
+    """Open the device written as `text`, call `prepare` for a procedure's tick, and tick until it is done.
 
-    Returns the device, ended: what is left is its account.
+    Returns the device, closed, whose report is still available.
     """
     from hapticnet.cli import devices
 
@@ -33,7 +33,7 @@ def drive(text: str, known: "Profile", seed: int, prepare: "Callable[[Device], C
     from hapticnet.runtime.realtime import run
 
     console = Console("device")
-    console.say(f"opening {text}, which will press the finger; draw it away or press Ctrl-C to end")
+    console.say(f"opening {text}, which will press the finger; withdraw the finger or press Ctrl-C to end")
     if known.is_generic:
         console.say(devices.NOT_CALIBRATED)
     with devices.real_time_device(text, known, seed) as (device, wire):
@@ -44,7 +44,7 @@ def drive(text: str, known: "Profile", seed: int, prepare: "Callable[[Device], C
 
 
 def _share_a_core() -> None:
-    """Stay on one core, which the simulator inherits: the two take turns, and waking another core takes longer."""
+    """Pin the process, and the simulator it starts, to one core: they take turns, and waking another core is slower."""
     import os
 
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})

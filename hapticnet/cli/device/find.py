@@ -1,10 +1,10 @@
-"""``hapticnet device find``: which serial ports there are, and which may be the device."""
+"""``hapticnet device find``: list serial ports and mark those that may be the device."""
 
 from hapticnet.cli import options
 
 
 def find(json: options.Json = False) -> None:
-    """List the serial ports of this computer, with what to write for each."""
+    """List the serial ports of this host in the form that other commands take."""
     from dataclasses import asdict
 
     from hapticnet.cli.console import deliver
@@ -17,11 +17,11 @@ def find(json: options.Json = False) -> None:
         return
     for port in ports:
         what = ", ".join(filter(None, (port.description, port.serial_number)))
-        print(f"serial:{port.path}  {what or port.name}  ({port.likely or 'nothing says it is a Nano'})")
+        print(f"serial:{port.path}  {what or port.name}  ({port.likely or 'no sign of a Nano'})")
     likely = sum(port.likely is not None for port in ports)
     if likely == 1:
         print("the first may be the device; serial:auto finds it")
     elif likely:
-        print(f"the first {likely} may be the device; write which")
+        print(f"the first {likely} may be the device; choose one")
     else:
         print("no port looks like an Arduino Nano; is it plugged in?")

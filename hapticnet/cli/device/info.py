@@ -1,4 +1,4 @@
-"""``hapticnet device info``: who answers on a serial port."""
+"""``hapticnet device info``: show the identity of a device."""
 
 from typing import Annotated
 
@@ -11,7 +11,7 @@ def info(
     device: Annotated[str, typer.Argument(help="serial:PORT[@BAUD] or serial:auto.")] = "serial:auto",
     json: options.Json = False,
 ) -> None:
-    """Greet a device and print what it says of itself; a device of another protocol is told how to flash."""
+    """Show the identity of a device; for another protocol version, tell how to flash the firmware."""
     from hapticnet.cli.console import deliver
     from hapticnet.device.messages import TICKS_PER_US
     from hapticnet.device.profile import GENERIC_CALIBRATION

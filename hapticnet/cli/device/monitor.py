@@ -1,4 +1,4 @@
-"""``hapticnet device monitor``: what the force sensor reads, while nothing moves."""
+"""``hapticnet device monitor``: show the force sensor's readings without motion."""
 
 from pathlib import Path
 from typing import Annotated
@@ -13,15 +13,15 @@ SHOW_EVERY_US = 100_000
 def monitor(
     device: Annotated[str, typer.Argument(help="serial:PORT[@BAUD] or serial:auto.")] = "serial:auto",
     duration: Annotated[
-        float | None, typer.Option(min=0.0, help="Stop after this many seconds; else on Ctrl-C.")
+        float | None, typer.Option(min=0.0, help="Stop after this many seconds. Default: on Ctrl-C.")
     ] = None,
     profile: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Profile with the device's calibration; else a typical one.")
+        Path | None, typer.Option(metavar="FILE", help="Profile with the device's calibration. Default: a typical one.")
     ] = None,
     csv: Annotated[Path | None, typer.Option(metavar="FILE", help="Write every reading to FILE as CSV.")] = None,
     json: options.Json = False,
 ) -> None:
-    """Show live force, counts and displacement of a device that stays retracted, and at the end a summary."""
+    """Show live force, counts and displacement of a device that stays retracted, then a summary."""
     from hapticnet.cli import devices
     from hapticnet.cli.console import Console, check_outputs, deliver
     from hapticnet.device.base import Reading
@@ -49,7 +49,7 @@ def monitor(
             if csv is not None:
                 rows.append(reading)
         if (reading is None) != (last is None):
-            console.say("readings come" if reading else f"no readings: {wired.status}")
+            console.say("receiving readings" if reading else f"no readings: {wired.status}")
         last = reading
         if now_us - shown_us >= SHOW_EVERY_US:
             shown_us = now_us
@@ -74,7 +74,7 @@ def monitor(
 
 
 class Summary:
-    """Mean and deviation of readings, however many there are."""
+    """Running mean and standard deviation of readings, in constant memory."""
 
     def __init__(self) -> None:
         self.readings = 0
@@ -82,19 +82,19 @@ class Summary:
         self._first_us = self._last_us = 0
 
     def add(self, force_n: float, adc: float, t_us: int) -> None:
-        """Take a reading."""
+        """Add a reading."""
         if not self.readings:
             self._first_us = t_us
         self._last_us = t_us
         self.readings += 1
-        # Welford's recurrence, which does not lose the deviation in the sums.
+        # Welford's recurrence, which is numerically stable.
         above_n = force_n - self._mean_n
         self._mean_n += above_n / self.readings
         self._squares += above_n * (force_n - self._mean_n)
         self._mean_counts += (adc - self._mean_counts) / self.readings
 
     def report(self) -> dict[str, object]:
-        """Return what the readings were like; None where there are too few to say."""
+        """Return the statistics; None where there are too few readings."""
         seconds = (self._last_us - self._first_us) * 1e-6
         return {
             "readings": self.readings,

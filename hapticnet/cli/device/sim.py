@@ -1,4 +1,4 @@
-"""``hapticnet device sim``: a simulated device on a pseudo-terminal that any program can open."""
+"""``hapticnet device sim``: run a simulated device on a pseudo-terminal."""
 
 from pathlib import Path
 from typing import Annotated
@@ -10,7 +10,7 @@ from hapticnet.cli import options
 
 def sim(
     link: Annotated[
-        Path | None, typer.Option(metavar="PATH", help="Leave a symbolic link to the pseudo-terminal at PATH.")
+        Path | None, typer.Option(metavar="PATH", help="Make a symbolic link to the pseudo-terminal at PATH.")
     ] = None,
     stiffness: Annotated[
         float, typer.Option(metavar="N_PER_MM", help="Stiffness of the simulated finger at 1 N [N/mm].")
@@ -18,10 +18,10 @@ def sim(
     seed: options.Seed = 0,
     duration: Annotated[float | None, typer.Option(min=0.0, help="Stop after this many seconds.")] = None,
 ) -> None:
-    """Run the compiled firmware, with servos, finger and sensor, on a pseudo-terminal.
+    """Run the compiled firmware with simulated servos, finger and sensor on a pseudo-terminal.
 
-    Prints the terminal's path on stdout and runs in real time until Ctrl-C, SIGTERM or the end of --duration. Open it
-    like a serial port: hapticnet master --device serial:PATH. `make simulator` builds what this needs.
+    Prints the terminal's path on stdout and runs in real time until Ctrl-C, SIGTERM or --duration. Any program can open
+    it like a serial port: hapticnet master --device serial:PATH. Build the simulator first: `make simulator`.
     """
     from contextlib import closing
 
@@ -40,14 +40,14 @@ def sim(
         plant = board.plant
 
         def on_status() -> None:
-            visitor = "in use" if nano.visited else "nobody here"
+            visitor = "in use" if nano.visited else "not in use"
             console.status(
                 f"{visitor}; platform at {1e3 * plant.displacement_m:.2f} mm, {plant.contact_force_n:.2f} N; "
-                f"{board.resets} resets, {nano.lost_us // 1000} ms lost in stalls"
+                f"{board.resets} resets, {nano.lost_us // 1000} ms skipped after stalls"
             )
 
         print(nano.path, flush=True)
         console.say(f"listening on {link or nano.path}, finger of {stiffness:g} N/mm")
         run(run_nano_pty(nano, duration_s=duration, on_status=on_status))
     console.finish()
-    console.say(f"ended; {board.resets} resets, {nano.lost_us // 1000} ms lost in stalls")
+    console.say(f"ended; {board.resets} resets, {nano.lost_us // 1000} ms skipped after stalls")

@@ -1,4 +1,4 @@
-"""``hapticnet device step``: how the force loop answers a step, as in the paper's Fig. 2."""
+"""``hapticnet device step``: measure the step response of the force loop, as in the paper's Fig. 2."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -25,8 +25,8 @@ def step(
 ) -> None:
     """Press a finger with one force, step to another, and report rise, overshoot, settling and ripple.
 
-    Simulated devices run in virtual time, as fast as they can; simavr is the compiled firmware. Figures are of the
-    sensed force, averaged over a control period as the loop sees it, and where it is known of the true one.
+    Simulated devices run in virtual time; simavr runs the compiled firmware. The figures are those of the sensed force,
+    averaged over a control period like the loop's input, and of the true force if it is known.
     """
     from dataclasses import asdict
 
@@ -81,12 +81,12 @@ def step(
     deliver(account, as_json=json, file=None)
     if account["sensed"]["rise_s"] is None:
         raise UnavailableError(
-            f"the step was never made: {forces['sensed'][-1]:.2f} N of {to_n:g} N were felt at the end"
+            f"the force did not reach 90 % of the step: it is {forces['sensed'][-1]:.2f} N at the end, not {to_n:g} N"
         )
 
 
 def _averaged(force_n: "FloatArray", samples: int) -> "FloatArray":
-    """Return the mean of each sample and those before it: what the force loop acts on."""
+    """Return the mean of each sample and those before it, as in the force loop's input."""
     import numpy as np
 
     padded = np.concatenate([np.full(samples - 1, force_n[0]), force_n])

@@ -1,4 +1,4 @@
-"""``hapticnet device tune``: get to know the finger, so that the first stimulus already fits it."""
+"""``hapticnet device tune``: measure the finger, so that the force loop knows it from the start."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -16,16 +16,16 @@ def tune(
     device: options.DeviceArgument = "sim",
     profile: options.ProfileOption = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Profile to write; else --profile's, else none is written.")
+        Path | None, typer.Option(metavar="FILE", help="Profile to write. Default: that of --profile, or none.")
     ] = None,
     max_force: Annotated[float, typer.Option(metavar="N", min=0.0, help="Strongest force used [N].")] = 2.0,
     seed: options.Seed = 0,
     json: options.Json = False,
 ) -> None:
-    """Look for the finger, press it with a few rising forces, and report where it is and how stiff.
+    """Find the finger, press it with a few increasing forces, and report its position and stiffness.
 
-    The margins are those of the force loop on this finger: by how much it may turn stiffer before the loop swings.
-    Takes some ten seconds on a real device. Written into the profile it is the force loop's first belief.
+    The margin is the factor by which the finger may become stiffer before the force loop oscillates. Tuning takes about
+    ten seconds on a real device. From a profile, the result becomes the force loop's prior.
     """
     import datetime
     from dataclasses import asdict, replace
@@ -45,7 +45,7 @@ def tune(
     tunings: list[Tuning] = []
 
     def prepare(made: "Device") -> Callable[[int], bool]:
-        # The finger may be anywhere on the platform's way.
+        # The finger may be anywhere within the travel.
         fingertip = Fingertip(made, LimitSettings(), ForceControlSettings(reach_m=made.travel_m))
         tunings.append(Tuning(fingertip, max_force_n=max_force))
         return tunings[0].tick
