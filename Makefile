@@ -13,7 +13,7 @@ help:
 	@echo 'make test           install everything the tests need, and run them all'
 	@echo 'make check          linters, types, layers'
 	@echo 'make docker-check   build the image and play every scenario of docker/ (needs a Docker engine)'
-	@echo 'make bench          run every benchmark and write docs/benchmarks.md anew; results in results/bench'
+	@echo 'make bench          run every benchmark (20 minutes) and write docs/benchmarks*.md; results in results/bench'
 	@echo 'make simulator      build the firmware and the simulator that runs it (--device simavr)'
 	@echo 'make clean          remove the virtual environment and all results'
 
@@ -32,20 +32,16 @@ check: $(VENV)/installed-dev
 docker-check: $(VENV)/installed-dev
 	$(BIN)/pytest -m docker tests/docker
 
-# Recordings to try every codec on, as FILE[:FORCE[:POSITION[:SCALE]]]; there are none in the repository.
+# Recordings to try every codec on, as FILE[:FORCE[:POSITION[:SCALE]]]; the repository has none.
 RECORDINGS ?=
+
+BENCHMARKS := codec_speed codec_stability packet_rate scene_accuracy scene_cost force_loop virtual_time real_time
 
 bench: system-packages $(VENV)/installed-dev
 	$(BIN)/python bench/measure/rate_distortion.py $(RECORDINGS) --json results/bench/rate_distortion.json
-	$(BIN)/python bench/measure/codec_speed.py --json results/bench/codec_speed.json
-	$(BIN)/python bench/measure/codec_stability.py --json results/bench/codec_stability.json
-	$(BIN)/python bench/measure/packet_rate.py --out results/bench
-	$(BIN)/python bench/measure/scene_accuracy.py --json results/bench/scene_accuracy.json
-	$(BIN)/python bench/measure/scene_cost.py --json results/bench/scene_cost.json
-	$(BIN)/python bench/measure/force_loop.py --json results/bench/force_loop.json
-	$(BIN)/python bench/measure/virtual_time.py --json results/bench/virtual_time.json
-	$(BIN)/python bench/measure/loop.py --json results/bench/loop.json
-	$(BIN)/python bench/report/page.py results/bench
+	set -e; for name in $(BENCHMARKS); do \
+		$(BIN)/python bench/measure/$$name.py --json results/bench/$$name.json; done
+	$(BIN)/python bench/report/pages.py results/bench
 
 # The C programs that bench/ measures against, the network namespaces of the two-host test, and what the firmware is
 # built with and simulated in.

@@ -72,7 +72,7 @@ def loopback() -> Callable[..., Loopback]:
     return make
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def tool_is_missing() -> Callable[[str], None]:
     """Return what to call when a test's tool is missing: a failure in CI, a skip with a clear line elsewhere."""
 

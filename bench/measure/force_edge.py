@@ -10,8 +10,7 @@ from collections.abc import Callable
 from dataclasses import asdict, replace
 
 import numpy as np
-from force_scenarios import FROM_N, TICK_US, TO_N, Row, Simulated, played, print_table
-from packet_rate import say
+from force_scenarios import FROM_N, TICK_US, TO_N, Row, Simulated, played
 
 from hapticnet.control.finger import FingerSettings, compressed
 from hapticnet.control.force import ForceControlSettings
@@ -107,32 +106,3 @@ def edge_rows(stiffnesses_n_m: tuple[float, ...], delays_ms: tuple[int, ...], se
             }
         )
     return rows
-
-
-def print_edges(rows: list[Row]) -> None:
-    """Print margins and edges."""
-    lines = [
-        {
-            "believed": f"{row['stiffness_n_m'] / 1000:g} N/mm",
-            "delay [ms]": row["delay_ms"],
-            "gain margin": format(row["frozen"]["gain"], ".2f"),
-            "phase margin [°]": format(row["frozen"]["phase_deg"], ".0f"),
-            "crossover [Hz]": format(row["frozen"]["crossover_hz"], ".1f"),
-            "learning: gain": format(row["learning"]["gain"], ".2f"),
-            "phase [°]": format(row["learning"]["phase_deg"], ".0f"),
-            **{
-                header: "none" if row[key] is None else format(row[key], ".2f")
-                for header, key in (
-                    ("linear edge", "linear_edge"), ("hunts from", "hunts_from"), ("swings from", "swings_from")
-                )
-            },
-        }
-        for row in rows
-    ]  # fmt: skip
-    print_table(lines)
-    say(
-        "Margins of the linear model, and how many times stiffer than believed the finger must be for the simulated"
-        " device to swing while the belief is frozen; what the loop really does is to learn. Linear edge: a motion of"
-        f" 0.1 N without deadbands, play and noise, by {SWING_N:g} N. Hunts, swings: the step, everything switched on,"
-        f" true force by {HUNT_N:g} or {SWING_N:g} N peak to peak, or the finger lost. Smallest over the seeds."
-    )

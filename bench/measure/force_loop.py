@@ -1,23 +1,21 @@
-"""Speed against error of the force loop: step responses, control rates, stability and the largest force.
+"""Speed and error of the force loop: step responses, control rates, stability and the largest force.
 
-The device is simulated, in Python or (``--device simavr``) as the compiled firmware in lockstep; all of it is virtual
-time, and only the processor time of the control rates depends on the machine. Control rates say what averaging more
-readings costs in speed and gains in error. Stability is in force_edge.py, the largest force in force_scenarios.py.
+The device is simulated, in Python or (``--device simavr``) as the compiled firmware in lockstep. All of it runs in
+virtual time; only the processor time of the control rates depends on the machine. The control rates show the speed
+that averaging more readings costs and the error it avoids. Stability is in force_edge.py, the largest force in
+force_scenarios.py.
 """
 
-import argparse
 import math
 import os
 import statistics
 import time
 from dataclasses import asdict
-from pathlib import Path
 
 import numpy as np
 import record
-from force_edge import edge_rows, print_edges
-from force_scenarios import FROM_N, SEED_SHIFT_US, TICK_US, TO_N, Row, largest_rows, print_largest, print_table, started
-from packet_rate import say
+from force_edge import edge_rows
+from force_scenarios import FROM_N, SEED_SHIFT_US, TICK_US, TO_N, Row, largest_rows, started
 
 from hapticnet.control.finger import compressed
 from hapticnet.control.force import ForceControlSettings
@@ -36,14 +34,6 @@ RATES_HZ = (25, 50, 100, 200, 500)
 USUAL_HZ = 1_000_000 // ForceControlSettings().period_us
 DELAYS_MS = (0, 10, 20, 40)
 LOSS = 0.3
-
-FIGURES = (
-    ("rise 10–90 % [ms]", "rise_s", 1e3, ".0f"),
-    ("overshoot [%]", "overshoot", 1e2, ".1f"),
-    ("settling 5 % [ms]", "settling_s", 1e3, ".0f"),
-    ("steady error [N]", "steady_error_n", 1.0, ".3f"),
-    ("ripple [N]", "ripple_peak_to_peak_n", 1.0, ".3f"),
-)
 
 
 def step_response(kind: str, stiffness_n_m: float, seed: int, control: ForceControlSettings) -> Row:
@@ -170,6 +160,8 @@ def measure(kind: str, seeds: range, *, quick: bool) -> Row:
     control = ForceControlSettings()
     return {
         "device": kind,
+        "from_n": FROM_N,
+        "to_n": TO_N,
         "step": step_rows(kind, fingers_n_m, seeds, control),
         "rates": rate_rows(kind, RATES_HZ[::2] if quick else RATES_HZ, fingers_n_m, seeds, 1 if quick else 7),
         "edges": edge_rows((1000.0,) if quick else (300.0, 1000.0), delays_ms, seeds[:1] if quick else seeds[:4]),
@@ -177,65 +169,12 @@ def measure(kind: str, seeds: range, *, quick: bool) -> Row:
     }
 
 
-def cell(figures: Row, name: str, factor: float, spec: str) -> str:
-    """Return median and worst of a figure."""
-    values = figures[name]["median"], figures[name]["worst"]
-    return " | ".join("never" if value is None else format(factor * value, spec) for value in values)
-
-
-def print_steps(rows: list[Row]) -> None:
-    """Print the step's table."""
-    lines = [
-        {
-            "finger": f"{row['stiffness_n_m'] / 1000:g} N/mm",
-            "force": force,
-            **{header: cell(row[force], name, factor, spec) for header, name, factor, spec in FIGURES},
-            "bound": f"{row['steady_bound_n']:.3f}",
-        }
-        for row in rows
-        for force in ("sensed", "true")
-    ]
-    print_table(lines)
-    say(
-        f"Step {FROM_N:g} to {TO_N:g} N, median | worst over the seeds; sensed as the loop averages it. Bound: the"
-        " steady error [N] that a servo's deadband allows: one servo's 8 µs move the platform by"
-        f" {1e3 * rows[0]['servo_step_m']:.3f} mm, and it moves when {ROUNDING:.0%} of that is missing; or the loop's"
-        " own deadband, where that is more."
-    )
-
-
-def print_rates(rows: list[Row]) -> None:
-    """Print the table of control rates."""
-    lines = []
-    for row in rows:
-        (usual,) = (finger for finger in row["fingers"] if finger["stiffness_n_m"] == 1000.0)
-        lines.append(
-            {
-                "rate [Hz]": row["rate_hz"],
-                **{header: cell(usual["true"], name, factor, spec) for header, name, factor, spec in FIGURES[:4]},
-                "sensed ripple [N]": cell(usual["sensed"], "ripple_peak_to_peak_n", 1.0, ".3f"),
-                "worst overshoot of all [%]": format(
-                    max(100.0 * finger["true"]["overshoot"]["worst"] for finger in row["fingers"]), ".1f"
-                ),
-                "CPU [µs/s]": format(row["cpu_us_per_s"], ".0f"),
-                "CPU ratio": format(row["cpu_ratio"], ".2f"),
-            }
-        )
-    print_table(lines)
-    say(
-        "Control rate: the true force on 1 N/mm, median | worst, and the ripple the loop sees (the true force stands"
-        " still once the servos do); CPU is limits and force loop at 1000 ticks a second, without the device."
-    )
-
-
 def main() -> None:
-    """Measure, print tables and, if asked, write the record."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    """Measure and write the record."""
+    parser = record.options(__doc__, seed=0)
     parser.add_argument("--device", choices=("sim", "simavr"), default="sim")
     parser.add_argument("--seeds", type=int, default=10, help="how many noises and moments of the step")
-    parser.add_argument("--seed", type=int, default=0, help="the first of the seeds")
     parser.add_argument("--quick", action="store_true", help="fewer fingers, rates and delays")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the results to this file")
     arguments = parser.parse_args()
     seeds = range(arguments.seed, arguments.seed + arguments.seeds)
     if not seeds or arguments.seed < 0:
@@ -247,19 +186,14 @@ def main() -> None:
         results = measure(arguments.device, seeds, quick=arguments.quick)
     except HapticnetError as error:
         parser.error(str(error))
-    print_steps(results["step"])
-    print_rates(results["rates"])
-    print_edges(results["edges"])
-    print_largest(results["largest"])
-    if arguments.json:
-        record.write(
-            arguments.json,
-            name="force_loop",
-            seed=arguments.seed,
-            unit="as in each name; overshoot, loss and ratios are fractions, null was never reached",
-            repetitions=len(seeds),
-            results=results,
-        )
+    record.write(
+        arguments.json,
+        name="force_loop",
+        seed=arguments.seed,
+        unit="as in each name; overshoot, loss and ratios are fractions, null was never reached",
+        repetitions=len(seeds),
+        results=results,
+    )
 
 
 if __name__ == "__main__":

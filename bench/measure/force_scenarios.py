@@ -9,9 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
-from packet_rate import say, show
 
-from hapticnet.control.finger import compressed
 from hapticnet.control.force import ForceControlSettings
 from hapticnet.control.limits import LimitSettings
 from hapticnet.device.base import Reading
@@ -127,7 +125,6 @@ def hum(_: float, now_us: int) -> float:
     return 400.0 + 300.0 * math.sin(2e-6 * math.pi * MAINS_HZ * now_us)
 
 
-DOUBLED_AT_2_N = "twice as stiff at 2 N"
 SCENARIOS = {
     "step 0.4 to 5 N": Scenario(lambda s: FROM_N if s < 2.5 else 5.0, 8),
     "ramp of 1 N/s to 5 N": Scenario(lambda s: min(s, 5.0), 9),
@@ -136,7 +133,7 @@ SCENARIOS = {
     "sine 3 Hz": sine(3.0),
     "withdrawn and back": Scenario(lambda _: 2.0, 10, ((3.0, put(contact_m=10.0)), (5.0, put()))),
     "twice as stiff at 1.5 N": Scenario(lambda _: 1.5, 9, ((4.0, put(stiffness_n_m=2.0)),)),
-    DOUBLED_AT_2_N: Scenario(lambda _: 2.0, 9, ((4.0, put(stiffness_n_m=2.0)),)),
+    "twice as stiff at 2 N": Scenario(lambda _: 2.0, 9, ((4.0, put(stiffness_n_m=2.0)),)),
     "sensor at 0 from the start": Scenario(lambda _: 5.0, 7, ((0.0, broken(lambda *_: 0.0)),)),
     "sensor at 0 while pressing": Scenario(lambda _: 5.0, 8, ((3.0, broken(lambda *_: 0.0)),)),
     "sensor at full scale": Scenario(lambda _: 5.0, 8, ((3.0, broken(lambda *_: 1023.0)),)),
@@ -209,45 +206,3 @@ def largest_rows(
                 }
             )
     return rows
-
-
-def print_largest(rows: list[Row]) -> None:
-    """Print the largest forces, over all delays and losses."""
-    fingers_n_m = list(dict.fromkeys(row["stiffness_n_m"] for row in rows))
-    lines = []
-    for scenario in SCENARIOS:
-        own = [row for row in rows if row["scenario"] == scenario]
-        line = {"scenario": scenario}
-        for stiffness_n_m in fingers_n_m:
-            cells = [row for row in own if row["stiffness_n_m"] == stiffness_n_m]
-            line[f"{stiffness_n_m / 1000:g} N/mm"] = format(max(row["max_n"] for row in cells), ".2f")
-        line["at rest"] = f"{sum(row['at_rest'] for row in own)} of {len(own)}"
-        lines.append(line)
-    print_table(lines)
-    disturbances = list(dict.fromkeys((row["delay_ms"], row["loss"]) for row in rows))
-    say(
-        "Largest true force [N] over the seeds and "
-        + ", ".join(f"{delay_ms} ms" + (f" with {loss:.0%} loss" if loss else "") for delay_ms, loss in disturbances)
-        + " of delay; at rest at the end."
-    )
-    doubled = [row for row in rows if row["scenario"] == DOUBLED_AT_2_N]
-    longest = ", ".join(
-        f"{max(row['above_limit_ms'] for row in doubled if (row['delay_ms'], row['loss']) == each)} ms"
-        for each in disturbances
-    )
-    say(
-        f"A finger that is twice as stiff all at once at 2 N feels {struck_n():.2f} N before anything can react. Above"
-        f" {MAX_FORCE_N:g} N for {longest} at most, in the same order."
-    )
-
-
-def struck_n() -> float:
-    """Return the force [N] of a finger that turned twice as stiff at 2 N."""
-    soft = Finger()
-    stood_m = soft.contact_m + compressed(2.0) / soft.stiffness_n_m
-    return Finger(stiffness_n_m=2.0 * soft.stiffness_n_m).force_n(stood_m)
-
-
-def print_table(lines: list[Row]) -> None:
-    """Print a table of what is formatted already."""
-    show([(key, key, "") for key in lines[0]], lines)

@@ -1,18 +1,15 @@
-"""What the deadband saves and what error it costs, over sampling rates, insertion speeds and recorded traces.
+"""What the deadband saves and the error it costs, over sampling rates and insertion speeds.
 
-The paper states neither its sampling rate nor its motion, and its 61.7 % depends on both. So this shows the curve, and
-where on it 61.7 % falls; nothing is tuned to meet it. All is computed over the true force as the slave's scene gives
-it, which one run of both nodes in virtual time confirms.
+The paper states neither its sampling rate nor its motion, and its 61.7 % depends on both. This measures the curve and
+where 61.7 % lies on it; nothing is tuned to meet it. All is computed from the true force of the slave's scene, which
+one run of both nodes in virtual time confirms.
 """
 
-import argparse
 import itertools
 import math
-import textwrap
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from operator import itemgetter
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,10 +22,8 @@ from hapticnet.errors import HapticnetError
 from hapticnet.experiment.analysis import Columns, bytes_per_penetration
 from hapticnet.experiment.conditions import CONDITIONS, Condition
 from hapticnet.experiment.paper_force import paper_recording
-from hapticnet.experiment.recordings import load_recording
 from hapticnet.measure.metrics import error_report
 from hapticnet.node.master import MasterSettings
-from hapticnet.node.offline import cost_report
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.perception import PAPER_FLOOR_N, WeberLaw
 from hapticnet.protocol.wire import Kind, force_datagram_bytes
@@ -41,30 +36,6 @@ PUSHES_S = (0.6, 1.2, 2.4, 4.8)
 START_US = 1_000_000  # on the master's clock; from 65.5 ms on a time stamp takes all of its five bytes
 
 Row = dict[str, Any]
-
-ERRORS = (("RMSE [N]", "rmse_n", ".4f"), ("max [N]", "max_error_n", ".3f"), ("above JND", "exceed_jnd_fraction", ".1%"))
-SCENE_COLUMNS = (
-    ("rate [Hz]", "rate_hz", ".0f"),
-    ("condition", "condition", ""),
-    ("bytes/penetration [B]", "bytes_per_penetration_mean", ",.0f"),
-    ("sd [B]", "bytes_per_penetration_sd", ",.0f"),
-    ("fewer bytes", "byte_reduction", ".1%"),
-    ("fewer packets, whole run", "packet_rate_reduction", ".1%"),
-    *ERRORS,
-)
-SPEED_COLUMNS = (
-    ("push [s]", "push_s", ".1f"),
-    ("mean speed [mm/s]", "push_mm_per_s", ".1f"),
-    (f"{PAPER_REDUCTION:.1%} at 1 JND falls at [Hz]", "crossing_hz", ".0f"),
-)
-TRACE_COLUMNS = (
-    ("trace", "trace", ""),
-    ("condition", "condition", ""),
-    ("fewer bytes", "wire_byte_reduction", ".1%"),
-    ("fewer packets", "packet_rate_reduction", ".1%"),
-    *ERRORS,
-    ("packets in worst 100 ms", "worst_100ms_packets", "d"),
-)
 
 
 def true_forces(seed: int, motion: InsertionSettings, rate_hz: float) -> Columns:
@@ -175,24 +146,9 @@ def check(seed: int, motion: InsertionSettings) -> list[Row]:
     return rows
 
 
-def traced(argument: str) -> list[Row]:
-    """Return cost and error of every condition on a recorded force, given as FILE[:COLUMN[,COLUMN]]."""
-    file, colon, columns = argument.rpartition(":")
-    path = Path(file if colon else argument)
-    signal = load_recording(path, columns=columns.split(",") if colon else None)
-    rows: list[Row] = []
-    for condition in CONDITIONS:
-        codec = make_codec(condition.codec, WeberLaw(multiplier=condition.multiplier))
-        encoding = codec.encode_array(signal.t_us, signal.values)
-        cost = asdict(cost_report(codec, signal.t_us, signal.values, encoding))
-        rows.append({"trace": path.stem, "condition": condition.name, **cost})
-    return rows
-
-
-def measure(traces: Sequence[str], seeds: Sequence[int], motion: InsertionSettings) -> Row:
+def measure(seeds: Sequence[int], motion: InsertionSettings) -> Row:
     """Return all results."""
     return {
-        "traces": [row for argument in traces for row in traced(argument)],
         "motion": asdict(motion),
         "paper_byte_reduction": PAPER_REDUCTION,
         "scene": [row for rate_hz in RATES_HZ for row in compared(CONDITIONS, seeds, motion, rate_hz=rate_hz)],
@@ -203,89 +159,27 @@ def measure(traces: Sequence[str], seeds: Sequence[int], motion: InsertionSettin
     }
 
 
-def show(columns: Sequence[tuple[str, str, str]], rows: Sequence[Row]) -> None:
-    """Print a table; a column is its header, the key of its value, and the value's format."""
-    lines = [[header for header, _, _ in columns]]
-    lines += [["–" if row[key] is None else format(row[key], spec) for _, key, spec in columns] for row in rows]
-    widths = [max(map(len, cells)) for cells in zip(*lines, strict=True)]
-    print()
-    for cells in lines:
-        print("  ".join(cell.rjust(width) for cell, width in zip(cells, widths, strict=True)))
-
-
-def conclude(results: Row) -> None:
-    """Print what the tables say, and what they do not."""
-    curves, bare, checked = results["over_speeds"], results["without_floor"], results["check"]
-    scripted = next(each for each in curves if each["push_s"] == bare["push_s"])
-    saved, bare_saved = (
-        next(row["byte_reduction"] for row in each["rows"] if row["rate_hz"] == CHECKED_HZ) for each in (scripted, bare)
-    )
-    off = max(abs(row["bytes_per_penetration_mean_difference"]) / row["bytes_per_penetration_mean"] for row in checked)
-    off_packets = max(abs(row["packets_difference"]) for row in checked)
-    with_keepalives = ", ".join(
-        f"{row['bytes_per_penetration_with_keepalives']:,.0f} B ({row['condition']})" for row in checked
-    )
-    sent = ", ".join(f"{row['packets']} and {row['keepalives']} ({row['condition']})" for row in checked)
-    say(
-        f"At 1 JND the paper's {PAPER_REDUCTION:.1%} falls at {hertz(scripted['crossing_hz'])} with the scripted push"
-        f" of {scripted['push_s']} s ({hertz(*results['crossing_hz_of_seeds'])} from seed to seed), and at"
-        f" {hertz(*(each['crossing_hz'] for each in curves))} over all pushes above, whose pauses are the same; at"
-        f" {CHECKED_HZ:.0f} Hz the scripted one saves {saved:.1%}. The paper states neither rate nor motion: this"
-        " neither confirms nor refutes it."
-    )
-    say(
-        f"Without the JND floor of {PAPER_FLOOR_N:g} N, 1 JND saves {bare_saved:.1%} at {CHECKED_HZ:.0f} Hz, and"
-        f" {PAPER_REDUCTION:.1%} falls at {hertz(bare['crossing_hz'])}."
-    )
-    say(
-        f"Both nodes at {CHECKED_HZ:.0f} Hz in virtual time agree within {off_packets} packets and {off:.1%} of the"
-        " bytes per penetration: keepalives take sequence numbers too, and larger numbers take more bytes. Keepalives"
-        f" themselves are in no figure above; forces and keepalives sent in that run were {sent}, and with both a"
-        f" penetration took {with_keepalives}."
-    )
-
-
-def say(text: str) -> None:
-    """Print a paragraph."""
-    print("\n" + textwrap.fill(text, 110))
-
-
-def hertz(*rates_hz: float | None) -> str:
-    """Return sampling rates in words: one, or the lowest and the highest of several."""
-    known = [f"{rate_hz:.0f}" for rate_hz in sorted(filter(None, rates_hz))]
-    return " to ".join(dict.fromkeys((known[0], known[-1]))) + " Hz" if known else "no rate"
-
-
 def main() -> None:
-    """Measure, print tables and, if asked, write the record."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("traces", nargs="*", metavar="FILE[:COLUMN[,COLUMN]]", help="recorded forces [N], .csv or .npy")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="write packet_rate.json there")
+    """Measure and write the record."""
+    parser = record.options(__doc__)
     parser.add_argument("--seeds", type=int, default=5, help="how many orders of tissues and hands")
     parser.add_argument("--insertions", type=int, default=3, help="insertions of each, with three penetrations")
-    parser.add_argument("--seed", type=int, default=1, help="the first of the seeds")
     arguments = parser.parse_args()
     seeds = range(arguments.seed, arguments.seed + arguments.seeds)
     if not seeds:
         parser.error(f"--seeds is {arguments.seeds}; it must be 1 or more")
     try:
-        results = measure(arguments.traces, seeds, InsertionSettings(insertions=arguments.insertions))
+        results = measure(seeds, InsertionSettings(insertions=arguments.insertions))
     except HapticnetError as error:
         parser.error(str(error))
-    show(SCENE_COLUMNS, results["scene"])
-    show(SPEED_COLUMNS, results["over_speeds"])
-    conclude(results)
-    if results["traces"]:
-        show(TRACE_COLUMNS, results["traces"])
-    if arguments.out:
-        record.write(
-            arguments.out / "packet_rate.json",
-            name="packet_rate",
-            seed=arguments.seed,
-            unit="as in each name; bytes are B with UDP and IPv4 headers, reductions and fractions 0 to 1",
-            repetitions=len(seeds) * arguments.insertions,
-            results=results,
-        )
+    record.write(
+        arguments.json,
+        name="packet_rate",
+        seed=arguments.seed,
+        unit="as in each name; bytes are B with UDP and IPv4 headers, reductions and fractions 0 to 1",
+        repetitions=len(seeds) * arguments.insertions,
+        results=results,
+    )
 
 
 if __name__ == "__main__":

@@ -1,42 +1,34 @@
-"""Every codec over every signal, threshold, payload and loss: what it sends, what error that costs, how far from best.
+"""Every codec over every signal, threshold, payload and loss: what it sends, with what error, how far from the best.
 
-Beside the table: who does with the fewest packets and bytes on each signal, whether the reductions that are published
-are reached on a force of that scale, and what entropy coding of the payload can save under the headers of a packet.
+Also: which codec needs the fewest packets and bytes on each signal, whether published reductions are reached, what
+other settings and sampling rates change, and what entropy coding of the payload can save.
 """
 
-import argparse
 import itertools
-import statistics
+import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from operator import itemgetter
-from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import record
-from rate_distortion_claims import VARIANTS, mean, payloads, rates, regimes, settings, steps
 from rate_distortion_signals import KINESTHETIC, made_signals, paper_signals, recorded_signals
+from rate_distortion_variants import RIVALS, Row, averaged, mean, payloads, rates, regimes, settings, steps
 
 from hapticnet.codec.base import Codec
 from hapticnet.codec.registry import CODECS, codec_parameters, make_codec
 from hapticnet.errors import HapticnetError
 from hapticnet.experiment.comparison import REPAIR_US, Trial, compare
 from hapticnet.experiment.comparison import Row as ComparisonRow
-from hapticnet.measure.bound import fewest_holds
-from hapticnet.node.offline import cost_report
 from hapticnet.perception import WeberLaw
-
-Row = dict[str, Any]
-Fewest = dict[tuple[str, WeberLaw], int]
 
 THRESHOLDS: Final = (0.5, 1.0, 2.0, 4.0)
 STEPS_N: Final = (0.0, 0.001)
 LOSSES: Final = (0.05, 0.1, 0.3)
 LOSS_SEEDS: Final = 10
-"""How many channels that lose are tried, at 1 JND with float32 payloads."""
+"""How many lossy channels are tried, at 1 JND with float32 payloads."""
 NEAR: Final = (0.94, 0.97, 1.03, 1.06)
-"""Factors of the thresholds beside each: at one threshold alone, luck moves the number of packets by some per cent."""
+"""Factors of the thresholds beside each: the number of packets varies by a few per cent from one to the next."""
 REGIME_THRESHOLDS: Final = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
 KINESTHETIC_PEAK_N: Final = 10.0
 
@@ -48,23 +40,19 @@ KEPT: Final = (
     "age_mean_us", "worst_100ms_packets", "energy_peak_j", "nanoseconds_per_sample",
 )  # fmt: skip
 MEANS: Final = (
-    "near_over_optimum", "near_wire_bytes_per_s", "over_optimum", "over_lines", "packets_per_s", "wire_bytes_per_s",
-    "session_wire_bytes_per_s",
-    "packet_rate_reduction", "exceed_jnd_fraction", "rmse_n", "psnr_db", "hpw_psnr_db", "perceptual_mse",
-    "send_jump_mean_jnd", "age_mean_us", "nanoseconds_per_sample",
+    "near_sent", "near_over_optimum", "near_wire_bytes_per_s", "over_optimum", "over_lines", "packets_per_s",
+    "wire_bytes_per_s", "session_wire_bytes_per_s", "packet_rate_reduction", "exceed_jnd_fraction", "rmse_n", "psnr_db",
+    "hpw_psnr_db", "perceptual_mse", "send_jump_mean_jnd", "age_mean_us", "nanoseconds_per_sample",
+    "optimum_holds_per_s", "optimum_lines_per_s",
 )  # fmt: skip
-NEARBY: Final = ("near_sent", "near_over_optimum", "near_wire_bytes", "near_wire_bytes_per_s")
-LARGEST: Final = (
-    "exceed_jnd_fraction", "max_error_n", "send_jump_max_jnd", "worst_100ms_packets", "energy_peak_j", "over_optimum",
-)  # fmt: skip
+LARGEST: Final = ("exceed_jnd_fraction", "max_error_n", "worst_100ms_packets", "energy_peak_j")
 
-AIMED_AT: Final = "paper's scene and recordings"
-SETS: Final = {AIMED_AT: ("scene", "recorded"), "made signals": ("made",)}
-"""What is averaged over, and which kinds of signal are in it. The first is what our codec was aimed at."""
+SETS: Final = {"paper's scene and recordings": ("scene", "recorded"), "made signals": ("made",)}
+"""Sets of signals that are averaged over: name and kinds of signal. The first is what our codec was tuned on."""
 
 
 def codecs(thresholds: Iterable[float], steps_n: Iterable[float]) -> list[Codec]:
-    """Return every codec at every threshold, with every payload it knows; raw once."""
+    """Return every codec at every threshold, with every payload it has; raw once."""
     made: list[Codec] = []
     for multiplier, (index, step_n) in itertools.product(thresholds, enumerate(steps_n)):
         law = WeberLaw(multiplier=multiplier)
@@ -75,19 +63,22 @@ def codecs(thresholds: Iterable[float], steps_n: Iterable[float]) -> list[Codec]
     return made
 
 
-def lossless(trials: Sequence[Trial], chosen: Sequence[Codec], beside: Sequence[float]) -> list[Row]:
+def lossless(
+    trials: Sequence[Trial], kinds: Mapping[str, str], chosen: Sequence[Codec], beside: Sequence[float]
+) -> list[Row]:
     """Return a row for every signal and codec without loss, packets and bytes also averaged over `beside`."""
-    fewest: Fewest = {}
     pairs = itertools.product(trials, chosen)
-    rows = [(kept(row), trial, codec) for row, (trial, codec) in zip(compare(trials, chosen), pairs, strict=True)]
-    return [row | averaged(trial, codec, row, beside, fewest) for row, trial, codec in rows]
+    return [
+        kept(row) | averaged(trial, codec, beside) | {"kind": kinds[trial.name]}
+        for row, (trial, codec) in zip(compare(trials, chosen), pairs, strict=True)
+    ]
 
 
 def lossy(trials: Sequence[Trial], losses: Iterable[float], seeds: Iterable[int]) -> list[Row]:
     """Return a row for every signal, codec, loss and seed of what is lost, at 1 JND with float32 payloads."""
     chosen = codecs((1.0,), (0.0,))
     return [
-        kept(row) | dict.fromkeys(NEARBY) | {"loss": loss, "seed": seed}
+        kept(row) | {"loss": loss}
         for loss, seed in itertools.product(losses, seeds)
         for row in compare(trials, chosen, loss=loss, seed=seed)
     ]
@@ -96,44 +87,31 @@ def lossy(trials: Sequence[Trial], losses: Iterable[float], seeds: Iterable[int]
 def kept(row: ComparisonRow) -> Row:
     """Return what is recorded of a row."""
     flat = row.flat()
-    own = {"step_n": row.parameters.get("step_n", 0.0), "loss": 0.0, "over_lines": row.cost.sent / row.limits.lines}
+    own = {
+        "step_n": row.parameters.get("step_n", 0.0),
+        "loss": 0.0,
+        "over_lines": row.cost.sent / row.limits.lines,
+        "optimum_holds_per_s": row.packets_per_s / row.over_optimum,
+        "optimum_lines_per_s": row.packets_per_s * row.limits.lines / row.cost.sent,
+    }
     return {key: flat[key] for key in KEPT} | own
 
 
-def averaged(trial: Trial, codec: Codec, row: Row, beside: Sequence[float], fewest: Fewest) -> Row:
-    """Return packets, over the optimum too, and bytes in the mean over a threshold and those beside it.
-
-    `fewest` keeps the fewest holds of a signal under a law, which are the same for all codecs.
-    """
-    found = [[row["sent"]], [row["over_optimum"]], [row["wire_bytes"]]]
-    for factor in beside if codec.name != "raw" else ():
-        law = replace(codec.law, multiplier=factor * codec.law.multiplier)
-        near = make_codec(codec.name, law, codec_parameters(codec))
-        if (trial.name, law) not in fewest:
-            fewest[trial.name, law] = fewest_holds(law, trial.stimuli)
-        encoding = near.encode_array(trial.t_us, trial.stimuli, trial.positions)
-        sent, wire_bytes = len(encoding.sent), cost_report(near, trial.t_us, trial.stimuli, encoding).wire_bytes
-        for values, value in zip(found, (sent, sent / fewest[trial.name, law], wire_bytes), strict=True):
-            values.append(value)
-    means = [statistics.fmean(values) for values in found]
-    return dict(zip(NEARBY, (*means, means[-1] / trial.seconds), strict=True))
-
-
-def averages(rows: Sequence[Row], kinds: Mapping[str, str]) -> list[Row]:
-    """Return means over each set of signals and the largest in it; `kinds` says what each signal is."""
+def averages(rows: Sequence[Row], sets: Mapping[str, Sequence[str]], signal_of: Mapping[str, str]) -> list[Row]:
+    """Return means and largest values over each set of signals."""
     key = itemgetter("loss", "multiplier", "step_n", "codec")
     means = []
-    for name, members in SETS.items():
+    for name, members in sets.items():
         inside: dict[tuple[float, float, float, str], list[Row]] = {}
         for row in rows:
-            if kinds[row["trial"]] in members:
+            if signal_of[row["trial"]] in members:
                 inside.setdefault(key(row), []).append(row)
         for (loss, multiplier, step_n, codec), block in inside.items():
             made = {"signals": name, "loss": loss, "multiplier": multiplier, "step_n": step_n, "codec": codec}
             for figure in MEANS:
-                values = [(kinds[row["trial"]], row["trial"], row[figure]) for row in block]
-                # What is infinite has become None, as a jump where the law has no floor; or it was not measured.
-                made[figure] = None if any(value is None for *_, value in values) else mean(values)
+                values = [(signal_of[row["trial"]], row.get(figure)) for row in block]
+                # None: infinite, as a jump where the law has no floor; or not measured.
+                made[figure] = None if any(value is None for _, value in values) else mean(values)
             for figure in LARGEST:
                 made[f"largest_{figure}"] = max((row[figure] for row in block if row[figure] is not None), default=None)
             means.append(made)
@@ -141,53 +119,77 @@ def averages(rows: Sequence[Row], kinds: Mapping[str, str]) -> list[Row]:
 
 
 def contest(rows: Sequence[Row]) -> list[Row]:
-    """Return who sends the fewest packets and the fewest bytes without loss, on each signal at each threshold.
+    """Return the codecs with the fewest packets and the fewest bytes, on each signal at each threshold.
 
-    Only codecs take part that keep to 1 JND on that signal when it is their threshold.
+    Only codecs compete that keep to 1 JND on that signal when it is their threshold.
     """
-    lossless = [row for row in rows if not row["loss"] and row["codec"] != "raw"]
-    thresholds = sorted({row["multiplier"] for row in lossless})
     strict = {
         (row["trial"], row["codec"], row["step_n"])
-        for row in lossless
-        if row["multiplier"] == 1.0 and row["exceed_jnd_fraction"] == 0.0
+        for row in rows
+        if row["codec"] != "raw" and row["multiplier"] == 1.0 and row["exceed_jnd_fraction"] == 0.0
     }
     best = []
-    for trial, multiplier in itertools.product(dict.fromkeys(row["trial"] for row in rows), thresholds):
-        able = [
-            row
-            for row in lossless
+    for trial, multiplier in dict.fromkeys((row["trial"], row["multiplier"]) for row in rows if row["codec"] != "raw"):
+        able = {
+            (row["codec"], row["step_n"]): row
+            for row in rows
             if (row["trial"], row["multiplier"]) == (trial, multiplier)
             and (trial, row["codec"], row["step_n"]) in strict
-        ]
-        plain = next(row for row in able if row["codec"] == "deadband")
-        entry: Row = {"trial": trial, "multiplier": multiplier}
-        for name, measure in (("packets", "near_sent"), ("bytes", "near_wire_bytes")):
-            first = min(able, key=itemgetter(measure))
+        }
+        plain, ours = able["deadband", 0.0], able["adaptive-predictive", 0.0]
+        entry: Row = {"trial": trial, "kind": plain["kind"], "multiplier": multiplier}
+        for name, figure in (("packets", "near_sent"), ("bytes", "near_wire_bytes")):
+            first = min(able.values(), key=itemgetter(figure))
             entry[name] = {
                 "codec": first["codec"],
                 "step_n": first["step_n"],
-                "value": first[measure],
                 "over_optimum": first["near_over_optimum"],
-                "of_deadband": first[measure] / max(plain[measure], 1),
+                "of_deadband": first[figure] / max(plain[figure], 1),
+                "of_ours": first[figure] / max(ours[figure], 1),
             }
+        entry["ours_of_deadband"] = ours["near_sent"] / max(plain["near_sent"], 1)
         best.append(entry)
     return best
 
 
+def equal_error(rows: Sequence[Row]) -> list[Row]:
+    """Return packets of some codecs at the RMSE that the deadband has at 1 JND, as shares of the deadband's."""
+    found = []
+    for codec, trial in itertools.product((*RIVALS, "level-crossing"), dict.fromkeys(row["trial"] for row in rows)):
+        own = [row for row in rows if row["trial"] == trial and not row["step_n"]]
+        (plain,) = [row for row in own if (row["codec"], row["multiplier"]) == ("deadband", 1.0)]
+        curve = sorted((row["rmse_n"], float(row["sent"])) for row in own if row["codec"] == codec)
+        packets = interpolated(curve, plain["rmse_n"])
+        share = None if packets is None else packets / max(plain["sent"], 1)
+        found.append({"codec": codec, "trial": trial, "of_deadband": share})
+    return found
+
+
+def interpolated(points: Sequence[tuple[float, float]], error_n: float) -> float | None:
+    """Return the packets at an error, on logarithmic scales; None if it is not between two thresholds."""
+    for (low_n, many), (high_n, few) in itertools.pairwise(points):
+        if 0.0 < low_n <= error_n <= high_n and min(many, few) > 0.0:
+            share = math.log(error_n / low_n) / math.log(high_n / low_n) if high_n > low_n else 0.0
+            return many * (few / many) ** share
+    return None
+
+
 def measure(signals: Mapping[str, Sequence[Trial]], seed: int, *, quick: bool) -> Row:
     """Return all results on the signals of each kind."""
-    kinds = {trial.name: kind for kind, members in signals.items() for trial in members}
     trials = [trial for members in signals.values() for trial in members]
-    aimed_at = [trial for trial in trials if kinds[trial.name] in SETS[AIMED_AT]]
-    thresholds, steps_n, losses = ((1.0,), (0.0,), (0.05,)) if quick else (THRESHOLDS, STEPS_N, LOSSES)
+    kinds = {trial.name: kind for kind, members in signals.items() for trial in members}
+    # The paper's scene counts as one signal, whichever hand felt it.
+    signal_of = {name: "paper's scene" if kind == "scene" else name for name, kind in kinds.items()}
+    sets = {
+        name: list(dict.fromkeys(signal_of[trial] for trial, kind in kinds.items() if kind in members))
+        for name, members in SETS.items()
+    }
+    thresholds, losses = ((1.0,), (0.05,)) if quick else (THRESHOLDS, LOSSES)
     beside, seeds = ((), range(seed, seed + 1)) if quick else (NEAR, range(seed, seed + LOSS_SEEDS))
-    rows = lossless(trials, codecs(thresholds, steps_n), beside) + lossy(trials, losses, seeds)
-    strong = [
-        trial
-        for trial in trials
-        if trial.name == KINESTHETIC or np.linalg.norm(trial.stimuli, axis=1).max() >= KINESTHETIC_PEAK_N
-    ]
+    rows = lossless(trials, kinds, codecs(thresholds, STEPS_N), beside)
+    singles = {name: [name] for name in signal_of.values()}
+    peaks_n = {trial.name: float(np.linalg.norm(trial.stimuli, axis=1).max()) for trial in trials}
+    strong = [trial for trial in trials if trial.name == KINESTHETIC or peaks_n[trial.name] >= KINESTHETIC_PEAK_N]
     return {
         "repair_us": REPAIR_US,
         "thresholds": thresholds,
@@ -200,64 +202,32 @@ def measure(signals: Mapping[str, Sequence[Trial]], seed: int, *, quick: bool) -
                 "samples": len(trial.t_us),
                 "seconds": trial.seconds,
                 "axes": trial.stimuli.shape[1],
-                "peak_n": float(np.linalg.norm(trial.stimuli, axis=1).max()),
-                "has_position": trial.positions is not None,
+                "peak_n": peaks_n[trial.name],
             }
             for trial in trials
         ],
+        "sets": sets,
         "rows": rows,
-        "sets": SETS,
-        "averages": averages(rows, kinds),
+        "averages": averages(rows + lossy(trials, losses, seeds), sets | singles, signal_of),
         "contest": contest(rows),
+        "equal_error": equal_error(rows),
         "regimes": regimes(strong, (1.0, 4.0) if quick else REGIME_THRESHOLDS),
         "payloads": payloads(trials, thresholds),
-        "steps": steps(aimed_at, kinds),
-        "settings": settings(trials, kinds, beside, VARIANTS),
-        "rates": rates(trials, kinds, beside),
+        "steps": steps([trial for trial in trials if kinds[trial.name] != "made"], signal_of),
+        "settings": settings(trials, sets, signal_of, beside),
+        "rates": rates(trials, sets, signal_of, beside),
     }
 
 
-def show(results: Row) -> None:
-    """Print the averages without loss, and the winners."""
-    for name in SETS:
-        print(f"\n{f'without loss, mean over {name}':64}{'× optimum':>10}{'kB/s':>8}{'exceed':>8}{'RMSE N':>8}"
-              f"{'jump':>6}{'max':>7}{'mJ':>8}{'µs':>6}")  # fmt: skip
-        for row in results["averages"]:
-            if row["signals"] == name and not row["loss"]:
-                codec = f"{row['codec']}, {1000 * row['step_n']:g} mN" if row["step_n"] else row["codec"]
-                jump, energy_j = row["largest_send_jump_max_jnd"], row["largest_energy_peak_j"]
-                print(
-                    f"{row['multiplier']:4g} JND  {codec:54}{row['over_optimum']:10.2f}"
-                    f"{row['wire_bytes_per_s'] / 1000:8.2f}{row['exceed_jnd_fraction']:8.1%}{row['rmse_n']:8.4f}"
-                    f"{row['send_jump_mean_jnd']:6.1f}{'–' if jump is None else f'{jump:.1f}':>7}"
-                    f"{'–' if energy_j is None else f'{1e3 * energy_j:.2f}':>8}"
-                    f"{row['nanoseconds_per_sample'] / 1000:6.1f}"
-                )
-    print("\nfewest packets, fewest bytes at zero exceedance")
-    for entry in results["contest"]:
-        fewest = "   ".join(
-            f"{entry[name]['codec']:20} {entry[name]['of_deadband']:.2f} of deadband" for name in ("packets", "bytes")
-        )
-        print(f"{entry['multiplier']:4g} JND  {entry['trial']:20}{fewest}")
-    for row in results["regimes"]:
-        at = row["reached_at"]
-        print(f"{row['trial']}: {row['codec']} {row['published']:.0%}: "
-              + ("not reached" if at is None else f"at k = {at:.1%}"))  # fmt: skip
-    savings = [row["saving"] for row in results["payloads"]]
-    print(f"entropy-coded payload saves {min(savings):.1%} to {max(savings):.1%} of linear-predictive's wire bytes")
-
-
 def main() -> None:
-    """Measure, print and, if asked, write the record."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    """Measure and write the record."""
+    parser = record.options(__doc__)
     parser.add_argument(
         "recordings", nargs="*", metavar="FILE[:FORCE[:POSITION[:SCALE]]]", help="recordings; SCALE in m per unit"
     )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the results to this file")
     parser.add_argument("--seeds", type=int, default=3, help="how many orders of tissues and hands")
-    parser.add_argument("--seed", type=int, default=1, help="the first of them, and the seed of all else")
     parser.add_argument("--seconds", type=float, default=15.0, help="length of each made signal")
-    parser.add_argument("--quick", action="store_true", help="2 s, one scene, one threshold, float32 only")
+    parser.add_argument("--quick", action="store_true", help="2 s, one scene, one threshold")
     arguments = parser.parse_args()
     if arguments.seeds < 1 or not 1.0 <= arguments.seconds <= 1e4:
         parser.error("--seeds must be 1 or more, and --seconds from 1 to 1e4")
@@ -271,16 +241,14 @@ def main() -> None:
         results = measure(signals, arguments.seed, quick=arguments.quick)
     except HapticnetError as error:
         parser.error(str(error))
-    show(results)
-    if arguments.json:
-        record.write(
-            arguments.json,
-            name="rate_distortion",
-            seed=arguments.seed,
-            unit="as in each name; wire bytes with UDP and IPv4 headers, fractions and reductions 0 to 1",
-            repetitions=len(seeds),
-            results=results,
-        )
+    record.write(
+        arguments.json,
+        name="rate_distortion",
+        seed=arguments.seed,
+        unit="as in each name; wire bytes with UDP and IPv4 headers, fractions and reductions 0 to 1",
+        repetitions=len(seeds),
+        results=results,
+    )
 
 
 if __name__ == "__main__":

@@ -1,15 +1,13 @@
-"""What the rate of the scene costs and how true it is: forces, breaches and surfaces beside the exact solution.
+"""Error and cost of the scene over its rate: forces, breaches and surfaces beside the exact solution.
 
-The scene evaluates its laws in closed form at each sample, so what the rate decides is how long a force stands before
-the next one, how late a breach is noticed, and how well two positions tell a velocity.
+The scene evaluates its laws in closed form at each sample. The rate therefore decides how long a force is held before
+the next one, how late a breach is noticed, and how exactly two positions give a velocity.
 """
 
-import argparse
 import math
 import statistics
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -209,27 +207,9 @@ def measure(rates_hz: Sequence[int], seed: int, trials: int, repetitions: int) -
     }
 
 
-def show(results: Row) -> None:
-    """Print the tables."""
-    print(f"{'law':20}{'rate Hz':>8}{'at samples N':>14}{'held RMSE N':>13}{'held max N':>12}")
-    for row in results["forces"]:
-        print(
-            f"{row['law']:20}{row['rate_hz']:8}{row['max_at_samples_n']:14.1e}{row['rmse_held_n']:13.4f}"
-            f"{row['max_held_n']:12.4f}"
-        )
-    print(f"\n{'rate Hz':>8}{'breach late ms: mean':>22}{'max':>8}{'largest N':>11}{'surface mm':>12}{'µs per s':>10}")
-    for row, taken in zip(results["breaches"], results["cost"], strict=True):
-        print(
-            f"{row['rate_hz']:8}{row['late_mean_ms']:22.3f}{row['late_max_ms']:8.3f}{row['largest_force_n']:11.4f}"
-            f"{1e3 * row['surface_max_error_m']:12.4f}{taken['ns_per_second_best'] / 1000:10.1f}"
-        )
-
-
 def main() -> None:
-    """Measure, print tables and, if asked, write the record."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the results to this file")
-    parser.add_argument("--seed", type=int, default=1, help="of the speeds and phases, and of the paper's scene")
+    """Measure and write the record."""
+    parser = record.options(__doc__)
     parser.add_argument("--trials", type=int, default=100, help="breaches at each rate")
     parser.add_argument("--repetitions", type=int, default=7, help="timings at each rate")
     parser.add_argument("--quick", action="store_true", help="three rates, five breaches, one timing")
@@ -238,17 +218,14 @@ def main() -> None:
         parser.error("--trials and --repetitions must be 1 or more")
     rates_hz = RATES_HZ[::3] if arguments.quick else RATES_HZ
     trials, repetitions = (5, 1) if arguments.quick else (arguments.trials, arguments.repetitions)
-    results = measure(rates_hz, arguments.seed, trials, repetitions)
-    show(results)
-    if arguments.json:
-        record.write(
-            arguments.json,
-            name="scene_accuracy",
-            seed=arguments.seed,
-            unit="as in each name; ns_per_second is ns per second of scene",
-            repetitions=repetitions,
-            results=results,
-        )
+    record.write(
+        arguments.json,
+        name="scene_accuracy",
+        seed=arguments.seed,
+        unit="as in each name; ns_per_second is ns per second of scene",
+        repetitions=repetitions,
+        results=measure(rates_hz, arguments.seed, trials, repetitions),
+    )
 
 
 if __name__ == "__main__":

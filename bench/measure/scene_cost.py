@@ -1,10 +1,8 @@
 """What a step of the scene costs: over the number of layers, and for each property a tissue declares."""
 
-import argparse
 import statistics
 import time
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import record
@@ -107,26 +105,18 @@ def measure(seed: int, repetitions: int) -> dict[str, dict[str, dict[str, float]
 
 
 def main() -> None:
-    """Measure, print a table and, if asked, write the record."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", type=Path, help="write the results to this file")
-    parser.add_argument("--seed", type=int, default=1, help="seed of the positions and the paper's scene")
+    """Measure and write the record."""
+    parser = record.options(__doc__)
     parser.add_argument("--repetitions", type=int, default=15, help=f"runs of {STEPS} steps per case")
     arguments = parser.parse_args()
-    results = measure(arguments.seed, arguments.repetitions)
-    for title, cases in results.items():
-        print(f"{title:<40} ns per step: median   best")
-        for name, times_ns in cases.items():
-            print(f"  {name:<50}{times_ns['median']:>8.0f}{times_ns['best']:>7.0f}")
-    if arguments.json:
-        record.write(
-            arguments.json,
-            name="scene_cost",
-            seed=arguments.seed,
-            unit="ns per step",
-            repetitions=arguments.repetitions,
-            results=results,
-        )
+    record.write(
+        arguments.json,
+        name="scene_cost",
+        seed=arguments.seed,
+        unit="ns per step",
+        repetitions=arguments.repetitions,
+        results=measure(arguments.seed, arguments.repetitions),
+    )
 
 
 if __name__ == "__main__":

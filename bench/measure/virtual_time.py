@@ -1,10 +1,8 @@
 """How many times faster than real time both nodes run in virtual time: plain Python, every packet built and parsed."""
 
-import argparse
 import os
 import statistics
 import time
-from pathlib import Path
 
 import numpy as np
 import record
@@ -81,36 +79,24 @@ def summary(runs: list[dict[str, float]]) -> dict[str, float]:
 
 
 def main() -> None:
-    """Measure the cases in turns, print a table and, if asked, write the record."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Measure the cases in turns and write the record."""
+    parser = record.options(__doc__)
     parser.add_argument("--insertions", type=int, default=5, help="insertions per run")
     parser.add_argument("--repetitions", type=int, default=7)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the results to this file")
     arguments = parser.parse_args()
     runs: dict[str, list[dict[str, float]]] = {case: [] for case in CASES}
     for _ in range(arguments.repetitions):
         for case, measured in runs.items():
             measured.append(run(case, arguments.seed, arguments.insertions))
-    results = {case: summary(measured) for case, measured in runs.items()}
-    print(f"{'':26}{'positions':>10}{'µs per virtual ms':>19}{'times real time':>17}")
-    print(f"{'':26}{'answered':>10}{'best':>19}{'best':>10}{'median':>8}")
-    for case, figures in results.items():
-        print(
-            f"{case:26}{figures['positions_answered']:10,}{figures['us_per_virtual_ms_best']:19.1f}"
-            f"{figures['times_real_time_best']:10.1f}{figures['times_real_time_median']:8.1f}"
-        )
-    load = os.getloadavg()[0]
-    print(f"\nload average {load:.1f} on {os.cpu_count()} cores: with other work on the machine the figures drift")
-    if arguments.json:
-        record.write(
-            arguments.json,
-            name="virtual_time",
-            seed=arguments.seed,
-            unit="as in each name; times_real_time is virtual time over wall-clock time",
-            repetitions=arguments.repetitions,
-            results={"load_average": load, "cases": results},
-        )
+    cases = {case: summary(measured) for case, measured in runs.items()}
+    record.write(
+        arguments.json,
+        name="virtual_time",
+        seed=arguments.seed,
+        unit="as in each name; times_real_time is virtual time over wall-clock time",
+        repetitions=arguments.repetitions,
+        results={"load_average": os.getloadavg()[0], "cases": cases},
+    )
 
 
 if __name__ == "__main__":

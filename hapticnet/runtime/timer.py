@@ -1,7 +1,7 @@
 """Timers that wake an event loop with microsecond accuracy.
 
 The loops' own timers have a resolution of 1 ms (uvloop) or are late (asyncio). A timerfd that the loop watches like a
-socket is as accurate as clock_nanosleep in C. bench/measure/loop.py measures both.
+socket is as accurate as clock_nanosleep in C. bench/measure/real_time.py measures both.
 """
 
 import asyncio

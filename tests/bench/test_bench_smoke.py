@@ -1,56 +1,15 @@
 import json
-import os
-import shutil
-import subprocess
-import sys
-from pathlib import Path
 
-import numpy as np
 import pytest
 
 from hapticnet.codec.registry import CODECS
 
-REPOSITORY = Path(__file__).parents[2]
 RATES_HZ = [50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0]
 CONDITIONS = ["none", "1 JND", "2 JND", "4 JND"]
-TINY = ("--seeds", "1", "--insertions", "1")
 
 
-def bench(script, *arguments):
-    folder = "report" if script.startswith(("page", "plot")) else "measure"
-    environment = os.environ | {"PYTHONPATH": str(REPOSITORY)}
-    command = [sys.executable, REPOSITORY / "bench" / folder / script, *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=100, check=False)
-
-
-def recorded(file, done):
-    """Return the results of a script that has ended, once its record has been found whole."""
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.strip()
-    record = json.loads(file.read_text())
-    assert record["name"] == file.stem
-    assert record["revision"]
-    assert record["unit"]
-    assert type(record["seed"]) is int
-    assert record["repetitions"] >= 1
-    assert record["machine"]["cores"] >= 1
-    assert record["machine"]["python"].endswith(".".join(map(str, sys.version_info[:3])))
-    return record["results"]
-
-
-@pytest.fixture(scope="module")
-def packet_rate(tmp_path_factory):
-    """Return the record of a tiny run over the scene and one trace, and the run itself."""
-    folder = tmp_path_factory.mktemp("packet_rate")
-    t_s = np.arange(500) / 1000
-    columns = np.column_stack([t_s, t_s, 2.0 + np.sin(20.0 * t_s)])
-    np.savetxt(folder / "wave.csv", columns, delimiter=",", header="t_s,position_m,force_n", comments="")
-    done = bench("packet_rate.py", *TINY, "--out", folder, f"{folder / 'wave.csv'}:force_n")
-    return folder / "packet_rate.json", done
-
-
-def test_packet_rate_keeps_the_laws_of_the_deadband_at_every_rate(packet_rate):
-    results = recorded(*packet_rate)
+def test_packet_rate_keeps_the_laws_of_the_deadband_at_every_rate(measured):
+    results = measured("packet_rate")
     assert [(row["rate_hz"], row["condition"]) for row in results["scene"]] == [
         (rate_hz, condition) for rate_hz in RATES_HZ for condition in CONDITIONS
     ]
@@ -65,8 +24,8 @@ def test_packet_rate_keeps_the_laws_of_the_deadband_at_every_rate(packet_rate):
         assert all(0.0 < row["rmse_n"] < row["max_error_n"] for row in rows[1:])
 
 
-def test_packet_rate_agrees_with_both_nodes_in_virtual_time(packet_rate):
-    results = recorded(*packet_rate)
+def test_packet_rate_agrees_with_both_nodes_in_virtual_time(measured):
+    results = measured("packet_rate")
     assert [row["condition"] for row in results["check"]] == CONDITIONS
     for row in results["check"]:
         assert row["samples_difference"] == row["packets_difference"] == row["rmse_n_difference"] == 0
@@ -74,44 +33,39 @@ def test_packet_rate_agrees_with_both_nodes_in_virtual_time(packet_rate):
         assert 0.0 <= row["bytes_per_penetration_mean_difference"] <= 2 * row["packets"] / 3
 
 
-def test_packet_rate_says_where_the_papers_reduction_falls(packet_rate):
-    results = recorded(*packet_rate)
+def test_packet_rate_says_where_the_papers_reduction_falls(measured):
+    results = measured("packet_rate")
     assert results["paper_byte_reduction"] == 0.617
     for curve in [*results["over_speeds"], results["without_floor"]]:
         crossing_hz = curve["crossing_hz"]
         assert crossing_hz is None or RATES_HZ[0] < crossing_hz <= RATES_HZ[-1]
-    assert "61.7%" in packet_rate[1].stdout
-    assert "neither rate nor motion" in packet_rate[1].stdout.replace("\n", " ")
 
 
-def test_packet_rate_runs_every_condition_on_a_recorded_trace(packet_rate):
-    rows = recorded(*packet_rate)["traces"]
-    assert [(row["trace"], row["condition"]) for row in rows] == [("wave", condition) for condition in CONDITIONS]
-    assert [row["samples"] for row in rows] == [500] * 4
-    assert rows[0]["worst_100ms_packets"] == 100
-    reductions = [row["wire_byte_reduction"] for row in rows]
-    assert reductions[0] == 0.0
-    assert reductions == sorted(reductions)
-
-
-@pytest.mark.parametrize("arguments", [("missing.csv",), ("--insertions", "0"), ("--seeds", "0")])
-def test_packet_rate_refuses_what_it_cannot_use_in_one_line(arguments):
-    done = bench("packet_rate.py", *arguments)
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("packet_rate", "--insertions", 0),
+        ("packet_rate", "--seeds", 0),
+        ("rate_distortion", "missing.csv"),
+        ("rate_distortion", "--seconds", 0),
+        ("force_loop", "--seeds", 0),
+        ("scene_accuracy", "--trials", 0),
+    ],
+)
+def test_a_benchmark_refuses_arguments_it_cannot_use_in_one_line(bench, arguments):
+    done = bench(f"measure/{arguments[0]}.py", *arguments[1:])
     assert done.returncode == 2
     assert "error:" in done.stderr.splitlines()[-1]
     assert "Traceback" not in done.stderr
 
 
-def test_the_plot_of_packet_rate_is_a_picture(packet_rate, tmp_path):
-    file, _ = packet_rate
-    done = bench("plot_packet_rate.py", file, "--out", tmp_path / "curve.png")
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "curve.png").read_bytes().startswith(b"\x89PNG")
+def test_a_benchmark_prints_its_record_if_no_file_is_named(bench):
+    done = bench("measure/scene_cost.py", "--repetitions", 1)
+    assert json.loads(done.stdout)["name"] == "scene_cost"
 
 
-def test_virtual_time_answers_positions_in_every_case(tmp_path):
-    file = tmp_path / "virtual_time.json"
-    results = recorded(file, bench("virtual_time.py", "--insertions", 1, "--repetitions", 2, "--json", file))
+def test_virtual_time_answers_positions_in_every_case(measured):
+    results = measured("virtual_time")
     cases = results["cases"]
     assert list(cases) == ["no device", "simulated device", "simulated device, wifi", "simulated device, 4g"]
     for figures in cases.values():
@@ -120,21 +74,16 @@ def test_virtual_time_answers_positions_in_every_case(tmp_path):
         assert 0.9 < figures["positions_answered"] / (1000.0 * figures["virtual_s"]) <= 1.0
 
 
-def test_scene_cost_measures_every_case(tmp_path):
-    file = tmp_path / "scene_cost.json"
-    results = recorded(file, bench("scene_cost.py", "--repetitions", 1, "--json", file))
+def test_scene_cost_measures_every_case(measured):
+    results = measured("scene_cost")
     assert results
     for cases in results.values():
         assert cases
         assert all(0.0 < times_ns["best"] <= times_ns["median"] for times_ns in cases.values())
 
 
-def test_codec_speed_measures_every_way_on_the_same_signal(tmp_path, tool_is_missing):
-    if shutil.which("gcc") is None:
-        tool_is_missing("gcc is missing: the C loop cannot be compiled")
-    file = tmp_path / "codec_speed.json"
-    done = bench("codec_speed.py", "--samples", 20_000, "--repetitions", 1, "--json", file)
-    results = recorded(file, done)
+def test_codec_speed_measures_every_way_on_the_same_signal(measured):
+    results = measured("codec_speed")
     assert results["samples"] == 20_000
     assert [row["sent"] for row in results["rows"]] == pytest.approx([0.01, 0.1, 0.4], abs=0.05)
     for row in results["rows"]:
@@ -146,11 +95,8 @@ def test_codec_speed_measures_every_way_on_the_same_signal(tmp_path, tool_is_mis
     assert results["sweep"]["m_sample_parameters_per_s"] > 0.0
 
 
-def test_loop_measures_hapticnet_beside_its_limits(tmp_path, tool_is_missing):
-    if shutil.which("gcc") is None:
-        tool_is_missing("gcc is missing: the C tick cannot be compiled")
-    file = tmp_path / "loop.json"
-    results = recorded(file, bench("loop.py", "--seconds", 0.3, "--repetitions", 1, "--json", file))
+def test_real_time_measures_hapticnet_beside_its_limits(measured):
+    results = measured("real_time")
     for measure, limit in (("tick lateness", "C clock_nanosleep"), ("position to force", "bare UDP echo")):
         assert list(results[measure]) == [limit, "hapticnet, raw", "hapticnet, deadband"]
         for percentiles_us in results[measure].values():
@@ -159,9 +105,8 @@ def test_loop_measures_hapticnet_beside_its_limits(tmp_path, tool_is_missing):
             assert percentiles_us[-1] > 0.0
 
 
-def test_codec_stability_finds_every_codec_in_step_and_repaired(tmp_path):
-    file = tmp_path / "codec_stability.json"
-    results = recorded(file, bench("codec_stability.py", "--quick", "--json", file))
+def test_codec_stability_finds_every_codec_in_step_and_repaired(measured):
+    results = measured("codec_stability")
     assert all(row["in_step"] for row in results["signals"])
     assert {row["codec"] for row in results["signals"]} == {row["codec"] for row in results["loss"]}
     for row in results["loss"]:
@@ -170,15 +115,8 @@ def test_codec_stability_finds_every_codec_in_step_and_repaired(tmp_path):
     assert all(row["samples"] >= 100_000 and row["times_out_of_step"] == 0 for row in results["long"])
 
 
-@pytest.fixture(scope="module")
-def force_loop(tmp_path_factory):
-    """Return the record of a quick run on the simulated device, and the run itself."""
-    file = tmp_path_factory.mktemp("force_loop") / "force_loop.json"
-    return file, bench("force_loop.py", "--quick", "--seeds", 1, "--json", file)
-
-
-def test_force_loop_measures_the_step_on_every_finger(force_loop):
-    results = recorded(*force_loop)
+def test_force_loop_measures_the_step_on_every_finger(measured):
+    results = measured("force_loop")
     assert results["device"] == "sim"
     assert [row["stiffness_n_m"] for row in results["step"]] == [300.0, 1000.0, 3000.0]
     for row in results["step"]:
@@ -195,8 +133,8 @@ def test_force_loop_measures_the_step_on_every_finger(force_loop):
     assert max(usual["steady_error_n"]["worst"], usual["ripple_peak_to_peak_n"]["worst"]) <= 0.05
 
 
-def test_force_loop_measures_every_control_rate(force_loop):
-    rows = recorded(*force_loop)["rates"]
+def test_force_loop_measures_every_control_rate(measured):
+    rows = measured("force_loop")["rates"]
     assert [row["rate_hz"] for row in rows] == [25, 100, 500]
     assert rows[1]["cpu_ratio"] == 1.0
     assert all(row["cpu_us_per_s"] > 0.0 for row in rows)
@@ -205,8 +143,8 @@ def test_force_loop_measures_every_control_rate(force_loop):
     assert fast["sensed"]["ripple_peak_to_peak_n"]["median"] > slow["sensed"]["ripple_peak_to_peak_n"]["median"]
 
 
-def test_force_loop_has_its_margins_beside_the_observed_edge(force_loop):
-    rows = recorded(*force_loop)["edges"]
+def test_force_loop_has_its_margins_beside_the_observed_edge(measured):
+    rows = measured("force_loop")["edges"]
     assert [row["delay_ms"] for row in rows] == [0, 40]
     for row in rows:
         # The linear model leaves out how frames, control periods and readings fall together.
@@ -215,8 +153,8 @@ def test_force_loop_has_its_margins_beside_the_observed_edge(force_loop):
     assert rows[1]["linear_edge"] < rows[0]["linear_edge"]
 
 
-def test_force_loop_never_presses_harder_than_the_device_may_and_comes_to_rest(force_loop):
-    rows = recorded(*force_loop)["largest"]
+def test_force_loop_never_presses_harder_than_the_device_may_and_comes_to_rest(measured):
+    rows = measured("force_loop")["largest"]
     assert len({row["scenario"] for row in rows}) == len(rows) / 6 == 15
     for row in rows:
         assert row["at_rest"]
@@ -228,31 +166,16 @@ def test_force_loop_never_presses_harder_than_the_device_may_and_comes_to_rest(f
             assert row["above_limit_ms"] == 0
 
 
-def test_force_loop_refuses_what_it_cannot_use_in_one_line():
-    done = bench("force_loop.py", "--seeds", "0")
-    assert done.returncode == 2
-    assert "error:" in done.stderr.splitlines()[-1]
-
-
-def test_the_plot_of_force_loop_is_a_picture(force_loop, tmp_path):
-    file, _ = force_loop
-    done = bench("plot_force_loop.py", file, "--out", tmp_path / "loop.png")
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "loop.png").read_bytes().startswith(b"\x89PNG")
-
-
-def test_rate_distortion_puts_every_codec_beside_the_optimum(tmp_path):
-    file = tmp_path / "rate_distortion.json"
-    results = recorded(file, bench("rate_distortion.py", "--quick", "--json", file))
+def test_rate_distortion_puts_every_codec_beside_the_optimum(measured):
+    results = measured("rate_distortion")
     assert {row["codec"] for row in results["rows"]} == set(CODECS)
     assert all(0 < row["optimum_lines"] <= row["optimum_holds"] for row in results["rows"])
     within = [row for row in results["rows"] if row["multiplier"] <= 1.0 and not row["loss"]]
     assert {row["exceed_jnd_fraction"] for row in within if row["codec"] == "deadband"} == {0.0}
 
 
-def test_scene_accuracy_approaches_the_exact_breach_as_the_rate_grows(tmp_path):
-    file = tmp_path / "scene_accuracy.json"
-    results = recorded(file, bench("scene_accuracy.py", "--quick", "--json", file))
+def test_scene_accuracy_approaches_the_exact_breach_as_the_rate_grows(measured):
+    results = measured("scene_accuracy")
     late_ms = [row["late_mean_ms"] for row in results["breaches"]]
     assert late_ms == sorted(late_ms, reverse=True)
     assert all(row["largest_force_n"] <= results["breach_force_n"] for row in results["breaches"])

@@ -1,10 +1,9 @@
-"""How punctual the 1 kHz loop is, and how soon a position comes back as a force.
+"""How late the ticks of the 1 kHz loop are, and how long a position takes to come back as a force.
 
-Each is measured beside its limit in the same run, in turns, under the same scheduling class: the master's ticks beside
-a C program that sleeps with clock_nanosleep, position to force beside a bare UDP echo between two uvloop processes.
+Each is measured beside its limit in the same run, in turns, with the same scheduling: the master's ticks beside a C
+program that sleeps with clock_nanosleep, position to force beside a bare UDP echo between two uvloop processes.
 """
 
-import argparse
 import json
 import os
 import subprocess
@@ -24,16 +23,12 @@ CODECS = ("raw", "deadband")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = record.options(__doc__)
     parser.add_argument("--seconds", type=float, default=8.0, help="length of each measurement")
     parser.add_argument("--repetitions", type=int, default=3)
     parser.add_argument("--no-realtime", action="store_true", help="leave everything in SCHED_OTHER")
-    parser.add_argument("--json", type=Path, metavar="FILE")
     arguments = parser.parse_args()
     fifo = not arguments.no_realtime and fifo_is_granted()
-    print(
-        f"scheduling: {'SCHED_FIFO 10' if fifo else 'SCHED_OTHER'}; {arguments.repetitions} × {arguments.seconds:g} s"
-    )
     runs: dict[str, list[Any]] = {"c_tick": [], "udp_echo": [], **{codec: [] for codec in CODECS}}
     with tempfile.TemporaryDirectory() as folder:
         tick = compile_c(Path(folder))
@@ -42,21 +37,18 @@ def main() -> None:
             runs["udp_echo"].append(udp_echo(arguments.seconds, fifo))
             for codec in CODECS:
                 runs[codec].append(hapticnet(codec, arguments.seconds, fifo, Path(folder)))
-    results = summary(runs)
-    show(results)
-    if arguments.json:
-        record.write(
-            arguments.json,
-            name="loop",
-            seed=1,
-            unit="us",
-            repetitions=arguments.repetitions,
-            results={"scheduling": "SCHED_FIFO" if fifo else "SCHED_OTHER", **results},
-        )
+    record.write(
+        arguments.json,
+        name="real_time",
+        seed=arguments.seed,
+        unit="us",
+        repetitions=arguments.repetitions,
+        results={"scheduling": "SCHED_FIFO" if fifo else "SCHED_OTHER", **summary(runs)},
+    )
 
 
 def fifo_is_granted() -> bool:
-    """Tell whether this user may have SCHED_FIFO, by asking in a process of its own."""
+    """Tell whether this user may use SCHED_FIFO; asked in a separate process."""
     code = "import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))"
     return subprocess.run([sys.executable, "-c", code], stderr=subprocess.DEVNULL, check=False).returncode == 0
 
@@ -104,7 +96,7 @@ def hapticnet(codec: str, seconds: float, fifo: bool, folder: Path) -> dict[str,
 
 
 def summary(runs: dict[str, list[Any]]) -> dict[str, Any]:
-    """Return percentiles as medians over the repetitions, and their ratios to the limits."""
+    """Return percentiles as medians over the repetitions."""
     limits = {
         name: [float(np.median([np.percentile(run, percent) for run in runs[name]])) for percent in PERCENTILES]
         for name in ("c_tick", "udp_echo")
@@ -119,25 +111,7 @@ def summary(runs: dict[str, list[Any]]) -> dict[str, Any]:
                 float(np.median([run[key][name] for run in runs[codec]])) for name in ("p50_us", "p99_us", "p99_9_us")
             ]
     results["missed ticks"] = {codec: [run["missed_ticks"] for run in runs[codec]] for codec in CODECS}
-    results["ratio"] = {
-        "tick lateness p99, worst codec / C": max(results["tick lateness"][f"hapticnet, {c}"][1] for c in CODECS)
-        / limits["c_tick"][1],
-        "position to force p50, raw / bare echo": results["position to force"]["hapticnet, raw"][0]
-        / limits["udp_echo"][0],
-    }
     return results
-
-
-def show(results: dict[str, Any]) -> None:
-    for measure in ("tick lateness", "position to force"):
-        print(f"\n{measure} [us]".ljust(41) + "".join(f"p{percent}".rjust(9) for percent in PERCENTILES))
-        for name, values in results[measure].items():
-            print(f"  {name}".ljust(40) + "".join(f"{value:9.1f}" for value in values))
-    print()
-    for codec, missed in results["missed ticks"].items():
-        print(f"missed ticks, {codec}: {missed}")
-    for name, ratio in results["ratio"].items():
-        print(f"{name}: {ratio:.2f}")
 
 
 if __name__ == "__main__":

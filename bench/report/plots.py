@@ -1,0 +1,217 @@
+"""Draw the figures of the benchmark pages from the results."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
+
+Row = dict[str, Any]
+
+BLACK, GREY = "#222222", "#9aa5b1"
+ORANGE, SKY, GREEN, BLUE, RED, PURPLE = "#e69f00", "#56b4e9", "#009e73", "#0072b2", "#d55e00", "#cc79a7"
+"""Okabe and Ito, "Color universal design" (2008): told apart by colour-blind readers, too."""
+
+CODECS: Final = {
+    "adaptive-predictive": (BLUE, "o"),
+    "linear-predictive": (SKY, "s"),
+    "least-squares": (GREEN, "^"),
+    "level-crossing": (PURPLE, "v"),
+    "velocity-adaptive": (ORANGE, "P"),
+    "deadband": (RED, "D"),
+}
+CONDITIONS: Final = {"none": (GREY, "."), "1 JND": (BLUE, "o"), "2 JND": (ORANGE, "s"), "4 JND": (GREEN, "^")}
+REDUCTIONS: Final = (0.0, 0.5, 0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 0.998)
+
+
+def draw(records: dict[str, Row], folder: Path) -> None:
+    """Write every figure, as a PNG named after its function, to `folder`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, function in FIGURES:
+        figure: Figure = function(records[name]["results"])
+        for axes in figure.axes:
+            axes.grid(linewidth=0.4, alpha=0.5)
+            axes.spines["top"].set_visible(False)
+        figure.savefig(folder / f"{function.__name__}.png", dpi=110)
+        plt.close(figure)
+
+
+def packets_against_error(results: Row) -> Figure:
+    """Draw packets over error on the paper's scene, with raw and the optimum."""
+    figure, axes = plt.subplots(figsize=(8.6, 5.0), layout="constrained")
+    _codecs(axes, results, "paper's scene")
+    raw = next(row for row in results["averages"] if (row["signals"], row["codec"]) == ("paper's scene", "raw"))
+    axes.axhline(raw["packets_per_s"], color=GREY, linestyle="-.", label="raw: every sample")
+    axes.set_ylabel("packets/s")
+    figure.legend(loc="outside right upper", frameon=False)
+    return figure
+
+
+def other_signals(results: Row) -> Figure:
+    """Draw packets over error on one recording, if there is one, and made signals."""
+    recorded, made = (
+        [row["name"] for row in results["signals"] if row["kind"] == kind] for kind in ("recorded", "made")
+    )
+    shown = [*recorded[-1:], *[name for name in ("smooth palpation", "noisy hold", "stiff wall") if name in made]]
+    figure, columns = plt.subplots(1, len(shown), figsize=(4.0 * len(shown), 4.2), layout="constrained")
+    for axes, signal in zip(columns, shown, strict=True):
+        _codecs(axes, results, signal)
+        axes.set_title(signal, fontsize=11)
+    columns[0].set_ylabel("packets/s")
+    figure.legend(*columns[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)
+    return figure
+
+
+def _codecs(axes: Axes, results: Row, signal: str) -> None:
+    own = [row for row in results["averages"] if row["signals"] == signal and not row["loss"] and not row["step_n"]]
+    own.sort(key=lambda row: row["multiplier"])
+    for codec, (colour, marker) in CODECS.items():
+        rows = [row for row in own if row["codec"] == codec]
+        _line(axes, rows, "rmse_n", "packets_per_s", colour, marker, label=codec)
+    plain = [row for row in own if row["codec"] == "deadband"]
+    _line(axes, plain, "rmse_n", "optimum_holds_per_s", BLACK, "_", "--", label="fewest possible, held")
+    _line(axes, plain, "rmse_n", "optimum_lines_per_s", BLACK, "_", ":", label="fewest possible, lines")
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
+    axes.set_xlabel("RMSE of the applied force [N]")
+
+
+def packet_rate(results: Row) -> Figure:
+    """Draw saving over the sampling rate, with the paper's, and saving over error."""
+    figure, (rates, errors) = plt.subplots(1, 2, figsize=(12.5, 5.2), layout="constrained")
+    scripted_s, paper = results["motion"]["push_s"], 100 * results["paper_byte_reduction"]
+    scene = [row | {"saved": 100 * row["byte_reduction"], "left": 1 - row["packet_rate_reduction"]}
+             for row in results["scene"]]  # fmt: skip
+    for curve, dashes in zip(results["over_speeds"], ("-", "--", "-.", ":", (0, (1, 3))), strict=False):
+        rows = [row | {"saved": 100 * row["byte_reduction"]} for row in curve["rows"]]
+        if curve["push_s"] != scripted_s:
+            _line(rates, rows, "rate_hz", "saved", BLUE, "", dashes, label=f"1 JND, push of {curve['push_s']:g} s")
+        elif curve["crossing_hz"]:
+            rates.plot(curve["crossing_hz"], paper, "o", color=RED, markersize=10, fillstyle="none", zorder=4)
+    for condition, (colour, marker) in CONDITIONS.items():
+        rows = [row for row in scene if row["condition"] == condition]
+        errors.scatter([row["rmse_n"] for row in rows], [row["left"] for row in rows], color=colour, marker=marker,
+                       label=condition, zorder=3)  # fmt: skip
+        if condition != "none":
+            _line(rates, rows, "rate_hz", "saved", colour, marker, label=f"{condition}, push of {scripted_s:g} s")
+    rates.axhline(paper, color=RED, linewidth=1.0, label=f"the paper's {paper:.1f} % at 1 JND")
+    _rate_axis(rates, sorted({row["rate_hz"] for row in scene}), "sampling rate [Hz]")
+    rates.set_ylim(18, 101)
+    rates.set_ylabel("fewer bytes per penetration than raw [%], headers included")
+    rates.legend(loc="lower right", ncols=2, frameon=False, fontsize=9)
+    for rate_hz in dict.fromkeys(row["rate_hz"] for row in scene):
+        rows = [row for row in scene if row["rate_hz"] == rate_hz]
+        _line(errors, rows, "rmse_n", "left", GREY, "")
+        errors.annotate(f"{rate_hz:g} Hz", (rows[-1]["rmse_n"], rows[-1]["left"]), xytext=(9, -3),
+                        textcoords="offset points")  # fmt: skip
+    errors.set_yscale("log")
+    errors.set_yticks([1 - reduction for reduction in REDUCTIONS], [f"{100 * each:g}" for each in REDUCTIONS])
+    errors.yaxis.set_minor_locator(NullLocator())
+    errors.invert_yaxis()
+    errors.margins(x=0.2)
+    errors.set_xlabel("RMSE of the applied force [N]")
+    errors.set_ylabel("fewer packets than raw, whole run [%]")
+    errors.legend(loc="lower right", frameon=False, fontsize=9)
+    return figure
+
+
+def scene_accuracy(results: Row) -> Figure:
+    """Draw the error of the held force, the lateness of a breach, and cost over the rate of the scene."""
+    figure, (errors, late, cost) = plt.subplots(1, 3, figsize=(12.5, 4.2), layout="constrained")
+    laws = dict.fromkeys(row["law"] for row in results["forces"])
+    for law, colour, marker in zip(laws, (BLUE, ORANGE, GREEN), "os^", strict=True):
+        rows = [row for row in results["forces"] if row["law"] == law]
+        _line(errors, rows, "rate_hz", "max_held_n", colour, marker, label=f"{law}, largest")
+        _line(errors, rows, "rate_hz", "rmse_held_n", colour, marker, ":", label=f"{law}, RMSE")
+    errors.set_ylabel("error of the held force [N]")
+    rows = [row | {"period_ms": 1e3 / row["rate_hz"]} for row in results["breaches"]]
+    _line(late, rows, "rate_hz", "late_max_ms", BLUE, "o", label="largest")
+    _line(late, rows, "rate_hz", "late_mean_ms", BLUE, "o", ":", label="mean")
+    _line(late, rows, "rate_hz", "period_ms", GREY, "", label="one period")
+    late.set_ylabel("delay until a breach is noticed [ms]")
+    spent = [row | {"us": row["ns_per_second_best"] / 1e3} for row in results["cost"]]
+    _line(cost, spent, "rate_hz", "us", BLUE, "o", label="best of the repetitions")
+    cost.set_ylabel("time for a second of the paper's scene [µs]")
+    for axes in (errors, late, cost):
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.set_xlabel("rate of the scene [Hz]")
+        axes.legend(fontsize=8, frameon=False)
+    return figure
+
+
+def force_loop(results: Row) -> Figure:
+    """Draw the step on each finger, and settling and ripple over the control rate."""
+    figure, (steps, rates) = plt.subplots(1, 2, figsize=(12.5, 5.2), layout="constrained")
+    from_n, to_n = results["from_n"], results["to_n"]
+    for index, (row, colour) in enumerate(zip(results["step"], (BLUE, ORANGE, GREEN, RED, PURPLE), strict=False)):
+        raised_n, t_ms = 0.5 * index, [1e3 * t_s for t_s in row["trace"]["t_s"]]
+        target = [t_ms[0], 0.0, 0.0, t_ms[-1]], [from_n + raised_n] * 2 + [to_n + raised_n] * 2
+        steps.plot(*target, color=GREY, linewidth=0.8, label=None if index else "target")
+        for force, dashes in (("sensed", "-"), ("true", ":")):
+            values = [force_n + raised_n for force_n in row["trace"][f"{force}_n"]]
+            steps.plot(t_ms, values, dashes, color=colour, linewidth=1.3, label=None if index else force)
+        text = f"{row['stiffness_n_m'] / 1000:g} N/mm" + (f", +{raised_n:g} N" if index else "")
+        steps.annotate(text, (t_ms[-1], to_n + raised_n), xytext=(0, -14), textcoords="offset points", ha="right")
+    steps.set_xlabel("time since the step [ms]")
+    steps.set_ylabel("force [N], each finger raised by 0.5 N")
+    steps.legend(loc="lower right", frameon=False, fontsize=9)
+    ripples = rates.twinx()
+    for axes, force, name, colour, marker, label in (
+        (rates, "true", "settling_s", BLUE, "o", "5 % settling of the true force [ms]"),
+        (ripples, "sensed", "ripple_peak_to_peak_n", RED, "D", "ripple of the averaged reading [mN]"),
+    ):
+        for which, dashes in (("median", "-"), ("worst", ":")):
+            rows = []
+            for row in results["rates"]:
+                (usual,) = [finger for finger in row["fingers"] if finger["stiffness_n_m"] == 1000.0]
+                value = usual[force][name][which]
+                rows.append({"rate_hz": row["rate_hz"], "value": float("nan") if value is None else 1e3 * value})
+            _line(axes, rows, "rate_hz", "value", colour, marker, dashes, label=f"{label}, {which}")
+        axes.set_ylim(bottom=0.0)
+        axes.set_ylabel(label, color=colour)
+    _rate_axis(rates, [row["rate_hz"] for row in results["rates"]], "control rate [Hz], 1 N/mm")
+    rates.legend(*(a + b for a, b in zip(rates.get_legend_handles_labels(), ripples.get_legend_handles_labels(),
+                                         strict=True)), loc="best", frameon=False, fontsize=9)  # fmt: skip
+    return figure
+
+
+def _line(
+    axes: Axes,
+    rows: Sequence[Row],
+    x: str,
+    y: str,
+    colour: str,
+    marker: str,
+    dashes: Any = "-",
+    label: str | None = None,
+) -> None:
+    axes.plot([row[x] for row in rows], [row[y] for row in rows], color=colour, marker=marker, linestyle=dashes,
+              markersize=5, linewidth=1.3, label=label)  # fmt: skip
+
+
+def _rate_axis(axes: Axes, rates_hz: Sequence[float], label: str) -> None:
+    axes.set_xscale("log")
+    axes.set_xticks(rates_hz, [f"{rate_hz:g}" for rate_hz in rates_hz])
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.set_xlabel(label)
+
+
+FIGURES: Final[tuple[tuple[str, Callable[[Row], Figure]], ...]] = (
+    ("rate_distortion", packets_against_error),
+    ("rate_distortion", other_signals),
+    ("packet_rate", packet_rate),
+    ("scene_accuracy", scene_accuracy),
+    ("force_loop", force_loop),
+)
+"""Benchmark and the function that draws from its results."""

@@ -1,0 +1,64 @@
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).parents[2]
+QUICK = {
+    "codec_speed": ("--samples", 20_000, "--repetitions", 1),
+    "codec_stability": ("--quick",),
+    "force_loop": ("--quick", "--seeds", 1),
+    "packet_rate": ("--seeds", 1, "--insertions", 1),
+    "rate_distortion": ("--quick",),
+    "real_time": ("--seconds", 0.3, "--repetitions", 1),
+    "scene_accuracy": ("--quick",),
+    "scene_cost": ("--repetitions", 1),
+    "virtual_time": ("--insertions", 1, "--repetitions", 2),
+}
+"""Every benchmark, with arguments that take seconds."""
+
+
+@pytest.fixture(scope="session")
+def bench():
+    """Return how to run a script of bench/."""
+
+    def run(script, *arguments):
+        environment = os.environ | {"PYTHONPATH": str(REPOSITORY)}
+        command = [sys.executable, REPOSITORY / "bench" / script, *map(str, arguments)]
+        return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=100, check=False)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def folder(tmp_path_factory):
+    """Return where the records go."""
+    return tmp_path_factory.mktemp("results")
+
+
+@pytest.fixture(scope="session")
+def measured(bench, folder, tool_is_missing):
+    """Return how to get the results of a benchmark, which is run once, with a check that its record is whole."""
+
+    def results(name):
+        file = folder / f"{name}.json"
+        if not file.exists():
+            if name in ("codec_speed", "real_time") and shutil.which("gcc") is None:
+                tool_is_missing("gcc is missing: the C loops cannot be compiled")
+            done = bench(f"measure/{name}.py", *QUICK[name], "--json", file)
+            assert done.returncode == 0, done.stderr
+        record = json.loads(file.read_text())
+        assert record["name"] == name
+        assert record["revision"]
+        assert record["unit"]
+        assert type(record["seed"]) is int
+        assert record["repetitions"] >= 1
+        assert record["machine"]["cores"] >= 1
+        assert record["machine"]["python"].endswith(".".join(map(str, sys.version_info[:3])))
+        return record["results"]
+
+    return results
