@@ -37,7 +37,7 @@ KEPT: Final = (
     "packet_rate_reduction", "packets_per_s", "wire_bytes", "wire_bytes_per_s", "session_wire_bytes_per_s",
     "exceed_jnd_fraction", "rmse_n",
     "max_error_n", "psnr_db", "hpw_psnr_db", "perceptual_mse", "send_jump_mean_jnd", "send_jump_max_jnd",
-    "age_mean_us", "worst_100ms_packets", "energy_peak_j", "nanoseconds_per_sample",
+    "age_mean_us", "worst_100ms_packets", "energy_peak_j", "nanoseconds_per_sample", "loss",
 )  # fmt: skip
 MEANS: Final = (
     "near_sent", "near_over_optimum", "near_wire_bytes_per_s", "over_optimum", "over_lines", "packets_per_s",
@@ -74,14 +74,10 @@ def lossless(
     ]
 
 
-def lossy(trials: Sequence[Trial], losses: Iterable[float], seeds: Iterable[int]) -> list[Row]:
+def lossy(trials: Sequence[Trial], losses: Sequence[float], seeds: Iterable[int]) -> list[Row]:
     """Return a row for every signal, codec, loss and seed of what is lost, at 1 JND with float32 payloads."""
     chosen = codecs((1.0,), (0.0,))
-    return [
-        kept(row) | {"loss": loss}
-        for loss, seed in itertools.product(losses, seeds)
-        for row in compare(trials, chosen, loss=loss, seed=seed)
-    ]
+    return [kept(row) for seed in seeds for row in compare(trials, chosen, loss=losses, seed=seed)]
 
 
 def kept(row: ComparisonRow) -> Row:
@@ -89,7 +85,6 @@ def kept(row: ComparisonRow) -> Row:
     flat = row.flat()
     own = {
         "step_n": row.parameters.get("step_n", 0.0),
-        "loss": 0.0,
         "over_lines": row.cost.sent / row.limits.lines,
         "optimum_holds_per_s": row.packets_per_s / row.over_optimum,
         "optimum_lines_per_s": row.packets_per_s * row.limits.lines / row.cost.sent,
