@@ -130,9 +130,11 @@ def test_a_result_is_drawn():
     from matplotlib import pyplot
 
     mpl.use("agg")
-    above, below = hn.encode(VECTORS).plot()
-    assert {text.get_text() for text in above.get_legend().get_texts()} == {"force", "decoded", "sent"}
-    assert below.get_xlabel() == "time [s]"
+    force, sent, error = hn.encode(VECTORS, multiplier=2).plot(window_s=(0.5, 1.0))
+    assert force.get_title(loc="left") == "deadband"
+    assert "samples sent" in sent.get_title(loc="left")
+    assert error.get_xlim() == (0.5, 1.0)
+    assert len(hn.encode(FORCE).plot()) == 3
     pyplot.close("all")
 
 
@@ -160,6 +162,8 @@ def test_compare_takes_several_recordings_and_codec_objects():
     assert [(row.trial, row.codec, row.multiplier) for row in rows] == [
         ("one", "merging", 1), ("one", "deadband", 3), ("three", "merging", 1), ("three", "deadband", 3)
     ]  # fmt: skip
+    assert [row.label for row in hn.compare(FORCE, codecs="deadband", multipliers=2)] == ["deadband"]
+    assert [row.label for row in hn.compare(FORCE, codecs=objects[0])] == ["deadband"]
     recorded = [types.SimpleNamespace(name="a", t_us=np.arange(2000) * 1000, values=FORCE) for _ in range(2)]
     assert {row.trial for row in hn.compare(recorded, codecs=["raw"])} == {"a 1", "a 2"}
 

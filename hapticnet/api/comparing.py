@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
 import numpy.typing as npt
 
 from hapticnet.api.inputs import ForceLike, as_codec, is_recording, read_trial
@@ -12,6 +13,8 @@ from hapticnet.codec.registry import all_codecs, register_installed_codecs
 from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.experiment import comparison
 from hapticnet.experiment.comparison import Row, Trial
+from hapticnet.experiment.grid import grid_codecs
+from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION
 
 if TYPE_CHECKING:
     import pandas
@@ -57,10 +60,10 @@ def compare(
     t_s: npt.ArrayLike | None = None,
     t_us: npt.ArrayLike | None = None,
     position: npt.ArrayLike | None = None,
-    codecs: Sequence[str | Codec] | None = None,
-    multipliers: Sequence[float] = (1.0, 2.0, 4.0),
-    weber_fraction: float | None = None,
-    floor_n: float | None = None,
+    codecs: str | Codec | Sequence[str | Codec] | None = None,
+    multipliers: float | Sequence[float] = (1.0, 2.0, 4.0),
+    weber_fraction: float = PAPER_WEBER_FRACTION,
+    floor_n: float = PAPER_FLOOR_N,
     loss: float | Sequence[float] = 0.0,
     seed: int = 1,
     jobs: int = 1,
@@ -104,13 +107,9 @@ def compare(
     if codecs is None:
         register_installed_codecs()
         codecs = list(all_codecs())
-    law = {"weber_fraction": weber_fraction, "floor_n": floor_n}
-    chosen = [
-        as_codec(codec, **law, multiplier=multiplier, parameters={})
-        for multiplier in multipliers
-        for codec in codecs
-        if isinstance(codec, str) and (codec != "raw" or multiplier == multipliers[0])
-    ]
+    codecs = list(codecs) if isinstance(codecs, Sequence) and not isinstance(codecs, str) else [codecs]
+    law = {"multiplier": np.atleast_1d(multipliers).tolist(), "weber_fraction": [weber_fraction], "floor_n": [floor_n]}
+    chosen = grid_codecs([codec for codec in codecs if isinstance(codec, str)], law)
     for codec in codecs:
         if not isinstance(codec, str):
             chosen.append(as_codec(codec, weber_fraction=None, floor_n=None, multiplier=None, parameters={}))

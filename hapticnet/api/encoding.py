@@ -12,8 +12,7 @@ from hapticnet.arrays import FloatArray, IntArray
 from hapticnet.codec.base import Codec, Encoding
 from hapticnet.codec.recording import encode_array
 from hapticnet.errors import UnavailableError
-from hapticnet.experiment.comparison import Trial
-from hapticnet.measure.metrics import norms
+from hapticnet.experiment.comparison import Trial, codec_label
 from hapticnet.measure.quality import QualityReport, quality_report
 from hapticnet.node.offline import cost_report
 
@@ -115,8 +114,13 @@ class Encoded:
         }
         return Report(**{field.name: known[field.name] for field in fields(Report)})
 
-    def plot(self) -> "list[Axes]":
-        """Draw force, decoded force and sent samples over the error, in a new pyplot figure; return its two axes.
+    def plot(self, *, window_s: tuple[float, float] | None = None) -> "list[Axes]":
+        """Draw force, sent samples and error over time in a new pyplot figure; return its three axes.
+
+        Parameters
+        ----------
+        window_s
+            The stretch to draw, in seconds after the first sample; default: everything.
 
         Raises
         ------
@@ -126,23 +130,24 @@ class Encoded:
         try:
             from matplotlib import pyplot
         except ImportError as error:
-            raise UnavailableError("drawing needs matplotlib: pip install 'hapticnet[plot]'") from error
+            raise UnavailableError("plot() needs matplotlib: pip install 'hapticnet[plot]'") from error
+        from hapticnet.experiment.signal_figure import Signal, fill_figure
+        from hapticnet.experiment.style import PRINT_WIDTH_IN, SETTINGS
+
         t_s = (self.t_us - self.t_us[0]) / 1e6
-        force, decoded = _columns(self.force), _columns(self.decoded)
-        figure, (above, below) = pyplot.subplots(2, 1, sharex=True, layout="constrained", height_ratios=(2, 1))
-        above.plot(t_s, force, color="0.6", linewidth=2.0, label="force")
-        above.plot(t_s, decoded, color="tab:blue", linewidth=1.0, drawstyle="steps-post", label="decoded")
-        above.plot(t_s[self.sent], decoded[self.sent], ".", color="tab:orange", markersize=4, label="sent")
-        above.set_ylabel("force [N]")
-        handles, labels = above.get_legend_handles_labels()
-        unique = dict(zip(labels, handles, strict=True))
-        above.legend(unique.values(), unique.keys(), frameon=False)
-        below.plot(t_s, norms(force - decoded), color="tab:blue", linewidth=1.0, label="error")
-        below.plot(t_s, self.codec.law.jnds_n(norms(decoded)), "--", color="0.4", linewidth=1.0, label="1 JND")
-        below.set(ylabel="error [N]", xlabel="time [s]")
-        below.legend(frameon=False)
-        figure.suptitle(f"{self.codec.name}: {len(self.sent)} of {len(t_s)} samples sent", fontsize=10)
-        return [above, below]
+        signal = Signal(
+            t_s=t_s,
+            true_n=_columns(self.force),
+            applied_n=_columns(self.decoded),
+            sent=self.sent,
+            lost=self.sent[:0],
+            law=self.codec.law,
+        )
+        window_s = (0.0, float(t_s[-1])) if window_s is None else window_s
+        with pyplot.rc_context(SETTINGS):
+            figure = pyplot.figure(figsize=(PRINT_WIDTH_IN, 4.4), layout="constrained")
+            fill_figure(figure, signal, window_s=window_s, title=codec_label(self.codec))
+        return list(figure.axes)
 
     def __repr__(self) -> str:
         return f"<Encoded: {self.codec.name}, {len(self.sent)} of {len(self.t_us)} samples sent>"

@@ -64,7 +64,7 @@ def compare(
     import json as json_module
 
     from hapticnet.cli.console import Console, check_new, check_outputs, write_text
-    from hapticnet.codec.registry import CODECS
+    from hapticnet.codec.registry import all_codecs, register_installed_codecs
     from hapticnet.errors import SettingsError
     from hapticnet.experiment.comparison import compare as compare_codecs
     from hapticnet.experiment.comparison_table import csv_text
@@ -76,7 +76,9 @@ def compare(
         raise SettingsError("--column, --position and --rate say how to read a TRACE, and none is named")
     values = _grid(grid or [], thresholds, weber, floor, loss)
     losses = values.pop("loss")
-    chosen = grid_codecs(list(CODECS) if codecs is None else codecs.split(";"), values)
+    if codecs is None:
+        register_installed_codecs()
+    chosen = grid_codecs(list(all_codecs()) if codecs is None else codecs.split(";"), values)
     files = dict.fromkeys(traces or ())
     stems = [file.stem for file in files]
     trials = [

@@ -52,40 +52,45 @@ def draw_signal(
     width_in: float = PRINT_WIDTH_IN,
     **settings: Any,
 ) -> None:
-    """Draw a stretch of a signal. On several axes force and error are magnitudes."""
+    """Draw a stretch of a signal into a file; see `fill_figure`."""
+    with picture(file, height_in, width_in=width_in, **settings) as figure:
+        fill_figure(figure, signal, window_s=window_s, title=title)
+
+
+def fill_figure(figure: Any, signal: Signal, *, window_s: tuple[float, float], title: str) -> None:
+    """Draw a stretch of a signal into an empty figure. On several axes force and error are magnitudes."""
     one_axis = signal.true_n.shape[1] == 1
     shown = (signal.t_s >= window_s[0]) & (signal.t_s <= window_s[1])
     t_s = signal.t_s[shown]
     true_n, applied_n, error_n, threshold_n = (values[shown] for values in _scalars(signal))
     sent, lost = (indices[shown[indices]] for indices in (signal.sent, signal.lost))
-    with picture(file, height_in, width_in=width_in, **settings) as figure:
-        force, ticks, error = figure.subplots(3, 1, sharex=True, height_ratios=HEIGHTS)
-        force.plot(t_s, true_n, color=INK, linewidth=0.9, label="true force")
-        force.step(t_s, applied_n, where="post", color=VERMILION, linewidth=1.1, label="applied (held) force")
-        if signal.felt_n is not None:
-            label = "force at the fingertip"
-            force.plot(t_s, signal.felt_n[shown], color=BLUE, linewidth=1.0, linestyle=(0, (4, 1.5)), label=label)
-        force.set_ylabel("force [N]" if one_axis else "|force| [N]")
-        force.legend(loc="upper left", ncols=3)
-        force.set_title(title, loc="left")
-        share = f"{len(sent):,} of {len(t_s):,} samples sent: {1 - len(sent) / max(len(t_s), 1):.1%} fewer packets"
-        ticks.vlines(signal.t_s[sent], 0.0, 1.0, color=VERMILION, linewidth=0.6)
-        if len(lost):
-            ticks.vlines(signal.t_s[lost], -0.6, 0.0, color=BLUE, linewidth=0.6)
-            share += f", {len(lost):,} lost (blue)"
-        ticks.set_yticks([])
-        ticks.grid(visible=False)
-        ticks.spines["left"].set_visible(False)
-        ticks.set_ylabel("sent", rotation=0, ha="right", va="center")
-        ticks.set_title(share, loc="left", color=VERMILION)
-        error.fill_between(t_s, -threshold_n, threshold_n, color=ORANGE, alpha=0.35, linewidth=0, label="threshold")
-        error.plot(t_s, error_n, color=INK, linewidth=0.7, label="error")
-        error.set_ylabel("error [N]" if one_axis else "|error| [N]")
-        if not one_axis:
-            error.set_ylim(bottom=0.0)
-        error.legend(loc="upper left", ncols=2)
-        error.set_xlabel("time [s]")
-        error.set_xlim(window_s)
+    force, ticks, error = figure.subplots(3, 1, sharex=True, height_ratios=HEIGHTS)
+    force.plot(t_s, true_n, color=INK, linewidth=0.9, label="true force")
+    force.step(t_s, applied_n, where="post", color=VERMILION, linewidth=1.1, label="applied (held) force")
+    if signal.felt_n is not None:
+        label = "force at the fingertip"
+        force.plot(t_s, signal.felt_n[shown], color=BLUE, linewidth=1.0, linestyle=(0, (4, 1.5)), label=label)
+    force.set_ylabel("force [N]" if one_axis else "|force| [N]")
+    force.legend(loc="upper left", ncols=3)
+    force.set_title(title, loc="left")
+    share = f"{len(sent):,} of {len(t_s):,} samples sent: {1 - len(sent) / max(len(t_s), 1):.1%} fewer packets"
+    ticks.vlines(signal.t_s[sent], 0.0, 1.0, color=VERMILION, linewidth=0.6)
+    if len(lost):
+        ticks.vlines(signal.t_s[lost], -0.6, 0.0, color=BLUE, linewidth=0.6)
+        share += f", {len(lost):,} lost (blue)"
+    ticks.set_yticks([])
+    ticks.grid(visible=False)
+    ticks.spines["left"].set_visible(False)
+    ticks.set_ylabel("sent", rotation=0, ha="right", va="center")
+    ticks.set_title(share, loc="left", color=VERMILION)
+    error.fill_between(t_s, -threshold_n, threshold_n, color=ORANGE, alpha=0.35, linewidth=0, label="threshold")
+    error.plot(t_s, error_n, color=INK, linewidth=0.7, label="error")
+    error.set_ylabel("error [N]" if one_axis else "|error| [N]")
+    if not one_axis:
+        error.set_ylim(bottom=0.0)
+    error.legend(loc="upper left", ncols=2)
+    error.set_xlabel("time [s]")
+    error.set_xlim(window_s)
 
 
 def _scalars(signal: Signal) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

@@ -24,7 +24,7 @@ DASHES: Final[tuple[Any, ...]] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1
 SAME: Final = 0.004
 """Relative distance below which points fall on the same spot of a figure."""
 
-_SETTINGS: Final = {
+SETTINGS: Final[dict[Any, Any]] = {
     "font.size": 8.0,
     "axes.titlesize": 9.0,
     "axes.spines.top": False,
@@ -72,7 +72,7 @@ def picture(file: Path, height_in: float, *, width_in: float = PRINT_WIDTH_IN, *
     """
     plt = pyplot()
     extra = {key.replace("_", ".", 1): value for key, value in settings.items()}
-    with plt.rc_context({**_SETTINGS, **extra}):
+    with plt.rc_context({**SETTINGS, **extra}):
         figure = plt.figure(figsize=(width_in, height_in), layout="constrained")
         try:
             yield figure
