@@ -67,7 +67,6 @@ def nothing_registered(monkeypatch, tmp_path):
     monkeypatch.setattr(registry, "_user_codecs", {})
     monkeypatch.setattr(plugins, "_loaded", {})
     monkeypatch.setattr(sys, "path", sys.path[:])
-    monkeypatch.setattr(sys, "modules", dict(sys.modules))
     monkeypatch.chdir(tmp_path)
 
 
