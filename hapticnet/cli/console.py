@@ -124,7 +124,7 @@ def check_new(*outputs: Path | None, force: bool) -> None:
     """Raise SettingsError if one of the outputs exists already, unless it may be overwritten."""
     for path in outputs:
         if path is not None and not force and path.is_file():
-            raise SettingsError(f"{path} exists; name another, or add --force to overwrite it")
+            raise SettingsError(f"{path} exists; choose another file or add --force to overwrite it")
 
 
 def _to_stderr(text: str) -> None:

@@ -215,7 +215,7 @@ def test_an_address_that_is_not_this_machines():
         (("--plot", "{files}/plots", "--plot-format", "gif"), ("'gif'", "png, pdf or svg")),
         (("--plot", "{files}/plots", "--signal", "mp3"), ("'mp3'", "deadband")),
         (("--plot", "{files}/plots", "--window", "3:1"), ("'3:1'", "FROM:TO")),
-        (("{files}/good.csv", "--column", "f", "--csv", "{files}/good.csv"), ("good.csv", "name another file")),
+        (("{files}/good.csv", "--column", "f", "--csv", "{files}/good.csv"), ("good.csv", "choose another file")),
         (("--csv", "{files}/good.csv"), ("good.csv exists", "--force")),
     ],
 )
