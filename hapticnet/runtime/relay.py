@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import socket
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any, Final
@@ -18,6 +19,10 @@ from hapticnet.runtime.udp import HostPort, SocketAddress, UdpPort, open_toward
 
 MOST_CLIENTS: Final = 128
 """Each takes up to four descriptors; a process usually has 1024."""
+
+GIVES_WAY_US: Final = 2_000_000
+"""When every place is taken, a client that is silent this long gives its place to a new one. A master that is not gone
+sends at least every 100 ms."""
 
 IDLE_AFTER_US: Final = 30_000_000
 """A client that is silent this long is forgotten; longer than any session lives without a word."""
@@ -54,7 +59,8 @@ class Relay:
         self._settings = forward, feedback
         self._rng = rng
         self._clients: dict[SocketAddress, _Client] = {}
-        self._ended: list[tuple[ChannelCounters, ChannelCounters]] = []
+        self._ended = 0
+        self._totals = [Counter(dict.fromkeys(ChannelCounters.__dataclass_fields__, 0)) for _ in self._settings]
         self._front = UdpPort(loop, sock, self._from_client)
 
     @property
@@ -77,19 +83,21 @@ class Relay:
 
     def report(self) -> dict[str, Any]:
         """Return what became of the packets of all clients, for JSON."""
-        counters = [*self._ended, *(client.counters() for client in self._clients.values())]
+        totals = [total.copy() for total in self._totals]
+        for client in self._clients.values():
+            client.add_to(totals)
         forward, feedback = self._settings
         return {
-            "forward": {"settings": forward.describe(), **_sum(forward for forward, _ in counters)},
-            "feedback": {"settings": feedback.describe(), **_sum(feedback for _, feedback in counters)},
-            "clients": len(counters),
+            "forward": {"settings": forward.describe(), **totals[0]},
+            "feedback": {"settings": feedback.describe(), **totals[1]},
+            "clients": self._ended + len(self._clients),
             "turned_away": self.turned_away,
         }
 
     def _from_client(self, data: bytes, address: SocketAddress, now: int) -> None:
         client = self._clients.get(address)
         if client is None:
-            if len(self._clients) >= MOST_CLIENTS or now < self._retry_us:
+            if now < self._retry_us or not self._make_room(now):
                 self.turned_away += 1
                 return
             try:
@@ -102,9 +110,20 @@ class Relay:
         client.heard_us = now
         client.send(data)
 
+    def _make_room(self, now: int) -> bool:
+        """Free a place where there is none: that of a client the target never answered, or that has fallen silent."""
+        if len(self._clients) < MOST_CLIENTS:
+            return True
+        address, client = min(self._clients.items(), key=lambda item: (item[1].answered, item[1].heard_us))
+        if client.answered and now - client.heard_us <= GIVES_WAY_US:
+            return False
+        self._forget(address)
+        return True
+
     def _forget(self, address: SocketAddress) -> None:
         client = self._clients.pop(address)
-        self._ended.append(client.counters())
+        client.add_to(self._totals)
+        self._ended += 1
         client.close()
 
 
@@ -122,6 +141,7 @@ class _Client:
     ) -> None:
         forward, feedback = (Emulator[tuple[bytes, SocketAddress]](each, rng.spawn(1)[0]) for each in settings)
         self.heard_us = now_us()
+        self.answered = False
         sock, self._target = open_toward(target)
         with contextlib.ExitStack() as undo:
             undo.callback(sock.close)
@@ -132,9 +152,10 @@ class _Client:
         self._address = address
         self._channels = forward, feedback
 
-    def counters(self) -> tuple[ChannelCounters, ChannelCounters]:
-        forward, feedback = self._channels
-        return forward.counters, feedback.counters
+    def add_to(self, totals: list[Counter[str]]) -> None:
+        """Add what became of this client's packets to the totals of both directions."""
+        for total, channel in zip(totals, self._channels, strict=True):
+            total.update(asdict(channel.counters))
 
     def close(self) -> None:
         self._upstream.close()
@@ -144,6 +165,7 @@ class _Client:
         self._upstream.send(data, self._target)
 
     def _from_target(self, data: bytes, _: SocketAddress, __: int) -> None:
+        self.answered = True
         self._back.send(data, self._address)
 
 
@@ -173,11 +195,3 @@ async def run_relay(
     finally:
         repeating.cancel()
         relay.close()
-
-
-def _sum(counters: Any) -> dict[str, int]:
-    total = dict.fromkeys(ChannelCounters.__dataclass_fields__, 0)
-    for each in counters:
-        for name, value in asdict(each).items():
-            total[name] += value
-    return total
