@@ -18,8 +18,44 @@ def test_an_older_acknowledgement_does_not_count_and_a_later_one_across_the_wrap
     repair.sent(0xFFFFFFFF, 0)
     repair.acknowledged(0xFFFFFFFE, 1000)
     assert repair.expire(INITIAL_TIMEOUT_US + 1)
+    repair.sent(0, INITIAL_TIMEOUT_US + 1)
     repair.acknowledged(0, INITIAL_TIMEOUT_US + 2)
     assert not repair.expire(10**9)
+
+
+def test_an_update_that_is_still_missing_is_not_forgotten_for_newer_ones():
+    repair, now = Repair(), 0
+    for sequence in range(60):
+        repair.sent(sequence, now)
+        repair.acknowledged(sequence, now + 40_000)
+        now += 50_000
+    lost_us = now
+    for sequence in range(60, 69):
+        assert not repair.expire(now)
+        repair.sent(sequence, now)
+        now += 5_000
+    assert repair.expire(lost_us + 46_000)
+    repair.sent(69, lost_us + 46_000)
+    assert not repair.expire(lost_us + 46_000 + 80_000), "the repair is given a round trip, and longer than the first"
+    repair.acknowledged(59, lost_us + 130_000)
+    repair.acknowledged(69, lost_us + 130_000)
+    assert not repair.expire(10**9)
+
+
+def test_an_acknowledgement_covers_what_was_sent_before_it_and_of_the_rest_the_oldest_counts():
+    repair = Repair()
+    for sequence in range(10):
+        repair.sent(sequence, 1000 * sequence)
+    repair.acknowledged(4, 20_000)
+    assert not repair.expire(5_000 + 3 * 16_000)
+    assert repair.expire(5_000 + 3 * 16_000 + 1)
+
+
+def test_a_number_that_was_never_sent_acknowledges_nothing():
+    repair = Repair()
+    repair.sent(7, 0)
+    repair.acknowledged(8, 1000)
+    assert repair.expire(INITIAL_TIMEOUT_US + 1)
 
 
 def test_the_timeout_settles_near_one_round_trip():
