@@ -49,9 +49,9 @@ class Loopback:
             for due_us in (self.forward.next_timer_us(), self.feedback.next_timer_us()):
                 if due_us is not None and due_us < next_us:
                     next_us = due_us
-            # What is due at this very instant is exchanged already, so that time always moves on.
-            self.now_us = max(next_us, self.now_us + 1)
-        self.now_us = max(self.now_us, end_us)
+            # Everything due now has been exchanged, so time always advances.
+            self.now_us = min(max(next_us, self.now_us + 1), end_us)
+        self.now_us = end_us
 
     def close(self, reason: str = "done") -> None:
         """End the session in good order."""

@@ -104,6 +104,32 @@ class Still:
         return PositionSample(t_us, (0.025,))
 
 
+def test_running_in_small_steps_is_the_same_as_in_one_go(loopback):
+    steps, whole = loopback(3, feedback="delay=2ms,loss=5%"), loopback(3, feedback="delay=2ms,loss=5%")
+    for _ in range(10_000):
+        steps.run(170)
+    assert steps.now_us == 1_700_000
+    whole.run(1_700_000)
+    assert whole.now_us == 1_700_000
+    assert digest(steps) == digest(whole)
+
+
+def test_a_link_that_recovers_raises_the_force_no_faster_than_the_limits_allow(loopback):
+    link = loopback(1, device=True)
+    link.master._operator = Still()
+    link.run(2 * SECOND)
+    feedback, link.feedback = link.feedback, Emulator(parse_channel("loss=100%"), np.random.default_rng(0))
+    link.run(SECOND)
+    link.feedback = feedback
+    link.run(2 * SECOND)
+    table = link.master.recording.table()
+    held_n, target_n, t_us = table["held_n"], table["target_n"], table["t_us"]
+    assert (held_n[(t_us > 2_400_000) & (t_us < 3 * SECOND)] == 0.0).all()
+    assert np.diff(held_n).max() > 1.0, "what is held comes back at once"
+    assert (np.diff(target_n) <= 50.0 * 1e-6 * np.diff(t_us) + 1e-9).all(), "what is asked of the device does not"
+    assert target_n[-1] > 1.0
+
+
 @pytest.mark.parametrize("delay_ms", [0, 5, 40])
 def test_a_lost_update_is_repaired_within_a_few_round_trips_though_nothing_changes_any_more(loopback, delay_ms):
     network = f"delay={delay_ms}ms" if delay_ms else "perfect"
