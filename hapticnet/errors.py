@@ -3,6 +3,9 @@
 Each message is written for a person: what was wrong, the value seen, and what would be right.
 """
 
+import traceback
+from pathlib import Path
+
 
 class HapticnetError(Exception):
     """Base class. The command line prints the message as one line and exits with code 2."""
@@ -30,3 +33,15 @@ class RefusedError(HapticnetError):
 
 class UnavailableError(HapticnetError):
     """A resource is unavailable: a port in use, an address of another host, an extra that is not installed."""
+
+
+def in_words(error: BaseException) -> str:
+    """Return kind and message of an error, and the line of a user's code it comes from, on one line."""
+    kind = type(error)
+    name = kind.__name__ if kind.__module__ in ("builtins", __name__) else f"{kind.__module__}.{kind.__name__}"
+    message = " ".join(str(error).split())
+    text = f"{name}: {message}" if message else name
+    if isinstance(error, (SyntaxError, HapticnetError)):
+        return text
+    places = [place for place in traceback.extract_tb(error.__traceback__) if not place.filename.startswith("<")]
+    return f"{text} ({Path(places[-1].filename).name}, line {places[-1].lineno})" if places else text

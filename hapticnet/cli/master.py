@@ -59,6 +59,7 @@ def master(
     from hapticnet.errors import RefusedError, UnavailableError
     from hapticnet.node.master import MasterNode, MasterSettings
     from hapticnet.perception import WeberLaw
+    from hapticnet.runtime.entropy import SystemEntropy
     from hapticnet.runtime.processes import run_master
     from hapticnet.runtime.realtime import OTHER, prefer_realtime, run
     from hapticnet.runtime.udp import open_toward, parse_host_port
@@ -96,7 +97,7 @@ def master(
     ):
         if wire and known.is_generic and device.startswith("serial:"):
             console.say(devices.NOT_CALIBRATED)
-        node = MasterNode(hand, fingertip, settings, np.random.default_rng())
+        node = MasterNode(hand, fingertip, settings, SystemEntropy())
         outcome = run(
             run_master(
                 node,
@@ -131,6 +132,8 @@ def master(
     finally:  # whoever read stdout may have gone
         if record is not None and node.recording is not None:
             write_csv(record, node.recording.table())
+    if node.failure is not None:
+        raise UnavailableError(node.failure)
     if not outcome.connected and connect_timeout is not None:
         hint = ", though datagrams came from another address: name the one it answers from" if outcome.strangers else ""
         raise UnavailableError(f"no slave answered at {address} within {connect_timeout:g} s{hint}")
@@ -153,6 +156,7 @@ def _operator(spec: str, insertions: int, seed: int) -> "Operator":
 
 def _in_words(event: "NodeEvent", address: str) -> str:
     from hapticnet.node.fingertip import DeviceFound, DeviceLost, ForceFault
+    from hapticnet.node.master import Failed
     from hapticnet.protocol.master_session import Connected, LinkRecovered, LinkStale, SessionLost
 
     if isinstance(event, Connected):
@@ -167,6 +171,8 @@ def _in_words(event: "NodeEvent", address: str) -> str:
         return f"device ready: {event.description}"
     if isinstance(event, DeviceLost):
         return f"device lost ({event.reason}); the session goes on, the finger feels nothing"
+    if isinstance(event, Failed):
+        return f"{event.reason}; the force goes to zero and the session is closed"
     if isinstance(event, ForceFault):
         return f"platform retracted: {event.reason}"
     return f"session ended: {event.reason}"

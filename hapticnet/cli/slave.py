@@ -51,6 +51,7 @@ def slave(
     from hapticnet.files import check_folder
     from hapticnet.node.slave import MasterJoined, MasterLeft, SlaveEvent, SlaveNode, SlaveSettings
     from hapticnet.protocol.settings import SessionSettings
+    from hapticnet.runtime.entropy import SystemEntropy
     from hapticnet.runtime.processes import run_slave
     from hapticnet.runtime.realtime import OTHER, prefer_realtime, run
     from hapticnet.runtime.udp import bound_address, parse_host_port
@@ -76,7 +77,7 @@ def slave(
             record=record is not None,
             session=SessionSettings(most_sessions=most_sessions),
         ),
-        np.random.default_rng(),  # session numbers must not be foreseen
+        SystemEntropy(),
         write_address=_place,
     )
     channel = None if out.is_perfect else Emulator[Any](out, np.random.default_rng([seed, 1]))

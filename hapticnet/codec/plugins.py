@@ -5,14 +5,13 @@ import importlib.util
 import math
 import re
 import sys
-import traceback
 from dataclasses import MISSING, fields
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, Final
 
 from hapticnet.codec.base import Codec, Decoder, Encoder
-from hapticnet.errors import HapticnetError, PeerError, SampleError, SettingsError
+from hapticnet.errors import PeerError, SampleError, SettingsError, in_words
 from hapticnet.samples import MAX_AXES, Vector
 
 ENTRY_POINT_GROUP: Final = "hapticnet.codecs"
@@ -49,7 +48,7 @@ def _load(source: str) -> type[Any]:
     try:
         module = _run_file(Path(place)) if place.endswith(".py") else _import(place)
     except (Exception, SystemExit) as error:
-        raise SettingsError(f"codec {source}: importing {place} raised {_in_words(error)}") from error
+        raise SettingsError(f"codec {source}: importing {place} raised {in_words(error)}") from error
     if module is None:
         raise SettingsError(f"codec {source}: cannot find {place}")
     found = getattr(module, name, None)
@@ -102,7 +101,7 @@ def checked_class(found: Any, source: str) -> type[Any]:
     try:
         codec = found()
     except Exception as error:
-        raise SettingsError(f"codec {source}: making it raised {_in_words(error)}") from error
+        raise SettingsError(f"codec {source}: making it raised {in_words(error)}") from error
     rehearse(codec, source)
     return _guarded(found, source)
 
@@ -128,7 +127,7 @@ def rehearse(codec: Codec, source: str) -> None:
                 raise SettingsError(f"codec {source}: {fault}") from fault
             except Exception as error:
                 raise SettingsError(
-                    f"codec {source}: a rehearsal with {axes}-axis forces raised {_in_words(error)}"
+                    f"codec {source}: a rehearsal with {axes}-axis forces raised {in_words(error)}"
                 ) from error
 
 
@@ -184,7 +183,7 @@ def _guarded(found: type[Any], source: str) -> type[Any]:
         try:
             return method(axes)
         except Exception as error:
-            raise SettingsError(f"codec {source}: {method.__name__}({axes}) raised {_in_words(error)}") from error
+            raise SettingsError(f"codec {source}: {method.__name__}({axes}) raised {in_words(error)}") from error
 
     scope = {"__doc__": found.__doc__, "__module__": found.__module__, "source": source}
     made: type[Any] = type(found.__name__, (found,), {**scope, "encoder": encoder, "decoder": decoder})
@@ -207,7 +206,7 @@ class _Encoder:
         except SampleError:
             raise
         except Exception as error:
-            raise SampleError(f"codec {self._source}: encode failed: {_in_words(error)}") from error
+            raise SampleError(f"codec {self._source}: encode failed: {in_words(error)}") from error
         return payload
 
     def refresh(self) -> None:
@@ -232,7 +231,7 @@ class _Decoder:
         except PeerError:
             raise
         except Exception as error:
-            raise PeerError(f"codec {self._source}: decode failed: {_in_words(error)}") from error
+            raise PeerError(f"codec {self._source}: decode failed: {in_words(error)}") from error
 
     def reconstruct(self, t_us: int, position: Vector | None = None) -> Vector:
         """Return the stimulus to apply; the last valid one where the user's decoder returns none."""
@@ -273,19 +272,6 @@ def _look_in(folder: Path) -> None:
     path = str(folder.resolve())
     if path not in sys.path:
         sys.path.append(path)
-
-
-def _in_words(error: BaseException) -> str:
-    """Return kind and message of an error, and the line of the user's code it comes from."""
-    kind = type(error)
-    name = (
-        kind.__name__ if kind.__module__ in ("builtins", "hapticnet.errors") else f"{kind.__module__}.{kind.__name__}"
-    )
-    text = f"{name}: {error}" if str(error) else name
-    if isinstance(error, (SyntaxError, HapticnetError)):
-        return text
-    places = [place for place in traceback.extract_tb(error.__traceback__) if not place.filename.startswith("<")]
-    return f"{text} ({Path(places[-1].filename).name}, line {places[-1].lineno})" if places else text
 
 
 def _short(value: object) -> str:

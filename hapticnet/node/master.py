@@ -4,8 +4,6 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
-import numpy as np
-
 from hapticnet.checks import check_parameter
 from hapticnet.codec.raw import Raw
 from hapticnet.codec.registry import codec_parameters, make_codec
@@ -13,7 +11,7 @@ from hapticnet.control.force import ForceControlSettings
 from hapticnet.control.hold import Hold, HoldSettings
 from hapticnet.control.limits import LimitSettings
 from hapticnet.device.base import Device
-from hapticnet.errors import PeerError
+from hapticnet.errors import PeerError, in_words
 from hapticnet.measure.metrics import RunningError
 from hapticnet.node.fingertip import Fingertip, FingertipEvent
 from hapticnet.node.recording import MASTER_COLUMNS, Recording
@@ -30,15 +28,23 @@ from hapticnet.protocol.master_session import (
     MasterSession,
     SessionLost,
 )
-from hapticnet.protocol.messages import NAME_BYTES, Hello, clipped
-from hapticnet.protocol.settings import SessionSettings
+from hapticnet.protocol.messages import NAME_BYTES, Code, Hello, clipped
+from hapticnet.protocol.settings import Entropy, SessionSettings
 
 if TYPE_CHECKING:
     from hapticnet.samples import Vector
 
 FASTEST_HZ: Final = 100_000.0
 
-NodeEvent: TypeAlias = Connected | LinkStale | LinkRecovered | SessionLost | Ended | FingertipEvent
+
+@dataclass(frozen=True, slots=True)
+class Failed:
+    """The operator or the codec raised an exception: the force goes to zero and the session is closed."""
+
+    reason: str
+
+
+NodeEvent: TypeAlias = Connected | LinkStale | LinkRecovered | SessionLost | Failed | Ended | FingertipEvent
 """What a master tells the outside; forces and confirmations stay inside."""
 
 
@@ -84,14 +90,13 @@ class MasterNode:
         Where nonces come from.
     """
 
-    def __init__(
-        self, operator: Operator, device: Device | None, settings: MasterSettings, rng: np.random.Generator
-    ) -> None:
+    def __init__(self, operator: Operator, device: Device | None, settings: MasterSettings, rng: Entropy) -> None:
         self.settings = settings
         self.period_us = round(1e6 / settings.rate_hz)
         self.ticks = 0
         self.end_reason: str | None = None
         self.refused = False
+        self.failure: str | None = None
         self.recording = Recording(MASTER_COLUMNS) if settings.record else None
         self._operator = operator
         self._codec = make_codec(settings.codec, settings.law, settings.parameters)
@@ -142,7 +147,11 @@ class MasterNode:
         self.session.tick(now_us)
         self._digest_events(now_us)
         if self._script_start_us is not None and self.session.streaming:
-            sample = self._operator.sample(now_us - self._script_start_us)
+            try:
+                sample = self._operator.sample(now_us - self._script_start_us)
+            except Exception as error:  # an operator of the user's own may raise anything
+                self._fail(f"the operator failed: {in_words(error)}", now_us)
+                return
             self._at_m = sample.position_m
             self.session.send_position(now_us, self._positions.encode(now_us, sample.position_m))
         if self.recording is not None:
@@ -150,12 +159,15 @@ class MasterNode:
 
     def drive(self, now_us: int) -> None:
         """Bring the device one step nearer to the held force."""
-        if self._heard_us is not None:
+        if self._heard_us is not None and self.failure is None:
             # The stimulus of the newest position to whose answer the slave has had its chance: what is drawn on from an
             # older one is not yet contradicted. The answer to the position after that comes within this period.
             at_us = self._heard_t_us + max(0, now_us - self._heard_us - self.period_us)
-            self._hold.follow(self._decoder.reconstruct(at_us, self._at_m))
-        held_n = self._hold.value(now_us)[0]
+            try:
+                self._hold.follow(self._decoder.reconstruct(at_us, self._at_m))
+            except Exception as error:  # a codec of the user's own may raise anything
+                self._fail(f"the codec failed: {in_words(error)}", now_us)
+        held_n = self.held_force_n(now_us)
         fingertip = self._fingertip
         if fingertip is None:
             if self.recording is not None:
@@ -173,8 +185,8 @@ class MasterNode:
         self._digest_events(now_us)
 
     def held_force_n(self, now_us: int) -> float:
-        """Return the force being held [N], decayed where the link is stale."""
-        return self._hold.value(now_us)[0]
+        """Return the force being held [N]: decayed where the link is stale, 0 after a failure."""
+        return 0.0 if self.failure is not None else self._hold.value(now_us)[0]
 
     def datagrams_to_send(self) -> list[bytes]:
         """Return what is to be sent to the slave now."""
@@ -208,6 +220,11 @@ class MasterNode:
             "received": self.session.received.report(),
         }
 
+    def _fail(self, reason: str, now_us: int) -> None:
+        self.failure = reason
+        self._events.append(Failed(reason))
+        self.close(reason, now_us)
+
     def _digest_events(self, now_us: int) -> None:
         while (event := self.session.next_event()) is not None:
             self._digest(event, now_us)
@@ -216,11 +233,14 @@ class MasterNode:
         if isinstance(event, ForceArrived):
             try:
                 self._decoder.decode(event.t_us, event.payload)
+                force_n = self._decoder.reconstruct(event.t_us, self._at_m)
+                self._hold.receive(force_n, now_us)
             except PeerError:
                 self.session.payload_was_malformed()
+            except Exception as error:  # a codec of the user's own may raise anything
+                self._fail(f"the codec failed: {in_words(error)}", now_us)
             else:
                 self.session.applied(event)
-                self._hold.receive(self._decoder.reconstruct(event.t_us, self._at_m), now_us)
                 self._heard_us, self._heard_t_us = now_us, event.t_us
             return
         if isinstance(event, HoldConfirmed):
@@ -237,4 +257,6 @@ class MasterNode:
                 self._script_start_us = now_us
         elif isinstance(event, Ended):
             self.end_reason, self.refused = event.reason, event.refused
+            if event.code is Code.FAILED and not event.refused:
+                self.failure = event.reason
         self._events.append(event)

@@ -5,15 +5,13 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from typing import Any, Final, TypeAlias
 
-import numpy as np
-
 from hapticnet.checks import check_parameter
-from hapticnet.codec.registry import make_codec
-from hapticnet.errors import PeerError, SettingsError
-from hapticnet.node.station import Station
+from hapticnet.codec.registry import CODECS, make_codec
+from hapticnet.errors import HapticnetError, PeerError, SettingsError, in_words
+from hapticnet.node.station import SceneFailedError, Station
 from hapticnet.perception import WeberLaw
-from hapticnet.protocol.messages import HELLO_BYTES, REASON_BYTES, Hello, Refuse, clipped, unpack_hello
-from hapticnet.protocol.settings import SessionSettings
+from hapticnet.protocol.messages import HELLO_BYTES, REASON_BYTES, Code, Hello, Refuse, clipped, unpack_hello
+from hapticnet.protocol.settings import Entropy, SessionSettings
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.states import SlaveState, Trigger
 from hapticnet.protocol.stats import Traffic
@@ -70,6 +68,14 @@ class MasterLeft:
 SlaveEvent: TypeAlias = MasterJoined | MasterLeft
 
 
+class _RefusalError(HapticnetError):
+    """A HELLO that cannot be served."""
+
+    def __init__(self, code: Code, reason: str) -> None:
+        super().__init__(reason)
+        self.code = code
+
+
 class SlaveNode:
     """Serves any number of masters, each with its own scene, codec and account.
 
@@ -87,7 +93,7 @@ class SlaveNode:
         self,
         make_scene: Callable[[], Scene],
         settings: SlaveSettings,
-        rng: np.random.Generator,
+        rng: Entropy,
         *,
         write_address: Callable[[Address], str] = str,
     ) -> None:
@@ -124,7 +130,11 @@ class SlaveNode:
                 return
             account = station.session.received
             half_open = station.session.state is SlaveState.HALF_OPEN
-            answer = station.receive(datagram, len(data), now_us)
+            try:
+                answer = station.receive(datagram, len(data), now_us)
+            except SceneFailedError as failure:
+                self._end(station, Trigger.CLOSE, str(failure), now_us, code=Code.FAILED)
+                return
         except PeerError:
             account.add_malformed(len(data))
             return
@@ -160,9 +170,7 @@ class SlaveNode:
     def close(self, reason: str, now_us: int) -> None:
         """End every session and tell the masters."""
         for station in self.stations:
-            self._outbox.append((station.session.close(reason, now_us), station.address))
-            station.session.end(Trigger.CLOSE, f"the slave closed: {reason}")
-            self._forget(station)
+            self._end(station, Trigger.CLOSE, reason, now_us)
 
     def report(self) -> dict[str, Any]:
         """Return the account of the sessions for JSON: those that stand, and the newest that have ended.
@@ -185,7 +193,8 @@ class SlaveNode:
         if datagram.version != VERSION:
             nonce = unpack_nonce(datagram.body)
             self.strangers.add(Kind.HELLO, size)
-            self._refuse(nonce, f"this slave speaks protocol version {VERSION} only", address)
+            reason = f"this slave speaks protocol version {VERSION} only"
+            self._refuse(nonce, _RefusalError(Code.VERSION, reason), address)
             return
         hello = unpack_hello(datagram.body)
         station = next((station for station in self.stations if station.address == address), None)
@@ -196,24 +205,30 @@ class SlaveNode:
                 return
             try:
                 station = self._open(hello, datagram.sequence, address, now_us, replaces=station)
-            except SettingsError as error:
+            except _RefusalError as refusal:
                 self.strangers.add(Kind.HELLO, size)
-                self._refuse(hello.nonce, str(error), address)
+                self._refuse(hello.nonce, refusal, address)
                 return
         # A HELLO that is said again, because the answer was lost, gets the same answer again.
         station.session.received.add(Kind.HELLO, size)
         self._outbox.append((self._welcome(station, now_us), address))
 
     def _open(self, hello: Hello, sequence: int, address: Address, now_us: int, *, replaces: Station | None) -> Station:
-        """Make a session; a SettingsError says why the slave cannot serve what the master asks for.
+        """Open a session; a _RefusalError says why the slave cannot serve what the master asks for.
 
-        Nothing has changed then: the session it would have replaced goes on, and nobody lost a place for it.
+        Nothing has changed then: the session it would have replaced continues, and no other lost its place.
         """
-        law = WeberLaw(weber_fraction=hello.weber_fraction, floor_n=hello.floor_n, multiplier=hello.multiplier)
-        scene = self._make_scene()
+        try:
+            law = WeberLaw(weber_fraction=hello.weber_fraction, floor_n=hello.floor_n, multiplier=hello.multiplier)
+            codec = make_codec(hello.codec, law, hello.parameters)
+        except SettingsError as error:
+            raise _RefusalError(Code.PARAMETER if hello.codec in CODECS else Code.CODEC, str(error)) from error
+        try:
+            scene = self._make_scene()
+        except Exception as error:  # a scene of the user's own may raise anything
+            raise _RefusalError(Code.FAILED, f"the scene cannot be made: {in_words(error)}") from error
         if hello.axes != scene.axes:
-            raise SettingsError(f"{hello.axes} axes asked for; scene {scene.name!r} has {scene.axes}")
-        codec = make_codec(hello.codec, law, hello.parameters)
+            raise _RefusalError(Code.AXES, f"{hello.axes} axes asked for; scene {scene.name!r} has {scene.axes}")
         if replaces is None:
             self._make_room(now_us)
         else:
@@ -243,7 +258,7 @@ class SlaveNode:
                 station.session.end(Trigger.REPLACED, "its place was needed")
                 self._forget(station)
                 return
-        raise SettingsError(f"all {most} sessions of this slave are taken")
+        raise _RefusalError(Code.FULL, f"all {most} sessions of this slave are taken")
 
     def _receive_stray(self, datagram: Datagram, size: int, address: Address) -> None:
         """Tell a master whose session we do not know that it is gone, so that it asks for a new one at once."""
@@ -252,13 +267,19 @@ class SlaveNode:
         if datagram.kind is Kind.POSITION or datagram.kind is Kind.CLOSE:
             self._answer_stranger(Kind.RESET, pack(Kind.RESET, datagram.session, datagram.sequence, b""), address)
 
-    def _refuse(self, nonce: int, reason: str, address: Address) -> None:
-        body = pack_body(Refuse(nonce, clipped(reason, REASON_BYTES)))
+    def _refuse(self, nonce: int, refusal: _RefusalError, address: Address) -> None:
+        body = pack_body(Refuse(nonce, clipped(str(refusal), REASON_BYTES), refusal.code))
         self._answer_stranger(Kind.REFUSE, pack(Kind.REFUSE, 0, 0, body), address)
 
     def _answer_stranger(self, kind: Kind, data: bytes, address: Address) -> None:
         self.to_strangers.add(kind, len(data))
         self._outbox.append((data, address))
+
+    def _end(self, station: Station, trigger: Trigger, reason: str, now_us: int, *, code: Code = Code.OTHER) -> None:
+        """End a session from this side and tell its master."""
+        self._outbox.append((station.session.close(reason, now_us, code), station.address))
+        station.session.end(trigger, f"the slave closed: {reason}")
+        self._forget(station)
 
     def _forget(self, station: Station) -> None:
         del self._stations[station.session.number]

@@ -6,13 +6,17 @@ from typing import Any
 from hapticnet.codec.base import Codec
 from hapticnet.codec.raw import Raw
 from hapticnet.codec.registry import codec_parameters
-from hapticnet.errors import PeerError, SampleError
+from hapticnet.errors import HapticnetError, PeerError, SampleError, in_words
 from hapticnet.measure.metrics import RunningError
 from hapticnet.node.recording import SLAVE_COLUMNS, Recording
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import Datagram, Kind
 from hapticnet.samples import PositionSample
 from hapticnet.scene.scene import Scene
+
+
+class SceneFailedError(HapticnetError):
+    """The scene or the codec raised something of its own, so there is no force to send."""
 
 
 class Station:
@@ -42,6 +46,8 @@ class Station:
         ------
         PeerError
             When its body is malformed; the caller counts it.
+        SceneFailedError
+            When the scene or the codec cannot go on.
         """
         position = self.session.receive(datagram, size, now_us)
         if position is None:
@@ -57,9 +63,20 @@ class Station:
         except (PeerError, SampleError):  # counted as a datagram already, so not by `add_malformed`
             self.session.received.malformed += 1
             return None
+        except Exception as error:  # a scene of the user's own may raise anything
+            self.steps += 1
+            raise SceneFailedError(f"the scene failed: {in_words(error)}") from error
+        if self.session.expire_update(now_us):
+            self._encoder.refresh()
         answer = None
+        try:
+            payload = self._encoder.encode(t_us, force.force_n, sample.position_m)
+            if payload is not None:
+                self._mirror.decode(t_us, payload)
+        except Exception as error:  # a force that is not finite, or a codec of the user's own
+            self.steps += 1
+            raise SceneFailedError(f"the force cannot be encoded: {in_words(error)}") from error
         if payload is not None:
-            self._mirror.decode(t_us, payload)
             answer = self.session.force(t_us, payload, now_us)
         held_n = self._mirror.reconstruct(t_us, sample.position_m)
         self._error.add(force.force_n, held_n)

@@ -4,12 +4,12 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TypeAlias
 
-import numpy as np
-
 from hapticnet.errors import PeerError
+from hapticnet.protocol.arrivals import LEAP, Arrival
 from hapticnet.protocol.messages import (
     REASON_BYTES,
     Close,
+    Code,
     Hello,
     Position,
     Refuse,
@@ -22,8 +22,8 @@ from hapticnet.protocol.messages import (
     unpack_refuse,
     unpack_welcome,
 )
-from hapticnet.protocol.serial_number import MODULUS, unwrap, wrap
-from hapticnet.protocol.settings import SessionSettings
+from hapticnet.protocol.serial_number import MODULUS, distance, unwrap, wrap
+from hapticnet.protocol.settings import Entropy, SessionSettings
 from hapticnet.protocol.states import MASTER_TRANSITIONS, MasterState, Trigger
 from hapticnet.protocol.stats import Distribution, Traffic
 from hapticnet.protocol.wire import Datagram, Kind, pack, pack_body, unpack
@@ -38,7 +38,7 @@ class Connected:
 
 @dataclass(frozen=True, slots=True)
 class ForceArrived:
-    """A force newer than all before it; `MasterSession.applied` once it was good and is held."""
+    """A force newer than the one applied; `MasterSession.applied` once it is decoded and held."""
 
     sequence: int
     t_us: int
@@ -69,10 +69,11 @@ class SessionLost:
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """The session is over. `refused`: it never began, and `reason` is the slave's."""
+    """The session is over. `refused`: it never began; `reason` and `code` are then the slave's."""
 
     reason: str
     refused: bool
+    code: Code = Code.OTHER
 
 
 MasterEvent: TypeAlias = Connected | ForceArrived | HoldConfirmed | LinkStale | LinkRecovered | SessionLost | Ended
@@ -89,7 +90,7 @@ class MasterSession:
         Where nonces come from.
     """
 
-    def __init__(self, request: Hello, settings: SessionSettings, rng: np.random.Generator) -> None:
+    def __init__(self, request: Hello, settings: SessionSettings, rng: Entropy) -> None:
         self.state = MasterState.CONNECTING
         self.sent = Traffic()
         self.received = Traffic()
@@ -186,29 +187,36 @@ class MasterSession:
             self._count_stray(kind, size)
             return
         if kind is Kind.RESET:
+            if not 0 < distance(self._sequence, datagram.sequence) <= LEAP:  # it answers nothing that was sent
+                self._count_stray(kind, size)
+                return
             self.received.add(kind, size)
             self._reconnect(Trigger.RESET, "the slave does not know the session", now_us)
             return
         if kind is Kind.FORCE:
             force = unpack_force(datagram.body)
             self.received.add(kind, size)
-            if self._note_arrival(datagram.sequence, now_us):
+            arrival = self._note_arrival(datagram.sequence, now_us)
+            if arrival is Arrival.NEW or (arrival is Arrival.LATE and self._is_news(datagram.sequence)):
                 t_us = self._account_round_trip(force.t_us, now_us)
                 self._events.append(ForceArrived(datagram.sequence, t_us, force.payload))
         elif kind is Kind.KEEPALIVE:
             keepalive = unpack_keepalive(datagram.body)
             self.received.add(kind, size)
-            if self._note_arrival(datagram.sequence, now_us):
+            if self._note_arrival(datagram.sequence, now_us) is Arrival.NEW:
                 self._account_round_trip(keepalive.t_us, now_us)
                 if keepalive.newest_force == self._newest_force:
                     self._events.append(HoldConfirmed())
         elif kind is Kind.CLOSE:
-            reason = unpack_close(datagram.body).reason
+            close = unpack_close(datagram.body)
             self.received.add(kind, size)
             if self.state is MasterState.CLOSING:
                 self._end(Trigger.PEER_CLOSED, self._close_reason)
+            elif close.code is Code.FAILED:
+                self._move(Trigger.CLOSE)
+                self._end(Trigger.PEER_CLOSED, f"the slave closed: {close.reason}", code=close.code)
             else:
-                self._reconnect(Trigger.PEER_CLOSED, f"the slave closed: {reason}", now_us)
+                self._reconnect(Trigger.PEER_CLOSED, f"the slave closed: {close.reason}", now_us)
         else:
             self._count_stray(kind, size)
 
@@ -223,7 +231,7 @@ class MasterSession:
         elif self.state is not MasterState.CONNECTING:
             self.received.duplicate += 1
         elif isinstance(answer, Refuse):
-            self._end(Trigger.REFUSED, answer.reason, refused=True)
+            self._end(Trigger.REFUSED, answer.reason, refused=True, code=answer.code)
         else:
             self._session = datagram.session
             self._sequence = wrap(self._settings.first_sequence + 1)
@@ -233,8 +241,12 @@ class MasterSession:
             self._move(Trigger.WELCOMED)
             self._events.append(Connected(answer))
 
-    def _note_arrival(self, sequence: int, now_us: int) -> bool:
-        """Account for a sequence number; old datagrams are dropped, but prove the link alive all the same."""
+    def _is_news(self, sequence: int) -> bool:
+        """Tell whether a late FORCE is newer than the one applied: only KEEPALIVEs or refused FORCEs overtook it."""
+        return self._newest_force is None or distance(sequence, self._newest_force) > 0
+
+    def _note_arrival(self, sequence: int, now_us: int) -> Arrival:
+        """Account for a sequence number. Old datagrams, too, prove the link alive."""
         self._heard_us = now_us
         if self.state is MasterState.STALE:
             self._move(Trigger.HEARD)
@@ -257,9 +269,9 @@ class MasterSession:
         self._next_try_us = now_us
         self._events.append(SessionLost(reason))
 
-    def _end(self, trigger: Trigger, reason: str, *, refused: bool = False) -> None:
+    def _end(self, trigger: Trigger, reason: str, *, refused: bool = False, code: Code = Code.OTHER) -> None:
         self._move(trigger)
-        self._events.append(Ended(reason, refused=refused))
+        self._events.append(Ended(reason, refused=refused, code=code))
 
     def _count_stray(self, kind: Kind, size: int) -> None:
         self.received.add(kind, size)
@@ -278,7 +290,7 @@ class MasterSession:
         self._outbox.append(datagram)
 
     def _new_nonce(self) -> None:
-        self._request = self._request._replace(nonce=int(self._rng.integers(MODULUS)))
+        self._request = self._request._replace(nonce=int(self._rng.integers(0, MODULUS)))
 
     def _move(self, trigger: Trigger) -> None:
         self.state = MASTER_TRANSITIONS[self.state, trigger]

@@ -1,5 +1,6 @@
 """The messages: each is a tuple whose fields, in order, are the body of its datagram."""
 
+import enum
 import math
 from typing import Any, Final, NamedTuple
 
@@ -12,6 +13,22 @@ cannot be used to amplify a flood of forged ones."""
 
 NAME_BYTES: Final = 64
 REASON_BYTES: Final = 200
+
+
+class Code(enum.IntEnum):
+    """Why a session was refused or closed, for a program to act on. A number that is not listed reads as `OTHER`."""
+
+    OTHER = 0
+    VERSION = 1
+    CODEC = 2
+    PARAMETER = 3
+    AXES = 4
+    FULL = 5
+    FAILED = 6
+
+    @classmethod
+    def _missing_(cls, value: object) -> "Code":  # noqa: ARG003 - the signature is the enum module's
+        return cls.OTHER
 
 
 class Hello(NamedTuple):
@@ -42,6 +59,7 @@ class Refuse(NamedTuple):
 
     nonce: int
     reason: str
+    code: Code = Code.OTHER
 
 
 class Position(NamedTuple):
@@ -70,6 +88,7 @@ class Close(NamedTuple):
     """Either way: the session ends. The slave answers a CLOSE with a CLOSE."""
 
     reason: str
+    code: Code = Code.OTHER
 
 
 def pack_hello(hello: Hello, sequence: int) -> bytes:
@@ -114,10 +133,11 @@ def unpack_welcome(body: bytes) -> Welcome:
 
 def unpack_refuse(body: bytes) -> Refuse:
     """Return the REFUSE in a body; a PeerError says what is wrong with it."""
-    nonce, reason = unpack_body(body, 2)
+    nonce, reason, code = unpack_body(body, 3)
     _require(is_uint32(nonce), "nonce", nonce)
     _require(_is_text(reason, REASON_BYTES), "reason", reason)
-    return Refuse(nonce, reason)
+    _require(is_uint32(code), "code", code)
+    return Refuse(nonce, reason, Code(code))
 
 
 def unpack_position(body: bytes) -> Position:
@@ -146,9 +166,10 @@ def unpack_keepalive(body: bytes) -> Keepalive:
 
 def unpack_close(body: bytes) -> Close:
     """Return the CLOSE in a body; a PeerError says what is wrong with it."""
-    (reason,) = unpack_body(body, 1)
+    reason, code = unpack_body(body, 2)
     _require(_is_text(reason, REASON_BYTES), "reason", reason)
-    return Close(reason)
+    _require(is_uint32(code), "code", code)
+    return Close(reason, Code(code))
 
 
 def clipped(text: str, limit: int) -> str:

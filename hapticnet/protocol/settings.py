@@ -1,8 +1,20 @@
 """The timings of a session, shared by both ends."""
 
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 from hapticnet.errors import SettingsError
+
+
+class Entropy(Protocol):
+    """Where numbers come from that a stranger must not guess.
+
+    `runtime.entropy.SystemEntropy` asks the operating system. In virtual time a seeded `numpy.random.Generator` serves.
+    """
+
+    def integers(self, low: int, high: int, /) -> Any:
+        """Return a whole number from `low` to `high` - 1."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

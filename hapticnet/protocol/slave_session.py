@@ -1,8 +1,10 @@
 """The slave's end of one session, sans-I/O. The table of all sessions is `node.slave`'s."""
 
+from hapticnet.protocol.arrivals import Arrival
 from hapticnet.protocol.messages import (
     REASON_BYTES,
     Close,
+    Code,
     Force,
     Hello,
     Keepalive,
@@ -71,7 +73,7 @@ class SlaveSession:
             position = unpack_position(datagram.body)
             self.received.add(datagram.kind, size)
             self._heard_us = now_us
-            if not self.received.arrive(datagram.sequence):
+            if self.received.arrive(datagram.sequence) is not Arrival.NEW:
                 return None
             if self.state is SlaveState.HALF_OPEN:
                 self._move(Trigger.POSITION)
@@ -108,9 +110,9 @@ class SlaveSession:
         """Return a KEEPALIVE that answers the position of time `t_us`."""
         return self._datagram(Kind.KEEPALIVE, Keepalive(wrap(t_us), self._newest_force), now_us)
 
-    def close(self, reason: str, now_us: int) -> bytes:
+    def close(self, reason: str, now_us: int, code: Code = Code.OTHER) -> bytes:
         """Return a CLOSE."""
-        return self._datagram(Kind.CLOSE, Close(clipped(reason, REASON_BYTES)), now_us)
+        return self._datagram(Kind.CLOSE, Close(clipped(reason, REASON_BYTES), code), now_us)
 
     def silent_us(self, now_us: int) -> int:
         """Return for how long nothing was heard [µs]."""

@@ -19,7 +19,7 @@ class Traffic:
     by_kind
         Datagrams of each kind, by the kind's number (an enum's hash costs more than the rest of the count).
     late, duplicate
-        Older than the newest one seen; seen before. Both are dropped.
+        Older than the newest one seen; seen before. Both are dropped, except a FORCE that only KEEPALIVEs overtook.
     malformed
         Not of the protocol, or with contents that cannot be.
     stray
@@ -63,19 +63,17 @@ class Traffic:
         self.lost_before = self.lost
         self.window = ArrivalWindow(first)
 
-    def arrive(self, sequence: int) -> bool:
-        """Take note of a sequence number; tell whether the datagram is newer than all before it."""
+    def arrive(self, sequence: int) -> Arrival:
+        """Take note of a sequence number and say what the datagram is."""
         assert self.window is not None, "no session is open"  # noqa: S101 - the caller's fault, not the peer's
         arrival = self.window.arrive(sequence)
-        if arrival is Arrival.NEW:
-            return True
         if arrival is Arrival.LATE:
             self.late += 1
         elif arrival is Arrival.DUPLICATE:
             self.duplicate += 1
-        else:
+        elif arrival is Arrival.ASTRAY:
             self.stray += 1
-        return False
+        return arrival
 
     @property
     def lost(self) -> int:

@@ -24,6 +24,10 @@ UDP_IPV4_HEADER_BYTES: Final = 28
 """IPv4 header without options (RFC 791, 20 B) and UDP header (RFC 768, 8 B)."""
 
 
+MAX_ELEMENTS: Final = 16
+"""Most elements of an array or map."""
+
+
 class Kind(enum.IntEnum):
     """What a datagram is."""
 
@@ -101,11 +105,14 @@ def unpack(data: bytes) -> Datagram:
 
 
 def unpack_body(body: bytes, length: int) -> tuple[Any, ...]:
-    """Return the `length` fields of a body; a PeerError says what is wrong with it."""
+    """Return the first `length` fields of a body; a PeerError says what is wrong with it.
+
+    Fields after those are ignored: they are how a later revision adds to a message.
+    """
     fields = _decode(body)
-    if len(fields) != length:
-        raise PeerError(f"body of {len(fields)} fields instead of {length}")
-    return fields
+    if len(fields) < length:
+        raise PeerError(f"body of {len(fields)} fields; expected at least {length}")
+    return fields[:length]
 
 
 def unpack_nonce(body: bytes) -> int:
@@ -147,7 +154,9 @@ def _uint_bytes(values: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
 
 def _decode(data: bytes) -> tuple[Any, ...]:
     try:
-        fields = msgpack.unpackb(data, use_list=False, max_array_len=16, max_map_len=16, max_ext_len=0)
+        fields = msgpack.unpackb(
+            data, use_list=False, max_array_len=MAX_ELEMENTS, max_map_len=MAX_ELEMENTS, max_ext_len=0
+        )
     # msgpack raises a ValueError of some kind for all that is malformed, TypeError for keys that cannot be hashed.
     except (ValueError, TypeError) as error:
         raise PeerError(f"not msgpack: {error!r}") from error

@@ -8,6 +8,8 @@ from hapticnet.node.slave import MasterLeft
 from hapticnet.protocol.messages import (
     HELLO_BYTES,
     REASON_BYTES,
+    Close,
+    Code,
     Hello,
     Position,
     clipped,
@@ -75,7 +77,7 @@ def test_a_hello_of_another_version_is_told_which_one_is_spoken_here():
     slave.receive_datagram(pack_body((VERSION + 1, Kind.HELLO, 0, 0, pack_body((5, "?" * 400)))), "a", 0)
     refusal = answer(slave)
     assert refusal.kind is Kind.REFUSE
-    assert unpack_refuse(refusal.body) == (5, f"this slave speaks protocol version {VERSION} only")
+    assert unpack_refuse(refusal.body) == (5, f"this slave speaks protocol version {VERSION} only", Code.VERSION)
 
 
 def test_the_same_hello_gets_the_same_welcome_and_another_one_a_new_session():
@@ -91,18 +93,22 @@ def test_the_same_hello_gets_the_same_welcome_and_another_one_a_new_session():
 
 
 @pytest.mark.parametrize(
-    ("change", "reason"),
+    ("change", "code", "reason"),
     [
-        ({"codec": "mp3"}, clipped(f"unknown codec 'mp3'; there are: {', '.join(CODECS)}", REASON_BYTES)),
-        ({"axes": 3}, "3 axes asked for; scene 'paper:1' has 1"),
-        ({"weber_fraction": -1.0}, "Weber fraction is -1.0; it must be 0 or between 1e-12 and 1"),
-        ({"parameters": {"bitrate": 1.0}}, "codec 'deadband' has no parameter 'bitrate'; it has: step_n"),
+        ({"codec": "mp3"}, Code.CODEC, clipped(f"unknown codec 'mp3'; there are: {', '.join(CODECS)}", REASON_BYTES)),
+        ({"axes": 3}, Code.AXES, "3 axes asked for; scene 'paper:1' has 1"),
+        ({"weber_fraction": -1.0}, Code.PARAMETER, "Weber fraction is -1.0; it must be 0 or between 1e-12 and 1"),
+        (
+            {"parameters": {"bitrate": 1.0}},
+            Code.PARAMETER,
+            "codec 'deadband' has no parameter 'bitrate'; it has: step_n",
+        ),
     ],
 )
-def test_what_cannot_be_served_is_refused_in_words(change, reason):
+def test_what_cannot_be_served_is_refused_in_words_and_with_a_code(change, code, reason):
     slave = make_slave()
     slave.receive_datagram(pack_hello(HELLO._replace(**change), 0), "a", 0)
-    assert unpack_refuse(answer(slave).body).reason == reason
+    assert unpack_refuse(answer(slave).body)[1:] == (reason, code)
     assert slave.stations == ()
 
 
@@ -158,8 +164,9 @@ def test_a_force_that_nobody_acknowledges_is_replaced_by_the_present_one_ever_mo
         for datagram in send_position(slave, session, step, step * 1000, position_m=0.025):
             if datagram.kind is Kind.FORCE:
                 forces.append(step)
+                newest = datagram.sequence
     assert forces == [1, 102, 303, 704, 1505]
-    send_position(slave, session, 2001, 2_001_000, position_m=0.025, ack=slave.stations[0].session.sent.packets)
+    send_position(slave, session, 2001, 2_001_000, position_m=0.025, ack=newest)
     kinds = {d.kind for s in range(2002, 6000) for d in send_position(slave, session, s, s * 1000, position_m=0.025)}
     assert kinds == {Kind.KEEPALIVE}
 
@@ -235,7 +242,7 @@ def test_when_every_place_is_in_use_a_newcomer_is_refused():
     for number in range(2):
         send_position(slave, join(slave, number, nonce=number), 1, 0, address=number)
     slave.receive_datagram(pack_hello(HELLO, 0), "late", 10)
-    assert unpack_refuse(answer(slave).body).reason == "all 2 sessions of this slave are taken"
+    assert unpack_refuse(answer(slave).body)[1:] == ("all 2 sessions of this slave are taken", Code.FULL)
 
 
 def test_garbage_by_the_ten_thousand_is_counted_and_answers_nothing():
@@ -255,7 +262,7 @@ def test_a_close_is_answered_and_its_account_kept():
     slave = make_slave()
     session = join(slave)
     send_position(slave, session, 1, 0)
-    slave.receive_datagram(pack(Kind.CLOSE, session, 2, pack_body(("done",))), "a", 0)
+    slave.receive_datagram(pack(Kind.CLOSE, session, 2, pack_body(Close("done"))), "a", 0)
     assert answer(slave).kind is Kind.CLOSE
     assert slave.stations == ()
     assert slave.report()["sessions"][0]["end_reason"] == "the master closed: done"

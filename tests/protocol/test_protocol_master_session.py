@@ -13,7 +13,17 @@ from hapticnet.protocol.master_session import (
     MasterSession,
     SessionLost,
 )
-from hapticnet.protocol.messages import Close, Force, Hello, Keepalive, Refuse, Welcome, unpack_hello, unpack_position
+from hapticnet.protocol.messages import (
+    Close,
+    Code,
+    Force,
+    Hello,
+    Keepalive,
+    Refuse,
+    Welcome,
+    unpack_hello,
+    unpack_position,
+)
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.states import MASTER_TRANSITIONS, SLAVE_TRANSITIONS, MasterState, SlaveState
 from hapticnet.protocol.wire import Kind, pack, pack_body, unpack
@@ -85,9 +95,10 @@ def test_positions_acknowledge_the_newest_force_that_was_applied_and_no_other():
 def test_a_force_older_than_the_newest_is_dropped_and_counted():
     session = connected_session()
     say(session, Kind.FORCE, 3, Force(1000, b"new"), 1500)
+    apply_forces(session)
     say(session, Kind.FORCE, 2, Force(900, b"old"), 1600)
     say(session, Kind.FORCE, 3, Force(1000, b"new"), 1700)
-    assert [event.payload for event in events(session) if isinstance(event, ForceArrived)] == [b"new"]
+    assert events(session) == []
     assert (session.received.late, session.received.duplicate, session.received.lost) == (1, 1, 1)
 
 
@@ -128,6 +139,8 @@ def test_silence_makes_the_link_stale_and_anything_heard_brings_it_back():
 
 def test_a_reset_asks_for_a_new_session_at_once_and_old_datagrams_stay_out_of_it():
     session = connected_session()
+    session.send_position(500, b"abcd")
+    session.datagrams_to_send()
     say(session, Kind.RESET, 1, None, 1000)
     assert [type(event) for event in events(session)] == [SessionLost]
     session.tick(1000)
@@ -138,6 +151,35 @@ def test_a_reset_asks_for_a_new_session_at_once_and_old_datagrams_stay_out_of_it
     assert [type(event) for event in events(session)] == [Connected]
     assert session.received.stray == 2
     assert session.state is MasterState.ESTABLISHED
+
+
+def test_a_reset_counts_only_if_it_answers_a_datagram_that_was_sent():
+    session = connected_session(first_sequence=0xFFFF_FFFE)
+    for sequence in (0xFFFF_FFFF, 0, 1, 0x8000_0000):
+        say(session, Kind.RESET, sequence, None, 1000)
+    assert events(session) == []
+    session.send_position(500, b"abcd")
+    say(session, Kind.RESET, 0xFFFF_FFFF, None, 1000)
+    assert [type(event) for event in events(session)] == [SessionLost]
+
+
+def test_a_force_that_only_a_keepalive_overtook_is_applied():
+    session = connected_session()
+    say(session, Kind.FORCE, 1, Force(0, b"first"), 100)
+    apply_forces(session)
+    say(session, Kind.KEEPALIVE, 3, Keepalive(2000, 2), 2100)
+    assert events(session) == [], "FORCE 2 is not held yet"
+    say(session, Kind.FORCE, 2, Force(1000, b"overtaken"), 2200)
+    assert events(session) == [ForceArrived(2, 1000, b"overtaken")]
+    say(session, Kind.FORCE, 2, Force(1000, b"overtaken"), 2300)
+    assert events(session) == [], "a copy changes nothing"
+
+
+def test_a_slave_that_failed_is_not_asked_again():
+    session = connected_session()
+    say(session, Kind.CLOSE, 1, Close("the scene failed", Code.FAILED), 1000)
+    assert events(session) == [Ended("the slave closed: the scene failed", refused=False, code=Code.FAILED)]
+    assert session.state is MasterState.CLOSED
 
 
 def test_an_answer_to_an_earlier_hello_or_a_second_answer_changes_nothing():
@@ -151,8 +193,8 @@ def test_an_answer_to_an_earlier_hello_or_a_second_answer_changes_nothing():
 def test_a_refusal_ends_the_session_with_the_reason():
     session = new_session()
     session.tick(0)
-    say(session, Kind.REFUSE, 0, Refuse(hello_nonce(session), "no such codec"), 10, number=0)
-    assert events(session) == [Ended("no such codec", refused=True)]
+    say(session, Kind.REFUSE, 0, Refuse(hello_nonce(session), "no such codec", Code.CODEC), 10, number=0)
+    assert events(session) == [Ended("no such codec", refused=True, code=Code.CODEC)]
     assert session.state is MasterState.CLOSED
 
 
@@ -171,6 +213,8 @@ def test_in_a_new_session_no_force_of_the_old_one_is_acknowledged():
     session = connected_session()
     say(session, Kind.FORCE, 7, Force(0, b"old"), 100)
     apply_forces(session)
+    session.send_position(500, b"abcd")
+    session.datagrams_to_send()
     say(session, Kind.RESET, 1, None, 1000)
     session.tick(1000)
     say(session, Kind.WELCOME, 0, Welcome(hello_nonce(session), 1000.0, 45_000, "scene"), 2000, number=0x22222222)

@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hapticnet.protocol.arrivals import Arrival
 from hapticnet.protocol.stats import Distribution, Traffic
 from hapticnet.protocol.wire import Kind
 
@@ -23,11 +24,10 @@ def test_every_byte_is_accounted_for_with_and_without_headers():
 def test_losses_add_up_over_sessions():
     traffic = Traffic()
     traffic.open_window(0)
-    assert traffic.arrive(3)
+    assert traffic.arrive(3) is Arrival.NEW
     traffic.open_window(0)
-    assert traffic.arrive(2)
-    assert not traffic.arrive(2)
-    assert not traffic.arrive(1)
+    arrivals = [traffic.arrive(sequence) for sequence in (2, 2, 1)]
+    assert arrivals == [Arrival.NEW, Arrival.DUPLICATE, Arrival.LATE]
     account = traffic.report()
     assert (account["lost"], account["late"], account["duplicate"]) == (2, 1, 1)
 

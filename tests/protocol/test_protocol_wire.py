@@ -1,8 +1,10 @@
 """Golden datagrams, and what becomes of everything that is not one."""
 
 import json
+import unicodedata
 from pathlib import Path
 
+import msgpack
 import numpy as np
 import pytest
 from hypothesis import given
@@ -104,6 +106,28 @@ def test_an_oversized_datagram_is_refused_unread():
 def test_frames_that_cannot_be_are_refused(datagram, complaint):
     with pytest.raises(PeerError, match=complaint):
         unpack(pack_body(datagram))
+
+
+@pytest.mark.parametrize("vector", [v for v in VECTORS["datagrams"] if v["kind"] != "RESET"], ids=lambda v: v["name"])
+def test_fields_that_a_later_revision_appends_are_ignored_and_missing_ones_are_not(vector):
+    kind = Kind[vector["kind"]]
+    body = unpack(bytes.fromhex(vector["hex"])).body
+    fields = msgpack.unpackb(body, use_list=False)
+    assert READERS[kind](pack_body((*fields, "later", 5))) == READERS[kind](body)
+    with pytest.raises(PeerError, match=f"body of {len(fields) - 1} fields; expected at least {len(fields)}"):
+        READERS[kind](pack_body(fields[:-1]))
+
+
+def test_a_code_that_is_not_known_reads_as_other():
+    assert messages.unpack_refuse(pack_body((1, "reason", 77))).code is messages.Code.OTHER
+    with pytest.raises(PeerError, match="code"):
+        messages.unpack_close(pack_body(("reason", "text")))
+
+
+def test_printable_is_every_category_but_other_and_separator_with_the_space():
+    for number in range(0x110000):
+        character = chr(number)
+        assert character.isprintable() == (character == " " or unicodedata.category(character)[0] not in "CZ")
 
 
 def test_hello_and_refuse_of_another_version_can_be_read_far_enough_to_answer():
