@@ -7,7 +7,7 @@ from typing import Any, Final, TypeAlias
 
 from hapticnet.checks import check_parameter
 from hapticnet.codec.registry import CODECS, make_codec
-from hapticnet.errors import HapticnetError, PeerError, SettingsError, in_words
+from hapticnet.errors import HapticnetError, PeerError, SampleError, SettingsError, in_words
 from hapticnet.node.station import SceneFailedError, Station
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.messages import HELLO_BYTES, REASON_BYTES, Code, Hello, Refuse, clipped, unpack_hello
@@ -221,6 +221,9 @@ class SlaveNode:
         try:
             law = WeberLaw(weber_fraction=hello.weber_fraction, floor_n=hello.floor_n, multiplier=hello.multiplier)
             codec = make_codec(hello.codec, law, hello.parameters)
+            codec.encoder(hello.axes)
+        except SampleError as error:  # a codec for fewer axes
+            raise _RefusalError(Code.AXES, str(error)) from error
         except SettingsError as error:
             raise _RefusalError(Code.PARAMETER if hello.codec in CODECS else Code.CODEC, str(error)) from error
         try:

@@ -57,18 +57,15 @@ class Station:
             self._positions.decode(t_us, position.payload)
             sample = PositionSample(t_us, self._positions.reconstruct(t_us))
             force = self.scene.step(sample)
-            if self.session.expire_update(now_us):
-                self._encoder.refresh()
-            payload = self._encoder.encode(t_us, force.force_n, sample.position_m)
         except (PeerError, SampleError):  # counted as a datagram already, so not by `add_malformed`
             self.session.received.malformed += 1
             return None
         except Exception as error:  # a scene of the user's own may raise anything
             self.steps += 1
             raise SceneFailedError(f"the scene failed: {in_words(error)}") from error
+        answer = None
         if self.session.expire_update(now_us):
             self._encoder.refresh()
-        answer = None
         try:
             payload = self._encoder.encode(t_us, force.force_n, sample.position_m)
             if payload is not None:
