@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final, TypeAlias
 
 from hapticnet.checks import check_parameter
-from hapticnet.codec.registry import CODECS, make_codec
+from hapticnet.codec.registry import all_codecs, make_codec
 from hapticnet.errors import HapticnetError, PeerError, SampleError, SettingsError, in_words
 from hapticnet.node.station import SceneFailedError, Station
 from hapticnet.perception import WeberLaw
@@ -225,7 +225,7 @@ class SlaveNode:
         except SampleError as error:  # a codec for fewer axes
             raise _RefusalError(Code.AXES, str(error)) from error
         except SettingsError as error:
-            raise _RefusalError(Code.PARAMETER if hello.codec in CODECS else Code.CODEC, str(error)) from error
+            raise _RefusalError(Code.PARAMETER if hello.codec in all_codecs() else Code.CODEC, str(error)) from error
         try:
             scene = self._make_scene()
         except Exception as error:  # a scene of the user's own may raise anything
