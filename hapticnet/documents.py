@@ -8,6 +8,10 @@ from typing import Any, Final, TypeVar, get_args
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from hapticnet.errors import FileError, SettingsError
+from hapticnet.files import read_text
+
+LARGEST_DOCUMENT: Final = 16 * 2**20
+"""Size limit of a TOML file [B]; a scene of 10,000 tissues takes 2 MB."""
 
 STRICT: Final = ConfigDict(extra="forbid", strict=True)
 """Model configuration of a document: no unknown keys, no type conversions."""
@@ -27,13 +31,14 @@ Document = TypeVar("Document", bound=BaseModel)
 
 
 def read_document(path: Path) -> str:
-    """Return the text of a file; raise FileError if it cannot be read."""
-    try:
-        return path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise FileError(f"{path}: {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise FileError(f"{path}: not UTF-8 text: byte {error.start} is 0x{error.object[error.start]:02x}") from error
+    """Return the text of a TOML file.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read, is larger than `LARGEST_DOCUMENT` or is not UTF-8.
+    """
+    return read_text(path, LARGEST_DOCUMENT)
 
 
 def parse_document(text: str, source: str, model: type[Document]) -> Document:

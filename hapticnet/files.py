@@ -1,27 +1,97 @@
-"""Files that are there whole or not at all."""
+"""Bounded reading, and writing that replaces a file only when all of it is written."""
 
 import errno
 import os
+import re
 import shutil
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TextIO
+from typing import Final, TextIO
 
-from hapticnet.errors import FileError
+from hapticnet.errors import FileError, SettingsError
+
+MAX_BYTES: Final = 2 * 2**30
+"""Default size limit of files that are read [B]: 2 GiB."""
+
+_SIZE: Final = re.compile(r"(\d{1,15}(?:\.\d{1,6})?)\s*([KMGT]?)(i?)B?", re.ASCII | re.IGNORECASE)
+_NOT_REGULAR: Final = (
+    (stat.S_ISDIR, "a directory"),
+    (stat.S_ISCHR, "a character device"),
+    (stat.S_ISBLK, "a block device"),
+    (stat.S_ISFIFO, "a pipe"),
+    (stat.S_ISSOCK, "a socket"),
+)
 
 
-@contextmanager
-def replacing(path: Path) -> Iterator[TextIO]:
-    """Open a file to be written as UTF-8; it takes the place of what was there once all of it is written.
+def parse_bytes(text: str | int) -> int:
+    """Return a size such as 500MB or 8GiB in bytes.
 
-    A disk that fills up half way, or an end in between, leaves what was there. A device or a pipe is written to, and
-    so is a file that is a mount of its own, as in a container, which nothing can take the place of.
+    Raises
+    ------
+    SettingsError
+        If it is not such a size.
+    """
+    match = _SIZE.fullmatch(str(text).strip())
+    if match is None:
+        raise SettingsError(f'"{str(text)[:60]}" is not a size such as 500MB or 8GiB')
+    number, prefix, binary = match.groups()
+    return int(float(number) * (1024 if binary else 1000) ** " KMGT".index(prefix.upper() or " "))
+
+
+def check_readable(path: Path, max_bytes: int = MAX_BYTES) -> None:
+    """Check, without opening it, that `path` is a regular file of at most `max_bytes`.
 
     Raises
     ------
     FileError
-        When it cannot be written.
+        If the file is missing, is a directory, device, pipe or socket, or is too large.
+    """
+    try:
+        status = path.stat()
+    except (OSError, ValueError) as error:  # ValueError: a null character in the name
+        raise FileError(f"{path}: {getattr(error, 'strerror', None) or error}") from error
+    if not stat.S_ISREG(status.st_mode):
+        kind = next((name for is_kind, name in _NOT_REGULAR if is_kind(status.st_mode)), "a special file")
+        raise FileError(f"{path} is {kind}; expected a regular file")
+    if status.st_size > max_bytes:
+        raise FileError(f"{path}: {status.st_size} bytes; the limit is {max_bytes}")
+
+
+def read_text(path: Path, max_bytes: int = MAX_BYTES) -> str:
+    """Return the text of a UTF-8 file of at most `max_bytes`.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read, is too large or is not UTF-8.
+    """
+    check_readable(path, max_bytes)
+    try:
+        with path.open("rb") as file:
+            content = file.read(max_bytes + 1)  # a file under /proc has size 0 and any content
+    except OSError as error:
+        raise FileError(f"{path}: {error.strerror or error}") from error
+    if len(content) > max_bytes:
+        raise FileError(f"{path}: more than {max_bytes} bytes, which is the limit")
+    try:
+        return content.decode()
+    except UnicodeDecodeError as error:
+        raise FileError(f"{path}: not UTF-8 text: byte {error.start} is 0x{content[error.start]:02x}") from error
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[TextIO]:
+    """Open a UTF-8 file for writing; it replaces an existing file when all of it is written.
+
+    If writing fails or is interrupted, the existing file is unchanged. Devices, pipes and mount points (a file mounted
+    into a container) cannot be replaced, so they are written directly.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written.
     """
     try:
         if takes_a_stream(path):
@@ -42,12 +112,12 @@ def replacing(path: Path) -> Iterator[TextIO]:
 
 
 def check_replaceable(path: Path) -> None:
-    """Find out whether `replacing` could be done to a file, leaving it as it is; makes its folder where it is missing.
+    """Check that `replacing` can write a file, without changing the file. Create its folder if it is missing.
 
     Raises
     ------
     FileError
-        When it could not.
+        If it cannot be written.
     """
     make_folder(path.parent)
     try:
@@ -65,32 +135,38 @@ def check_replaceable(path: Path) -> None:
 
 
 def takes_a_stream(path: Path) -> bool:
-    """Tell whether what is written to a path goes on from there: a pipe, a device, standard output, a mount."""
+    """Return whether `path` is written directly: a pipe, a device, standard output or a mount point."""
     if path.parts[:2] == ("/", "dev") or os.path.ismount(path):
         return True
     return path.exists() and not path.is_file()
 
 
 def check_folder(path: Path) -> None:
-    """Find out whether files could be made in a folder; makes it where it is missing.
+    """Check that files can be created in a folder. Create the folder if it is missing.
 
     Raises
     ------
     FileError
-        When they could not.
+        If they cannot.
     """
     check_replaceable(path / "any")
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder and all above it where they are missing; a FileError says why it cannot be made."""
+    """Create a folder and its parents if they are missing.
+
+    Raises
+    ------
+    FileError
+        If the folder cannot be created.
+    """
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise FileError(f"{path}: the folder cannot be made: {error.strerror}") from error
+        raise FileError(f"{path}: cannot create the folder: {error.strerror}") from error
 
 
 def _places(path: Path) -> tuple[Path, Path]:
-    """Return the file itself, where `path` is a link to it, and where it is written until it is whole."""
+    """Return the file that `path` refers to, following links, and the temporary file beside it."""
     target = Path(os.path.realpath(path))
     return target, target.with_name(f".{target.name}.{os.getpid()}.part")

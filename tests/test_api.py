@@ -60,8 +60,8 @@ def test_what_is_decoded_has_the_shape_of_what_was_given(force):
 def test_a_recording_brings_its_own_times_and_positions():
     class Recorded:
         t_us = np.arange(2000) * 2000
-        values = VECTORS
-        positions = 0.001 * VECTORS
+        force = VECTORS
+        position = 0.001 * VECTORS
 
     result = hn.encode(Recorded())
     assert result.t_us[-1] == 1999 * 2000
@@ -164,7 +164,7 @@ def test_compare_takes_several_recordings_and_codec_objects():
     ]  # fmt: skip
     assert [row.label for row in hn.compare(FORCE, codecs="deadband", multipliers=2)] == ["deadband"]
     assert [row.label for row in hn.compare(FORCE, codecs=objects[0])] == ["deadband"]
-    recorded = [types.SimpleNamespace(name="a", t_us=np.arange(2000) * 1000, values=FORCE) for _ in range(2)]
+    recorded = [types.SimpleNamespace(name="a", t_us=np.arange(2000) * 1000, force=FORCE) for _ in range(2)]
     assert {row.trial for row in hn.compare(recorded, codecs=["raw"])} == {"a 1", "a 2"}
 
 

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from hapticnet.errors import SettingsError
 from hapticnet.experiment.comparison import Trial
 from hapticnet.experiment.paper_force import paper_recording
-from hapticnet.experiment.recordings import load_recording
+from hapticnet.recordings.recording import load_recording
 
 Array = npt.NDArray[np.float64]
 Made = Callable[[np.random.Generator, int], tuple[Array, Array]]
@@ -64,19 +64,16 @@ def recorded_signal(argument: str) -> Trial:
     Raises
     ------
     FileError, SettingsError
-        When it cannot be read, or the columns do not fit together.
+        If it cannot be read, or the columns do not fit together.
     """
     file, force, position, scale = (*argument.split(":"), "", "", "")[:4]
     path = Path(file)
     try:
-        metres = float(scale or 1.0)
+        metres = float(scale) if scale else None
     except ValueError:
         raise SettingsError(f"{argument!r}: {scale!r} must be the metres in one unit of position") from None
-    signal = load_recording(path, columns=force.split(",") if force else None)
-    positions = metres * load_recording(path, columns=position.split(",")).values if position else None
-    if positions is not None and positions.shape != signal.values.shape:
-        raise SettingsError(f"{argument!r}: there must be as many columns of position as of force")
-    return Trial(name=path.stem, t_us=signal.t_us, stimuli=signal.values, positions=positions)
+    signal = load_recording(path, columns=force or None, position=position or None, position_scale=metres)
+    return Trial(name=path.stem, t_us=signal.t_us, stimuli=signal.force, positions=signal.position)
 
 
 def smooth_palpation(rng: np.random.Generator, samples: int) -> tuple[Array, Array]:

@@ -38,7 +38,7 @@ class RecordingLike(Protocol):
         ...
 
     @property
-    def values(self) -> FloatArray:
+    def force(self) -> FloatArray:
         """Forces [N], shape (n, a)."""
         ...
 
@@ -69,8 +69,8 @@ def read_trial(
         if not (rate_hz is None and t_s is None and t_us is None):
             raise SettingsError(f"{name} is a recording with times of its own; omit rate_hz, t_s and t_us")
         t_us = force.t_us
-        position = getattr(force, "positions", None) if position is None else position
-        force = force.values
+        position = getattr(force, "position", None) if position is None else position
+        force = force.force
     stimuli = as_forces(force, name)
     positions = None
     if position is not None:
@@ -82,7 +82,7 @@ def read_trial(
 
 def is_recording(given: Any) -> bool:
     """Tell whether `given` carries its own times; a table with a column of that name does not."""
-    return hasattr(given, "t_us") and hasattr(given, "values") and not hasattr(given, "columns")
+    return hasattr(given, "t_us") and hasattr(given, "force") and not hasattr(given, "columns")
 
 
 def as_forces(values: Any, name: str) -> FloatArray:

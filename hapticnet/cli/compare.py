@@ -9,7 +9,10 @@ from hapticnet.cli import options
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from hapticnet.experiment.comparison import Row, Trial
+    from hapticnet.recordings.recording import Recording
 
 THRESHOLDS = "1,2,4"
 
@@ -17,17 +20,16 @@ THRESHOLDS = "1,2,4"
 def compare(
     traces: Annotated[
         list[Path] | None,
-        typer.Argument(metavar="[TRACE…]", help="Recordings, .csv or .npy; default: the paper's scene."),
+        typer.Argument(
+            metavar="[TRACE…]", help="Recordings: .csv, .tsv, .npy, .npz, .mat or .parquet; default: the paper's scene."
+        ),
     ] = None,
-    column: Annotated[
-        str | None,
-        typer.Option(metavar="NAME[,NAME…]", help="Force columns [N], by name or number from 0; one to three axes."),
-    ] = None,
+    column: options.Column = None,
     position: options.Position = None,
-    position_scale: options.PositionScale = 1.0,
-    rate: Annotated[
-        float | None, typer.Option(metavar="HZ", help="Sampling rate; else from a column t_s, time_s or t_us.")
-    ] = None,
+    position_scale: options.PositionScale = None,
+    rate: options.Rate = None,
+    missing: options.MissingValues = "refuse",
+    max_size: options.MaxSize = options.MAX_SIZE,
     codecs: Annotated[
         str | None,
         typer.Option(metavar="CODEC[;CODEC…]", help="Codecs as NAME[:KEY=VALUE,…]; default: all."),
@@ -62,6 +64,7 @@ def compare(
 ) -> None:
     """Run every codec over recordings and compare packets, bytes, errors and cost with the best possible."""
     import json as json_module
+    from functools import partial
 
     from hapticnet.cli.console import Console, check_new, check_outputs, write_text
     from hapticnet.codec.registry import all_codecs, register_installed_codecs
@@ -71,6 +74,7 @@ def compare(
     from hapticnet.experiment.comparison_table import latex as latex_tables
     from hapticnet.experiment.grid import grid_codecs
     from hapticnet.experiment.provenance import provenance, provenance_lines
+    from hapticnet.recordings.recording import load_recording
 
     if not traces and any(option is not None for option in (column, position, rate)):
         raise SettingsError("--column, --position and --rate say how to read a TRACE, and none is named")
@@ -81,10 +85,17 @@ def compare(
     chosen = grid_codecs(list(all_codecs()) if codecs is None else codecs.split(";"), values)
     files = dict.fromkeys(traces or ())
     stems = [file.stem for file in files]
-    trials = [
-        _trial(file, file.stem if stems.count(file.stem) == 1 else str(file), column, position, position_scale, rate)
-        for file in files
-    ] or [_paper(seed)]
+    read = partial(
+        load_recording,
+        columns=column,
+        position=position,
+        position_scale=position_scale,
+        rate_hz=rate,
+        missing=missing,
+        max_bytes=max_size,
+    )
+    trials = [_trial(file, file.stem if stems.count(file.stem) == 1 else str(file), read) for file in files]
+    trials = trials or [_paper(seed)]
     check_outputs(csv, latex, inputs=files)
     check_new(csv, latex, force=force)
     figures = None
@@ -152,22 +163,18 @@ def _grid(texts: list[str], thresholds: str, weber: float, floor: float, loss: s
     return usual | grid
 
 
-def _trial(
-    file: Path, name: str, column: str | None, position: str | None, position_scale: float, rate: float | None
-) -> "Trial":
-    import numpy as np
-
+def _trial(file: Path, name: str, read: "Callable[[Path], Recording]") -> "Trial":
+    from hapticnet.cli.console import Console
     from hapticnet.errors import FileError
     from hapticnet.experiment.comparison import Trial
-    from hapticnet.experiment.recordings import load_positions, load_recording
 
-    force = load_recording(file, columns=None if column is None else column.split(","), rate_hz=rate)
-    if len(force.t_us) > 1 and not (np.diff(force.t_us) >= 0).all():
-        raise FileError(f"{file}: time goes backwards; the samples must be in order")
-    if len(force.t_us) < 2 or force.t_us[-1] == force.t_us[0]:
-        raise FileError(f"{file}: {len(force.t_us)} samples over no time; two at different times are needed")
-    where = load_positions(file, position, position_scale, like=force, rate_hz=rate)
-    return Trial(name=name, t_us=force.t_us, stimuli=force.values, positions=where)
+    recording = read(file)
+    for note in recording.notes:
+        Console("compare").say(f"{file}: {note}")
+    t_us = recording.t_us
+    if t_us[-1] == t_us[0]:
+        raise FileError(f"{file}: {len(t_us)} samples over no time; at least two different times are needed")
+    return Trial(name=name, t_us=t_us, stimuli=recording.force, positions=recording.position)
 
 
 def _paper(seed: int) -> "Trial":

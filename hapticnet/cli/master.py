@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def master(
     connect: Annotated[str, typer.Option(metavar="HOST:PORT", help="Where the slave listens.")] = "127.0.0.1:47800",
     operator: Annotated[
-        str, typer.Option(help="Where positions come from: scripted, or trace:FILE.csv (columns t_s, position_m).")
+        str, typer.Option(help="Source of positions: scripted, or a recording as trace:FILE or trace:FILE:COLUMN,….")
     ] = "scripted",
     insertions: Annotated[int, typer.Option(min=1, help="Insertions of the scripted operator.")] = 5,
     device: options.DeviceOption = "sim",
@@ -59,11 +59,11 @@ def master(
     from hapticnet.errors import RefusedError, UnavailableError
     from hapticnet.node.master import MasterNode, MasterSettings
     from hapticnet.perception import WeberLaw
+    from hapticnet.recordings.tables import write_csv
     from hapticnet.runtime.entropy import SystemEntropy
     from hapticnet.runtime.processes import run_master
     from hapticnet.runtime.realtime import OTHER, prefer_realtime, run
     from hapticnet.runtime.udp import open_toward, parse_host_port
-    from hapticnet.tables import write_csv
 
     law = WeberLaw(weber_fraction=weber, floor_n=floor, multiplier=multiplier)
     known = devices.load(profile)
@@ -78,7 +78,7 @@ def master(
         control=devices.control_settings(known),
     )
     hand = _operator(operator, insertions, seed)
-    trace = Path(operator.removeprefix("trace:")) if operator.startswith("trace:") else None
+    trace = _trace(operator)[0] if operator.startswith("trace:") else None
     out = parse_channel(channel_out)
     channel = None if out.is_perfect else Emulator[Any](out, np.random.default_rng([seed, 2]))
     if duration is None and hand.duration_us is not None:
@@ -142,16 +142,27 @@ def master(
 def _operator(spec: str, insertions: int, seed: int) -> "Operator":
     import numpy as np
 
+    from hapticnet.cli.console import Console
     from hapticnet.errors import SettingsError
     from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
     from hapticnet.operator.trace import load_trace
 
-    kind, _, file = spec.partition(":")
-    if kind == "scripted" and not file:
+    if spec == "scripted":
         return ScriptedOperator(InsertionSettings(insertions=insertions), np.random.default_rng([seed, 3]))
-    if kind == "trace" and file:
-        return load_trace(Path(file))
-    raise SettingsError(f"unknown operator {spec!r}; there are: scripted, trace:FILE.csv")
+    if spec.startswith("trace:") and spec != "trace:":
+        file, columns = _trace(spec)
+        operator, notes = load_trace(file, position=columns)
+        for note in notes:
+            Console("master").say(f"{file}: {note}")
+        return operator
+    raise SettingsError(f"unknown operator {spec!r}; there are: scripted, trace:FILE[:COLUMN,…]")
+
+
+def _trace(spec: str) -> tuple[Path, str | None]:
+    """Return file and columns of trace:FILE[:COLUMN,…]; a file may have a colon in its name."""
+    whole = spec.removeprefix("trace:")
+    file, colon, columns = whole.rpartition(":")
+    return (Path(file), columns) if colon and not Path(whole).exists() else (Path(whole), None)
 
 
 def _in_words(event: "NodeEvent", address: str) -> str:

@@ -1,9 +1,14 @@
 """Options shared by several commands."""
 
 from pathlib import Path
-from typing import Annotated, TypeAlias
+from typing import Annotated, Final, Literal, TypeAlias
 
 import typer
+
+from hapticnet.files import MAX_BYTES, parse_bytes
+
+MAX_SIZE: Final = MAX_BYTES
+Missing: TypeAlias = Literal["refuse", "drop", "hold"]
 
 
 def _codec_names(incomplete: str) -> list[str]:
@@ -26,15 +31,36 @@ Weber: TypeAlias = Annotated[float, typer.Option(help="Weber fraction k: JND = k
 Floor: TypeAlias = Annotated[float, typer.Option(help="Smallest JND [N]; applies where k·|force| is below it.")]
 Multiplier: TypeAlias = Annotated[float, typer.Option(help="Deadband threshold in JNDs. The paper's: 1, 2, 4.")]
 Seed: TypeAlias = Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")]
+Column: TypeAlias = Annotated[
+    str | None,
+    typer.Option(metavar="NAME[,NAME…]", help="Force columns [N], by name or number from 0; one to three axes."),
+]
+Rate: TypeAlias = Annotated[
+    float | None,
+    typer.Option(metavar="HZ", help="Sampling rate of files without a column t, time or timestamp."),
+]
 Position: TypeAlias = Annotated[
     str | None,
     typer.Option(metavar="NAME[,NAME…]", help="Position columns [m], for codecs and measures that need motion."),
 ]
 PositionScale: TypeAlias = Annotated[
-    float,
+    float | None,
     typer.Option(
         metavar="M",
-        help="Metres per unit of position; negative if positions increase in the direction of a positive force.",
+        help="Metres per unit of position, instead of the unit in the column's name; negative if positions increase in"
+        " the direction of a positive force.",
+    ),
+]
+MissingValues: TypeAlias = Annotated[
+    Missing,
+    typer.Option(
+        "--missing", help="Empty cells and NaN: refuse the file, drop such rows, or hold (repeat) the last value."
+    ),
+]
+MaxSize: TypeAlias = Annotated[
+    int,
+    typer.Option(
+        "--max-size", metavar="SIZE", parser=parse_bytes, help="Largest file that is read, such as 500MB or 8GiB."
     ),
 ]
 Json: TypeAlias = Annotated[bool, typer.Option("--json", help="Print the report as JSON on stdout.")]

@@ -35,11 +35,14 @@ def show(scene: Spec = "paper", json: options.Json = False, report: options.Repo
 @app.command("run", short_help="Move the needle along recorded positions.")
 def run_scene(
     scene: Spec,
-    positions: Annotated[Path, typer.Option(metavar="FILE", help="Positions: .csv or .npy.")],
-    column: Annotated[str, typer.Option(help="Column with the position [m], by name or number from 0.")] = "position_m",
-    rate: Annotated[
-        float | None, typer.Option(metavar="HZ", help="Sampling rate; else from a column t_s, time_s or t_us.")
+    positions: Annotated[Path, typer.Option(metavar="FILE", help="Positions: .csv, .tsv, .npy, .npz, .mat, .parquet.")],
+    column: Annotated[
+        str | None,
+        typer.Option(help="Position column [m], by name or number from 0; else the one called position."),
     ] = None,
+    rate: options.Rate = None,
+    missing: options.MissingValues = "refuse",
+    max_size: options.MaxSize = options.MAX_SIZE,
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write there instead of to stdout.")] = None,
 ) -> None:
     """Move the needle along recorded positions; print state and force of every sample as CSV."""
@@ -47,20 +50,25 @@ def run_scene(
 
     import numpy as np
 
-    from hapticnet.cli.console import check_outputs
-    from hapticnet.experiment.recordings import load_recording
+    from hapticnet.cli.console import Console, check_outputs
+    from hapticnet.errors import SettingsError
+    from hapticnet.recordings.recording import load_motion
+    from hapticnet.recordings.tables import write_csv
     from hapticnet.samples import PositionSample
     from hapticnet.scene.presets import find_scene, scene_file
     from hapticnet.scene.scene import Scene
-    from hapticnet.tables import write_csv
 
     check_outputs(out, inputs=[positions, scene_file(scene)])
     settings = find_scene(scene)
-    recording = load_recording(positions, columns=[column], rate_hz=rate)
+    motion = load_motion(positions, position=column, rate_hz=rate, missing=missing, max_bytes=max_size)
+    if motion.position.shape[1] != 1:
+        raise SettingsError(f"{motion.position.shape[1]} position columns are chosen; the needle moves along one axis")
+    for note in motion.notes:
+        Console("scene").say(f"{positions}: {note}")
     world = Scene(settings.tissues, name=settings.name)
     layers = [tissue.name for tissue in world.tissues]
     rows = []
-    for t_us, position_m in zip(recording.t_us.tolist(), recording.values[:, 0].tolist(), strict=True):
+    for t_us, position_m in zip(motion.t_us.tolist(), motion.position[:, 0].tolist(), strict=True):
         force = world.step(PositionSample(t_us, (position_m,)))
         rows.append((t_us, position_m, *force.force_n, world.breaches, *world.contacts(), *world.surfaces_m()))
     names = ["t_us", "position_m", "force_n", "breaches"]

@@ -51,6 +51,7 @@ def slave(
     from hapticnet.files import check_folder
     from hapticnet.node.slave import MasterJoined, MasterLeft, SlaveEvent, SlaveNode, SlaveSettings
     from hapticnet.protocol.settings import SessionSettings
+    from hapticnet.recordings.tables import write_csv
     from hapticnet.runtime.entropy import SystemEntropy
     from hapticnet.runtime.processes import run_slave
     from hapticnet.runtime.realtime import OTHER, prefer_realtime, run
@@ -58,7 +59,6 @@ def slave(
     from hapticnet.runtime.udp import listen as listen_on
     from hapticnet.scene.presets import find_scene, scene_file
     from hapticnet.scene.scene import Scene
-    from hapticnet.tables import write_csv
 
     console = Console("slave", quiet=quiet)
     for text in codec or ():

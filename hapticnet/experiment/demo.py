@@ -8,14 +8,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from hapticnet.arrays import FloatArray
 from hapticnet.codec.registry import split_codec
 from hapticnet.errors import UnavailableError
 from hapticnet.experiment.analysis import Columns, bytes_per_penetration, felt_error
 from hapticnet.experiment.conditions import Condition, conditions_with
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION, WeberLaw
+from hapticnet.recordings.tables import read_csv
 from hapticnet.runtime.children import Child
-from hapticnet.tables import read_csv
 
 POLL_S: Final = 0.1
 CONNECT_TIMEOUT_S: Final = 10.0
@@ -154,15 +153,10 @@ def _played(condition: Condition, folder: Path, sessions: list[dict[str, Any]]) 
         condition=condition,
         slave=session,
         master=json.loads((folder / f"master-{condition.slug}.json").read_text()),
-        slave_samples=_columns(slave_file),
-        master_samples=_columns(_samples(folder, condition)),
+        slave_samples=read_csv(slave_file),
+        master_samples=read_csv(_samples(folder, condition)),
     )
 
 
 def _samples(folder: Path, condition: Condition) -> Path:
     return folder / f"master-{condition.slug}.csv"
-
-
-def _columns(file: Path) -> dict[str, FloatArray]:
-    table = read_csv(file)
-    return {name: table.column(name) for name in table.names}

@@ -12,7 +12,7 @@ from hapticnet.codec.registry import CODECS, make_codec
 from hapticnet.experiment.comparison import Trial, compare
 from hapticnet.experiment.comparison_table import COLUMNS, latex
 from hapticnet.perception import WeberLaw
-from hapticnet.tables import read_csv
+from hapticnet.recordings.tables import read_csv
 from tests.cli.test_cli_errors import hapticnet
 
 WIDE = "adaptive-predictive:horizon_ms=150,jump_thresholds=0.5,step_n=0.001"
@@ -75,8 +75,7 @@ def test_csv_has_every_figure_at_full_precision_and_says_where_it_comes_from(tra
     comments = [line for line in out.read_text().splitlines() if line.startswith("#")]
     assert [line.split()[1] for line in comments] == ["version:", "date:", "machine:", "command:"]
     assert f"--csv {out}" in comments[-1]
-    table = read_csv(out)
-    sent, statistic = table.column("sent"), [line.split(",")[0] for line in out.read_text().splitlines()[5:]]
+    sent, statistic = read_csv(out, ["sent"])["sent"], [line.split(",")[0] for line in out.read_text().splitlines()[5:]]
     assert sent[: len(rows)].tolist() == [row["sent"] for row in rows]
     assert statistic == ["recording"] * len(rows) + ["mean", "half_width"] * 6
     with out.open() as file:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hapticnet.codec.registry import CODECS, codec_parameters
-from hapticnet.tables import read_csv
+from hapticnet.recordings.tables import read_csv
 from tests.cli.test_cli_errors import ROOT, hapticnet
 
 KEYS = {
@@ -35,13 +35,13 @@ def test_encode_reports_every_key_and_holds_the_law(trace, tmp_path):
     assert report["exceed_jnd_fraction"] == 0.0
     assert 0.5 < report["packet_rate_reduction"] < 1.0
     decoded = read_csv(out)
-    assert decoded.names == ("t_us", "fx", "fy")
-    error = read_csv(trace).column("fx") - decoded.column("fx")
+    assert list(decoded) == ["t_us", "fx", "fy"]
+    error = read_csv(trace)["fx"] - decoded["fx"]
     assert 0.0 < np.abs(error).max() <= report["max_error_n"]
 
 
 def test_encode_takes_columns_by_number_from_csv_and_npy(trace, tmp_path):
-    array = np.column_stack([read_csv(trace).column(name) for name in ("t_s", "fx", "fy")])
+    array = np.column_stack([read_csv(trace)[name] for name in ("t_s", "fx", "fy")])
     np.save(tmp_path / "force.npy", array)
     reports = [
         json.loads(hapticnet("encode", file, "--column", "1", *rate, "--json").stdout)
@@ -85,10 +85,10 @@ def test_scene_run_follows_recorded_positions(tmp_path):
         subprocess.run([sys.executable, "-m", "hapticnet", *map(str, arguments)], stdout=log, check=True, cwd=ROOT)
     assert (tmp_path / "log").read_text() == "kept\n" + printed
     table = read_csv(out)
-    assert table.column("breaches")[-1] == 3
-    assert table.column("force_n").max() == pytest.approx(5.0, abs=0.02)
-    assert table.column("force_n").min() == 0.0
-    assert set(table.column("tissue 2_contact")) == {0.0, 1.0, 2.0}
+    assert table["breaches"][-1] == 3
+    assert table["force_n"].max() == pytest.approx(5.0, abs=0.02)
+    assert table["force_n"].min() == 0.0
+    assert set(table["tissue 2_contact"]) == {0.0, 1.0, 2.0}
 
 
 def test_version_and_help():

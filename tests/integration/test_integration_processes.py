@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapticnet.tables import read_csv
+from hapticnet.recordings.tables import read_csv
 
 FAST = ("--no-realtime",)
 ROOT = Path(__file__).parents[2]
@@ -35,8 +35,8 @@ def test_an_insertion_over_loopback_and_every_packet_accounted_for(start, slave,
     assert account["connections"] == 1
     assert "packet_rate_reduction" not in master.output.read_text(), "the report is for a person without --json"
     table = read_csv(record)
-    assert table.column("held_n").max() > 4.0
-    assert (np.diff(table.column("t_us")) > 0).all()
+    assert table["held_n"].max() > 4.0
+    assert (np.diff(table["t_us"]) > 0).all()
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -7,7 +7,7 @@ import uuid
 
 import pytest
 
-from hapticnet.tables import read_csv
+from hapticnet.recordings.tables import read_csv
 
 SLAVE_IP, MASTER_IP = "10.231.47.1", "10.231.47.2"
 
@@ -75,4 +75,4 @@ def test_a_killed_slave_comes_back_and_the_held_force_never_outlives_its_age_lim
     assert report["connections"] == 2
     assert second.report()["sessions"][0]["steps"] > 0
     table = read_csv(record)
-    assert table.column("held_n").max() <= 5.0
+    assert table["held_n"].max() <= 5.0

@@ -150,10 +150,10 @@ class CalibrationSession:
 
 
 def _read(file: Path) -> Pairs:
-    from hapticnet.tables import read_csv
+    from hapticnet.recordings.tables import read_csv
 
-    table = read_csv(file)
-    return list(zip(table.column("force_n").tolist(), table.column("adc").tolist(), strict=True))
+    table = read_csv(file, ["force_n", "adc"])
+    return list(zip(table["force_n"].tolist(), table["adc"].tolist(), strict=True))
 
 
 def _serial_number(spec: "SerialSpec") -> str | None:

@@ -26,10 +26,10 @@ def monitor(
     from hapticnet.cli.console import Console, check_outputs, deliver
     from hapticnet.device.base import Reading
     from hapticnet.device.wired import WiredDevice
+    from hapticnet.recordings.tables import write_csv
     from hapticnet.runtime.device_run import run_device
     from hapticnet.runtime.realtime import run
     from hapticnet.runtime.serial_port import Wire, parse_serial
-    from hapticnet.tables import write_csv
 
     spec = parse_serial(device)
     known = devices.load(profile)

@@ -40,7 +40,7 @@ def step(
     from hapticnet.experiment.step_response import plot_step, step_figures
     from hapticnet.node.fingertip import Fingertip
     from hapticnet.node.procedures import StepTest
-    from hapticnet.tables import write_csv
+    from hapticnet.recordings.tables import write_csv
 
     known = devices.load(profile)
     control = devices.control_settings(known)

@@ -1,0 +1,202 @@
+"""Arrays from NumPy, MATLAB and Parquet files as columns."""
+
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from hapticnet.arrays import FloatArray, IntArray
+from hapticnet.errors import FileError, UnavailableError
+from hapticnet.recordings.times import NO_STAMP
+
+Arrays = Mapping[str, npt.NDArray[Any]]
+
+
+class ArraySource:
+    """Arrays as columns.
+
+    A two-dimensional array NAME is the columns NAME.0, NAME.1, …; a single array without a name is "0", "1", ….
+
+    Parameters
+    ----------
+    path
+        The file.
+    names
+        Names of the columns.
+    read
+        Returns the columns of some names, each of shape (rows,).
+
+    Attributes
+    ----------
+    path, names
+        As given.
+    notes
+        What the user should know about how the file is read.
+    """
+
+    def __init__(
+        self, path: Path, names: Sequence[str], read: Callable[[Sequence[str]], Sequence[npt.NDArray[Any]]], rows: int
+    ) -> None:
+        self.path = path
+        self.names = tuple(names)
+        self.notes: tuple[str, ...] = ()
+        self._read = read
+        self._rows = rows
+        if not self.names or not rows:
+            raise FileError(f"{path}: there are no samples in the file")
+
+    def numbers(self, indices: Sequence[int]) -> FloatArray:
+        """Return columns, shape (rows, columns), with NaN where a value is missing.
+
+        Raises
+        ------
+        FileError
+            If a column does not hold real, finite numbers.
+        """
+        values = np.empty((self._rows, len(indices)))
+        for place, column in enumerate(self._columns(indices)):
+            name = self.names[indices[place]]
+            if column.dtype.kind not in "biuf":
+                raise FileError(f'{self.path}, column "{name}": holds {column.dtype}; expected real numbers')
+            with np.errstate(over="ignore"):  # of long doubles; reported below
+                values[:, place] = column
+            infinite = np.flatnonzero(np.isinf(values[:, place]))
+            if len(infinite):
+                row = int(infinite[0])
+                raise FileError(
+                    f'{self.path}, {self.place(row)}, column "{name}": {values[row, place]} is not a finite number'
+                )
+        return values
+
+    def has_stamps(self, index: int) -> bool:
+        """Return whether a column holds dates and times."""
+        return self._columns([index])[0].dtype.kind == "M"
+
+    def stamps_us(self, index: int) -> IntArray:
+        """Return dates and times in µs since 1970, shape (rows,); the smallest integer where one is missing."""
+        stamps: IntArray = self._columns([index])[0].astype("datetime64[us]").astype(np.int64)
+        assert np.datetime64("NaT").astype(np.int64) == NO_STAMP  # noqa: S101  (NumPy's own convention)
+        return stamps
+
+    def place(self, row: int) -> str:
+        """Return where a row is in the file, for a message."""
+        return f"row {row}"
+
+    def _columns(self, indices: Sequence[int]) -> list[npt.NDArray[Any]]:
+        columns = [np.asarray(column) for column in self._read([self.names[index] for index in indices])]
+        for index, column in zip(indices, columns, strict=True):
+            if column.shape != (self._rows,):
+                raise FileError(
+                    f'{self.path}, column "{self.names[index]}": shape {column.shape}; expected ({self._rows},)'
+                )
+        return columns
+
+
+def open_npy(path: Path, max_bytes: int) -> ArraySource:
+    """Return the array in a .npy file, of shape (n,) or (n, columns) or structured, as columns."""
+    with path.open("rb") as file:
+        array = _load_array(path, file, max_bytes)
+    if array.dtype.names:
+        return _source(path, {name: array[name] for name in array.dtype.names}, len(array) if array.ndim else 0)
+    if array.ndim not in (1, 2):
+        raise FileError(f"{path}: array of shape {array.shape}; expected (n,) or (n, columns)")
+    columns = dict(enumerate(np.atleast_2d(array.T)))
+    return _source(path, {str(index): column for index, column in columns.items()}, len(array))
+
+
+def open_npz(path: Path, max_bytes: int) -> ArraySource:
+    """Return the arrays in a .npz file as columns."""
+    with zipfile.ZipFile(path) as archive:
+        unpacked = sum(member.file_size for member in archive.infolist())
+        if unpacked > max_bytes:
+            raise FileError(f"{path}: unpacks to {unpacked} bytes; the limit is {max_bytes}")
+        arrays = {}
+        for member in archive.infolist():
+            if member.filename.endswith(".npy"):
+                with archive.open(member) as file:
+                    arrays[member.filename.removesuffix(".npy")] = _load_array(path, file, max_bytes)
+    return _named(path, arrays)
+
+
+def open_mat(path: Path, max_bytes: int) -> ArraySource:
+    """Return the variables in a MATLAB file, up to v7, as columns; fields of a structure as NAME.FIELD."""
+    try:
+        from scipy import io
+    except ImportError as error:
+        raise UnavailableError(f"{path}: reading MATLAB files needs SciPy: pip install 'hapticnet[mat]'") from error
+    elements = sum(int(np.prod(shape, dtype=object)) for _, shape, _ in io.whosmat(path))
+    if 8 * elements > max_bytes:
+        raise FileError(f"{path}: unpacks to {8 * elements} bytes; the limit is {max_bytes}")
+    variables = io.loadmat(path, appendmat=False, simplify_cells=True)
+    arrays: dict[str, npt.NDArray[Any]] = {}
+
+    def collect(name: str, value: Any) -> None:
+        if isinstance(value, dict):
+            for field, inner in value.items():
+                collect(f"{name}.{field}" if name else str(field), inner)
+        elif isinstance(value, np.ndarray) and value.dtype.kind in "biufcM":
+            arrays[name] = value
+
+    collect("", {name: value for name, value in variables.items() if not name.startswith("__")})
+    return _named(path, arrays)
+
+
+def open_parquet(path: Path, max_bytes: int) -> ArraySource:
+    """Return the columns of a Parquet file."""
+    try:
+        import pyarrow.parquet
+    except ImportError as error:
+        raise UnavailableError(
+            f"{path}: reading Parquet files needs pyarrow: pip install 'hapticnet[parquet]'"
+        ) from error
+    with pyarrow.parquet.ParquetFile(path) as file:
+        rows, names = file.metadata.num_rows, file.schema_arrow.names
+    if len(set(names)) < len(names):
+        raise FileError(f"{path}: columns of one name; there are {', '.join(names)}")
+
+    def read(wanted: Sequence[str]) -> list[npt.NDArray[Any]]:
+        if 8 * rows * len(wanted) > max_bytes:
+            raise FileError(f"{path}: unpacks to {8 * rows * len(wanted)} bytes; the limit is {max_bytes}")
+        table = pyarrow.parquet.read_table(path, columns=list(wanted), partitioning=None)
+        return [table.column(name).to_numpy() for name in wanted]
+
+    return ArraySource(path, names, read, rows)
+
+
+def _load_array(path: Path, file: Any, max_bytes: int) -> npt.NDArray[Any]:
+    """Return an array after checking the size that its header claims."""
+    version = np.lib.format.read_magic(file)
+    header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, _, dtype = header(file)
+    claimed = int(np.prod(shape, dtype=object)) * dtype.itemsize
+    if claimed > max_bytes:
+        raise FileError(f"{path}: an array of {claimed} bytes; the limit is {max_bytes}")
+    file.seek(0)
+    array: npt.NDArray[Any] = np.lib.format.read_array(file, allow_pickle=False)
+    return array
+
+
+def _named(path: Path, arrays: Arrays) -> ArraySource:
+    """Return arrays by name as columns; of several lengths, those that have the length of the longest vector."""
+    squeezed = {name: np.squeeze(array) for name, array in arrays.items()}
+    structured = {name: array for name, array in squeezed.items() if array.dtype.names}
+    for name, array in structured.items():
+        squeezed |= {f"{name}.{field}": array[field] for field in array.dtype.names or ()}
+        del squeezed[name]
+    rows = max((len(array) for array in squeezed.values() if array.ndim == 1), default=0)
+    rows = rows or max((max(array.shape) for array in squeezed.values() if array.ndim == 2 and array.size), default=0)
+    columns: dict[str, npt.NDArray[Any]] = {}
+    for name, array in squeezed.items():
+        if array.shape == (rows,):
+            columns[name] = array
+        elif array.ndim == 2 and rows in array.shape:
+            samples_first = array if len(array) == rows else array.T
+            columns |= {f"{name}.{index}": column for index, column in enumerate(samples_first.T)}
+    return _source(path, columns, rows)
+
+
+def _source(path: Path, columns: Arrays, rows: int) -> ArraySource:
+    return ArraySource(path, list(columns), lambda names: [columns[name] for name in names], rows)

@@ -1,0 +1,212 @@
+"""Text tables: CSV, TSV and columns separated by spaces, with decimal points or decimal commas."""
+
+import csv
+import math
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Final, TextIO
+
+import numpy as np
+
+from hapticnet.arrays import FloatArray, IntArray
+from hapticnet.errors import FileError
+from hapticnet.recordings.layout import OPEN_QUOTE, csv_reason, find_layout, is_missing, number_of, split_cells
+from hapticnet.recordings.times import is_stamp, stamp_us
+
+LONGEST_LINE: Final = 2**20
+"""Characters in a line; more mean that the file is not a table."""
+
+_SAMPLE_ROWS: Final = 100
+
+
+class _IrregularError(Exception):
+    """A line that the fast reader leaves to the careful one."""
+
+
+class DelimitedSource:
+    """A text table as columns; `layout.find_layout` tells how its separators, decimal marks and header are found.
+
+    Blank lines and lines that start with ``#`` or ``%`` are skipped. Columns that are never asked for may hold
+    anything. The file is read line by line, so memory holds the chosen columns only.
+
+    Attributes
+    ----------
+    path
+        The file.
+    names
+        Names of the columns from left to right; "0", "1", … if the file has no header.
+    notes
+        What the user should know about how the file is read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        with path.open("rb") as file:
+            self._encoding = "utf-16" if file.read(2) in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+        comment = ""
+        sample: list[tuple[int, str]] = []
+        for number, line in self._lines():
+            if line.lstrip()[:1] in ("#", "%"):
+                comment = comment if sample else line
+            elif line.strip():
+                sample.append((number, line.rstrip("\n")))
+                if len(sample) == _SAMPLE_ROWS:
+                    break
+        if not sample:
+            raise FileError(f"{path}: the file has no data; expected a table with a header and rows")
+        self._layout = find_layout(path, sample, comment)
+        self.names = self._layout.names
+        self.notes = self._layout.notes
+        if len(sample) == self._layout.header_rows:
+            raise FileError(f"{path}: there are no rows under the header")
+        self._first_row = split_cells(sample[self._layout.header_rows][1], self._layout.separator)
+
+    def numbers(self, indices: Sequence[int]) -> FloatArray:
+        """Return columns, shape (rows, columns), with NaN where a cell is empty or says NaN, NA, N/A or null.
+
+        Raises
+        ------
+        FileError
+            If a cell is not a finite number, or a row has more or fewer cells than the header.
+        """
+        if not indices:
+            return np.empty((sum(1 for _ in self._cells()), 0))
+        fast = self._numbers_at_once(indices)
+        return self._numbers_by_cell(indices) if fast is None else fast
+
+    def has_stamps(self, index: int) -> bool:
+        """Return whether a column holds dates and times in ISO 8601."""
+        return index < len(self._first_row) and is_stamp(self._first_row[index])
+
+    def stamps_us(self, index: int) -> IntArray:
+        """Return a column of ISO 8601 stamps in µs since 1970, shape (rows,); the smallest integer where it is empty.
+
+        Raises
+        ------
+        FileError
+            If a cell is not such a stamp.
+        """
+        stamps = []
+        for row, cells in enumerate(self._cells()):
+            stamp = stamp_us(cells[index])
+            if stamp is None:
+                raise self._fault(row, index, cells[index], "a date and time in ISO 8601")
+            stamps.append(stamp)
+        return np.array(stamps, dtype=np.int64)
+
+    def place(self, row: int) -> str:
+        """Return where a row is in the file, for a message."""
+        rows = (number for number, _ in self._kept())
+        return f"line {next(number for index, number in enumerate(rows) if index == row)}"
+
+    def _numbers_at_once(self, indices: Sequence[int]) -> FloatArray | None:
+        """Return the columns, read by NumPy's compiled parser; None if the file needs a closer look."""
+        separator, decimal_comma = self._layout.separator, self._layout.decimal_comma
+        separators = len(self.names) - 1
+        rows = 0
+
+        def lines() -> Iterator[str]:
+            nonlocal rows
+            for _, line in self._kept():
+                found = line.count(separator) if separator is not None else len(line.split()) - 1
+                if found != separators or (decimal_comma and "." in line):
+                    raise _IrregularError
+                rows += 1
+                yield line.replace(",", ".") if decimal_comma else line
+
+        try:
+            values = np.loadtxt(lines(), delimiter=separator, comments=None, quotechar='"', usecols=indices, ndmin=2)
+        except (ValueError, _IrregularError):
+            return None
+        # Fewer rows than lines: a quote was left open. Infinity is reported with its cell by the careful reader.
+        return None if len(values) != rows or np.isinf(values).any() else values
+
+    def _numbers_by_cell(self, indices: Sequence[int]) -> FloatArray:
+        values: list[list[float]] = []
+        point = comma = ""
+        for row, cells in enumerate(self._cells()):
+            numbers = []
+            for index in indices:
+                cell = cells[index]
+                number = math.nan if is_missing(cell) else number_of(cell, comma=self._layout.separator != ",")
+                if number is None or math.isinf(number):
+                    raise self._fault(row, index, cell, "a finite number")
+                point = point or (cell if "." in cell else "")
+                comma = comma or (cell if "," in cell else "")
+                if point and comma:
+                    raise FileError(
+                        f'{self.path}, {self.place(row)}, column "{self.names[index]}": numbers with a decimal point'
+                        f' and with a decimal comma in one file: "{point.strip()}" and "{comma.strip()}"'
+                    )
+                numbers.append(number)
+            values.append(numbers)
+        return np.array(values)
+
+    def _cells(self) -> Iterator[list[str]]:
+        """Yield the cells of each row; a trailing separator is ignored."""
+        number, complete = 0, True
+
+        def lines() -> Iterator[str]:
+            nonlocal number, complete
+            for at, line in self._kept():
+                if not complete:  # the last line ended within a quoted cell
+                    raise csv.Error(OPEN_QUOTE)
+                number, complete = at, False
+                yield line
+
+        width, separator = len(self.names), self._layout.separator
+        rows: Iterator[list[str]] = (
+            (line.split() for line in lines())
+            if separator is None
+            else csv.reader(lines(), delimiter=separator, strict=True)
+        )
+        try:
+            for cells in rows:
+                complete = True
+                if len(cells) == width + 1 and not cells[-1].strip():
+                    cells.pop()
+                if len(cells) != width:
+                    raise FileError(f"{self.path}, line {number}: {len(cells)} cells; the first line has {width}")
+                yield cells
+        except csv.Error as error:
+            raise FileError(f"{self.path}, line {number}: {csv_reason(error)}") from error
+
+    def _kept(self) -> Iterator[tuple[int, str]]:
+        """Yield number and text of the lines that hold rows."""
+        skip = self._layout.header_rows
+        for number, line in self._lines():
+            if line.lstrip()[:1] not in ("", "#", "%"):
+                if skip:
+                    skip -= 1
+                else:
+                    yield number, line
+
+    def _lines(self) -> Iterator[tuple[int, str]]:
+        """Yield number, from 1, and text of every line."""
+        file: TextIO
+        try:
+            with self.path.open(encoding=self._encoding) as file:
+                for number, line in enumerate(iter(partial(file.readline, LONGEST_LINE), ""), start=1):
+                    if len(line) == LONGEST_LINE:
+                        raise FileError(f"{self.path}, line {number}: longer than {LONGEST_LINE} characters")
+                    yield number, line
+        except UnicodeError as error:
+            raise FileError(f"{self.path}{self._undecodable()}: not UTF-8 text; save the file as UTF-8") from error
+        except OSError as error:
+            raise FileError(f"{self.path}: {error.strerror or error}") from error
+
+    def _undecodable(self) -> str:
+        """Return the place of the first line that is not UTF-8, for a message."""
+        with self.path.open("rb") as file:
+            for number, line in enumerate(file, start=1):
+                try:
+                    line.decode()
+                except UnicodeDecodeError:
+                    return f", line {number}"
+        return ""
+
+    def _fault(self, row: int, index: int, cell: str, expected: str) -> FileError:
+        return FileError(
+            f'{self.path}, {self.place(row)}, column "{self.names[index]}": "{cell.strip()[:60]}" is not {expected}'
+        )

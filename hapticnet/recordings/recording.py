@@ -1,0 +1,296 @@
+"""One recording from a file: forces and positions with their times, in SI units, and what the user should know."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Final, Literal
+
+import numpy as np
+
+from hapticnet.arrays import FloatArray, IntArray
+from hapticnet.checks import check_parameter
+from hapticnet.errors import FileError, SettingsError
+from hapticnet.files import MAX_BYTES
+from hapticnet.recordings.columns import FORCE_UNITS, LENGTH_UNITS, find_columns, listed, scale_of, split_unit
+from hapticnet.recordings.notes import peak_note, time_notes
+from hapticnet.recordings.sources import Source, file_errors, open_source
+from hapticnet.recordings.times import NO_STAMP, find_times, times_us
+from hapticnet.samples import MAX_AXES
+
+Missing = Literal["refuse", "drop", "hold"]
+Columns = str | Sequence[str]
+
+SLOWEST_HZ: Final = 1e-3
+FASTEST_HZ: Final = 1e6
+"""Range of sampling rates; time stamps are whole microseconds."""
+
+SMALLEST_SCALE: Final = 1e-9
+LARGEST_SCALE: Final = 1e9
+"""Range of metres in one unit of position."""
+
+LATEST_US: Final = 2.0**53
+"""Largest time stamp [µs], 285 years: float64 counts whole microseconds up to here."""
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """A recorded motion.
+
+    Attributes
+    ----------
+    t_us
+        Sampling times [µs], shape (n,), n ≥ 1, as in the file: stamps since 1970 remain so.
+    position
+        Position [m], finite, shape (n, a) with 1 ≤ a ≤ 3.
+    notes
+        As in `Recording`.
+    """
+
+    t_us: IntArray
+    position: FloatArray
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """A recorded force, and the motion that belongs to it if it was read.
+
+    Attributes
+    ----------
+    t_us
+        Sampling times [µs], shape (n,), n ≥ 1, as in the file: stamps since 1970 remain so.
+    force
+        Force [N], finite, shape (n, a) with 1 ≤ a ≤ 3.
+    position
+        Position [m], finite, shape (n, a); None if none was asked for.
+    names
+        Names of the a force columns.
+    notes
+        What the user should know, one sentence each: how times were read, units that were scaled, missing values,
+        gaps, repeated stamps, peaks. A command prints each as a line on stderr::
+
+            for note in recording.notes:
+                console.say(f"{file}: {note}")
+    """
+
+    t_us: IntArray
+    force: FloatArray
+    position: FloatArray | None
+    names: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def load_recording(
+    path: str | PathLike[str],
+    *,
+    columns: Columns | None = None,
+    position: Columns | None = None,
+    position_scale: float | None = None,
+    rate_hz: float | None = None,
+    missing: Missing = "refuse",
+    max_bytes: int = MAX_BYTES,
+) -> Recording:
+    """Read a force, and a position if asked for, from a CSV, TSV, .npy, .npz, .mat or .parquet file.
+
+    Times come from a column called t, time or timestamp, with or without a unit (``t_us``, ``time [ms]``), as numbers
+    or as dates and times in ISO 8601; without such a column, from `rate_hz`. Units in names (``Fx (mN)``, ``x [mm]``,
+    ``pos_mm``) are obeyed.
+
+    Parameters
+    ----------
+    columns
+        One to three force columns, by name (with or without unit), by the name of a two-dimensional array, or by
+        number from 0; a string is split at commas. None: the only column that is not time.
+    position
+        As many position columns; None: no positions.
+    position_scale
+        Metres in one unit of position, instead of the unit in the name; negative if it grows the way a positive force
+        pushes.
+    rate_hz
+        Sampling rate [Hz] of a file without times. A file with times keeps its own, and a note says so.
+    missing
+        What to do with rows in which a value is empty or NaN: refuse the file, drop the rows, or hold the last value.
+    max_bytes
+        Size limit of the file, and of what it unpacks to [B].
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read or used; the message names line or row and column where there is one.
+    SettingsError
+        If an argument is out of range, or the numbers of force and position columns differ.
+    UnavailableError
+        If the package that reads this kind of file is not installed.
+    """
+    if position is None and position_scale is not None:
+        raise SettingsError("--position-scale applies to --position, which is not given")
+    source = _open(Path(path), rate_hz, missing, max_bytes)
+    with file_errors(source.path):
+        force_at = _choose(source, columns, "force")
+        position_at = [] if position is None else _choose(source, position, "position")
+        if position_at and len(position_at) != len(force_at):
+            raise SettingsError(
+                f"{len(position_at)} position columns for {len(force_at)} force columns; the counts must match"
+            )
+        t_us, force, moved, notes = _read(source, force_at, position_at, position_scale, rate_hz, missing)
+    names = tuple(source.names[index] for index in force_at)
+    return Recording(t_us=t_us, force=force, position=moved if position_at else None, names=names, notes=notes)
+
+
+def load_motion(
+    path: str | PathLike[str],
+    *,
+    position: Columns | None = None,
+    rate_hz: float | None = None,
+    missing: Missing = "refuse",
+    max_bytes: int = MAX_BYTES,
+) -> Motion:
+    """Read positions only, from the same files as `load_recording`.
+
+    Parameters
+    ----------
+    position
+        One to three position columns; None: those called position or pos (``position_m``, ``pos_x [mm]``), or else
+        the only column that is not time.
+    rate_hz, missing, max_bytes
+        As for `load_recording`, which lists the errors raised, too.
+    """
+    source = _open(Path(path), rate_hz, missing, max_bytes)
+    with file_errors(source.path):
+        chosen = _choose(source, position, "position")
+        t_us, _, moved, notes = _read(source, [], chosen, None, rate_hz, missing)
+    return Motion(t_us=t_us, position=moved, notes=notes)
+
+
+def _open(path: Path, rate_hz: float | None, missing: str, max_bytes: int) -> Source:
+    if rate_hz is not None:
+        check_parameter("rate", rate_hz, SLOWEST_HZ, FASTEST_HZ, "Hz")
+    if missing not in ("refuse", "drop", "hold"):
+        raise SettingsError(f"missing is {missing!r}; it must be refuse, drop or hold")
+    return open_source(path, max_bytes)
+
+
+def _choose(source: Source, columns: Columns | None, what: str) -> list[int]:
+    """Return the columns asked for, or those that can only be meant."""
+    if isinstance(columns, str):
+        columns = [name.strip() for name in columns.split(",")]
+    if columns is not None:
+        chosen = [index for name in columns for index in find_columns(source.path, source.names, name)]
+    else:
+        times = find_times(source.names)
+        others = [index for index, name in enumerate(source.names) if index != times and name]
+        named = [index for index in others if what == "position" and _is_position(source.names[index])]
+        chosen = named or others
+        if len(chosen) != 1 and not named:
+            raise FileError(f"{source.path}: which column? {listed(source.names)}; choose one to three of them")
+    if not 1 <= len(chosen) <= MAX_AXES:
+        raise SettingsError(f"{len(chosen)} {what} columns are chosen; a signal has 1 to {MAX_AXES}")
+    return chosen
+
+
+def _is_position(name: str) -> bool:
+    return split_unit(name)[0].lower().partition("_")[0].partition(".")[0] in ("position", "pos")
+
+
+def _read(
+    source: Source,
+    force_at: list[int],
+    position_at: list[int],
+    position_scale: float | None,
+    rate_hz: float | None,
+    missing: Missing,
+) -> tuple[IntArray, FloatArray, FloatArray, tuple[str, ...]]:
+    """Return times [µs], shape (n,), forces [N] and positions [m], shapes (n, columns), and notes."""
+    indices = [*force_at, *position_at]
+    scales, unit_notes = _scales(source.names, force_at, position_at, position_scale)
+    time_at = find_times(source.names)
+    times, values, read_notes = _numbers(source, time_at, indices, rate_hz)
+    times, values, missing_notes = _without_missing(source, time_at, indices, times, values, missing)
+    if np.abs(times).max() > LATEST_US:
+        raise FileError(
+            f"{source.path}: times up to {np.abs(times).max() / 1e6:g} s; the limit is {LATEST_US / 1e6:g} s"
+        )
+    t_us = np.round(times).astype(np.int64)
+    backwards = np.flatnonzero(np.diff(t_us) < 0)
+    if len(backwards):
+        before, after = t_us[backwards[0]] / 1e6, t_us[backwards[0] + 1] / 1e6
+        raise FileError(
+            f"{source.path}: time runs backwards {len(backwards)} times, first at sample {backwards[0] + 1} from"
+            f" {before:.6f} s to {after:.6f} s; samples must be in order"
+        )
+    values = values * scales
+    force = np.ascontiguousarray(values[:, : len(force_at)])
+    position = np.ascontiguousarray(values[:, len(force_at) :])
+    peaks = (peak_note(force, "force", "N"), peak_note(position, "position", "m"))
+    notes = [*source.notes, *read_notes, *unit_notes, *missing_notes, *time_notes(t_us), *filter(None, peaks)]
+    return t_us, force, position, tuple(notes)
+
+
+def _scales(
+    names: Sequence[str], force_at: list[int], position_at: list[int], position_scale: float | None
+) -> tuple[FloatArray, list[str]]:
+    """Return the SI units in one unit of each column, and notes for the user."""
+    found = [scale_of(names[index], FORCE_UNITS, "N") for index in force_at]
+    if position_scale is None:
+        found += [scale_of(names[index], LENGTH_UNITS, "m") for index in position_at]
+    else:
+        check_parameter("size of --position-scale", abs(position_scale), SMALLEST_SCALE, LARGEST_SCALE)
+        found += [(position_scale, None) for _ in position_at]
+    return np.array([scale for scale, _ in found]), [note for _, note in found if note]
+
+
+def _numbers(
+    source: Source, time_at: int | None, indices: list[int], rate_hz: float | None
+) -> tuple[FloatArray, FloatArray, list[str]]:
+    """Return times [µs], shape (n,), columns, shape (n, k), NaN where a value is missing, and notes."""
+    if time_at is None:
+        if rate_hz is None:
+            raise FileError(
+                f"{source.path}: no column is called t, time or timestamp (such as t_s or time [ms]); give the"
+                f" sampling rate with --rate; {listed(source.names)}"
+            )
+        values = source.numbers(indices)
+        return np.arange(len(values), dtype=np.float64) * (1e6 / rate_hz), values, []
+    name = source.names[time_at]
+    notes = [] if rate_hz is None else [f'column "{name}" has the times; --rate {rate_hz:g} is not used']
+    if source.has_stamps(time_at):
+        stamps = source.stamps_us(time_at)
+        t_us = np.where(stamps == NO_STAMP, np.nan, stamps.astype(np.float64))
+        return t_us, source.numbers(indices), notes
+    values = source.numbers([time_at, *indices])
+    t_us, note = times_us(name, values[:, 0])
+    return t_us, values[:, 1:], notes + ([note] if note else [])
+
+
+def _without_missing(
+    source: Source, time_at: int | None, indices: list[int], t_us: FloatArray, values: FloatArray, missing: Missing
+) -> tuple[FloatArray, FloatArray, list[str]]:
+    """Return times and values without NaN, and notes."""
+    absent = np.isnan(values)
+    timeless = np.isnan(t_us)
+    faulty = absent.any(axis=1) | timeless
+    count = int(faulty.sum())
+    if not count:
+        return t_us, values, []
+    if missing == "refuse":
+        row = int(np.argmax(faulty))
+        index = time_at if timeless[row] and time_at is not None else indices[int(np.argmax(absent[row]))]
+        raise FileError(
+            f'{source.path}, {source.place(row)}, column "{source.names[index]}": no number; {count} of {len(values)}'
+            " rows lack one; use --missing drop to leave them out, or --missing hold to repeat the last value"
+        )
+    if missing == "drop":
+        kept = ~faulty
+        note = f"{count} of {len(values)} rows with missing values are left out"
+    else:
+        # Index of the last row with a value, or -1, for every cell.
+        last = np.maximum.accumulate(np.where(absent, -1, np.arange(len(values))[:, np.newaxis]), axis=0)
+        kept = (last >= 0).all(axis=1) & ~timeless
+        values = np.take_along_axis(values, np.maximum(last, 0), axis=0)
+        left = int((~kept).sum())
+        note = f"missing values in {count} of {len(values)} rows: the last value is repeated"
+        note += f", and {left} rows without a time or an earlier value are left out" if left else ""
+    if not kept.any():
+        raise FileError(f"{source.path}: every row lacks a value")
+    return t_us[kept], values[kept], [note]

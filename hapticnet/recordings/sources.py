@@ -1,0 +1,165 @@
+"""What kind of file a recording is, told by its first bytes, and how each kind is opened."""
+
+import zipfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final, Protocol
+
+from hapticnet.arrays import FloatArray, IntArray
+from hapticnet.errors import FileError, HapticnetError
+from hapticnet.files import check_readable
+from hapticnet.recordings.arrays import open_mat, open_npy, open_npz, open_parquet
+from hapticnet.recordings.delimited import DelimitedSource
+
+_READABLE: Final = "CSV, TSV, .npy, .npz, .mat and .parquet can be read"
+
+_READERS: Final[dict[str, Callable[[Path, int], "Source"]]] = {
+    "a NumPy array": open_npy,
+    "a NumPy archive": open_npz,
+    "a MATLAB file": open_mat,
+    "a Parquet file": open_parquet,
+    "a text table": lambda path, _: DelimitedSource(path),
+}
+
+_KINDS: Final = (
+    (b"\x93NUMPY", "a NumPy array", ""),
+    (b"MATLAB 5.0 MAT-file", "a MATLAB file", ""),
+    (b"PAR1", "a Parquet file", ""),
+    (b"\x89MCAP", "an MCAP file", "MCAP is not supported yet; export it as CSV"),
+    (b"MATLAB 7.3 MAT-file", "a MATLAB v7.3 file (HDF5)", "save it with '-v7'"),
+    (b"\x89HDF\r\n\x1a\n", "an HDF5 file", "export it as CSV or .npz"),
+    (b"#ROSBAG V", "a ROS bag", "export it as CSV"),
+    (b"SQLite format 3\0", "an SQLite database, such as a ROS 2 bag", "export it as CSV"),
+    (b"ARROW1", "an Arrow file (Feather)", "save it as Parquet"),
+    (b"TDSm", "a LabVIEW TDMS file", "export it as CSV"),
+    (b"\x1f\x8b", "a gzip archive", "unpack it first"),
+    (b"BZh", "a bzip2 archive", "unpack it first"),
+    (b"\xfd7zXZ\0", "an xz archive", "unpack it first"),
+    (b"\x28\xb5\x2f\xfd", "a Zstandard archive", "unpack it first"),
+    (b"7z\xbc\xaf\x27\x1c", "a 7z archive", "unpack it first"),
+    (b"\xd0\xcf\x11\xe0", "a Microsoft Office file, such as .xls", "save it as CSV"),
+    (b"\x89PNG", "a PNG picture", ""),
+    (b"\xff\xd8\xff", "a JPEG picture", ""),
+    (b"GIF8", "a GIF picture", ""),
+    (b"%PDF-", "a PDF document", ""),
+    (b"RIFF", "a RIFF file, such as .wav", ""),
+    (b"\x7fELF", "a program", ""),
+    (b"<!DOCTYPE", "an HTML page", "save the data itself"),
+    (b"<html", "an HTML page", "save the data itself"),
+    (b"<?xml", "an XML file", "export it as CSV"),
+    (b"{", "a JSON file", "export it as CSV"),
+)
+_HEAD_BYTES: Final = 4096
+_TEXT_CONTROLS: Final = b"\t\n\v\f\r\x1b"
+
+
+class Source(Protocol):
+    """A file's columns."""
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know about how the file is read."""
+
+    def numbers(self, indices: Sequence[int], /) -> FloatArray:
+        """Return columns, shape (rows, columns), finite, with NaN where a value is missing."""
+
+    def has_stamps(self, index: int, /) -> bool:
+        """Return whether a column holds dates and times."""
+
+    def stamps_us(self, index: int, /) -> IntArray:
+        """Return dates and times in µs since 1970, shape (rows,); `times.NO_STAMP` where one is missing."""
+
+    def place(self, row: int, /) -> str:
+        """Return where a row is in the file, for a message."""
+
+
+def open_source(path: Path, max_bytes: int) -> Source:
+    """Open a recording of any kind that can be read.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read, is larger than `max_bytes` (unpacked, too) or is of another kind.
+    UnavailableError
+        If the package that reads this kind is not installed.
+    """
+    check_readable(path, max_bytes)
+    with file_errors(path):
+        with path.open("rb") as file:
+            head = file.read(_HEAD_BYTES)
+        kind = kind_of(path, head)
+        return _READERS[kind](path, max_bytes)
+
+
+@contextmanager
+def file_errors(path: Path) -> Iterator[None]:
+    """Raise a FileError for whatever a reader raises on a damaged file."""
+    try:
+        yield
+    except HapticnetError:
+        raise
+    except MemoryError as error:
+        raise FileError(f"{path}: too large for the memory of this machine") from error
+    except Exception as error:  # SciPy, pyarrow and NumPy raise whatever a damaged file leads them to
+        known = isinstance(error, OSError) and error.strerror
+        reason = known or f"damaged, or not the kind of file it seems: {' '.join(str(error).split())[:200]}"
+        raise FileError(f"{path}: {reason}") from error
+
+
+def kind_of(path: Path, head: bytes) -> str:
+    """Return the kind of a file that can be read, as named in `_READERS`, from its first bytes.
+
+    Raises
+    ------
+    FileError
+        If it is a kind that cannot be read; the message names the kind.
+    """
+    if head.startswith(b"PK"):
+        return _kind_of_zip(path)
+    start = head.lstrip(b"\xef\xbb\xbf \t\r\n") if head[:1] in b"\xef \t\r\n<{" else head
+    for magic, kind, advice in _KINDS:
+        if start[: len(magic)].lower() == magic.lower() if magic[:1] == b"<" else start.startswith(magic):
+            if kind in _READERS:
+                return kind
+            raise FileError(f"{path}: {kind}; {advice or _READABLE}")
+    if path.suffix.lower() == ".mat":  # v4 has no magic number
+        return "a MATLAB file"
+    if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return "a text table"
+    controls = sum(byte < 32 and byte not in _TEXT_CONTROLS for byte in head)
+    valid = _is_utf8(head)
+    if path.suffix.lower() in (".npy", ".npz", ".parquet"):
+        raise FileError(f"{path}: not a {path.suffix.lower()} file{', but text' if valid and not controls else ''}")
+    if controls and (not valid or controls > len(head) / 10):
+        raise FileError(f"{path}: a binary file of an unknown kind; {_READABLE}")
+    return "a text table"
+
+
+def _kind_of_zip(path: Path) -> str:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            members = archive.namelist()
+    except Exception as error:
+        raise FileError(f"{path}: a damaged zip archive") from error
+    if any(member.endswith(".npy") for member in members):
+        return "a NumPy archive"
+    if any(member.startswith("xl/") for member in members):
+        raise FileError(f"{path}: an Excel workbook; save it as CSV")
+    raise FileError(f"{path}: a zip archive without NumPy arrays; unpack it first")
+
+
+def _is_utf8(head: bytes) -> bool:
+    try:
+        head.decode()
+    except UnicodeDecodeError as error:
+        return error.end == len(head) == _HEAD_BYTES  # cut within a character
+    return True
