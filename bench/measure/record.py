@@ -2,11 +2,11 @@
 
 import argparse
 import json
-import os
-import platform
 import subprocess
 from pathlib import Path
 from typing import Any
+
+from hapticnet.experiment.provenance import provenance
 
 
 def options(description: str | None, *, seed: int = 1) -> argparse.ArgumentParser:
@@ -25,7 +25,7 @@ def write(path: Path | None, *, name: str, seed: int, unit: str, repetitions: in
         "seed": seed,
         "unit": unit,
         "repetitions": repetitions,
-        "machine": describe_machine(),
+        **provenance(),
         "results": results,
     }
     text = json.dumps(record, indent=2)
@@ -45,22 +45,3 @@ def describe_revision() -> str:
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
     return done.stdout.strip()
-
-
-def describe_machine() -> dict[str, str | int | None]:
-    """Return the machine and the Python version."""
-    return {
-        "processor": _processor_name(),
-        "cores": os.cpu_count(),
-        "system": platform.platform(),
-        "python": f"{platform.python_implementation()} {platform.python_version()}",
-    }
-
-
-def _processor_name() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        lines = []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.machine()

@@ -145,14 +145,17 @@ def targets(templates: Environment, folder: Path, context: Row) -> list[Row]:
     found = []
     for target in tomllib.loads((folder / "targets.toml").read_text(encoding="utf-8"))["target"]:
 
+        def expression(source: str, row: object = None) -> Any:
+            value = templates.compile_expression(source, undefined_to_none=False)(**context, row=row)
+            return str(value) if isinstance(value, StrictUndefined) else value  # str() raises
+
         def evaluate(key: str, row: object = None, target: Row = target) -> Any:
-            value = templates.compile_expression(target.get(key, "none"), undefined_to_none=False)(**context, row=row)
-            return str(value) if isinstance(value, StrictUndefined) else value  # which raises
+            return expression(target.get(key, "none"), row)
 
         try:
             for row in evaluate("each") or [evaluate("row")]:
-                value, limit = evaluate("value", row), evaluate("limit", row)
-                sign, compare = RELATIONS[target["relation"]]
+                value, limit = evaluate("value", row), expression(target["limit"][2:], row)
+                sign, compare = RELATIONS[target["limit"][:2]]
                 found.append(
                     {
                         "what": templates.from_string(target["what"]).render(**context, row=row),

@@ -4,28 +4,20 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-import matplotlib as mpl
-
-mpl.use("Agg")
-from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
+from matplotlib.ticker import NullLocator
+
+from hapticnet.experiment.style import BLUE, GREEN, INK, ORANGE, PURPLE, VERMILION, draw_codecs, finish_axes, pyplot
 
 Row = dict[str, Any]
 
-BLACK, GREY = "#222222", "#9aa5b1"
-ORANGE, SKY, GREEN, BLUE, RED, PURPLE = "#e69f00", "#56b4e9", "#009e73", "#0072b2", "#d55e00", "#cc79a7"
-"""Okabe and Ito, "Color universal design" (2008): told apart by colour-blind readers, too."""
+plt = pyplot()
 
-CODECS: Final = {
-    "adaptive-predictive": (BLUE, "o"),
-    "linear-predictive": (SKY, "s"),
-    "least-squares": (GREEN, "^"),
-    "level-crossing": (PURPLE, "v"),
-    "velocity-adaptive": (ORANGE, "P"),
-    "deadband": (RED, "D"),
-}
+GREY: Final = "#9aa5b1"
+CODECS: Final = (
+    "deadband", "adaptive-predictive", "linear-predictive", "least-squares", "level-crossing", "velocity-adaptive"
+)  # fmt: skip
 CONDITIONS: Final = {"none": (GREY, "."), "1 JND": (BLUE, "o"), "2 JND": (ORANGE, "s"), "4 JND": (GREEN, "^")}
 REDUCTIONS: Final = (0.0, 0.5, 0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 0.998)
 
@@ -55,10 +47,8 @@ def packets_against_error(results: Row) -> Figure:
 
 def other_signals(results: Row) -> Figure:
     """Draw packets over error on one recording, if there is one, and made signals."""
-    recorded, made = (
-        [row["name"] for row in results["signals"] if row["kind"] == kind] for kind in ("recorded", "made")
-    )
-    shown = [*recorded[-1:], *[name for name in ("smooth palpation", "noisy hold", "stiff wall") if name in made]]
+    recorded = [row["name"] for row in results["signals"] if row["kind"] == "recorded"]
+    shown = [*recorded[-1:], "smooth palpation", "noisy hold", "stiff wall"]
     figure, columns = plt.subplots(1, len(shown), figsize=(4.0 * len(shown), 4.2), layout="constrained")
     for axes, signal in zip(columns, shown, strict=True):
         _codecs(axes, results, signal)
@@ -71,18 +61,12 @@ def other_signals(results: Row) -> Figure:
 def _codecs(axes: Axes, results: Row, signal: str) -> None:
     own = [row for row in results["averages"] if row["signals"] == signal and not row["loss"] and not row["step_n"]]
     own.sort(key=lambda row: row["multiplier"])
-    for codec, (colour, marker) in CODECS.items():
-        rows = [row for row in own if row["codec"] == codec]
-        _line(axes, rows, "rmse_n", "packets_per_s", colour, marker, label=codec)
-    plain = [row for row in own if row["codec"] == "deadband"]
-    _line(axes, plain, "rmse_n", "optimum_holds_per_s", BLACK, "_", "--", label="fewest possible, held")
-    _line(axes, plain, "rmse_n", "optimum_lines_per_s", BLACK, "_", ":", label="fewest possible, lines")
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axis.set_minor_formatter(NullFormatter())
+    rows = {codec: [row for row in own if row["codec"] == codec] for codec in CODECS}
+    points = {codec: [(row["rmse_n"], row["packets_per_s"]) for row in rows[codec]] for codec in CODECS}
+    draw_codecs(axes, points, highlight="adaptive-predictive")
+    _line(axes, rows["deadband"], "rmse_n", "optimum_holds_per_s", INK, "_", "--", label="fewest possible, held")
+    _line(axes, rows["deadband"], "rmse_n", "optimum_lines_per_s", INK, "_", ":", label="fewest possible, lines")
+    finish_axes(axes, across="log")
     axes.set_xlabel("RMSE of the applied force [N]")
 
 
@@ -97,14 +81,14 @@ def packet_rate(results: Row) -> Figure:
         if curve["push_s"] != scripted_s:
             _line(rates, rows, "rate_hz", "saved", BLUE, "", dashes, label=f"1 JND, push of {curve['push_s']:g} s")
         elif curve["crossing_hz"]:
-            rates.plot(curve["crossing_hz"], paper, "o", color=RED, markersize=10, fillstyle="none", zorder=4)
+            rates.plot(curve["crossing_hz"], paper, "o", color=VERMILION, markersize=10, fillstyle="none", zorder=4)
     for condition, (colour, marker) in CONDITIONS.items():
         rows = [row for row in scene if row["condition"] == condition]
         errors.scatter([row["rmse_n"] for row in rows], [row["left"] for row in rows], color=colour, marker=marker,
                        label=condition, zorder=3)  # fmt: skip
         if condition != "none":
             _line(rates, rows, "rate_hz", "saved", colour, marker, label=f"{condition}, push of {scripted_s:g} s")
-    rates.axhline(paper, color=RED, linewidth=1.0, label=f"the paper's {paper:.1f} % at 1 JND")
+    rates.axhline(paper, color=VERMILION, linewidth=1.0, label=f"the paper's {paper:.1f} % at 1 JND")
     _rate_axis(rates, sorted({row["rate_hz"] for row in scene}), "sampling rate [Hz]")
     rates.set_ylim(18, 101)
     rates.set_ylabel("fewer bytes per penetration than raw [%], headers included")
@@ -154,7 +138,7 @@ def force_loop(results: Row) -> Figure:
     """Draw the step on each finger, and settling and ripple over the control rate."""
     figure, (steps, rates) = plt.subplots(1, 2, figsize=(12.5, 5.2), layout="constrained")
     from_n, to_n = results["from_n"], results["to_n"]
-    for index, (row, colour) in enumerate(zip(results["step"], (BLUE, ORANGE, GREEN, RED, PURPLE), strict=False)):
+    for index, (row, colour) in enumerate(zip(results["step"], (BLUE, ORANGE, GREEN, VERMILION, PURPLE), strict=False)):
         raised_n, t_ms = 0.5 * index, [1e3 * t_s for t_s in row["trace"]["t_s"]]
         target = [t_ms[0], 0.0, 0.0, t_ms[-1]], [from_n + raised_n] * 2 + [to_n + raised_n] * 2
         steps.plot(*target, color=GREY, linewidth=0.8, label=None if index else "target")
@@ -169,7 +153,7 @@ def force_loop(results: Row) -> Figure:
     ripples = rates.twinx()
     for axes, force, name, colour, marker, label in (
         (rates, "true", "settling_s", BLUE, "o", "5 % settling of the true force [ms]"),
-        (ripples, "sensed", "ripple_peak_to_peak_n", RED, "D", "ripple of the averaged reading [mN]"),
+        (ripples, "sensed", "ripple_peak_to_peak_n", VERMILION, "D", "ripple of the averaged reading [mN]"),
     ):
         for which, dashes in (("median", "-"), ("worst", ":")):
             rows = []
