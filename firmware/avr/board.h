@@ -7,15 +7,15 @@
 
 #include "../core/limits.h"
 
-/* clock.c: Timer1 in ticks of 0.5 us makes milliseconds and servo pulses. */
+/* clock.c: milliseconds and servo pulses from Timer1, in ticks of 0.5 us. */
 void clock_start(const uint16_t pulses[SERVOS]);
 uint32_t clock_ms(void);
-bool clock_ms_is_due(void); /* from each new millisecond until it is served */
+bool clock_ms_is_due(void); /* true from each new millisecond until it is handled */
 void clock_ms_is_served(void);
-bool servo_frame_is_due(void); /* from 1 ms before the first pulse of a frame until its pulses are set */
+bool servo_frame_is_due(void); /* true from 1 ms before the first pulse of a frame until its pulses are set */
 void servo_set(const uint16_t pulses[SERVOS]);
 
-/* sensor.c: the mean of all conversions since the last call, in 1/64 count. */
+/* sensor.c: mean of all conversions since the last call, in 1/64 count. */
 void sensor_start(void);
 uint16_t sensor_mean(void);
 
@@ -23,11 +23,11 @@ uint16_t sensor_mean(void);
 void line_start(void);
 bool line_take(uint8_t *byte);
 bool line_is_empty(void);
-void line_send(const uint8_t *bytes, uint8_t length); /* all of it or, when there is no room, nothing */
+void line_send(const uint8_t *bytes, uint8_t length); /* all bytes, or none if they do not fit */
 uint8_t line_overruns(void);
 
-/* reset.c: why and how often. */
+/* reset.c: cause and number of resets. */
 uint8_t reset_cause(void);
-uint16_t reset_count(void); /* counts this one; call once */
+uint16_t reset_count(void); /* includes this one; call once */
 
 #endif

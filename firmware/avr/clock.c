@@ -1,8 +1,7 @@
-/* Timer1 runs free at 16 MHz / 8 and is never set back. Compare A makes the edges of the servo pulses, compare B the
- * milliseconds.
+/* Timer1 runs freely at 16 MHz / 8. Compare A makes the edges of the servo pulses, compare B the milliseconds.
  *
- * The three pulses of a frame follow one another, each in a slot of its own, so no two edges meet. An edge is made in
- * two parts: the interrupt comes LEAD early, which hides whatever delayed it, and waits for the edge itself. */
+ * The three pulses of a frame are in separate slots, so edges never coincide. The interrupt for an edge comes
+ * LEAD_TICKS early and waits for the exact time, so that other interrupts do not delay the edge. */
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <util/atomic.h>
@@ -15,14 +14,14 @@
 #define FRAME_TICKS (FRAME_MS * MS_TICKS)
 #define SERVO_PINS (_BV(PB1) | _BV(PB2) | _BV(PB3))
 
-/* Events of a frame: rise and fall of each servo, then the call for the pulses of the next frame. */
+/* Events of a frame: rise and fall of each servo, then the request for the next frame's pulses. */
 #define CALL (2 * SERVOS)
 
 static volatile uint32_t now_ms;
 static volatile bool ms_due, frame_due;
 static volatile uint16_t pulse_ticks[SERVOS];
 
-/* These belong to the compare A interrupt alone. */
+/* Used only by the compare A interrupt. */
 static uint16_t frame_start, edge;
 static uint8_t event, port;
 
@@ -33,7 +32,7 @@ void clock_start(const uint16_t pulses[SERVOS])
     event = CALL;
     edge = frame_start = MS_TICKS;
     OCR1A = edge - LEAD_TICKS;
-    OCR1B = MS_TICKS + MS_TICKS / 2; /* away from the edges */
+    OCR1B = MS_TICKS + MS_TICKS / 2; /* apart from the edges */
     TIMSK1 = _BV(OCIE1A) | _BV(OCIE1B);
     TCCR1B = _BV(CS11); /* clock / 8 */
 }
@@ -58,7 +57,7 @@ ISR(TIMER1_COMPA_vect)
         uint8_t level = port;
         while ((int16_t)(TCNT1 - at) < 0)
             ;
-        PORTB = level; /* nothing else lives on this port */
+        PORTB = level; /* nothing else uses this port */
         uint8_t servo = event >> 1;
         event++;
         if (event & 1) {
@@ -100,7 +99,7 @@ bool servo_frame_is_due(void)
 
 void servo_set(const uint16_t pulses[SERVOS])
 {
-    frame_due = false; /* the next one is 20 ms away */
+    frame_due = false; /* the next frame is 20 ms away */
     for (uint8_t i = 0; i < SERVOS; i++)
         ATOMIC_BLOCK(ATOMIC_RESTORESTATE) { pulse_ticks[i] = pulses[i]; }
 }

@@ -1,4 +1,4 @@
-/* USART0 between two rings, each with one writer and one reader, so that no index needs a lock. */
+/* USART0 with two ring buffers; each has one writer and one reader, so the indices need no lock. */
 #include <avr/interrupt.h>
 #include <avr/io.h>
 

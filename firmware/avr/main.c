@@ -1,4 +1,4 @@
-/* The fingertip device: joins the core to the board, and sleeps in between. */
+/* Main loop: connects the core to the board and sleeps between interrupts. */
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <avr/sleep.h>
@@ -10,17 +10,17 @@
 static struct device device;
 
 #ifdef TEST_HANG
-/* For the tests of the hardware watchdog: three setpoint sequences that each break something else. */
+/* For tests of the hardware watchdog: three setpoint sequences that each cause a different hang. */
 static void hang_if_told(void)
 {
     switch (device.safety.applied_sequence) {
-    case TEST_HANG + 2: /* servo frames stop, all else goes on */
+    case TEST_HANG + 2: /* only servo frames stop */
         TIMSK1 &= (uint8_t)~_BV(OCIE1A);
         break;
-    case TEST_HANG + 1: /* nothing goes on */
+    case TEST_HANG + 1: /* everything stops */
         cli();
         /* fall through */
-    case TEST_HANG: /* interrupts go on */
+    case TEST_HANG: /* only interrupts continue */
         for (;;)
             ;
     }
@@ -56,12 +56,12 @@ static void serve_line(void)
         line_send(out, device_receive(&device, byte, clock_ms(), out));
 }
 
-/* Most interrupts leave nothing to do. */
+/* Sleep until the next interrupt, unless there is work. */
 static void sleep_until_something_is_due(void)
 {
     cli();
     if (!servo_frame_is_due() && !clock_ms_is_due() && line_is_empty()) {
-        sei(); /* takes effect after the next instruction, so no interrupt slips in before the sleep */
+        sei(); /* takes effect after the next instruction, so no interrupt can come before the sleep */
         sleep_cpu();
     }
     sei();
@@ -69,7 +69,7 @@ static void sleep_until_something_is_due(void)
 
 int main(void)
 {
-    wdt_enable(WDTO_60MS); /* with the restart, the finger is let go within 150 ms even if its clock is slow by half */
+    wdt_enable(WDTO_60MS); /* frees the finger within 150 ms, restart included, even if its clock is slow by half */
     struct board board = {
         .clock_hz = F_CPU,
         .reset_cause = reset_cause(),

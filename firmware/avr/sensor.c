@@ -1,4 +1,4 @@
-/* The converter runs free on A0 at 125 kHz, within the 50 to 200 kHz that 10 bits ask for (ATmega328P data sheet):
+/* The converter runs freely on A0 at 125 kHz, within the 50 to 200 kHz required for 10 bits (ATmega328P data sheet);
  * a conversion takes 13 clocks, 104 us. */
 #include <avr/interrupt.h>
 #include <avr/io.h>
@@ -7,7 +7,7 @@
 #include "../core/messages.h"
 #include "board.h"
 
-static volatile uint16_t sum; /* 64 conversions of 1023 fit */
+static volatile uint16_t sum; /* room for 64 conversions of 1023 */
 static volatile uint8_t count;
 
 void sensor_start(void)
@@ -21,7 +21,7 @@ void sensor_start(void)
 ISR(ADC_vect)
 {
     uint16_t adc = ADC;
-    if (count == 64) { /* nobody asked for 7 ms: start anew */
+    if (count == 64) { /* not read for 7 ms: start over */
         sum = 0;
         count = 0;
     }

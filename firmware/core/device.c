@@ -1,4 +1,4 @@
-/* Messages to deeds. */
+/* Execute messages from the host and send readings. */
 #include "device.h"
 
 void device_start(struct device *d, const struct board *board, uint32_t now_ms)

@@ -9,7 +9,7 @@
 #define FIRMWARE_MINOR 1
 #define FIRMWARE_PATCH 0
 
-/* What the board knows about itself. */
+/* Properties of the board. */
 struct board {
     uint32_t clock_hz;
     uint16_t boot_id;
@@ -24,17 +24,17 @@ struct device {
     struct safety safety;
     uint8_t stream_period_ms; /* 0: no readings */
     uint8_t until_reading_ms;
-    uint16_t sequence; /* of the next reading */
-    uint8_t refused;   /* messages; wraps */
+    uint16_t sequence; /* number of the next reading */
+    uint8_t refused;   /* refused messages, modulo 256 */
 };
 
 void device_start(struct device *d, const struct board *board, uint32_t now_ms);
 
-/* Take one byte from the host; returns the length of the answer in out[LONGEST_FRAME + 1], or 0. */
+/* Process one byte from the host; return the length of the answer in out[LONGEST_FRAME + 1], or 0. */
 uint8_t device_receive(struct device *d, uint8_t byte, uint32_t now_ms, uint8_t *out);
 
-/* A millisecond has passed; returns the length of the reading in out[LONGEST_FRAME + 1], or 0. `adc` is in 1/64 count,
- * `overruns` counts the bytes the board lost. */
+/* Process a new millisecond; return the length of the reading in out[LONGEST_FRAME + 1], or 0. `adc` is in 1/64 count,
+ * `overruns` is the number of bytes the board lost. */
 uint8_t device_tick(struct device *d, uint32_t now_ms, uint16_t adc, uint8_t overruns, uint8_t *out);
 
 #endif

@@ -1,4 +1,4 @@
-/* COBS and CRC, a byte at a time and without a table: 512 bytes of flash are worth more than 10 us. */
+/* COBS and CRC, one byte at a time and without a table, which would take 512 bytes of flash to save 10 us. */
 #include "framing.h"
 
 uint16_t crc16(const uint8_t *bytes, uint8_t length)
@@ -27,7 +27,7 @@ static void put(struct deframer *d, uint8_t byte)
         d->bad = true;
 }
 
-/* The zero that ends the last block stands for the end of the frame, not for a zero in it. */
+/* The zero after the last block is the end of the frame, not a zero in it. */
 static uint8_t deframer_end(struct deframer *d)
 {
     uint8_t length = d->length;

@@ -1,4 +1,4 @@
-/* Messages to bytes and back, whatever the compiler's padding and byte order. */
+/* Encode and decode messages, independent of the compiler's padding and byte order. */
 #include "messages.h"
 
 static uint16_t get16(const uint8_t *bytes)

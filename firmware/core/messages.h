@@ -1,5 +1,5 @@
-/* What host and firmware say to each other. The table of layouts is hapticnet/device/messages.py; both are tested on
- * tests/vectors/device.json. Little-endian, fixed lengths, kind first. */
+/* Messages between host and firmware: kind first, little-endian, fixed lengths. The layouts are in
+ * hapticnet/device/messages.py; tests/vectors/device.json tests both sides. */
 #ifndef MESSAGES_H
 #define MESSAGES_H
 
@@ -48,19 +48,19 @@ struct reading {
     uint16_t adc; /* 1/64 count */
     uint8_t flags;
     uint16_t applied_sequence;
-    uint8_t damaged, refused, overruns; /* wrap */
+    uint8_t damaged, refused, overruns; /* modulo 256 */
 };
 
 struct stream_ack {
     uint8_t asked_ms, period_ms;
 };
 
-/* Read a message; false when the kind or the length is another. */
+/* Decode a message; return false for an unknown kind or a wrong length. */
 bool get_hello(struct hello *m, const uint8_t *body, uint8_t length);
 bool get_setpoint(struct setpoint *m, const uint8_t *body, uint8_t length);
 bool get_stream(struct stream *m, const uint8_t *body, uint8_t length);
 
-/* Write a message to body[LONGEST_BODY]; returns its length. */
+/* Encode a message to body[LONGEST_BODY]; return its length. */
 uint8_t put_identity(const struct identity *m, uint8_t *body);
 uint8_t put_reading(const struct reading *m, uint8_t *body);
 uint8_t put_stream_ack(const struct stream_ack *m, uint8_t *body);

@@ -1,4 +1,4 @@
-/* Range, step and silence. Times are differences of unsigned milliseconds, so their wrap after 49 days is harmless. */
+/* Limits of range, step and silence. Only differences of unsigned milliseconds are used, so wrapping is harmless. */
 #include "safety.h"
 
 static const uint16_t shortest[SERVOS] = SHORTEST_PULSE;
@@ -52,7 +52,7 @@ void safety_frame(struct safety *s, uint32_t now_ms)
         s->commanded = false;
     if (s->commanded)
         s->applied_sequence = s->wanted.sequence;
-    for (uint8_t i = 0; i < SERVOS; i++) /* off the finger without a step limit */
+    for (uint8_t i = 0; i < SERVOS; i++) /* retracting has no step limit */
         s->held[i] = s->commanded ? stepped(s->held[i], s->wanted.pulses[i], &s->step_limited) : retracted[i];
 }
 

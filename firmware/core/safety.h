@@ -1,4 +1,4 @@
-/* What the servos are allowed to do: the last word, whatever the host says or fails to say. */
+/* Safety limits of the servos, enforced whatever the host sends or fails to send. */
 #ifndef SAFETY_H
 #define SAFETY_H
 
@@ -8,29 +8,29 @@
 #include "messages.h"
 
 struct safety {
-    bool greeted;                /* a HELLO of this protocol was heard */
+    bool greeted;                /* a HELLO of this protocol was received */
     bool commanded;              /* a setpoint is in force; otherwise retracted */
     bool step_limited;           /* at the last frame */
-    uint32_t heard_ms;           /* when the newest setpoint was taken */
-    uint32_t frame_ms;           /* when the last frame was */
+    uint32_t heard_ms;           /* time of the newest setpoint */
+    uint32_t frame_ms;           /* time of the last frame */
     struct setpoint wanted;      /* the newest setpoint */
-    uint16_t applied_sequence;   /* of the setpoint in force at the last frame */
+    uint16_t applied_sequence;   /* sequence of the setpoint in force at the last frame */
     uint16_t held[SERVOS];       /* pulses of the last frame, ticks of 0.5 us */
 };
 
-/* As after a reset: retracted, no host. */
+/* Set the state after a reset: retracted, no host. */
 void safety_start(struct safety *s, uint32_t now_ms);
 
-/* A host introduced itself. A host of another protocol major is not listened to. */
+/* Process a HELLO. Setpoints of a host with another major protocol version are refused. */
 void safety_greet(struct safety *s, uint8_t protocol_major);
 
-/* Take a setpoint as the newest; false when it is refused: no HELLO yet, or a pulse outside its servo's limits. */
+/* Accept a setpoint; return false if it is refused: no HELLO yet, or a pulse outside its servo's limits. */
 bool safety_command(struct safety *s, const struct setpoint *setpoint, uint32_t now_ms);
 
-/* Settle the pulses s->held of the servo frame that starts now. */
+/* Compute the pulses s->held of the servo frame that starts now. */
 void safety_frame(struct safety *s, uint32_t now_ms);
 
-/* Whether the hardware watchdog may be fed: only while servo frames keep coming. */
+/* Return whether to reset the hardware watchdog: only while servo frames continue. */
 bool safety_alive(const struct safety *s, uint32_t now_ms);
 
 #endif

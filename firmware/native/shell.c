@@ -1,13 +1,13 @@
-/* The core on the host, for tests: reads one command a line, answers one line.
+/* The core on the host, for tests: reads one command per line and answers with one line.
  *
- *   start MS            as after a reset; the board is that of the Nano
+ *   start MS            reset; the board is a Nano
  *   receive MS HEX      bytes from the host           -> answers as hex
- *   tick MS ADC         a millisecond                 -> reading as hex
- *   frame MS            a servo frame                 -> the three pulses
- *   alive MS            may the watchdog be fed       -> 0 or 1
- *   damaged             frames dropped so far, modulo 256
- *   decode HEX          a body from the host          -> kind and fields
- *   encode KIND FIELD.. a body from the device        -> hex of its frame */
+ *   tick MS ADC         new millisecond                 -> reading as hex
+ *   frame MS            servo frame                   -> the three pulses
+ *   alive MS            whether to reset the watchdog -> 0 or 1
+ *   damaged             number of dropped frames, modulo 256
+ *   decode HEX          body from the host            -> kind and fields
+ *   encode KIND FIELD.. body from the device          -> hex of its frame */
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -25,7 +25,7 @@ static void print_hex(const uint8_t *bytes, uint8_t length)
         printf("%02x", *bytes++);
 }
 
-/* The next number of the line, or 0 at its end. */
+/* Return the next number of the line, or 0 at its end. */
 static uint32_t number(void)
 {
     const char *word = strtok(NULL, " \n");
@@ -83,7 +83,7 @@ static void decode(void)
         printf("%u %u", STREAM, stream.period_ms);
 }
 
-/* The order of evaluation of initialisers is not fixed, so fields are read one statement at a time. */
+/* Initialisers have no fixed order of evaluation, so each field is read in its own statement. */
 static uint8_t put(uint32_t kind, uint8_t *body)
 {
     uint32_t f[16];

@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later
  *
- * Runs the firmware's ELF in simavr, in lockstep with whoever holds the other end of stdin and stdout.
+ * Runs the firmware's ELF in simavr, in lockstep with the process on the other end of stdin and stdout.
  *
  *   harness FIRMWARE.elf
  *
- * Each request advances the time; no clock is read, so the same requests give the same replies, and pacing to real
- * time is the requester's. Numbers are little-endian, as on every host this is built for.
+ * Each request advances the time. No clock is read: the same requests give the same replies, and the requester paces
+ * them to real time if needed. Numbers are little-endian, as on every supported host.
  *
  *   request  uint32 advance [cycles], uint16 voltage on A0 [0.1 mV], uint16 n, n bytes for the UART
  *   reply    struct reply, n bytes from the UART, n_edges of struct edge */
@@ -30,10 +30,10 @@
 #define UBRR0L 0xC4
 #define U2X0 0x02
 
-/* 5 V [0.1 mV], less one part in 1024: the converter divides by 1024 (data sheet), simavr by 1023. */
+/* 5 V [0.1 mV] less one part in 1024, because the converter divides by 1024 (data sheet) but simavr by 1023. */
 #define REFERENCE 49951
 
-/* Simavr takes 11 bits for a byte of 10; feeding faster would only fill its FIFO. */
+/* simavr takes 11 bit times for a byte of 10 bits; sending faster would only fill its FIFO. */
 #define BITS_PER_BYTE 11
 
 #define MOST_BYTES (1u << 20)
@@ -49,8 +49,8 @@ struct reply {
     uint64_t cycle;
     uint32_t bytes;
     uint32_t edges;
-    uint32_t resets;         /* since the start, power-on not counted */
-    uint32_t latency_cycles; /* longest that any interrupt was pending, since the start */
+    uint32_t resets;         /* since the start, without power-on */
+    uint32_t latency_cycles; /* longest time that any interrupt was pending since the start */
 };
 
 struct edge {
@@ -67,7 +67,7 @@ static avr_cycle_count_t pending_since[VECTORS], next_byte_at;
 
 static uint8_t from_uart[MOST_BYTES];
 static uint32_t n_from_uart;
-static uint8_t to_uart[MOST_BYTES]; /* a ring */
+static uint8_t to_uart[MOST_BYTES]; /* ring buffer */
 static uint32_t to_head, to_tail;
 static struct edge edges[MOST_EDGES];
 static uint32_t n_edges;
@@ -107,7 +107,7 @@ static void on_running(avr_irq_t *irq, uint32_t value, void *param)
         latency_cycles = waited;
 }
 
-/* A reset makes the pins inputs; simavr does not say so. */
+/* A reset turns the pins into inputs, which simavr does not report. */
 static void on_reset(avr_t *which)
 {
     mcu_reset(which);
@@ -116,7 +116,7 @@ static void on_reset(avr_t *which)
         avr_raise_irq(pins[i], 0);
 }
 
-/* Time passes by cycles, never by the host's clock. */
+/* Time is counted in cycles; the host's clock is not used. */
 static void on_sleep(avr_t *which, avr_cycle_count_t cycles)
 {
     (void)which, (void)cycles;
@@ -147,10 +147,10 @@ static void feed_uart(void)
 static avr_cycle_count_t on_stop(avr_t *which, avr_cycle_count_t when, void *param)
 {
     (void)which, (void)param;
-    return when + 1; /* until the next stop is set: the controller may fall asleep with this very cycle */
+    return when + 1; /* until the next stop is set: the controller may fall asleep in this cycle */
 }
 
-/* Asleep a run goes on to the next event, whatever the limit: so the stop is made an event, too. */
+/* While the controller sleeps, a run continues to the next event whatever the limit, so the stop is also an event. */
 static void run_until(avr_cycle_count_t stop)
 {
     static avr_cycle_count_t last_stop;
@@ -191,7 +191,7 @@ static void start(const char *path)
         die("cannot read the firmware");
     avr = avr_make_mcu_by_name("atmega328p");
     if (!avr || avr_init(avr))
-        die("simavr does not know the ATmega328P");
+        die("this simavr does not support the ATmega328P");
     firmware.frequency = CLOCK_HZ;
     firmware.vcc = firmware.avcc = firmware.aref = REFERENCE;
     avr_load_firmware(avr, &firmware);
@@ -199,7 +199,7 @@ static void start(const char *path)
     avr->log = LOG_ERROR;
     avr->sleep = on_sleep;
 
-    uint32_t flags = 0; /* neither print what is sent nor sleep when it is polled */
+    uint32_t flags = 0; /* do not print what is sent; do not sleep while it is polled */
     avr_ioctl(avr, AVR_IOCTL_UART_SET_FLAGS('0'), &flags);
     uart_input = avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_INPUT);
     adc0 = avr_io_getirq(avr, AVR_IOCTL_ADC_GETIRQ, ADC_IRQ_ADC0);
