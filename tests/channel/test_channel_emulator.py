@@ -77,7 +77,7 @@ def test_a_perfect_channel_delivers_at_once_in_order():
     assert emulator.next_timer_us() is None
 
 
-def test_a_constant_delay_is_kept_to_the_microsecond():
+def test_a_constant_delay_is_exact_to_the_microsecond():
     emulator = make("delay=20ms")
     emulator.push("a", 10, 1000)
     assert emulator.due(20_999) == []
@@ -117,7 +117,7 @@ def test_nothing_is_delivered_before_its_delay(spec, seed, stream):
 
 
 @given(specs, seeds, streams)
-def test_the_same_seed_gives_the_same_fate_however_often_it_is_served(spec, seed, stream):
+def test_the_same_seed_gives_the_same_result_however_often_packets_are_taken_out(spec, seed, stream):
     at_the_end, at_once = make(spec, seed), make(spec, seed)
     send_all(at_the_end, stream)
     expected = deliveries(at_the_end)
@@ -135,7 +135,7 @@ def test_the_same_seed_gives_the_same_fate_however_often_it_is_served(spec, seed
     assert [due_us for due_us, _ in taken] == [due_us for due_us, _ in expected]
 
 
-def test_different_seeds_give_different_fates():
+def test_different_seeds_give_different_results():
     first, second = make("loss=50%", 1), make("loss=50%", 2)
     stream = [(1000, 20)] * 100
     send_all(first, stream)
@@ -145,7 +145,7 @@ def test_different_seeds_give_different_fates():
 
 @pytest.mark.parametrize("spec", [spec for spec in SPECS if "order=free" not in spec and "reorder" not in spec])
 @given(seed=seeds, stream=streams)
-def test_packets_keep_their_order_unless_asked(spec, seed, stream):
+def test_packets_keep_their_order_by_default(spec, seed, stream):
     emulator = make(spec, seed)
     send_all(emulator, stream)
     numbers = [number for _, number in deliveries(emulator)]
@@ -154,7 +154,7 @@ def test_packets_keep_their_order_unless_asked(spec, seed, stream):
 
 
 @given(seeds, streams)
-def test_keeping_the_order_is_waiting_for_those_before(seed, stream):
+def test_keeping_the_order_means_waiting_for_earlier_packets(seed, stream):
     free, kept = make("delay=1ms,jitter=normal:3ms,order=free", seed), make("delay=1ms,jitter=normal:3ms", seed)
     send_all(free, stream)
     send_all(kept, stream)
@@ -172,7 +172,7 @@ def test_free_order_lets_packets_overtake_and_counts_them():
 
 
 @given(seeds)
-def test_a_held_back_packet_is_overtaken_and_holds_up_nobody(seed):
+def test_a_held_back_packet_is_overtaken_and_delays_no_other(seed):
     emulator = make("delay=2ms,reorder=20%:3500us", seed)
     sent = send_all(emulator, [(1000, 20)] * 200)
     taken = deliveries(emulator)
@@ -185,7 +185,7 @@ def test_a_held_back_packet_is_overtaken_and_holds_up_nobody(seed):
         assert numbers == sorted(numbers)
 
 
-def test_a_packet_held_back_after_which_none_follows_is_not_reordered():
+def test_the_last_packet_is_not_reordered_when_held_back():
     emulator = make("reorder=100%:5ms")
     send_all(emulator, [(1000, 20)] * 20)
     assert [number for _, number in deliveries(emulator)] == list(range(20))
@@ -300,7 +300,7 @@ def test_a_packet_too_large_for_the_queue_still_passes_an_idle_link():
 
 
 @pytest.mark.parametrize("spec", ["perfect", "delay=1s,jitter=normal:1ms", "delay=1s,reorder=10%", EVERYTHING])
-def test_an_emulator_nobody_serves_is_bounded_and_counts_what_it_drops(monkeypatch, spec):
+def test_an_emulator_that_is_never_emptied_is_bounded_and_counts_drops(monkeypatch, spec):
     monkeypatch.setattr(emulator_module, "MAX_IN_FLIGHT", 25)
     emulator = make(spec.replace("delay=3ms", "delay=1s"))
     send_all(emulator, [(10_000, 20)] * 100)
@@ -311,7 +311,7 @@ def test_an_emulator_nobody_serves_is_bounded_and_counts_what_it_drops(monkeypat
 
 
 @given(specs, seeds, st.lists(st.integers(-(2**63), 2**63) | st.integers(0, 3000), max_size=40))
-def test_a_clock_that_jumps_anywhere_raises_nothing_and_loses_no_count(spec, seed, times_us):
+def test_clock_jumps_raise_nothing_and_keep_the_counters_right(spec, seed, times_us):
     emulator = make(spec, seed)
     for number, now_us in enumerate(times_us):
         emulator.push(number, 20, now_us)
@@ -330,7 +330,7 @@ def test_packets_stay_in_order_when_the_clock_steps_back():
     assert emulator.due(6000) == ["a", "b"]
 
 
-def test_an_idle_channel_goes_on_at_once_after_the_clock_stepped_back():
+def test_an_idle_channel_continues_at_once_after_the_clock_stepped_back():
     for spec in ("delay=1ms", "delay=1ms,jitter=uniform:1us", "delay=1ms,duplicate=1%,reorder=1%"):
         emulator = make(spec)
         emulator.push("a", 20, 10**12)

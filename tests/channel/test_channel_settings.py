@@ -54,7 +54,7 @@ settings_of_every_kind = st.builds(
 
 
 @given(settings_of_every_kind)
-def test_what_is_described_is_parsed_back_exactly(settings):
+def test_a_description_is_parsed_back_exactly(settings):
     assert parse_channel(settings.describe()) == settings
 
 
@@ -103,11 +103,11 @@ def test_the_three_kinds_of_loss_are_understood(spec, loss):
         ("PERFECT", ChannelSettings()),
     ],
 )
-def test_units_and_capitals(spec, settings):
+def test_units_are_parsed_in_any_case(spec, settings):
     assert parse_channel(spec) == settings
 
 
-def test_parts_after_a_preset_replace_what_it_says():
+def test_parts_after_a_preset_replace_its_parts():
     wifi = PRESETS["wifi"].settings
     assert parse_channel("wifi") == wifi
     lossier = parse_channel("wifi,loss=5%")
@@ -122,7 +122,7 @@ def test_parts_after_a_preset_replace_what_it_says():
     assert not free.keeps_order
 
 
-def test_none_takes_a_part_of_a_preset_out():
+def test_none_removes_a_part_of_a_preset():
     spec = "satellite,delay=none,jitter=none,loss=none,reorder=none,duplicate=none,rate=none,queue=none"
     assert parse_channel(spec) == ChannelSettings()
 
@@ -238,7 +238,7 @@ def test_a_channel_that_does_something_is_not_perfect(spec):
     assert not parse_channel(spec).is_perfect
 
 
-def test_presets_are_ordered_by_delay_and_say_where_they_are_from():
+def test_presets_are_ordered_by_delay_and_name_their_source():
     delays_us = [preset.settings.delay_us for preset in PRESETS.values()]
     assert delays_us == sorted(delays_us)
     assert all(preset.source for preset in PRESETS.values())

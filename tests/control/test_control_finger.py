@@ -35,7 +35,7 @@ def test_its_slope_at_1_n_is_one() -> None:
 
 
 @pytest.mark.parametrize("stiffness_n_m", [300.0, 600.0, 1000.0, 2000.0, 3000.0])
-def test_stiffness_and_place_are_learned_from_a_few_forces(stiffness_n_m: float) -> None:
+def test_stiffness_and_position_are_learned_from_a_few_forces(stiffness_n_m: float) -> None:
     finger = LearnedFinger(FingerSettings())
     press(finger, stiffness_n_m, [0.3, 0.5, 1.0, 1.5, 2.0] * 4)
     assert 1.0 / finger.compliance_m_n == pytest.approx(stiffness_n_m, rel=0.05)
@@ -43,7 +43,7 @@ def test_stiffness_and_place_are_learned_from_a_few_forces(stiffness_n_m: float)
     assert finger.displacement_m(1.0) == pytest.approx(0.002 + compressed(1.0) / stiffness_n_m, abs=2e-5)
 
 
-def test_a_finger_held_still_is_not_forgotten() -> None:
+def test_a_finger_held_at_rest_is_not_forgotten() -> None:
     finger = LearnedFinger(FingerSettings())
     press(finger, 3000.0, [0.3, 0.5, 1.0, 2.0] * 5)
     press(finger, 3000.0, [2.0] * 60_000)
@@ -61,7 +61,7 @@ def test_a_finger_that_moves_is_followed_and_its_stiffness_found_again() -> None
     assert 1.0 / finger.compliance_m_n == pytest.approx(1000.0, rel=0.1)
 
 
-def test_nothing_is_learned_fast_while_the_platform_is_on_its_way() -> None:
+def test_learning_is_slow_while_the_platform_moves() -> None:
     moving, resting = LearnedFinger(FingerSettings()), LearnedFinger(FingerSettings())
     for finger, speed_m_s in ((moving, 0.06), (resting, 0.0)):
         press(finger, 1000.0, [0.3, 0.5, 1.0] * 5)
@@ -78,7 +78,7 @@ def test_a_finger_touched_again_may_have_moved() -> None:
 
 
 @given(st.lists(st.tuples(st.floats(-0.1, 0.1), st.floats(0.0, 1e3), st.floats(-10.0, 10.0)), max_size=200))
-def test_whatever_is_shown_the_belief_stays_a_finger(shown: list[tuple[float, float, float]]) -> None:
+def test_the_estimate_stays_a_finger_for_any_input(shown: list[tuple[float, float, float]]) -> None:
     finger = LearnedFinger(FingerSettings())
     finger.touch(0.002, 0.2)
     for displacement_m, force_n, speed_m_s in shown:
@@ -89,7 +89,7 @@ def test_whatever_is_shown_the_belief_stays_a_finger(shown: list[tuple[float, fl
         assert 0.0 <= finger.gain_at(1.0, PERIOD_S) <= 1.0
 
 
-def test_forgetting_is_starting_anew() -> None:
+def test_forgetting_restores_the_prior() -> None:
     finger = LearnedFinger(FingerSettings())
     press(finger, 3000.0, [0.3, 0.5, 1.0])
     finger.forget()

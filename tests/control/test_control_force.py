@@ -67,27 +67,27 @@ def test_never_moves_toward_the_finger_faster_than_the_press_speed(
 
 @pytest.mark.parametrize("stiffness_n_m", [300.0, 1000.0, 3000.0])
 @pytest.mark.parametrize("target_n", [0.5, 2.0, 4.5])
-def test_on_any_finger_it_comes_to_rest_on_the_target(stiffness_n_m: float, target_n: float) -> None:
+def test_the_loop_settles_on_the_target_for_any_finger(stiffness_n_m: float, target_n: float) -> None:
     finger = spring(stiffness_n_m)
     trace = run(ForceController(SETTINGS), target_n, finger)
     assert finger(trace[-1]) == pytest.approx(min(target_n, 0.0130 * stiffness_n_m), abs=0.1)
 
 
 @pytest.mark.parametrize("sensed_n", [math.nan, math.inf, -math.inf, 1e300, -1e300])
-def test_an_absurd_reading_retracts_at_once(sensed_n: float) -> None:
+def test_a_reading_out_of_range_retracts_at_once(sensed_n: float) -> None:
     controller = ForceController(SETTINGS)
     assert run(controller, 1.0, spring(1000.0))[-1] > 0.002
     assert controller.update(1.0, sensed_n, 0.003, 3_000_001) == 0.0
 
 
 @pytest.mark.parametrize("stood_m", [math.nan, math.inf, -2.0])
-def test_an_absurd_position_retracts_at_once(stood_m: float) -> None:
+def test_a_position_out_of_range_retracts_at_once(stood_m: float) -> None:
     controller = ForceController(SETTINGS)
     run(controller, 1.0, spring(1000.0))
     assert controller.update(1.0, 1.0, stood_m, 3_000_001) == 0.0
 
 
-def test_a_target_that_is_not_finite_lets_go() -> None:
+def test_a_target_that_is_not_finite_releases_the_finger() -> None:
     controller = ForceController(SETTINGS)
     run(controller, 1.0, spring(1000.0))
     assert run(controller, math.nan, spring(1000.0), start_us=3_000_000)[-1] < 0.002
@@ -100,7 +100,7 @@ def test_calls_within_a_control_period_return_the_last_output() -> None:
     assert len(set(trace)) == 10
 
 
-def test_a_sensor_stuck_at_zero_advances_no_further_than_the_reach() -> None:
+def test_with_a_sensor_stuck_at_zero_the_platform_stays_within_the_reach() -> None:
     trace = run(ForceController(SETTINGS), 5.0, lambda _: 0.0, seconds=20.0)
     assert max(trace) == trace[-1] == SETTINGS.reach_m
 
@@ -121,7 +121,7 @@ def test_a_sensor_stuck_at_full_scale_retracts_fully() -> None:
     assert run(controller, 4.0, lambda _: 20.0, start_us=3_000_000)[-1] == 0.0
 
 
-def test_a_sensor_that_freezes_is_noticed_and_tried_again_when_the_target_has_been_gone() -> None:
+def test_a_frozen_sensor_is_detected_and_tried_again_after_release() -> None:
     controller = ForceController(SETTINGS)
     finger = spring(1000.0)
     run(controller, 2.0, finger)
@@ -136,7 +136,7 @@ def test_a_sensor_that_freezes_is_noticed_and_tried_again_when_the_target_has_be
 
 
 @pytest.mark.parametrize("factor", [0.2, 0.5, 0.8])
-def test_a_sensor_that_loses_a_part_of_the_force_takes_the_platform_no_further_until_let_go(factor: float) -> None:
+def test_after_a_partial_loss_of_force_the_platform_goes_no_further_until_release(factor: float) -> None:
     controller = ForceController(SETTINGS)
     finger = spring(1000.0)
     stood_m = run(controller, 3.0, finger)[-1]
@@ -158,7 +158,7 @@ def test_at_the_end_of_travel_nothing_winds_up() -> None:
     assert after[-1] < SETTINGS.travel_m
 
 
-def test_a_light_target_is_set_by_what_is_known_of_the_finger() -> None:
+def test_a_target_below_the_threshold_is_set_by_the_model_of_the_finger() -> None:
     controller, finger = ForceController(SETTINGS), spring(1000.0)
 
     def deaf(displacement_m: float) -> float:
@@ -171,7 +171,7 @@ def test_a_light_target_is_set_by_what_is_known_of_the_finger() -> None:
 
 
 @pytest.mark.parametrize("target_n", [0.0, 0.05, 0.19])
-def test_a_target_the_sensor_cannot_tell_does_not_move_toward_an_unknown_finger(target_n: float) -> None:
+def test_a_target_below_the_threshold_does_not_move_toward_an_unknown_finger(target_n: float) -> None:
     assert set(run(ForceController(SETTINGS), target_n, lambda _: 0.0, seconds=10.0)) == {0.0}
 
 
@@ -191,7 +191,7 @@ def test_reset_retracts_and_starts_softly() -> None:
     assert 0.0 < trace[-1] <= 0.1 * SETTINGS.approach_speed_m_s + 1e-12
 
 
-def test_a_long_gap_and_clock_jumps_make_no_leap() -> None:
+def test_long_gaps_and_clock_jumps_cause_no_jump() -> None:
     controller = ForceController(SETTINGS)
     run(controller, 1.0, spring(1000.0), seconds=1.0)
     before_m = controller.displacement_m

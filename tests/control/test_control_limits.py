@@ -36,7 +36,7 @@ def test_a_rise_does_not_depend_on_the_ticks(elapsed_us: list[int]) -> None:
 
 
 @given(st.floats(0.0, 5.0))
-def test_passes_what_is_within_the_limits(force_n: float) -> None:
+def test_passes_forces_within_the_limits(force_n: float) -> None:
     limiter = ForceLimiter(SETTINGS)
     limiter.limit(0.0, 0)
     assert limiter.limit(force_n, 10**6) == force_n
@@ -50,14 +50,14 @@ def test_a_fall_is_not_delayed() -> None:
 
 
 @pytest.mark.parametrize("force_n", [math.nan, math.inf, -math.inf, -1e300, -5e-324, -0.0])
-def test_what_is_no_pressing_force_asks_for_none(force_n: float) -> None:
+def test_an_invalid_force_sets_the_target_to_zero(force_n: float) -> None:
     limiter = ForceLimiter(SETTINGS)
     limiter.limit(5.0, 0)
     limiter.limit(5.0, 10**6)
     assert limiter.limit(force_n, 10**6 + 1) == 0.0
 
 
-def test_repeated_and_backward_times_allow_no_rise() -> None:
+def test_the_target_does_not_rise_at_repeated_or_earlier_times() -> None:
     limiter = ForceLimiter(SETTINGS)
     limiter.limit(5.0, 10**12)
     assert limiter.limit(5.0, 10**12) == 0.0
@@ -72,6 +72,6 @@ def test_refuses_bad_settings(name: str, value: float) -> None:
         LimitSettings(**{name: value})
 
 
-def test_refuses_more_than_the_device_is_built_for() -> None:
+def test_refuses_limits_above_those_of_the_device() -> None:
     with pytest.raises(SettingsError, match=r"5\.5"):
         LimitSettings(max_force_n=5.5)

@@ -9,14 +9,14 @@ from hapticnet.control.margins import Actuator, loop_margins
 SETTINGS = ForceControlSettings()
 
 
-def test_on_a_finger_as_believed_the_loop_is_far_from_swinging() -> None:
+def test_on_a_finger_like_the_model_the_loop_has_large_margins() -> None:
     margins = loop_margins(SETTINGS, Actuator(), force_n=2.0, stiffness=1.0)
     assert margins.gain > 2.0  # 6 dB
     assert margins.phase_deg > 45.0
     assert 0.1 < margins.crossover_hz < 10.0
 
 
-def test_delay_costs_margin() -> None:
+def test_delay_reduces_the_margins() -> None:
     margins = [
         loop_margins(SETTINGS, Actuator(transport_s=0.005 + delay_s), force_n=2.0, stiffness=1.0)
         for delay_s in (0.0, 0.01, 0.02, 0.04)
@@ -29,13 +29,13 @@ def test_delay_costs_margin() -> None:
 
 
 @pytest.mark.parametrize("stiffness", [0.5, 2.0, 3.0])
-def test_a_finger_stiffer_than_believed_uses_the_margin_up(stiffness: float) -> None:
+def test_a_finger_stiffer_than_the_model_reduces_the_gain_margin(stiffness: float) -> None:
     as_believed = loop_margins(SETTINGS, Actuator(), force_n=2.0, stiffness=1.0)
     other = loop_margins(SETTINGS, Actuator(), force_n=2.0, stiffness=stiffness)
     assert other.gain == pytest.approx(as_believed.gain / stiffness)
 
 
-def test_the_margin_does_not_depend_on_which_finger_is_believed() -> None:
+def test_the_margins_do_not_depend_on_the_stiffness_of_the_model() -> None:
     margins = [
         loop_margins(
             ForceControlSettings(finger=FingerSettings(stiffness_n_m=n_per_m, uncertainty=0.0, change_m_n=0.0)),

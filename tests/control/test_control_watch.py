@@ -17,7 +17,7 @@ def moving(watch: SensorWatch, *, from_m: float, speed_m: float, force_n: float,
 
 
 @pytest.mark.parametrize("speed_m", [1e-4, -1e-4])
-def test_a_force_that_stays_while_the_platform_moves_is_noticed_after_about_a_newton_of_way(
+def test_a_constant_reading_during_motion_is_detected_after_about_a_newton(
     speed_m: float,
 ) -> None:
     noticed = moving(SensorWatch(), from_m=0.003, speed_m=speed_m, force_n=1.0, rise_n_m=0.0)
@@ -26,21 +26,21 @@ def test_a_force_that_stays_while_the_platform_moves_is_noticed_after_about_a_ne
 
 
 @pytest.mark.parametrize("stiffness_n_m", [200.0, 1000.0, 3000.0])
-def test_a_finger_that_answers_is_no_stuck_sensor(stiffness_n_m: float) -> None:
+def test_a_changing_reading_is_not_a_stuck_sensor(stiffness_n_m: float) -> None:
     assert moving(SensorWatch(), from_m=0.003, speed_m=1e-5, force_n=0.5, rise_n_m=stiffness_n_m) is None
 
 
-def test_a_platform_at_rest_proves_nothing() -> None:
+def test_a_constant_reading_at_rest_is_not_a_fault() -> None:
     watch = SensorWatch()
     assert not any(watch.notice(True, 1.0, 0.003, 1e-3) for _ in range(10_000))
 
 
-def test_no_touch_is_no_fault() -> None:
+def test_no_touch_is_not_a_fault() -> None:
     watch = SensorWatch()
     assert not any(watch.notice(False, 0.0, 1e-4 * period, 1e-3) for period in range(PERIODS))
 
 
-def test_an_answer_starts_the_watch_anew() -> None:
+def test_a_change_of_the_reading_restarts_the_watch() -> None:
     watch = SensorWatch()
     for turn in range(20):
         force_n = 1.0 + 1.5 * ANSWER_N * (turn % 2)
@@ -48,7 +48,7 @@ def test_an_answer_starts_the_watch_anew() -> None:
 
 
 @pytest.mark.parametrize("leap_n", [2.0 * LEAP_N, 3.0])
-def test_a_force_that_leaps_forth_and_back_is_an_open_input(leap_n: float) -> None:
+def test_an_oscillating_force_is_an_open_input(leap_n: float) -> None:
     watch = SensorWatch()
     complaints = [watch.notice(True, 1.0 + leap_n * (period % 2), 0.003, 1e-3) for period in range(10)]
     assert complaints[:4] == [None] * 4
@@ -56,13 +56,13 @@ def test_a_force_that_leaps_forth_and_back_is_an_open_input(leap_n: float) -> No
     assert "connected" in complaints[4]
 
 
-def test_a_leap_now_and_then_is_none() -> None:
+def test_occasional_jumps_are_not_an_open_input() -> None:
     watch = SensorWatch()
     forces_n = [1.0 + 2.0 * (period % 20 == 0) for period in range(1_000)]
     assert not any(watch.notice(True, force_n, 0.003, 1e-3) for force_n in forces_n)
 
 
-def test_a_platform_is_not_sent_further_than_a_silent_sensor_bears() -> None:
+def test_a_constant_reading_limits_the_motion_of_the_platform() -> None:
     watch = SensorWatch()
     watch.notice(True, 1.0, 0.003, 1e-3)
     assert 0.003 + 0.5e-3 < watch.furthest_m < 0.003 + 1.2e-3
@@ -71,7 +71,7 @@ def test_a_platform_is_not_sent_further_than_a_silent_sensor_bears() -> None:
     assert watch.furthest_m == float("inf")
 
 
-def test_a_force_that_falls_by_itself_takes_the_platform_no_further_until_it_is_let_go() -> None:
+def test_after_an_unexplained_fall_the_platform_goes_no_further_until_release() -> None:
     watch = SensorWatch()
     for _ in range(20):
         watch.notice(True, 3.0, 0.004, 1e-3)
@@ -86,7 +86,7 @@ def test_a_force_that_falls_by_itself_takes_the_platform_no_further_until_it_is_
     assert watch.furthest_m > 0.004
 
 
-def test_a_force_that_falls_because_the_platform_retreats_is_no_fall() -> None:
+def test_a_fall_during_retreat_is_expected() -> None:
     watch = SensorWatch()
     for period in range(20):
         watch.notice(True, 4.0 - 0.9 * max(0, period - 16), 0.004 - 0.3e-3 * max(0, period - 16), 1e-3)
@@ -101,7 +101,7 @@ def test_a_force_that_spreads_within_a_period_while_the_platform_rests_is_an_ope
     assert complaints[2] is not None
 
 
-def test_a_stiff_finger_pressed_fast_spreads_as_far() -> None:
+def test_a_stiff_finger_pressed_fast_has_the_same_spread_without_a_fault() -> None:
     watch = SensorWatch()
     for period in range(20):
         assert watch.notice(True, 0.2 + 0.2 * period, 0.003 + 0.6e-3 * period, 1e-3, spread_n=2.0) is None

@@ -34,12 +34,12 @@ def test_is_exact_at_the_calibrated_forces(exponent: float) -> None:
         assert calibration.force_n(sensor.counts(force_n)) == pytest.approx(force_n, rel=1e-12)
 
 
-def test_beyond_its_ends_it_falls_to_zero_and_stays_at_the_largest() -> None:
+def test_the_table_falls_to_zero_below_its_range_and_is_constant_above() -> None:
     calibration = Calibration(counts=(100.0, 200.0), forces_n=(0.5, 2.5))
     assert [calibration.force_n(adc) for adc in (-1, 0, 50, 100, 200, 1023)] == [0.0, 0.0, 0.25, 0.5, 2.5, 2.5]
 
 
-def test_a_reading_that_is_no_number_counts_as_the_largest_force() -> None:
+def test_nan_counts_as_the_largest_force() -> None:
     assert CALIBRATION.force_n(math.nan) == 20.0
 
 
@@ -70,7 +70,7 @@ pairs_of_any_kind = st.lists(
 
 
 @given(pairs_of_any_kind, st.integers(2, 8), st.randoms(use_true_random=False))
-def test_a_fit_is_strictly_increasing_or_refused_and_knows_no_order(pairs, knots, random) -> None:
+def test_a_fit_is_strictly_increasing_or_refused_and_independent_of_order(pairs, knots, random) -> None:
     shuffled = list(pairs)
     random.shuffle(shuffled)
     try:
@@ -106,7 +106,7 @@ def test_few_exact_pairs_are_reproduced(counts, steps_n) -> None:
 
 
 @given(st.floats(0.9, 1.1), st.floats(7000.0, 12000.0))
-def test_many_exact_pairs_are_followed_within_what_eight_knots_can(exponent, ohm_at_1_n) -> None:
+def test_many_exact_pairs_are_approximated_by_eight_knots(exponent, ohm_at_1_n) -> None:
     sensor = Sensor(exponent=exponent, ohm_at_1_n=ohm_at_1_n)
     forces_n = np.geomspace(0.2, 10.0, 100)
     fit = fit_calibration([sensor.counts(force_n) for force_n in forces_n.tolist()], forces_n.tolist())
@@ -118,7 +118,7 @@ def test_many_exact_pairs_are_followed_within_what_eight_knots_can(exponent, ohm
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_noisy_pairs_up_and_down_give_the_middle_and_tell_the_hysteresis(seed) -> None:
+def test_noisy_pairs_up_and_down_give_the_mean_curve_and_the_hysteresis(seed) -> None:
     rng = np.random.default_rng(seed)
     forces_n = [*KNOWN_FORCES_N, *reversed(KNOWN_FORCES_N)]
     gains = [1.0] * len(KNOWN_FORCES_N) + [SENSOR.unloading_gain] * len(KNOWN_FORCES_N)
@@ -133,7 +133,7 @@ def test_noisy_pairs_up_and_down_give_the_middle_and_tell_the_hysteresis(seed) -
     assert fit_calibration(counts[:9], forces_n[:9]).hysteresis is None
 
 
-def test_the_fit_is_the_best_there_is_even_where_noise_would_bend_it_down() -> None:
+def test_the_fit_is_optimal_even_if_noise_would_make_it_decrease() -> None:
     counts, forces_n = [100.0, 200.0, 300.0, 400.0], [1.0, 2.0, 1.8, 3.0]
     fit = fit_calibration(counts, forces_n)
 
@@ -157,7 +157,7 @@ def test_pairs_without_force_flatten_the_foot() -> None:
     assert fit.residuals_n[0] == 0.0
 
 
-def test_saturated_pairs_are_left_out_and_dead_ones_show() -> None:
+def test_saturated_pairs_are_ignored_and_outliers_have_large_residuals() -> None:
     clean = fit_calibration([200, 400], [0.5, 1.5])
     fit = fit_calibration([1023, 200, 400, 1022.5], [40.0, 0.5, 1.5, 30.0])
     assert fit.calibration == clean.calibration
@@ -197,7 +197,7 @@ def test_thousands_of_pairs_are_fitted() -> None:
         ([200, 300], [5e-324, 1e-300], "largest force is 1e-300 N; the sensor detects nothing below 0.2 N"),
     ],
 )
-def test_pairs_that_make_no_calibration_are_refused(counts, forces_n, message) -> None:
+def test_unusable_pairs_are_refused(counts, forces_n, message) -> None:
     with pytest.raises(SettingsError, match=message):
         fit_calibration(counts, forces_n)
 

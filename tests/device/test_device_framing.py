@@ -22,14 +22,14 @@ def test_the_crc_is_ccitt_false() -> None:
 
 
 @given(bodies)
-def test_a_frame_holds_no_zero_but_its_delimiter(body: bytes) -> None:
+def test_a_frame_contains_no_zero_except_its_delimiter(body: bytes) -> None:
     framed = frame(body)
     assert framed.index(0) == len(framed) - 1 <= LONGEST_FRAME
     assert Deframer().feed(framed) == [body]
 
 
 @given(st.lists(bodies, max_size=8), st.data())
-def test_frames_arrive_however_the_stream_is_cut(sent: list[bytes], data: st.DataObject) -> None:
+def test_frames_are_found_however_the_stream_is_split(sent: list[bytes], data: st.DataObject) -> None:
     stream = b"".join(map(frame, sent))
     deframer, received = Deframer(), []
     while stream:
@@ -41,14 +41,14 @@ def test_frames_arrive_however_the_stream_is_cut(sent: list[bytes], data: st.Dat
 
 
 @given(st.binary(max_size=300), bodies)
-def test_after_any_garbage_the_first_whole_frame_gets_through(garbage: bytes, body: bytes) -> None:
+def test_the_first_complete_frame_after_garbage_is_received(garbage: bytes, body: bytes) -> None:
     deframer = Deframer()
     deframer.feed(garbage + b"\0")
     assert deframer.feed(frame(body)) == [body]
 
 
 @given(bodies, st.data())
-def test_a_turned_bit_is_noticed(body: bytes, data: st.DataObject) -> None:
+def test_a_flipped_bit_is_detected(body: bytes, data: st.DataObject) -> None:
     framed = bytearray(frame(body))
     bit = data.draw(st.integers(0, 8 * (len(framed) - 1) - 1))
     framed[bit // 8] ^= 1 << bit % 8
@@ -64,7 +64,7 @@ def test_damaged_frames_are_counted_and_dropped(vector: dict[str, str]) -> None:
     assert deframer.damaged == 1
 
 
-def test_a_line_without_delimiters_takes_no_memory_and_counts_as_one_frame() -> None:
+def test_a_line_without_delimiters_uses_bounded_memory_and_counts_as_one_frame() -> None:
     deframer = Deframer()
     for _ in range(1000):
         assert deframer.feed(b"\x11" * 100) == []
@@ -73,7 +73,7 @@ def test_a_line_without_delimiters_takes_no_memory_and_counts_as_one_frame() -> 
     assert deframer.damaged == 1
 
 
-def test_idle_delimiters_are_no_damage() -> None:
+def test_idle_delimiters_are_not_counted_as_damage() -> None:
     deframer = Deframer()
     assert deframer.feed(b"\0\0\0" + frame(b"a") + b"\0") == [b"a"]
     assert deframer.damaged == 0

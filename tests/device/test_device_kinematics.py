@@ -29,13 +29,13 @@ def test_pulse_and_displacement_are_inverse(displacement_m: float) -> None:
     assert LINKAGE.displacement_m(LINKAGE.pulse_us(displacement_m)) == pytest.approx(displacement_m, abs=1e-12)
 
 
-def test_the_travel_is_what_the_arms_sweep() -> None:
+def test_the_travel_follows_from_the_arms() -> None:
     swept = math.sin(math.radians(50)) + math.sin(math.radians(30))
     assert LINKAGE.travel_m == pytest.approx(0.012 * swept)
 
 
 @pytest.mark.parametrize("displacement_m", [math.nan, math.inf, -math.inf, -1.0, -1e300, 0.0])
-def test_what_is_no_displacement_retracts(displacement_m: float) -> None:
+def test_an_invalid_displacement_retracts(displacement_m: float) -> None:
     assert LINKAGE.pulse_us(displacement_m) == LINKAGE.retracted_us
 
 
@@ -45,7 +45,7 @@ def test_beyond_the_travel_it_is_extended(displacement_m: float) -> None:
 
 
 @given(MOVES_M)
-def test_every_servo_stays_or_moves_by_a_deadband_in_whole_timer_steps(displacements_m: list[float]) -> None:
+def test_every_servo_stays_or_moves_by_at_least_a_deadband_in_whole_timer_steps(displacements_m: list[float]) -> None:
     for held_us, pulses_us in walk(displacements_m):
         for before_us, after_us in zip(held_us, pulses_us, strict=True):
             assert after_us == before_us or abs(after_us - before_us) >= LINKAGE.deadband_us
@@ -53,7 +53,7 @@ def test_every_servo_stays_or_moves_by_a_deadband_in_whole_timer_steps(displacem
 
 
 @given(MOVES_M)
-def test_the_mean_pulse_misses_its_goal_by_less_than_a_quarter_deadband(displacements_m: list[float]) -> None:
+def test_the_error_of_the_mean_pulse_is_below_a_quarter_deadband(displacements_m: list[float]) -> None:
     for displacement_m, (_, pulses_us) in zip(displacements_m, walk(displacements_m), strict=True):
         missed_us = sum(pulses_us) / 3.0 - LINKAGE.pulse_us(displacement_m)
         assert abs(missed_us) < LINKAGE.deadband_us / 4.0
@@ -69,12 +69,12 @@ def test_the_servos_stay_within_two_deadbands_of_each_other_and_of_the_travel(di
 
 
 @given(MOVES_M)
-def test_asking_again_changes_nothing(displacements_m: list[float]) -> None:
+def test_repeating_a_displacement_changes_nothing(displacements_m: list[float]) -> None:
     _, pulses_us = walk(displacements_m)[-1]
     assert LINKAGE.pulses_us(displacements_m[-1], pulses_us) == pulses_us
 
 
-def test_a_small_motion_takes_one_servo_and_a_large_one_all_three() -> None:
+def test_a_small_motion_moves_one_servo_and_a_large_one_all_three() -> None:
     level_us = LINKAGE.level_us
     height_m = LINKAGE.displacement_m(level_us + 3.0)
     assert LINKAGE.pulses_us(height_m, (level_us,) * 3) == (level_us + 9.0, level_us, level_us)

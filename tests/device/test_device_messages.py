@@ -35,7 +35,7 @@ def test_every_message_is_as_in_the_vectors(vector: dict[str, Any]) -> None:
     assert [decode(body) for body in Deframer().feed(bytes.fromhex(vector["frame"]))] == [message]
 
 
-def test_the_vectors_hold_every_kind_of_this_version() -> None:
+def test_the_vectors_contain_every_kind_of_this_version() -> None:
     assert {vector["kind"] for vector in VECTORS["messages"]} == set(LAYOUTS)
     assert VECTORS["protocol_version"] == [PROTOCOL_MAJOR, PROTOCOL_MINOR]
 
@@ -58,7 +58,7 @@ def test_any_bytes_are_a_message_or_an_error(body: bytes) -> None:
 @pytest.mark.parametrize(
     ("body", "complaint"), [(b"", "kind missing"), (b"\x7fab", "kind 7f"), (b"\x03", "1 bytes; it must have 2")]
 )
-def test_what_is_no_message_is_refused(body: bytes, complaint: str) -> None:
+def test_an_invalid_message_is_refused(body: bytes, complaint: str) -> None:
     with pytest.raises(PeerError, match=complaint):
         decode(body)
 
@@ -69,10 +69,10 @@ def test_a_field_that_does_not_fit_is_refused(message: Stream | Setpoint) -> Non
         encode(message)
 
 
-def test_another_minor_version_is_welcome() -> None:
+def test_another_minor_version_is_accepted() -> None:
     check_version(IDENTITY._replace(protocol_minor=9))
 
 
-def test_another_major_version_is_refused_with_the_command_that_helps() -> None:
+def test_another_major_version_is_refused_with_the_command_to_flash() -> None:
     with pytest.raises(RefusedError, match=r"protocol 2\.0, this host 1\.0.*make -C firmware flash"):
         check_version(IDENTITY._replace(protocol_major=2))

@@ -37,7 +37,7 @@ def test_pulses_are_taken_at_once() -> None:
     assert made.displacement_m > 0.0
 
 
-def test_three_servos_given_their_pulses_one_by_one_go_where_a_frame_sends_them() -> None:
+def test_pulses_given_one_by_one_have_the_effect_of_a_frame() -> None:
     together, one_by_one = plant(), plant()
     together.take((1500.0, 1520.0, 1540.0))
     for index, pulse_us in enumerate((1500.0, 1520.0, 1540.0)):
@@ -56,7 +56,7 @@ def test_the_first_time_only_sets_the_clock() -> None:
     assert made.displacement_m == 0.0
 
 
-def test_repeated_and_backward_times_advance_nothing_and_the_clock_goes_on() -> None:
+def test_repeated_and_earlier_times_advance_nothing_and_the_clock_continues() -> None:
     made = plant()
     counts = settled_at(made, 0.004, 0)
     at_m = made.displacement_m
@@ -70,7 +70,7 @@ def test_repeated_and_backward_times_advance_nothing_and_the_clock_goes_on() -> 
 
 
 @given(st.lists(st.tuples(st.floats(1200.0, 2000.0), st.integers(-(10**12), 10**12)), max_size=40))
-def test_any_time_stamps_are_survived(calls: list[tuple[float, int]]) -> None:
+def test_any_time_stamps_are_accepted(calls: list[tuple[float, int]]) -> None:
     made = plant(PlantSettings())
     for pulse_us, now_us in calls:
         made.take((pulse_us,) * 3)
@@ -91,31 +91,31 @@ def test_a_finger_has_its_stiffness_at_one_newton(stiffness_n_m: float, stiffeni
 
 
 @pytest.mark.parametrize("displacement_m", [-1.0, 0.0, 0.0019])
-def test_a_finger_that_is_not_touched_gives_no_force(displacement_m: float) -> None:
+def test_there_is_no_force_without_contact(displacement_m: float) -> None:
     assert Finger().force_n(displacement_m) == 0.0
 
 
-def test_the_force_cannot_exceed_what_stalls_the_servos() -> None:
+def test_the_force_cannot_exceed_the_servos_stall_force() -> None:
     made = plant(dataclasses.replace(QUIET, finger=Finger(stiffness_n_m=1e5)))
     settled_at(made, 0.015, 0)
     assert made.contact_force_n == pytest.approx(3 * 0.108 / 0.012)
 
 
 @pytest.mark.parametrize(("force_n", "per_count_n"), [(2.0, 0.009), (10.0, 0.12)])
-def test_the_converter_resolves_what_a_10_kohm_divider_gives(force_n: float, per_count_n: float) -> None:
+def test_the_converter_has_the_resolution_of_a_10_kohm_divider(force_n: float, per_count_n: float) -> None:
     sensor = Sensor()
     slope = (sensor.counts(force_n + 0.01) - sensor.counts(force_n - 0.01)) / 0.02
     assert 1.0 / slope == pytest.approx(per_count_n, rel=0.05)
 
 
-def test_below_the_threshold_the_sensor_is_silent() -> None:
+def test_below_its_threshold_the_sensor_reads_zero() -> None:
     made = plant(PlantSettings())
     assert settled_at(made, 0.00215, 0) == 0
     assert made.contact_force_n > 0.05
     assert settled_at(made, 0.0024, 10_000_000) > 150
 
 
-def test_unloading_reads_the_hysteresis_more_and_loading_none() -> None:
+def test_unloading_readings_are_higher_by_the_hysteresis() -> None:
     sensor = Sensor(noise_counts=0.0)
     made = plant()
     for ms, displacement_m in enumerate((0.0030, 0.0035, 0.0040)):
@@ -148,7 +148,7 @@ def test_a_voltage_is_the_mean_and_the_noise_without_rounding() -> None:
     assert sum(level == int(level) for level in levels) < 10
 
 
-def test_another_finger_is_felt_at_once() -> None:
+def test_an_exchanged_finger_takes_effect_at_once() -> None:
     made = plant()
     settled_at(made, 0.004, 0)
     before_n = made.contact_force_n

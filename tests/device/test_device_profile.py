@@ -61,11 +61,11 @@ profiles = st.builds(
 
 
 @given(profiles)
-def test_what_is_dumped_is_loaded_again_to_the_bit(profile):
+def test_a_dumped_profile_is_loaded_identically(profile):
     assert parse_profile(dump_profile(profile), "device.toml") == profile
 
 
-def test_a_file_says_all_or_nothing(tmp_path: Path):
+def test_all_tables_of_a_profile_are_optional(tmp_path: Path):
     path = tmp_path / "device.toml"
     path.write_text(WHOLE)
     profile = load_profile(path)
@@ -78,7 +78,7 @@ def test_a_file_says_all_or_nothing(tmp_path: Path):
     assert load_profile(path) == Profile()
 
 
-def test_a_device_nobody_calibrated_has_the_data_sheets_curve_and_says_so():
+def test_an_uncalibrated_device_has_the_data_sheets_curve_and_is_generic():
     profile = Profile()
     assert profile.is_generic
     for force_n in (0.2, 1.0, 2.0, 5.0, 20.0):
@@ -108,7 +108,7 @@ def test_a_device_nobody_calibrated_has_the_data_sheets_curve_and_says_so():
         (("[finger]", "[[finger]]"), r"finger is \[.*\]; it must be a table"),
     ],
 )
-def test_mistakes_are_named_by_their_key(tmp_path: Path, change, message):
+def test_mistakes_are_reported_with_their_key(tmp_path: Path, change, message):
     path = tmp_path / "device.toml"
     path.write_text(WHOLE.replace(*change, 1))
     with pytest.raises(SettingsError, match=message) as raised:
@@ -117,12 +117,12 @@ def test_mistakes_are_named_by_their_key(tmp_path: Path, change, message):
     assert "\n" not in str(raised.value)
 
 
-def test_a_date_may_stand_without_quotes():
+def test_a_date_may_be_unquoted():
     quoted = parse_profile(WHOLE, "device.toml")
     assert parse_profile(WHOLE.replace('"2026-05-04"', "2026-05-04"), "device.toml") == quoted
 
 
-def test_files_that_are_no_profile_are_refused(tmp_path: Path):
+def test_files_that_are_not_profiles_are_refused(tmp_path: Path):
     path = tmp_path / "device.toml"
     with pytest.raises(FileError, match="No such file"):
         load_profile(path)

@@ -22,7 +22,7 @@ def settled_at(pulses_us: Pulses, servo: Servo = IDEAL) -> Servos:
     return made
 
 
-def test_they_start_retracted_and_stand_there() -> None:
+def test_servos_start_retracted_and_stay_there() -> None:
     made = Servos(LINKAGE, Servo())
     assert made.taken_us == (LINKAGE.retracted_us,) * 3
     assert made.displacement_m == 0.0
@@ -40,7 +40,7 @@ def test_a_small_motion_is_a_first_order_lag() -> None:
         assert pulse_us == pytest.approx(1260.0 - 60.0 * math.exp(-after_us * 1e-6 / LAG_S), abs=0.02)
 
 
-def test_a_large_motion_goes_at_the_speed_limit() -> None:
+def test_a_large_motion_runs_at_the_speed_limit() -> None:
     made = Servos(LINKAGE, IDEAL)
     made.take((2000.0,) * 3)
     made.move(100_000)
@@ -59,7 +59,7 @@ def test_the_motion_does_not_depend_on_the_steps(goal_us: Pulses, steps_us: list
 
 
 @given(st.lists(st.tuples(pulses, st.integers(0, 2), st.floats(-1e6, 1e15)), max_size=40))
-def test_the_platform_stays_between_the_pulses_ever_taken(calls: list[tuple[float, int, float]]) -> None:
+def test_the_platform_stays_within_the_range_of_its_pulses(calls: list[tuple[float, int, float]]) -> None:
     made = Servos(LINKAGE, Servo())
     highest_us = LINKAGE.retracted_us
     for pulse_us, index, elapsed_us in calls:
@@ -69,7 +69,7 @@ def test_the_platform_stays_between_the_pulses_ever_taken(calls: list[tuple[floa
         assert -1e-12 <= made.displacement_m <= LINKAGE.displacement_m(highest_us) + 1e-12
 
 
-def test_time_that_stands_still_or_goes_back_moves_nothing() -> None:
+def test_repeated_and_earlier_times_move_nothing() -> None:
     made = Servos(LINKAGE, IDEAL)
     made.take((1500.0,) * 3)
     assert not made.move(0)
@@ -89,7 +89,7 @@ def test_a_servo_ignores_less_than_its_deadband() -> None:
     assert made.displacement_m == pytest.approx(before_m + 0.012 * math.radians(0.81) / 3, rel=0.01)
 
 
-def test_a_servo_under_way_heeds_what_is_a_deadband_from_where_it_stands() -> None:
+def test_a_moving_servo_takes_pulses_a_deadband_from_its_position() -> None:
     made = Servos(LINKAGE, IDEAL)
     made.take((1500.0,) * 3)
     made.move(10_000)
@@ -98,7 +98,7 @@ def test_a_servo_under_way_heeds_what_is_a_deadband_from_where_it_stands() -> No
     assert LINKAGE.pulse_us(made.displacement_m) == pytest.approx(1504.0)
 
 
-def test_a_pulse_of_one_servo_moves_that_one() -> None:
+def test_a_pulse_for_one_servo_moves_only_that_one() -> None:
     made = settled_at((1500.0,) * 3)
     before_m = made.displacement_m
     made.take_one(1, 1560.0)

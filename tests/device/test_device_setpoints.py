@@ -14,7 +14,7 @@ from tests.device.standin import CALIBRATION, LONGEST, SHORTEST, STEP, Line, Sta
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 
 
-def test_the_estimate_is_where_true_servos_are_to_a_tenth_of_a_millimetre() -> None:
+def test_the_estimate_is_within_a_tenth_of_a_millimetre_of_the_true_servos() -> None:
     made = streaming()
     rng = random.Random(2)
     displacement_m = furthest = 0.0
@@ -28,7 +28,7 @@ def test_the_estimate_is_where_true_servos_are_to_a_tenth_of_a_millimetre() -> N
     assert furthest > 0.010
 
 
-def test_a_step_the_firmware_shortens_is_followed() -> None:
+def test_a_step_limited_by_the_firmware_is_estimated() -> None:
     made = streaming()
     made.run(55, 0.01)
     # On a line this slow a frame may take a setpoint before another, made without knowing of it, arrives.
@@ -46,7 +46,7 @@ def test_a_step_the_firmware_shortens_is_followed() -> None:
     assert made.device.step_limited > 0
 
 
-def test_the_platform_goes_where_it_is_told_and_stays() -> None:
+def test_the_platform_reaches_its_displacement_and_stays() -> None:
     made = streaming()
     made.run(1_000, 0.008)
     assert made.device.servos.displacement_m == pytest.approx(0.008, abs=6e-5)
@@ -60,7 +60,7 @@ def test_the_platform_goes_where_it_is_told_and_stays() -> None:
 
 
 @given(st.lists(st.tuples(ANY, st.integers(1, 45)), max_size=30))
-def test_setpoints_are_within_limits_and_a_step_of_what_is_held(plan: list[tuple[float, int]]) -> None:
+def test_setpoints_are_within_limits_and_a_step_of_the_held_pulses(plan: list[tuple[float, int]]) -> None:
     made = streaming()
     for displacement_m, ms in plan:
         made.run(ms, displacement_m)
@@ -72,7 +72,7 @@ def test_setpoints_are_within_limits_and_a_step_of_what_is_held(plan: list[tuple
     assert made.device.step_limited == 0
 
 
-def test_a_linkage_wider_than_the_firmware_s_limits_stays_within_them() -> None:
+def test_setpoints_of_a_wider_linkage_stay_within_the_firmware_s_limits() -> None:
     made = Line(WiredDevice(CALIBRATION, linkage=Linkage(retracted_us=1100.0, extended_us=2200.0)), StandIn())
     made.open()
     for displacement_m in (0.0, 1.0, math.nan):
@@ -83,7 +83,7 @@ def test_a_linkage_wider_than_the_firmware_s_limits_stays_within_them() -> None:
     assert made.device.refused == 0
 
 
-def test_a_setpoint_that_waits_for_its_frame_is_not_taken_for_one_of_an_earlier_host() -> None:
+def test_a_pending_setpoint_is_not_confused_with_one_of_an_earlier_host() -> None:
     device = StandIn()
     device.applied = 1  # the number an earlier host happened to use last
     made = line(device)

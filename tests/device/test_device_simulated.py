@@ -19,7 +19,7 @@ def device(settings: PlantSettings | None = None, seed: int = 0) -> SimulatedDev
     return SimulatedDevice(settings or PlantSettings(), np.random.default_rng(seed))
 
 
-def test_is_a_device_that_describes_itself() -> None:
+def test_has_a_description() -> None:
     made = device(PlantSettings(finger=Finger(stiffness_n_m=600.0)))
     assert Device in SimulatedDevice.__mro__
     assert "0.6 N/mm" in made.description
@@ -38,7 +38,7 @@ def test_pressing_a_finger_reads_the_true_force_within_the_sensor_s_error() -> N
     assert made.contact_force_n > 1.5
 
 
-def test_goes_where_it_is_told_within_the_servos_resolution() -> None:
+def test_reaches_its_displacement_within_the_servos_resolution() -> None:
     made = device(PlantSettings(finger=Finger(contact_m=0.05)))
     for number, displacement_m in enumerate((0.002, 0.0021, 0.008, 0.00795, 0.001)):
         for ms in range(500):
@@ -67,7 +67,7 @@ def test_the_newest_setpoint_before_a_frame_wins() -> None:
     assert leaps.plant.displacement_m > 1e-4
 
 
-def test_a_setpoint_handed_over_with_a_frame_is_taken_by_it() -> None:
+def test_a_setpoint_at_the_time_of_a_frame_is_taken_by_it() -> None:
     made = device()
     made.exchange(0.0, 0)
     made.exchange(0.004, 5 * FRAME_US)
@@ -76,7 +76,7 @@ def test_a_setpoint_handed_over_with_a_frame_is_taken_by_it() -> None:
     assert made.plant.displacement_m > 0.0
 
 
-def test_a_long_gap_is_driven_by_what_was_handed_over_before_it() -> None:
+def test_during_a_long_gap_the_last_setpoint_applies() -> None:
     made = device(QUIET)
     made.exchange(0.004, 0)
     reading = made.exchange(0.0, 3_000_001)
@@ -84,7 +84,7 @@ def test_a_long_gap_is_driven_by_what_was_handed_over_before_it() -> None:
     assert reading.displacement_m == pytest.approx(0.004, abs=0.012 * math.radians(0.2))
 
 
-def test_the_displacement_reported_is_the_true_one_but_for_backlash() -> None:
+def test_the_reported_displacement_is_true_except_for_backlash() -> None:
     made = device(PlantSettings(servo=Servo(backlash_deg=0.0)))
     played = device()
     half_play_m = 0.012 * math.radians(0.25)
@@ -95,7 +95,7 @@ def test_the_displacement_reported_is_the_true_one_but_for_backlash() -> None:
         assert abs(reading.displacement_m - played.plant.displacement_m) <= half_play_m
 
 
-def test_repeated_and_backward_times_advance_nothing_and_frames_go_on_from_there() -> None:
+def test_repeated_and_earlier_times_advance_nothing_and_frames_continue() -> None:
     made = device(QUIET)
     for ms in range(1_000):
         settled = made.exchange(0.004, ms * 1_000)
@@ -115,7 +115,7 @@ def test_never_raises_and_stays_within_the_travel(calls: list[tuple[float, int]]
         assert -4e-4 <= made.plant.displacement_m <= made.travel_m + 4e-4
 
 
-def test_not_a_number_retracts() -> None:
+def test_nan_retracts() -> None:
     made = device()
     for ms in range(1_000):
         made.exchange(0.005 if ms < 500 else math.nan, ms * 1_000)

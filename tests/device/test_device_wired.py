@@ -36,7 +36,7 @@ def test_is_a_device_that_is_lost_until_its_port_is_opened() -> None:
     assert 0.015 <= host.travel_m < 0.016
 
 
-def test_greets_streams_and_gives_readings() -> None:
+def test_sends_hello_requests_a_stream_and_gives_readings() -> None:
     made = line()
     assert made.host.status == "waiting for an answer to HELLO"
     made.device.adc = 500 * 64 + 32
@@ -64,7 +64,7 @@ def test_a_reading_stays_until_the_next() -> None:
     assert report(made)["stream_period_ms"] == 5
 
 
-def test_comes_up_though_a_bootloader_eats_the_first_bytes() -> None:
+def test_starts_although_a_bootloader_discards_the_first_bytes() -> None:
     made = line()
     made.device_hears = lambda _: b""
     assert made.run(1500) is None
@@ -74,7 +74,7 @@ def test_comes_up_though_a_bootloader_eats_the_first_bytes() -> None:
     assert report(made)["times_lost"] == 0
 
 
-def test_a_stream_that_does_not_begin_is_asked_for_again() -> None:
+def test_a_stream_that_does_not_start_is_requested_again() -> None:
     made = line()
     made.run(1)  # HELLO is out
     made.device_hears = lambda data: b""  # noqa: ARG005
@@ -96,7 +96,7 @@ def test_a_device_that_answers_hello_but_never_streams_is_reopened() -> None:
     [(b"", "no answer to HELLO"), (b"$GPGGA,123519,4807.038,N\r\n", "another device or baud rate")],
     ids=["silent", "text"],
 )
-def test_a_wrong_device_is_told_from_a_booting_one_after_three_seconds(chatter: bytes, words: str) -> None:
+def test_a_wrong_device_is_reported_after_three_seconds(chatter: bytes, words: str) -> None:
     made = line()
     made.host_hears = lambda _: chatter
     made.run(2_990)
@@ -114,7 +114,7 @@ def test_a_wrong_device_is_told_from_a_booting_one_after_three_seconds(chatter: 
     assert made.host.status == "ready"
 
 
-def test_garbage_before_and_between_costs_only_what_it_hits() -> None:
+def test_garbage_affects_only_the_frames_it_hits() -> None:
     made = line()
     rng = random.Random(1)
     made.host.receive(rng.randbytes(500), made.now_us)
@@ -155,7 +155,7 @@ def test_frames_may_come_in_any_pieces() -> None:
     assert report(made)["frames_damaged"] == 0
 
 
-def test_silence_is_noticed_within_sixty_ms_and_it_comes_back_retracted() -> None:
+def test_silence_is_detected_within_sixty_ms_and_the_device_comes_back_retracted() -> None:
     made = streaming()
     made.run(300, 0.005)
     made.host_hears = lambda _: b""
@@ -172,7 +172,7 @@ def test_silence_is_noticed_within_sixty_ms_and_it_comes_back_retracted() -> Non
     assert report(made)["resets_seen"] == 0
 
 
-def test_a_device_that_stopped_answering_for_good_is_reopened() -> None:
+def test_a_device_that_stops_answering_is_reopened() -> None:
     made = streaming()
     made.host_hears = lambda _: b""
     made.run(3_100)
@@ -180,7 +180,7 @@ def test_a_device_that_stopped_answering_for_good_is_reopened() -> None:
     assert "though it did before" in made.host.status
 
 
-def test_a_stalled_host_does_not_blame_the_device() -> None:
+def test_a_stall_of_the_host_is_not_a_loss_of_the_device() -> None:
     made = streaming()
     for stall_ms in (40, 100, 1000):
         for _ in range(stall_ms):
@@ -192,7 +192,7 @@ def test_a_stalled_host_does_not_blame_the_device() -> None:
     assert report(made)["times_lost"] == 0
 
 
-def test_time_that_jumps_or_goes_backward_does_no_harm() -> None:
+def test_clock_jumps_do_no_harm() -> None:
     made = streaming()
     now_us = made.now_us
     for jump_us in (-10_000_000, 10**12, 0, 0):
@@ -202,7 +202,7 @@ def test_time_that_jumps_or_goes_backward_does_no_harm() -> None:
 
 
 @pytest.mark.parametrize("silent_ms", [0, 30, 400])
-def test_a_reset_is_noticed_and_its_cause_told(silent_ms: int) -> None:
+def test_a_reset_is_detected_and_its_cause_reported(silent_ms: int) -> None:
     made = streaming()
     made.run(500, 0.005)
     made.device.reset(cause=8)
@@ -221,7 +221,7 @@ def test_a_reset_is_noticed_and_its_cause_told(silent_ms: int) -> None:
 
 
 @pytest.mark.parametrize("what", ["boot_id", "uptime_ms"])
-def test_a_reading_of_another_life_is_a_reset(what: str) -> None:
+def test_a_reading_after_another_boot_is_a_reset(what: str) -> None:
     made = streaming()
     made.run(100, 0.005)
     last = SensorReading(made.device.sequence, 3, made.device.boot_id, 0, 1, 0, 0, 0, 0)
@@ -242,7 +242,7 @@ def test_the_uptime_may_wrap() -> None:
     assert made.host.status == "ready"
 
 
-def test_another_protocol_is_refused_until_the_port_is_opened_anew() -> None:
+def test_another_protocol_is_refused_until_the_port_is_reopened() -> None:
     made = line(StandIn(major=2))
     assert made.run(10) is None
     assert made.host.refusal is not None
@@ -259,7 +259,7 @@ def test_another_protocol_is_refused_until_the_port_is_opened_anew() -> None:
     assert made.run(10) is not None
 
 
-def test_a_closed_port_ends_everything_at_once_and_says_why() -> None:
+def test_a_closed_port_loses_the_device_at_once_and_gives_the_reason() -> None:
     made = streaming()
     made.host.exchange(0.001, made.now_us + 1)
     made.host.closed("unplugged", made.now_us)
@@ -275,7 +275,7 @@ def test_a_closed_port_ends_everything_at_once_and_says_why() -> None:
     assert report(made)["times_lost"] == 1
 
 
-def test_readings_that_come_late_do_not_hide_that_hello_is_unanswered() -> None:
+def test_late_readings_do_not_hide_that_hello_is_unanswered() -> None:
     made = streaming()
     made.host_hears = lambda _: b""
     made.run(100)
@@ -288,7 +288,7 @@ def test_readings_that_come_late_do_not_hide_that_hello_is_unanswered() -> None:
     assert made.host.wants_reopening
 
 
-def test_what_the_device_counts_is_added_up_across_its_wrap() -> None:
+def test_the_devices_counters_are_accumulated_across_their_wrap() -> None:
     made = streaming()
     for _ in range(1000):
         made.device.refused += 3
@@ -320,7 +320,7 @@ PIECES = st.one_of(st.binary(max_size=80), BODIES.map(frame))
 
 
 @given(st.lists(st.tuples(PIECES, st.integers(-(10**7), 10**7), ANY, st.integers(0, 9)), max_size=40))
-def test_nothing_that_arrives_ever_raises(steps: list[tuple[bytes, int, float, int]]) -> None:
+def test_no_input_raises(steps: list[tuple[bytes, int, float, int]]) -> None:
     host = WiredDevice(CALIBRATION)
     now_us = 0
     for data, elapsed_us, displacement_m, what in steps:
@@ -348,7 +348,7 @@ def test_nothing_that_arrives_ever_raises(steps: list[tuple[bytes, int, float, i
     ),
     st.lists(ANY, max_size=20),
 )
-def test_absurd_limits_never_raise(identity: Identity, displacements_m: list[float]) -> None:
+def test_invalid_limits_never_raise(identity: Identity, displacements_m: list[float]) -> None:
     host = WiredDevice(CALIBRATION)
     host.opened(0)
     host.receive(frame(encode(identity)), 0)

@@ -46,14 +46,14 @@ def test_c_drops_what_python_drops(core: Any, vector: dict[str, str]) -> None:
     assert core("damaged") == "1"
 
 
-def test_a_message_of_any_other_length_is_none(core: Any) -> None:
+def test_a_message_of_the_wrong_length_is_refused(core: Any) -> None:
     for kind, (_, layout) in LAYOUTS.items():
         for length in range(LONGEST_BODY):
             taken = core("decode", (bytes((kind,)) + bytes(length)).hex()) != ""
             assert taken == (kind < 0x80 and length == layout.size)
 
 
-def test_garbage_by_the_ten_thousand_is_counted_as_python_counts_it(core: Any) -> None:
+def test_ten_thousand_bytes_of_garbage_are_counted_as_in_python(core: Any) -> None:
     chance = random.Random(3)
     python = Deframer()
 
@@ -97,7 +97,7 @@ def test_nothing_is_done_before_hello(core: Any) -> None:
     assert reading.flags == Flag.GREETED | Flag.RETRACTED
 
 
-def test_a_host_of_another_major_is_told_who_we_are_and_not_obeyed(core: Any) -> None:
+def test_a_host_of_another_major_gets_the_identity_and_is_refused(core: Any) -> None:
     core.send(0, Hello())
     (identity,) = core.send(0, Hello(PROTOCOL_MAJOR + 1, 0))
     assert identity.protocol_major == PROTOCOL_MAJOR
@@ -119,7 +119,7 @@ def test_the_newest_setpoint_wins_and_is_reached_in_steps(core: Any) -> None:
     assert reading.applied_sequence == 2
 
 
-def test_steps_are_limited_away_from_the_finger_too(core: Any) -> None:
+def test_steps_away_from_the_finger_are_limited_as_well(core: Any) -> None:
     core.send(0, Hello())
     for now_ms in range(0, 10 * FRAME_MS, FRAME_MS):
         core.send(now_ms, LEVEL)
@@ -131,7 +131,7 @@ def test_steps_are_limited_away_from_the_finger_too(core: Any) -> None:
 
 @pytest.mark.parametrize("servo", [0, 1, 2])
 @pytest.mark.parametrize(("ticks", "taken"), [(0, 0), (2359, 0), (2360, 1), (4040, 1), (4041, 0), (65535, 0)])
-def test_a_setpoint_beyond_the_limits_of_one_servo_is_refused_whole(
+def test_a_setpoint_beyond_the_limits_of_one_servo_is_refused_as_a_whole(
     core: Any, servo: int, ticks: int, taken: int
 ) -> None:
     core.send(0, Hello())
@@ -157,7 +157,7 @@ def test_silence_retracts_in_one_frame_and_a_new_setpoint_starts_softly(core: An
     assert core.frame(at(232)) == [2400 + STEP] * 3
 
 
-def test_refused_and_damaged_setpoints_are_no_sign_of_life(core: Any) -> None:
+def test_refused_and_damaged_setpoints_are_not_a_sign_of_life(core: Any) -> None:
     core.send(0, Hello())
     core.send(0, LEVEL)
     for now_ms in range(0, 200, 10):
@@ -167,7 +167,7 @@ def test_refused_and_damaged_setpoints_are_no_sign_of_life(core: Any) -> None:
     assert core.frame(200) == RETRACTED
 
 
-def test_hello_starts_afresh(core: Any) -> None:
+def test_hello_retracts_and_stops_the_stream(core: Any) -> None:
     core.send(0, Hello())
     core.send(0, Stream(1))
     core.send(0, LEVEL)
@@ -177,7 +177,7 @@ def test_hello_starts_afresh(core: Any) -> None:
     assert core.tick(21) == []
 
 
-def test_readings_come_at_the_period_asked_for(core: Any) -> None:
+def test_readings_come_at_the_requested_period(core: Any) -> None:
     core.send(0, Hello())
     assert core.tick(0) == []
     assert core.send(0, Stream(3)) == [StreamAck(3, 3)]
@@ -189,7 +189,7 @@ def test_readings_come_at_the_period_asked_for(core: Any) -> None:
     assert core.tick(41) == []
 
 
-def test_the_watchdog_starves_when_servo_frames_fail_to_come(core: Any) -> None:
+def test_the_watchdog_is_not_reset_without_servo_frames(core: Any) -> None:
     core.frame(100)
     assert core("alive", 140) == "1"
     assert core("alive", 141) == "0"
@@ -203,7 +203,7 @@ def test_the_longest_frame_fits_and_one_byte_more_does_not(core: Any) -> None:
     assert core("damaged") == "1"
 
 
-def test_whatever_the_host_says_pulses_keep_their_range_and_their_step(core: Any) -> None:
+def test_pulses_keep_their_range_and_step_whatever_the_host_sends(core: Any) -> None:
     chance = random.Random(11)
     core.send(0, Hello())
     now_ms = 0

@@ -54,9 +54,7 @@ def step(pressing: Nanos, stiffness_n_m: float, seed: int) -> tuple[Recording, S
 
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("stiffness_n_m", FINGERS_N_M)
-def test_the_step_of_the_paper_is_answered_within_the_figures_of_the_issue(
-    pressing: Nanos, stiffness_n_m: float, seed: int
-) -> None:
+def test_the_step_response_meets_its_requirements(pressing: Nanos, stiffness_n_m: float, seed: int) -> None:
     _, figures = step(pressing, stiffness_n_m, seed)
     assert figures.rise_s is not None
     assert 0.03 < figures.rise_s <= 0.2
@@ -82,7 +80,7 @@ def test_the_same_run_twice_is_the_same_to_the_byte(pressing: Nanos) -> None:
 
 @pytest.mark.parametrize(("delay_ms", "loss"), [(0, 0.0), (10, 0.0), (20, 0.0), (40, 0.0), (0, 0.3), (40, 0.3)])
 @pytest.mark.parametrize("stiffness_n_m", FINGERS_N_M[::2])
-def test_neither_delay_nor_loss_brings_a_limit_cycle_or_more_than_the_device_limit(
+def test_delay_and_loss_cause_no_limit_cycle_and_no_force_above_the_device_limit(
     pressing: Nanos, stiffness_n_m: float, delay_ms: int, loss: float
 ) -> None:
     true_n = []
@@ -96,7 +94,7 @@ def test_neither_delay_nor_loss_brings_a_limit_cycle_or_more_than_the_device_lim
     assert min(moved_n) <= 0.05
 
 
-def test_a_plug_pulled_in_the_middle_of_a_run_is_met_like_a_stranger_when_it_is_back(pressing: Nanos) -> None:
+def test_a_device_unplugged_during_a_run_starts_over_when_it_is_back(pressing: Nanos) -> None:
     true_n, displacement_m = [], []
     with pressing(1000.0) as (fingertip, nano):
         for ms in range(6_000):

@@ -29,7 +29,7 @@ def test_a_stimulus_that_goes_stale_releases_the_finger(pressing: Any, stiffness
     assert released_ms(felt_n) <= (settings.age_limit_us + settings.decay_us) // MS + RETRACT_MS
 
 
-def test_whatever_is_asked_for_no_more_than_5_n_is_felt(rig: Any) -> None:
+def test_no_target_causes_more_than_5_n(rig: Any) -> None:
     made = rig()
     chance = random.Random(4)
     wild = (math.nan, math.inf, -math.inf, 1e300, -5.0, 5e-324, 50.0, 0.0)
@@ -39,7 +39,7 @@ def test_whatever_is_asked_for_no_more_than_5_n_is_felt(rig: Any) -> None:
 
 
 @pytest.mark.parametrize("stiffness_n_m", FINGERS_N_M)
-def test_a_host_that_stalls_lets_the_finger_go_and_comes_back_softly(pressing: Any, stiffness_n_m: float) -> None:
+def test_a_stalled_host_releases_the_finger_and_comes_back_softly(pressing: Any, stiffness_n_m: float) -> None:
     made = pressing(stiffness_n_m)
     felt_n = made.stall(500)
     assert min(felt_n[:180]) > 2.5
@@ -54,7 +54,7 @@ def test_a_host_that_stalls_lets_the_finger_go_and_comes_back_softly(pressing: A
     [(300.0, True), (1000.0, True), (3000.0, True), (1000.0, False)],
     ids=["soft", "usual", "stiff", "without a hang-up"],
 )
-def test_an_unplugged_device_is_noticed_within_100_ms_and_releases_the_finger(
+def test_an_unplugged_device_is_detected_within_100_ms_and_releases_the_finger(
     pressing: Any, stiffness_n_m: float, told: bool
 ) -> None:
     made = pressing(stiffness_n_m)
@@ -78,7 +78,7 @@ def test_an_unplugged_device_is_noticed_within_100_ms_and_releases_the_finger(
 
 @pytest.mark.parametrize("sequence", [HANG, HANG + 1, HANG + 2], ids=["main loop", "all of it", "servo frames"])
 @pytest.mark.parametrize("stiffness_n_m", FINGERS_N_M)
-def test_hung_firmware_is_reset_lets_go_and_comes_back_softly(
+def test_hung_firmware_is_reset_releases_the_finger_and_comes_back_softly(
     pressing: Any, stiffness_n_m: float, sequence: int
 ) -> None:
     made = pressing(stiffness_n_m, hanging=True)
@@ -100,7 +100,7 @@ def test_hung_firmware_is_reset_lets_go_and_comes_back_softly(
 
 
 @pytest.mark.parametrize("dark_ms", [2, 1_500], ids=["at once", "through a bootloader"])
-def test_a_reset_is_noticed_and_the_finger_released_when_the_firmware_runs_again(pressing: Any, dark_ms: int) -> None:
+def test_a_reset_is_detected_and_the_finger_released_when_the_firmware_runs_again(pressing: Any, dark_ms: int) -> None:
     made = pressing()
     dark_n = made.restart(3.0, dark_ms)
     # Nobody makes pulses in the bootloader: servos that hold without them go on pressing.
@@ -114,7 +114,7 @@ def test_a_reset_is_noticed_and_the_finger_released_when_the_firmware_runs_again
 
 
 @pytest.mark.parametrize("stiffness_n_m", FINGERS_N_M)
-def test_garbage_on_the_line_releases_the_finger_and_never_presses_it_more(pressing: Any, stiffness_n_m: float) -> None:
+def test_garbage_on_the_line_releases_the_finger_without_an_increase(pressing: Any, stiffness_n_m: float) -> None:
     made = pressing(stiffness_n_m)
     chance, wired = random.Random(2), made.nano.wired
     writes, hears = wired.bytes_to_send, wired.receive
@@ -139,9 +139,7 @@ def test_garbage_on_the_line_releases_the_finger_and_never_presses_it_more(press
 
 
 @pytest.mark.parametrize(("blocked", "noticed"), [(1, False), (2, False), (3, True)])
-def test_blocked_servos_press_no_harder_and_only_all_three_are_noticed(
-    pressing: Any, blocked: int, noticed: bool
-) -> None:
+def test_blocked_servos_press_no_harder_and_only_three_are_detected(pressing: Any, blocked: int, noticed: bool) -> None:
     made = pressing(force_n=2.0)
     plant = made.nano.plant
     made.nano.board.plant = Blocked(plant, blocked)
@@ -164,7 +162,7 @@ class Blocked:
             self._plant.take_one(index, pulse_us)
 
 
-def test_the_same_fault_twice_is_felt_the_same_to_the_bit(pressing: Any) -> None:
+def test_the_same_fault_gives_the_same_forces_to_the_bit(pressing: Any) -> None:
     def run(seed: int) -> tuple[list[float], list[Any], Reading | None]:
         made = pressing(seed=seed)
         made.nano.board.sensor = lambda counts, now_us: counts if now_us % 7_000 else 0.0
@@ -175,7 +173,7 @@ def test_the_same_fault_twice_is_felt_the_same_to_the_bit(pressing: Any) -> None
     assert run(1) == run(1) != run(2)
 
 
-def test_every_test_and_file_that_the_safety_document_names_is_there() -> None:
+def test_every_test_and_file_named_in_the_safety_document_exists() -> None:
     root = Path(__file__).parents[2]
     document = (root / "docs" / "safety.md").read_text()
     named = re.findall(r"`(test_\w+\.py)::(test_\w+)`", document)

@@ -25,7 +25,7 @@ def open_input(kind: str) -> Callable[[float, int], float]:
 
 @pytest.mark.parametrize("stiffness_n_m", FINGERS_N_M)
 @pytest.mark.parametrize("force_n", [1.0, 4.6])
-def test_a_sensor_that_falls_silent_is_pressed_no_harder_and_let_go_of_with_the_target(
+def test_a_sensor_that_fails_while_pressing_adds_no_force_and_is_released_with_the_target(
     pressing: Any, stiffness_n_m: float, force_n: float
 ) -> None:
     made = pressing(stiffness_n_m, force_n=force_n)
@@ -42,7 +42,7 @@ def test_a_sensor_that_falls_silent_is_pressed_no_harder_and_let_go_of_with_the_
 
 @pytest.mark.parametrize("stiffness_n_m", FINGERS_N_M)
 @pytest.mark.parametrize("counts", [100.0, 500.0])
-def test_a_sensor_that_falls_by_itself_is_pressed_no_further_and_let_go_of_with_the_target(
+def test_after_an_unexplained_fall_the_platform_stops_and_releases_with_the_target(
     pressing: Any, stiffness_n_m: float, counts: float
 ) -> None:
     made = pressing(stiffness_n_m, force_n=4.6)
@@ -57,7 +57,7 @@ def test_a_sensor_that_falls_by_itself_is_pressed_no_further_and_let_go_of_with_
 @pytest.mark.parametrize("counts", ["50 Hz at 0 deg", "50 Hz at 90 deg", "50 Hz at 162 deg", "60 Hz at 0 deg", "noise"])
 @pytest.mark.parametrize("stiffness_n_m", FINGERS_N_M)
 @pytest.mark.parametrize("force_n", [None, 1.0, 4.6], ids=["from the start", "1 N", "4.6 N"])
-def test_an_open_input_that_hums_or_jumps_is_noticed_and_the_finger_released(
+def test_an_open_input_that_hums_or_jumps_is_detected_and_the_finger_released(
     rig: Any, pressing: Any, stiffness_n_m: float, force_n: float | None, counts: str
 ) -> None:
     made = rig(stiffness_n_m) if force_n is None else pressing(stiffness_n_m, force_n=force_n)
@@ -91,7 +91,7 @@ def test_a_sensor_shorted_to_the_supply_releases_the_finger(
 
 @pytest.mark.parametrize("counts", [0.0, 1023.0], ids=["disconnected", "shorted"])
 @pytest.mark.parametrize("stiffness_n_m", FINGERS_N_M)
-def test_a_sensor_dead_from_the_start_never_brings_more_than_5_n(rig: Any, stiffness_n_m: float, counts: float) -> None:
+def test_a_sensor_dead_from_the_start_never_causes_more_than_5_n(rig: Any, stiffness_n_m: float, counts: float) -> None:
     made = rig(stiffness_n_m)
     made.nano.board.sensor = lambda _counts, _now_us: counts
     assert max(made.press(5.0, 1_000)) <= (0.0 if counts else 5.0)
@@ -99,7 +99,7 @@ def test_a_sensor_dead_from_the_start_never_brings_more_than_5_n(rig: Any, stiff
 
 @pytest.mark.parametrize("counts", [100.0, 500.0])
 @pytest.mark.parametrize("stiffness_n_m", FINGERS_N_M)
-def test_a_sensor_stuck_in_between_from_the_start_is_noticed_before_the_finger_is_touched(
+def test_a_sensor_stuck_from_the_start_is_detected_before_contact(
     rig: Any, stiffness_n_m: float, counts: float
 ) -> None:
     made = rig(stiffness_n_m)
@@ -110,7 +110,7 @@ def test_a_sensor_stuck_in_between_from_the_start_is_noticed_before_the_finger_i
 
 @pytest.mark.parametrize("stiffness_n_m", FINGERS_N_M)
 @pytest.mark.parametrize(("from_n", "to_n", "most_n"), [(1.0, 3.0, 2.6), (3.0, 5.0, 5.0), (3.0, 0.0, 3.1)])
-def test_a_sensor_that_freezes_is_noticed_when_the_platform_moves_on(
+def test_a_frozen_sensor_is_detected_when_the_platform_moves(
     pressing: Any, stiffness_n_m: float, from_n: float, to_n: float, most_n: float
 ) -> None:
     made = pressing(stiffness_n_m, force_n=from_n)
@@ -124,7 +124,7 @@ def test_a_sensor_that_freezes_is_noticed_when_the_platform_moves_on(
 
 
 @pytest.mark.parametrize("stiffness_n_m", FINGERS_N_M)
-def test_above_the_end_of_its_table_a_device_is_not_asked_for_force(rig: Any, stiffness_n_m: float) -> None:
+def test_the_target_is_limited_to_the_end_of_the_table(rig: Any, stiffness_n_m: float) -> None:
     table = GENERIC_CALIBRATION
     made = rig(stiffness_n_m, calibration=Calibration(table.counts[:7], table.forces_n[:7]))
     assert made.nano.max_force_n == 3.0
@@ -132,7 +132,7 @@ def test_above_the_end_of_its_table_a_device_is_not_asked_for_force(rig: Any, st
     assert not made.times_ms(ForceFault)
 
 
-def test_a_table_that_reads_too_little_presses_too_hard_and_nobody_notices(rig: Any) -> None:
+def test_a_table_that_reads_too_little_presses_too_hard_undetected(rig: Any) -> None:
     table = GENERIC_CALIBRATION
     made = rig(calibration=Calibration(table.counts, tuple(0.8 * force_n for force_n in table.forces_n)))
     made.press(2.0, 2_000)

@@ -45,7 +45,7 @@ def play(nano: SimulatedNano, displacement_m: float, start_us: int, end_us: int,
     return [nano.exchange(displacement_m, now_us) for now_us in (*range(start_us, end_us, step_us), end_us)]
 
 
-def test_it_comes_up_and_says_who_it_is(simulated: Any) -> None:
+def test_it_starts_and_identifies_itself(simulated: Any) -> None:
     nano = simulated()
     assert nano.status == "the port is not open"
     assert "1 N/mm" in nano.description
@@ -76,7 +76,7 @@ def test_pressing_a_finger_reads_the_true_force(simulated: Any, stiffness_n_m: f
     assert compared > 500
 
 
-def test_it_goes_where_it_is_told_and_knows_where_it_stands(simulated: Any) -> None:
+def test_it_reaches_and_reports_its_displacement(simulated: Any) -> None:
     nano = simulated(PlantSettings(finger=Finger(contact_m=0.05)))
     play(nano, 0.0, 0, BOOT_AND_GREET_US)
     now_us = BOOT_AND_GREET_US
@@ -101,7 +101,7 @@ def test_the_same_seed_gives_the_same_run_to_the_byte(simulated: Any) -> None:
 
 
 @pytest.mark.parametrize("step_us", [333, 1_000, 1_700, 20_000])
-def test_the_firmware_s_clock_keeps_to_the_caller_s_whatever_the_steps(simulated: Any, step_us: int) -> None:
+def test_the_firmware_s_clock_follows_the_caller_s_for_any_steps(simulated: Any, step_us: int) -> None:
     nano = simulated(QUIET)
     readings = play(nano, 0.004, 10**12, 10**12 + 1_500 * MS, step_us)
     assert nano.board._cycle / CYCLES_PER_US == pytest.approx(1_500 * MS, abs=2.0)
@@ -110,7 +110,7 @@ def test_the_firmware_s_clock_keeps_to_the_caller_s_whatever_the_steps(simulated
     assert nano.contact_force_n > 1.5
 
 
-def test_time_that_repeats_goes_back_or_leaps_is_survived(simulated: Any) -> None:
+def test_repeated_earlier_and_distant_times_are_accepted(simulated: Any) -> None:
     nano = simulated(QUIET)
     pressing = play(nano, 0.004, 0, 1_000 * MS)[-1]
     assert pressing is not None
@@ -126,7 +126,7 @@ def test_time_that_repeats_goes_back_or_leaps_is_survived(simulated: Any) -> Non
 
 
 @pytest.mark.parametrize("displacement_m", [math.nan, -math.inf, -1e300])
-def test_what_is_no_displacement_retracts(simulated: Any, displacement_m: float) -> None:
+def test_an_invalid_displacement_retracts(simulated: Any, displacement_m: float) -> None:
     nano = simulated()
     play(nano, 0.004, 0, 600 * MS)
     assert nano.contact_force_n > 1.5
@@ -134,7 +134,7 @@ def test_what_is_no_displacement_retracts(simulated: Any, displacement_m: float)
     assert nano.contact_force_n == 0.0
 
 
-def test_a_pulled_plug_retracts_and_is_noticed_at_once(simulated: Any) -> None:
+def test_unplugging_retracts_and_is_detected_at_once(simulated: Any) -> None:
     nano = simulated()
     play(nano, 0.004, 0, 600 * MS)
     nano.pull_plug(600 * MS)
@@ -150,7 +150,7 @@ def test_a_pulled_plug_retracts_and_is_noticed_at_once(simulated: Any) -> None:
     assert nano.board.resets == 0
 
 
-def test_a_plug_that_was_pulled_before_the_first_exchange_stays_pulled(simulated: Any) -> None:
+def test_a_device_unplugged_before_the_first_exchange_stays_unplugged(simulated: Any) -> None:
     nano = simulated()
     nano.pull_plug(0)
     assert play(nano, 0.004, 0, 300 * MS)[-1] is None
@@ -159,7 +159,7 @@ def test_a_plug_that_was_pulled_before_the_first_exchange_stays_pulled(simulated
     assert play(nano, 0.004, 301 * MS, 500 * MS)[-1] is not None
 
 
-def test_a_broken_sensor_is_what_the_converter_sees(simulated: Any) -> None:
+def test_a_sensor_fault_changes_the_converters_input(simulated: Any) -> None:
     nano = simulated()
     play(nano, 0.004, 0, 600 * MS)
     nano.board.sensor = lambda _counts, _now_us: 2_000.0
@@ -174,7 +174,7 @@ def test_a_broken_sensor_is_what_the_converter_sees(simulated: Any) -> None:
     assert open_circuit.adc == 0.0
 
 
-def test_a_delay_lets_what_the_host_writes_arrive_later(simulated: Any) -> None:
+def test_a_delay_postpones_what_the_host_writes(simulated: Any) -> None:
     def moved_at_ms(delay_us: int) -> int:
         nano = simulated(QUIET, delay_us=delay_us)
         play(nano, 0.0, 0, 600 * MS)
@@ -188,13 +188,13 @@ def test_a_delay_lets_what_the_host_writes_arrive_later(simulated: Any) -> None:
     assert moved_at_ms(40_000) - moved_at_ms(0) == 40
 
 
-def test_with_a_third_of_all_writes_lost_it_comes_up_and_presses(simulated: Any) -> None:
+def test_it_starts_and_presses_with_a_third_of_all_writes_lost(simulated: Any) -> None:
     nano = simulated(loss=0.3)
     assert play(nano, 0.004, 0, 2_000 * MS)[-1] is not None
     assert nano.contact_force_n > 1.5
 
 
-def test_with_all_writes_lost_it_never_comes_up(simulated: Any) -> None:
+def test_it_never_starts_with_all_writes_lost(simulated: Any) -> None:
     nano = simulated(loss=1.0)
     assert play(nano, 0.004, 0, 500 * MS)[-1] is None
     assert nano.plant.displacement_m == 0.0

@@ -112,7 +112,7 @@ def path_of(process: Process) -> str:
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_any_program_can_open_it_leave_and_come_back(start: Any, tmp_path: Path, number: signal.Signals) -> None:
+def test_any_program_can_open_close_and_reopen_it(start: Any, tmp_path: Path, number: signal.Signals) -> None:
     link = tmp_path / "nano"
     process = start("--link", link, "--stiffness", "2", "--seed", "3")
     path = path_of(process)
@@ -142,7 +142,7 @@ def test_any_program_can_open_it_leave_and_come_back(start: Any, tmp_path: Path,
     assert not os.path.lexists(link)
 
 
-def test_it_ends_by_itself_when_told_how_long(start: Any) -> None:
+def test_it_ends_after_its_duration(start: Any) -> None:
     process = start("--duration", "0.2")
     path_of(process)
     _, errors = process.communicate(timeout=PATIENCE_S)
@@ -158,7 +158,7 @@ def test_it_ends_by_itself_when_told_how_long(start: Any) -> None:
         (["--link", "/no/such/folder/nano"], "the link cannot be made: No such file"),
     ],
 )
-def test_what_cannot_be_is_refused(start: Any, arguments: list[str], complaint: str) -> None:
+def test_invalid_arguments_are_refused(start: Any, arguments: list[str], complaint: str) -> None:
     process = start(*arguments)
     output, errors = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 2
@@ -166,7 +166,7 @@ def test_what_cannot_be_is_refused(start: Any, arguments: list[str], complaint: 
     assert output == ""
 
 
-def test_a_missing_build_is_refused_with_the_command_that_makes_it(tmp_path: Path) -> None:
+def test_a_missing_build_is_refused_with_the_command_to_make_it(tmp_path: Path) -> None:
     process = subprocess.run(
         [sys.executable, *COMMAND],
         capture_output=True,
@@ -178,7 +178,7 @@ def test_a_missing_build_is_refused_with_the_command_that_makes_it(tmp_path: Pat
     assert "make simulator" in process.stderr
 
 
-def test_the_next_visitor_does_not_find_what_the_last_left_unread(nano: NanoPty) -> None:
+def test_a_new_visitor_does_not_get_output_left_by_the_last(nano: NanoPty) -> None:
     now_us = 0
 
     def play(until_us: int) -> None:
@@ -208,7 +208,7 @@ def test_the_next_visitor_does_not_find_what_the_last_left_unread(nano: NanoPty)
     visitor.close()
 
 
-def test_a_visitor_who_does_not_read_holds_nothing_up(nano: NanoPty) -> None:
+def test_a_visitor_that_does_not_read_blocks_nothing(nano: NanoPty) -> None:
     visitor = Visitor(nano.path)
     for now_us in range(0, 30_000, 1_000):
         nano.advance(now_us)
@@ -226,7 +226,7 @@ def test_a_visitor_who_does_not_read_holds_nothing_up(nano: NanoPty) -> None:
     visitor.close()
 
 
-def test_a_short_stall_is_made_up_for_and_the_rest_of_a_long_one_is_lost(nano: NanoPty) -> None:
+def test_a_short_stall_is_made_up_for_and_a_long_one_in_part(nano: NanoPty) -> None:
     nano.advance(10**9)
     nano.advance(10**9 + 40_000)
     assert nano.lost_us == 0
@@ -238,7 +238,7 @@ def test_a_short_stall_is_made_up_for_and_the_rest_of_a_long_one_is_lost(nano: N
     assert nano.board._cycle == pytest.approx((40_000 + MOST_CATCH_UP_US) * 16, abs=20)
 
 
-def test_an_earlier_devices_link_is_replaced_and_only_ours_is_removed(nano: NanoPty, tmp_path: Path) -> None:
+def test_an_old_link_is_replaced_and_only_its_own_is_removed(nano: NanoPty, tmp_path: Path) -> None:
     link = tmp_path / "nano"
     link.symlink_to("/dev/pts/4711")
     with NanoPty(nano.board, link=link) as first:
@@ -250,7 +250,7 @@ def test_an_earlier_devices_link_is_replaced_and_only_ours_is_removed(nano: Nano
     assert os.readlink(link) == "/dev/null"
 
 
-def test_what_somebody_else_put_in_the_place_of_the_link_is_left_alone(nano: NanoPty, tmp_path: Path) -> None:
+def test_a_foreign_file_in_place_of_the_link_is_not_touched(nano: NanoPty, tmp_path: Path) -> None:
     file, link = tmp_path / "file", tmp_path / "link"
     file.write_text("precious")
     link.symlink_to(file)

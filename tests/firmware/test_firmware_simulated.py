@@ -58,7 +58,7 @@ def test_it_starts_retracted_and_keeps_a_50_hz_frame(nano: Any) -> None:
     assert device.pulses[0].start_us < 15_000
 
 
-def test_hello_tells_why_and_how_often_it_was_reset(nano: Any) -> None:
+def test_the_identity_has_the_cause_and_number_of_resets(nano: Any) -> None:
     device = nano()
     device.boot_and_greet()
     (identity,) = device.of_kind(Identity)
@@ -99,7 +99,7 @@ def test_no_interrupt_waits_longer_than_two_byte_times(nano: Any) -> None:
     assert 0 < step.latency_cycles / CYCLES_PER_US <= TWO_BYTES_US
 
 
-def test_a_leap_of_the_setpoint_is_taken_in_steps(nano: Any) -> None:
+def test_a_jump_of_the_setpoint_is_followed_in_steps(nano: Any) -> None:
     device = nano()
     device.boot_and_greet()
     device.pulses.clear()
@@ -149,12 +149,12 @@ def test_hung_firmware_is_reset_and_retracts_within_150_ms(nano: Any, sequence: 
     assert after.reset_cause == 8
 
 
-def test_a_missing_harness_is_refused_with_the_command_that_builds_it(tmp_path: Path) -> None:
+def test_a_missing_harness_is_refused_with_the_command_to_build_it(tmp_path: Path) -> None:
     with pytest.raises(UnavailableError, match="make -C firmware sim"):
         Simavr(tmp_path / "harness", tmp_path / "firmware.elf")
 
 
-def test_the_build_is_looked_for_where_the_environment_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_environment_variable_sets_the_folder_of_the_build(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(BUILD_VARIABLE, str(tmp_path))
     for name in ("harness", "firmware-500000.elf"):
         with pytest.raises(UnavailableError, match=rf"{name} is missing.*make simulator"):
@@ -163,7 +163,7 @@ def test_the_build_is_looked_for_where_the_environment_says(tmp_path: Path, monk
     assert simavr_build() == (tmp_path / "harness", tmp_path / "firmware-500000.elf")
 
 
-def test_without_it_the_build_of_the_checkout_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_default_build_is_that_of_the_checkout(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(BUILD_VARIABLE, raising=False)
     monkeypatch.setattr(Path, "is_file", lambda _: True)
     assert [path.parent for path in simavr_build()] == [Path(__file__).parents[2] / "firmware" / "build"] * 2
@@ -212,7 +212,7 @@ def test_readings_keep_the_fraction_of_a_count(nano: Any) -> None:
     assert all(512.3 < adc < 512.7 for adc in settled)
 
 
-def test_garbage_by_the_ten_thousand_moves_nothing_and_hello_still_gets_through(nano: Any) -> None:
+def test_ten_thousand_bytes_of_garbage_move_nothing_and_hello_is_still_received(nano: Any) -> None:
     device = nano()
     device.advance(device.BOOT_US)
     chance = random.Random(1)
@@ -230,7 +230,7 @@ def test_garbage_by_the_ten_thousand_moves_nothing_and_hello_still_gets_through(
     assert all(pulse.width_us == near(RETRACTED_US) for pulse in device.pulses)
 
 
-def test_a_flood_starves_neither_pulses_nor_the_watchdog(nano: Any) -> None:
+def test_a_flood_affects_neither_pulses_nor_the_watchdog(nano: Any) -> None:
     device = nano()
     device.boot_and_greet()
     for _ in range(30):

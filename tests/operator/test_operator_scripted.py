@@ -32,12 +32,12 @@ def test_it_has_one_axis():
     assert sample.t_us == 1_000_000
 
 
-def test_the_default_script_takes_5_2_s_an_insertion():
+def test_the_default_script_takes_5_2_s_per_insertion():
     assert make(**STEADY, insertions=1).duration_us == 5_200_000
     assert make(insertions=200).duration_us == pytest.approx(200 * 5_200_000, rel=0.02)
 
 
-def test_the_default_script_passes_the_papers_tissues_and_comes_back_each_time():
+def test_the_default_script_pierces_the_papers_tissues_and_returns_each_time():
     path_m = positions_m(make(insertions=5))
     for breach_m in BREACHES_M:
         assert np.count_nonzero((path_m[:-1] <= breach_m) & (path_m[1:] > breach_m)) == 5
@@ -153,7 +153,7 @@ def test_settings_out_of_range_are_refused_by_name(name, value):
     ("name", "value"),
     [("insertions", 0), ("insertions", 10**9), ("push_steps", 0), ("approach_s", 0.0), ("start_m", math.nan)],
 )
-def test_counts_and_movements_of_nothing_are_refused(name, value):
+def test_zero_counts_and_durations_are_refused(name, value):
     with pytest.raises(SettingsError, match=name):
         InsertionSettings(**{name: value})
 

@@ -45,7 +45,7 @@ def test_time_starts_at_the_first_sample():
 @pytest.mark.parametrize(
     ("t_us", "position_m"), [(-1, 1.0), (-(2**63), 1.0), (10**6, 3.0), (10**6 + 1, 3.0), (2**63, 3.0)]
 )
-def test_before_and_after_the_trace_its_ends_are_held(t_us, position_m):
+def test_the_ends_of_a_trace_are_held_before_and_after_it(t_us, position_m):
     assert make([0.0, 1.0], [1.0, 3.0]).sample(t_us) == (t_us, (position_m,))
 
 

@@ -55,7 +55,7 @@ async def exchange(play):
 
 
 @pytest.mark.usefixtures("few_places")
-def test_sources_that_the_target_never_answers_give_way_to_a_master():
+def test_sources_without_an_answer_give_way_to_a_master():
     async def play(relay, front, clients):
         for _ in range(10):
             ask(front, b"x", clients)
@@ -76,7 +76,7 @@ def test_sources_that_the_target_never_answers_give_way_to_a_master():
 
 
 @pytest.mark.usefixtures("few_places")
-def test_masters_at_work_keep_their_places_and_one_that_is_gone_gives_way(monkeypatch):
+def test_active_masters_keep_their_places_and_idle_ones_give_way(monkeypatch):
     async def play(relay, front, clients):
         for _ in range(4):
             ask(front, b"hello", clients)

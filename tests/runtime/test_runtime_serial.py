@@ -84,7 +84,7 @@ async def unplug_and_wait(*, hang_up: bool = False) -> int:
 
 
 @pytest.mark.parametrize("make_loop", [None, loop_factory()], ids=["asyncio", "uvloop"])
-def test_opens_streams_and_moves_though_a_pty_knows_no_low_latency(make_loop):
+def test_opens_streams_and_moves_although_a_pty_has_no_low_latency_mode(make_loop):
     async def scene():
         plugged = Plugged(StandIn())
         driven = Driven(SerialSpec(plugged.path))
@@ -107,19 +107,19 @@ def test_opens_streams_and_moves_though_a_pty_knows_no_low_latency(make_loop):
 
 # How soon is for a quiet machine to measure; these want the hang-up itself to tell, not the silence after it.
 @pytest.mark.parametrize("make_loop", [None, loop_factory()], ids=["asyncio", "uvloop"])
-def test_unplugging_is_noticed_and_said(make_loop):
+def test_unplugging_is_detected_and_reported(make_loop):
     assert play(unplug_and_wait, make_loop) < PATIENCE_S * 1e6
 
 
 @pytest.mark.parametrize("make_loop", [None, loop_factory()], ids=["asyncio", "uvloop"])
-def test_a_terminal_that_hangs_up_is_noticed_and_said(make_loop):
+def test_a_hang_up_is_detected_and_reported(make_loop):
     try:
         assert play(lambda: unplug_and_wait(hang_up=True), make_loop) < PATIENCE_S * 1e6
     except PermissionError:
         pytest.skip("hanging up a terminal takes CAP_SYS_ADMIN")
 
 
-def test_comes_back_when_plugged_in_elsewhere_under_the_same_link(tmp_path):
+def test_reopens_the_same_link_after_replugging_elsewhere(tmp_path):
     link = tmp_path / "usb-Nano"
 
     async def scene():
@@ -143,7 +143,7 @@ def test_comes_back_when_plugged_in_elsewhere_under_the_same_link(tmp_path):
     assert driven.wired.report()["times_lost"] == 1
 
 
-def test_a_port_found_by_itself_is_found_again_elsewhere(monkeypatch):
+def test_an_automatically_found_port_is_found_again_elsewhere(monkeypatch):
     async def scene():
         first, second = Plugged(StandIn()), Plugged(StandIn())
         monkeypatch.setattr(serial_port, "choose_port", lambda: first.path)
@@ -159,7 +159,7 @@ def test_a_port_found_by_itself_is_found_again_elsewhere(monkeypatch):
     play(scene)
 
 
-def test_a_silent_device_has_its_port_opened_anew():
+def test_the_port_of_a_silent_device_is_reopened():
     async def scene():
         plugged = Plugged(StandIn())
         driven = Driven(SerialSpec(plugged.path))
@@ -173,7 +173,7 @@ def test_a_silent_device_has_its_port_opened_anew():
     play(scene)
 
 
-def test_garbage_is_survived():
+def test_garbage_raises_nothing():
     async def scene():
         plugged = Plugged(StandIn())
         driven = Driven(SerialSpec(plugged.path))
@@ -189,7 +189,7 @@ def test_garbage_is_survived():
     play(scene)
 
 
-def test_a_port_that_takes_nothing_never_blocks():
+def test_a_port_that_accepts_nothing_never_blocks():
     async def scene():
         master, slave = os.openpty()
         tty.setraw(slave)
@@ -213,7 +213,7 @@ def test_a_port_that_takes_nothing_never_blocks():
     assert play(scene) % 1000 == 0
 
 
-def test_waiting_for_a_device_says_why_there_is_none(tmp_path):
+def test_waiting_for_a_device_reports_why_there_is_none(tmp_path):
     async def refused():
         plugged = Plugged(StandIn(major=9))
         wired = WiredDevice(CALIBRATION)
@@ -251,7 +251,7 @@ def test_waiting_for_a_device_says_why_there_is_none(tmp_path):
         play(silent)
 
 
-def test_what_keeps_a_port_from_opening_is_said_for_people(tmp_path, monkeypatch):
+def test_the_reason_why_a_port_cannot_be_opened_is_explained(tmp_path, monkeypatch):
     file = tmp_path / "file"
     file.write_text("")
     master, slave = os.openpty()
@@ -273,7 +273,7 @@ def test_what_keeps_a_port_from_opening_is_said_for_people(tmp_path, monkeypatch
         serial_port._open(SerialSpec(path))
 
 
-def test_a_serial_device_is_written_as_port_and_baud():
+def test_a_serial_device_is_specified_by_port_and_baud():
     assert parse_serial("serial:/dev/ttyUSB0") == SerialSpec("/dev/ttyUSB0", 500_000)
     assert parse_serial("serial:/dev/ttyUSB0@115200") == SerialSpec("/dev/ttyUSB0", 115_200)
     assert parse_serial("serial:auto@500000") == SerialSpec(None)
@@ -293,7 +293,7 @@ def test_a_serial_device_is_written_as_port_and_baud():
         ("serial:ttyUSB0", "/dev/ttyUSB0"),
     ],
 )
-def test_a_serial_device_written_wrong_is_explained(text, words):
+def test_an_invalid_serial_device_is_explained(text, words):
     with pytest.raises(SettingsError, match=words):
         parse_serial(text)
 
@@ -328,7 +328,7 @@ def test_ports_are_found_by_id_and_likely_ones_first(tmp_path, monkeypatch):
     assert choose_port() == found[0].path
 
 
-def test_auto_with_none_or_two_candidates_says_what_to_write(monkeypatch, tmp_path):
+def test_auto_without_a_single_candidate_lists_the_choices(monkeypatch, tmp_path):
     monkeypatch.setattr(serial_port, "BY_ID", tmp_path / "none")
     monkeypatch.setattr(list_ports, "comports", list)
     with pytest.raises(UnavailableError, match=r"Is it plugged in.*none"):
@@ -370,7 +370,7 @@ def test_a_device_is_run_for_a_time():
     assert run_on_stand_in(lambda wired, now: wired.exchange(0.0, now) is not None and False, duration_s=0.1) is True
 
 
-def test_what_a_tick_raises_ends_the_run():
+def test_an_exception_in_a_tick_ends_the_run():
     def tick(*_):
         raise SettingsError("no more")
 

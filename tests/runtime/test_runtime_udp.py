@@ -17,12 +17,12 @@ def test_addresses_are_read_and_written_alike(text, host, port):
 @pytest.mark.parametrize(
     "text", ["", "host", ":1", "host:", "host:0", "host:65536", "host:-1", "host:1.5", "::1:5", "h:١"]
 )
-def test_addresses_that_cannot_be_are_refused(text):
+def test_invalid_addresses_are_refused(text):
     with pytest.raises(SettingsError):
         parse_host_port(text)
 
 
-def test_a_port_in_use_is_said_to_be():
+def test_a_port_in_use_is_reported():
     with listen(parse_host_port("127.0.0.1:0", lowest_port=0)) as first:
         address = bound_address(first)
         with pytest.raises(UnavailableError, match=f"cannot listen on {address}: the port is in use"):

@@ -68,7 +68,7 @@ def test_every_attribute_of_a_tissue_is_a_key() -> None:
         (SCENE, 'name = "odd"\ntissue = 3', r"tissue is 3"),
     ],
 )
-def test_a_mistake_is_told_in_one_line_with_file_and_key(old: str, new: str, message: str) -> None:
+def test_a_mistake_is_reported_in_one_line_with_file_and_key(old: str, new: str, message: str) -> None:
     assert old in SCENE
     with pytest.raises(SettingsError, match=r"^two\.toml: " + message) as caught:
         parse_scene(SCENE.replace(old, new, 1), "two.toml")
@@ -85,7 +85,7 @@ def test_a_mistake_is_told_in_one_line_with_file_and_key(old: str, new: str, mes
         ("a = " + "[" * 5000, r"recursion"),
     ],
 )
-def test_malformed_toml_is_refused_with_its_place(text: str, message: str) -> None:
+def test_malformed_toml_is_refused_with_line_and_column(text: str, message: str) -> None:
     with pytest.raises(FileError, match=r"^bad\.toml: not a TOML file: .*" + message):
         parse_scene(text, "bad.toml")
 

@@ -38,7 +38,7 @@ PAPER = paper_scene(2).tissues
 
 @pytest.mark.parametrize("tissues", [PAPER, EVERYTHING])
 @pytest.mark.parametrize("position_m", [(math.nan,), (math.inf,), (-math.inf,), (1e300,), (-1e300,), (), (0.0, 0.0)])
-def test_what_is_no_position_is_refused_and_leaves_no_trace(
+def test_an_invalid_position_is_refused_and_changes_nothing(
     tissues: tuple[Tissue, ...], position_m: tuple[float, ...]
 ) -> None:
     scene, twin = Scene(tissues), Scene(tissues)
@@ -50,7 +50,7 @@ def test_what_is_no_position_is_refused_and_leaves_no_trace(
 
 
 @pytest.mark.parametrize("tissues", [PAPER, EVERYTHING])
-def test_denormal_and_huge_positions_are_only_positions(tissues: tuple[Tissue, ...]) -> None:
+def test_denormal_and_huge_positions_are_accepted(tissues: tuple[Tissue, ...]) -> None:
     scene = Scene(tissues)
     for t_us, tip_m in enumerate([5e-324, -5e-324, 1e15, -1e15, 1e15, 0.021, -1e15]):
         assert math.isfinite(step(scene, tip_m, t_us))
@@ -75,7 +75,7 @@ def test_a_stiff_scene_at_50_hz_stays_within_its_breach_forces(
 
 @settings(deadline=None)
 @given(path_m=tip_positions_m, steps_us=st.lists(st.integers(-(10**6), 10**10), min_size=80, max_size=80))
-def test_force_is_bounded_at_any_time_steps_with_everything_declared(path_m: list[float], steps_us: list[int]) -> None:
+def test_force_is_bounded_at_any_time_steps_with_all_properties(path_m: list[float], steps_us: list[int]) -> None:
     scene, t_us = Scene(EVERYTHING), 0
     friction_n = sum(layer.shaft_friction_n for layer in EVERYTHING)
     largest_n = sum(layer.breach_force_n + 10.0 * layer.viscosity_n_s_per_m for layer in EVERYTHING) + friction_n
@@ -94,9 +94,7 @@ def test_the_same_samples_give_the_same_forces(path_m: list[float]) -> None:
 
 @settings(deadline=None)
 @given(st.lists(st.integers(-3, 3), max_size=300), st.sampled_from([0.0, 200.0]))
-def test_a_closed_loop_through_elastic_tissue_without_breach_neither_gives_nor_takes_energy(
-    strides: list[int], stiffening_per_m: float
-) -> None:
+def test_a_closed_path_through_elastic_tissue_conserves_energy(strides: list[int], stiffening_per_m: float) -> None:
     layers = [tissue(k * 0.004, breach_force_n=1e3, stiffening_per_m=stiffening_per_m) for k in range(3)]
     scene, work_j, at = Scene(layers), 0.0, 0
     last_n = step(scene, 0.0)
@@ -142,7 +140,7 @@ def test_a_step_evaluates_only_the_layers_the_needle_is_in(declared: dict[str, f
     assert calls(3) == calls(2_000)
 
 
-def test_a_step_costs_less_the_less_is_declared() -> None:
+def test_a_step_costs_less_with_fewer_properties() -> None:
     def calls(**declared: float) -> int:
         scene = Scene([tissue(**declared)])
         step(scene, 2.0**-9, 0)

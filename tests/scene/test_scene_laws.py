@@ -34,7 +34,7 @@ def moving(velocity_m_per_s: float) -> Needle:
     return needle
 
 
-def test_a_spring_gives_way_strictly_above_its_breach_force() -> None:
+def test_a_spring_breaks_strictly_above_its_breach_force() -> None:
     assert force_n(tissue(), 2.0**-8) == 1.0
     assert force_n(tissue(), 2.0**-7) == 2.0
     assert force_n(tissue(), math.nextafter(2.0**-7, 1.0)) is None
@@ -59,7 +59,7 @@ def test_viscosity_resists_indentation_and_does_not_pull_on_withdrawal() -> None
     assert force_n(viscous, 2.0**-8, moving(-1.0)) == 0.0
 
 
-def test_viscosity_has_no_part_in_the_breach() -> None:
+def test_viscosity_does_not_affect_the_breach() -> None:
     viscous = tissue(viscosity_n_s_per_m=5.0)
     assert force_n(viscous, 2.0**-7, moving(1.0)) == pytest.approx(7.0)
     assert force_n(viscous, math.nextafter(2.0**-7, 1.0), moving(-1.0)) is None
@@ -80,7 +80,7 @@ def test_a_recovering_surface_relaxes_by_the_exact_exponential() -> None:
     assert surface.position_m() == 0.0
 
 
-def test_friction_rises_over_the_presliding_length_to_its_level() -> None:
+def test_friction_rises_to_its_level_over_the_presliding_length() -> None:
     assert shaft().slide(0.0) == 0.0
     assert shaft().slide(PRESLIDING_M) == pytest.approx(FRICTION_N * (1.0 - 1.0 / math.e))
     assert shaft().slide(1.0) == pytest.approx(FRICTION_N)
@@ -114,7 +114,7 @@ def test_friction_does_not_depend_on_the_steps_of_one_stroke(stroke_m: float, st
 
 @settings(deadline=None)
 @given(st.lists(st.floats(-0.005, 0.005), min_size=1, max_size=10))
-def test_friction_gives_back_no_more_than_dragging_the_tissue_has_stored(path_m: list[float]) -> None:
+def test_friction_returns_at_most_the_energy_stored_by_dragging_the_tissue(path_m: list[float]) -> None:
     """The stored energy is F²·δ/(2·F_c), from dF = (F_c/δ)·dz at F = 0; the rest is lost."""
     rubbing, work_j, tip_m, last_n = shaft(), 0.0, 0.0, 0.0
     for target_m in path_m:

@@ -23,7 +23,7 @@ def test_each_of_the_papers_tissues_breaches_at_half_the_distance_to_the_next(se
     assert [tissue.breach_depth_m for tissue in tissues] == pytest.approx([0.01, 0.01, 0.01])
 
 
-def test_the_papers_tissues_declare_nothing_else() -> None:
+def test_the_papers_tissues_have_no_other_properties() -> None:
     assert not any(tissue.depends_on_time or tissue.shaft_friction_n for tissue in paper_scene(0).tissues)
 
 
@@ -44,13 +44,13 @@ def test_every_preset_makes_a_scene_of_its_name(name: str) -> None:
     assert Scene(settings.tissues, name=settings.name).tissues == settings.tissues
 
 
-def test_an_unknown_scene_is_refused_with_what_there_is() -> None:
+def test_an_unknown_scene_is_refused_with_the_choices() -> None:
     with pytest.raises(SettingsError, match=r"unknown scene 'liver'; choose from paper, paper:SEED, example-viscous"):
         find_scene("liver")
 
 
 @pytest.mark.parametrize("spec", ["paper:", "paper:x", "paper:-1", "paper:1.5", "paper:" + "9" * 5000])
-def test_a_seed_that_is_no_whole_number_is_refused(spec: str) -> None:
+def test_a_seed_that_is_not_a_whole_number_is_refused(spec: str) -> None:
     with pytest.raises(SettingsError, match="seed"):
         find_scene(spec)
 

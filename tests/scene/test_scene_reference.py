@@ -136,10 +136,10 @@ def agree(rng: np.random.Generator, *, layers: int, declared: float, steps: int)
 
 @settings(deadline=None, max_examples=150)
 @given(seed=st.integers(0, 2**32), declared=st.sampled_from([0.0, 0.2, 0.5, 1.0]))
-def test_a_few_layers_are_felt_as_in_the_naive_model(seed: int, declared: float) -> None:
+def test_a_few_layers_agree_with_the_naive_model(seed: int, declared: float) -> None:
     agree(np.random.default_rng(seed), layers=5, declared=declared, steps=150)
 
 
 @pytest.mark.parametrize("declared", [0.0, 0.1])
-def test_a_thousand_layers_are_felt_as_in_the_naive_model(declared: float) -> None:
+def test_a_thousand_layers_agree_with_the_naive_model(declared: float) -> None:
     agree(np.random.default_rng(1), layers=1_000, declared=declared, steps=150)

@@ -33,7 +33,7 @@ def test_no_force_before_the_surface() -> None:
     assert scene.surfaces_m() == (0.02,)
 
 
-def test_a_scene_that_was_never_stepped_is_untouched() -> None:
+def test_a_new_scene_has_no_contact() -> None:
     scene = Scene([tissue(0.02)])
     assert (scene.force_n, scene.contacts(), scene.surfaces_m(), scene.breaches) == (0.0, (NONE,), (0.02,), 0)
 
@@ -58,7 +58,7 @@ def test_withdrawal_from_an_unbreached_tissue_follows_the_same_force_back() -> N
     assert scene.contacts() == (NONE,)
 
 
-def test_a_tissue_gives_way_strictly_above_its_breach_force() -> None:
+def test_a_tissue_breaks_strictly_above_its_breach_force() -> None:
     scene = Scene([tissue()])
     assert step(scene, 2.0**-7) == 2.0
     assert scene.breaches == 0
@@ -68,7 +68,7 @@ def test_a_tissue_gives_way_strictly_above_its_breach_force() -> None:
     assert scene.surfaces_m() == (0.0,)
 
 
-def test_a_penetrated_tissue_is_not_felt_until_the_needle_has_left_it() -> None:
+def test_a_penetrated_tissue_exerts_no_force_until_the_needle_has_left_it() -> None:
     scene = Scene([tissue()])
     step(scene, 0.1)
     assert [step(scene, tip_m) for tip_m in (2.0**-8, 0.05, 2.0**-9)] == [0.0, 0.0, 0.0]
@@ -89,7 +89,7 @@ def test_a_needle_that_crosses_all_tissues_in_one_step_breaches_them_all() -> No
     assert scene.contacts() == (NONE,) * 3
 
 
-def test_what_is_crossed_without_exceeding_its_breach_force_stays_in_contact() -> None:
+def test_a_tissue_crossed_below_its_breach_force_stays_in_contact() -> None:
     soft = tissue(0.0, stiffness_n_per_m=16.0, breach_force_n=100.0)
     scene = Scene([tissue(2.0**-4), soft, tissue(2.0**-5)])
     assert step(scene, 2.0**-4 + 2.0**-8) == 16.0 * (2.0**-4 + 2.0**-8) + 1.0
@@ -123,7 +123,7 @@ def test_oscillating_about_the_breach_depth_breaches_once() -> None:
     assert scene.breaches == 1
 
 
-def test_a_reset_scene_is_as_new_but_goes_on_counting_breaches() -> None:
+def test_a_reset_restores_the_scene_but_not_the_count_of_breaches() -> None:
     scene = Scene([tissue(shaft_friction_n=0.2, recovery_time_s=1.0)])
     step(scene, 0.1)
     scene.reset()
@@ -200,7 +200,7 @@ def test_a_breach_is_not_undone_by_a_repeated_sample(rest_m: float, tip_m: float
     assert scene.breaches == 1
 
 
-def test_a_healed_surface_takes_its_place_before_those_behind_it() -> None:
+def test_a_healed_surface_is_evaluated_before_those_behind_it() -> None:
     scene = Scene([tissue(recovery_time_s=1.0), tissue(0.004, breach_force_n=100.0)])
     step(scene, 0.01)
     assert step(scene, 0.006) == pytest.approx(256.0 * 0.002)
@@ -239,7 +239,7 @@ def test_a_clock_that_jumps_ahead_finishes_recovery_and_leaves_the_spring(jump_u
     assert step(scene, 2.0**-8, jump_us) == pytest.approx(1.0, abs=1e-4)
 
 
-def test_recovery_goes_on_after_the_clock_was_set_back() -> None:
+def test_recovery_continues_after_the_clock_was_set_back() -> None:
     scene = breached()
     step(scene, 0.1, -(10**12))
     step(scene, 0.1, -(10**12) + SECOND_US)

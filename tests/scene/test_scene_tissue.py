@@ -16,7 +16,7 @@ def tissue(**changes: float | str) -> Tissue:
 
 @pytest.mark.parametrize("key", [*POSITIVE, *OPTIONAL, "rest_position_m"])
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e300, -1e300, 2e6])
-def test_a_value_that_cannot_be_computed_with_is_refused_by_name(key: str, value: float) -> None:
+def test_a_value_out_of_range_is_refused_by_name(key: str, value: float) -> None:
     with pytest.raises(SettingsError, match=f"'skin': {key} is "):
         tissue(**{key: value})
 
@@ -35,7 +35,7 @@ def test_zero_is_refused_where_it_has_no_meaning(key: str) -> None:
 
 
 @pytest.mark.parametrize("key", OPTIONAL)
-def test_zero_leaves_an_optional_property_out(key: str) -> None:
+def test_zero_disables_an_optional_property(key: str) -> None:
     assert tissue(**{key: 0.0}) == tissue()
 
 
