@@ -93,6 +93,8 @@ def as_forces(values: Any, name: str) -> FloatArray:
     if values is None:
         raise SampleError(f"{name} is None; it must be real numbers")
     array = np.asarray(values)
+    if array.dtype == object and any(isinstance(each, str) for each in array.flat):
+        array = array.astype(str)
     if array.dtype != object and not np.can_cast(array.dtype, np.float64, "same_kind"):
         raise SampleError(f"{name} is of type {array.dtype}; it must be real numbers")
     try:
