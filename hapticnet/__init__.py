@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         UnavailableError,
     )
     from hapticnet.perception import WeberLaw
+    from hapticnet.recordings.recording import Recording, load_recording
 
 __version__ = "0.1.0"
 
@@ -40,6 +41,7 @@ _HOMES: Final = {
         "FileError", "HapticnetError", "PeerError", "SampleError", "SettingsError", "UnavailableError",
     ),
     "hapticnet.perception": ("WeberLaw",),
+    "hapticnet.recordings.recording": ("Recording", "load_recording"),
 }  # fmt: skip
 
 __all__ = [
@@ -53,6 +55,7 @@ __all__ = [
     "HapticnetError",
     "LinkReport",
     "PeerError",
+    "Recording",
     "Report",
     "SampleError",
     "SettingsError",
@@ -65,6 +68,7 @@ __all__ = [
     "error_report",
     "fewest_holds",
     "fewest_lines",
+    "load_recording",
     "make_codec",
     "quality_report",
     "virtual_link",

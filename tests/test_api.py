@@ -57,18 +57,21 @@ def test_what_is_decoded_has_the_shape_of_what_was_given(force):
     assert result.report().samples == len(force)
 
 
-def test_a_recording_brings_its_own_times_and_positions():
-    class Recorded:
-        t_us = np.arange(2000) * 2000
-        force = VECTORS
-        position = 0.001 * VECTORS
-
-    result = hn.encode(Recorded())
+def test_a_recording_from_a_file_brings_its_own_times_and_positions(tmp_path):
+    table = np.column_stack([2 * T_S, VECTORS, 1000 * VECTORS])
+    names = "time [s],fx,fy,fz,x [mm],y [mm],z [mm]"
+    np.savetxt(tmp_path / "force.csv", table, delimiter=",", header=names, comments="")
+    recording = hn.load_recording(tmp_path / "force.csv", columns="fx,fy,fz", position="x,y,z")
+    result = hn.encode(recording)
     assert result.t_us[-1] == 1999 * 2000
-    assert result.position is not None
+    assert result.decoded.shape == (2000, 3)
+    assert result.position == pytest.approx(VECTORS)
     assert result.report().energy_peak_j is not None
-    with pytest.raises(hn.SettingsError, match="a recording with times of its own; omit rate_hz"):
-        hn.encode(Recorded(), rate_hz=500)
+    rows = hn.compare([recording, recording], codecs="raw")
+    assert [row.trial for row in rows] == ["recording 1", "recording 2"]
+    assert hn.fewest_holds(recording) > 1
+    with pytest.raises(hn.SettingsError, match="a recording with times and positions; omit rate_hz"):
+        hn.encode(recording, rate_hz=500)
 
 
 @pytest.mark.parametrize(
@@ -165,8 +168,6 @@ def test_compare_takes_several_recordings_and_codec_objects():
     ]  # fmt: skip
     assert [row.label for row in hn.compare(FORCE, codecs="deadband", multipliers=2)] == ["deadband"]
     assert [row.label for row in hn.compare(FORCE, codecs=objects[0])] == ["deadband"]
-    recorded = [types.SimpleNamespace(name="a", t_us=np.arange(2000) * 1000, force=FORCE) for _ in range(2)]
-    assert {row.trial for row in hn.compare(recorded, codecs=["raw"])} == {"a 1", "a 2"}
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from hapticnet.api.inputs import ForceLike, as_codec, is_recording, read_trial
+from hapticnet.api.inputs import ForceLike, as_codec, read_trial
 from hapticnet.api.tables import html_table, text_table
 from hapticnet.codec.base import Codec
 from hapticnet.codec.registry import all_codecs, register_installed_codecs
@@ -15,6 +15,7 @@ from hapticnet.experiment import comparison
 from hapticnet.experiment.comparison import Row, Trial
 from hapticnet.experiment.grid import grid_codecs
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION
+from hapticnet.recordings.recording import Recording
 
 if TYPE_CHECKING:
     import pandas
@@ -122,12 +123,8 @@ def compare(
 def _named(force: Any) -> dict[str, Any]:
     if isinstance(force, Mapping):
         return {str(name): each for name, each in force.items()}
-    if isinstance(force, (list, tuple)) and force and all(map(is_recording, force)):
-        names = [str(getattr(each, "name", "recording")) for each in force]
-        return {
-            name if names.count(name) == 1 else f"{name} {number}": each
-            for number, (name, each) in enumerate(zip(names, force, strict=True), start=1)
-        }
+    if isinstance(force, (list, tuple)) and any(isinstance(each, Recording) for each in force):
+        return {f"recording {number}": each for number, each in enumerate(force, start=1)}
     return {"force": force}
 
 

@@ -1,7 +1,7 @@
 """Forces, times, positions and codecs as users give them, checked and converted to hapticnet's own types."""
 
 from collections.abc import Mapping
-from typing import Any, Final, Protocol, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,7 @@ from hapticnet.codec.plugins import rehearse
 from hapticnet.errors import SampleError, SettingsError
 from hapticnet.experiment.comparison import Trial
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION, WeberLaw
+from hapticnet.recordings.recording import Recording
 
 DEFAULT_RATE_HZ: Final = 1000.0
 
@@ -29,22 +30,8 @@ TIME_COLUMNS: Final = ("t", "t_s", "t_ms", "t_us", "time", "time_s", "timestamp"
 """Columns of a table that cannot be a force."""
 
 
-class RecordingLike(Protocol):
-    """A recording that carries its own times, such as `load_recording` returns."""
-
-    @property
-    def t_us(self) -> IntArray:
-        """Time stamps [µs], shape (n,)."""
-        ...
-
-    @property
-    def force(self) -> FloatArray:
-        """Forces [N], shape (n, a)."""
-        ...
-
-
-ForceLike: TypeAlias = "npt.ArrayLike | RecordingLike"
-"""Forces [N], shape (n,) or (n, a) with 1 to 3 axes: list, array, pandas Series or DataFrame, or a recording."""
+ForceLike: TypeAlias = npt.ArrayLike | Recording
+"""Forces [N], shape (n,) or (n, a) with 1 to 3 axes: list, array, pandas Series or DataFrame; or a recording."""
 
 
 def read_trial(
@@ -65,12 +52,10 @@ def read_trial(
     SettingsError
         If more than one kind of times is given, or the rate is out of range.
     """
-    if is_recording(force):
-        if not (rate_hz is None and t_s is None and t_us is None):
-            raise SettingsError(f"{name} is a recording with times of its own; omit rate_hz, t_s and t_us")
-        t_us = force.t_us
-        position = getattr(force, "position", None) if position is None else position
-        force = force.force
+    if isinstance(force, Recording):
+        if not (rate_hz is None and t_s is None and t_us is None and position is None):
+            raise SettingsError(f"{name} is a recording with times and positions; omit rate_hz, t_s, t_us and position")
+        return Trial(name=name, t_us=force.t_us, stimuli=force.force, positions=force.position)
     stimuli = as_forces(force, name)
     positions = None
     if position is not None:
@@ -78,11 +63,6 @@ def read_trial(
         check_shapes(positions, stimuli, "position", name)
     times_us = as_times_us(len(stimuli), rate_hz=rate_hz, t_s=t_s, t_us=t_us)
     return Trial(name=name, t_us=times_us, stimuli=stimuli, positions=positions)
-
-
-def is_recording(given: Any) -> bool:
-    """Tell whether `given` carries its own times; a table with a column of that name does not."""
-    return hasattr(given, "t_us") and hasattr(given, "force") and not hasattr(given, "columns")
 
 
 def as_forces(values: Any, name: str) -> FloatArray:
