@@ -1,4 +1,4 @@
-"""How far the force loop is from swinging: margins of its linear model beside the edge that is observed.
+"""How far the force loop is from oscillating: margins of its linear model beside the edge that is observed.
 
 The edge is always that of the simulated device in Python.
 """
@@ -21,20 +21,20 @@ from hapticnet.device.plant import PlantSettings
 
 HUNT_N, SWING_N = 0.1, 0.5
 """True forces [N], peak to peak, that count as hunting and as swinging. Through the sensor's hysteresis, 10 % of 2 N,
-and the gears' play the loop may walk forth and back by 0.3 N without being unstable in the linear sense."""
+and the gears' play the force may move to and fro by 0.3 N without being unstable in the linear sense."""
 
 RATIOS = (1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0)
 BISECTIONS = 4
 
 
 def frozen(stiffness_n_m: float) -> ForceControlSettings:
-    """Return a loop that is sure of its finger's stiffness and stays so."""
+    """Return a loop that knows its finger's stiffness and does not learn."""
     finger = FingerSettings(stiffness_n_m=stiffness_n_m, uncertainty=0.0, largest_uncertainty=0.0, change_m_n=0.0)
     return ForceControlSettings(finger=finger)
 
 
 def swing_on_a_step(stiffness_n_m: float, ratio: float, delay_ms: int, seed: int) -> float:
-    """Return how far [N] the force swings, or stays away, on a finger `ratio` times as stiff as the loop is sure of."""
+    """Return how far [N] the force swings, or misses the target, on a finger `ratio` times as stiff as assumed."""
     settings = PlantSettings(finger=Finger(stiffness_n_m=ratio * stiffness_n_m))
     true_n, fault = played(settings, frozen(stiffness_n_m), lambda s: FROM_N if s < 2.5 else TO_N, 9, delay_ms, seed)
     steady_n = true_n[-2000:]
@@ -42,7 +42,7 @@ def swing_on_a_step(stiffness_n_m: float, ratio: float, delay_ms: int, seed: int
 
 
 def swing_when_linear(stiffness_n_m: float, ratio: float, delay_ms: int, seed: int) -> float:
-    """Return how far [N] the force swings when the target moves by 0.1 N in the loop that the margins are computed for.
+    """Return how far [N] the force swings when the target moves by 0.1 N, in the loop that the margins describe.
 
     Without play, deadbands, noise and speed limit; the finger stiffens at rest, around where the platform stands.
     """

@@ -87,7 +87,7 @@ def step_rows(kind: str, fingers_n_m: tuple[float, ...], seeds: range, control: 
 
 
 def coarseness(stiffness_n_m: float, control: ForceControlSettings) -> Row:
-    """Return what the servos' deadband makes of the force at the end of the step.
+    """Return how coarse the force at the end of the step is because of the servos' deadband.
 
     One servo moves by a deadband, or not at all; it is left alone when less than `ROUNDING` of that is missing.
     """
@@ -101,7 +101,7 @@ def coarseness(stiffness_n_m: float, control: ForceControlSettings) -> Row:
 
 
 class Replayed(Device):
-    """A device that gives the readings of another again."""
+    """A device that replays the readings of another."""
 
     def __init__(self, device: Device, readings: list[Reading | None]) -> None:
         self.travel_m, self.max_force_n = device.travel_m, device.max_force_n
@@ -180,7 +180,7 @@ def main() -> None:
     if not seeds or arguments.seed < 0:
         parser.error(f"--seeds is {arguments.seeds}, --seed {arguments.seed}; they must be 1 and 0 or more")
     if arguments.device == "simavr" and hasattr(os, "sched_setaffinity"):
-        # It and the simulator take turns: on one core they lose no time in waking each other.
+        # It and the simulator take turns: on one core they wake each other without delay.
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     try:
         results = measure(arguments.device, seeds, quick=arguments.quick)

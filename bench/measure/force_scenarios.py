@@ -1,4 +1,4 @@
-"""What happens to the finger on a simulated device while the force loop presses it, and the largest force it feels."""
+"""What can happen to a finger on a simulated device while the force loop presses it, and the largest force on it."""
 
 import contextlib
 import itertools
@@ -23,8 +23,8 @@ from hapticnet.runtime.nano import Disturbance, SensorHook, SimulatedNano
 FROM_N, TO_N = 0.4, 2.0
 TICK_US = 1000
 SEED_SHIFT_US = 3000
-"""By how much later [µs] each seed begins, and its step or what else happens once more: elsewhere in servo frame and
-control period."""
+"""How much later [µs] each seed starts than the one before, and again its step or event: elsewhere in the servo frame and
+the control period."""
 
 MAINS_HZ = 50.0
 
@@ -32,7 +32,7 @@ Row = dict[str, Any]
 
 
 class LateDevice(SimulatedDevice):
-    """A simulated device that is told late, and whose sensor may be broken, as those of a `SimulatedNano`."""
+    """A simulated device with delayed commands and a sensor that can be broken, like a `SimulatedNano`."""
 
     def __init__(self, settings: PlantSettings, rng: np.random.Generator, delay_ms: int) -> None:
         super().__init__(settings, rng)
@@ -56,7 +56,7 @@ Simulated: TypeAlias = LateDevice | SimulatedNano
 def started(
     kind: str, settings: PlantSettings, seed: int, *, delay_ms: int = 0, loss: float = 0.0
 ) -> Iterator[tuple[Simulated, int]]:
-    """Yield a device that gives readings, and the time [µs] to go on at."""
+    """Yield a device that gives readings, and the time [µs] to continue from."""
     with contextlib.ExitStack() as stack:
         rng = np.random.default_rng(seed)
         device: Simulated = (
@@ -90,7 +90,7 @@ def sine(hertz: float) -> Scenario:
 
 
 def put(**changes: float) -> Callable[[Simulated, Finger], None]:
-    """Put a finger in that differs from the first by these factors."""
+    """Return an event: the finger is replaced by one that differs by these factors."""
 
     def happen(device: Simulated, finger: Finger) -> None:
         scaled = {name: factor * getattr(finger, name) for name, factor in changes.items()}
@@ -100,7 +100,7 @@ def put(**changes: float) -> Callable[[Simulated, Finger], None]:
 
 
 def broken(hook: SensorHook) -> Callable[[Simulated, Finger], None]:
-    """Break the sensor."""
+    """Return an event: the sensor breaks."""
 
     def happen(device: Simulated, _: Finger) -> None:
         place = device.board if isinstance(device, SimulatedNano) else device
@@ -110,7 +110,7 @@ def broken(hook: SensorHook) -> Callable[[Simulated, Finger], None]:
 
 
 def freeze(device: Simulated, finger: Finger) -> None:
-    """Let the sensor give for ever what it gives now."""
+    """Freeze the sensor at its present reading."""
     kept: list[float] = []
 
     def hook(counts: float, _: int) -> float:
@@ -121,7 +121,7 @@ def freeze(device: Simulated, finger: Finger) -> None:
 
 
 def hum(_: float, now_us: int) -> float:
-    """Return what an open input gives [counts]: the mains."""
+    """Return the reading of an open input [counts]: mains hum."""
     return 400.0 + 300.0 * math.sin(2e-6 * math.pi * MAINS_HZ * now_us)
 
 
@@ -161,7 +161,7 @@ def played(
     with started(kind, settings, seed, delay_ms=delay_ms, loss=loss) as (device, start_us):
         fingertip = Fingertip(device, LimitSettings(), control)
         fault = None
-        # A seed later in the control period, too: what happens inside one is averaged with what was before.
+        # Events also move within the control period: a reading inside one is averaged with those before it.
         to_come = [(at_s + 1e-6 * SEED_SHIFT_US * seed, happen) for at_s, happen in events]
         for tick in range(len(true_n)):
             while to_come and tick >= 1000 * to_come[0][0]:
@@ -173,7 +173,7 @@ def played(
 
 
 def at_rest(true_n: np.ndarray) -> bool:
-    """Tell whether the force moved in one of the last three seconds at most: a servo may take a step now and then."""
+    """Tell whether the force moved in at most one of the last three seconds: a servo takes a step now and then."""
     return int((np.ptp(true_n[-3000:].reshape(3, 1000), axis=1) > 0.02).sum()) <= 1
 
 

@@ -92,7 +92,7 @@ def compared(
 
 
 def crossing_hz(rows: Sequence[Row]) -> float | None:
-    """Return the sampling rate [Hz] at which the paper's reduction is first reached; None where it never is.
+    """Return the sampling rate [Hz] at which the paper's reduction is first reached; None if it never is.
 
     The bytes that are left fall nearly as a power of the rate, so both are interpolated by their logarithms.
     """
@@ -111,7 +111,7 @@ def curve(seeds: Sequence[int], motion: InsertionSettings, *, floor_n: float = P
         return compared((NONE, ONE_JND), seeds, motion, rate_hz=rate_hz, floor_n=floor_n)[1]
 
     rows = [at(rate_hz) for rate_hz in RATES_HZ]
-    for _ in range(2):  # measured anew where the line between two rates crosses the paper's reduction
+    for _ in range(2):  # measure again where the line between two rates crosses the paper's reduction
         if (rate_hz := crossing_hz(rows)) is not None:
             rows = sorted([*rows, at(rate_hz)], key=itemgetter("rate_hz"))
     return {

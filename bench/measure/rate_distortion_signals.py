@@ -1,7 +1,7 @@
-"""Signals to try codecs on: the paper's scene, forces made here from a seed, and recordings given on the command line.
+"""Signals for the codecs: the paper's scene, forces made from a seed, and recordings given on the command line.
 
-The made ones are stand-ins, so that anyone can repeat the figures; each is one thing a codec must live with. Sizes and
-durations in them are assumptions, chosen to be typical. Positions grow into what is touched, 1 kHz throughout.
+Anyone can repeat the figures on made signals; each of them is one difficulty that codecs meet. Their amplitudes and
+durations are assumptions, chosen to be typical. Positions increase into what is touched; all are sampled at 1 kHz.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,7 +27,7 @@ KINESTHETIC: Final = "stiff wall"
 
 
 def paper_signals(seeds: Sequence[int], insertions: int) -> list[Trial]:
-    """Return the paper's scene as the hand of each seed feels it."""
+    """Return the paper's scene, played by the hand of each seed."""
     trials = []
     for seed in seeds:
         true = paper_recording(seed, RATE_HZ, insertions=insertions)
@@ -49,7 +49,7 @@ def made_signals(seed: int, seconds: float) -> list[Trial]:
 
 
 def recorded_signals(arguments: Sequence[str]) -> list[Trial]:
-    """Return the recordings given as in `recorded_signal`; those of one name keep their whole paths."""
+    """Return the recordings given as in `recorded_signal`; equal names are told apart by their whole paths."""
     trials = [recorded_signal(argument) for argument in dict.fromkeys(arguments)]
     names = [trial.name for trial in trials]
     return [
@@ -83,7 +83,7 @@ def smooth_palpation(rng: np.random.Generator, samples: int) -> tuple[Array, Arr
 
 
 def noisy_hold(rng: np.random.Generator, samples: int) -> tuple[Array, Array]:
-    """Return 2 N held by a hand whose force wanders by some percent, with a sensor's noise on top."""
+    """Return 2 N held by a hand whose force wanders by some percent, with sensor noise."""
     wander_n = coloured(rng, samples, correlation_s=0.5, rms=0.1)
     position_m = 5e-3 + coloured(rng, samples, correlation_s=0.05, rms=TREMOR_M)
     return 2.0 + wander_n + rng.normal(0.0, 0.03, samples), position_m
@@ -111,7 +111,7 @@ def impacts(rng: np.random.Generator, samples: int) -> tuple[Array, Array]:
 
 
 def free_motion(rng: np.random.Generator, samples: int) -> tuple[Array, Array]:
-    """Return what a sensor shows in the air: friction and inertia of the tool, around zero, with noise."""
+    """Return the reading of a sensor in the air: friction and inertia of the tool, around zero, with noise."""
     position_m = presses(rng, samples, move_s=(0.5, 1.5), rest_s=(0.1, 0.3), depth_m=(20e-3, 80e-3))
     inertia_n = 0.05 * np.gradient(np.gradient(position_m, 1.0 / RATE_HZ), 1.0 / RATE_HZ)
     return inertia_n + coloured(rng, samples, correlation_s=0.02, rms=0.05) + rng.normal(

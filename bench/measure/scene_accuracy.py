@@ -52,12 +52,12 @@ def tissue(**declared: float) -> Tissue:
 
 
 def pressed_m(t_us: Array) -> Array:
-    """Return where the needle is: one press and return in a second, from before the surface to the full stroke."""
+    """Return the position of the needle: one press and return in a second, from outside to the full stroke."""
     return STROKE_M * 0.5 * (1.0 - np.cos(2.0 * np.pi * t_us / PRESS_US))
 
 
 def speed_m_per_s(t_us: Array) -> Array:
-    """Return how fast that is."""
+    """Return the speed of the needle."""
     return STROKE_M * np.pi * 1e6 / PRESS_US * np.sin(2.0 * np.pi * t_us / PRESS_US)
 
 
@@ -167,7 +167,7 @@ def breaches(rate_hz: int, seed: int, trials: int) -> Row:
 
 
 def cost(rate_hz: int, seed: int, repetitions: int) -> Row:
-    """Return what a second of the paper's scene takes, from the first surface to behind the last."""
+    """Return the time that a second of the paper's scene takes, from the first surface to behind the last."""
     depths_m = np.linspace(0.0, 74e-3, rate_hz)
     samples = [
         PositionSample(index * (1_000_000 // rate_hz), (depth_m,)) for index, depth_m in enumerate(depths_m.tolist())

@@ -1,4 +1,4 @@
-"""What a step of the scene costs: over the number of layers, and for each property a tissue declares."""
+"""Time per step of the scene, over the number of layers and for each property that a tissue declares."""
 
 import statistics
 import time

@@ -24,7 +24,7 @@ CASES = {
     "simulated device, wifi": ("wifi", True),
     "simulated device, 4g": ("4g", True),
 }
-"""Channel of either direction, and whether a device is driven. Always the paper's scene, 1 kHz and 1 JND."""
+"""Channel of both directions, and whether there is a device. Always the paper's scene, 1 kHz and 1 JND."""
 
 
 def both_nodes(
@@ -53,7 +53,7 @@ def both_nodes(
 
 
 def run(case: str, seed: int, insertions: int) -> dict[str, float]:
-    """Play the insertions once; return how long they were and how long that took."""
+    """Play the insertions once; return their virtual duration and the time it took."""
     channel, device = CASES[case]
     operator = ScriptedOperator(InsertionSettings(insertions=insertions), np.random.default_rng(seed))
     loopback = both_nodes(seed, operator, MasterSettings(), channel=channel, device=device)

@@ -13,7 +13,7 @@ import sys
 import tomllib
 import traceback
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import reduce
 from pathlib import Path
 from typing import Any, Final
@@ -82,8 +82,12 @@ def one(rows: Sequence[Row], **conditions: object) -> Row:
 
 def largest(rows: Sequence[Row], key: str) -> Row:
     """Return the row with the largest value of a (dotted) key; None, which was never reached, is the largest."""
-    values = [reduce(operator.getitem, key.split("."), row) for row in rows]
-    return rows[max(range(len(rows)), key=lambda index: math.inf if values[index] is None else values[index])]
+
+    def value(row: Row) -> Any:
+        found: Any = reduce(operator.getitem, key.split("."), row)
+        return math.inf if found is None else found
+
+    return max(rows, key=value)
 
 
 def ratios(rows: Sequence[Row], over: str, under: str) -> list[Row]:
@@ -132,10 +136,8 @@ def environment(folder: Path) -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    for name, function in {"f": fixed, "g": plain, "pct": percent}.items():
-        made.filters[name] = function
-    for function in (where, one, largest, ratios, span, counts, listed):
-        made.filters[function.__name__] = function
+    named: tuple[Callable[..., Any], ...] = (where, one, largest, ratios, span, counts, listed)
+    made.filters |= {"f": fixed, "g": plain, "pct": percent} | {each.__name__: each for each in named}
     made.failed_claims = []  # type: ignore[attr-defined]
     return made
 
