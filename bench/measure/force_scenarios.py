@@ -23,8 +23,8 @@ from hapticnet.runtime.nano import Disturbance, SensorHook, SimulatedNano
 FROM_N, TO_N = 0.4, 2.0
 TICK_US = 1000
 SEED_SHIFT_US = 3000
-"""How much later [µs] each seed starts than the one before, and again its step or event: elsewhere in the servo frame and
-the control period."""
+"""How much later [µs] each seed starts than the one before, and again its step or event: elsewhere in the servo frame
+and the control period."""
 
 MAINS_HZ = 50.0
 
