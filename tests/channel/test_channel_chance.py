@@ -1,4 +1,4 @@
-"""The random parts of a channel against their formulas, for fixed seeds."""
+"""Random effects of a channel compared with their formulas, for fixed seeds."""
 
 import itertools
 import math

@@ -39,7 +39,7 @@ def make(spec, seed=7):
 
 
 def deliveries(emulator):
-    """Take everything out, as (time of delivery, item)."""
+    """Take out all packets as (time of delivery, item)."""
     taken = []
     while (due_us := emulator.next_timer_us()) is not None:
         assert emulator.due(due_us - 1) == []
@@ -50,7 +50,7 @@ def deliveries(emulator):
 
 
 def send_all(emulator, stream, start_us=0):
-    """Push a stream of (gap, size); return what was sent, as (time, size) by number."""
+    """Push a stream of (gap, size); return the packets as (time, size) by number."""
     sent = []
     now_us = start_us
     for gap_us, size_bytes in stream:
@@ -130,7 +130,7 @@ def test_the_same_seed_gives_the_same_result_however_often_packets_are_taken_out
             taken += [(due_us, item) for item in at_once.due(due_us)]
         at_once.push(number, size_bytes, now_us)
     taken += deliveries(at_once)
-    # Packets of the same microsecond: those already taken out cannot be put in order with a later one.
+    # Packets of the same microsecond: those already taken out cannot be ordered after a later one.
     assert sorted(taken) == sorted(expected)
     assert [due_us for due_us, _ in taken] == [due_us for due_us, _ in expected]
 

@@ -1,4 +1,4 @@
-"""What is learned of a finger from where the platform stood and what the sensor read."""
+"""The model of the finger learned from positions of the platform and readings."""
 
 import dataclasses
 import math
@@ -15,7 +15,7 @@ PERIOD_S = 0.01
 
 
 def press(finger: LearnedFinger, stiffness_n_m: float, forces_n: list[float], contact_m: float = 0.002) -> None:
-    """Show a finger that is what the law says, platform at rest each time."""
+    """Learn from exact readings of a finger, with the platform at rest."""
     for force_n in forces_n:
         displacement_m = contact_m + compressed(force_n) / stiffness_n_m
         if not finger.felt:

@@ -1,4 +1,4 @@
-"""The controller alone, on a perfect finger or readings made up for each rule. On a device: test_node_fingertip."""
+"""The controller alone, with an ideal finger or made-up readings. For tests with a device see test_node_fingertip."""
 
 import dataclasses
 import math
@@ -17,7 +17,7 @@ ANY = st.floats(allow_nan=True, allow_infinity=True)
 
 
 def spring(stiffness_n_m: float, contact_m: float = 0.002) -> Callable[[float], float]:
-    """A perfect, immediate finger."""
+    """An ideal finger without delay."""
     return lambda displacement_m: max(0.0, stiffness_n_m * (displacement_m - contact_m))
 
 
@@ -29,7 +29,7 @@ def run(
     start_us: int = 0,
     seconds: float = 3.0,
 ) -> list[float]:
-    """Return the displacement [m] of each tick; the platform is where it was sent the tick before."""
+    """Return the displacement [m] of each tick; the platform reaches it at the next tick."""
     displacement_m = controller.displacement_m
     trace = []
     for tick in range(int(seconds * 1e6) // TICK_US):

@@ -1,4 +1,4 @@
-"""The force loop's margins, computed."""
+"""Computed margins of the force loop."""
 
 import pytest
 

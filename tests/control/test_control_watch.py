@@ -1,4 +1,4 @@
-"""A sensor that no longer answers or answers to nothing, and fingers that do."""
+"""Detection of faulty sensors, and fingers that must not look like one."""
 
 import pytest
 
@@ -8,7 +8,7 @@ PERIODS = 200
 
 
 def moving(watch: SensorWatch, *, from_m: float, speed_m: float, force_n: float, rise_n_m: float) -> int | None:
-    """Return after how many periods it was noticed; the force rises by `rise_n_m` per metre."""
+    """Return the number of periods until detection; the force rises by `rise_n_m` per metre."""
     for period in range(PERIODS):
         way_m = speed_m * period
         if watch.notice(True, force_n + rise_n_m * way_m, from_m + way_m, 1e-3):
@@ -94,7 +94,7 @@ def test_a_fall_during_retreat_is_expected() -> None:
 
 
 def test_a_force_that_spreads_within_a_period_while_the_platform_rests_is_an_open_input() -> None:
-    """Mains hum whose period is two control periods gives equal means, but not equal readings."""
+    """Mains hum with a period of two control periods gives equal means but different readings."""
     watch = SensorWatch()
     complaints = [watch.notice(True, 1.0, 0.003, 1e-3, spread_n=2.0 * LEAP_N) for _ in range(5)]
     assert complaints[:2] == [None] * 2

@@ -1,4 +1,4 @@
-"""The firmware's behaviour on the wire, in a few lines of Python: for tests that need no compiled one."""
+"""A Python stand-in for the firmware on the serial line, for tests without the compiled one."""
 
 from typing import TYPE_CHECKING
 
@@ -58,12 +58,12 @@ class StandIn:
         self.deframer = Deframer()
         self.ms = self.sequence = self.applied = self.heard_ms = self.refused = self.period_ms = 0
         self.greeted = self.commanded = self.limited = False
-        self.pulses: list[tuple[int, int, float]] = []  # decided on, not yet at their end
+        self.pulses: list[tuple[int, int, float]] = []  # chosen, not yet ended
         self.wanted: Setpoint | None = None
         self.held: tuple[int, ...] = (RETRACTED,) * 3
 
     def reset(self, cause: int = 8) -> None:
-        """Start again, as after a bite of the watchdog."""
+        """Restart, as after a watchdog reset."""
         self.sent = b""
         self._boot(self.boot_id + 1, cause)
 
@@ -93,7 +93,7 @@ class StandIn:
                 self.refused += 1
 
     def tick(self) -> None:
-        """Let a millisecond pass."""
+        """Advance by a millisecond."""
         self.ms += 1
         since_us = 1000
         while self.pulses and self.pulses[0][0] <= self.ms * 1000:
@@ -135,7 +135,7 @@ class StandIn:
 
 
 class Line:
-    """A wired device and what is at the other end, in virtual time.
+    """A wired device and the stand-in at the other end, in virtual time.
 
     Attributes
     ----------
@@ -153,7 +153,7 @@ class Line:
         self.host.opened(self.now_us)
 
     def step(self, displacement_m: float = 0.0, *, host_stalled: bool = False) -> Reading | None:
-        """Let a millisecond pass; return what the host's exchange gave."""
+        """Advance by a millisecond; return the result of the host's exchange."""
         self.now_us += 1000
         self.device.tick()
         if host_stalled:
@@ -166,7 +166,7 @@ class Line:
         return reading
 
     def run(self, ms: int, displacement_m: float = 0.0) -> Reading | None:
-        """Let milliseconds pass; return what the last exchange gave."""
+        """Advance by some milliseconds; return the result of the last exchange."""
         reading = None
         for _ in range(ms):
             reading = self.step(displacement_m)

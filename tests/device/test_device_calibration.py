@@ -74,7 +74,7 @@ def test_a_fit_is_strictly_increasing_or_refused_and_independent_of_order(pairs,
     shuffled = list(pairs)
     random.shuffle(shuffled)
     try:
-        # A calibration that is not strictly increasing could not be made.
+        # A calibration that is not strictly increasing would raise.
         fit = fit_calibration([adc for adc, _ in pairs], [force_n for _, force_n in pairs], knots=knots)
     except SettingsError:
         with pytest.raises(SettingsError):
@@ -144,7 +144,7 @@ def test_the_fit_is_optimal_even_if_noise_would_make_it_decrease() -> None:
         )
 
     best = fit.calibration.forces_n
-    # The flattest slope allowed, between the two pairs that contradict each other.
+    # The smallest permitted slope, between the two contradictory pairs.
     assert best[2] - best[1] == pytest.approx(0.01 * 3.0 / 400.0 * 100.0)
     for other in ([0, 1e-3, 1e-3, 0], [0, -1e-3, -1e-3, 0], [1e-3, 0, 0, 0], [0, 0, 0, -1e-3], [0, -1e-3, 1e-3, 0]):
         assert cost(best) < cost([height_n + change for height_n, change in zip(best, other, strict=True)])

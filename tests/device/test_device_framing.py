@@ -1,4 +1,4 @@
-"""A message survives the line, and nothing else does."""
+"""Frames: messages are received intact, and damaged ones are dropped."""
 
 import binascii
 import json

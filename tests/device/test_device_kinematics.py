@@ -14,7 +14,7 @@ MOVES_M = st.lists(st.one_of(WITHIN_TRAVEL_M, st.floats(0.004, 0.0045)), min_siz
 
 
 def walk(displacements_m: list[float]) -> list[tuple[Pulses, Pulses]]:
-    """Return what each move started from and asked for."""
+    """Return the start and the goal of each move."""
     held_us = RETRACTED
     steps = []
     for displacement_m in displacements_m:

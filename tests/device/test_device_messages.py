@@ -1,4 +1,4 @@
-"""The table of messages, against the shared vectors."""
+"""The table of messages compared with the shared vectors."""
 
 import json
 from pathlib import Path

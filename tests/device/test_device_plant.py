@@ -22,7 +22,7 @@ def plant(settings: PlantSettings = QUIET, seed: int = 0) -> Plant:
 
 
 def settled_at(made: Plant, displacement_m: float, now_us: int) -> int:
-    """Send the platform somewhere, let it arrive, and return the counts."""
+    """Move the platform to a displacement and return the counts."""
     made.advance(now_us)
     made.take((LINKAGE.pulse_us(displacement_m),) * 3)
     made.advance(now_us + 5_000_000)

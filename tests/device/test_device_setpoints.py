@@ -1,4 +1,4 @@
-"""What a wired device's servos are told and what they took, against a stand-in for the firmware."""
+"""Setpoints of a wired device and the estimate of its servos, with a stand-in for the firmware."""
 
 import math
 import random
@@ -31,7 +31,7 @@ def test_the_estimate_is_within_a_tenth_of_a_millimetre_of_the_true_servos() -> 
 def test_a_step_limited_by_the_firmware_is_estimated() -> None:
     made = streaming()
     made.run(55, 0.01)
-    # On a line this slow a frame may take a setpoint before another, made without knowing of it, arrives.
+    # On a slow line, a frame may take a setpoint before the next one, made without knowing this, arrives.
     delayed: list[bytes] = []
 
     def late(data: bytes) -> bytes:
@@ -85,7 +85,7 @@ def test_setpoints_of_a_wider_linkage_stay_within_the_firmware_s_limits() -> Non
 
 def test_a_pending_setpoint_is_not_confused_with_one_of_an_earlier_host() -> None:
     device = StandIn()
-    device.applied = 1  # the number an earlier host happened to use last
+    device.applied = 1  # happens to be the last number of an earlier host
     made = line(device)
     for _ in range(100):
         reading = made.step(0.005)

@@ -1,4 +1,4 @@
-"""The host's end of the serial wire, against a stand-in for the firmware, in virtual time."""
+"""The host's end of the serial line with a stand-in for the firmware, in virtual time."""
 
 import math
 import random
@@ -31,7 +31,7 @@ def test_is_a_device_that_is_lost_until_its_port_is_opened() -> None:
     assert host.exchange(0.001, 1_000) is None
     assert host.bytes_to_send() == b""
     assert host.status == "the port is not open"
-    assert host.max_force_n == 4.0  # where its table ends
+    assert host.max_force_n == 4.0  # the end of its table
     assert WiredDevice(Calibration(counts=(100.0, 900.0), forces_n=(0.2, 20.0))).max_force_n == 5.0
     assert 0.015 <= host.travel_m < 0.016
 
@@ -76,7 +76,7 @@ def test_starts_although_a_bootloader_discards_the_first_bytes() -> None:
 
 def test_a_stream_that_does_not_start_is_requested_again() -> None:
     made = line()
-    made.run(1)  # HELLO is out
+    made.run(1)  # HELLO was sent
     made.device_hears = lambda data: b""  # noqa: ARG005
     assert made.run(50) is None
     made.device_hears = bytes
@@ -107,7 +107,7 @@ def test_a_wrong_device_is_reported_after_three_seconds(chatter: bytes, words: s
     assert made.run(1) is None
     made.host.closed("closed", made.now_us)
     made.open()
-    assert words in made.host.status  # a person should see it, not flicker
+    assert words in made.host.status  # the message must stay visible
     assert not made.host.wants_reopening
     made.host_hears = bytes
     made.run(10)
@@ -119,7 +119,7 @@ def test_garbage_affects_only_the_frames_it_hits() -> None:
     rng = random.Random(1)
     made.host.receive(rng.randbytes(500), made.now_us)
     made.device.receive(b"\x07half")
-    made.run(120)  # the first answer may have ended what the garbage began
+    made.run(120)  # the first answer may end a frame that the garbage began
     assert made.host.status == "ready"
     assert made.device.deframer.damaged == 1
     before = int(str(report(made)["readings"]))
@@ -133,7 +133,7 @@ def test_garbage_affects_only_the_frames_it_hits() -> None:
     after = int(str(report(made)["readings"]))
     assert 700 < after - before < 980
     made.host_hears = bytes
-    made.run(6, 0.002)  # a frame that was cut off takes the next one with it
+    made.run(6, 0.002)  # a truncated frame also damages the next one
     received = int(str(report(made)["readings"]))
     assert received + int(str(report(made)["readings_lost"])) == made.device.sequence
     assert int(str(report(made)["frames_damaged"])) > 100
@@ -185,7 +185,7 @@ def test_a_stall_of_the_host_is_not_a_loss_of_the_device() -> None:
     for stall_ms in (40, 100, 1000):
         for _ in range(stall_ms):
             made.step(host_stalled=True)
-        # The tick is served first, and the bytes that came meanwhile after it.
+        # The tick comes first, then the bytes received meanwhile.
         made.now_us += 1
         assert made.host.exchange(0.0, made.now_us) is not None
         assert made.step() is not None
@@ -270,7 +270,7 @@ def test_a_closed_port_loses_the_device_at_once_and_gives_the_reason() -> None:
     made.open()
     assert made.run(10) is not None
     assert report(made)["times_lost"] == 1
-    assert report(made)["resets_seen"] == 0  # opening resets it by itself
+    assert report(made)["resets_seen"] == 0  # the reset by opening is not counted
     made.host.closed("closed", made.now_us, orderly=True)
     assert report(made)["times_lost"] == 1
 

@@ -1,4 +1,4 @@
-"""The compose file, built and run: slave, channel and master in containers on networks of their own."""
+"""Build and run the compose file: slave, channel and master in containers on separate networks."""
 
 import json
 import os
@@ -20,14 +20,14 @@ def succeeds(*command):
 
 @pytest.fixture
 def compose(tool_is_missing):
-    """Return what runs a compose command in a scenario; everything is taken down afterwards."""
+    """Return a function that runs a compose command in a scenario; containers are removed afterwards."""
     if shutil.which("docker") is None or not succeeds("docker", "info"):
         tool_is_missing("no Docker engine runs here")
     plugin = succeeds("docker", "compose", "version")
     if not plugin and shutil.which("docker-compose") is None:
         tool_is_missing("neither 'docker compose' nor 'docker-compose' is installed")
     program = ["docker", "compose"] if plugin else ["docker-compose"]
-    # Where only the host reaches the package index, images are built on its network.
+    # If only the host can reach the package index, build images on its network.
     environment = {"BUILD_NETWORK": "host", "INSERTIONS": "1"} | os.environ
 
     def run(scenario, *arguments):

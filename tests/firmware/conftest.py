@@ -1,4 +1,4 @@
-"""The firmware as tests see it: its core on the host, and its ELF in a simulated controller."""
+"""Fixtures for the firmware: its core on the host and its ELF in a simulated controller."""
 
 import functools
 import shutil
@@ -36,7 +36,7 @@ class Pulse(NamedTuple):
 
 
 class Core:
-    """The core in a native process under sanitizers; a finding of theirs ends it and fails the test."""
+    """The core in a native process under sanitizers; an error they find ends it and fails the test."""
 
     def __init__(self, shell: Path) -> None:
         self._process = subprocess.Popen([shell], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
@@ -75,7 +75,7 @@ class Core:
 
 
 class Nano:
-    """The ELF in simavr, with what it said and which pulses it made."""
+    """The ELF in simavr, with its output and its pulses."""
 
     BOOT_US = 20_000
 
@@ -97,7 +97,7 @@ class Nano:
             at_us = cycle / CYCLES_PER_US
             if level:
                 self._rises_us[servo] = at_us
-            elif self._rises_us[servo]:  # simavr reports the pins' first level, too
+            elif self._rises_us[servo]:  # simavr also reports the initial level of the pins
                 self.pulses.append(Pulse(servo, self._rises_us[servo], at_us - self._rises_us[servo]))
         self.now_us = step.cycle / CYCLES_PER_US
         return step
@@ -112,7 +112,7 @@ class Nano:
 
 @pytest.fixture(scope="session")
 def make_firmware(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
-    """Return a builder: make target and variables in, build folder out. Each target is built once."""
+    """Return a function that builds a make target once and returns the build folder."""
     build = tmp_path_factory.mktemp("firmware")
 
     @functools.cache
@@ -148,7 +148,7 @@ def core(make_firmware: Callable[..., Path], tool_is_missing: Callable[[str], No
 
 @pytest.fixture
 def nano(request: pytest.FixtureRequest, make_firmware: Callable[..., Path]) -> Iterator[Callable[..., Nano]]:
-    """Return a maker of simulated Nanos: the ELF's name and the line's speed in."""
+    """Return a factory of simulated Nanos for an ELF and a baud rate."""
     request.getfixturevalue("needs_toolchain")
     running: list[Nano] = []
 
@@ -171,7 +171,7 @@ def simavr_files(request: pytest.FixtureRequest, make_firmware: Callable[..., Pa
 
 @pytest.fixture
 def rig(simavr_files: tuple[Path, Path], make_firmware: Callable[..., Path]) -> Iterator[Callable[..., Rig]]:
-    """Return a maker of rigs: a finger's stiffness, and how it differs from the usual."""
+    """Return a factory of rigs for a finger's stiffness and other settings."""
     running: list[SimulatedNano] = []
 
     def make(
@@ -191,7 +191,7 @@ def rig(simavr_files: tuple[Path, Path], make_firmware: Callable[..., Path]) -> 
 
 @pytest.fixture
 def pressing(rig: Callable[..., Rig]) -> Callable[..., Rig]:
-    """Return a maker of rigs that press their finger with 3 N, or another force."""
+    """Return a factory of rigs that press the finger with 3 N or another force."""
 
     def make(stiffness_n_m: float = 1000.0, *, force_n: float = 3.0, **others: Any) -> Rig:
         made = rig(stiffness_n_m, **others)

@@ -1,4 +1,4 @@
-"""A finger under the compiled firmware, and what happened to it."""
+"""A test rig: a finger pressed by the compiled firmware, and a record of the forces on it."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -15,11 +15,11 @@ FOUND_AND_PRESSED_MS = 1_800
 HANG = 0xDEAD
 
 RETRACT_MS = 150
-"""Longest a servo needs from anywhere a test presses to off the finger: 60° in 170 ms at most, HS-55 data sheet."""
+"""Longest time for a servo to leave the finger: at most 60° in 170 ms, HS-55 data sheet."""
 
 
 class Rig:
-    """A fingertip on a simulated Nano, and what happened to its finger, millisecond by millisecond."""
+    """A fingertip on a simulated Nano, with a record of the force on the finger every millisecond."""
 
     def __init__(self, nano: SimulatedNano, build: tuple[Path, Path]) -> None:
         self.nano = nano
@@ -30,11 +30,11 @@ class Rig:
         self.events: list[tuple[int, FingertipEvent]] = []
 
     def press(self, force_n: float, milliseconds: int) -> list[float]:
-        """Ask for a force; return what the finger felt meanwhile."""
+        """Set a target force; return the forces on the finger meanwhile."""
         return self.play(lambda _: force_n, milliseconds)
 
     def play(self, force_n: Callable[[int], float], milliseconds: int) -> list[float]:
-        """Ask for a force by the time [µs]; return what the finger felt meanwhile."""
+        """Set a target force as a function of time [µs]; return the forces on the finger meanwhile."""
         for _ in range(milliseconds):
             self.now_us += MS
             self.fingertip.press(force_n(self.now_us), self.now_us)
@@ -44,7 +44,7 @@ class Rig:
         return self.felt_n[-milliseconds:]
 
     def stall(self, milliseconds: int) -> list[float]:
-        """Let the host stand still while all else goes on; afterwards it hears all at once."""
+        """Stall the host while everything else continues; afterwards it receives everything at once."""
         heard = b""
         for _ in range(milliseconds):
             self.now_us += MS
@@ -55,7 +55,7 @@ class Rig:
         return self.felt_n[-milliseconds:]
 
     def restart(self, force_n: float, dark_ms: int) -> list[float]:
-        """Reset the controller while a force is asked for; it is dark, as in its bootloader, and starts anew."""
+        """Reset the controller during a target force; it is inactive, as in its bootloader, and restarts."""
         board = self.nano.board
         board._simavr.close()
 
@@ -72,7 +72,7 @@ class Rig:
         return felt_n
 
     def also_send(self, message: Callable[[], bytes]) -> None:
-        """Add to what the host writes."""
+        """Add bytes to the host's output."""
         wired, usual = self.nano.wired, self.nano.wired.bytes_to_send
         wired.bytes_to_send = lambda: usual() + message()
 
@@ -81,6 +81,6 @@ class Rig:
 
 
 def released_ms(felt_n: list[float]) -> int:
-    """Return after how many milliseconds the finger felt nothing any more."""
+    """Return the number of milliseconds until the force on the finger is 0."""
     assert 0.0 in felt_n, f"still {felt_n[-1]:.2f} N after {len(felt_n)} ms"
     return felt_n.index(0.0) + 1

@@ -1,4 +1,4 @@
-"""The firmware's core, compiled for the host under sanitizers: the wire and the limits."""
+"""The firmware's core, compiled for the host under sanitizers: protocol and limits."""
 
 import json
 import random
@@ -79,7 +79,7 @@ def test_hello_is_answered_with_the_limits(core: Any) -> None:
     assert identity.clock_hz == 16_000_000
     assert identity.adc_bits == 10
     assert identity.largest_step == STEP
-    # The whole way of the platform, and two deadbands more for a servo that moves ahead of the others.
+    # The whole travel, plus two deadbands for a servo that moves ahead of the others.
     slack_us = 2 * LINKAGE.deadband_us
     for shortest, longest in identity.pulse_limits:
         assert shortest <= (LINKAGE.retracted_us - slack_us) * TICKS_PER_US

@@ -1,4 +1,4 @@
-"""The force loop on the compiled firmware, with hysteresis, noise, backlash and threshold: the issue's figures."""
+"""The force loop on the compiled firmware, with hysteresis, noise, backlash and threshold."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -26,7 +26,7 @@ Nanos = Callable[..., Any]
 
 @pytest.fixture
 def pressing(simavr_files: tuple[Path, Path]) -> Nanos:
-    """Return a maker of fingertips on a simulated Nano, as context managers."""
+    """Return a factory of fingertips on a simulated Nano, as context managers."""
 
     @contextmanager
     def make(stiffness_n_m: float, *, seed: int = 0, **disturbance: Any) -> Iterator[tuple[Fingertip, SimulatedNano]]:
@@ -40,7 +40,7 @@ def pressing(simavr_files: tuple[Path, Path]) -> Nanos:
 
 
 def step(pressing: Nanos, stiffness_n_m: float, seed: int) -> tuple[Recording, StepFigures]:
-    """Step at a moment that lies elsewhere in the servo frame for each seed; return the figures of the true force."""
+    """Step at a phase of the servo frame that depends on the seed; return the figures of the true force."""
     with pressing(stiffness_n_m, seed=seed) as (fingertip, _):
         test = StepTest(fingertip, from_n=FROM_N, to_n=TO_N, before_us=2_000_000 + 7_000 * seed, after_us=1_500_000)
         now_us = 0
@@ -60,8 +60,8 @@ def test_the_step_response_meets_its_requirements(pressing: Nanos, stiffness_n_m
     assert 0.03 < figures.rise_s <= 0.2
     assert figures.overshoot <= 0.05
     assert figures.ripple_peak_to_peak_n <= 0.05
-    # One servo moves the mean of the three by 0.056 mm or not at all; with the loop's caution up to 70 % of that may be
-    # missing. From 2 N/mm on it is more than 5 % of this step.
+    # One servo moves the mean of the three by 0.056 mm or not at all; with the loop's caution, the error may reach 70 %
+    # of that. From 2 N/mm on this is more than 5 % of the step.
     coarseness_n = 0.7 * 0.056e-3 * 1.3 * stiffness_n_m
     assert abs(figures.steady_error_n) <= max(0.05, coarseness_n)
     if stiffness_n_m <= 1000.0:
@@ -89,7 +89,7 @@ def test_delay_and_loss_cause_no_limit_cycle_and_no_force_above_the_device_limit
             fingertip.press(FROM_N if ms < 2_200 else 5.0, 1_000 * ms)
             true_n.append(nano.contact_force_n)
     assert 4.2 < max(true_n) <= 5.0
-    # A servo may take a last step, and jitter of its pulse may stir it; a cycle would be larger, in every second.
+    # A servo may make a last step or move due to jitter of its pulse; a cycle would be larger, in every second.
     moved_n = np.ptp(np.array(true_n[-2_000:]).reshape(2, 1_000), axis=1)
     assert min(moved_n) <= 0.05
 

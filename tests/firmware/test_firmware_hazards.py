@@ -1,4 +1,4 @@
-"""What docs/safety.md promises, shown on the compiled firmware under load: force loop, wire, firmware and plant in
+"""Tests of docs/safety.md on the compiled firmware under load: force loop, serial line, firmware and plant in
 virtual time."""
 
 import math
@@ -88,7 +88,7 @@ def test_hung_firmware_is_reset_releases_the_finger_and_comes_back_softly(
     made.also_send(lambda: b"" if board.resets else poison)
     felt_n = made.press(3.0, 400)
     assert board.resets == 1
-    # A soft finger is found again before it is quite let go of.
+    # A soft finger is found again before it is completely released.
     assert min(felt_n[: 150 + RETRACT_MS]) < 0.5
     (lost_ms,) = made.times_ms(DeviceLost)
     assert lost_ms - at_ms <= 220
@@ -103,7 +103,7 @@ def test_hung_firmware_is_reset_releases_the_finger_and_comes_back_softly(
 def test_a_reset_is_detected_and_the_finger_released_when_the_firmware_runs_again(pressing: Any, dark_ms: int) -> None:
     made = pressing()
     dark_n = made.restart(3.0, dark_ms)
-    # Nobody makes pulses in the bootloader: servos that hold without them go on pressing.
+    # There are no pulses in the bootloader; servos that hold without them keep pressing.
     assert min(dark_n) > 2.5
     felt_n = made.press(3.0, 2_000)
     assert released_ms(felt_n) <= 40 + RETRACT_MS
@@ -149,7 +149,7 @@ def test_blocked_servos_press_no_harder_and_only_three_are_detected(pressing: An
 
 
 class Blocked:
-    """A plant whose first few servos do not move any more."""
+    """A plant whose first servos are blocked."""
 
     def __init__(self, plant: Any, servos: int) -> None:
         self._plant, self._servos = plant, servos

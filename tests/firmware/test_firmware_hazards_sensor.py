@@ -1,4 +1,4 @@
-"""What docs/safety.md promises of a sensor that lies, on the compiled firmware under load, in virtual time."""
+"""Tests of docs/safety.md for sensor faults, on the compiled firmware under load, in virtual time."""
 
 import math
 import random
@@ -15,7 +15,7 @@ from tests.firmware.rig import FINGERS_N_M, MS, RETRACT_MS, released_ms
 
 
 def open_input(kind: str) -> Callable[[float, int], float]:
-    """Return what a floating input gives: the mains at a phase, or noise over the range."""
+    """Return the reading of a floating input: mains hum at a phase, or noise over the range."""
     if kind == "noise":
         chance = random.Random(3)
         return lambda _counts, _now_us: chance.uniform(0.0, 1023.0)
@@ -33,7 +33,7 @@ def test_a_sensor_that_fails_while_pressing_adds_no_force_and_is_released_with_t
     made.nano.board.sensor = lambda _counts, _now_us: 0.0
     felt_n = made.press(force_n, 1_000)
     assert max(felt_n) <= before_n + 0.05
-    # To be left without an answer is to rest: what the finger then feels, it goes on feeling.
+    # Without a change of the reading the platform rests, and the force on the finger stays.
     assert np.ptp(felt_n[-500:]) < 0.05
     assert 0.8 < felt_n[-1] < 1.8
     assert released_ms(made.press(0.0, 400)) <= RETRACT_MS
@@ -49,7 +49,7 @@ def test_after_an_unexplained_fall_the_platform_stops_and_releases_with_the_targ
     made.nano.board.sensor = lambda _counts, _now_us: counts
     assert max(made.press(4.6, 1_000)) <= 5.0
     assert released_ms(made.press(0.0, 500)) <= 2 * RETRACT_MS
-    # Met anew, it is stuck in between.
+    # On the next approach, it is stuck at an intermediate value.
     assert max(made.press(4.6, 1_000)) == 0.0
     assert made.times_ms(ForceFault)
 

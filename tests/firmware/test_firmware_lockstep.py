@@ -1,4 +1,4 @@
-"""The compiled firmware, the host's end of the wire and the plant, in lockstep and virtual time."""
+"""The compiled firmware, the host's end of the line and the plant, in lockstep and virtual time."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -24,7 +24,7 @@ Readings = list[Reading | None]
 
 @pytest.fixture
 def simulated(simavr_files: tuple[Path, Path]) -> Iterator[Callable[..., SimulatedNano]]:
-    """Return a maker of simulated Nanos."""
+    """Return a factory of simulated Nanos."""
     running: list[SimulatedNano] = []
 
     def make(settings: PlantSettings | None = None, *, seed: int = 1, **disturbance: Any) -> SimulatedNano:
@@ -41,7 +41,7 @@ def simulated(simavr_files: tuple[Path, Path]) -> Iterator[Callable[..., Simulat
 
 
 def play(nano: SimulatedNano, displacement_m: float, start_us: int, end_us: int, step_us: int = MS) -> Readings:
-    """Ask for a displacement in every step; the last is at `end_us` exactly."""
+    """Set a displacement in every step; the last is exactly at `end_us`."""
     return [nano.exchange(displacement_m, now_us) for now_us in (*range(start_us, end_us, step_us), end_us)]
 
 
@@ -66,11 +66,11 @@ def test_pressing_a_finger_reads_the_true_force(simulated: Any, stiffness_n_m: f
     play(nano, 0.0, 0, BOOT_AND_GREET_US)
     compared = 0
     for ms in range(2_000):
-        # Pressing only: while letting go the sensor reads up to its hysteresis too much.
+        # Only while pressing: during release the sensor reads too much by up to its hysteresis.
         reading = nano.exchange(0.002 + 2.5e-3 * 300.0 / stiffness_n_m * ms / 1_000, BOOT_AND_GREET_US + ms * MS)
         assert reading is not None
         if nano.contact_force_n > 0.25:
-            # Calibration error, noise, and what the finger gained in the millisecond the reading is old.
+            # Calibration error, noise, and the increase of the force in the millisecond since the reading.
             assert reading.force_n == pytest.approx(nano.contact_force_n, rel=0.05, abs=0.06)
             compared += 1
     assert compared > 500
@@ -83,7 +83,7 @@ def test_it_reaches_and_reports_its_displacement(simulated: Any) -> None:
     for displacement_m in (0.003, 0.008, 0.0075, 0.001):
         readings = play(nano, displacement_m, now_us, now_us + 600 * MS)
         now_us += 600 * MS
-        # Half the backlash; a quarter of the deadband for the goal; a whole one for a pulse whose edges are 0.5 µs off.
+        # Half the backlash, a quarter of the deadband for the goal, and a deadband for a pulse with edges 0.5 µs off.
         half_play_m, deadband_m = 0.012 * math.radians(0.25), 0.012 * math.radians(0.8)
         assert readings[-1] is not None
         assert readings[-1].displacement_m == pytest.approx(nano.plant.displacement_m, abs=half_play_m + deadband_m)
@@ -117,7 +117,7 @@ def test_repeated_earlier_and_distant_times_are_accepted(simulated: Any) -> None
     for now_us in (1_000 * MS, 400 * MS, -(10**15)):
         assert nano.exchange(0.004, now_us) == pressing
         assert nano.contact_force_n > 1.5
-    # It came back from a time without setpoints, in which it retracted; from there it presses again.
+    # It retracted during the time without setpoints and then presses again.
     nano.exchange(0.004, 10**15)
     assert nano.contact_force_n == 0.0
     assert play(nano, 0.004, 10**15 + MS, 10**15 + 1_000 * MS)[-1] is not None

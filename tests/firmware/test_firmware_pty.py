@@ -1,4 +1,4 @@
-"""The simulated Nano on a pseudo-terminal, in real time: waits for what must happen, and asserts no speed."""
+"""The simulated Nano on a pseudo-terminal in real time; these tests assert no speed."""
 
 import os
 import select
@@ -39,7 +39,7 @@ Process = subprocess.Popen[str]
 
 
 class Visitor:
-    """A program that opens the pseudo-terminal as it would any file."""
+    """A program that opens the pseudo-terminal like a file."""
 
     def __init__(self, path: str) -> None:
         self._line = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
@@ -56,7 +56,7 @@ class Visitor:
             return []
 
     def wait_for(self, kind: type[Message], said: Message) -> Any:
-        """Say something until it is answered by a message of a kind: firmware that boots does not hear everything."""
+        """Repeat a message until it is answered by one of a kind, because booting firmware misses some."""
         deadline = time.monotonic() + PATIENCE_S
         while time.monotonic() < deadline:
             self.say(said)
@@ -73,7 +73,7 @@ class Visitor:
 
 @pytest.fixture
 def start(simavr_files: tuple[Path, Path]) -> Iterator[Callable[..., Process]]:
-    """Return a starter of ``hapticnet device sim``."""
+    """Return a function that starts ``hapticnet device sim``."""
     running: list[Process] = []
 
     def run(*arguments: object) -> Process:
@@ -97,7 +97,7 @@ def start(simavr_files: tuple[Path, Path]) -> Iterator[Callable[..., Process]]:
 
 @pytest.fixture
 def nano(simavr_files: tuple[Path, Path]) -> Iterator[NanoPty]:
-    """One in this process, whose time is the test's."""
+    """A simulated Nano in this process, with the test's time."""
     board = Board(PlantSettings(), np.random.default_rng(1), build=simavr_files)
     with NanoPty(board) as made:
         yield made

@@ -1,4 +1,4 @@
-"""The compiled firmware in a simulated ATmega328P, all in virtual time."""
+"""The compiled firmware on a simulated ATmega328P in virtual time."""
 
 import random
 import re
@@ -63,7 +63,7 @@ def test_the_identity_has_the_cause_and_number_of_resets(nano: Any) -> None:
     device.boot_and_greet()
     (identity,) = device.of_kind(Identity)
     assert identity.reset_cause & 1
-    assert identity.boot_id == 1  # the ELF brings an EEPROM of zeros
+    assert identity.boot_id == 1  # the ELF has an EEPROM of zeros
 
 
 def test_nothing_moves_before_hello(nano: Any) -> None:

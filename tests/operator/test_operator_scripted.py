@@ -10,7 +10,7 @@ from hapticnet.errors import SettingsError
 from hapticnet.operator.scripted import TREMOR_BAND_HZ, InsertionSettings, ScriptedOperator
 
 STEADY = {"variation": 0.0, "tremor_rms_m": 0.0}
-# The paper's scene: where its three tissues lie, and where each breaches.
+# The paper's scene: positions of its three tissues, and of their breaches.
 SURFACES_M = (0.020, 0.040, 0.060)
 BREACHES_M = (0.030, 0.050, 0.070)
 
@@ -60,7 +60,7 @@ def test_a_movement_is_minimum_jerk():
     tau = np.array(times_us) * 1e-6
     np.testing.assert_allclose(path_m, 0.01 + 0.02 * (10 * tau**3 - 15 * tau**4 + 6 * tau**5), rtol=0, atol=1e-15)
     speed = np.gradient(path_m, 1e-3)
-    # The peak speed of a minimum-jerk movement is 15/8 of its mean, half way.
+    # The peak speed of a minimum-jerk movement is 15/8 of its mean, at half time.
     assert speed.max() == pytest.approx(1.875 * 0.02, rel=1e-4)
     assert speed.argmax() == 500
     assert speed[0] == pytest.approx(0.0, abs=1e-6)
@@ -71,7 +71,7 @@ def test_the_motion_is_continuous(seed, t_us):
     operator = make(seed, insertions=5)
     if t_us + 100 < operator.duration_us:
         step_m = operator.sample(t_us + 100).position_m[0] - operator.sample(t_us).position_m[0]
-        # The fastest movement is the way back, at 1.875 · 74 mm / 0.7 s and up to 1.1 times that, and tremor.
+        # The fastest movement is the withdrawal, at 1.875 · 74 mm / 0.7 s, up to 1.1 times that, plus tremor.
         assert abs(step_m) < (1.1 * 1.875 * 0.074 / 0.7 + 0.02) * 100e-6
 
 

@@ -14,14 +14,14 @@ TIOCVHANGUP: Final = 0x5437  # <asm-generic/ioctls.h> of Linux
 
 
 class Plugged:
-    """A stand-in on a pseudo-terminal, for as long as it is plugged in."""
+    """A stand-in on a pseudo-terminal while it is plugged in."""
 
     def __init__(self, firmware: StandIn) -> None:
         self.firmware = firmware
         self._master, slave = os.openpty()
         tty.setraw(slave)
         self.path = os.ttyname(slave)
-        # Kept open, or the master would see a hang-up whenever the host closes its end.
+        # Keep this end open; otherwise there would be a hang-up whenever the host closes its end.
         self._slave = slave
         os.set_blocking(self._master, False)
         self._loop = asyncio.get_running_loop()
@@ -29,7 +29,7 @@ class Plugged:
         self._ticker = Ticker(self._loop, 1000, self._tick)
 
     def hang_up(self) -> None:
-        """Do what the kernel does to the terminal of a USB adapter that is pulled; takes CAP_SYS_ADMIN."""
+        """Hang up like the kernel when a USB adapter is unplugged; needs CAP_SYS_ADMIN."""
         fcntl.ioctl(self._slave, TIOCVHANGUP)
 
     def unplug(self) -> None:
@@ -39,7 +39,7 @@ class Plugged:
         os.close(self._master)
 
     def say(self, data: bytes) -> None:
-        with contextlib.suppress(OSError):  # nobody takes it
+        with contextlib.suppress(OSError):  # no reader
             os.write(self._master, data)
 
     def _hear(self) -> None:

@@ -1,4 +1,4 @@
-"""Serial ports over real pseudo-terminals, with a stand-in for the firmware at the other end."""
+"""Serial ports on real pseudo-terminals, with a stand-in for the firmware at the other end."""
 
 import asyncio
 import contextlib
@@ -28,7 +28,7 @@ PATIENCE_S = 20.0
 
 
 class Driven:
-    """A serial port with a device that a master would drive."""
+    """A serial port with a device, driven like by a master."""
 
     def __init__(self, spec: SerialSpec) -> None:
         loop = asyncio.get_running_loop()
@@ -42,7 +42,7 @@ class Driven:
         self.port.flush(now)
 
     async def until(self, condition: Callable[[], bool]) -> int:
-        """Wait for a condition; return how long that took [µs]."""
+        """Wait for a condition; return the time this took [µs]."""
         start_us = now_us()
         while not condition():
             assert now_us() - start_us < PATIENCE_S * 1e6, self.wired.status
@@ -58,13 +58,13 @@ class Driven:
 
 
 def play(scene, make_loop=loop_factory()):  # noqa: B008
-    """Run a coroutine function; on a loop of its own."""
+    """Run a coroutine function on a new loop."""
     with asyncio.Runner(loop_factory=make_loop) as runner:
         return runner.run(asyncio.wait_for(scene(), 60))
 
 
 async def unplug_and_wait(*, hang_up: bool = False) -> int:
-    """Return after what time an unplugged device was noticed [µs]."""
+    """Return the time until an unplugged device is detected [µs]."""
     plugged = Plugged(StandIn())
     driven = Driven(SerialSpec(plugged.path))
     try:
@@ -105,7 +105,7 @@ def test_opens_streams_and_moves_although_a_pty_has_no_low_latency_mode(make_loo
     assert driven.wired.status == "ready"
 
 
-# How soon is for a quiet machine to measure; these want the hang-up itself to tell, not the silence after it.
+# No limits on time here; the reason must be the hang-up itself, not the silence after it.
 @pytest.mark.parametrize("make_loop", [None, loop_factory()], ids=["asyncio", "uvloop"])
 def test_unplugging_is_detected_and_reported(make_loop):
     assert play(unplug_and_wait, make_loop) < PATIENCE_S * 1e6
@@ -164,7 +164,7 @@ def test_the_port_of_a_silent_device_is_reopened():
         plugged = Plugged(StandIn())
         driven = Driven(SerialSpec(plugged.path))
         await driven.ready()
-        driven.wired.wants_reopening = True  # what three seconds of silence lead to
+        driven.wired.wants_reopening = True  # as after three seconds of silence
         await driven.until(lambda: driven.port.openings == 2)
         await driven.ready()
         await driven.stop()
@@ -195,7 +195,7 @@ def test_a_port_that_accepts_nothing_never_blocks():
         tty.setraw(slave)
         driven = Driven(SerialSpec(os.ttyname(slave)))
         await driven.until(lambda: driven.port.openings == 1)
-        driven.wired.bytes_to_send = lambda: b"x" * 1000  # nobody reads them at the other end
+        driven.wired.bytes_to_send = lambda: b"x" * 1000  # not read at the other end
         await driven.until(lambda: driven.port.unwritten > 10_000)
         driven.wired.bytes_to_send = lambda: b""
         written = 0
@@ -209,7 +209,7 @@ def test_a_port_that_accepts_nothing_never_blocks():
         os.close(master)
         return written
 
-    # A frame is written whole or not at all.
+    # A frame is written completely or not at all.
     assert play(scene) % 1000 == 0
 
 

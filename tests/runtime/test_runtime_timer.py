@@ -1,4 +1,4 @@
-"""Timers in real time; the limits are loose and only catch what does not work at all."""
+"""Timers in real time, with loose limits that only detect complete failure."""
 
 import asyncio
 
@@ -31,7 +31,7 @@ def test_a_ticker_ticks_at_its_rate_and_never_early(make_loop):
 
     with asyncio.Runner(loop_factory=make_loop) as runner:
         times, ticker, elapsed = runner.run(asyncio.wait_for(ticks(), 20))
-    # Every period that went by is a tick or a missed one; the last may be waiting still.
+    # Every elapsed period is a tick or a missed one; the last tick may still be pending.
     assert len(times) + ticker.missed in (elapsed // 5000 - 1, elapsed // 5000)
     assert ticker.lateness.count == len(times)
     assert times == sorted(times)

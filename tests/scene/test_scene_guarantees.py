@@ -1,4 +1,4 @@
-"""What a scene guarantees whatever comes: refusals, bounds, energy, and what a step costs."""
+"""Guarantees of a scene for any input: refused positions, bounds, energy and cost of a step."""
 
 import math
 import sys
@@ -30,7 +30,7 @@ def step(scene: Scene, tip_m: float, t_us: int = 0) -> float:
 tip_positions_m = st.lists(st.floats(-0.05, 0.15), min_size=1, max_size=80)
 
 
-# At the door ----------------------------------------------------------------------------------------------
+# Invalid positions ----------------------------------------------------------------------------------------
 
 EVERYTHING = find_scene("example-viscous").tissues
 PAPER = paper_scene(2).tissues
@@ -98,7 +98,7 @@ def test_a_closed_path_through_elastic_tissue_conserves_energy(strides: list[int
     layers = [tissue(k * 0.004, breach_force_n=1e3, stiffening_per_m=stiffening_per_m) for k in range(3)]
     scene, work_j, at = Scene(layers), 0.0, 0
     last_n = step(scene, 0.0)
-    # Walked in strides of one, every stretch is passed as often one way as the other.
+    # With strides of one, every stretch is passed equally often in both directions.
     for stride in [*strides, -sum(strides)]:
         for _ in range(abs(stride)):
             at += 1 if stride > 0 else -1
@@ -113,7 +113,7 @@ def test_a_closed_path_through_elastic_tissue_conserves_energy(strides: list[int
 
 
 def calls_in(scene: Scene, sample: PositionSample) -> int:
-    """Return how many Python functions one step calls."""
+    """Return the number of Python functions that one step calls."""
     calls = 0
 
     def count(_frame: FrameType, event: str, _argument: object) -> None:

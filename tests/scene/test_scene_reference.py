@@ -1,4 +1,4 @@
-"""The scene against a model that evaluates every layer in every step, written as the rules read."""
+"""Comparison of the scene with a direct model that evaluates every layer in every step."""
 
 import math
 from dataclasses import dataclass
@@ -87,7 +87,7 @@ class NaiveScene:
 
 
 def random_tissues(rng: np.random.Generator, *, layers: int, declared: float) -> list[Tissue]:
-    """Return layers about 1 mm apart; each optional property is declared with probability `declared`."""
+    """Return layers about 1 mm apart; each optional property is set with probability `declared`."""
 
     def maybe(largest: float) -> float:
         return float(rng.uniform(1e-6, largest)) if rng.random() < declared else 0.0
@@ -108,7 +108,7 @@ def random_tissues(rng: np.random.Generator, *, layers: int, declared: float) ->
 
 
 def walk_m(rng: np.random.Generator, *, steps: int, depth_m: float) -> list[float]:
-    """Return a path that creeps, turns, rests and now and then jumps anywhere, scene and before."""
+    """Return a path that creeps, turns, rests and sometimes jumps to anywhere in or before the scene."""
     at_m, path_m = 0.0, []
     for _ in range(steps):
         what = rng.random()

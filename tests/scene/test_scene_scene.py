@@ -190,7 +190,7 @@ def test_a_surface_that_recovers_onto_a_resting_needle_presses_on_it_without_a_j
 
 @pytest.mark.parametrize(("rest_m", "tip_m"), [(0.0, 0.033), (0.02, 0.053)])
 def test_a_breach_is_not_undone_by_a_repeated_sample(rest_m: float, tip_m: float) -> None:
-    """The tip stands on the surface that it broke, or a rounding error before it."""
+    """The tip is on the surface that it broke, or a rounding error before it."""
     scene = Scene([tissue(rest_m, stiffness_n_per_m=100.0, breach_force_n=3.3, recovery_time_s=1.0)])
     assert 100.0 * (tip_m - rest_m) > 3.3
     assert tip_m <= rest_m + 3.3 / 100.0
