@@ -271,3 +271,30 @@ def test_a_virtual_link_without_a_session_says_so():
         link.run(seconds=-1)
     with pytest.raises(hn.SettingsError, match="unknown scene 'nowhere'"):
         hn.virtual_link(scene="nowhere")
+
+
+@pytest.mark.parametrize("half", ["encode", "reconstruct"])
+def test_a_codec_that_raises_ends_the_session_with_its_reason(half):
+    @dataclasses.dataclass(frozen=True)
+    class Fragile(type(hn.make_codec("deadband"))):
+        name = "fragile"
+
+        def encoder(self, axes):
+            return _broken(super().encoder(axes), half)
+
+        def decoder(self, axes):
+            return _broken(super().decoder(axes), half)
+
+    link = hn.virtual_link(scene="paper:1", codec=Fragile())
+    with pytest.raises(hn.UnavailableError, match=f"the session ended: .* {half} failed: .*ZeroDivisionError"):
+        link.run(seconds=5)
+
+
+def _broken(inner, half):
+    def broken(t_us, *arguments):
+        return getattr(inner, half)(t_us, *arguments) if t_us < 1_000_000 else 1 / 0
+
+    keep = {
+        name: getattr(inner, name) for name in ("encode", "refresh", "decode", "reconstruct") if hasattr(inner, name)
+    }
+    return types.SimpleNamespace(**{**keep, **({half: broken} if half in keep else {})})

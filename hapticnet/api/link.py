@@ -105,9 +105,13 @@ class VirtualLink:
         ------
         SettingsError
             If `seconds` is not between 0 and 1e6.
+        UnavailableError
+            If the codec or the operator raised an error, which ends the session.
         """
         check_parameter("seconds", seconds, 0.0, LONGEST_RUN_S, "s")
         self._loopback.run(round(seconds * 1e6))
+        if self._loopback.master.failure is not None:
+            raise UnavailableError(f"the session ended: {self._loopback.master.failure}")
 
     def slave_samples(self) -> dict[str, FloatArray]:
         """Return, for every position the slave answered: t_us, position_m, force_n, held_n, transmitted and more.

@@ -217,12 +217,11 @@ class _Encoder:
 class _Decoder:
     """The decoder of a user: what it returns is checked, as it is on its way to a device. Satisfies `Decoder`."""
 
-    __slots__ = ("_applied", "_axes", "_decode", "_reconstruct", "_source")
+    __slots__ = ("_axes", "_decode", "_reconstruct", "_source")
 
     def __init__(self, inner: Decoder, axes: int, source: str) -> None:
         self._decode, self._reconstruct, self._source = inner.decode, inner.reconstruct, source
         self._axes = axes
-        self._applied: Vector = (0.0,) * axes
 
     def decode(self, t_us: int, payload: bytes) -> None:
         """Take in a payload; whatever the user's decoder raises becomes a PeerError."""
@@ -234,14 +233,13 @@ class _Decoder:
             raise PeerError(f"codec {self._source}: decode failed: {in_words(error)}") from error
 
     def reconstruct(self, t_us: int, position: Vector | None = None) -> Vector:
-        """Return the stimulus to apply; the last valid one where the user's decoder returns none."""
+        """Return the stimulus to apply; whatever the user's decoder raises becomes a SampleError."""
         try:
             applied = self._reconstruct(t_us, position)
             _check_applied(applied, self._axes)
-            self._applied = applied
-        except Exception:  # noqa: S110 - a device must get a finite force whatever a codec does
-            pass
-        return self._applied
+        except Exception as error:
+            raise SampleError(f"codec {self._source}: reconstruct failed: {in_words(error)}") from error
+        return applied
 
 
 def _run_file(file: Path) -> Any:

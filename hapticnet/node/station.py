@@ -70,12 +70,12 @@ class Station:
             payload = self._encoder.encode(t_us, force.force_n, sample.position_m)
             if payload is not None:
                 self._mirror.decode(t_us, payload)
+            held_n = self._mirror.reconstruct(t_us, sample.position_m)
         except Exception as error:  # a force that is not finite, or a codec of the user's own
             self.steps += 1
             raise SceneFailedError(f"the force cannot be encoded: {in_words(error)}") from error
         if payload is not None:
             answer = self.session.force(t_us, payload, now_us)
-        held_n = self._mirror.reconstruct(t_us, sample.position_m)
         self._error.add(force.force_n, held_n)
         self.steps += 1
         self._stepped_us = now_us

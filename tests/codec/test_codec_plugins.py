@@ -213,7 +213,8 @@ def test_what_a_codec_raises_later_becomes_an_error_of_hapticnet():
     decoder.decode(0, struct.pack(">d", 2.0))
     assert decoder.reconstruct(0) == (2.0,)
     decoder.decode(0, struct.pack(">d", math.nan))
-    assert decoder.reconstruct(0) == (2.0,)  # never a force that is not finite
+    with pytest.raises(SampleError, match=r"codec mine.py:Mine: reconstruct failed: .* returned \(nan,\); it must"):
+        decoder.reconstruct(0)  # a force that is not finite reaches no device
 
 
 def test_a_constructor_that_raises_refuses_the_session_only():
