@@ -37,11 +37,11 @@ CASES = [
         for name in ("velocity-adaptive", "probabilistic", "merging")
         for parameters, law, axes in (({}, {}, 1), (STEP, COARSE, 2), ({}, FINE, 1))
     ],
-    *[("level-crossing", {}, law, axes) for law in ({}, COARSE) for axes in (1, 2, 3)],
+    *[("level-crossing", {"hysteresis": 0.25}, law, axes) for law in ({}, COARSE) for axes in (1, 2, 3)],
     ("level-crossing", {"hysteresis": 0.0}, {}, 1),
     ("level-crossing", {"hysteresis": 0.5}, {"multiplier": 40.0}, 1),
-    ("level-crossing", {}, {"weber_fraction": 1e-12, "floor_n": 1e-5}, 1),
-    ("level-crossing", {}, FINE, 1),
+    ("level-crossing", {"hysteresis": 0.25}, {"weber_fraction": 1e-12, "floor_n": 1e-5}, 1),
+    ("level-crossing", {"hysteresis": 0.25}, FINE, 1),
     *[
         (name, parameters, law, axes)
         for name in ("adaptive-predictive", "linear-predictive")
@@ -170,9 +170,7 @@ def form_of(name, payload, axes):
 def document():
     """Return the whole content of the file."""
     cases = [case(number, *each) for number, each in enumerate(CASES)]
-    cases += [
-        case(100 + axes, "least-squares", {"absolute_every": 8.0}, COARSE, axes, lost=(3, 9)) for axes in (1, 2)
-    ]
+    cases += [case(100 + axes, "least-squares", {"absolute_every": 8.0}, COARSE, axes, lost=(3, 9)) for axes in (1, 2)]
     return {"protocol_version": 1, "note": NOTE, "cases": cases}
 
 
