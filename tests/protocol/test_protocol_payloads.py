@@ -120,7 +120,7 @@ def random_setting(chance, name):
     return parameters, dict(zip(("weber_fraction", "floor_n", "multiplier"), law, strict=True))
 
 
-@given(st.sampled_from(list(CODECS)), st.integers(0, 2**32))
+@given(st.sampled_from([name for name in CODECS if name != "least-squares"]), st.integers(0, 2**32))
 def test_both_decoders_agree_on_any_stream_with_losses_and_damaged_payloads(name, seed):
     chance = random.Random(seed)
     axes = chance.randint(1, 3)
