@@ -115,6 +115,7 @@ def control_settings(profile: "Profile") -> "ForceControlSettings":
 
 def _parse(text: str) -> "tuple[str, PlantSettings | None]":
     """Return the kind of device and, if it is simulated, its plant."""
+    from hapticnet.checks import check_parameter
     from hapticnet.device.parts import Finger
     from hapticnet.device.plant import PlantSettings
     from hapticnet.errors import SettingsError
@@ -133,10 +134,7 @@ def _parse(text: str) -> "tuple[str, PlantSettings | None]":
         raise SettingsError(
             f"stiffness {stiffness!r} of device {text!r} must be a number of N/mm, such as sim:0.3"
         ) from None
-    if not SOFTEST_N_M <= 1000.0 * n_per_mm <= STIFFEST_N_M:
-        raise SettingsError(
-            f"stiffness of device {text!r} must be from {SOFTEST_N_M / 1000.0:g} to {STIFFEST_N_M / 1000.0:g} N/mm"
-        )
+    check_parameter(f"stiffness of device {text!r}", n_per_mm, SOFTEST_N_M / 1000.0, STIFFEST_N_M / 1000.0, "N/mm")
     return kind, PlantSettings(finger=Finger(stiffness_n_m=1000.0 * n_per_mm))
 
 

@@ -12,10 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticnet.arrays import FloatArray
+from hapticnet.checks import check_parameter
 from hapticnet.codec.base import Codec, Encoding
 from hapticnet.codec.recording import encode_array, encode_lossy, encode_streamed
 from hapticnet.codec.registry import codec_parameters
-from hapticnet.errors import SampleError, SettingsError
+from hapticnet.errors import SampleError
 from hapticnet.experiment.workers import workers
 from hapticnet.measure.bound import fewest_holds, fewest_lines
 from hapticnet.measure.quality import QualityReport, quality_report
@@ -193,8 +194,8 @@ def compare(
         If a process of the pool ends unexpectedly.
     """
     losses = tuple(loss) if isinstance(loss, Sequence) else (loss,)
-    if not all(0.0 <= each <= 1.0 for each in losses):
-        raise SettingsError(f"loss is {', '.join(map(str, losses))}; it must be between 0 and 1")
+    for each in losses:
+        check_parameter("loss", each, 0, 1)
     shared = _Shared(trials, codecs, seed)
     laws = list(product(range(len(trials)), dict.fromkeys(codec.law for codec in codecs)))
     cases = list(product(range(len(trials)), losses, range(len(codecs))))

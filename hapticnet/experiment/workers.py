@@ -9,7 +9,8 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Any, Final, TypeAlias
 
-from hapticnet.errors import SettingsError, UnavailableError
+from hapticnet.checks import check_parameter
+from hapticnet.errors import UnavailableError
 
 MOST_JOBS: Final = 256
 
@@ -36,8 +37,7 @@ def workers(jobs: int, shared: Any) -> Iterator[OrderedMap]:
     UnavailableError
         If a process ends unexpectedly.
     """
-    if not 1 <= jobs <= MOST_JOBS:
-        raise SettingsError(f"jobs is {jobs}; it must be between 1 and {MOST_JOBS}")
+    check_parameter("jobs", jobs, 1, MOST_JOBS)
     if jobs == 1:
         yield lambda function, items: map(partial(function, shared), items)
         return

@@ -140,7 +140,7 @@ def test_a_summary_is_mean_and_sample_deviation():
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (("step", "sim:10"), "0.2 to 5 N/mm"),
+        (("step", "sim:10"), "between 0.2 and 5 N/mm"),
         (("step", "sim", "--plot", "x.xyz"), "must end in .png"),
         (("step", "sim", "--from", "1", "--to", "9"), "between 0 and 4.6"),
         (("tune", "sim", "--max-force", "99"), "asked for 4.6 at most"),
