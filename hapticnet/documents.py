@@ -16,7 +16,7 @@ LARGEST_DOCUMENT: Final = 16 * 2**20
 STRICT: Final = ConfigDict(extra="forbid", strict=True)
 """Model configuration of a document: no unknown keys, no type conversions."""
 
-_WANTED: Final = {
+_EXPECTED: Final = {
     "string_type": "text in quotes",
     "int_type": "a whole number",
     "float_type": "a number",
@@ -78,8 +78,8 @@ def _first_mistake(error: ValidationError, model: type[BaseModel]) -> str:
         return f"{where}unknown key {key!r}; the keys are {', '.join(table.model_fields)}"
     if mistake["type"] == "missing":
         return f"{where}{key} is missing"
-    wanted = _WANTED.get(mistake["type"])
-    right = f"it must be {wanted}" if wanted else f"{mistake['msg'][0].lower()}{mistake['msg'][1:]}"
+    expected = _EXPECTED.get(mistake["type"])
+    right = f"it must be {expected}" if expected else f"{mistake['msg'][0].lower()}{mistake['msg'][1:]}"
     return f"{where}{key} is {reprlib.repr(mistake['input'])}; {right}"
 
 

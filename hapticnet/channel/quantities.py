@@ -29,8 +29,8 @@ def parse_time_us(text: str) -> int:
 
 def parse_rate_bit_per_s(text: str) -> int:
     """Return a rate such as 1Mbit/s in whole bits per second."""
-    wanted = f"a rate such as 1Mbit/s, in bit/s, kbit/s, Mbit/s or Gbit/s, up to {format_rate(FASTEST_BIT_PER_S)}"
-    return _whole(text, _RATE_UNITS, FASTEST_BIT_PER_S, wanted)
+    expected = f"a rate such as 1Mbit/s, in bit/s, kbit/s, Mbit/s or Gbit/s, up to {format_rate(FASTEST_BIT_PER_S)}"
+    return _whole(text, _RATE_UNITS, FASTEST_BIT_PER_S, expected)
 
 
 def parse_share(text: str) -> float:
@@ -72,12 +72,12 @@ def _number_and_unit(text: str) -> tuple[float, str]:
     return (float(match[1]), match[2].strip().lower()) if match else (float("nan"), "")
 
 
-def _whole(text: str, units: Mapping[str, int], largest: int, wanted: str) -> int:
+def _whole(text: str, units: Mapping[str, int], largest: int, expected: str) -> int:
     number, unit = _number_and_unit(text)
     value = number * units.get(unit, float("nan"))
     # NaN compares false with everything, so this form rejects it too.
     if not 0.0 <= value <= largest:
-        raise SettingsError(f'"{text[:60]}" is not {wanted}')
+        raise SettingsError(f'"{text[:60]}" is not {expected}')
     return round(value)
 
 

@@ -226,7 +226,7 @@ class ForceController:
         touching = min(sensed_n, newest_n) > 0.5 * settings.touch_n
         watch = self._watch
         spread_n = self._largest_n - self._smallest_n
-        complaint = watch.notice(touching, sensed_n, stood_m, self.finger.compliance_m_n, spread_n=spread_n)
+        complaint = watch.check(touching, sensed_n, stood_m, self.finger.compliance_m_n, spread_n=spread_n)
         if self.fault is None:
             self.fault = complaint
         if self._touching and (watch.fallen or not touching):
@@ -237,7 +237,7 @@ class ForceController:
         if touching and not watch.fallen:
             self.finger.learn(stood_m, sensed_n, (stood_m - self._before_m) / elapsed_s, elapsed_s)
         if target_n <= settings.release_n:
-            watch.let_go()
+            watch.release()
         if self.fault is not None:
             self.displacement_m = 0.0
             if target_n <= settings.release_n and stood_m <= settings.clearance_m:

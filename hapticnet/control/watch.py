@@ -24,9 +24,9 @@ STEP_M: Final = 0.06e-3
 SOFT_M_N: Final = 0.35e-3
 """Compliance [m/N] used for fingers that seem stiffer than this."""
 
-LEAP_N: Final = 0.3
+JUMP_N: Final = 0.3
 MOST_REVERSALS: Final = 3.0
-FORGIVEN: Final = 0.25
+REVERSAL_DECAY: Final = 0.25
 """Jump of the force [N] that counts as a reversal, number of reversals that count as a fault, and reduction of the
 count per period without one. No finger causes a jump back and forth in successive control periods, because the servos
 need a 20 ms frame and 20 to 40 ms of lag to reverse, or such a spread within a period while the platform hardly moves.
@@ -53,7 +53,7 @@ class SensorWatch:
         platform must not go further than before.
     """
 
-    __slots__ = ("_answered_m", "_compliance_m_n", "_fell_m", "_leap_n", "_newest_n", "_recent_m", "_reversals",
+    __slots__ = ("_answered_m", "_compliance_m_n", "_fell_m", "_jump_n", "_newest_n", "_recent_m", "_reversals",
                  "_sensed_n", "_stood_m", "_watching")  # fmt: skip
 
     def __init__(self) -> None:
@@ -63,7 +63,7 @@ class SensorWatch:
         self._compliance_m_n = 0.0
         self._answered_m = math.inf
         self._newest_n = 0.0
-        self._leap_n = 0.0
+        self._jump_n = 0.0
         self._reversals = 0.0
         self._recent_m: deque[float] = deque(maxlen=RECENT)
         self._fell_m = math.inf
@@ -78,11 +78,11 @@ class SensorWatch:
         """The smaller of both limits."""
         return min(self._answered_m, self._fell_m)
 
-    def let_go(self) -> None:
+    def release(self) -> None:
         """Note that the target was released: forget a fall, so that the finger is approached as new."""
         self._fell_m = math.inf
 
-    def notice(
+    def check(
         self, touching: bool, sensed_n: float, stood_m: float, compliance_m_n: float, *, spread_n: float = 0.0
     ) -> str | None:
         """Return a description of a sensor fault, or None; call once per control period, before learning.
@@ -99,20 +99,20 @@ class SensorWatch:
         spread_n
             Range (largest less smallest) of the readings [N] within the period.
         """
-        leap_n = sensed_n - self._newest_n
-        reverses = abs(leap_n) > LEAP_N and abs(self._leap_n) > LEAP_N and leap_n * self._leap_n < 0.0
+        jump_n = sensed_n - self._newest_n
+        reverses = abs(jump_n) > JUMP_N and abs(self._jump_n) > JUMP_N and jump_n * self._jump_n < 0.0
         moved_m = abs(stood_m - self._recent_m[-1]) if self._recent_m else 0.0
-        reverses = reverses or spread_n > LEAP_N + STIFFEST_N_M * moved_m
-        self._reversals = self._reversals + 1.0 if reverses else max(0.0, self._reversals - FORGIVEN)
+        reverses = reverses or spread_n > JUMP_N + STIFFEST_N_M * moved_m
+        self._reversals = self._reversals + 1.0 if reverses else max(0.0, self._reversals - REVERSAL_DECAY)
         stood_before_m = max(self._recent_m, default=stood_m)
-        falls = -leap_n > max(FALL_N, FALL_FRACTION * self._newest_n)
+        falls = -jump_n > max(FALL_N, FALL_FRACTION * self._newest_n)
         if falls and stood_m > stood_before_m - PLAY_M:
             self._fell_m = min(self._fell_m, max(stood_before_m, stood_m))
         self._recent_m.append(stood_m)
-        self._newest_n, self._leap_n = sensed_n, leap_n
+        self._newest_n, self._jump_n = sensed_n, jump_n
         if self._reversals >= MOST_REVERSALS:
-            leapt_n = max(abs(leap_n), spread_n)
-            return f"the force oscillates by {leapt_n:.1f} N: is the sensor connected?"
+            largest_n = max(abs(jump_n), spread_n)
+            return f"the force oscillates by {largest_n:.1f} N: is the sensor connected?"
         return self._silence(touching, sensed_n, stood_m, compliance_m_n)
 
     def _silence(self, touching: bool, sensed_n: float, stood_m: float, compliance_m_n: float) -> str | None:
@@ -122,17 +122,17 @@ class SensorWatch:
             self._stood_m = stood_m
             self._compliance_m_n = compliance_m_n
             # Slightly further than the limit for a fault; otherwise the platform would stop before reaching it.
-            self._answered_m = stood_m + self._way_m(1.0) + 1.5 * STEP_M if touching else math.inf
+            self._answered_m = stood_m + self._allowed_m(1.0) + 1.5 * STEP_M if touching else math.inf
             return None
-        way_m = stood_m - self._stood_m
+        moved_m = stood_m - self._stood_m
         # While retreating, hysteresis hides a soft finger whose compliance may have been underestimated.
-        if way_m > self._way_m(1.0) or -way_m > self._way_m(-1.0, compliance_m_n):
+        if moved_m > self._allowed_m(1.0) or -moved_m > self._allowed_m(-1.0, compliance_m_n):
             return f"the force does not change while the platform moves: is the sensor stuck at {sensed_n:.1f} N?"
         return None
 
-    def _way_m(self, direction: float, compliance_m_n: float = 0.0) -> float:
+    def _allowed_m(self, direction: float, compliance_m_n: float = 0.0) -> float:
         """Return how far [m] the platform may move toward the finger (1) or away (-1) without a change of force."""
         known_m_n = max(compliance_m_n, self._compliance_m_n, SOFT_M_N)
         change_n = direction * max(SILENT_N, SILENT_FRACTION * self._sensed_n)
-        way = compressed(self._sensed_n + change_n) - compressed(self._sensed_n)
-        return abs(way) * known_m_n + PLAY_M
+        compression = compressed(self._sensed_n + change_n) - compressed(self._sensed_n)
+        return abs(compression) * known_m_n + PLAY_M
