@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from hapticnet.errors import FileError
-from hapticnet.files import check_replaceable, replacing
+from hapticnet.documents import read_document
+from hapticnet.errors import FileError, SettingsError
+from hapticnet.files import check_readable, check_replaceable, parse_bytes, read_text, replacing
 
 
 def test_a_file_takes_the_place_of_what_was_there_and_keeps_its_rights(tmp_path):
@@ -63,3 +64,50 @@ def test_what_cannot_be_written_is_refused_by_the_check_and_by_the_writing(tmp_p
         check_replaceable(tmp_path)
     with pytest.raises(FileError, match="No space left"), replacing(Path("/dev/full")) as stream:
         stream.write("x")
+
+
+@pytest.mark.parametrize(
+    ("text", "size"),
+    [
+        ("0", 0),
+        ("1000", 1000),
+        ("500MB", 500_000_000),
+        ("8GiB", 8 * 2**30),
+        ("1.5 kib", 1536),
+        ("2T", 2 * 10**12),
+        (7, 7),
+    ],
+)
+def test_sizes_are_read_with_decimal_and_binary_units(text, size):
+    assert parse_bytes(text) == size
+
+
+@pytest.mark.parametrize("text", ["", "much", "-1", "1e9", "5 XB", "nan", "1" * 30])
+def test_other_sizes_are_refused(text):
+    with pytest.raises(SettingsError, match="is not a size such as 500MB or 8GiB"):
+        parse_bytes(text)
+
+
+def test_only_regular_files_within_the_limit_are_read(tmp_path):
+    file = tmp_path / "a.toml"
+    file.write_text("x" * 10)
+    check_readable(file, 10)
+    assert read_text(file, 10) == "x" * 10
+    with pytest.raises(FileError, match="10 bytes; the limit is 9"):
+        read_text(file, 9)
+    with pytest.raises(FileError, match="more than 5 bytes"):  # its size is given as 0
+        read_text(Path("/proc/self/status"), 5)
+    file.unlink()
+    os.mkfifo(file)
+    for path, kind in ((file, "a pipe"), (Path("/dev/zero"), "a character device"), (tmp_path, "a directory")):
+        with pytest.raises(FileError, match=f"is {kind}; expected a regular file"):
+            read_document(path)
+    with pytest.raises(FileError, match="No such file"):
+        read_document(tmp_path / "none.toml")
+
+
+def test_a_document_that_is_too_large_is_refused_without_reading_it(tmp_path):
+    with (tmp_path / "a.toml").open("wb") as file:
+        file.truncate(2**33)
+    with pytest.raises(FileError, match="8589934592 bytes; the limit is 16777216"):
+        read_document(tmp_path / "a.toml")

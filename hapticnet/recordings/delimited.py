@@ -3,6 +3,7 @@
 import csv
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Final, TextIO
@@ -18,6 +19,7 @@ LONGEST_LINE: Final = 2**20
 """Characters in a line; more mean that the file is not a table."""
 
 _SAMPLE_ROWS: Final = 100
+_SKIPPED: Final = ("", "#", "%")
 
 
 class _IrregularError(Exception):
@@ -46,13 +48,14 @@ class DelimitedSource:
             self._encoding = "utf-16" if file.read(2) in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
         comment = ""
         sample: list[tuple[int, str]] = []
-        for number, line in self._lines():
-            if line.lstrip()[:1] in ("#", "%"):
-                comment = comment if sample else line
-            elif line.strip():
-                sample.append((number, line.rstrip("\n")))
-                if len(sample) == _SAMPLE_ROWS:
-                    break
+        with self._text() as file:
+            for number, line in enumerate(self._lines(file), start=1):
+                if line.lstrip()[:1] in ("#", "%"):
+                    comment = comment if sample else line
+                elif line.strip():
+                    sample.append((number, line.rstrip("\n")))
+                    if len(sample) == _SAMPLE_ROWS:
+                        break
         if not sample:
             raise FileError(f"{path}: the file has no data; expected a table with a header and rows")
         self._layout = find_layout(path, sample, comment)
@@ -97,21 +100,30 @@ class DelimitedSource:
 
     def place(self, row: int) -> str:
         """Return where a row is in the file, for a message."""
-        rows = (number for number, _ in self._kept())
-        return f"line {next(number for index, number in enumerate(rows) if index == row)}"
+        left = row + self._layout.header_rows
+        with self._text() as file:
+            for number, line in enumerate(self._lines(file), start=1):
+                if line.lstrip()[:1] not in _SKIPPED:
+                    if not left:
+                        return f"line {number}"
+                    left -= 1
+        return f"row {row}"
 
     def _numbers_at_once(self, indices: Sequence[int]) -> FloatArray | None:
         """Return the columns, read by NumPy's compiled parser; None if the file needs a closer look."""
         separator, decimal_comma = self._layout.separator, self._layout.decimal_comma
         separators = len(self.names) - 1
+        twice, last = ("\0", ("\0",)) if separator is None else (2 * separator, (separator, f"{separator}\n"))
         rows = 0
 
         def lines() -> Iterator[str]:
             nonlocal rows
-            for _, line in self._kept():
+            for line in self._kept():
                 found = line.count(separator) if separator is not None else len(line.split()) - 1
                 if found != separators or (decimal_comma and "." in line):
                     raise _IrregularError
+                if twice in line or line[0] == separator or line.endswith(last):
+                    line = twice[0].join(cell if cell.strip() else "nan" for cell in line.split(separator))
                 rows += 1
                 yield line.replace(",", ".") if decimal_comma else line
 
@@ -145,14 +157,14 @@ class DelimitedSource:
 
     def _cells(self) -> Iterator[list[str]]:
         """Yield the cells of each row; a trailing separator is ignored."""
-        number, complete = 0, True
+        row, complete = -1, True
 
         def lines() -> Iterator[str]:
-            nonlocal number, complete
-            for at, line in self._kept():
+            nonlocal row, complete
+            for line in self._kept():
                 if not complete:  # the last line ended within a quoted cell
                     raise csv.Error(OPEN_QUOTE)
-                number, complete = at, False
+                row, complete = row + 1, False
                 yield line
 
         width, separator = len(self.names), self._layout.separator
@@ -167,34 +179,45 @@ class DelimitedSource:
                 if len(cells) == width + 1 and not cells[-1].strip():
                     cells.pop()
                 if len(cells) != width:
-                    raise FileError(f"{self.path}, line {number}: {len(cells)} cells; the first line has {width}")
+                    raise FileError(f"{self.path}, {self.place(row)}: {len(cells)} cells; the first line has {width}")
                 yield cells
         except csv.Error as error:
-            raise FileError(f"{self.path}, line {number}: {csv_reason(error)}") from error
+            raise FileError(f"{self.path}, {self.place(row)}: {csv_reason(error)}") from error
 
-    def _kept(self) -> Iterator[tuple[int, str]]:
-        """Yield number and text of the lines that hold rows."""
+    def _kept(self) -> Iterator[str]:
+        """Yield the lines that hold rows."""
         skip = self._layout.header_rows
-        for number, line in self._lines():
-            if line.lstrip()[:1] not in ("", "#", "%"):
-                if skip:
-                    skip -= 1
-                else:
-                    yield number, line
+        with self._text() as file:
+            for line in self._lines(file):
+                if line.lstrip()[:1] not in _SKIPPED:
+                    if skip:
+                        skip -= 1
+                    else:
+                        yield line
 
-    def _lines(self) -> Iterator[tuple[int, str]]:
-        """Yield number, from 1, and text of every line."""
-        file: TextIO
+    @contextmanager
+    def _text(self) -> Iterator[TextIO]:
+        """Open the file as text; errors while it is read become a FileError."""
         try:
             with self.path.open(encoding=self._encoding) as file:
-                for number, line in enumerate(iter(partial(file.readline, LONGEST_LINE), ""), start=1):
-                    if len(line) == LONGEST_LINE:
-                        raise FileError(f"{self.path}, line {number}: longer than {LONGEST_LINE} characters")
-                    yield number, line
+                yield file
         except UnicodeError as error:
             raise FileError(f"{self.path}{self._undecodable()}: not UTF-8 text; save the file as UTF-8") from error
         except OSError as error:
             raise FileError(f"{self.path}: {error.strerror or error}") from error
+
+    def _lines(self, file: TextIO) -> Iterator[str]:
+        """Yield the lines of an open file.
+
+        Raises
+        ------
+        FileError
+            If a line has `LONGEST_LINE` characters or more.
+        """
+        for line in iter(partial(file.readline, LONGEST_LINE), ""):
+            if len(line) == LONGEST_LINE:
+                raise FileError(f"{self.path}: a line is longer than {LONGEST_LINE} characters; this is not a table")
+            yield line
 
     def _undecodable(self) -> str:
         """Return the place of the first line that is not UTF-8, for a message."""

@@ -1,5 +1,6 @@
 """One recording from a file: forces and positions with their times, in SI units, and what the user should know."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
@@ -190,7 +191,8 @@ def _choose(source: Source, columns: Columns | None, what: str) -> list[int]:
 
 
 def _is_position(name: str) -> bool:
-    return split_unit(name)[0].lower().partition("_")[0].partition(".")[0] in ("position", "pos")
+    """Return whether a column is called position or pos, as in position_m, pos_x [mm], run.position.0."""
+    return re.search(r"(^|\.)pos(ition)?([_. ].*)?$", split_unit(name)[0].lower()) is not None
 
 
 def _read(

@@ -62,6 +62,7 @@ def files(tmp_path):
     }
     for name, text in made.items():
         (tmp_path / name).write_bytes(text if isinstance(text, bytes) else text.encode())
+    (tmp_path / "zero.toml").symlink_to("/dev/zero")
     np.save(tmp_path / "nan.npy", np.array([0.0, np.nan]))
     np.save(tmp_path / "objects.npy", np.array([{}], dtype=object), allow_pickle=True)
     return tmp_path
@@ -136,6 +137,13 @@ def test_flags_of_encode_that_cannot_be_are_refused_in_one_line(files, arguments
         (("master", "--connect", "no.such.host.invalid:1"), ("cannot find host 'no.such.host.invalid'",)),
         (("channel", "--to", "nowhere"), ("HOST:PORT",)),
         (("channel",), ("to",)),
+        (("scene", "show", "/dev/zero.toml"), ("No such file",)),
+        (("scene", "show", "{files}/zero.toml"), ("is a character device",)),
+        (("master", "--profile", "{files}/zero.toml"), ("is a character device",)),
+        (("master", "--operator", "trace:{files}/zero.toml"), ("is a character device",)),
+        (("master", "--operator", "trace:{files}/good.csv"), ("which column?",)),
+        (("master", "--operator", "trace:{files}/good.csv:y"), ('no column "y"',)),
+        (("scene", "run", "paper", "--positions", "{files}/zero.toml"), ("is a character device",)),
         (("scene", "show", "paper:x"), ("paper:x", "seed")),
         (("scene", "run", "paper", "--positions", "missing.csv"), ("missing.csv",)),
         (("fly",), ("fly",)),

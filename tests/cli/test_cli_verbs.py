@@ -132,3 +132,28 @@ def test_codecs_lists_every_codec_with_its_parameters():
         assert {p["name"]: p["default"] for p in codec["parameters"]} == codec_parameters(CODECS[codec["name"]]())
         assert all(parameter["meaning"] for parameter in codec["parameters"])
     assert all(name in hapticnet("codecs").stdout for name in CODECS)
+
+
+def test_a_rate_applies_to_recordings_without_times_only(trace, tmp_path):
+    timeless = tmp_path / "timeless.csv"
+    timeless.write_text("fx\n" + "".join(f"{value}\n" for value in read_csv(trace)["fx"]))
+    arguments = ("compare", trace, timeless, "--column", "fx", "--codecs", "deadband", "--thresholds", "1", "--json")
+    done = hapticnet(*arguments, "--rate", "500")
+    first, second = json.loads(done.stdout)["rows"]
+    assert first["sent"] == second["sent"]
+    assert first["packets_per_s"] == pytest.approx(2 * second["packets_per_s"], rel=0.01)
+    assert f'{trace}: column "t_s" has the times; --rate 500 is not used' in done.stderr
+
+
+@pytest.mark.parametrize("verb", ["encode", "compare"])
+def test_what_a_recording_lacks_is_told_by_encode_and_compare_alike(tmp_path, verb):
+    t_ms = np.arange(1000.0)
+    t_ms[500:] += 100
+    force = np.sin(t_ms / 50)
+    force[42] = 5e5
+    file = tmp_path / "faulty.csv"
+    file.write_text("t_ms;F (mN)\n" + "".join(f"{t};{f}\n" for t, f in zip(t_ms, force, strict=True)) + "1100;\n")
+    done = hapticnet(verb, file, "--missing", "drop", "--max-size", "1MB")
+    assert done.returncode == 0, done.stderr
+    for words in ("scaled by 0.001 to N", "1 of 1001 rows", "1 gap in time", "up to 500 N at sample 42"):
+        assert sum(f"{verb}: {file}: " in line and words in line for line in done.stderr.splitlines()) == 1
