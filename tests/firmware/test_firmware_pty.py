@@ -153,9 +153,9 @@ def test_it_ends_after_its_duration(start: Any) -> None:
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (["--stiffness", "0"], "finger stiffness [N/m] is 0.0"),
-        (["--link", __file__], "no link of an earlier device"),
-        (["--link", "/no/such/folder/nano"], "the link cannot be made: No such file"),
+        (["--stiffness", "0"], "finger stiffness is 0.0 N/m"),
+        (["--link", __file__], "was not created by hapticnet"),
+        (["--link", "/no/such/folder/nano"], "cannot create the link: No such file"),
     ],
 )
 def test_invalid_arguments_are_refused(start: Any, arguments: list[str], complaint: str) -> None:
@@ -255,7 +255,7 @@ def test_a_foreign_file_in_place_of_the_link_is_not_touched(nano: NanoPty, tmp_p
     file.write_text("precious")
     link.symlink_to(file)
     for place in (file, link):
-        with pytest.raises(FileError, match="no link of an earlier device"):
+        with pytest.raises(FileError, match="was not created by hapticnet"):
             NanoPty(nano.board, link=place)
     assert link.read_text() == "precious"
     assert sorted(tmp_path.iterdir()) == [file, link]
