@@ -166,7 +166,7 @@ def force_loop(results: Row) -> Figure:
         axes.set_ylabel(label, color=colour)
     _rate_axis(rates, [row["rate_hz"] for row in results["rates"]], "control rate [Hz], 1 N/mm")
     rates.legend(*(a + b for a, b in zip(rates.get_legend_handles_labels(), ripples.get_legend_handles_labels(),
-                                         strict=True)), loc="best", frameon=False, fontsize=9)  # fmt: skip
+                                         strict=True)), loc="lower right", frameon=False, fontsize=9)  # fmt: skip
     return figure
 
 
