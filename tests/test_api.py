@@ -285,6 +285,8 @@ def test_a_codec_that_raises_ends_the_session_with_its_reason(half):
         def decoder(self, axes):
             return _broken(super().decoder(axes), half)
 
+    with pytest.raises(ZeroDivisionError):  # in one's own code, with the traceback
+        hn.encode(FORCE, codec=Fragile())
     link = hn.virtual_link(scene="paper:1", codec=Fragile())
     with pytest.raises(hn.UnavailableError, match=f"the session ended: .* {half} failed: .*ZeroDivisionError"):
         link.run(seconds=5)

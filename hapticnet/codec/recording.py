@@ -19,7 +19,7 @@ def encode_array(
     codec: Codec, t_us: npt.NDArray[np.int64], stimuli: FloatArray, positions: FloatArray | None = None
 ) -> Encoding:
     """Encode and decode a recording without loss; see `Codec.encode_array`."""
-    if not hasattr(codec, "encode_array"):  # a codec of a user
+    if "encode_array" not in vars(type(codec)):  # a codec of a user, which may inherit one that is not its own
         return encode_streamed(codec, t_us, stimuli, positions)
     return codec.encode_array(t_us, stimuli, positions)
 
