@@ -120,7 +120,7 @@ def test_info_tells_who_answers_as_json(start, plug_in):
         (("master", "--quiet", "--device", "serial:/dev/no-such-port"), "is missing; is the device plugged in?"),
         (("device", "info", "serial:/dev/no-such-port"), "is missing; is the device plugged in?"),
         (("device", "info", "serial:/dev/null"), "is not a serial port"),
-        (("master", "--quiet", "--device", "serial:nano"), "a whole path"),
+        (("master", "--quiet", "--device", "serial:nano"), "an absolute path"),
     ],
 )
 def test_a_wrong_port_is_one_line_and_exit_code_2(start, arguments, complaint):
