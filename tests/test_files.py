@@ -1,4 +1,4 @@
-"""Results are there whole or not at all, and nothing that was there is lost for one that fails."""
+"""Results are written completely or not at all, and only bounded regular files are read."""
 
 import os
 from pathlib import Path
@@ -10,7 +10,7 @@ from hapticnet.errors import FileError, SettingsError
 from hapticnet.files import check_readable, check_replaceable, parse_bytes, read_text, replacing
 
 
-def test_a_file_takes_the_place_of_what_was_there_and_keeps_its_rights(tmp_path):
+def test_a_file_replaces_the_old_one_and_keeps_its_permissions(tmp_path):
     file = tmp_path / "a.txt"
     file.write_text("old")
     file.chmod(0o640)
@@ -23,7 +23,7 @@ def test_a_file_takes_the_place_of_what_was_there_and_keeps_its_rights(tmp_path)
 
 
 @pytest.mark.parametrize("failure", [OSError(28, "No space left on device"), KeyboardInterrupt()])
-def test_what_fails_half_way_leaves_what_was_there(tmp_path, failure):
+def test_a_write_that_fails_leaves_the_old_file(tmp_path, failure):
     file = tmp_path / "a.txt"
     file.write_text("old")
 
@@ -38,7 +38,7 @@ def test_what_fails_half_way_leaves_what_was_there(tmp_path, failure):
     assert [entry.name for entry in tmp_path.iterdir()] == ["a.txt"]
 
 
-def test_a_link_goes_on_pointing_where_it_did(tmp_path):
+def test_a_link_still_points_to_its_target(tmp_path):
     target, link = tmp_path / "target", tmp_path / "link"
     link.symlink_to(target)
     check_replaceable(link)
@@ -49,17 +49,17 @@ def test_a_link_goes_on_pointing_where_it_did(tmp_path):
     assert target.read_text() == "here"
 
 
-def test_a_check_leaves_nothing_behind_but_the_folder(tmp_path):
+def test_a_check_creates_the_folder_only(tmp_path):
     check_replaceable(tmp_path / "deep" / "a.txt")
     assert list((tmp_path / "deep").iterdir()) == []
 
 
-def test_a_device_is_written_to_as_it_is():
+def test_a_device_is_written_directly():
     with replacing(Path(os.devnull)) as stream:
         stream.write("gone")
 
 
-def test_what_cannot_be_written_is_refused_by_the_check_and_by_the_writing(tmp_path):
+def test_a_file_that_cannot_be_written_is_refused_by_check_and_write(tmp_path):
     with pytest.raises(FileError, match="cannot be written"):
         check_replaceable(tmp_path)
     with pytest.raises(FileError, match="No space left"), replacing(Path("/dev/full")) as stream:

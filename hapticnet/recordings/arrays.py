@@ -76,7 +76,7 @@ class ArraySource:
         return self._columns([index])[0].dtype.kind == "M"
 
     def stamps_us(self, index: int) -> IntArray:
-        """Return dates and times in µs since 1970, shape (rows,); the smallest integer where one is missing."""
+        """Return dates and times in µs since 1970, shape (rows,); `times.NO_STAMP` where one is missing."""
         stamps: IntArray = self._columns([index])[0].astype("datetime64[us]").astype(np.int64)
         assert np.datetime64("NaT").astype(np.int64) == NO_STAMP  # noqa: S101  (NumPy's own convention)
         return stamps

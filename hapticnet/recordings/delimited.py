@@ -63,7 +63,7 @@ class DelimitedSource:
         self.notes = self._layout.notes
         if len(sample) == self._layout.header_rows:
             raise FileError(f"{path}: there are no rows under the header")
-        self._first_row = split_cells(sample[self._layout.header_rows][1], self._layout.separator)
+        self._sample = [split_cells(line, self._layout.separator) for _, line in sample[self._layout.header_rows :]]
 
     def numbers(self, indices: Sequence[int]) -> FloatArray:
         """Return columns, shape (rows, columns), with NaN where a cell is empty or says NaN, NA, N/A or null.
@@ -73,17 +73,16 @@ class DelimitedSource:
         FileError
             If a cell is not a finite number, or a row has more or fewer cells than the header.
         """
-        if not indices:
-            return np.empty((sum(1 for _ in self._cells()), 0))
         fast = self._numbers_at_once(indices)
         return self._numbers_by_cell(indices) if fast is None else fast
 
     def has_stamps(self, index: int) -> bool:
-        """Return whether a column holds dates and times in ISO 8601."""
-        return index < len(self._first_row) and is_stamp(self._first_row[index])
+        """Return whether a column holds dates and times in ISO 8601: its first cell that is not empty does."""
+        cells = (row[index] for row in self._sample if index < len(row))
+        return is_stamp(next((cell for cell in cells if not is_missing(cell)), ""))
 
     def stamps_us(self, index: int) -> IntArray:
-        """Return a column of ISO 8601 stamps in µs since 1970, shape (rows,); the smallest integer where it is empty.
+        """Return a column of ISO 8601 stamps in µs since 1970, shape (rows,); `times.NO_STAMP` where it is empty.
 
         Raises
         ------

@@ -14,7 +14,7 @@ NO_STAMP: Final = int(np.iinfo(np.int64).min)
 """Stands for a stamp that is missing."""
 
 _NAMES: Final = ("t", "time", "timestamp", "time_stamp", "datetime", "date_time", "stamp", "elapsed", "elapsed_time")
-_STAMP: Final = re.compile(r"\s*\d{4}-?\d{2}-?\d{2}[T ]\d{2}[\d:.,]*\s*(?:Z|[+-][\d:]+)?\s*")
+_STAMP: Final = re.compile(r"\s*(?:\d{4}-?\d{2}-?\d{2}[T ]\d{2}|\d{2}:\d{2}:)[\d:.,]*\s*(?:Z|[+-][\d:]+)?\s*")
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 _MICROSECOND: Final = timedelta(microseconds=1)
 
@@ -67,15 +67,15 @@ def is_stamp(cell: str) -> bool:
 
 
 def stamp_us(cell: str) -> int | None:
-    """Return a date and time in ISO 8601 as µs since 1970, in UTC if it names no zone; `NO_STAMP` if the cell is empty.
+    """Return a date and time in ISO 8601 as µs since 1970, or a time of day as µs since midnight.
 
-    None if it is something else.
+    A stamp without a zone is in UTC. An empty cell gives `NO_STAMP`, anything else None.
     """
     cell = cell.strip()
     if not cell:
         return NO_STAMP
     try:
-        stamp = datetime.fromisoformat(cell)
+        stamp = datetime.fromisoformat(f"1970-01-01T{cell}" if cell[2:3] == ":" else cell)
     except ValueError:
         return None
     return ((stamp if stamp.tzinfo else stamp.replace(tzinfo=UTC)) - _EPOCH) // _MICROSECOND

@@ -67,7 +67,7 @@ def test_a_trace_has_up_to_three_axes():
     t_us=st.integers(-(10**6), 4 * 10**8),
     loop=st.booleans(),
 )
-def test_a_position_lies_between_its_neighbours_whatever_the_time(steps, t_us, loop):
+def test_a_position_lies_between_its_neighbours_at_any_time(steps, t_us, loop):
     times_us = np.cumsum([step for step, _ in steps])
     values_m = [value for _, value in steps]
     operator = make(times_us * 1e-6, values_m, loop=loop)

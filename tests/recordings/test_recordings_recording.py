@@ -129,13 +129,17 @@ def test_times_without_a_unit_are_read_by_their_size_which_is_told(file, name, u
     ],
 )
 def test_stamps_in_iso_8601_are_read(file, stamps, step_us):
-    for path in (file("timestamp,f\n{},1\n{},2\n".format(*stamps)), file("{},1\n{},2\n".format(*stamps), "bare.csv")):
-        if path.name == "r.csv":
-            recording = load_recording(path)
-            assert np.diff(recording.t_us).tolist() == [step_us]
-            assert recording.t_us[0] // 10**9 == 1_767_225
-        else:
-            assert load_recording(path, columns="1", rate_hz=1000.0).t_us.tolist() == [0, 1000]
+    rows = "{},1\n{},2\n".format(*stamps)
+    recording = load_recording(file(f"timestamp,f\n{rows}"))
+    assert np.diff(recording.t_us).tolist() == [step_us]
+    assert recording.t_us[0] // 10**9 == 1_767_225
+    bare = load_recording(file(rows), columns="1", rate_hz=1000.0)
+    assert bare.t_us.tolist() == [0, 1000], "stamps make no header"
+
+
+def test_times_of_day_are_read(file):
+    content = "time,f\n,0\n00:00:01.5,1\n00:01:00,2\n"
+    assert load_recording(file(content), missing="drop").t_us.tolist() == [1_500_000, 60_000_000]
 
 
 def test_a_stamp_that_is_none_is_named_with_its_line(file):
