@@ -1,6 +1,7 @@
 """Golden datagrams, and what becomes of everything that is not one."""
 
 import json
+import re
 import unicodedata
 from pathlib import Path
 
@@ -40,6 +41,16 @@ def fields_of(vector):
         bytes.fromhex(field["hex"]) if isinstance(field, dict) and "hex" in field else field
         for field in vector["fields"]
     )
+
+
+def test_the_document_lists_every_kind_and_code():
+    document = (Path(__file__).parents[2] / "docs" / "protocol.md").read_text()
+    rows = re.findall(r"^\| (\d+) \| ([A-Z]+) \|", document, flags=re.MULTILINE)
+    assert [(int(number), name) for number, name in rows] == [(kind.value, kind.name) for kind in Kind]
+    codes = re.findall(
+        r"^\| (\d+) \| [a-z]", document.partition("| code | meaning |")[2].partition("\n\n")[0], re.MULTILINE
+    )
+    assert [int(code) for code in codes] == [code.value for code in messages.Code]
 
 
 def test_the_vectors_are_of_this_version_and_show_every_kind():
