@@ -171,7 +171,12 @@ def _check_applied(applied: Any, axes: int) -> None:
 
 
 def _guarded(found: type[Any], source: str) -> type[Any]:
-    """Return a subclass whose faults are errors of hapticnet; `source` becomes an attribute of it."""
+    """Return a subclass whose faults are errors of hapticnet.
+
+    Its attributes `source` and `origin` tell where the class is defined: as the user wrote it, and as a file or module.
+    """
+    file = getattr(sys.modules.get(found.__module__), "__file__", None)
+    origin = f"{Path(file).resolve() if file else found.__module__}:{found.__qualname__}"
 
     def encoder(self: Any, axes: int) -> Encoder:
         return _Encoder(started(super(made, self).encoder, axes), source)
@@ -185,7 +190,7 @@ def _guarded(found: type[Any], source: str) -> type[Any]:
         except Exception as error:
             raise SettingsError(f"codec {source}: {method.__name__}({axes}) raised {in_words(error)}") from error
 
-    scope = {"__doc__": found.__doc__, "__module__": found.__module__, "source": source}
+    scope = {"__doc__": found.__doc__, "__module__": found.__module__, "source": source, "origin": origin}
     made: type[Any] = type(found.__name__, (found,), {**scope, "encoder": encoder, "decoder": decoder})
     return made
 

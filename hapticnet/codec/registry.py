@@ -129,8 +129,9 @@ def register_codec(made: type[Any]) -> str:
         If another codec has that name.
     """
     name: str = made.name
-    taken = "hapticnet" if name in CODECS else getattr(_user_codecs.get(name), "source", made.source)
-    if taken != made.source:
+    other = CODECS.get(name) or _user_codecs.get(name, made)
+    if getattr(other, "origin", None) != made.origin:
+        taken = getattr(other, "source", "hapticnet")
         raise SettingsError(f"codec {made.source}: the name {name!r} is taken by {taken}; choose another")
     _user_codecs[name] = made
     return name

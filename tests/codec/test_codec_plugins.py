@@ -112,6 +112,13 @@ def test_an_edited_file_is_read_again():
     assert make_codec("mine", WeberLaw()).other == 7.0
 
 
+def test_one_class_may_be_named_in_several_ways(tmp_path):
+    load(GOOD, "the_same_codec.py")
+    parse_codec("./the_same_codec.py:Mine")
+    parse_codec(f"{tmp_path}/the_same_codec.py:Mine")
+    assert parse_codec("the_same_codec:Mine:share=2") == ("mine", {"share": 2.0})
+
+
 def test_two_codecs_of_one_name_are_refused():
     load(GOOD)
     with pytest.raises(SettingsError, match=r"codec b\.py:Mine: the name 'mine' is taken by mine\.py:Mine; choose an"):
