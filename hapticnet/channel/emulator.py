@@ -75,34 +75,11 @@ class Emulator(Generic[T]):
     """
 
     __slots__ = (
-        "_accepted",
-        "_accepted_bytes",
-        "_delay_us",
-        "_delivered",
-        "_delivered_bytes",
-        "_duplicated",
-        "_duplicated_bytes",
-        "_duplicates",
-        "_fifo",
-        "_heap",
-        "_hold_back_us",
-        "_hold_backs",
-        "_jitter_us",
-        "_keeps_order",
-        "_last_due_us",
-        "_link_free_ns",
-        "_losses",
-        "_lost",
-        "_lost_bytes",
-        "_newest_delivered",
-        "_plain",
-        "_queue_dropped",
-        "_queue_dropped_bytes",
-        "_queue_ns",
-        "_rate_bit_per_s",
-        "_reordered",
-        "_reorders",
-    )
+        "_accepted", "_accepted_bytes", "_delay_us", "_delivered", "_delivered_bytes", "_duplicated",
+        "_duplicated_bytes", "_duplicates", "_fifo", "_heap", "_hold_back_us", "_hold_backs", "_jitter_us",
+        "_keeps_order", "_last_due_us", "_link_free_ns", "_losses", "_lost", "_lost_bytes", "_newest_delivered",
+        "_plain", "_queue_dropped", "_queue_dropped_bytes", "_queue_ns", "_rate_bit_per_s", "_reordered", "_reorders",
+    )  # fmt: skip
 
     def __init__(self, settings: ChannelSettings, rng: np.random.Generator) -> None:
         loss_rng, duplicate_rng, jitter_rng, reorder_rng = rng.spawn(4)

@@ -42,8 +42,8 @@ class ForceControlSettings:
     max_force_n
         Largest force [N] on the finger.
     headroom_n
-        Distance [N] of the largest target from that, for overshoot and for one servo step on a 3 N/mm finger (0.37 N
-        on the wire).
+        Margin [N] between that and the largest target, for overshoot and for one servo step on a 3 N/mm finger
+        (0.37 N with the serial device).
     lead_s
         Time [s] by which the platform leads a moving target, to compensate the servos' lag. Half the shortest lag
         typical of the HS-55; a longer lead would make a 3 N/mm finger overshoot.
@@ -60,7 +60,7 @@ class ForceControlSettings:
         Distance [m] from the finger at which the platform then waits. An assumption, several times the gears' play.
     deadband_n, deadband_fraction
         Largest error, as a force [N] or as a share of the target, at which the platform rests under a resting target.
-        Without this deadband, noise would walk the platform down through the sensor's hysteresis, where the reading
+        Without this deadband, noise would slowly lower the platform through the sensor's hysteresis, where the reading
         does not change. Several times the noise of an averaged reading; less than half a JND.
     yield_n, yield_fraction
         Excess of the sensed force over the target, as a force [N] and as a share of the target, at which the platform

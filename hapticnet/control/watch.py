@@ -22,7 +22,7 @@ STEP_M: Final = 0.06e-3
 """Smallest step of the platform [m]: one third of a servo's deadband."""
 
 SOFT_M_N: Final = 0.35e-3
-"""Compliance [m/N] used for fingers that seem stiffer than this."""
+"""Smallest compliance [m/N] assumed for a finger."""
 
 JUMP_N: Final = 0.3
 MOST_REVERSALS: Final = 3.0

@@ -38,9 +38,9 @@ class StandIn:
     Attributes
     ----------
     sent
-        What it has put on the line and nobody took yet.
+        Bytes sent and not yet read.
     setpoints
-        Every setpoint that arrived, with the pulses held at that time.
+        Every received setpoint with the pulses held at that time.
     """
 
     def __init__(self, *, boot_id: int = 7, reset_cause: int = 2, major: int = PROTOCOL_MAJOR) -> None:
@@ -140,7 +140,7 @@ class Line:
     Attributes
     ----------
     host_hears, device_hears
-        What becomes of bytes on their way; exchange them for noise and loss.
+        Functions applied to the bytes in each direction; replace them for noise and loss.
     """
 
     def __init__(self, host: WiredDevice, device: StandIn) -> None:
