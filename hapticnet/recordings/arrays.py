@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from hapticnet.arrays import FloatArray, IntArray
 from hapticnet.errors import FileError, UnavailableError
+from hapticnet.recordings.columns import printable
 from hapticnet.recordings.times import NO_STAMP
 
 Arrays = Mapping[str, npt.NDArray[Any]]
@@ -41,8 +42,9 @@ class ArraySource:
         self, path: Path, names: Sequence[str], read: Callable[[Sequence[str]], Sequence[npt.NDArray[Any]]], rows: int
     ) -> None:
         self.path = path
-        self.names = tuple(names)
+        self.names = tuple(map(printable, names))
         self.notes: tuple[str, ...] = ()
+        self._names = tuple(names)
         self._read = read
         self._rows = rows
         if not self.names or not rows:
@@ -86,7 +88,7 @@ class ArraySource:
         return f"row {row}"
 
     def _columns(self, indices: Sequence[int]) -> list[npt.NDArray[Any]]:
-        columns = [np.asarray(column) for column in self._read([self.names[index] for index in indices])]
+        columns = [np.asarray(column) for column in self._read([self._names[index] for index in indices])]
         for index, column in zip(indices, columns, strict=True):
             if column.shape != (self._rows,):
                 raise FileError(

@@ -39,12 +39,16 @@ OTHER_UNITS: Final = ("rad", "deg", "°", "V", "mV", "Nm", "mNm", "counts", "adc
 _AMBIGUOUS: Final = ("MN", "Mm", "Ms")  # in capitals by habit, or mega: never read in lower case
 _BRACKETED: Final = re.compile(r"(.*?)[\s_]*[\[(]\s*([^\[\]()]*?)\s*[\])]")
 _SUFFIXED: Final = re.compile(r"(.*[^\s_/])(?:_|\s*/\s*|\s+)([A-Za-zµ°]+)")
-_SHOWN: Final = 20
+_LONGEST_WITH_UNIT: Final = 200
+_SHOWN_NAMES: Final = 20
+_SHOWN_CHARACTERS: Final = 60
 
 
 def split_unit(name: str) -> tuple[str, str, bool]:
     """Return a column's name without unit, what may be its unit ("" if there is none), and whether in brackets."""
     name = name.strip().replace("\N{GREEK SMALL LETTER MU}", "\N{MICRO SIGN}")
+    if len(name) > _LONGEST_WITH_UNIT:  # the expressions below take quadratic time
+        return name, "", False
     match = _BRACKETED.fullmatch(name)
     if match:
         return match[1], match[2], True
@@ -109,5 +113,11 @@ def find_column(path: Path, names: Sequence[str], wanted: str) -> int:
 
 def listed(names: Sequence[str]) -> str:
     """Return the columns of a file as part of a message."""
-    more = f", … {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    return f"there are {', '.join(names[:_SHOWN])}{more} (or numbers 0 to {len(names) - 1})"
+    more = f", … {len(names) - _SHOWN_NAMES} more" if len(names) > _SHOWN_NAMES else ""
+    shown = ", ".join(name[:_SHOWN_CHARACTERS] for name in names[:_SHOWN_NAMES])
+    return f"there are {shown}{more} (or numbers 0 to {len(names) - 1})"
+
+
+def printable(text: str) -> str:
+    """Return text from a file for a name or a message, without control characters, which could act on a terminal."""
+    return "".join(character if character.isprintable() else "?" for character in text.strip())

@@ -12,6 +12,7 @@ import numpy as np
 
 from hapticnet.arrays import FloatArray, IntArray
 from hapticnet.errors import FileError
+from hapticnet.recordings.columns import printable
 from hapticnet.recordings.layout import OPEN_QUOTE, csv_reason, find_layout, is_missing, number_of, split_cells
 from hapticnet.recordings.times import is_stamp, stamp_us
 
@@ -147,8 +148,8 @@ class DelimitedSource:
                 comma = comma or (cell if "," in cell else "")
                 if point and comma:
                     raise FileError(
-                        f'{self.path}, {self.place(row)}, column "{self.names[index]}": numbers with a decimal point'
-                        f' and with a decimal comma in one file: "{point.strip()}" and "{comma.strip()}"'
+                        f"{self._cell(row, index)}: numbers with a decimal point and with a decimal comma in one file:"
+                        f' "{printable(point)}" and "{printable(comma)}"'
                     )
                 numbers.append(number)
             values.append(numbers)
@@ -229,6 +230,7 @@ class DelimitedSource:
         return ""
 
     def _fault(self, row: int, index: int, cell: str, expected: str) -> FileError:
-        return FileError(
-            f'{self.path}, {self.place(row)}, column "{self.names[index]}": "{cell.strip()[:60]}" is not {expected}'
-        )
+        return FileError(f'{self._cell(row, index)}: "{printable(cell[:60])}" is not {expected}')
+
+    def _cell(self, row: int, index: int) -> str:
+        return f'{self.path}, {self.place(row)}, column "{self.names[index][:60]}"'

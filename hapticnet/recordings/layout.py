@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from hapticnet.errors import FileError
-from hapticnet.recordings.columns import FORCE_UNITS, LENGTH_UNITS, OTHER_UNITS, TIME_UNITS, split_unit
+from hapticnet.recordings.columns import FORCE_UNITS, LENGTH_UNITS, OTHER_UNITS, TIME_UNITS, printable, split_unit
 from hapticnet.recordings.times import is_stamp
 
 OPEN_QUOTE: Final = "a quote is opened and not closed"
@@ -18,7 +18,7 @@ _SEPARATORS: Final = ("\t", ";", ",", None)
 _MISSING: Final = frozenset(("", "nan", "na", "n/a", "null"))
 _UNITS: Final = frozenset((*FORCE_UNITS, *LENGTH_UNITS, *TIME_UNITS, *OTHER_UNITS))
 # White space does not part a name from its unit in brackets.
-_HEADER_SPACE: Final = re.compile(r"\s+(?![\[(])")
+_HEADER_SPACE: Final = re.compile(r" (?![\[(])")
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +87,7 @@ def find_layout(path: Path, sample: Sequence[tuple[int, str]], comment: str) -> 
         if names is None:
             return layout
         return replace(layout, names=names, notes=(*notes, "column names are taken from the comment above the data"))
-    names = tuple(cell.strip().strip('"') for cell in split_cells(lines[0], separator, header=True))
+    names = tuple(printable(cell).strip('"') for cell in split_cells(lines[0], separator, header=True))
     layout = Layout(separator, decimal_comma, names, 1, notes)
     units = [cell.strip().strip("[]()") for cell in cells[1]] if len(cells) > 1 else []
     if len(units) == len(names) and any(unit in _UNITS for unit in units) and not any(map(_is_number, cells[1])):
@@ -99,7 +99,7 @@ def find_layout(path: Path, sample: Sequence[tuple[int, str]], comment: str) -> 
 def split_cells(line: str, separator: str | None, *, header: bool = False) -> list[str]:
     """Return the cells of a line."""
     if separator is None:
-        return _HEADER_SPACE.split(line.strip()) if header else line.split()
+        return _HEADER_SPACE.split(" ".join(line.split())) if header else line.split()
     return next(csv.reader([line], delimiter=separator, strict=True), [""])
 
 
@@ -169,7 +169,7 @@ def _comment_names(comment: str, separator: str | None, width: int) -> tuple[str
     text = comment.strip().lstrip("#%").strip()
     if not text or not _splits(text, separator):
         return None
-    names = tuple(cell.strip().strip('"') for cell in split_cells(text, separator, header=True))
+    names = tuple(printable(cell).strip('"') for cell in split_cells(text, separator, header=True))
     if len(names) != width or not all(names) or any(map(_is_number, names)):
         return None
     # One word is rather a remark, unless it carries a unit.

@@ -277,3 +277,31 @@ def test_devices_and_pipes_are_refused_without_opening_them(tmp_path, name, load
     os.mkfifo(tmp_path / name)
     with pytest.raises(FileError, match="is a pipe; expected a regular file"):
         load(tmp_path / name)
+
+
+@pytest.mark.parametrize("header", ["t [ms]  F [mN]", "t   [ms] F  (mN)", "t_ms\t F_mN"])
+def test_a_name_stays_with_its_unit_where_white_space_separates(file, header):
+    recording = load_recording(file(f"{header}\n0 1\n1 2\n"))
+    assert (recording.t_us.tolist(), recording.force[:, 0].tolist()) == ([0, 1000], [0.001, 0.002])
+
+
+@pytest.mark.parametrize(
+    "header", ["a" + " " * 100_000 + "b", "(" * 100_000, "a_" * 50_000, "\t" * 100_000, "9" * 100_000]
+)
+@pytest.mark.timeout(10)
+def test_hostile_headers_take_no_longer_than_others(file, header):
+    with pytest.raises(FileError) as caught:
+        load_recording(file(f"{header}\n0\n1\n"))
+    assert len(str(caught.value)) < 3000
+
+
+def test_control_characters_do_not_reach_the_terminal(file):
+    path = file("t_s,f\x1b[31m,\x9b2J\n0,1,\x1b[2Jx\n")
+    for columns in ("1", "2", "none"):
+        try:
+            recording = load_recording(path, columns=columns)
+        except FileError as error:
+            text = str(error)
+        else:
+            text = " ".join([*recording.names, *recording.notes])
+        assert text.isprintable()
