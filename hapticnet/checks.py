@@ -13,8 +13,12 @@ def check_parameter(
     SettingsError
         If the value is out of range or NaN. The message has the form "NAME is VALUE; it must be between A and B".
     """
-    # NaN compares false with everything, so this form rejects it too.
-    if not (smallest <= value <= largest or (zero_allowed and value == 0)):
+    try:
+        # NaN compares false with everything, so this form rejects it too.
+        good = bool(smallest <= value <= largest or (zero_allowed and value == 0))
+    except (TypeError, ValueError):  # text, or an array
+        raise SettingsError(f"{name} is of type {type(value).__name__}; it must be a number") from None
+    if not good:
         zero = "0 or " if zero_allowed else ""
         raise _out_of_range(name, value, f"{zero}between {_text(smallest)} and {_text(largest)}", unit)
 

@@ -92,11 +92,14 @@ def test_a_recording_from_a_file_brings_its_own_times_and_positions(tmp_path):
         ({"codec": "deadband:step_n=0.1", "step_n": 0.1}, "parameter 'step_n' is given twice"),
         ({"gain": 1.0}, "codec 'deadband' has no parameter 'gain'; it has: step_n"),
         ({"weber_fraction": -1.0}, "Weber fraction is -1.0"),
+        ({"rate_hz": "1000"}, "rate_hz is of type str; it must be a number"),
+        ({"step_n": np.ones((9, 9))}, "codec 'deadband' refused .* truth value"),
     ],
 )
 def test_what_cannot_be_right_is_refused_with_the_value_seen(arguments, message):
-    with pytest.raises(hn.HapticnetError, match=message):
+    with pytest.raises(hn.HapticnetError, match=message) as refused:
         hn.encode(FORCE, **arguments)
+    assert "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize(
@@ -271,6 +274,8 @@ def test_a_virtual_link_without_a_session_says_so():
         link.run(seconds=-1)
     with pytest.raises(hn.SettingsError, match="unknown scene 'nowhere'"):
         hn.virtual_link(scene="nowhere")
+    with pytest.raises(hn.SettingsError, match="it must be text, such as 'wifi'"):
+        hn.virtual_link(feedback=0.05)
 
 
 @pytest.mark.parametrize("half", ["encode", "reconstruct"])

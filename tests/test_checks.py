@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from hapticnet.checks import check_above, check_integer, check_parameter
@@ -41,3 +42,9 @@ def test_a_value_that_is_not_a_whole_number_in_range_is_reported(value, expected
 def test_an_open_lower_bound_is_reported_as_above(value):
     with pytest.raises(SettingsError, match=rf"^rate is {value}; it must be above 0 and at most 5$"):
         check_above("rate", value, 0.0, 5.0)
+
+
+@pytest.mark.parametrize("value", ["1.0", None, [1.0], np.ones(2), 1j])
+def test_what_is_not_a_number_is_reported(value):
+    with pytest.raises(SettingsError, match=r"^gain is of type \w+; it must be a number$"):
+        check_parameter("gain", value, 0.5, 2.0)

@@ -10,11 +10,11 @@ from hapticnet.api.tables import html_table, text_table
 from hapticnet.arrays import FloatArray
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
-from hapticnet.checks import check_parameter
+from hapticnet.checks import check_integer, check_parameter
 from hapticnet.codec import registry
 from hapticnet.codec.base import Codec
 from hapticnet.codec.plugins import checked_class
-from hapticnet.errors import UnavailableError
+from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.experiment.analysis import felt_error
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode, MasterSettings
@@ -226,7 +226,12 @@ def virtual_link(
     kind = type(chosen)
     if kind not in registry.all_codecs().values():
         registry.register_codec(checked_class(kind, f"{kind.__module__}:{kind.__qualname__}"))
-    check_parameter("seed", seed, 0, 2**63)
+    check_integer("seed", seed, 0, 2**63)
+    for name, text in (("forward", forward), ("feedback", feedback)):
+        if not isinstance(text, str):
+            raise SettingsError(f"{name} is {text!r}; it must be text, such as 'wifi' or 'delay=20ms,loss=2%'")
+    if not isinstance(scene, (str, Scene)):
+        raise SettingsError(f"scene is {scene!r}; it must be text, such as 'paper:1', or a Scene")
     if isinstance(scene, str):
         found = find_scene(scene)
         tissues, name = found.tissues, found.name

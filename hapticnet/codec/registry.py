@@ -18,7 +18,7 @@ from hapticnet.codec.predictive import LinearPredictive
 from hapticnet.codec.probabilistic import Probabilistic
 from hapticnet.codec.raw import Raw
 from hapticnet.codec.velocity_adaptive import VelocityAdaptive
-from hapticnet.errors import HapticnetError, SettingsError
+from hapticnet.errors import HapticnetError, SettingsError, in_words
 from hapticnet.perception import WeberLaw
 
 CODECS: Final[Mapping[str, type[Any]]] = {
@@ -71,9 +71,8 @@ def make_codec(name: str, law: WeberLaw, parameters: Mapping[str, float] | None 
     except HapticnetError:
         raise
     except Exception as error:  # a user's codec may raise anything
-        raise SettingsError(
-            f"codec {name!r} refused {dict(parameters or {})}: {type(error).__name__}: {error}"
-        ) from error
+        given = " ".join(str(dict(parameters or {})).split())
+        raise SettingsError(f"codec {name!r} refused {given}: {in_words(error)}") from error
     return codec
 
 
