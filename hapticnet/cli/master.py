@@ -173,7 +173,7 @@ def _in_words(event: "NodeEvent", address: str) -> str:
     if isinstance(event, Connected):
         return f"connected to {address}, scene {event.welcome.scene}, {event.welcome.rate_hz:g} Hz granted"
     if isinstance(event, LinkStale):
-        return "link stale: nothing heard from the slave; the held force decays to zero"
+        return "link stale: nothing arrived from the slave; the held force decays to zero"
     if isinstance(event, LinkRecovered):
         return "link recovered"
     if isinstance(event, SessionLost):

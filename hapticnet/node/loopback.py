@@ -1,4 +1,4 @@
-"""Master, slave and two channels in one virtual time: what a network does to touch, without a network or a wait."""
+"""Master, slave and two channels in one virtual time: the effects of a network without a network or a wait."""
 
 from typing import Final
 
@@ -10,14 +10,14 @@ MASTER_ADDRESS: Final = "loopback"
 
 
 class Loopback:
-    """Runs both nodes; every datagram is built, carried by a channel, and parsed.
+    """Run both nodes; every datagram is built, carried by a channel, and parsed.
 
     Parameters
     ----------
     forward, feedback
         The channels from master to slave and from slave to master.
     start_us
-        Virtual time at which it begins [µs].
+        Virtual time at the start [µs].
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class Loopback:
         self.run(1_000_000)
 
     def _exchange(self) -> None:
-        """Carry what is due now, until neither side has anything more to say at this instant."""
+        """Carry what is due now, until neither side has anything left to send."""
         now_us = self.now_us
         slave_timer_us = self.slave.next_timer_us()
         if slave_timer_us is not None and now_us >= slave_timer_us:

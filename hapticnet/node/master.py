@@ -45,23 +45,23 @@ class Failed:
 
 
 NodeEvent: TypeAlias = Connected | LinkStale | LinkRecovered | SessionLost | Failed | Ended | FingertipEvent
-"""What a master tells the outside; forces and confirmations stay inside."""
+"""Events that a master reports; forces and confirmations stay inside."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MasterSettings:
-    """What a master asks for and how it treats the forces it gets.
+    """What a master asks for, and how it applies the forces it receives.
 
     Attributes
     ----------
     codec, parameters, law
         The feedback codec, its own parameters, and the JND of the person at this master.
     rate_hz
-        Positions per second asked for; the slave may grant less.
+        Positions per second to ask for; the slave may grant less.
     name
-        How the slave's report calls this master.
+        Name of this master in the slave's report.
     record
-        Whether every tick is remembered.
+        Whether every tick is recorded.
     """
 
     codec: str = "deadband"
@@ -87,7 +87,7 @@ class MasterNode:
     device
         The fingertip device, or None to run without one.
     rng
-        Where nonces come from.
+        Source of nonces.
     """
 
     def __init__(self, operator: Operator, device: Device | None, settings: MasterSettings, rng: Entropy) -> None:
@@ -118,8 +118,8 @@ class MasterNode:
         self._fingertip = Fingertip(device, settings.limits, settings.control) if device is not None else None
         self._script_start_us: int | None = None
         self._at_m: Vector | None = None
-        self._heard_us: int | None = None  # when the newest force arrived, on our clock
-        self._heard_t_us = 0  # and its own time stamp
+        self._heard_us: int | None = None  # when the newest force arrived, on the master's clock
+        self._heard_t_us = 0  # and its time stamp
         self._felt = (0.0, 0.0, 0.0, 0.0)
         self._connections = 0
         self._tracking = RunningError(settings.law)
@@ -133,23 +133,23 @@ class MasterNode:
 
     @property
     def finished(self) -> bool:
-        """Whether the session is over; `end_reason` says why, `refused` that it never began."""
+        """Whether the session is over; `end_reason` gives the reason, `refused` whether it never began."""
         return self.end_reason is not None
 
     def receive_datagram(self, data: bytes, now_us: int) -> None:
-        """Take in a datagram from the slave. Whatever it holds, nothing is raised."""
+        """Process a datagram from the slave. Never raises."""
         self.session.receive_datagram(data, now_us)
         self._digest_events(now_us)
 
     def tick(self, now_us: int) -> None:
-        """Send the operator's position. `drive` comes before it in the same tick, so that nothing delays the answer."""
+        """Send the operator's position. Call `drive` before it in the same tick, so that nothing delays the answer."""
         self.ticks += 1
         self.session.tick(now_us)
         self._digest_events(now_us)
         if self._script_start_us is not None and self.session.streaming:
             try:
                 sample = self._operator.sample(now_us - self._script_start_us)
-            except Exception as error:  # an operator of the user's own may raise anything
+            except Exception as error:  # a user's operator may raise anything
                 self._fail(f"the operator failed: {in_words(error)}", now_us)
                 return
             self._at_m = sample.position_m
@@ -158,14 +158,14 @@ class MasterNode:
             self.recording.add((now_us, self._at_m[0] if self._at_m else 0.0, *self._felt))
 
     def drive(self, now_us: int) -> None:
-        """Bring the device one step nearer to the held force."""
+        """Move the device one step toward the held force."""
         if self._heard_us is not None and self.failure is None:
-            # The stimulus of the newest position to whose answer the slave has had its chance: what is drawn on from an
-            # older one is not yet contradicted. The answer to the position after that comes within this period.
+            # The time of the newest position whose answer could have arrived by now. A prediction for that time is
+            # not contradicted; the answer to the next position comes within this period.
             at_us = self._heard_t_us + max(0, now_us - self._heard_us - self.period_us)
             try:
                 self._hold.follow(self._decoder.reconstruct(at_us, self._at_m))
-            except Exception as error:  # a codec of the user's own may raise anything
+            except Exception as error:  # a user's codec may raise anything
                 self._fail(f"the codec failed: {in_words(error)}", now_us)
         held_n = self.held_force_n(now_us)
         fingertip = self._fingertip
@@ -189,11 +189,11 @@ class MasterNode:
         return 0.0 if self.failure is not None else self._hold.value(now_us)[0]
 
     def datagrams_to_send(self) -> list[bytes]:
-        """Return what is to be sent to the slave now."""
+        """Return the datagrams to send to the slave now."""
         return self.session.datagrams_to_send()
 
     def next_event(self) -> NodeEvent | None:
-        """Return what happened next, or None."""
+        """Return the next event, or None."""
         if self._fingertip is not None and (event := self._fingertip.next_event()) is not None:
             return event
         return self._events.popleft() if self._events else None
@@ -237,7 +237,7 @@ class MasterNode:
                 self._hold.receive(force_n, now_us)
             except PeerError:
                 self.session.payload_was_malformed()
-            except Exception as error:  # a codec of the user's own may raise anything
+            except Exception as error:  # a user's codec may raise anything
                 self._fail(f"the codec failed: {in_words(error)}", now_us)
             else:
                 self.session.applied(event)

@@ -19,16 +19,16 @@ from hapticnet.protocol.wire import VERSION, Datagram, Kind, pack, pack_body, un
 from hapticnet.scene.scene import Scene
 
 Address: TypeAlias = Hashable
-"""Where a datagram comes from or goes to. Opaque here; the runtime uses (host, port)."""
+"""Source or destination of a datagram. Opaque here; the runtime uses (host, port)."""
 
 SMALLEST_SESSION: Final = 1 << 16
-"""Session numbers start here, so that every one takes five bytes and datagram sizes do not depend on chance."""
+"""Smallest session number: from here on all take five bytes, so datagram sizes do not depend on chance."""
 
 REPORTS_KEPT: Final = 1000
-"""Accounts of ended sessions that are kept: a megabyte or two, so that a slave may run for ever."""
+"""Accounts of ended sessions that are kept: one or two megabytes, so that memory is bounded."""
 
 NONCES_KEPT: Final = 256
-"""Nonces of ended sessions that are remembered: more than any network holds back."""
+"""Nonces of ended sessions that are remembered: more than a network delays."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,7 +60,7 @@ class MasterJoined:
 
 @dataclass(frozen=True, slots=True)
 class MasterLeft:
-    """A master's session is over; `station` holds its final account."""
+    """A master's session has ended; `station` holds its final account."""
 
     station: Station
 
@@ -77,16 +77,16 @@ class _RefusalError(HapticnetError):
 
 
 class SlaveNode:
-    """Serves any number of masters, each with its own scene, codec and account.
+    """Serve any number of masters, each with its own scene, codec and account.
 
     Parameters
     ----------
     make_scene
-        Called for each session; every master touches a scene of its own.
+        Called for each session, because every master touches its own scene.
     rng
-        Where session numbers come from.
+        Source of session numbers.
     write_address
-        How a report writes an address.
+        Returns an address as text for the report.
     """
 
     def __init__(
@@ -113,11 +113,11 @@ class SlaveNode:
 
     @property
     def stations(self) -> tuple[Station, ...]:
-        """The sessions that stand."""
+        """The present sessions."""
         return tuple(self._stations.values())
 
     def receive_datagram(self, data: bytes, address: Address, now_us: int) -> None:
-        """Take in a datagram and answer it. Whatever it holds, nothing is raised: what is not ours is counted."""
+        """Process a datagram and answer it. Never raises: malformed and stray datagrams are counted."""
         account = self.strangers
         try:
             datagram = unpack(data)
@@ -147,35 +147,35 @@ class SlaveNode:
             self._forget(station)
 
     def tick(self, now_us: int) -> None:
-        """Forget the sessions that have fallen silent."""
+        """Forget sessions that have been silent for too long."""
         for station in self.stations:
             if now_us >= station.session.expires_us():
-                station.session.end(Trigger.IDLE, "nothing heard from the master")
+                station.session.end(Trigger.IDLE, "nothing arrived from the master")
                 self._forget(station)
         self._next_expiry_us = min((station.session.expires_us() for station in self.stations), default=None)
 
     def next_timer_us(self) -> int | None:
-        """Return when `tick` may have something to do [µs]; None: never, until a master comes."""
+        """Return when `tick` may have something to do [µs]; None if there is no session."""
         return self._next_expiry_us
 
     def datagrams_to_send(self) -> list[tuple[bytes, Address]]:
-        """Return what is to be sent now, and where to."""
+        """Return the datagrams to send now, with their destinations."""
         outbox, self._outbox = self._outbox, []
         return outbox
 
     def next_event(self) -> SlaveEvent | None:
-        """Return what happened next, or None."""
+        """Return the next event, or None."""
         return self._events.popleft() if self._events else None
 
     def close(self, reason: str, now_us: int) -> None:
-        """End every session and tell the masters."""
+        """End every session and send the masters a CLOSE."""
         for station in self.stations:
             self._end(station, Trigger.CLOSE, reason, now_us)
 
     def report(self) -> dict[str, Any]:
-        """Return the account of the sessions for JSON: those that stand, and the newest that have ended.
+        """Return the account of the sessions for JSON: the present ones and the newest that have ended.
 
-        Those that were never used count among the strangers.
+        Sessions without a position count among the strangers.
         """
         return {
             "sessions": [*self._ended, *(self._report(station) for station in self.stations if station.steps)],
@@ -209,7 +209,7 @@ class SlaveNode:
                 self.strangers.add(Kind.HELLO, size)
                 self._refuse(hello.nonce, refusal, address)
                 return
-        # A HELLO that is said again, because the answer was lost, gets the same answer again.
+        # A HELLO that is repeated because the answer was lost gets the same answer.
         station.session.received.add(Kind.HELLO, size)
         self._outbox.append((self._welcome(station, now_us), address))
 
@@ -251,7 +251,7 @@ class SlaveNode:
         return station.session.welcome(rate_hz, station.scene.name, now_us)
 
     def _make_room(self, now_us: int) -> None:
-        """Free a place for a new session: one whose master has fallen silent gives way; one in use never does."""
+        """Free a place for a new session by ending one whose master is silent; one in use is never ended."""
         most = self._settings.session.most_sessions
         if len(self._stations) < most:
             return
@@ -264,7 +264,7 @@ class SlaveNode:
         raise _RefusalError(Code.FULL, f"all {most} sessions of this slave are taken")
 
     def _receive_stray(self, datagram: Datagram, size: int, address: Address) -> None:
-        """Tell a master whose session we do not know that it is gone, so that it asks for a new one at once."""
+        """Answer a datagram of an unknown session with RESET, so that its master asks for a new one at once."""
         self.strangers.add(datagram.kind, size)
         self.strangers.stray += 1
         if datagram.kind is Kind.POSITION or datagram.kind is Kind.CLOSE:

@@ -1,4 +1,4 @@
-"""One master's place at the slave: its session, its scene, its codec and its account."""
+"""One master's place at the slave: session, scene, codec and account."""
 
 from collections.abc import Hashable
 from typing import Any
@@ -16,11 +16,11 @@ from hapticnet.scene.scene import Scene
 
 
 class SceneFailedError(HapticnetError):
-    """The scene or the codec raised something of its own, so there is no force to send."""
+    """The scene or the codec raised an exception, so there is no force to send."""
 
 
 class Station:
-    """Takes a position through decoder, scene and encoder, on arrival and in one go."""
+    """Pass a position through decoder, scene and encoder as soon as it arrives."""
 
     def __init__(
         self, session: SlaveSession, address: Hashable, scene: Scene, codec: Codec, *, record: bool, now_us: int
@@ -35,19 +35,19 @@ class Station:
         self._stepped_us = now_us
         self._positions = Raw().decoder(scene.axes)
         self._encoder = codec.encoder(scene.axes)
-        # A decoder fed with what we send: it holds what the master holds wherever nothing is lost.
+        # A decoder of what is sent: it holds what the master holds if nothing is lost.
         self._mirror = codec.decoder(scene.axes)
         self._error = RunningError(codec.law)
 
     def receive(self, datagram: Datagram, size: int, now_us: int) -> bytes | None:
-        """Take in a datagram of this session and return what answers it, if anything.
+        """Process a datagram of this session and return the answer, if any.
 
         Raises
         ------
         PeerError
-            When its body is malformed; the caller counts it.
+            If its body is malformed; the caller counts it.
         SceneFailedError
-            When the scene or the codec cannot go on.
+            If the scene or the codec raises.
         """
         position = self.session.receive(datagram, size, now_us)
         if position is None:
@@ -60,7 +60,7 @@ class Station:
         except (PeerError, SampleError):  # counted as a datagram already, so not by `add_malformed`
             self.session.received.malformed += 1
             return None
-        except Exception as error:  # a scene of the user's own may raise anything
+        except Exception as error:  # a user's scene may raise anything
             self.steps += 1
             raise SceneFailedError(f"the scene failed: {in_words(error)}") from error
         answer = None
@@ -71,7 +71,7 @@ class Station:
             if payload is not None:
                 self._mirror.decode(t_us, payload)
             held_n = self._mirror.reconstruct(t_us, sample.position_m)
-        except Exception as error:  # a force that is not finite, or a codec of the user's own
+        except Exception as error:  # a force that is not finite, or a user's codec
             self.steps += 1
             raise SceneFailedError(f"the force cannot be encoded: {in_words(error)}") from error
         if payload is not None:

@@ -1,4 +1,4 @@
-"""What became of the datagrams of one direction: new, late, duplicate, astray or lost."""
+"""Sort the datagrams of one direction by sequence number: new, late, duplicate, astray or lost."""
 
 import enum
 from typing import Final
@@ -6,16 +6,16 @@ from typing import Final
 from hapticnet.protocol.serial_number import distance, wrap
 
 WINDOW: Final = 1024
-"""Sequence numbers remembered below the newest: one second at 1 kHz, longer than any reordering worth telling from
-loss. What is older counts as late."""
+"""Sequence numbers remembered below the newest: one second at 1 kHz, longer than reordering lasts. Older ones count as
+late."""
 
 LEAP: Final = 1 << 15
-"""A number so far ahead or behind is not believed until the one after it comes next, after RFC 3550, appendix A.1:
-else a single datagram with a wrong number would make all true ones count as late. Half a minute at 1 kHz."""
+"""A number this far ahead or behind is not believed until the one after it comes next (RFC 3550, appendix A.1):
+otherwise one datagram with a wrong number would make all true ones late. Half a minute at 1 kHz."""
 
 
 class Arrival(enum.Enum):
-    """What a datagram is, by its sequence number."""
+    """How a sequence number relates to the earlier ones."""
 
     NEW = "new"
     LATE = "late"
@@ -24,7 +24,7 @@ class Arrival(enum.Enum):
 
 
 class ArrivalWindow:
-    """Sorts arrivals by sequence number and counts what never came.
+    """Sort arrivals by sequence number and count those that are missing.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class ArrivalWindow:
         return self._expected - self._unique
 
     def arrive(self, sequence: int) -> Arrival:
-        """Take note of an arrival and say what it is."""
+        """Record an arrival and return its kind."""
         ahead = distance(sequence, self._newest)
         if ahead == 1:  # the common case, kept short
             self._seen = (self._seen << 1 | 1) & _MASK
@@ -73,7 +73,7 @@ class ArrivalWindow:
         if self._seen >> behind & 1:
             return Arrival.DUPLICATE
         self._seen |= 1 << behind
-        # What was sent before the session opened was never expected, so its arrival makes up for no loss.
+        # A datagram sent before the session opened was not expected, so its arrival replaces no lost one.
         if self.lost:
             self._unique += 1
         return Arrival.LATE

@@ -31,7 +31,7 @@ from hapticnet.protocol.wire import Datagram, Kind, pack, pack_body, unpack
 
 @dataclass(frozen=True, slots=True)
 class Connected:
-    """A session stands; also after a reconnect."""
+    """A session is established, for the first time or after a reconnect."""
 
     welcome: Welcome
 
@@ -47,22 +47,22 @@ class ForceArrived:
 
 @dataclass(frozen=True, slots=True)
 class HoldConfirmed:
-    """The slave heard us and has sent nothing newer than what we hold."""
+    """The slave received a position and has sent nothing newer than the force applied."""
 
 
 @dataclass(frozen=True, slots=True)
 class LinkStale:
-    """Nothing was heard for the age limit."""
+    """Nothing arrived for the age limit."""
 
 
 @dataclass(frozen=True, slots=True)
 class LinkRecovered:
-    """The session is heard again after it was stale."""
+    """A datagram of the session arrived while the link was stale."""
 
 
 @dataclass(frozen=True, slots=True)
 class SessionLost:
-    """The slave ended or forgot the session; another one is being asked for."""
+    """The slave ended or forgot the session; the master asks for a new one."""
 
     reason: str
 
@@ -80,7 +80,7 @@ MasterEvent: TypeAlias = Connected | ForceArrived | HoldConfirmed | LinkStale | 
 
 
 class MasterSession:
-    """Asks for a session, keeps it, and asks again when the slave has lost it.
+    """Ask for a session, keep it, and ask again when the slave has lost it.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ class MasterSession:
 
     @property
     def streaming(self) -> bool:
-        """Whether positions are sent: while a session stands, stale or not, so that it can recover."""
+        """Whether positions are sent: while there is a session, stale or not, so that it can recover."""
         return self.state is MasterState.ESTABLISHED or self.state is MasterState.STALE
 
     def send_position(self, t_us: int, payload: bytes) -> None:
@@ -120,7 +120,7 @@ class MasterSession:
             self._send(Kind.POSITION, Position(wrap(t_us), self._newest_force, payload))
 
     def close(self, reason: str, now_us: int) -> None:
-        """End the session; the slave is told until it answers or the tries are used up."""
+        """End the session: send CLOSE until the slave answers or the tries are used up."""
         if self.state in (MasterState.CLOSING, MasterState.CLOSED):
             return
         self._close_reason = clipped(reason, REASON_BYTES)
@@ -132,9 +132,9 @@ class MasterSession:
         self.tick(now_us)
 
     def tick(self, now_us: int) -> None:
-        """Do what time asks for: say HELLO or CLOSE again, call the link stale."""
+        """Do what is due: repeat HELLO or CLOSE, declare the link stale."""
         if self.state is MasterState.ESTABLISHED:
-            self._heard_us = min(self._heard_us, now_us)  # a clock that went back makes no silence shorter
+            self._heard_us = min(self._heard_us, now_us)  # a clock that went back must not shorten a silence
             if now_us - self._heard_us > self._settings.stale_after_us:
                 self._move(Trigger.SILENCE)
                 self._events.append(LinkStale())
@@ -151,16 +151,16 @@ class MasterSession:
                 self._end(Trigger.GAVE_UP, self._close_reason)
 
     def datagrams_to_send(self) -> list[bytes]:
-        """Return what is to be sent now."""
+        """Return the datagrams to send now."""
         outbox, self._outbox = self._outbox, []
         return outbox
 
     def next_event(self) -> MasterEvent | None:
-        """Return what happened next, or None."""
+        """Return the next event, or None."""
         return self._events.popleft() if self._events else None
 
     def receive_datagram(self, data: bytes, now_us: int) -> None:
-        """Take in a datagram. Whatever it holds, nothing is raised: what is not ours is counted."""
+        """Process a datagram. Never raises: malformed and stray datagrams are counted."""
         try:
             datagram = unpack(data)
             self._receive(datagram, len(data), now_us)
@@ -168,11 +168,11 @@ class MasterSession:
             self.received.add_malformed(len(data))
 
     def applied(self, force: ForceArrived) -> None:
-        """Acknowledge a force from now on: it is the one that is held."""
+        """Acknowledge a force from now on, because it is applied."""
         self._newest_force = force.sequence
 
     def payload_was_malformed(self) -> None:
-        """Count a payload of a `ForceArrived` that its codec refused. It is not acknowledged, so it is repaired."""
+        """Count a payload that the codec refused. The force is not acknowledged, so the slave repairs it."""
         self.received.malformed += 1
 
     def _receive(self, datagram: Datagram, size: int, now_us: int) -> None:

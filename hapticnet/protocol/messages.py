@@ -8,8 +8,8 @@ from hapticnet.errors import PeerError
 from hapticnet.protocol.wire import Kind, is_uint32, pack, pack_body, unpack_body
 
 HELLO_BYTES: Final = 400
-"""Smallest HELLO datagram. Its padding makes every answer to a stranger smaller than the question, so that a slave
-cannot be used to amplify a flood of forged ones."""
+"""Smallest HELLO datagram [B]. The padding makes every answer to a stranger smaller than the question, so that a slave
+cannot be used to amplify a flood of forged HELLOs."""
 
 NAME_BYTES: Final = 64
 REASON_BYTES: Final = 200
@@ -99,7 +99,7 @@ def pack_hello(hello: Hello, sequence: int) -> bytes:
 
 
 def unpack_hello(body: bytes) -> Hello:
-    """Return the HELLO in a body; a PeerError says what is wrong with it."""
+    """Return the HELLO in a body; raise PeerError if it is invalid."""
     fields = unpack_body(body, 10)
     nonce, codec, parameters, weber_fraction, floor_n, multiplier, rate_hz, axes, name, padding = fields
     _require(is_uint32(nonce), "nonce", nonce)
@@ -122,7 +122,7 @@ def unpack_hello(body: bytes) -> Hello:
 
 
 def unpack_welcome(body: bytes) -> Welcome:
-    """Return the WELCOME in a body; a PeerError says what is wrong with it."""
+    """Return the WELCOME in a body; raise PeerError if it is invalid."""
     nonce, rate_hz, keepalive_us, scene = unpack_body(body, 4)
     _require(is_uint32(nonce), "nonce", nonce)
     _require(_is_number(rate_hz) and 0.0 < rate_hz <= 1e6, "rate", rate_hz)
@@ -132,7 +132,7 @@ def unpack_welcome(body: bytes) -> Welcome:
 
 
 def unpack_refuse(body: bytes) -> Refuse:
-    """Return the REFUSE in a body; a PeerError says what is wrong with it."""
+    """Return the REFUSE in a body; raise PeerError if it is invalid."""
     nonce, reason, code = unpack_body(body, 3)
     _require(is_uint32(nonce), "nonce", nonce)
     _require(_is_text(reason, REASON_BYTES), "reason", reason)
@@ -141,7 +141,7 @@ def unpack_refuse(body: bytes) -> Refuse:
 
 
 def unpack_position(body: bytes) -> Position:
-    """Return the POSITION in a body; a PeerError says what is wrong with it."""
+    """Return the POSITION in a body; raise PeerError if it is invalid."""
     t_us, newest_force, payload = unpack_body(body, 3)
     if not (is_uint32(t_us) and (newest_force is None or is_uint32(newest_force)) and type(payload) is bytes):
         raise PeerError("POSITION of the wrong types")
@@ -149,7 +149,7 @@ def unpack_position(body: bytes) -> Position:
 
 
 def unpack_force(body: bytes) -> Force:
-    """Return the FORCE in a body; a PeerError says what is wrong with it."""
+    """Return the FORCE in a body; raise PeerError if it is invalid."""
     t_us, payload = unpack_body(body, 2)
     if not (is_uint32(t_us) and type(payload) is bytes):
         raise PeerError("FORCE of the wrong types")
@@ -157,7 +157,7 @@ def unpack_force(body: bytes) -> Force:
 
 
 def unpack_keepalive(body: bytes) -> Keepalive:
-    """Return the KEEPALIVE in a body; a PeerError says what is wrong with it."""
+    """Return the KEEPALIVE in a body; raise PeerError if it is invalid."""
     t_us, newest_force = unpack_body(body, 2)
     if not (is_uint32(t_us) and (newest_force is None or is_uint32(newest_force))):
         raise PeerError("KEEPALIVE of the wrong types")
@@ -165,7 +165,7 @@ def unpack_keepalive(body: bytes) -> Keepalive:
 
 
 def unpack_close(body: bytes) -> Close:
-    """Return the CLOSE in a body; a PeerError says what is wrong with it."""
+    """Return the CLOSE in a body; raise PeerError if it is invalid."""
     reason, code = unpack_body(body, 2)
     _require(_is_text(reason, REASON_BYTES), "reason", reason)
     _require(is_uint32(code), "code", code)

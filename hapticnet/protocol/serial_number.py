@@ -7,7 +7,7 @@ HALF: Final = 1 << 31
 
 
 def wrap(number: int) -> int:
-    """Return a number as it stands on the wire, 0 to 2³² - 1."""
+    """Return a number as it is on the wire, 0 to 2³² - 1."""
     return number & (MODULUS - 1)
 
 

@@ -1,4 +1,4 @@
-"""The timings of a session, shared by both ends."""
+"""Timings of a session, shared by both ends."""
 
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -7,7 +7,7 @@ from hapticnet.errors import SettingsError
 
 
 class Entropy(Protocol):
-    """Where numbers come from that a stranger must not guess.
+    """A source of numbers that a stranger must not be able to guess.
 
     `runtime.entropy.SystemEntropy` asks the operating system. In virtual time a seeded `numpy.random.Generator` serves.
     """
@@ -24,20 +24,20 @@ class SessionSettings:
     Attributes
     ----------
     hello_interval_us
-        How often a master that is not connected says HELLO.
+        How often a master that is not connected sends HELLO.
     stale_after_us
-        Silence after which a master calls the link stale; the age limit of a held force.
+        Silence after which a master declares the link stale; the age limit of a held force.
     keepalive_us
-        How long a slave lets a master go without a datagram while it hears positions. Three in a
-        row may be lost; the fourth still comes before the link goes stale.
+        How long a slave sends nothing to a master while positions arrive. Three keepalives in a row may be lost; the
+        fourth still comes before the link goes stale.
     close_interval_us, close_tries
-        How often, and how many times, a master says CLOSE before it gives up on the answer.
+        How often, and how many times, a master sends CLOSE before it gives up.
     idle_after_us
         Silence after which a slave forgets an open session.
     half_open_us
         Silence after which a slave forgets a session whose master never sent a position.
     gives_way_us
-        Silence after which an open session gives its place to a new master, where there is no other.
+        Silence after which an open session gives its place to a new master if there is no free one.
     most_sessions
         Sessions a slave holds at once.
     first_sequence
@@ -57,7 +57,7 @@ class SessionSettings:
 
     @property
     def slowest_hz(self) -> float:
-        """Fewest positions a second: a slave speaks only when it hears, so it must hear four in an age limit."""
+        """Fewest positions per second: a slave sends only when it receives, so it must receive four per age limit."""
         return 4e6 / self.stale_after_us
 
     def __post_init__(self) -> None:

@@ -1,4 +1,4 @@
-"""The slave's end of one session, sans-I/O. The table of all sessions is `node.slave`'s."""
+"""The slave's end of one session, sans-I/O. `node.slave` holds the table of all sessions."""
 
 from hapticnet.protocol.arrivals import Arrival
 from hapticnet.protocol.messages import (
@@ -23,12 +23,12 @@ from hapticnet.protocol.wire import Datagram, Kind, pack, pack_body
 
 
 class SlaveSession:
-    """Sorts a master's positions and numbers the forces that answer them.
+    """Sort a master's positions and number the forces that answer them.
 
     Parameters
     ----------
     number
-        The session's, never 0.
+        The session's number, never 0.
     hello, first_sequence
         The HELLO that opened it, and its sequence number.
     """
@@ -52,7 +52,7 @@ class SlaveSession:
         self._repair = Repair()
 
     def welcome(self, rate_hz: float, scene: str, now_us: int) -> bytes:
-        """Return the WELCOME; a HELLO that is said again gets the same one again, and shows the master alive."""
+        """Return the WELCOME: the same one for a repeated HELLO, which also shows that the master is alive."""
         self._heard_us = now_us
         message = Welcome(self.hello.nonce, rate_hz, self._settings.keepalive_us, scene)
         datagram = pack(Kind.WELCOME, self.number, self._settings.first_sequence, pack_body(message))
@@ -60,14 +60,14 @@ class SlaveSession:
         return datagram
 
     def receive(self, datagram: Datagram, size: int, now_us: int) -> Position | None:
-        """Take in a datagram of this session; return the position in it when it is the newest one.
+        """Process a datagram of this session; return its position if that is the newest one.
 
         The position's time stamp comes back unwrapped. A CLOSE moves the session to CLOSED.
 
         Raises
         ------
         PeerError
-            When the body is malformed; the caller counts it.
+            If the body is malformed; the caller counts it.
         """
         if datagram.kind is Kind.POSITION:
             position = unpack_position(datagram.body)
@@ -92,7 +92,7 @@ class SlaveSession:
         return None
 
     def expire_update(self, now_us: int) -> bool:
-        """Tell whether the newest force is believed lost and must be replaced by the current one, now."""
+        """Tell whether a force is believed lost, so that the current one must be sent now."""
         return self._repair.expire(now_us)
 
     def force(self, t_us: int, payload: bytes, now_us: int) -> bytes:
@@ -103,7 +103,7 @@ class SlaveSession:
 
     def keepalive_is_due(self, now_us: int) -> bool:
         """Tell whether the master has gone without a datagram for the keepalive interval."""
-        # A clock that went back must not silence us until it has caught up.
+        # A clock that went back must not silence the slave until it has caught up.
         return not 0 <= now_us - self._spoke_us < self._settings.keepalive_us
 
     def keepalive(self, t_us: int, now_us: int) -> bytes:
@@ -115,11 +115,11 @@ class SlaveSession:
         return self._datagram(Kind.CLOSE, Close(clipped(reason, REASON_BYTES), code), now_us)
 
     def silent_us(self, now_us: int) -> int:
-        """Return for how long nothing was heard [µs]."""
+        """Return how long nothing has arrived [µs]."""
         return now_us - self._heard_us
 
     def expires_us(self) -> int:
-        """Return when the session is forgotten if nothing is heard until then [µs]."""
+        """Return when the session expires if nothing arrives until then [µs]."""
         half_open = self.state is SlaveState.HALF_OPEN
         return self._heard_us + (self._settings.half_open_us if half_open else self._settings.idle_after_us)
 

@@ -1,4 +1,4 @@
-"""The states of a session at either end, and every transition there is. docs/protocol.md draws these tables."""
+"""The states of a session at either end and all transitions between them. docs/protocol.md draws these tables."""
 
 import enum
 from collections.abc import Mapping
@@ -6,7 +6,7 @@ from typing import Final
 
 
 class MasterState(enum.Enum):
-    """Where the master's session stands."""
+    """State of the master's session."""
 
     CONNECTING = "connecting"
     ESTABLISHED = "established"
@@ -16,7 +16,7 @@ class MasterState(enum.Enum):
 
 
 class SlaveState(enum.Enum):
-    """Where one of the slave's sessions stands."""
+    """State of one of the slave's sessions."""
 
     HALF_OPEN = "half open"
     OPEN = "open"
@@ -24,19 +24,19 @@ class SlaveState(enum.Enum):
 
 
 class Trigger(enum.Enum):
-    """What moves a session from one state to the next."""
+    """What causes a transition."""
 
     WELCOMED = "WELCOME received"
     REFUSED = "REFUSE received"
-    SILENCE = "nothing heard for the age limit"
-    HEARD = "anything of the session heard"
+    SILENCE = "nothing arrived for the age limit"
+    HEARD = "a datagram of the session arrived"
     RESET = "RESET received: the slave does not know the session"
     CLOSE = "our side closes"
     PEER_CLOSED = "CLOSE received"
     GAVE_UP = "no answer after the last try"
     POSITION = "first POSITION received"
-    IDLE = "nothing heard for the idle limit"
-    REPLACED = "the same master said HELLO anew, or the place was needed"
+    IDLE = "nothing arrived for the idle limit"
+    REPLACED = "the same master asked for a new session, or another needed the place"
 
 
 _M, _S, _T = MasterState, SlaveState, Trigger

@@ -1,4 +1,4 @@
-"""Accounts of traffic: every datagram and byte, per direction, and distributions in constant memory."""
+"""Counters of datagrams and bytes per direction, and distributions in constant memory."""
 
 import math
 from dataclasses import dataclass, field
@@ -17,13 +17,13 @@ class Traffic:
     packets, payload_bytes
         Datagrams and their bytes, UDP and IP headers not included.
     by_kind
-        Datagrams of each kind, by the kind's number (an enum's hash costs more than the rest of the count).
+        Datagrams of each kind, by the kind's number (hashing an enum costs more than the rest of the count).
     late, duplicate
         Older than the newest one seen; seen before. Both are dropped, except a FORCE that only KEEPALIVEs overtook.
     malformed
-        Not of the protocol, or with contents that cannot be.
+        Not of the protocol, or with invalid contents.
     stray
-        Well formed, but of no session that stands, or with a number that cannot be believed.
+        Well formed, but of no present session, or with a sequence number that is not believed.
     lost_before
         Datagrams lost in sessions that have ended.
     """
@@ -51,7 +51,7 @@ class Traffic:
         self.malformed += 1
 
     def absorb(self, other: "Traffic") -> None:
-        """Count as well what another account has counted, arrivals apart."""
+        """Add the counts of another account, except those of arrivals."""
         self.packets += other.packets
         self.payload_bytes += other.payload_bytes
         self.by_kind = [ours + theirs for ours, theirs in zip(self.by_kind, other.by_kind, strict=True)]
@@ -59,12 +59,12 @@ class Traffic:
         self.stray += other.stray
 
     def open_window(self, first: int) -> None:
-        """Start to watch the sequence numbers of a new session, whose first datagram was `first`."""
+        """Start with the sequence numbers of a new session, whose first datagram was `first`."""
         self.lost_before = self.lost
         self.window = ArrivalWindow(first)
 
     def arrive(self, sequence: int) -> Arrival:
-        """Take note of a sequence number and say what the datagram is."""
+        """Record a sequence number and return the kind of arrival."""
         assert self.window is not None, "no session is open"  # noqa: S101 - the caller's fault, not the peer's
         arrival = self.window.arrive(sequence)
         if arrival is Arrival.LATE:
@@ -77,7 +77,7 @@ class Traffic:
 
     @property
     def lost(self) -> int:
-        """Datagrams that never arrived, over all sessions."""
+        """Datagrams that did not arrive, over all sessions."""
         return self.lost_before + (self.window.lost if self.window else 0)
 
     @property
@@ -86,7 +86,7 @@ class Traffic:
         return self.payload_bytes + self.packets * UDP_IPV4_HEADER_BYTES
 
     def report(self) -> dict[str, object]:
-        """Return the account for JSON. A direction that is only sent knows nothing of arrivals."""
+        """Return the account for JSON. For a direction that is only sent, arrivals are unknown."""
         account: dict[str, object] = {
             "packets": self.packets,
             "payload_bytes": self.payload_bytes,
@@ -105,7 +105,7 @@ class Traffic:
 
 
 class Distribution:
-    """Durations [µs] in buckets one per cent wide: percentiles of any number of them in constant memory."""
+    """Durations [µs] in buckets one per cent wide: percentiles in constant memory."""
 
     RATIO: Final = 1.01
     __slots__ = ("_counts", "_scale", "count", "largest")
@@ -117,7 +117,7 @@ class Distribution:
         self.largest = 0.0
 
     def add(self, value_us: float) -> None:
-        """Take in one duration; negative ones, which only a clock that went back can make, count as zero."""
+        """Add a duration; a negative one, which only a clock that went back causes, counts as zero."""
         bucket = int(math.log(value_us) * self._scale) if value_us > 1.0 else 0
         self._counts[bucket] = self._counts.get(bucket, 0) + 1
         self.count += 1
@@ -125,7 +125,7 @@ class Distribution:
             self.largest = value_us
 
     def percentile(self, percent: float) -> float | None:
-        """Return the upper edge [µs] of the bucket that holds the percentile; None when nothing was added."""
+        """Return the upper edge [µs] of the bucket that holds the percentile; None if nothing was added."""
         rank = percent / 100.0 * self.count
         seen = 0
         for bucket in sorted(self._counts):
@@ -135,7 +135,7 @@ class Distribution:
         return None
 
     def report(self) -> dict[str, object]:
-        """Return count, percentiles and maximum [µs] for JSON; None where nothing was measured."""
+        """Return count, percentiles and maximum [µs] for JSON; None if nothing was measured."""
         return {
             "count": self.count,
             "p50_us": self.percentile(50),

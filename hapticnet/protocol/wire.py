@@ -1,8 +1,8 @@
 """One datagram: a msgpack array [version, kind, session, sequence, body].
 
-The body is a byte string: the msgpack array of the message's fields, or in a sealed session its ciphertext. The first
-four elements stay readable, are what a seal authenticates, and `sequence` never repeats within a session and direction,
-so that it can be the nonce.
+The body is a byte string: the msgpack array of the message's fields, or its ciphertext in a sealed session. The first
+four elements stay readable and are authenticated by a seal. `sequence` never repeats within a session and direction, so
+that it can be the nonce.
 """
 
 import enum
@@ -18,7 +18,7 @@ from hapticnet.protocol.serial_number import MODULUS
 VERSION: Final = 1
 
 MAX_DATAGRAM_BYTES: Final = 1200
-"""Larger datagrams are not ours. Fits every IPv6 path without fragments (RFC 8200 §5: 1280 B links)."""
+"""Larger datagrams are dropped. Fits every IPv6 path without fragments (RFC 8200 §5: 1280 B links)."""
 
 UDP_IPV4_HEADER_BYTES: Final = 28
 """IPv4 header without options (RFC 791, 20 B) and UDP header (RFC 768, 8 B)."""
@@ -29,7 +29,7 @@ MAX_ELEMENTS: Final = 16
 
 
 class Kind(enum.IntEnum):
-    """What a datagram is."""
+    """Kind of a datagram."""
 
     HELLO = 1
     WELCOME = 2
@@ -42,17 +42,17 @@ class Kind(enum.IntEnum):
 
 
 _pack = msgpack.Packer().pack
-"""One packer for all: making a new one for each datagram costs as much again as packing it."""
+"""One packer for all datagrams: making a new one for each would double the cost."""
 
 KINDS: Final = {int(kind): kind for kind in Kind}
 
 
 ANY_VERSION: Final = (Kind.HELLO, Kind.REFUSE)
-"""Kinds whose frame and first body field are the same in every version, so that versions can tell each other apart."""
+"""Kinds whose frame and first fields are the same in every version, so that versions can recognise each other."""
 
 
 class Datagram(NamedTuple):
-    """A datagram whose frame is sound; its body is not looked at yet."""
+    """A datagram with a valid frame; its body has not been read yet."""
 
     version: int
     kind: Kind
@@ -79,7 +79,7 @@ def unpack(data: bytes) -> Datagram:
     Raises
     ------
     PeerError
-        When it is oversized, not msgpack, not an array of the right shape, or of another version and not one of
+        If it is oversized, not msgpack, not an array of the right shape, or of another version and not one of
         `ANY_VERSION`.
     """
     if len(data) > MAX_DATAGRAM_BYTES:
@@ -88,7 +88,7 @@ def unpack(data: bytes) -> Datagram:
     if len(fields) != 5:
         raise PeerError(f"datagram of {len(fields)} elements instead of 5")
     version, number, session, sequence, body = fields
-    # Written out rather than by `is_uint32`: every datagram passes here, and calls would double the cost.
+    # Written out instead of calling `is_uint32`: every datagram passes here, and calls would double the cost.
     if not (
         type(session) is type(sequence) is type(number) is int
         and type(body) is bytes
@@ -105,7 +105,7 @@ def unpack(data: bytes) -> Datagram:
 
 
 def unpack_body(body: bytes, length: int) -> tuple[Any, ...]:
-    """Return the first `length` fields of a body; a PeerError says what is wrong with it.
+    """Return the first `length` fields of a body; raise PeerError if it is invalid.
 
     Fields after those are ignored: they are how a later revision adds to a message.
     """
@@ -116,7 +116,7 @@ def unpack_body(body: bytes, length: int) -> tuple[Any, ...]:
 
 
 def unpack_nonce(body: bytes) -> int:
-    """Return the nonce of a HELLO of whatever version: its first field."""
+    """Return the nonce of a HELLO of any version: its first field."""
     fields = _decode(body)
     if not fields or not is_uint32(fields[0]):
         raise PeerError("HELLO without a nonce")
@@ -125,7 +125,7 @@ def unpack_nonce(body: bytes) -> int:
 
 
 def is_uint32(value: object) -> bool:
-    """Tell whether a decoded value is an unsigned 32-bit integer (and no boolean)."""
+    """Tell whether a decoded value is an unsigned 32-bit integer (and not a boolean)."""
     return type(value) is int and 0 <= value < MODULUS
 
 
@@ -157,7 +157,7 @@ def _decode(data: bytes) -> tuple[Any, ...]:
         fields = msgpack.unpackb(
             data, use_list=False, max_array_len=MAX_ELEMENTS, max_map_len=MAX_ELEMENTS, max_ext_len=0
         )
-    # msgpack raises a ValueError of some kind for all that is malformed, TypeError for keys that cannot be hashed.
+    # msgpack raises a ValueError of some kind for malformed data, and TypeError for keys that cannot be hashed.
     except (ValueError, TypeError) as error:
         raise PeerError(f"not msgpack: {error!r}") from error
     if type(fields) is not tuple:

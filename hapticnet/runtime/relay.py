@@ -21,18 +21,18 @@ MOST_CLIENTS: Final = 128
 """Each takes up to four descriptors; a process usually has 1024."""
 
 GIVES_WAY_US: Final = 2_000_000
-"""When every place is taken, a client that is silent this long gives its place to a new one. A master that is not gone
-sends at least every 100 ms."""
+"""When every place is taken, a client that is silent this long gives its place to a new one. A running master sends at
+least every 100 ms."""
 
 IDLE_AFTER_US: Final = 30_000_000
 """A client that is silent this long is forgotten; longer than any session lives without a word."""
 
 RETRY_US: Final = 1_000_000
-"""After this time the target's name is looked up anew where that failed: looking up holds everything else."""
+"""Time after which a failed look-up of the target's name is tried again: a look-up blocks everything else."""
 
 
 class Relay:
-    """Carries datagrams between any number of clients and one target, each client on a socket of its own.
+    """Carry datagrams between any number of clients and one target, with one socket per client.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ class Relay:
         client.send(data)
 
     def _make_room(self, now: int) -> bool:
-        """Free a place where there is none: that of a client the target never answered, or that has fallen silent."""
+        """Make sure there is a free place: a client that the target never answered or that is silent gives way."""
         if len(self._clients) < MOST_CLIENTS:
             return True
         address, client = min(self._clients.items(), key=lambda item: (item[1].answered, item[1].heard_us))

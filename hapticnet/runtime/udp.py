@@ -191,7 +191,7 @@ def _socket(family: socket.AddressFamily) -> socket.socket:
     try:
         sock = socket.socket(family, socket.SOCK_DGRAM)
     except OSError as error:
-        raise UnavailableError(f"no socket to be had: {_words(error)}") from error
+        raise UnavailableError(f"cannot create a socket: {_words(error)}") from error
     sock.setblocking(False)
     # Room for a second of a dozen masters, should this process be kept from running that long.
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)

@@ -78,7 +78,7 @@ def test_the_master_may_die_and_come_back(start, slave):
     first.process.kill()
     second = start("master", "--connect", address, "--duration", "60", "--name", "second", *FAST)
     server.wait_for("'second' joined from")
-    server.wait_for("'first' left: nothing heard from the master")
+    server.wait_for("'first' left: nothing arrived from the master")
     assert second.end() == 0
     assert server.end() == 0
     assert [session["master"] for session in server.report()["sessions"]] == ["first", "second"]

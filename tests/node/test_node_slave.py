@@ -218,7 +218,7 @@ def test_silent_sessions_are_forgotten_half_open_ones_sooner():
     assert slave.stations == ()
     assert slave.next_timer_us() is None
     ends = [event.station.session.end_reason for event in iter(slave.next_event, None) if isinstance(event, MasterLeft)]
-    assert ends == ["nothing heard from the master"]
+    assert ends == ["nothing arrived from the master"]
     assert slave.report()["never_used"] == 1
 
 
