@@ -24,7 +24,7 @@ from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.scene.presets import find_scene
 from hapticnet.scene.scene import Scene
 
-LONGEST_RUN_S = 1e6
+LONGEST_RUN_S = 1e5
 """Longest single run [s]; its recordings would fill some ten gigabytes of memory."""
 
 
@@ -104,7 +104,7 @@ class VirtualLink:
         Raises
         ------
         SettingsError
-            If `seconds` is not between 0 and 1e6.
+            If `seconds` is not between 0 and 1e5.
         UnavailableError
             If the codec or the operator raised an error, which ends the session.
         """
