@@ -39,7 +39,7 @@ FASTEST_HZ: Final = 100_000.0
 
 @dataclass(frozen=True, slots=True)
 class Failed:
-    """The operator or the codec raised an exception: the force goes to zero and the session is closed."""
+    """Operator, codec or device raised an exception: the force goes to zero and the session is closed."""
 
     reason: str
 
@@ -173,7 +173,11 @@ class MasterNode:
             if self.recording is not None:
                 self._felt = held_n, 0.0, 0.0, 0.0
             return
-        fingertip.press(held_n, now_us)
+        try:
+            fingertip.press(held_n, now_us)
+        except Exception as error:  # what drives a device may raise anything; it is asked for no force from now on
+            self._fail(f"the device failed: {in_words(error)}", now_us)
+            return
         if self.connected and fingertip.reading is not None:
             self._tracking.add((fingertip.target_n,), (fingertip.sensed_n,))
         if self.recording is not None:
@@ -221,9 +225,10 @@ class MasterNode:
         }
 
     def _fail(self, reason: str, now_us: int) -> None:
-        self.failure = reason
-        self._events.append(Failed(reason))
-        self.close(reason, now_us)
+        if self.failure is None:
+            self.failure = reason
+            self._events.append(Failed(reason))
+            self.close(reason, now_us)
 
     def _digest_events(self, now_us: int) -> None:
         while (event := self.session.next_event()) is not None:

@@ -1,7 +1,10 @@
 """Operators, scenes and codecs of the user's own that raise: one event, no force, an orderly end."""
 
+import numpy as np
 import pytest
 
+from hapticnet.channel.emulator import Emulator
+from hapticnet.channel.spec import parse_channel
 from hapticnet.node.master import Failed
 from hapticnet.node.slave import MasterLeft
 from hapticnet.protocol.master_session import Ended, SessionLost
@@ -70,6 +73,26 @@ def test_a_decoder_that_raises_ends_the_session_once(loopback, calls):
     assert failure.reason.startswith("the codec failed: ValueError: no hand at all (test_node_failures.py, line")
     assert end == Ended(failure.reason, refused=False)
     assert link.master.held_force_n(link.now_us) == 0.0
+
+
+def test_a_device_that_raises_ends_the_session_once_and_is_still_asked_for_no_force(loopback):
+    link = loopback(1, device=True)
+    link.run(SECOND)
+    events(link.master)
+    asked = []
+
+    def exchange(displacement_m, _):
+        asked.append(displacement_m)
+        raise OSError("unplugged")
+
+    link.master._fingertip.device.exchange = exchange
+    link.forward = Emulator(parse_channel("loss=100%"), np.random.default_rng(0))
+    link.run(SECOND)
+    failure, end = events(link.master)
+    assert failure.reason.startswith("the device failed: OSError: unplugged (test_node_failures.py, line")
+    assert end == Ended(failure.reason, refused=False)
+    assert len(asked) > 200, "until the slave would have answered the CLOSE"
+    assert link.master._fingertip.target_n == 0.0
 
 
 @pytest.mark.parametrize("steps", [0, 100])
