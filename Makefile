@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 APT := $(if $(filter 0,$(shell id -u)),,sudo )apt-get
 
-.PHONY: help demo test check docker-check bench simulator clean system-packages
+.PHONY: help demo test check docker-check bench run-figure simulator clean system-packages
 .DEFAULT_GOAL := help
 
 help:
@@ -13,7 +13,12 @@ help:
 	@echo 'make test           install everything the tests need, and run them all'
 	@echo 'make check          linters, types, layers'
 	@echo 'make docker-check   build the image and play every scenario of docker/ (needs a Docker engine)'
+<<<<<<< HEAD
 	@echo 'make bench          run every benchmark (20 minutes) and write docs/benchmarks*.md; results in results/bench'
+=======
+	@echo 'make bench          run every benchmark and write docs/benchmarks.md anew; results in results/bench'
+	@echo 'make run-figure     draw docs/figures/run.png, the run in the README'
+>>>>>>> f7d5de1 (Keep tissues apart in the demo, draw a run for the README, overwrite no figure unasked)
 	@echo 'make simulator      build the firmware and the simulator that runs it (--device simavr)'
 	@echo 'make clean          remove the virtual environment and all results'
 
@@ -42,6 +47,9 @@ bench: system-packages $(VENV)/installed-dev
 	set -e; for name in $(BENCHMARKS); do \
 		$(BIN)/python bench/measure/$$name.py --json results/bench/$$name.json; done
 	$(BIN)/python bench/report/pages.py results/bench
+
+run-figure: $(VENV)/installed-plot
+	$(BIN)/python bench/report/plot_run.py docs/figures/run.png
 
 # The C programs that bench/ measures against, the network namespaces of the two-host test, and what the firmware is
 # built with and simulated in.

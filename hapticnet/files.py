@@ -152,6 +152,16 @@ def check_folder(path: Path) -> None:
     check_replaceable(path / "any")
 
 
+def fresh_path(path: Path) -> Path:
+    """Return the path itself if nothing exists there, else the first free one of path-2, path-3, …."""
+    number = 2
+    free = path
+    while free.exists():
+        free = path.with_name(f"{path.name}-{number}")
+        number += 1
+    return free
+
+
 def make_folder(path: Path) -> None:
     """Create a folder and its parents if they are missing.
 

@@ -7,7 +7,7 @@ import pytest
 
 from hapticnet.documents import read_document
 from hapticnet.errors import FileError, SettingsError
-from hapticnet.files import check_readable, check_replaceable, parse_bytes, read_text, replacing
+from hapticnet.files import check_readable, check_replaceable, fresh_path, parse_bytes, read_text, replacing
 
 
 def test_a_file_replaces_the_old_one_and_keeps_its_permissions(tmp_path):
@@ -111,3 +111,10 @@ def test_a_document_that_is_too_large_is_refused_without_reading_it(tmp_path):
         file.truncate(2**33)
     with pytest.raises(FileError, match="8589934592 bytes; the limit is 16777216"):
         read_document(tmp_path / "a.toml")
+
+
+def test_a_fresh_path_is_the_first_that_does_not_exist(tmp_path):
+    assert fresh_path(tmp_path / "demo") == tmp_path / "demo"
+    for name in ("demo", "demo-2"):
+        (tmp_path / name).mkdir()
+    assert fresh_path(tmp_path / "demo") == tmp_path / "demo-3"

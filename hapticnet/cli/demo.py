@@ -10,8 +10,10 @@ from hapticnet.cli import options
 if TYPE_CHECKING:
     from hapticnet.experiment.conditions import Condition
 
+RESULTS = Path("results/demo")
+
 SHOWN = "1 JND"
-"""The condition whose force is drawn."""
+"""The condition of the figure of a run."""
 
 
 def demo(
@@ -20,9 +22,13 @@ def demo(
     device: options.DeviceOption = "sim",
     codec: options.Codec = "deadband",
     rate: Annotated[float, typer.Option(help="Positions a second.")] = 1000.0,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where pictures, JSON and recordings go.")] = Path(
-        "results/demo"
-    ),
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Folder for figures, JSON and recordings; default: results/demo, or the next free -N."
+        ),
+    ] = None,
+    force: options.Force = False,
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> None:
@@ -31,22 +37,28 @@ def demo(
     import signal
     import sys
 
-    from hapticnet.cli.console import Console, check_outputs, write_text
+    from hapticnet.cli.console import Console, check_new, check_outputs, write_text
     from hapticnet.cli.demo_table import print_table
     from hapticnet.codec.registry import make_codec, parse_codec
     from hapticnet.errors import UnavailableError
     from hapticnet.experiment.conditions import CONDITIONS
     from hapticnet.experiment.demo import play_conditions, results
-    from hapticnet.experiment.figures import draw_bytes_per_penetration, draw_force_stretch
+    from hapticnet.experiment.figures import draw_bytes_per_penetration, draw_run
+    from hapticnet.experiment.provenance import provenance
+    from hapticnet.files import fresh_path
     from hapticnet.perception import WeberLaw
     from hapticnet.runtime.simavr import simavr_build
+    from hapticnet.scene.presets import paper_scene
 
     name, parameters = parse_codec(codec)
-    make_codec(name, WeberLaw(), parameters)  # what cannot be is better said at once
+    make_codec(name, WeberLaw(), parameters)  # refuse it before anything is played
     if device.startswith("simavr"):
         simavr_build()
-    check_outputs(out / "demo.json")
-    # Python does not clean up after SIGTERM by itself; this way the two processes are ended before we are.
+    out = fresh_path(RESULTS) if out is None else out
+    report, bytes_figure, run_figure = (out / name for name in ("demo.json", "bytes_per_penetration.png", "run.png"))
+    check_outputs(report, bytes_figure, run_figure)
+    check_new(report, bytes_figure, run_figure, force=force)
+    # Python does not clean up on SIGTERM by default; exiting this way ends the two processes first.
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     console = Console("demo", quiet=quiet)
     console.say(f"a needle, three tissues and {insertions} insertions, felt four ways; about a minute")
@@ -62,8 +74,9 @@ def demo(
         out, codec=codec, seed=seed, insertions=insertions, device=device, rate_hz=rate, on_progress=on_progress
     )
     console.finish()
-    rows = results(played)
+    rows = results(played, paper_scene(seed).tissues)
     account: dict[str, Any] = {
+        "provenance": provenance(),
         "seed": seed,
         "insertions": insertions,
         "rate_hz": rate,
@@ -72,13 +85,14 @@ def demo(
     }
     account["conditions"] = rows
     text = json_module.dumps(account, indent=2)
-    write_text(out / "demo.json", text + "\n")
+    write_text(report, text + "\n")
     print(text) if json else print_table(rows)
     try:
-        draw_bytes_per_penetration(rows, out / "bytes_per_penetration.png")
-        draw_force_stretch(next(each for each in played if each.condition.name == SHOWN), out / "force.png")
+        draw_bytes_per_penetration(rows, bytes_figure)
+        shown = next(each for each in played if each.condition.name == SHOWN)
+        draw_run(shown.slave_samples, shown.master_samples, run_figure)
     except UnavailableError as error:
         console.say(str(error))
     else:
-        console.say(f"pictures: {out}/bytes_per_penetration.png, {out}/force.png")
-    console.say(f"all numbers: {out}/demo.json")
+        console.say(f"figures: {bytes_figure}, {run_figure}")
+    console.say(f"all numbers: {report}")

@@ -1,4 +1,4 @@
-"""The demo's table: one column a condition, the paper's figures beside ours."""
+"""The demo's table: one column per condition, with the paper's figures for comparison."""
 
 from collections.abc import Callable
 from typing import Any
@@ -18,8 +18,17 @@ def print_table(rows: list[Row]) -> None:
         table.add_column(row["condition"], justify="right")
     for label, cell in _LINES:
         table.add_row(label, *(cell(row) for row in rows))
+        if label == "  standard deviation":
+            for tissue in rows[0]["bytes_of_each_tissue"]:
+                means = [_of_tissue(row, tissue["tissue"]) for row in rows]
+                table.add_row(f"  {tissue['tissue']} ({tissue['breach_force_n']:g} N)", *means)
     Console(highlight=False).print(table)
     print(_FOOTNOTE)
+
+
+def _of_tissue(row: Row, name: str) -> str:
+    means = [tissue["mean"] for tissue in row["bytes_of_each_tissue"] if tissue["tissue"] == name]
+    return f"{means[0]:,.0f}" if means else "–"
 
 
 def _percent(value: float | None, sign: str = "") -> str:
@@ -50,12 +59,13 @@ def _tracking(row: Row) -> str:
 
 _FOOTNOTE = """\
 Paper: "Cutaneous haptic deadband compression". It states neither its sampling
-rate nor its motion, on which the reduction depends: see bench/measure/packet_rate.py.
-Bytes are all that the slave sent, keepalives, UDP and IPv4 headers included.
-Packet-rate reduction counts force packets only. "As felt" is the force held at
-each tick against the true force at the position of that tick: delay counts too.
-The device lags: its platform must travel to the finger first, and its sensor
-tells nothing below 0.2 N.
+rate nor its motion, and the reduction depends on both.
+Bytes include keepalives and UDP and IPv4 headers. The standard deviation is
+over all penetrations; the lines below it are the means of each tissue, with its
+breach force. The packet-rate reduction counts force packets only. "As felt"
+compares the force held at each tick with the true force at the position of that
+tick, so it includes the delay. The device lags because its platform must first
+travel to the finger; its sensor reads nothing below 0.2 N.
 """
 
 _LINES: tuple[tuple[str, Callable[[Row], str]], ...] = (

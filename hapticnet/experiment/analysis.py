@@ -1,6 +1,7 @@
-"""What a run cost and did: bytes per penetration, and what was felt beside what was true."""
+"""What a run cost and did: bytes per penetration, and the force held compared with the true force."""
 
-from collections.abc import Mapping
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -11,35 +12,57 @@ from hapticnet.arrays import FloatArray
 from hapticnet.measure.metrics import ErrorReport, error_report
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.wire import UDP_IPV4_HEADER_BYTES
+from hapticnet.scene.tissue import Tissue
 
 Columns = Mapping[str, FloatArray]
 """A recording: columns by name, shape (n,) each; see `node.recording`."""
 
 STAMP_MODULUS: Final = 1 << 32
-"""Time stamps cross the wire modulo 2³² µs, so that is how the two sides' recordings are matched."""
+"""Time stamps are sent modulo 2³² µs, so the recordings of the two sides are matched modulo 2³²."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BytesPerPenetration:
-    """Feedback bytes between touching a tissue and breaching it: keepalives, UDP and IPv4 headers included.
+    """Feedback bytes from touching a tissue to breaching it, including keepalives and UDP and IPv4 headers.
 
     Attributes
     ----------
     each
         Bytes of each penetration, in order of time.
-    mean, deviation
-        Their mean and standard deviation [B]; 0 where there is none.
+    depths_m
+        Positions of the tip at the breaches [m], in the same order.
     """
 
     each: tuple[int, ...]
-    mean: float
-    deviation: float
+    depths_m: tuple[float, ...]
+
+    @property
+    def mean(self) -> float:
+        """Mean [B] over all penetrations; 0 without any."""
+        return float(np.mean(self.each)) if self.each else 0.0
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation [B] over all penetrations, which mixes the tissues; 0 with fewer than two."""
+        return float(np.std(self.each, ddof=1)) if len(self.each) > 1 else 0.0
+
+    def by_tissue(self, tissues: Sequence[Tissue]) -> list[list[int]]:
+        """Return the bytes of the penetrations of each tissue.
+
+        A breach is counted for the deepest tissue whose surface at rest lies before the tip. This holds for tissues
+        that are breached before the next one is touched, as in the paper's scene.
+        """
+        surfaces_m = [tissue.rest_position_m for tissue in tissues]
+        found: list[list[int]] = [[] for _ in tissues]
+        for spent, depth_m in zip(self.each, self.depths_m, strict=True):
+            found[max(bisect_right(surfaces_m, depth_m) - 1, 0)].append(spent)
+        return found
 
 
 def bytes_per_penetration(slave: Columns) -> BytesPerPenetration:
     """Return the cost of every penetration in a slave's recording.
 
-    A penetration begins after the last sample without force, or after the breach before, and ends with the breach.
+    A penetration starts after the last sample without force or after the previous breach, and ends with the breach.
     """
     datagrams = slave["datagram_bytes"]
     wire = np.where(datagrams > 0, datagrams + UDP_IPV4_HEADER_BYTES, 0.0)
@@ -56,24 +79,25 @@ def bytes_per_penetration(slave: Columns) -> BytesPerPenetration:
         begin = int(end) + 1
     return BytesPerPenetration(
         each=tuple(each),
-        mean=float(np.mean(each)) if each else 0.0,
-        deviation=float(np.std(each, ddof=1)) if len(each) > 1 else 0.0,
+        depths_m=tuple(slave["position_m"][breaches].tolist()),
     )
 
 
 def felt_error(law: WeberLaw, slave: Columns, master: Columns) -> ErrorReport:
-    """Compare the force held at each tick with the true force at the position sent in that very tick.
+    """Compare the force held at each tick with the true force at the position sent in the same tick.
 
-    Unlike the codec's own error this includes the way there and back, and every packet that was lost or late.
+    Unlike the error of the codec, this includes the round trip and every packet that was lost or late.
     """
-    true, held = matched(slave, master)
+    at_slave, at_master = matched(slave, master)
+    true, held = slave["force_n"][at_slave], master["held_n"][at_master]
     return error_report(law, true[:, np.newaxis], held[:, np.newaxis])
 
 
-def matched(slave: Columns, master: Columns) -> tuple[FloatArray, FloatArray]:
-    """Return true force and held force [N] at the times both sides recorded, shape (n,) each."""
+def matched(slave: Columns, master: Columns) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return the rows of both recordings with the same time stamps, shape (n,) each, in order of time."""
     _, at_slave, at_master = np.intersect1d(_stamps(slave), _stamps(master), return_indices=True)
-    return slave["force_n"][at_slave], master["held_n"][at_master]
+    order = np.argsort(at_slave)
+    return at_slave[order], at_master[order]
 
 
 def _stamps(columns: Columns) -> npt.NDArray[np.int64]:

@@ -2,10 +2,11 @@
 
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from statistics import fmean
 from typing import Any, Final
 
 from hapticnet.codec.registry import split_codec
@@ -15,6 +16,11 @@ from hapticnet.experiment.conditions import Condition, conditions_with
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION, WeberLaw
 from hapticnet.recordings.tables import read_csv
 from hapticnet.runtime.children import Child
+<<<<<<< HEAD
+=======
+from hapticnet.scene.tissue import Tissue
+from hapticnet.tables import read_csv
+>>>>>>> f7d5de1 (Keep tissues apart in the demo, draw a run for the README, overwrite no figure unasked)
 
 POLL_S: Final = 0.1
 CONNECT_TIMEOUT_S: Final = 10.0
@@ -80,8 +86,14 @@ def play_conditions(
     return [_played(condition, folder, sessions) for condition in conditions]
 
 
-def results(played: list[Played]) -> list[dict[str, Any]]:
-    """Return one row of figures per condition, for the table, the JSON file and the figure."""
+def results(played: list[Played], tissues: Sequence[Tissue]) -> list[dict[str, Any]]:
+    """Return one row of figures per condition, for the table, the JSON file and the figure.
+
+    Parameters
+    ----------
+    tissues
+        The tissues of the scene that was played.
+    """
     law = WeberLaw(weber_fraction=PAPER_WEBER_FRACTION, floor_n=PAPER_FLOOR_N)
     rows: list[dict[str, Any]] = []
     for each in played:
@@ -100,6 +112,16 @@ def results(played: list[Played]) -> list[dict[str, Any]]:
                 "bytes_of_each_penetration": penetrations.each,
                 "bytes_per_penetration": penetrations.mean,
                 "bytes_deviation": penetrations.deviation,
+                "bytes_of_each_tissue": [
+                    {
+                        "tissue": tissue.name,
+                        "breach_force_n": tissue.breach_force_n,
+                        "each": each_n,
+                        "mean": fmean(each_n),
+                    }
+                    for tissue, each_n in zip(tissues, penetrations.by_tissue(tissues), strict=True)
+                    if each_n
+                ],
                 "byte_reduction": 1.0 - penetrations.mean / uncompressed if uncompressed else None,
                 "paper_byte_reduction": each.condition.paper_byte_reduction,
                 "paper_correct": each.condition.paper_correct,

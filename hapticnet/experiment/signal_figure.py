@@ -8,9 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticnet.arrays import FloatArray
-from hapticnet.experiment.style import BLUE, INK, ORANGE, PRINT_WIDTH_IN, VERMILION, picture
+from hapticnet.experiment.style import BLUE, INK, ORANGE, VERMILION, picture
 from hapticnet.perception import WeberLaw
 
+HEIGHT_IN: Final = 4.4
 HEIGHTS: Final = (3.0, 0.55, 1.3)
 """Relative heights of force, sent samples and error."""
 
@@ -42,6 +43,7 @@ class Signal:
     felt_n: FloatArray | None = None
 
 
+<<<<<<< HEAD
 def draw_signal(
     signal: Signal,
     file: Path,
@@ -91,13 +93,65 @@ def fill_figure(figure: Any, signal: Signal, *, window_s: tuple[float, float], t
     error.legend(loc="upper left", ncols=2)
     error.set_xlabel("time [s]")
     error.set_xlim(window_s)
+=======
+def draw_signal(signal: Signal, file: Path, *, window_s: tuple[float, float], title: str) -> None:
+    """Draw a stretch of a signal: force, samples sent and error. On several axes, force and error are magnitudes."""
+    one_axis = signal.true_n.shape[1] == 1
+    with picture(file, HEIGHT_IN) as figure:
+        force, sent, error = figure.subplots(3, 1, sharex=True, height_ratios=HEIGHTS)
+        draw_force(force, signal, window_s)
+        force.legend(loc="upper left", ncols=3)
+        force.set_title(title, loc="left")
+        share = draw_sent(sent, signal, window_s)
+        sent.set_title(share, loc="left", color=VERMILION)
+        shown = _shown(signal, window_s)
+        difference = signal.applied_n[shown] - signal.true_n[shown]
+        error_n = difference[:, 0] if one_axis else np.linalg.norm(difference, axis=1)
+        threshold_n = signal.law.thresholds_n(np.linalg.norm(signal.applied_n[shown], axis=1))
+        t_s = signal.t_s[shown]
+        error.fill_between(t_s, -threshold_n, threshold_n, color=ORANGE, alpha=0.35, linewidth=0, label="threshold")
+        error.plot(t_s, error_n, color=INK, linewidth=0.7, label="error")
+        error.set_ylabel("error [N]" if one_axis else "|error| [N]")
+        if not one_axis:
+            error.set_ylim(bottom=0.0)
+        error.legend(loc="upper left", ncols=2)
+        error.set_xlabel("time [s]")
+        error.set_xlim(window_s)
+>>>>>>> f7d5de1 (Keep tissues apart in the demo, draw a run for the README, overwrite no figure unasked)
 
 
-def _scalars(signal: Signal) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return true force, applied force, error and threshold [N], shape (n,) each."""
-    difference = signal.applied_n - signal.true_n
-    threshold_n = signal.law.thresholds_n(np.linalg.norm(signal.applied_n, axis=1))
-    if signal.true_n.shape[1] == 1:
-        return signal.true_n[:, 0], signal.applied_n[:, 0], difference[:, 0], threshold_n
-    true_n, applied_n, error_n = (np.linalg.norm(x, axis=1) for x in (signal.true_n, signal.applied_n, difference))
-    return true_n, applied_n, error_n, threshold_n
+def draw_force(axes: Any, signal: Signal, window_s: tuple[float, float], *, width: float = 1.0) -> None:
+    """Draw true and applied force, and the force at the fingertip if there is one, in lines of `width` points."""
+    shown = _shown(signal, window_s)
+    t_s, one_axis = signal.t_s[shown], signal.true_n.shape[1] == 1
+    true_n, applied_n = (
+        values[shown, 0] if one_axis else np.linalg.norm(values[shown], axis=1)
+        for values in (signal.true_n, signal.applied_n)
+    )
+    axes.plot(t_s, true_n, color=INK, linewidth=0.9 * width, label="true force")
+    axes.step(t_s, applied_n, where="post", color=VERMILION, linewidth=1.1 * width, label="applied (held) force")
+    if signal.felt_n is not None:
+        felt_n = signal.felt_n[shown]
+        axes.plot(t_s, felt_n, color=BLUE, linewidth=width, linestyle=(0, (4, 1.5)), label="force at the fingertip")
+    axes.set_ylabel("force [N]" if one_axis else "|force| [N]")
+
+
+def draw_sent(axes: Any, signal: Signal, window_s: tuple[float, float]) -> str:
+    """Draw a tick for each sample that was sent, and return how many these are of all."""
+    shown = _shown(signal, window_s)
+    sent, lost = (indices[shown[indices]] for indices in (signal.sent, signal.lost))
+    axes.vlines(signal.t_s[sent], 0.0, 1.0, color=VERMILION, linewidth=0.6)
+    if len(lost):
+        axes.vlines(signal.t_s[lost], -0.6, 0.0, color=BLUE, linewidth=0.6)
+    axes.set_yticks([])
+    axes.grid(visible=False)
+    axes.spines["left"].set_visible(False)
+    axes.set_ylabel("sent", rotation=0, ha="right", va="center")
+    count = int(shown.sum())
+    saved = f"{len(sent):,} of {count:,} samples sent: {1 - len(sent) / max(count, 1):.1%} fewer packets"
+    return saved + (f", {len(lost):,} lost (blue)" if len(lost) else "")
+
+
+def _shown(signal: Signal, window_s: tuple[float, float]) -> npt.NDArray[np.bool_]:
+    shown: npt.NDArray[np.bool_] = (signal.t_s >= window_s[0]) & (signal.t_s <= window_s[1])
+    return shown

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticnet.errors import SettingsError
+from hapticnet.experiment.style import BLUE, INK, ORANGE, picture
 
 Numbers: TypeAlias = NDArray[np.float64]
 
@@ -22,10 +23,6 @@ SETTLED_WITHIN: Final = 0.05
 
 STEADY_FRACTION: Final = 0.25
 """Final share of the recording after the step that counts as steady. There is no convention for it."""
-
-TARGET_COLOUR: Final = "#1f77b4"
-SENSED_COLOUR: Final = "#d9822b"
-TRUE_COLOUR: Final = "#222222"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -134,25 +131,17 @@ def plot_step(
     UnavailableError
         If matplotlib is missing.
     """
-    from hapticnet.experiment.style import pyplot
-
-    plt = pyplot()
-    figure, axes = plt.subplots(figsize=(6.4, 4.2), layout="constrained")
-    axes.step(t_s, target_n, where="post", color=TARGET_COLOUR, linewidth=1.4, label="target")
-    axes.plot(t_s, force_n, color=SENSED_COLOUR, linewidth=1.6, alpha=0.8, label="sensed")
-    if contact_force_n is not None:
-        axes.plot(
-            t_s, contact_force_n, color=TRUE_COLOUR, linewidth=1.0, linestyle="--", label="true force on the finger"
-        )
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel("force [N]")
-    axes.set_ylim(bottom=0.0)
-    axes.grid(linewidth=0.4, alpha=0.5)
-    axes.legend(loc="best", frameon=False, fontsize=9)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.set_title(title, fontsize=10)
-    figure.savefig(file, dpi=150)
-    plt.close(figure)
+    with picture(file, 3.8) as figure:
+        axes = figure.subplots()
+        axes.step(t_s, target_n, where="post", color=BLUE, linewidth=1.4, label="target")
+        axes.plot(t_s, force_n, color=ORANGE, linewidth=1.6, label="sensed")
+        if contact_force_n is not None:
+            axes.plot(t_s, contact_force_n, color=INK, linewidth=1.0, linestyle="--", label="true force on the finger")
+        axes.set_xlabel("time [s]")
+        axes.set_ylabel("force [N]")
+        axes.set_ylim(bottom=0.0)
+        axes.legend(loc="best")
+        axes.set_title(title)
 
 
 def _check(times: Numbers, forces: Numbers, at_s: float, from_n: float, to_n: float) -> None:

@@ -141,7 +141,7 @@ def test_a_summary_is_mean_and_sample_deviation():
     ("arguments", "complaint"),
     [
         (("step", "sim:10"), "between 0.2 and 5 N/mm"),
-        (("step", "sim", "--plot", "x.xyz"), "must end in .png"),
+        (("step", "sim", "--plot", "x.xyz"), "it must be png, pdf or svg"),
         (("step", "sim", "--from", "1", "--to", "9"), "between 0 and 4.6"),
         (("tune", "sim", "--max-force", "99"), "asked for 4.6 at most"),
         (("tune", "none"), "unknown device 'none'"),
@@ -166,6 +166,19 @@ def test_step_reports_figures_and_draws_a_picture(tmp_path):
     assert abs(report["sensed"]["steady_error_n"]) <= 0.05
     assert (tmp_path / "s.png").stat().st_size > 10_000
     assert "target_n" in (tmp_path / "step.csv").read_text().splitlines()[0]
+
+
+def test_step_draws_only_when_asked_and_overwrites_no_figure_unasked(tmp_path):
+    assert hapticnet("device", "step", "sim:0.6", "--json", cwd=tmp_path).returncode == 0
+    assert list(tmp_path.iterdir()) == []
+    figure = tmp_path / "step.svg"
+    figure.write_text("mine")
+    done = hapticnet("device", "step", "sim:0.6", "--plot", figure)
+    assert done.returncode == 2
+    assert "exists" in done.stderr
+    assert figure.read_text() == "mine"
+    assert hapticnet("device", "step", "sim:0.6", "--plot", figure, "--force").returncode == 0
+    assert figure.read_text().startswith("<?xml")
 
 
 def test_a_step_that_is_never_felt_is_no_success(tmp_path):

@@ -5,10 +5,12 @@ from hapticnet.experiment.analysis import bytes_per_penetration, felt_error, mat
 from hapticnet.experiment.conditions import CONDITIONS
 from hapticnet.node.master import MasterSettings
 from hapticnet.perception import WeberLaw
+from hapticnet.scene.presets import paper_scene
 
 
-def columns(force_n, breaches, datagram_bytes):
+def columns(force_n, breaches, datagram_bytes, position_m=None):
     return {
+        "position_m": np.zeros(len(force_n)) if position_m is None else np.array(position_m, float),
         "force_n": np.array(force_n, float),
         "breaches": np.array(breaches, float),
         "datagram_bytes": np.array(datagram_bytes, float),
@@ -34,6 +36,18 @@ def test_without_a_penetration_nothing_is_paid():
     assert (report.each, report.mean, report.deviation) == ((), 0.0, 0.0)
 
 
+def test_penetrations_are_kept_apart_by_tissue():
+    slave = columns(
+        force_n=[0, 1, 0, 2, 2, 0, 0, 3, 0],
+        breaches=[0, 0, 1, 1, 1, 2, 2, 2, 3],
+        datagram_bytes=[0, 10, 0, 10, 10, 10, 0, 10, 10],
+        position_m=[0, 0.02, 0.025, 0.04, 0.043, 0.045, 0, 0.02, 0.025],
+    )
+    report = bytes_per_penetration(slave)
+    assert report.each == (38, 3 * 38, 2 * 38)
+    assert report.by_tissue(paper_scene(1).tissues) == [[38, 2 * 38], [3 * 38], []]
+
+
 def test_every_condition_of_the_paper_penetrates_three_tissues_and_costs_less_than_the_one_before(loopback):
     means = []
     for condition in CONDITIONS:
@@ -42,6 +56,7 @@ def test_every_condition_of_the_paper_penetrates_three_tissues_and_costs_less_th
         link.run(5_000_000)
         report = bytes_per_penetration(link.slave.stations[0].recording.table())
         assert len(report.each) == 3
+        assert report.by_tissue(paper_scene(1).tissues) == [[spent] for spent in report.each]
         means.append(report.mean)
     assert means == sorted(means, reverse=True)
 

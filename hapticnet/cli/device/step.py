@@ -19,8 +19,11 @@ def step(
     to_n: Annotated[float, typer.Option("--to", metavar="N", help="Force after the step [N].")] = 2.0,
     profile: options.ProfileOption = None,
     seed: options.Seed = 0,
-    plot: Annotated[Path, typer.Option(metavar="FILE", help="Picture of the response.")] = Path("step.png"),
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw the response to FILE (.png, .pdf or .svg).")
+    ] = None,
     csv: Annotated[Path | None, typer.Option(metavar="FILE", help="Write every tick to FILE.")] = None,
+    force: options.Force = False,
     json: options.Json = False,
 ) -> None:
     """Press a finger with one force, step to another, and report rise, overshoot, settling and ripple.
@@ -33,20 +36,23 @@ def step(
     import numpy as np
 
     from hapticnet.cli import devices
-    from hapticnet.cli.console import Console, check_outputs, deliver
+    from hapticnet.cli.console import Console, check_new, check_outputs, deliver
     from hapticnet.cli.device.driving import drive
     from hapticnet.control.limits import LimitSettings
-    from hapticnet.errors import SettingsError, UnavailableError
+    from hapticnet.errors import UnavailableError
     from hapticnet.experiment.step_response import plot_step, step_figures
+    from hapticnet.experiment.style import check_format, pyplot
     from hapticnet.node.fingertip import Fingertip
     from hapticnet.node.procedures import StepTest
     from hapticnet.recordings.tables import write_csv
 
     known = devices.load(profile)
     control = devices.control_settings(known)
-    if plot.suffix not in (".png", ".pdf", ".svg"):
-        raise SettingsError(f"picture {plot} must end in .png, .pdf or .svg")
+    if plot is not None:
+        check_format(plot.suffix[1:])
+        pyplot()
     check_outputs(plot, csv, inputs=[profile])
+    check_new(plot, force=force)
     tests: list[StepTest] = []
 
     def prepare(made: "Device") -> Callable[[int], bool]:
@@ -64,8 +70,7 @@ def step(
         if np.isfinite(force_n).all():
             account[name] = asdict(step_figures(t_s, force_n, at_s=at_s, from_n=from_n, to_n=to_n))
     account["fingertip"] = tests[0].fingertip.report()
-    console = Console("step")
-    try:
+    if plot is not None:
         plot_step(
             plot,
             t_s - at_s,
@@ -74,10 +79,7 @@ def step(
             contact_force_n=forces["true"] if "true" in account else None,
             title=made.description,
         )
-    except UnavailableError as error:
-        console.say(str(error))
-    else:
-        console.say(f"picture: {plot}")
+        Console("step").say(f"figure: {plot}")
     deliver(account, as_json=json, file=None)
     if account["sensed"]["rise_s"] is None:
         raise UnavailableError(
