@@ -13,12 +13,8 @@ help:
 	@echo 'make test           install everything the tests need, and run them all'
 	@echo 'make check          linters, types, layers'
 	@echo 'make docker-check   build the image and play every scenario of docker/ (needs a Docker engine)'
-<<<<<<< HEAD
 	@echo 'make bench          run every benchmark (20 minutes) and write docs/benchmarks*.md; results in results/bench'
-=======
-	@echo 'make bench          run every benchmark and write docs/benchmarks.md anew; results in results/bench'
 	@echo 'make run-figure     draw docs/figures/run.png, the run in the README'
->>>>>>> f7d5de1 (Keep tissues apart in the demo, draw a run for the README, overwrite no figure unasked)
 	@echo 'make simulator      build the firmware and the simulator that runs it (--device simavr)'
 	@echo 'make clean          remove the virtual environment and all results'
 

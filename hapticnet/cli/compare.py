@@ -32,7 +32,7 @@ def compare(
     max_size: options.MaxSize = options.MAX_SIZE,
     codecs: Annotated[
         str | None,
-        typer.Option(metavar="CODEC[;CODEC…]", help="Codecs as NAME[:KEY=VALUE,…]; default: all."),
+        typer.Option(metavar="CODEC[;CODEC…]", help="Codecs as for encode --codec; default: all."),
     ] = None,
     thresholds: Annotated[str, typer.Option(metavar="M[,M…]", help="Deadband thresholds in JNDs.")] = THRESHOLDS,
     weber: options.Weber = PAPER_WEBER_FRACTION,
@@ -81,7 +81,8 @@ def compare(
     values = _grid(grid or [], thresholds, weber, floor, loss)
     losses = values.pop("loss")
     if codecs is None:
-        register_installed_codecs()
+        for problem in register_installed_codecs():
+            Console("compare").say(problem)
     chosen = grid_codecs(list(all_codecs()) if codecs is None else codecs.split(";"), values)
     files = dict.fromkeys(traces or ())
     stems = [file.stem for file in files]

@@ -16,11 +16,7 @@ from hapticnet.experiment.conditions import Condition, conditions_with
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION, WeberLaw
 from hapticnet.recordings.tables import read_csv
 from hapticnet.runtime.children import Child
-<<<<<<< HEAD
-=======
 from hapticnet.scene.tissue import Tissue
-from hapticnet.tables import read_csv
->>>>>>> f7d5de1 (Keep tissues apart in the demo, draw a run for the README, overwrite no figure unasked)
 
 POLL_S: Final = 0.1
 CONNECT_TIMEOUT_S: Final = 10.0

@@ -36,7 +36,7 @@ def draw_bytes_per_penetration(rows: list[dict[str, Any]], file: Path) -> None:
             for number, tissue in enumerate(row["bytes_of_each_tissue"]):
                 marker, colour = TISSUE_LOOKS[number % len(TISSUE_LOOKS)]
                 axes.plot(
-                    place + 0.12 * (number + 1) + np.linspace(-0.03, 0.03, len(tissue["each"])),
+                    place + 0.085 * (number + 1) + np.linspace(-0.02, 0.02, len(tissue["each"])),
                     tissue["each"],
                     marker,
                     color=colour,

@@ -5,16 +5,15 @@ import platform
 import shlex
 import sys
 from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
-
-from hapticnet import __version__
 
 
 def provenance() -> dict[str, Any]:
     """Return version, date (UTC), machine and command of this process, for JSON."""
     return {
-        "version": __version__,
+        "version": _version(),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "machine": describe_machine(),
         "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
@@ -36,6 +35,14 @@ def describe_machine() -> dict[str, str | int | None]:
         "system": platform.platform(),
         "python": f"{platform.python_implementation()} {platform.python_version()}",
     }
+
+
+def _version() -> str:
+    # The package itself cannot be asked: it imports the public interface, which stands above this module.
+    try:
+        return version("hapticnet")
+    except PackageNotFoundError:
+        return "not installed"
 
 
 def _processor_name() -> str:

@@ -43,48 +43,26 @@ class Signal:
     felt_n: FloatArray | None = None
 
 
-<<<<<<< HEAD
-def draw_signal(
-    signal: Signal,
-    file: Path,
-    *,
-    window_s: tuple[float, float],
-    title: str,
-    height_in: float = 4.4,
-    width_in: float = PRINT_WIDTH_IN,
-    **settings: Any,
-) -> None:
+def draw_signal(signal: Signal, file: Path, *, window_s: tuple[float, float], title: str) -> None:
     """Draw a stretch of a signal into a file; see `fill_figure`."""
-    with picture(file, height_in, width_in=width_in, **settings) as figure:
+    with picture(file, HEIGHT_IN) as figure:
         fill_figure(figure, signal, window_s=window_s, title=title)
 
 
 def fill_figure(figure: Any, signal: Signal, *, window_s: tuple[float, float], title: str) -> None:
-    """Draw a stretch of a signal into an empty figure. On several axes force and error are magnitudes."""
+    """Draw force, samples sent and error into an empty figure. On several axes, force and error are magnitudes."""
     one_axis = signal.true_n.shape[1] == 1
-    shown = (signal.t_s >= window_s[0]) & (signal.t_s <= window_s[1])
-    t_s = signal.t_s[shown]
-    true_n, applied_n, error_n, threshold_n = (values[shown] for values in _scalars(signal))
-    sent, lost = (indices[shown[indices]] for indices in (signal.sent, signal.lost))
-    force, ticks, error = figure.subplots(3, 1, sharex=True, height_ratios=HEIGHTS)
-    force.plot(t_s, true_n, color=INK, linewidth=0.9, label="true force")
-    force.step(t_s, applied_n, where="post", color=VERMILION, linewidth=1.1, label="applied (held) force")
-    if signal.felt_n is not None:
-        label = "force at the fingertip"
-        force.plot(t_s, signal.felt_n[shown], color=BLUE, linewidth=1.0, linestyle=(0, (4, 1.5)), label=label)
-    force.set_ylabel("force [N]" if one_axis else "|force| [N]")
+    force, sent, error = figure.subplots(3, 1, sharex=True, height_ratios=HEIGHTS)
+    draw_force(force, signal, window_s)
     force.legend(loc="upper left", ncols=3)
     force.set_title(title, loc="left")
-    share = f"{len(sent):,} of {len(t_s):,} samples sent: {1 - len(sent) / max(len(t_s), 1):.1%} fewer packets"
-    ticks.vlines(signal.t_s[sent], 0.0, 1.0, color=VERMILION, linewidth=0.6)
-    if len(lost):
-        ticks.vlines(signal.t_s[lost], -0.6, 0.0, color=BLUE, linewidth=0.6)
-        share += f", {len(lost):,} lost (blue)"
-    ticks.set_yticks([])
-    ticks.grid(visible=False)
-    ticks.spines["left"].set_visible(False)
-    ticks.set_ylabel("sent", rotation=0, ha="right", va="center")
-    ticks.set_title(share, loc="left", color=VERMILION)
+    share = draw_sent(sent, signal, window_s)
+    sent.set_title(share, loc="left", color=VERMILION)
+    shown = _shown(signal, window_s)
+    difference = signal.applied_n[shown] - signal.true_n[shown]
+    error_n = difference[:, 0] if one_axis else np.linalg.norm(difference, axis=1)
+    threshold_n = signal.law.thresholds_n(np.linalg.norm(signal.applied_n[shown], axis=1))
+    t_s = signal.t_s[shown]
     error.fill_between(t_s, -threshold_n, threshold_n, color=ORANGE, alpha=0.35, linewidth=0, label="threshold")
     error.plot(t_s, error_n, color=INK, linewidth=0.7, label="error")
     error.set_ylabel("error [N]" if one_axis else "|error| [N]")
@@ -93,31 +71,6 @@ def fill_figure(figure: Any, signal: Signal, *, window_s: tuple[float, float], t
     error.legend(loc="upper left", ncols=2)
     error.set_xlabel("time [s]")
     error.set_xlim(window_s)
-=======
-def draw_signal(signal: Signal, file: Path, *, window_s: tuple[float, float], title: str) -> None:
-    """Draw a stretch of a signal: force, samples sent and error. On several axes, force and error are magnitudes."""
-    one_axis = signal.true_n.shape[1] == 1
-    with picture(file, HEIGHT_IN) as figure:
-        force, sent, error = figure.subplots(3, 1, sharex=True, height_ratios=HEIGHTS)
-        draw_force(force, signal, window_s)
-        force.legend(loc="upper left", ncols=3)
-        force.set_title(title, loc="left")
-        share = draw_sent(sent, signal, window_s)
-        sent.set_title(share, loc="left", color=VERMILION)
-        shown = _shown(signal, window_s)
-        difference = signal.applied_n[shown] - signal.true_n[shown]
-        error_n = difference[:, 0] if one_axis else np.linalg.norm(difference, axis=1)
-        threshold_n = signal.law.thresholds_n(np.linalg.norm(signal.applied_n[shown], axis=1))
-        t_s = signal.t_s[shown]
-        error.fill_between(t_s, -threshold_n, threshold_n, color=ORANGE, alpha=0.35, linewidth=0, label="threshold")
-        error.plot(t_s, error_n, color=INK, linewidth=0.7, label="error")
-        error.set_ylabel("error [N]" if one_axis else "|error| [N]")
-        if not one_axis:
-            error.set_ylim(bottom=0.0)
-        error.legend(loc="upper left", ncols=2)
-        error.set_xlabel("time [s]")
-        error.set_xlim(window_s)
->>>>>>> f7d5de1 (Keep tissues apart in the demo, draw a run for the README, overwrite no figure unasked)
 
 
 def draw_force(axes: Any, signal: Signal, window_s: tuple[float, float], *, width: float = 1.0) -> None:

@@ -15,6 +15,24 @@ from hapticnet.perception import WeberLaw
 from hapticnet.recordings.tables import read_csv
 from tests.cli.test_cli_errors import hapticnet
 
+OWN = """
+from dataclasses import dataclass
+from typing import ClassVar
+from hapticnet.codec.registry import make_codec
+from hapticnet.perception import WeberLaw
+
+@dataclass(frozen=True)
+class Own:
+    name: ClassVar[str] = "own"
+    needs_position: ClassVar[bool] = False
+    law: WeberLaw = WeberLaw()
+
+    def encoder(self, axes):
+        return make_codec("deadband", self.law).encoder(axes)
+
+    def decoder(self, axes):
+        return make_codec("deadband", self.law).decoder(axes)
+"""
 WIDE = "adaptive-predictive:horizon_ms=150,jump_thresholds=0.5,step_n=0.001"
 
 
@@ -107,6 +125,16 @@ def test_a_grid_tries_every_combination_and_parameters_where_they_exist(traces):
     assert deadband == [(loss, multiplier) for loss in (0.0, 0.1) for multiplier in (0.5, 1.0, 1.5, 2.0)]
     assert len([row for row in rows if row["codec"] == "least-squares"]) == 16
     assert len([row for row in rows if row["codec"] == "raw"]) == 2
+
+
+def test_a_codec_from_a_file_is_compared_in_several_processes(traces, tmp_path):
+    (tmp_path / "own.py").write_text(OWN)
+    codecs = f"deadband;{tmp_path}/own.py:Own"
+    arguments = ("--codecs", codecs, "--thresholds", "1", "--plot", tmp_path / "plots", "--signal", "own")
+    done = hapticnet("compare", traces[0], "--column", "fx", *arguments, "--jobs", "2", "--json")
+    deadband, own = json.loads(done.stdout)["rows"]
+    assert own["label"] == "own"
+    assert own["sent"] == deadband["sent"]
 
 
 def test_loss_and_two_axes_are_told_in_the_table(traces):
