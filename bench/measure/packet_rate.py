@@ -41,7 +41,12 @@ Row = dict[str, Any]
 def true_forces(seed: int, motion: InsertionSettings, rate_hz: float) -> Columns:
     """Return the true force at every position of one seed's hand in its scene, as a slave records it."""
     true = paper_recording(seed, rate_hz, motion=motion)
-    return {"t_us": true.t_us + float(START_US), "force_n": true.force_n[:, 0], "breaches": true.breaches.astype(float)}
+    return {
+        "t_us": true.t_us + float(START_US),
+        "position_m": true.position_m[:, 0],
+        "force_n": true.force_n[:, 0],
+        "breaches": true.breaches.astype(float),
+    }
 
 
 def encoded(codec: Codec, true: Columns) -> Columns:
