@@ -26,18 +26,26 @@ def as_recording(stimuli: FloatArray) -> FloatArray:
     return array
 
 
-def refuse_out_of_range(stimuli: FloatArray, chosen: IntArray) -> None:
-    """Check that the chosen samples of a recording of shape (n, a) are finite and in range.
+def refuse_out_of_range(values: FloatArray, what: str = "stimulus", *, first: int = 0) -> None:
+    """Check that a recording of shape (n, a) is finite and in range.
+
+    Parameters
+    ----------
+    what
+        What the values are, for the message.
+    first
+        Index of the first of these samples in the whole recording, for the message.
 
     Raises
     ------
     SampleError
         Naming the first sample that is not.
     """
-    good = (np.abs(stimuli[chosen]) <= LARGEST_COMPONENT).all(axis=1)
-    if not good.all():
-        first = int(chosen[np.argmin(good)])
-        raise SampleError(
-            f"sample {first}: stimulus is {stimuli[first].tolist()}; it must be finite and within"
-            f" ±{LARGEST_COMPONENT:g}"
-        )
+    # Minimum and maximum carry NaN on, so that it fails the comparison.
+    if not len(values) or -LARGEST_COMPONENT <= values.min() <= values.max() <= LARGEST_COMPONENT:
+        return
+    index = int(np.argmin((np.abs(values) <= LARGEST_COMPONENT).all(axis=1)))
+    raise SampleError(
+        f"sample {first + index}: {what} is {values[index].tolist()}; it must be finite and within"
+        f" ±{LARGEST_COMPONENT:g}"
+    )

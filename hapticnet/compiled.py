@@ -37,7 +37,7 @@ _compiled: dict[tuple[FunctionType, str], Callable[..., Any]] = {}
 
 
 def compiled(
-    function: Callable[..., Any], *, name: str = "", using: Mapping[str, Callable[..., Any]] | None = None
+    function: Callable[..., Any], *, name: str = "", using: Mapping[str, Any] | None = None
 ) -> Callable[..., Any]:
     """Return a plain function compiled, the same object every time.
 
@@ -48,18 +48,25 @@ def compiled(
     name
         Distinguishes the versions of one function that differ in `using`.
     using
-        Functions that take the place of globals of `function`, by the name it calls them.
+        What takes the place of globals of `function`: constants, and named tuples of functions.
     """
     if not isinstance(function, FunctionType):
         raise TypeError(f"{function!r} is not a plain function")
     if (function, name) not in _compiled:
-        _compiled[function, name] = _bodies().get(function) or _jit(_linked(function, name, using or {}))
+        _compiled[function, name] = _bodies().get(function) or _jit(
+            _linked(function, name, using or {}), inline=not using
+        )
     return _compiled[function, name]
 
 
-def _linked(function: FunctionType, name: str, using: Mapping[str, Callable[..., Any]]) -> FunctionType:
+def _linked(function: FunctionType, name: str, using: Mapping[str, Any]) -> FunctionType:
     """Return a function whose globals are compiled where they are functions of hapticnet."""
-    scope = {**function.__globals__, **using}
+    scope = dict(function.__globals__)
+    for replaced, value in using.items():
+        if isinstance(value, tuple):
+            made: Callable[..., Any] = type(value)
+            value = made(*[compiled(each) for each in value])
+        scope[replaced] = value
     for called in function.__code__.co_names:
         other = scope.get(called)
         if isinstance(other, FunctionType) and other.__module__.startswith("hapticnet."):
@@ -70,7 +77,7 @@ def _linked(function: FunctionType, name: str, using: Mapping[str, Callable[...,
     return linked
 
 
-def _jit(function: Callable[..., Any]) -> Callable[..., Any]:
+def _jit(function: Callable[..., Any], *, inline: bool) -> Callable[..., Any]:
     from numba import config as numba_config
     from numba import njit
 
@@ -78,7 +85,7 @@ def _jit(function: Callable[..., Any]) -> Callable[..., Any]:
     given = config.CACHE_DIR
     config.CACHE_DIR = str(_folder(given))
     try:
-        jitted: Callable[..., Any] = njit(cache=True, nogil=True, error_model="numpy")(function)
+        jitted: Callable[..., Any] = njit(cache=True, nogil=True, error_model="numpy", forceinline=inline)(function)
     finally:
         config.CACHE_DIR = given
     return jitted
@@ -125,7 +132,7 @@ def _bodies() -> dict[Callable[..., Any], Callable[..., Any]]:
 
     from numba import njit
 
-    inline = njit(nogil=True, error_model="numpy")
+    inline = njit(nogil=True, error_model="numpy", forceinline=True)
     return {
         rounding.as_single: inline(as_single),
         rounding.as_half: inline(as_half),

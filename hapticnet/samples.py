@@ -3,7 +3,6 @@
 A vector is a tuple of floats, one per axis, because numpy costs tens of microseconds on a single sample.
 """
 
-import math
 from collections.abc import Iterable
 from typing import NamedTuple, TypeAlias
 
@@ -67,17 +66,3 @@ def checked_vector(values: Iterable[float], what: str) -> Vector:
         if not -LARGEST_COMPONENT <= component <= LARGEST_COMPONENT:
             raise SampleError(f"{what} is {component}; it must be finite and within ±{LARGEST_COMPONENT:g}")
     return vector
-
-
-def magnitude(vector: Vector) -> float:
-    """Return the Euclidean norm of a vector.
-
-    The plain root of the sum of squares rather than `math.hypot`, which rounds differently: array kernels must get
-    the same bits as a stream. Differences below 1e-154 therefore count as zero.
-    """
-    if len(vector) == 1:
-        return abs(vector[0])
-    square = 0.0
-    for component in vector:
-        square += component * component
-    return math.sqrt(square)

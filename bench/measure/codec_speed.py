@@ -1,4 +1,4 @@
-"""Speed of every codec, whole-array and streaming, beside plain C loops in the same run, and of a threshold sweep."""
+"""Measure the speed of every codec, compiled and streaming, beside plain C loops in the same run; sweep thresholds."""
 
 import argparse
 import tempfile
@@ -10,16 +10,16 @@ import numpy as np
 import record
 from codec_twins import Array, Loop, hand_m, load_twins, times_us
 
-from hapticnet.codec import arrays
-from hapticnet.codec import deadband as deadband_module
+from hapticnet.codec import recording
 from hapticnet.codec.base import Codec
-from hapticnet.codec.deadband import Deadband
 from hapticnet.codec.registry import CODECS
-from hapticnet.codec.sweep_thresholds import sweep_deadband
+from hapticnet.codec.schemes.deadband import Deadband
+from hapticnet.codec.threshold_sweep import sweep_deadband
 from hapticnet.compiled import fast_extra_installed
 from hapticnet.experiment.paper_force import paper_recording
 from hapticnet.perception import WeberLaw
 
+SPEEDS = ("fast", "c", "axes3")
 SENT_FRACTIONS = (0.01, 0.1, 0.4)
 STREAMED = 200_000
 SWEPT_LAWS = 64
@@ -45,10 +45,10 @@ def main() -> None:
     for row in rows:
         fast, ratio = row["fast"], row["fast"] / row["c"]
         print(f"{row['sent']:7.1%}{row['c']:9.0f}{fast:12.0f}{ratio:8.2f}{row['plain']:14.1f}{row['stream']:11.2f}")
-    print("\nevery codec: ns a sample streaming (walk, paper's scene), Msamples/s whole-array (fast extra, C loop)\n")
+    print("\nevery codec: ns a sample streaming (walk, paper's scene, 3 axes), Msamples/s compiled, C loop, 3 axes\n")
     for row in codecs:
-        fast, c = (f"{row[way]:9.0f}" if row[way] else f"{'–':>9}" for way in ("fast", "c"))
-        print(f"{row['codec']:24}{row['walk_ns']:8.0f}{row['paper_ns']:8.0f}{fast}{c}")
+        ns = "".join(f"{row[way]:8.0f}" for way in ("walk_ns", "paper_ns", "axes3_ns"))
+        print(f"{row['codec']:24}{ns}" + "".join(f"{row[way]:9.1f}" if row[way] else f"{'–':>9}" for way in SPEEDS))
     print(f"\n{SWEPT_LAWS} thresholds: {swept:.0f} M sample-parameters/s")
     if arguments.json:
         record.write(
@@ -74,10 +74,13 @@ def signal(samples: int, sent: float, seed: int) -> Array:
     return folded
 
 
-def whole_array(codec: Codec, stimuli: Array, *, compile_above: int) -> int:
-    deadband_module.COMPILE_ABOVE_SAMPLES = arrays.COMPILE_STREAM_ABOVE_SAMPLES = compile_above
-    positions = hand_m(len(stimuli)) if codec.needs_position else None
-    return len(codec.encode_array(times_us(len(stimuli)), stimuli, positions).sent)
+def whole_array(codec: Codec, stimuli: Array, *, compile_above: int = 0) -> int:
+    """Return how many stimuli a codec sends of a recording; it is streamed up to some length, compiled above."""
+    recording.COMPILE_ABOVE_SAMPLES = compile_above
+    positions = None
+    if codec.needs_position:
+        positions = hand_m(len(stimuli)) if stimuli.ndim == 1 else np.column_stack([hand_m(len(stimuli))] * 3)
+    return len(recording.encode_array(codec, times_us(len(stimuli)), stimuli, positions).sent)
 
 
 def best(ways: dict[str, Callable[[], int]], samples: int, repetitions: int) -> tuple[dict[str, float], int]:
@@ -96,47 +99,56 @@ def measure(codec: Codec, stimuli: Array, c_loop: Loop, repetitions: int) -> dic
     """Return million samples a second of the deadband: C, compiled, plain Python and streaming."""
     ways = {
         "c": lambda: c_loop(stimuli),
-        "plain": lambda: whole_array(codec, stimuli, compile_above=len(stimuli)),
+        "plain": lambda: whole_array(codec, stimuli[:STREAMED], compile_above=len(stimuli)),
     }
     if fast_extra_installed():
-        ways["fast"] = lambda: whole_array(codec, stimuli, compile_above=0)
+        ways["fast"] = lambda: whole_array(codec, stimuli)
         ways["fast"]()  # compile, or load from the cache
     speed, sent = best(ways, len(stimuli), repetitions)
-    streamed_ns = stream_ns(codec, stimuli[:STREAMED], np.zeros(min(len(stimuli), STREAMED)), repetitions)
+    speed["plain"] *= min(len(stimuli), STREAMED) / len(stimuli)
+    streamed_ns = stream_ns(codec, [stimuli[:STREAMED]], repetitions)
     return {"sent": sent / len(stimuli), "fast": 0.0, **speed, "stream": 1e3 / streamed_ns}
 
 
 def measure_codec(codec: Codec, stimuli: Array, c_loop: Loop | None, repetitions: int) -> dict[str, float | str]:
-    """Return ns a sample of a codec's streaming pair, and whole-array speeds where it has a C twin."""
+    """Return ns a sample of a codec's streaming pair, and whole-array speeds on one axis (beside C) and three axes."""
     scene = paper_recording(1)
-    walked = stimuli[:STREAMED]
+    part = stimuli[: len(stimuli) // 4]
+    three = np.column_stack([part, np.roll(part, len(part) // 3), -np.roll(part, len(part) // 2)])
     speed: dict[str, float] = {}
-    if c_loop is not None:
-        ways = {"c": lambda: c_loop(stimuli)}
-        if fast_extra_installed():
-            ways["fast"] = lambda: whole_array(codec, stimuli, compile_above=0)
-            sent = ways["fast"](), ways["c"]()
-            # Roundings may part them for a sample; other constants or another rule would for many.
-            assert abs(sent[0] - sent[1]) <= 1e-3 * sent[1] + 1.0, f"{codec.name} sends {sent[0]}, its C twin {sent[1]}"
-        speed, _ = best(ways, len(stimuli), repetitions)
+    ways: dict[str, Callable[[], int]] = {} if c_loop is None else {"c": lambda: c_loop(stimuli)}
+    if fast_extra_installed():
+        ways["fast"] = lambda: whole_array(codec, stimuli)
+        sent = {name: way() for name, way in ways.items()}
+        # Roundings may part them for a sample; other constants or another rule would for many.
+        assert "c" not in sent or abs(sent["fast"] - sent["c"]) <= 1e-3 * sent["c"] + 1.0, (
+            f"{codec.name} sends {sent['fast']}, its C twin {sent['c']}"
+        )
+        whole_array(codec, three)
+        speed["axes3"] = best({"axes3": lambda: whole_array(codec, three)}, len(three), repetitions)[0]["axes3"]
+    if ways:
+        speed |= best(ways, len(stimuli), repetitions)[0]
+    walked = three[:STREAMED]
     return {
         "codec": codec.name,
-        "walk_ns": stream_ns(codec, walked, hand_m(len(walked)), repetitions),
-        "paper_ns": stream_ns(codec, scene.force_n[:, 0], scene.position_m[:, 0], repetitions),
+        "walk_ns": stream_ns(codec, [stimuli[:STREAMED]], repetitions),
+        "paper_ns": stream_ns(codec, [scene.force_n[:, 0]], repetitions, scene.position_m[:, 0]),
+        "axes3_ns": stream_ns(codec, list(walked.T), 1),
         "fast": 0.0,
         "c": 0.0,
+        "axes3": 0.0,
         **speed,
     }
 
 
-def stream_ns(codec: Codec, stimuli: Array, positions: Array, repetitions: int) -> float:
+def stream_ns(codec: Codec, axes: list[Array], repetitions: int, position_m: Array | None = None) -> float:
     """Return ns a sample through encoder and decoder, one at a time, in plain Python."""
-    samples = [
-        (1000 * i, (x,), (p,)) for i, (x, p) in enumerate(zip(stimuli.tolist(), positions.tolist(), strict=True))
-    ]
+    where = hand_m(len(axes[0])) if position_m is None else position_m
+    vectors = zip(*[axis.tolist() for axis in axes], strict=True)
+    samples = [(1000 * i, x, (p,) * len(axes)) for i, (x, p) in enumerate(zip(vectors, where.tolist(), strict=True))]
     fastest = float("inf")
     for _ in range(repetitions):
-        encoder, decoder = codec.encoder(1), codec.decoder(1)
+        encoder, decoder = codec.encoder(len(axes)), codec.decoder(len(axes))
         encode, decode, reconstruct = encoder.encode, decoder.decode, decoder.reconstruct
         started = time.perf_counter()
         for t_us, stimulus, position in samples:

@@ -20,9 +20,9 @@ from codec_trials import PERIOD_US, hand_force, in_step, trials
 
 from hapticnet.arrays import FloatArray
 from hapticnet.codec.base import Codec, Encoding
-from hapticnet.codec.deadband import Deadband
-from hapticnet.codec.recording import encode_lossy, encode_streamed
+from hapticnet.codec.recording import encode_array, encode_lossy, encode_streamed
 from hapticnet.codec.registry import CODECS, make_codec
+from hapticnet.codec.schemes.deadband import Deadband
 from hapticnet.compiled import fast_extra_installed
 from hapticnet.experiment.comparison import REPAIR_US, Trial
 from hapticnet.experiment.paper_force import paper_recording
@@ -58,7 +58,7 @@ def on_signals(samples: int, seed: int) -> list[Row]:
 
 def on_signal(recordings: Sequence[Trial], codec: Codec) -> Row:
     """Return what a codec makes of the recordings of one name."""
-    encodings = [codec.encode_array(trial.t_us, trial.stimuli, trial.positions) for trial in recordings]
+    encodings = [encode_array(codec, trial.t_us, trial.stimuli, trial.positions) for trial in recordings]
     sizes = np.concatenate([encoding.payload_bytes for encoding in encodings])
     errors = [in_thresholds(codec, *pair) for pair in zip(recordings, encodings, strict=True)]
     return {
@@ -184,7 +184,7 @@ def whole_array(samples: int, seed: int) -> Row:
         end = min(start + BLOCK_SAMPLES, samples)
         stimuli[start:end, 0] = next(blocks)[: end - start]
     t_us = np.arange(samples, dtype=np.int64)
-    encoding = codec.encode_array(t_us, stimuli)
+    encoding = encode_array(codec, t_us, stimuli)
     exceeding = 0
     for start in starts:
         held = encoding.decoded[start : start + BLOCK_SAMPLES]

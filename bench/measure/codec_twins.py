@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from hapticnet.codec.adaptive_predictive import AdaptivePredictive
-from hapticnet.codec.level_crossing import LevelCrossing
-from hapticnet.codec.merging import Merging
-from hapticnet.codec.passive import PassiveInterpolative
-from hapticnet.codec.predictive import LinearPredictive
-from hapticnet.codec.probabilistic import Probabilistic
-from hapticnet.codec.velocity_adaptive import VelocityAdaptive
+from hapticnet.codec.schemes.adaptive_predictive import AdaptivePredictive
+from hapticnet.codec.schemes.level_crossing import LevelCrossing
+from hapticnet.codec.schemes.linear_predictive import LinearPredictive
+from hapticnet.codec.schemes.merging import Merging
+from hapticnet.codec.schemes.passive import PassiveInterpolative
+from hapticnet.codec.schemes.probabilistic import Probabilistic
+from hapticnet.codec.schemes.velocity_adaptive import VelocityAdaptive
 from hapticnet.perception import WeberLaw
 
 Array = npt.NDArray[np.float64]

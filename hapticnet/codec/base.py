@@ -97,24 +97,3 @@ class Codec(Protocol):
     def decoder(self, axes: int) -> Decoder:
         """Return a new decoder for stimuli of 1 to 3 axes."""
         ...
-
-    def encode_array(
-        self, t_us: npt.NDArray[np.int64], stimuli: FloatArray, positions: FloatArray | None = None
-    ) -> Encoding:
-        """Encode a whole recording, sample for sample as the streaming pair does.
-
-        Parameters
-        ----------
-        t_us
-            Time stamps [µs], shape (n,).
-        stimuli
-            Finite stimuli, shape (n, a) with 1 ≤ a ≤ 3.
-        positions
-            Positions of the tool [m], same shape, where they are known.
-
-        Raises
-        ------
-        SampleError
-            When a stimulus is not finite or out of range.
-        """
-        ...

@@ -6,18 +6,18 @@ import re
 from collections.abc import Mapping
 from typing import Any, Final
 
-from hapticnet.codec.adaptive_predictive import AdaptivePredictive
 from hapticnet.codec.base import Codec
-from hapticnet.codec.deadband import Deadband
-from hapticnet.codec.least_squares import LeastSquares
-from hapticnet.codec.level_crossing import LevelCrossing
-from hapticnet.codec.merging import Merging
-from hapticnet.codec.passive import PassiveExtrapolative, PassiveInterpolative
 from hapticnet.codec.plugins import installed_codecs, user_class
-from hapticnet.codec.predictive import LinearPredictive
-from hapticnet.codec.probabilistic import Probabilistic
-from hapticnet.codec.raw import Raw
-from hapticnet.codec.velocity_adaptive import VelocityAdaptive
+from hapticnet.codec.schemes.adaptive_predictive import AdaptivePredictive
+from hapticnet.codec.schemes.deadband import Deadband
+from hapticnet.codec.schemes.least_squares import LeastSquares
+from hapticnet.codec.schemes.level_crossing import LevelCrossing
+from hapticnet.codec.schemes.linear_predictive import LinearPredictive
+from hapticnet.codec.schemes.merging import Merging
+from hapticnet.codec.schemes.passive import PassiveExtrapolative, PassiveInterpolative
+from hapticnet.codec.schemes.probabilistic import Probabilistic
+from hapticnet.codec.schemes.raw import Raw
+from hapticnet.codec.schemes.velocity_adaptive import VelocityAdaptive
 from hapticnet.errors import HapticnetError, SettingsError, in_words
 from hapticnet.perception import WeberLaw
 

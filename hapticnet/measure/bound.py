@@ -181,7 +181,7 @@ def direction_tube(law: WeberLaw, stimuli: FloatArray, direction: FloatArray) ->
 
 def _checked(stimuli: FloatArray) -> FloatArray:
     stimuli = as_recording(stimuli)
-    refuse_out_of_range(stimuli, np.arange(len(stimuli)))
+    refuse_out_of_range(stimuli)
     return stimuli
 
 

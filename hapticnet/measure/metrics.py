@@ -8,7 +8,8 @@ import numpy.typing as npt
 
 from hapticnet.arrays import FloatArray
 from hapticnet.perception import WeberLaw
-from hapticnet.samples import Vector, magnitude
+from hapticnet.samples import Vector
+from hapticnet.vectors import magnitude
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from hapticnet.checks import check_parameter
-from hapticnet.codec.raw import Raw
 from hapticnet.codec.registry import codec_parameters, make_codec
+from hapticnet.codec.schemes.raw import Raw
 from hapticnet.control.force import ForceControlSettings
 from hapticnet.control.hold import Hold, HoldSettings
 from hapticnet.control.limits import LimitSettings
@@ -153,7 +153,9 @@ class MasterNode:
                 self._fail(f"the operator failed: {in_words(error)}", now_us)
                 return
             self._at_m = sample.position_m
-            self.session.send_position(now_us, self._positions.encode(now_us, sample.position_m))
+            payload = self._positions.encode(now_us, sample.position_m)
+            if payload is not None:
+                self.session.send_position(now_us, payload)
         if self.recording is not None:
             self.recording.add((now_us, self._at_m[0] if self._at_m else 0.0, *self._felt))
 

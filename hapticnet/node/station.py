@@ -4,8 +4,8 @@ from collections.abc import Hashable
 from typing import Any
 
 from hapticnet.codec.base import Codec
-from hapticnet.codec.raw import Raw
 from hapticnet.codec.registry import codec_parameters
+from hapticnet.codec.schemes.raw import Raw
 from hapticnet.errors import HapticnetError, PeerError, SampleError, in_words
 from hapticnet.measure.metrics import RunningError
 from hapticnet.node.recording import SLAVE_COLUMNS, Recording

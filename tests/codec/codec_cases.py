@@ -1,16 +1,12 @@
 """Recordings, laws and times that every codec must bear, and a streaming pair run over them."""
 
-from contextlib import contextmanager
-
 import numpy as np
-import pytest
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from hapticnet.codec import arrays
 from hapticnet.codec.base import Codec, Encoding
 from hapticnet.perception import WeberLaw
-from hapticnet.samples import magnitude
+from hapticnet.vectors import magnitude
 
 # Forces of every size there is, exact zeros, sign changes and repeats included.
 anything = st.floats(-1e15, 1e15, allow_nan=False)
@@ -52,20 +48,6 @@ def stream(codec: Codec, stimuli: np.ndarray) -> Encoding:
             sizes.append(len(payload))
         decoded.append(decoder.reconstruct(index))
     return Encoding(np.array(sent, np.int64), np.array(decoded).reshape(-1, axes), np.array(sizes, np.int64))
-
-
-@contextmanager
-def only_compiled(*modules):
-    """Have recordings of any length go to the compiled kernels, and those of these codecs nowhere else."""
-
-    def stream_instead(*_):
-        raise AssertionError("streamed, not compiled")
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(arrays, "COMPILE_STREAM_ABOVE_SAMPLES", -1)
-        for module in modules:
-            patch.setattr(module, "encode_streamed", stream_instead)
-        yield
 
 
 def assert_same(one: Encoding, other: Encoding) -> None:

@@ -8,10 +8,11 @@ from codec_cases import assert_same, assert_within_threshold, laws, recordings, 
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from hapticnet.codec import deadband as deadband_module
-from hapticnet.codec.deadband import Deadband, shortcut
-from hapticnet.codec.raw import Raw
+from hapticnet.codec.recording import encode_array
 from hapticnet.codec.registry import CODECS, codec_parameters, make_codec
+from hapticnet.codec.schemes import deadband as deadband_module
+from hapticnet.codec.schemes.deadband import Deadband, shortcut
+from hapticnet.codec.schemes.raw import Raw
 from hapticnet.errors import PeerError, SampleError, SettingsError
 from hapticnet.perception import WeberLaw
 
@@ -28,7 +29,7 @@ def test_the_held_force_is_within_the_threshold_at_every_sample(stimuli, law, st
 def test_stream_and_whole_array_agree_sample_for_sample(stimuli, law, name):
     codec = make_codec(name, law)
     t_us = np.arange(len(stimuli), dtype=np.int64)
-    assert_same(stream(codec, stimuli), codec.encode_array(t_us, stimuli))
+    assert_same(stream(codec, stimuli), encode_array(codec, t_us, stimuli))
 
 
 @given(recordings, laws, st.sampled_from([Raw, Deadband]), steps)
@@ -36,7 +37,7 @@ def test_stream_and_whole_array_agree_sample_for_sample(stimuli, law, name):
 @example(np.array([[-0.0004], [0.0], [32.767], [-32.769], [32.7675]]), WeberLaw(weber_fraction=0.0), Deadband, 0.001)
 def test_stream_and_whole_array_agree_on_counted_payloads_too(stimuli, law, codec_class, step_n):
     codec = codec_class(law=law, step_n=step_n)
-    assert_same(stream(codec, stimuli), codec.encode_array(np.arange(len(stimuli), dtype=np.int64), stimuli))
+    assert_same(stream(codec, stimuli), encode_array(codec, np.arange(len(stimuli), dtype=np.int64), stimuli))
 
 
 @pytest.mark.parametrize("axes", [1, 2, 3])
@@ -48,11 +49,11 @@ def test_compiled_kernels_agree_with_plain_python(monkeypatch, axes, law, step_n
     steps[rng.random(40_000) < 0.001] *= 1e6
     stimuli = np.cumsum(steps, axis=0)
     codec, t_us = Deadband(law=law, step_n=step_n), np.arange(40_000, dtype=np.int64)
-    plain = codec.encode_array(t_us, stimuli)
+    plain = encode_array(codec, t_us, stimuli)
     monkeypatch.setattr(deadband_module, "COMPILE_ABOVE_SAMPLES", 0)
-    assert_same(plain, codec.encode_array(t_us, stimuli))
+    assert_same(plain, encode_array(codec, t_us, stimuli))
     with pytest.raises(SampleError, match="sample 7: stimulus is"):
-        codec.encode_array(t_us, np.where(np.arange(40_000)[:, None] == 7, np.nan, stimuli))
+        encode_array(codec, t_us, np.where(np.arange(40_000)[:, None] == 7, np.nan, stimuli))
 
 
 @given(st.floats(-1e15, 1e15), st.floats(0.0, 1e15))
@@ -113,7 +114,7 @@ def test_what_is_not_finite_or_out_of_range_is_refused_and_leaves_the_encoder_us
         encoder.encode(1000, (*(1.0,) * (axes - 1), bad))
     assert encoder.encode(1_000_000, (3.0,) * axes) is not None
     with pytest.raises(SampleError, match="sample 1"):
-        codec.encode_array(np.arange(2, dtype=np.int64), np.array([[1.0] * axes, [1.0] * (axes - 1) + [bad]]))
+        encode_array(codec, np.arange(2, dtype=np.int64), np.array([[1.0] * axes, [1.0] * (axes - 1) + [bad]]))
 
 
 @pytest.mark.parametrize("name", sorted(CODECS))
@@ -140,4 +141,4 @@ def test_an_unknown_codec_or_parameter_is_refused_with_what_there_is():
 @pytest.mark.parametrize("shape", [(2, 4), (2, 0), (2, 2, 2)])
 def test_a_recording_of_a_shape_that_cannot_be_is_refused(shape):
     with pytest.raises(SampleError, match="recording of shape"):
-        Deadband().encode_array(np.arange(2, dtype=np.int64), np.zeros(shape))
+        encode_array(Deadband(), np.arange(2, dtype=np.int64), np.zeros(shape))

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from hapticnet.codec.golomb_rice import LARGEST_PARAMETER, RiceParameter, pack_integers, unpack_integers
+from hapticnet.codec.payload.golomb_rice import LARGEST_PARAMETER, RiceParameter, pack_integers, unpack_integers
 from hapticnet.errors import PeerError
 
 parameters = st.integers(0, LARGEST_PARAMETER)

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.codec.least_squares import ABSOLUTE, LeastSquares, Predictor, median_filtered
-from hapticnet.codec.predictive import LinearPredictive
+from hapticnet.codec.recording import encode_array
+from hapticnet.codec.schemes.least_squares import ABSOLUTE, LeastSquares, Predictor, median_filtered
+from hapticnet.codec.schemes.linear_predictive import LinearPredictive
 from hapticnet.errors import PeerError, SettingsError
 from hapticnet.perception import WeberLaw
 
@@ -192,8 +193,8 @@ def test_a_median_of_three_takes_out_a_single_outlier_but_neither_end():
 def test_residual_payloads_save_bytes_beside_value_and_slope_at_the_same_error():
     forces = wave(20_000, 3)
     times_us = np.arange(len(forces)) * 1000
-    short = LeastSquares(law=LAW).encode_array(times_us, forces).payload_bytes
-    full = LinearPredictive(law=LAW).encode_array(times_us, forces).payload_bytes
+    short = encode_array(LeastSquares(law=LAW), times_us, forces).payload_bytes
+    full = encode_array(LinearPredictive(law=LAW), times_us, forces).payload_bytes
     assert short.mean() < 0.4 * full.mean()
     assert set(full.tolist()) == {24}
 

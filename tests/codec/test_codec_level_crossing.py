@@ -7,8 +7,9 @@ from codec_cases import assert_same, assert_within_threshold, laws, recordings, 
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from hapticnet.codec.deadband import Deadband
-from hapticnet.codec.level_crossing import MOST_LEVELS, LevelCrossing, levels
+from hapticnet.codec.recording import encode_array
+from hapticnet.codec.schemes.deadband import Deadband
+from hapticnet.codec.schemes.level_crossing import MOST_LEVELS, LevelCrossing, levels
 from hapticnet.errors import PeerError, SettingsError
 from hapticnet.perception import WeberLaw
 
@@ -26,7 +27,7 @@ def test_the_held_force_is_within_the_threshold_at_every_sample(stimuli, law, h)
 @given(recordings, laws, hysteresis)
 def test_stream_and_whole_array_agree_sample_for_sample(stimuli, law, h):
     codec = LevelCrossing(law=law, hysteresis=h)
-    assert_same(stream(codec, stimuli), codec.encode_array(np.arange(len(stimuli), dtype=np.int64), stimuli))
+    assert_same(stream(codec, stimuli), encode_array(codec, np.arange(len(stimuli), dtype=np.int64), stimuli))
 
 
 @given(st.floats(0.0, 0.5), st.floats(1e-9, 2.0))
@@ -51,8 +52,8 @@ def test_levels_are_uniform_below_the_floor_and_geometric_above():
 @pytest.mark.parametrize("axes", [1, 2, 3])
 @pytest.mark.parametrize("h", [0.0, 0.1, 0.5])
 def test_a_haptic_force_takes_two_bytes_an_axis_every_time(axes, h):
-    encoding = LevelCrossing(hysteresis=h).encode_array(
-        np.arange(3000, dtype=np.int64), wandering(3000, seed=axes, axes=axes)
+    encoding = encode_array(
+        LevelCrossing(hysteresis=h), np.arange(3000, dtype=np.int64), wandering(3000, seed=axes, axes=axes)
     )
     assert set(encoding.payload_bytes.tolist()) == {2 * axes}
 

@@ -6,8 +6,9 @@ from codec_cases import anything, assert_same, assert_within_threshold, laws, st
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.codec.deadband import Deadband
-from hapticnet.codec.merging import Merging
+from hapticnet.codec.recording import encode_array
+from hapticnet.codec.schemes.deadband import Deadband
+from hapticnet.codec.schemes.merging import Merging
 from hapticnet.errors import SampleError, SettingsError
 from hapticnet.measure.metrics import worst_window_packets
 from hapticnet.perception import WeberLaw
@@ -20,7 +21,7 @@ def test_no_window_holds_two_packets_and_outside_the_windows_the_held_force_is_w
     case, law, window_ms, step_n
 ):
     t_us, stimuli, _ = case
-    encoding = Merging(law=law, window_ms=window_ms, step_n=step_n).encode_array(t_us, stimuli)
+    encoding = encode_array(Merging(law=law, window_ms=window_ms, step_n=step_n), t_us, stimuli)
     sent_us = t_us[encoding.sent]
     assert (np.diff(sent_us) >= window_ms * MS).all()
     newest_us = np.array([sent_us[sent_us <= at_us].max() for at_us in t_us], dtype=np.int64)
@@ -31,8 +32,8 @@ def test_no_window_holds_two_packets_and_outside_the_windows_the_held_force_is_w
 @given(timed(), laws, steps)
 def test_a_window_of_nothing_is_the_deadband(case, law, step_n):
     t_us, stimuli, _ = case
-    deadband = Deadband(law=law, step_n=step_n).encode_array(t_us, stimuli)
-    assert_same(deadband, Merging(law=law, step_n=step_n, window_ms=0.0).encode_array(t_us, stimuli))
+    deadband = encode_array(Deadband(law=law, step_n=step_n), t_us, stimuli)
+    assert_same(deadband, encode_array(Merging(law=law, step_n=step_n, window_ms=0.0), t_us, stimuli))
 
 
 @pytest.mark.parametrize("axes", [1, 2, 3])
@@ -41,7 +42,7 @@ def test_the_rate_is_bounded_in_every_100_ms_where_the_deadbands_is_not(axes, wi
     t_us = np.arange(3000, dtype=np.int64) * MS
     stimuli = wandering(3000, seed=axes, axes=axes)
     stimuli[1000:1300] += np.random.default_rng(axes).normal(0.0, 1.0, (300, axes))
-    merged, plain = (codec.encode_array(t_us, stimuli).sent for codec in (Merging(window_ms=window_ms), Deadband()))
+    merged, plain = (encode_array(codec, t_us, stimuli).sent for codec in (Merging(window_ms=window_ms), Deadband()))
     assert worst_window_packets(t_us[merged]) <= 100 / window_ms
     assert worst_window_packets(t_us[plain]) > 80
 
@@ -58,7 +59,7 @@ def test_a_change_after_a_pause_is_sent_at_once_and_the_next_when_the_window_end
 def test_what_leaves_the_dead_zone_and_comes_back_within_a_window_is_merged_away():
     stimuli = np.array([[1.0]] * 3 + [[5.0]] * 4 + [[1.01]] * 20)
     t_us = np.arange(27, dtype=np.int64) * MS
-    assert Merging(window_ms=10.0).encode_array(t_us, stimuli).sent.tolist() == [0]
+    assert encode_array(Merging(window_ms=10.0), t_us, stimuli).sent.tolist() == [0]
 
 
 def test_a_time_stamp_that_goes_back_ends_the_window():
@@ -89,7 +90,7 @@ def test_what_is_not_finite_or_out_of_range_is_refused_within_a_window_too(bad):
 def test_stream_and_whole_array_agree_sample_for_sample(forces_n, window_ms):
     codec = Merging(law=WeberLaw(), window_ms=window_ms * 1e-3)
     stimuli = np.array(forces_n)[:, np.newaxis]
-    assert_same(stream(codec, stimuli), codec.encode_array(np.arange(len(stimuli), dtype=np.int64), stimuli))
+    assert_same(stream(codec, stimuli), encode_array(codec, np.arange(len(stimuli), dtype=np.int64), stimuli))
 
 
 @pytest.mark.parametrize("parameters", [{"window_ms": -1.0}, {"window_ms": math.inf}, {"step_n": math.nan}])

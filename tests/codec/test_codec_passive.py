@@ -8,11 +8,12 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from hapticnet.codec.deadband import Deadband
-from hapticnet.codec.passive import PassiveExtrapolative, PassiveInterpolative
+from hapticnet.codec.recording import encode_array
+from hapticnet.codec.schemes.deadband import Deadband
+from hapticnet.codec.schemes.passive import PassiveExtrapolative, PassiveInterpolative
 from hapticnet.errors import PeerError, SettingsError
 from hapticnet.perception import WeberLaw
-from hapticnet.samples import magnitude
+from hapticnet.vectors import magnitude
 
 LAW = WeberLaw(weber_fraction=0.05, floor_n=0.025)
 laws = st.builds(
@@ -51,7 +52,7 @@ def work(force: list[float], before: list[float], after: list[float]) -> Fractio
 @example((np.arange(3), np.array([[1.0], [1.05], [0.95]]), np.array([[0.0], [1e-3], [5e-324]])), PassiveInterpolative())
 def test_no_sample_creates_energy(motion, codec):
     times_us, true, where = motion
-    decoded = codec.encode_array(times_us, true, where).decoded
+    decoded = encode_array(codec, times_us, true, where).decoded
     for index in range(1, len(true)):
         ends = where[index - 1].tolist(), where[index].tolist()
         # The very floats that are applied, in exact arithmetic: not even a rounding creates any.
@@ -92,8 +93,8 @@ def test_a_hand_that_plays_for_energy_gets_none_where_the_deadband_gives_it_some
 def test_along_the_next_motion_only_a_change_of_direction_creates_energy_and_no_more_than_stated(motion):
     times_us, true, where = (each[:, :1] if each.ndim == 2 else each for each in motion)
     true, where = np.clip(true, -10.0, 10.0), np.clip(where, -1.0, 1.0)
-    encoding = PassiveExtrapolative(law=LAW).encode_array(times_us, true, where)
-    held = Deadband(law=LAW).encode_array(times_us, true).decoded
+    encoding = encode_array(PassiveExtrapolative(law=LAW), times_us, true, where)
+    held = encode_array(Deadband(law=LAW), times_us, true).decoded
     direction = 0.0
     for index in range(len(true) - 1):
         direction = np.sign(where[index, 0] - where[index - 1, 0]) or direction if index else 0.0
@@ -108,8 +109,8 @@ def test_along_the_next_motion_only_a_change_of_direction_creates_energy_and_no_
 @given(motions(), laws)
 def test_the_extrapolative_error_is_two_thresholds_at_most(motion, law):
     times_us, true, where = motion
-    applied = PassiveExtrapolative(law=law).encode_array(times_us, true, where).decoded
-    held = Deadband(law=law).encode_array(times_us, true).decoded
+    applied = encode_array(PassiveExtrapolative(law=law), times_us, true, where).decoded
+    held = encode_array(Deadband(law=law), times_us, true).decoded
     for x, a, h in zip(true.tolist(), applied.tolist(), held.tolist(), strict=True):
         error = magnitude(tuple(p - q for p, q in zip(x, a, strict=True)))
         threshold, size = law.threshold_n(magnitude(tuple(h))), magnitude(tuple(h))
@@ -119,8 +120,8 @@ def test_the_extrapolative_error_is_two_thresholds_at_most(motion, law):
 @given(motions(), codecs)
 def test_without_positions_it_is_the_deadband(motion, codec):
     times_us, true, _ = motion
-    plain = Deadband(law=codec.law, step_n=codec.step_n).encode_array(times_us, true)
-    encoding = codec.encode_array(times_us, true)
+    plain = encode_array(Deadband(law=codec.law, step_n=codec.step_n), times_us, true)
+    encoding = encode_array(codec, times_us, true)
     assert encoding.sent.tolist() == plain.sent.tolist()
     assert encoding.payload_bytes.tolist() == plain.payload_bytes.tolist()
     assert encoding.decoded.tobytes() == plain.decoded.tobytes()
@@ -129,14 +130,14 @@ def test_without_positions_it_is_the_deadband(motion, codec):
 def test_the_shift_is_against_the_motion_and_stays_at_rest():
     codec = PassiveExtrapolative(law=LAW)
     where = np.array([[0.0], [0.0], [1e-3], [1e-3], [2e-3], [1e-3], [1e-3]])
-    applied = codec.encode_array(np.arange(7) * 1000, np.ones((7, 1)), where).decoded[:, 0]
+    applied = encode_array(codec, np.arange(7) * 1000, np.ones((7, 1)), where).decoded[:, 0]
     assert applied.tolist() == pytest.approx([1.0, 1.0, 1.05, 1.05, 1.05, 0.95, 0.95])
 
 
 def test_for_two_axes_the_shift_lies_along_the_motion():
     codec = PassiveExtrapolative(law=WeberLaw(weber_fraction=0.0, floor_n=0.5))
     where = np.array([[0.0, 0.0], [3e-3, 4e-3]])
-    applied = codec.encode_array(np.arange(2) * 1000, np.array([[1.0, 0.0]] * 2), where).decoded
+    applied = encode_array(codec, np.arange(2) * 1000, np.array([[1.0, 0.0]] * 2), where).decoded
     assert applied[1].tolist() == pytest.approx([1.3, 0.4])
 
 
@@ -144,7 +145,7 @@ def test_on_the_way_in_a_breach_comes_as_a_ramp_and_a_rise_at_once():
     codec = PassiveInterpolative(law=WeberLaw(weber_fraction=0.0, floor_n=0.5), interval_ms=4.0)
     true = np.array([1.0] * 10 + [5.0] * 10 + [1.0] * 10)[:, np.newaxis]
     where = np.arange(30)[:, np.newaxis] * 1e-3
-    applied = codec.encode_array(np.arange(30) * 1000, true, where).decoded[:, 0]
+    applied = encode_array(codec, np.arange(30) * 1000, true, where).decoded[:, 0]
     assert applied[8:12].tolist() == pytest.approx([1.5, 1.5, 5.5, 5.5])
     assert applied[19:26].tolist() == pytest.approx([5.5, 5.5, 4.5, 3.5, 2.5, 1.5, 1.5])
 
@@ -153,7 +154,7 @@ def test_on_the_way_out_it_is_the_other_way_round():
     codec = PassiveInterpolative(law=WeberLaw(weber_fraction=0.0, floor_n=0.5), interval_ms=2.0)
     true = np.array([1.0] * 10 + [5.0] * 10 + [1.0] * 10)[:, np.newaxis]
     where = -np.arange(30)[:, np.newaxis] * 1e-3
-    applied = codec.encode_array(np.arange(30) * 1000, true, where).decoded[:, 0]
+    applied = encode_array(codec, np.arange(30) * 1000, true, where).decoded[:, 0]
     assert applied[9:13].tolist() == pytest.approx([0.5, 0.5, 2.5, 4.5])
     assert applied[19:22].tolist() == pytest.approx([4.5, 0.5, 0.5])
 

@@ -8,12 +8,12 @@ from codec_cases import anything, haptic, laws, steps
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.codec.deadband import Deadband
 from hapticnet.codec.payload import HoldDecoder, PayloadFormat, distance
-from hapticnet.codec.raw import Raw
+from hapticnet.codec.schemes.deadband import Deadband
+from hapticnet.codec.schemes.raw import Raw
 from hapticnet.errors import PeerError, SampleError, SettingsError
 from hapticnet.perception import WeberLaw
-from hapticnet.samples import magnitude
+from hapticnet.vectors import magnitude
 
 stimuli = st.lists(st.one_of(haptic, anything), min_size=1, max_size=3).map(tuple)
 

@@ -5,8 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticnet.codec.base import Codec
-from hapticnet.codec.deadband import Deadband
-from hapticnet.codec.probabilistic import MOST_STATES, Probabilistic
+from hapticnet.codec.recording import encode_array
+from hapticnet.codec.schemes.deadband import Deadband
+from hapticnet.codec.schemes.probabilistic import MOST_STATES, Probabilistic
 from hapticnet.errors import SettingsError
 from hapticnet.measure.metrics import error_report
 from hapticnet.perception import WeberLaw
@@ -18,7 +19,7 @@ LAW = WeberLaw(weber_fraction=0.1, floor_n=0.01)
 def test_without_loss_the_held_force_is_within_the_threshold_at_every_sample(case, law, loss, limit, step_n):
     t_us, stimuli, _ = case
     codec = Probabilistic(law=law, loss_probability=loss, deviation_limit=limit, step_n=step_n)
-    encoding = codec.encode_array(t_us, stimuli)
+    encoding = encode_array(codec, t_us, stimuli)
     assert_within_threshold(law, stimuli, encoding.decoded)
     assert_same(stream(codec, stimuli), encoding)
 
@@ -26,10 +27,10 @@ def test_without_loss_the_held_force_is_within_the_threshold_at_every_sample(cas
 @given(timed(), laws, steps)
 def test_where_nothing_is_lost_or_nothing_minded_it_is_the_deadband(case, law, step_n):
     t_us, stimuli, _ = case
-    deadband = Deadband(law=law, step_n=step_n).encode_array(t_us, stimuli)
+    deadband = encode_array(Deadband(law=law, step_n=step_n), t_us, stimuli)
     for parameters in ({"loss_probability": 0.0}, {"loss_probability": 0.3, "deviation_limit": 0.3}):
         codec = Probabilistic(law=law, step_n=step_n, **parameters)
-        assert_same(deadband, codec.encode_array(t_us, stimuli))
+        assert_same(deadband, encode_array(codec, t_us, stimuli))
 
 
 def sent_by_enumeration(stimuli: np.ndarray, codec: Probabilistic) -> list[int]:

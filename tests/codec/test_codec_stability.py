@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from bench.measure.codec_trials import hand_force, in_step, trials
-from hapticnet.codec.least_squares import ABSOLUTE, LeastSquares
+from hapticnet.codec.recording import encode_array
 from hapticnet.codec.registry import CODECS, codec_parameters, make_codec
+from hapticnet.codec.schemes.least_squares import ABSOLUTE, LeastSquares
 from hapticnet.errors import SampleError
 from hapticnet.measure.metrics import norms
 from hapticnet.perception import WeberLaw
@@ -48,7 +49,10 @@ def test_the_applied_force_is_within_the_threshold_on_every_signal(name, law, ax
     codec = make_codec(name, law)
     for trial in every_trial():
         stimuli = on_axes(trial.stimuli, axes)
-        assert (trial.name, exceeding(law, stimuli, codec.encode_array(trial.t_us, stimuli).decoded)) == (trial.name, 0)
+        assert (trial.name, exceeding(law, stimuli, encode_array(codec, trial.t_us, stimuli).decoded)) == (
+            trial.name,
+            0,
+        )
 
 
 @pytest.mark.parametrize("name", [name for name in CLAIMING if "step_n" in codec_parameters(CODECS[name]())])
@@ -59,7 +63,7 @@ def test_so_it_is_where_payloads_count_steps_even_coarse_ones(name, step_n):
     if name == "raw":  # rounds whatever the law says
         law = WeberLaw(weber_fraction=0.05, floor_n=max(0.025, 0.5 * step_n))
     for trial in every_trial():
-        decoded = codec.encode_array(trial.t_us, trial.stimuli).decoded
+        decoded = encode_array(codec, trial.t_us, trial.stimuli).decoded
         assert (trial.name, exceeding(law, trial.stimuli, decoded)) == (trial.name, 0)
 
 
@@ -70,7 +74,7 @@ def test_in_motion_too_no_force_is_applied_that_is_much_larger_than_any_before(n
     codec = make_codec(name, law)
     for trial in every_trial():
         stimuli, positions = on_axes(trial.stimuli, axes), on_axes(trial.positions, axes)
-        applied = norms(codec.encode_array(trial.t_us, stimuli, positions).decoded)
+        applied = norms(encode_array(codec, trial.t_us, stimuli, positions).decoded)
         # A passive ramp that takes the energy of its whole change leads, on several axes, over the sphere around it.
         largest = norms(stimuli).max() * (1.0 if axes == 1 else np.sqrt(2.0))
         assert (trial.name, applied.max() <= largest + 2.2 * law.threshold_n(largest)) == (trial.name, True)
@@ -81,7 +85,7 @@ def test_the_widest_threshold_in_motion_is_the_one_of_the_fastest_hand(law):
     codec = make_codec("velocity-adaptive", law, {"largest_fraction": 0.25})
     fast = WeberLaw(weber_fraction=0.25, floor_n=law.floor_n)
     for trial in every_trial():
-        decoded = codec.encode_array(trial.t_us, trial.stimuli, trial.positions).decoded
+        decoded = encode_array(codec, trial.t_us, trial.stimuli, trial.positions).decoded
         assert (trial.name, exceeding(fast, trial.stimuli, decoded)) == (trial.name, 0)
 
 
@@ -90,7 +94,7 @@ def test_the_widest_threshold_in_motion_is_the_one_of_the_fastest_hand(law):
 def test_no_signal_makes_a_payload_longer_than_a_value_and_a_slope_in_full(name, axes):
     codec = make_codec(name, WITHOUT_FLOOR)
     for trial in every_trial():
-        sizes = codec.encode_array(trial.t_us, on_axes(trial.stimuli, axes)).payload_bytes
+        sizes = encode_array(codec, trial.t_us, on_axes(trial.stimuli, axes)).payload_bytes
         assert sizes.max(initial=0) <= 1 + (8 + 4) * axes
 
 

@@ -11,7 +11,8 @@ from hapticnet.codec.recording import encode_lossy
 from hapticnet.codec.registry import CODECS, codec_parameters, make_codec
 from hapticnet.errors import PeerError
 from hapticnet.perception import WeberLaw
-from hapticnet.samples import LARGEST_COMPONENT, magnitude
+from hapticnet.samples import LARGEST_COMPONENT
+from hapticnet.vectors import magnitude
 
 LAW = WeberLaw(weber_fraction=0.05, floor_n=0.025)
 REPAIR_MS = 20

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.codec.trend import BELIEVED, LEAD, Trust, trend
+from hapticnet.codec.schemes.trend import BELIEVED, LEAD, Trust, trend
 
 
 def samples(values, period_us=1000):

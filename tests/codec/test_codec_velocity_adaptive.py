@@ -6,11 +6,12 @@ from codec_cases import assert_same, distances, laws, steps, stream, timed, wand
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.codec.deadband import Deadband
-from hapticnet.codec.velocity_adaptive import HandSpeed, VelocityAdaptive
+from hapticnet.codec.recording import encode_array
+from hapticnet.codec.schemes.deadband import Deadband
+from hapticnet.codec.schemes.velocity_adaptive import HandSpeed, VelocityAdaptive
 from hapticnet.errors import SampleError, SettingsError
 from hapticnet.perception import WeberLaw
-from hapticnet.samples import magnitude
+from hapticnet.vectors import magnitude
 
 MS = 1000
 
@@ -36,7 +37,7 @@ def test_the_held_force_is_within_the_threshold_of_the_present_speed(
     codec = VelocityAdaptive(
         law=law, speed_gain_s_m=gain, largest_fraction=largest, time_constant_ms=time_constant_ms, step_n=step_n
     )
-    decoded = codec.encode_array(t_us, stimuli, positions).decoded
+    decoded = encode_array(codec, t_us, stimuli, positions).decoded
     moving = speeds(t_us, positions, time_constant_ms * 1e-3)
     for far, held, speed in zip(distances(stimuli, decoded), decoded.tolist(), moving, strict=True):
         fraction = max(law.weber_fraction, min(law.weber_fraction + gain * speed, largest))
@@ -47,10 +48,10 @@ def test_the_held_force_is_within_the_threshold_of_the_present_speed(
 @given(timed(), laws, steps)
 def test_without_positions_or_without_gain_it_is_the_deadband(case, law, step_n):
     t_us, stimuli, positions = case
-    deadband = Deadband(law=law, step_n=step_n).encode_array(t_us, stimuli)
-    assert_same(deadband, VelocityAdaptive(law=law, step_n=step_n).encode_array(t_us, stimuli))
+    deadband = encode_array(Deadband(law=law, step_n=step_n), t_us, stimuli)
+    assert_same(deadband, encode_array(VelocityAdaptive(law=law, step_n=step_n), t_us, stimuli))
     still = VelocityAdaptive(law=law, step_n=step_n, speed_gain_s_m=0.0)
-    assert_same(deadband, still.encode_array(t_us, stimuli, positions))
+    assert_same(deadband, encode_array(still, t_us, stimuli, positions))
 
 
 @given(st.integers(1, 3), st.floats(0.01, 1.0))
@@ -110,7 +111,7 @@ def test_a_hand_in_motion_costs_fewer_packets_than_one_at_rest(axes):
     stimuli = wandering(4000, seed=axes, axes=axes)
     t_us = np.arange(4000, dtype=np.int64) * MS
     positions = 0.05 * np.sin(4.0 * t_us[:, np.newaxis] * 1e-6) + np.zeros((1, axes))
-    moving, still = (VelocityAdaptive().encode_array(t_us, stimuli, where) for where in (positions, None))
+    moving, still = (encode_array(VelocityAdaptive(), t_us, stimuli, where) for where in (positions, None))
     assert len(moving.sent) < 0.75 * len(still.sent)
 
 
@@ -143,4 +144,4 @@ def test_the_first_sample_is_sent_and_so_is_the_one_after_a_refresh():
 def test_the_streaming_pair_and_the_whole_array_agree():
     stimuli = wandering(500, seed=1, axes=3)
     codec = VelocityAdaptive(step_n=0.001)
-    assert_same(stream(codec, stimuli), codec.encode_array(np.arange(500, dtype=np.int64), stimuli))
+    assert_same(stream(codec, stimuli), encode_array(codec, np.arange(500, dtype=np.int64), stimuli))

@@ -10,7 +10,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from hapticnet.codec.deadband import Deadband
+from hapticnet.codec.recording import encode_array
+from hapticnet.codec.schemes.deadband import Deadband
 from hapticnet.errors import SampleError
 from hapticnet.measure import bound
 from hapticnet.measure.bound import fewest_holds, fewest_lines, hold_pieces, line_pieces, tube
@@ -113,12 +114,12 @@ def test_no_holds_are_fewer_than_the_fewest(stimuli, law):
 
 @given(recordings(1), laws)
 def test_plain_deadband_never_sends_less_than_the_fewest_holds(stimuli, law):
-    assert fewest_holds(law, stimuli) <= len(Deadband(law=law).encode_array(np.arange(len(stimuli)), stimuli).sent)
+    assert fewest_holds(law, stimuli) <= len(encode_array(Deadband(law=law), np.arange(len(stimuli)), stimuli).sent)
 
 
 @given(st.integers(2, 3).flatmap(recordings), laws)
 def test_in_several_axes_plain_deadband_never_sends_less_than_the_bound(stimuli, law):
-    sent = Deadband(law=law).encode_array(np.arange(len(stimuli)), stimuli).sent
+    sent = encode_array(Deadband(law=law), np.arange(len(stimuli)), stimuli).sent
     assert fewest_lines(law, np.arange(len(stimuli)), stimuli) <= len(sent)
     assert fewest_holds(law, stimuli) <= len(sent)
 

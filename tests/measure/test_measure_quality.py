@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from hapticnet.codec.deadband import Deadband
+from hapticnet.codec.recording import encode_array
+from hapticnet.codec.schemes.deadband import Deadband
 from hapticnet.measure.quality import (
     QualityReport,
     created_energy_j,
@@ -183,7 +184,7 @@ def test_hardly_any_samples_make_a_whole_report(samples, axes):
 def test_a_deadband_of_one_jnd_stays_within_what_it_promises(pair):
     (stimuli, _) = pair
     t_us = np.arange(len(stimuli), dtype=np.int64) * 1000
-    encoding = Deadband(law=LAW).encode_array(t_us, stimuli)
+    encoding = encode_array(Deadband(law=LAW), t_us, stimuli)
     result = quality_report(LAW, t_us, stimuli, encoding.decoded, encoding.sent)
     assert result.exceed_jnd_fraction == 0.0
     assert result.hpw_psnr_db == result.psnr_db

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hapticnet.codec.recording import encode_array
 from hapticnet.codec.registry import CODECS, make_codec
 from hapticnet.node.master import MasterSettings
 from hapticnet.node.offline import cost_report
@@ -24,7 +25,7 @@ def test_offline_and_session_agree_on_packets_bytes_and_errors(loopback, name):
     t_us = table["t_us"].astype(np.int64)
     codec = make_codec(name, LAW)
     positions = table["position_m"][:, np.newaxis]
-    report = cost_report(codec, t_us, forces, codec.encode_array(t_us, forces, positions))
+    report = cost_report(codec, t_us, forces, encode_array(codec, t_us, forces, positions))
     assert report.sent == station.session.sent.by_kind[Kind.FORCE]
     assert report.packet_rate_reduction == session["packet_rate_reduction"]
     # Sequence numbers below 2¹⁶ take fewer bytes, and keepalives share them: at most two bytes a packet apart.
@@ -42,9 +43,9 @@ def test_offline_and_session_agree_on_packets_bytes_and_errors(loopback, name):
 def test_raw_saves_nothing_and_an_empty_recording_costs_nothing():
     codec = make_codec("raw", LAW)
     t_us, forces = np.arange(5) * 1000, np.arange(5.0)[:, np.newaxis]
-    report = cost_report(codec, t_us, forces, codec.encode_array(t_us, forces))
+    report = cost_report(codec, t_us, forces, encode_array(codec, t_us, forces))
     assert (report.packet_rate_reduction, report.wire_byte_reduction) == (0.0, 0.0)
     assert report.worst_100ms_packets == 5
     nothing = np.empty((0, 1))
-    report = cost_report(codec, t_us[:0], nothing, codec.encode_array(t_us[:0], nothing))
+    report = cost_report(codec, t_us[:0], nothing, encode_array(codec, t_us[:0], nothing))
     assert (report.samples, report.sent, report.wire_bytes) == (0, 0, 0)

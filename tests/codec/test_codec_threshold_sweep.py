@@ -7,9 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from hapticnet.codec import sweep_thresholds
-from hapticnet.codec.deadband import Deadband
-from hapticnet.codec.sweep_thresholds import sweep_deadband
+from hapticnet.codec import threshold_sweep
+from hapticnet.codec.recording import encode_array
+from hapticnet.codec.schemes.deadband import Deadband
+from hapticnet.codec.threshold_sweep import sweep_deadband
 from hapticnet.errors import SampleError
 from hapticnet.measure.metrics import error_report
 from hapticnet.perception import WeberLaw
@@ -21,14 +22,14 @@ CONDITIONS = [WeberLaw(multiplier=multiplier) for multiplier in np.geomspace(0.0
 def _way(request):
     with pytest.MonkeyPatch.context() as patch:
         if request.param == "compiled":
-            patch.setattr(sweep_thresholds, "COMPILE_ABOVE_SAMPLES", -1)
+            patch.setattr(threshold_sweep, "COMPILE_ABOVE_SAMPLES", -1)
         yield
 
 
 def assert_counts_what_each_counts(stimuli, laws):
     swept = sweep_deadband(stimuli, laws)
     t_us = np.arange(len(stimuli), dtype=np.int64)
-    encodings = [Deadband(law=law).encode_array(t_us, stimuli) for law in laws]
+    encodings = [encode_array(Deadband(law=law), t_us, stimuli) for law in laws]
     reports = [error_report(law, stimuli, one.decoded) for law, one in zip(laws, encodings, strict=True)]
     assert swept.packets.tolist() == [len(one.sent) for one in encodings]
     # The square of a difference below 1e-154 is zero.

@@ -2,27 +2,23 @@
 
 After Bhardwaj, Chaudhuri, Dabeer, "Design and analysis of predictive sampling of haptic signals", ACM Transactions on
 Applied Perception 11(4), 2014: level crossings predict what users notice a little better than Weber's law, and at 10
-samples/s their mean square error is about 3 dB less. Levels that Weber's law spaces, and the hysteresis, are ours.
+samples/s their mean square error is about 3 dB less. The spacing of the levels by Weber's law and the hysteresis are
+our own.
 """
 
 import math
-from bisect import bisect_left
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final, NamedTuple
 
-import numpy as np
-import numpy.typing as npt
-
-from hapticnet.arrays import FloatArray, as_recording
-from hapticnet.codec.arrays import worth_compiling
-from hapticnet.codec.base import Encoder, Encoding
-from hapticnet.codec.deadband import hold_encoder
-from hapticnet.codec.payload import COUNT, HoldDecoder, PayloadFormat, check_axes, check_parameter, distance
-from hapticnet.codec.recording import encode_streamed
-from hapticnet.errors import PeerError
+from hapticnet.checks import check_parameter
+from hapticnet.codec.payload.levels import LEVEL, LevelForm, index_of, level_at
+from hapticnet.codec.payload.values import law_numbers, rounded, threshold_around, value_bytes
+from hapticnet.codec.schemes.deadband import DeadZone, everything_is_outside, is_silent, mirror, nothing_held, quiet
+from hapticnet.codec.steps import ZERO_ORDER_HOLD, MakeTable, Scheme, Steps
 from hapticnet.perception import WeberLaw
-from hapticnet.samples import LARGEST_COMPONENT, Vector, checked_vector, magnitude
+from hapticnet.samples import LARGEST_COMPONENT, Vector
+from hapticnet.vectors import distance, largest_component
 
 MOST_LEVELS: Final = 4096
 """Levels on either side of zero. With 5 % and 25 mN they reach beyond all range after 360."""
@@ -34,8 +30,35 @@ ROUNDING: Final = 2.0**-36
 """By how much cells are narrower than dead zones: more than `MOST_LEVELS` roundings on the way to a level."""
 
 
+class LevelRule(NamedTuple):
+    """The numbers of the rule; `levels` and `edges`: the levels from zero on, and the ends of their cells."""
+
+    weber: float
+    floor: float
+    step: float
+    levels: tuple[float, ...]
+    edges: tuple[float, ...]
+
+
+def send(
+    rule: LevelRule,
+    zone: DeadZone,  # noqa: ARG001
+    t_us: int,  # noqa: ARG001
+    x: Vector,
+    past: Any,  # noqa: ARG001
+) -> tuple[tuple[int, Vector], DeadZone]:
+    """Send the levels in whose cells the components are, or the value where there are none."""
+    if index_of(rule.edges, largest_component(x)) < len(rule.levels):
+        reference = level_at(rule.levels, rule.edges, x)
+        threshold = threshold_around(rule, reference)
+        if distance(x, reference) <= threshold:
+            return (LEVEL, reference), DeadZone(reference, threshold)
+    form, reference, threshold = rounded(rule, x)
+    return (form, reference), DeadZone(reference, threshold)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LevelCrossing:
+class LevelCrossing(Scheme):
     """Transmit the index of the level a stimulus has come to when it leaves the cell of the level being held.
 
     Rule: the deadband's, with `ref` the level held: send when ``|x - ref| > threshold(|ref|)``, strictly. What is sent
@@ -65,83 +88,34 @@ class LevelCrossing:
     """
 
     name: ClassVar[str] = "level-crossing"
-    needs_position: ClassVar[bool] = False
+    steps: ClassVar[Steps] = Steps(
+        start_sender=nothing_held,
+        is_silent=is_silent,
+        send=send,
+        refreshed=everything_is_outside,
+        quiet=quiet,
+        mirror=mirror,
+        payload_bytes=value_bytes,
+        **ZERO_ORDER_HOLD,
+    )
     law: WeberLaw = field(default_factory=WeberLaw)
-    hysteresis: float = 0.0
+    hysteresis: float = 0.25
 
     def __post_init__(self) -> None:
         check_parameter("hysteresis", self.hysteresis, 0.0, 0.5)
 
-    def encoder(self, axes: int) -> Encoder:
-        """Return a new encoder."""
-        return hold_encoder(self.law, LevelFormat(self, check_axes(axes)), axes)
+    def rule(self, axes: int, table: MakeTable) -> LevelRule:  # noqa: ARG002
+        """Return law and levels."""
+        return LevelRule(*law_numbers(self.law), 0.0, *self.cells(axes))
 
-    def decoder(self, axes: int) -> HoldDecoder:
-        """Return a new decoder."""
-        return HoldDecoder(LevelFormat(self, check_axes(axes)), axes)
-
-    def encode_array(
-        self, t_us: npt.NDArray[np.int64], stimuli: FloatArray, positions: FloatArray | None = None
-    ) -> Encoding:
-        """Encode a whole recording; see `Codec.encode_array`."""
-        stimuli = as_recording(stimuli)
-        if worth_compiling(stimuli):
-            from hapticnet.codec import kernels_scalar
-
-            return kernels_scalar.level_crossing(self.law, stimuli, *self.cells(axes=1))
-        return encode_streamed(self, t_us, stimuli, positions)
+    def form(self, axes: int) -> LevelForm:
+        """Return the form of its messages."""
+        return LevelForm(axes, *self.cells(axes))
 
     def cells(self, axes: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Return the levels from zero on, on each of so many axes, and the ends of their cells."""
         share = (1.0 - self.hysteresis) / math.sqrt(axes) * self.law.multiplier
         return levels(min(share * self.law.weber_fraction, WIDEST), share * self.law.floor_n)
-
-
-class LevelFormat:
-    """Stimuli as indices of levels, where there is one that is near enough. Satisfies `payload.Form`."""
-
-    __slots__ = ("_edges", "_indices", "_levels", "_plain")
-
-    def __init__(self, codec: LevelCrossing, axes: int) -> None:
-        self._levels, self._edges = codec.cells(axes)
-        self._indices = COUNT[axes]
-        self._plain = PayloadFormat(axes)
-
-    def pack(self, stimulus: Vector, law: WeberLaw) -> tuple[bytes, Vector, float]:
-        """Return the payload of a stimulus, what the receiver makes of it, and the threshold [N] around that.
-
-        Raises
-        ------
-        SampleError
-            When the stimulus is not finite or out of range.
-        """
-        stimulus = checked_vector(stimulus, "stimulus")
-        indices = [bisect_left(self._edges, abs(component)) for component in stimulus]
-        if max(indices) < len(self._levels):
-            signed = [-index if x < 0.0 else index for index, x in zip(indices, stimulus, strict=True)]
-            reference = self._at(signed)
-            threshold = law.threshold_n(magnitude(reference))
-            if distance(stimulus, reference) <= threshold:
-                return self._indices.pack(*signed), reference, threshold
-        return self._plain.pack(stimulus, law)
-
-    def unpack(self, payload: bytes) -> Vector:
-        """Return the stimulus in a payload.
-
-        Raises
-        ------
-        PeerError
-            When the length fits no form, there is no such level, or a component is not finite or out of range.
-        """
-        if len(payload) != self._indices.size:
-            return self._plain.unpack(payload)
-        signed = self._indices.unpack(payload)
-        if max(map(abs, signed)) >= len(self._levels):
-            raise PeerError(f"payload holds levels {signed}; there are {len(self._levels) - 1} on either side of zero")
-        return self._at(signed)
-
-    def _at(self, signed: "list[int] | tuple[int, ...]") -> Vector:
-        return tuple([-self._levels[-index] if index < 0 else self._levels[index] for index in signed])
 
 
 @lru_cache(maxsize=32)

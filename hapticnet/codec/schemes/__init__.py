@@ -1,0 +1,1 @@
+"""The compression schemes, one file each."""

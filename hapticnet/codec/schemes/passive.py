@@ -1,0 +1,264 @@
+"""Passive reduction: what is applied never gives the hand more energy than the true force would.
+
+After Kuschel, Kremer, Hirche & Buss 2006, "Lossy data reduction methods for haptic telepresence systems" (ICRA), and
+Kuschel, Kremer & Buss 2009, "Passive haptic data-compression methods with perceptual coding for bilateral presence
+systems" (IEEE Trans. SMC-A 39(6)): the reconstruction is shifted by the deadband against the motion. The rule below is
+derived for the convention here (positions x grow into the tissue, a positive force F pushes out of it).
+
+The hand puts the work ``F · dx`` into the scene. Applying F̂ instead asks it for ``F̂ · dx``, so that
+``(F - F̂) · dx`` is the energy created in that sample, with dx the motion since the sample before. Let v be the value
+transmitted last, Δ the threshold around it, and u the direction of dx. The deadband sees to ``|F - v| ≤ Δ``, hence
+
+    F · u  ≤  v · u + Δ                                  (Cauchy-Schwarz; for one axis, u = ±1)
+
+and any F̂ with ``F̂ · u ≥ v · u + Δ`` has ``(F - F̂) · dx ≤ 0``: no sample creates energy, whatever force and motion do.
+Pushing in, the applied force is the highest that the true one could be; pulling out, the lowest.
+
+What that guarantees, and what it does not
+- Every term ``(F - F̂) · dx`` is at most 0, and so is their running sum, where nothing is lost and the receiver knows
+  the position of each sample. Shifts are wider than Δ by more than they round, so that floating point keeps to it.
+  (Differences below 1e-154 N, which a norm takes for nothing, are not looked after.)
+- A force that stands until the next sample acts along the *next* motion dx', which nobody knows yet. Counted that way a
+  term can be positive only where the direction changes: by ``(Δ + |F - v|) · |dx'| ≤ 2 Δ |dx'|`` at a reversal.
+- A lost or late update leaves v behind the force: nothing is guaranteed from then until the next update arrives.
+- The error is up to 2 Δ, felt as dry friction of Δ, in free motion too, and every reversal is a step of 2 Δ. Zero
+  exceedance is not claimed. With the law's multiplier at 0.5 the error is one JND of v at most.
+- A hand at rest keeps the shift of its last direction: rest creates nothing, and letting go would be a step to feel.
+  Before any motion, or where positions are not known, v is applied: this is then the plain deadband.
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Final, NamedTuple
+
+from hapticnet.checks import check_parameter
+from hapticnet.codec.payload.values import (
+    LawNumbers,
+    ValueForm,
+    check_step,
+    law_numbers,
+    threshold_around,
+    value_bytes,
+)
+from hapticnet.codec.schemes.deadband import everything_is_outside, is_silent, nothing_held, quiet, send
+from hapticnet.codec.steps import MakeTable, Scheme, Steps
+from hapticnet.perception import WeberLaw
+from hapticnet.samples import Vector
+from hapticnet.vectors import along, dot, largest_component, magnitude, minus, over
+
+MARGIN: Final = 2.0**-50
+"""By how much, of reference and threshold, a shift is wider than the threshold: more than it rounds."""
+
+SMALLEST_SQUARE: Final = 1e-280
+"""Below it, squares lose digits to underflow."""
+
+
+class PassiveRule(NamedTuple):
+    """The numbers of the rule; interval_us: the longest ramp [µs]."""
+
+    weber: float
+    floor: float
+    step: float
+    interval_us: float
+
+
+class Motion(NamedTuple):
+    """The tool's last position [m], if one is known, and the unit vector of its last motion; zeros before any."""
+
+    is_known: bool
+    position: Vector
+    direction: Vector
+
+
+class Shifted(NamedTuple):
+    """The value received last, by how much the applied one is shifted against the motion, and the sum [N]."""
+
+    value: Vector
+    shift: float
+    applied: Vector
+    motion: Motion
+
+
+class Ramp(NamedTuple):
+    """The same, and the ramp to it: time of the last update, start of the ramp [N] and its length [µs]."""
+
+    shifted: Shifted
+    t_us: int
+    origin: Vector
+    length_us: float
+
+
+NEVER_US: Final = 2**62
+"""Later than any time: no ramp leads from here."""
+
+
+def start_shifted(rule: Any, axes: int) -> Shifted:  # noqa: ARG001
+    """Return a receiver that knows neither value nor position."""
+    zeros = (0.0,) * axes
+    return Shifted(zeros, 0.0, zeros, Motion(False, zeros, zeros))
+
+
+def start_ramp(rule: Any, axes: int) -> Ramp:
+    """Return a receiver that knows neither value nor position."""
+    return Ramp(start_shifted(rule, axes), NEVER_US, (0.0,) * axes, 0.0)
+
+
+def shifted_from(rule: LawNumbers, value: Vector, origin: Vector, motion: Motion) -> Shifted:
+    """Return a value shifted against the motion, by more than is rounded on the way from the origin of its ramp."""
+    threshold = threshold_around(rule, value)
+    shift = threshold + MARGIN * (threshold + 2.0 * magnitude(value) + magnitude(origin))
+    has_moved = largest_component(motion.direction) > 0.0
+    return Shifted(value, shift, along(value, shift, motion.direction) if has_moved else value, motion)
+
+
+def receive_value(rule: PassiveRule, receiver: Shifted, t_us: int, message: tuple[int, Vector]) -> Shifted:  # noqa: ARG001
+    """Shift the value of a message."""
+    return shifted_from(rule, message[1], message[1], receiver.motion)
+
+
+def receive_ramp(rule: PassiveRule, ramp: Ramp, t_us: int, message: tuple[int, Vector]) -> Ramp:
+    """Start a ramp from where the last one is to the value of a message."""
+    origin, length_us = message[1], 0.0  # no ramp where time stands still or goes back
+    if t_us > ramp.t_us and rule.interval_us > 0.0:
+        origin, length_us = interpolated(ramp, t_us), min(float(t_us - ramp.t_us), rule.interval_us)
+    return Ramp(shifted_from(rule, message[1], origin, ramp.shifted.motion), t_us, origin, length_us)
+
+
+def interpolated(ramp: Ramp, t_us: int) -> Vector:
+    """Return where the ramp is at a time."""
+    elapsed_us = t_us - ramp.t_us
+    if 0 <= elapsed_us < ramp.length_us:
+        return along(ramp.origin, elapsed_us / ramp.length_us, minus(ramp.shifted.value, ramp.origin))
+    return ramp.shifted.value
+
+
+def move_shifted(rule: PassiveRule, receiver: Shifted, t_us: int, position: Vector) -> Shifted:  # noqa: ARG001
+    """Follow the tool to its position."""
+    motion = receiver.motion
+    if not motion.is_known:
+        return Shifted(receiver.value, receiver.shift, receiver.applied, Motion(True, position, motion.direction))
+    if position == motion.position:
+        return receiver
+    direction = direction_of(minus(position, motion.position))
+    applied = along(receiver.value, receiver.shift, direction)
+    return Shifted(receiver.value, receiver.shift, applied, Motion(True, position, direction))
+
+
+def move_ramp(rule: PassiveRule, ramp: Ramp, t_us: int, position: Vector) -> Ramp:
+    """Follow the tool to its position."""
+    return Ramp(move_shifted(rule, ramp.shifted, t_us, position), ramp.t_us, ramp.origin, ramp.length_us)
+
+
+def apply_shifted(rule: PassiveRule, receiver: Shifted, t_us: int) -> Vector:  # noqa: ARG001
+    """Return the value, shifted against the motion."""
+    return receiver.applied
+
+
+def apply_ramp(rule: PassiveRule, ramp: Ramp, t_us: int) -> Vector:  # noqa: ARG001
+    """Return the ramp towards the value, shifted against the motion."""
+    value, shift, applied, motion = ramp.shifted
+    if not 0 <= t_us - ramp.t_us < ramp.length_us or largest_component(motion.direction) == 0.0:
+        return applied
+    base = interpolated(ramp, t_us)
+    ahead = dot(minus(value, base), motion.direction)
+    return along(base, shift + ahead if ahead > 0.0 else shift, motion.direction)
+
+
+def direction_of(motion: Vector) -> Vector:
+    """Return the unit vector of a motion other than zero."""
+    if len(motion) == 1:
+        return (1.0,) if motion[0] > 0.0 else (-1.0,)
+    scaled = over(motion, largest_component(motion) if dot(motion, motion) < SMALLEST_SQUARE else 1.0)
+    return over(scaled, math.sqrt(dot(scaled, scaled)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PassiveExtrapolative(Scheme):
+    """The deadband, with the held force shifted by the threshold against the motion.
+
+    Rule: send as the deadband does; apply ``v + Δ · u``. Payload: the deadband's. Error: 2 Δ at most. No delay.
+
+    Attributes
+    ----------
+    step_n
+        Payload of int16 multiples of this [N], as in the deadband; 0: never.
+    """
+
+    name: ClassVar[str] = "passive-extrapolative"
+    needs_position: ClassVar[bool] = True
+    steps: ClassVar[Steps] = Steps(
+        start_sender=nothing_held,
+        is_silent=is_silent,
+        send=send,
+        refreshed=everything_is_outside,
+        quiet=quiet,
+        start_receiver=start_shifted,
+        receive=receive_value,
+        move=move_shifted,
+        apply=apply_shifted,
+        payload_bytes=value_bytes,
+    )
+    law: WeberLaw = field(default_factory=WeberLaw)
+    step_n: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_step(self.step_n)
+
+    def rule(self, axes: int, table: MakeTable) -> PassiveRule:  # noqa: ARG002
+        """Return law, step of counts and the longest ramp."""
+        return PassiveRule(*law_numbers(self.law), self.step_n, 0.0)
+
+    def form(self, axes: int) -> ValueForm:
+        """Return the form of its messages."""
+        return ValueForm(axes, step_n=self.step_n)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PassiveInterpolative(Scheme):
+    """The same, led from value to value along a ramp wherever that takes energy.
+
+    Rule: send as the deadband does. Over as long as the last two updates were apart, at most `interval_ms`, the
+    receiver interpolates b from where it was to v, and applies ``b + (max((v - b) · u, 0) + Δ) · u``. For one axis
+    that is ``max(b, v) + Δ`` pushing in and ``min(b, v) - Δ`` pulling out: a change in favour of the hand, such as
+    a breach on the way in, comes as a ramp; one against it comes at once.
+    Payload: the deadband's. Delay: up to `interval_ms` for changes in favour of the hand, none for the others.
+    Error: up to 2 Δ, plus what is left of the ramp; on several axes the force applied on the way may be up to √2 times
+    the larger of its ends, and Δ.
+
+    Attributes
+    ----------
+    interval_ms
+        Longest ramp [ms]: 0 to 1000.
+    step_n
+        Payload of int16 multiples of this [N], as in the deadband; 0: never.
+    """
+
+    name: ClassVar[str] = "passive-interpolative"
+    needs_position: ClassVar[bool] = True
+    steps: ClassVar[Steps] = Steps(
+        start_sender=nothing_held,
+        is_silent=is_silent,
+        send=send,
+        refreshed=everything_is_outside,
+        quiet=quiet,
+        start_receiver=start_ramp,
+        receive=receive_ramp,
+        move=move_ramp,
+        apply=apply_ramp,
+        payload_bytes=value_bytes,
+    )
+    law: WeberLaw = field(default_factory=WeberLaw)
+    interval_ms: float = 20.0
+    step_n: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_parameter("interval_ms", self.interval_ms, 0.0, 1000.0)
+        check_step(self.step_n)
+
+    def rule(self, axes: int, table: MakeTable) -> PassiveRule:  # noqa: ARG002
+        """Return law, step of counts and the longest ramp."""
+        return PassiveRule(*law_numbers(self.law), self.step_n, self.interval_ms * 1e3)
+
+    def form(self, axes: int) -> ValueForm:
+        """Return the form of its messages."""
+        return ValueForm(axes, step_n=self.step_n)

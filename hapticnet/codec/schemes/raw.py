@@ -1,0 +1,76 @@
+"""Every sample is transmitted: the uncompressed condition that all others are measured against."""
+
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+from hapticnet.codec.payload.values import (
+    COUNT_BYTES,
+    SINGLE_BYTES,
+    ValueForm,
+    ValueRule,
+    are_countable,
+    check_step,
+    counted,
+    value_bytes,
+)
+from hapticnet.codec.steps import ZERO_ORDER_HOLD, MakeTable, Scheme, Steps
+from hapticnet.perception import WeberLaw
+from hapticnet.samples import Vector
+from hapticnet.vectors import single
+
+
+def start(rule: Any, axes: int) -> None:
+    """Return None: the sender needs no state."""
+
+
+def is_silent(rule: ValueRule, sender: None, t_us: int, x: Vector) -> bool:  # noqa: ARG001
+    """Return False: every sample is sent."""
+    return False
+
+
+def send(rule: ValueRule, sender: None, t_us: int, x: Vector, past: Any) -> tuple[tuple[int, Vector], None]:  # noqa: ARG001
+    """Return counts if all components are in range, else float32."""
+    if rule.step > 0.0 and are_countable(x, rule.step):
+        return (COUNT_BYTES, counted(x, rule.step)), sender
+    return (SINGLE_BYTES, single(x)), sender
+
+
+def refreshed(sender: None) -> None:
+    """Return the state: the next stimulus is sent anyway."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Raw(Scheme):
+    """Transmit every stimulus; the person's perception plays no part.
+
+    Rule: always send. Payload: float32 an axis. The paper's condition "none".
+
+    Attributes
+    ----------
+    step_n
+        Payload of int16 multiples of this [N] where all components are within ±32 767 of them, so that each is
+        moved by half a step at most; 0: float32 always.
+    """
+
+    name: ClassVar[str] = "raw"
+    steps: ClassVar[Steps] = Steps(
+        start_sender=start,
+        is_silent=is_silent,
+        send=send,
+        refreshed=refreshed,
+        payload_bytes=value_bytes,
+        **ZERO_ORDER_HOLD,
+    )
+    law: WeberLaw = field(default_factory=WeberLaw)
+    step_n: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_step(self.step_n)
+
+    def rule(self, axes: int, table: MakeTable) -> ValueRule:  # noqa: ARG002
+        """Return the step of counts; the law plays no part."""
+        return ValueRule(0.0, 0.0, self.step_n)
+
+    def form(self, axes: int) -> ValueForm:
+        """Return the form of its messages."""
+        return ValueForm(axes, step_n=self.step_n, wide=False)

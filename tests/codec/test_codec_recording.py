@@ -1,0 +1,155 @@
+"""Whole recordings: compiled steps give what the stream gives, to the bit, and refuse what it refuses."""
+
+import numpy as np
+import pytest
+from codec_cases import anything, assert_same, haptic, laws, steps
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
+
+from hapticnet.codec import recording
+from hapticnet.codec.recording import encode_array, encode_streamed
+from hapticnet.codec.registry import CODECS
+from hapticnet.codec.schemes.adaptive_predictive import AdaptivePredictive
+from hapticnet.codec.schemes.deadband import Deadband
+from hapticnet.codec.schemes.least_squares import LeastSquares
+from hapticnet.codec.schemes.level_crossing import LevelCrossing
+from hapticnet.codec.schemes.linear_predictive import LinearPredictive
+from hapticnet.codec.schemes.merging import Merging
+from hapticnet.codec.schemes.passive import PassiveExtrapolative, PassiveInterpolative
+from hapticnet.codec.schemes.probabilistic import Probabilistic
+from hapticnet.codec.schemes.raw import Raw
+from hapticnet.codec.schemes.velocity_adaptive import VelocityAdaptive
+from hapticnet.errors import SampleError
+
+ms = st.floats(1.0, 1000.0)
+made = {
+    Raw: st.builds(Raw, step_n=steps),
+    Deadband: st.builds(Deadband, law=laws, step_n=steps),
+    AdaptivePredictive: st.builds(
+        AdaptivePredictive,
+        law=laws,
+        horizon_ms=ms,
+        window_ms=ms,
+        jump_thresholds=st.one_of(st.just(0.0), st.floats(0.1, 10.0)),
+        step_n=steps,
+    ),
+    LinearPredictive: st.builds(
+        LinearPredictive, law=laws, slope_samples=st.integers(2, 64), horizon_ms=ms, step_n=steps
+    ),
+    LeastSquares: st.builds(
+        LeastSquares,
+        law=laws,
+        updates=st.integers(2, 16),
+        horizon_ms=ms,
+        step_fraction=st.one_of(st.just(0.5), st.floats(0.01, 1.0)),
+        absolute_every=st.integers(1, 127),
+        step_n=steps,
+    ),
+    LevelCrossing: st.builds(LevelCrossing, law=laws, hysteresis=st.floats(0.0, 0.5)),
+    Merging: st.builds(Merging, law=laws, window_ms=st.one_of(st.just(0.0), st.floats(0.0, 1e4)), step_n=steps),
+    Probabilistic: st.builds(
+        Probabilistic,
+        law=laws,
+        loss_probability=st.floats(0.0, 0.9),
+        deviation_limit=st.one_of(st.just(0.001), st.floats(0.001, 1.0)),
+        step_n=steps,
+    ),
+    VelocityAdaptive: st.builds(
+        VelocityAdaptive,
+        law=laws,
+        speed_gain_s_m=st.one_of(st.floats(0.0, 1.0), st.floats(0.0, 1e3)),
+        largest_fraction=st.floats(0.0, 1.0),
+        time_constant_ms=st.one_of(st.just(0.0), st.floats(0.0, 1e4)),
+        step_n=steps,
+    ),
+    PassiveExtrapolative: st.builds(PassiveExtrapolative, law=laws, step_n=steps),
+    PassiveInterpolative: st.builds(
+        PassiveInterpolative, law=laws, interval_ms=st.one_of(st.just(0.0), st.floats(0.0, 1e3)), step_n=steps
+    ),
+}
+# A few values again and again, so that forces return to what was sent, and hands rest.
+forces = st.one_of(haptic, anything, st.sampled_from([0.0, -0.0, 1.0, 1.04, 1.06, 1.12, 1e15, 1e-300, -1e-12]))
+places = st.one_of(st.floats(-0.1, 0.1), anything, st.sampled_from([0.0, -0.0, 0.01, 5e-324, 1e-160]))
+any_time = st.one_of(st.integers(-(2**50), 2**50), st.sampled_from([-(2**61), 0, 2**61]))
+
+
+@pytest.fixture
+def compiled(tool_is_missing):
+    """Compile recordings of any length."""
+    if not recording.fast_extra_installed():
+        tool_is_missing("numba")
+
+    def stream_instead(*_):
+        raise AssertionError("streamed, not compiled")
+
+    def encode(*arguments):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(recording, "COMPILE_ABOVE_SAMPLES", -1)
+            patch.setattr(recording, "encode_streamed", stream_instead)
+            return encode_array(*arguments)
+
+    return encode
+
+
+@st.composite
+def moving(draw, axes):
+    """Return times, a recording, and positions or None: at a steady rate, with repeats and gaps, or any at all."""
+    samples = draw(st.integers(0, 50))
+    lists = {"min_size": samples, "max_size": samples}
+    gaps = st.one_of(st.just(1000), st.just(0), st.integers(-3000, 30_000), st.integers(0, 2**40))
+    walks = st.one_of(st.lists(st.just(1000), **lists), st.lists(gaps, **lists)).map(np.cumsum)
+    t_us = draw(st.one_of(walks, st.lists(any_time, **lists)))
+    stimuli = draw(npst.arrays(np.float64, (samples, axes), elements=forces))
+    positions = draw(st.one_of(st.none(), npst.arrays(np.float64, (samples, axes), elements=places)))
+    return np.array(t_us, dtype=np.int64), stimuli, positions
+
+
+def test_every_registered_codec_is_tried():
+    assert set(made) == set(CODECS.values())
+
+
+@pytest.mark.parametrize("axes", [1, 3])
+@pytest.mark.parametrize("codec", made)
+def test_compiled_steps_give_what_the_stream_gives(codec, axes, compiled):
+    @settings(max_examples=60)
+    @given(codec=made[codec], given=moving(axes))
+    def check(codec, given):
+        assert_same(encode_streamed(codec, *given), compiled(codec, *given))
+
+    check()
+
+
+@pytest.mark.parametrize("codec", [Deadband, AdaptivePredictive])
+def test_two_axes_are_compiled_too(codec, compiled):
+    @settings(max_examples=60)
+    @given(codec=made[codec], given=moving(2))
+    def check(codec, given):
+        assert_same(encode_streamed(codec, *given), compiled(codec, *given))
+
+    check()
+
+
+@pytest.mark.parametrize("codec", made)
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -2e15])
+def test_both_refuse_the_same_sample(codec, bad, compiled):
+    t_us, stimuli = np.arange(5) * 1000, np.array([1.0, 1.01, 2.0, bad, 3.0])
+    for encode in (encode_streamed, compiled):
+        with pytest.raises(SampleError, match="sample 3: stimulus is"):
+            encode(codec(), t_us, stimuli, np.zeros(5))
+
+
+@pytest.mark.parametrize("codec", [codec for codec in made if codec.needs_position])
+def test_a_position_out_of_range_is_refused(codec, compiled):
+    t_us, stimuli = np.arange(3) * 1000, np.ones(3)
+    with pytest.raises(SampleError, match="sample 1: position is"):
+        compiled(codec(), t_us, stimuli, np.array([0.0, np.nan, 0.0]))
+
+
+def test_times_and_positions_must_fit_the_samples():
+    with pytest.raises(SampleError, match="9 time stamps for 10 samples; the counts must match"):
+        encode_array(Deadband(), np.arange(9), np.ones(10))
+    with pytest.raises(SampleError, match="positions of shape"):
+        encode_array(VelocityAdaptive(), np.arange(10), np.ones(10), np.ones((10, 2)))
+    with pytest.raises(SampleError, match="they must be within"):
+        encode_array(Deadband(), np.array([0, 2**62]), np.ones(2))

@@ -1,0 +1,59 @@
+"""Machine code is made from the functions as they are, and kept for exactly those sources."""
+
+import numpy as np
+import pytest
+
+from hapticnet import compiled as compiled_module
+from hapticnet.compiled import compiled
+from hapticnet.rounding import as_half, as_single, nearest
+
+
+@pytest.fixture(autouse=True)
+def numba(tool_is_missing):
+    if not compiled_module.fast_extra_installed():
+        tool_is_missing("numba")
+
+
+@pytest.mark.parametrize("function", [as_single, as_half, nearest])
+def test_both_bodies_of_a_rounding_agree(function):
+    rng = np.random.default_rng(1)
+    values = np.concatenate([rng.normal(size=300) * 10.0 ** rng.uniform(-12, 4, 300), [0.0, -0.0, 0.5, 1.5, 2.5, -0.5]])
+    for value in values.tolist():
+        plain, fast = function(value), compiled(function)(value)
+        assert (plain, np.signbit(plain + 0.0)) == (fast, np.signbit(fast + 0.0))
+
+
+def test_a_function_is_compiled_once():
+    assert compiled(nearest) is compiled(nearest)
+
+
+def test_only_plain_functions_are_compiled():
+    with pytest.raises(TypeError, match="not a plain function"):
+        compiled(len)
+
+
+def test_an_edited_source_has_a_folder_of_its_own(tmp_path, monkeypatch):
+    package = tmp_path / "package"
+    package.mkdir()
+    monkeypatch.setattr(compiled_module, "__file__", str(package / "compiled.py"))
+    source = package / "scheme.py"
+    source.write_text("STEP = 1\n")
+    folder = compiled_module._folder.__wrapped__
+    before = folder(str(tmp_path))
+    source.write_text("STEP = 2\n")
+    after = folder(str(tmp_path))
+    assert before != after
+    source.write_text("STEP = 1\n")
+    assert folder(str(tmp_path)) == before
+
+
+def test_only_the_newest_folders_are_kept(tmp_path, monkeypatch):
+    package = tmp_path / "package"
+    package.mkdir()
+    monkeypatch.setattr(compiled_module, "__file__", str(package / "compiled.py"))
+    for edit in range(6):
+        (package / "scheme.py").write_text(f"STEP = {edit}\n")
+        newest = compiled_module._folder.__wrapped__(str(tmp_path / "caches"))
+    kept = list(newest.parent.iterdir())
+    assert newest in kept
+    assert len(kept) == compiled_module.KEPT_FOLDERS
