@@ -17,6 +17,7 @@ import record
 from virtual_time import both_nodes
 
 from hapticnet.codec.base import Codec
+from hapticnet.codec.recording import encode_array
 from hapticnet.codec.registry import make_codec
 from hapticnet.errors import HapticnetError
 from hapticnet.experiment.analysis import Columns, bytes_per_penetration
@@ -52,7 +53,7 @@ def true_forces(seed: int, motion: InsertionSettings, rate_hz: float) -> Columns
 def encoded(codec: Codec, true: Columns) -> Columns:
     """Return what the slave records when `codec` compresses the true forces."""
     t_us = true["t_us"].astype(np.int64)
-    encoding = codec.encode_array(t_us, true["force_n"][:, np.newaxis])
+    encoding = encode_array(codec, t_us, true["force_n"][:, np.newaxis])
     sequence = np.arange(1, len(encoding.sent) + 1)  # the WELCOME takes 0
     datagram_bytes = np.zeros(len(t_us))
     datagram_bytes[encoding.sent] = force_datagram_bytes(sequence, t_us[encoding.sent], encoding.payload_bytes)

@@ -63,7 +63,7 @@ def encode_array(codec: Codec, t_us: IntArray, stimuli: FloatArray, positions: F
 
 def is_made_of_steps(codec: Codec) -> "TypeGuard[Scheme]":
     """Tell whether a codec is nothing but its steps; one that a user derives may have an encoder of its own."""
-    kind = type(codec)
+    kind: Any = type(codec)
     return isinstance(codec, Scheme) and kind.encoder is Scheme.encoder and kind.decoder is Scheme.decoder
 
 
