@@ -56,7 +56,7 @@ def slope_through(known):
     n, total, squares = len(known), 0.0, 0.0
     for t, _ in known:
         total += float(t - newest_t)
-        squares += float(t - newest_t) ** 2
+        squares += float(t - newest_t) * float(t - newest_t)
     spread = n * squares - total * total
     slopes = []
     for axis in range(len(newest)):

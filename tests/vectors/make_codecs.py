@@ -80,12 +80,20 @@ def signal(axes, seed, samples=36):
     return t_us.tolist(), force.round(4).tolist(), position.round(6).tolist()
 
 
-def case(number, name, parameters, law, axes, lost=()):
+def ties(axes, samples=36):
+    """Return times, forces and positions whose residuals are mostly 5, 6 or 7 steps of half a threshold of 0.1 N."""
+    t_us = list(range(7_000_000, 7_000_000 + 2000 * samples, 2000))
+    moves = (0.3, 0.3, -0.3, 0.25, 0.35, -0.3, -0.3, 0.2, 0.15, 0.1)
+    force = np.cumsum([[moves[(n + axis) % len(moves)] for axis in range(axes)] for n in range(samples)], axis=0)
+    return t_us, force.round(4).tolist(), np.zeros((samples, axes)).tolist()
+
+
+def case(number, name, parameters, law, axes, lost=(), samples_of=None):
     """Return one case; updates whose index is in `lost` do not arrive."""
     codec = make_codec(name, WeberLaw(**law), parameters)
     encoder, decoder = codec.encoder(axes), codec.decoder(axes)
     samples, forms, updates = [], set(), 0
-    for t_us, force, position in zip(*signal(axes, number), strict=True):
+    for t_us, force, position in zip(*(samples_of or signal(axes, number)), strict=True):
         payload = encoder.encode(t_us, tuple(force), tuple(position))
         arrives = None
         if payload is not None:
@@ -171,6 +179,18 @@ def document():
     """Return the whole content of the file."""
     cases = [case(number, *each) for number, each in enumerate(CASES)]
     cases += [case(100 + axes, "least-squares", {"absolute_every": 8.0}, COARSE, axes, lost=(3, 9)) for axes in (1, 2)]
+    flat = {"weber_fraction": 0.0, "floor_n": 0.1}
+    cases += [
+        case(
+            110 + number,
+            "least-squares",
+            {"updates": 3.0, "step_fraction": fraction},
+            flat,
+            axes,
+            samples_of=ties(axes),
+        )
+        for number, (axes, fraction) in enumerate(((1, 0.5), (2, 0.5), (1, 0.8), (3, 0.8)))
+    ]
     return {"protocol_version": 1, "note": NOTE, "cases": cases}
 
 
