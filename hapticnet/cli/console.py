@@ -66,12 +66,16 @@ def complain(message: str) -> None:
 def deliver(report: Mapping[str, Any], *, as_json: bool, file: Path | None) -> None:
     """Print a report on stdout, as JSON or for a person, and write it to `file` as JSON.
 
+    The JSON also has the provenance: version, date, machine and command.
+
     Raises
     ------
     FileError
         If stdout or the file cannot be written; the other one is still written.
     """
-    text = json.dumps(report, indent=2) + "\n"
+    from hapticnet.experiment.provenance import provenance
+
+    text = json.dumps({**report, "provenance": provenance()}, indent=2) + "\n"
     try:
         if sys.stdout is None:
             return

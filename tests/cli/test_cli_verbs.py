@@ -30,7 +30,8 @@ def test_encode_reports_every_key_and_holds_the_law(trace, tmp_path):
     out = tmp_path / "decoded.csv"
     done = hapticnet("encode", trace, "--column", "fx,fy", "--json", "--out", out)
     report = json.loads(done.stdout)
-    assert set(report) == KEYS
+    assert set(report) == KEYS | {"provenance"}
+    assert set(report["provenance"]) == {"version", "date", "machine", "command"}
     assert report["samples"] == 2000
     assert report["exceed_jnd_fraction"] == 0.0
     assert 0.5 < report["packet_rate_reduction"] < 1.0
@@ -48,7 +49,7 @@ def test_encode_takes_columns_by_number_from_csv_and_npy(trace, tmp_path):
         for file, rate in ((trace, ()), (tmp_path / "force.npy", ("--rate", "1000")))
     ]
     for report in reports:
-        report.pop("samples_per_second")
+        del report["samples_per_second"], report["provenance"]
     assert reports[0] == reports[1]
 
 
