@@ -17,7 +17,7 @@ def blocks(language):
 def test_the_python_example_runs(capsys):
     (example,) = blocks("python")
     exec(compile(example, "README.md", "exec"), {})  # noqa: S102 - our own README
-    assert 0.5 < float(capsys.readouterr().out) < 1.0
+    assert "packet" in capsys.readouterr().out
 
 
 def test_the_scene_example_is_a_scene():
