@@ -68,6 +68,9 @@ class Station:
             self._encoder.refresh()
         try:
             payload = self._encoder.encode(t_us, force.force_n, sample.position_m)
+            if payload is not None and self.session.recovering:
+                self._encoder.refresh()  # so that this payload builds on no earlier one
+                payload = self._encoder.encode(t_us, force.force_n, sample.position_m)
             if payload is not None:
                 self._mirror.decode(t_us, payload)
             held_n = self._mirror.reconstruct(t_us, sample.position_m)

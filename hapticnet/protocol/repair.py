@@ -22,17 +22,26 @@ class Repair:
 
     An acknowledgement covers every FORCE up to the one it names, because a master acknowledges only what it applied.
     The oldest counts, not the newest: a FORCE may build on earlier ones, so while one is missing the master refuses
-    those after it, and a timer that every new FORCE restarts would never expire. When the timeout expires, the next
-    FORCE must need no earlier one; the timer then starts again from there. The timeout is that of RFC 6298: smoothed
-    round trip plus four mean deviations, doubled at each expiry, within bounds that suit a stream that is acknowledged
-    a thousand times a second.
+    those after it, and a timer that every new FORCE restarts would never expire. When the timeout expires, the current
+    stimulus is sent, and the timer starts again from there. From then until a FORCE sent since is acknowledged, no
+    FORCE may build on earlier ones, so that the first to arrive ends the loss.
+
+    The timeout is that of RFC 6298: smoothed round trip plus four mean deviations, doubled at each expiry, within
+    bounds that suit a stream that is acknowledged a thousand times a second.
+
+    Attributes
+    ----------
+    recovering
+        Whether FORCEs must need no earlier one.
     """
 
-    __slots__ = ("_deviation_us", "_sent", "_since_us", "_smoothed_us", "_timeout_us")
+    __slots__ = ("_deviation_us", "_expired_us", "_sent", "_since_us", "_smoothed_us", "_timeout_us", "recovering")
 
     def __init__(self) -> None:
+        self.recovering = False
         self._sent: deque[tuple[int, int]] = deque(maxlen=MOST_REMEMBERED)  # sequence and time, oldest first
         self._since_us = 0  # since when the oldest of them is waited for
+        self._expired_us = 0
         self._smoothed_us: float | None = None
         self._deviation_us = 0.0
         self._timeout_us = float(INITIAL_TIMEOUT_US)
@@ -53,17 +62,17 @@ class Repair:
             _, sent_us = sent.popleft()
         if sent:
             self._since_us = max(self._since_us, sent[0][1])
+        if sent_us >= self._expired_us:
+            self.recovering = False
         self._measure(max(0, now_us - sent_us))
 
     def expire(self, now_us: int) -> bool:
-        """Tell whether the current stimulus must be sent now in a FORCE that needs no earlier one.
-
-        Each time it must, the timeout doubles.
-        """
+        """Tell whether the current stimulus must be sent now; each time it must, the timeout doubles."""
         # A clock that went back does not tell how long it has been: better once too often.
         if not self._sent or 0 <= now_us - self._since_us <= self._timeout_us:
             return False
-        self._since_us = now_us
+        self._since_us = self._expired_us = now_us
+        self.recovering = True
         self._timeout_us = max(self._timeout_us, min(2 * self._timeout_us, LONGEST_TIMEOUT_US))
         return True
 

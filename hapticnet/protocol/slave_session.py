@@ -95,6 +95,11 @@ class SlaveSession:
         """Tell whether a force is believed lost, so that the current one must be sent now."""
         return self._repair.expire(now_us)
 
+    @property
+    def recovering(self) -> bool:
+        """Whether a force is believed lost and none sent since is acknowledged: each must then need no earlier one."""
+        return self._repair.recovering
+
     def force(self, t_us: int, payload: bytes, now_us: int) -> bytes:
         """Return a FORCE that answers the position of time `t_us`."""
         self._newest_force = self._sequence

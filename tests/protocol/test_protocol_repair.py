@@ -51,6 +51,20 @@ def test_an_acknowledgement_covers_what_was_sent_before_it_and_of_the_rest_the_o
     assert repair.expire(5_000 + 3 * 16_000 + 1)
 
 
+def test_it_recovers_until_something_sent_since_the_expiry_is_acknowledged():
+    repair = Repair()
+    for sequence in range(3):
+        repair.sent(sequence, 1000 * sequence)
+    assert not repair.recovering
+    assert repair.expire(INITIAL_TIMEOUT_US + 1)
+    repair.sent(3, INITIAL_TIMEOUT_US + 1)
+    repair.sent(4, INITIAL_TIMEOUT_US + 2000)
+    repair.acknowledged(2, INITIAL_TIMEOUT_US + 3000)
+    assert repair.recovering
+    repair.acknowledged(4, INITIAL_TIMEOUT_US + 4000)
+    assert not repair.recovering
+
+
 def test_a_number_that_was_never_sent_acknowledges_nothing():
     repair = Repair()
     repair.sent(7, 0)
