@@ -4,9 +4,44 @@ import subprocess
 import sys
 
 USER = """
+from dataclasses import dataclass, field
+from typing import ClassVar
+
 import numpy as np
 import hapticnet as hn
 
+
+class Hold:
+    def __init__(self, axes: int) -> None:
+        self.held: tuple[float, ...] = (0.0,) * axes
+
+    def encode(
+        self, t_us: int, stimulus: tuple[float, ...], position: tuple[float, ...] | None = None
+    ) -> bytes | None:
+        return b""
+
+    def refresh(self) -> None: ...
+
+    def decode(self, t_us: int, payload: bytes) -> None: ...
+
+    def reconstruct(self, t_us: int, position: tuple[float, ...] | None = None) -> tuple[float, ...]:
+        return self.held
+
+
+@dataclass(frozen=True)
+class Mine:
+    name: ClassVar[str] = "mine"
+    needs_position: ClassVar[bool] = False
+    law: hn.WeberLaw = field(default_factory=hn.WeberLaw)
+
+    def encoder(self, axes: int) -> Hold:
+        return Hold(axes)
+
+    def decoder(self, axes: int) -> Hold:
+        return Hold(axes)
+
+
+mine: hn.Codec = Mine()
 force = np.ones(100)
 result = hn.encode(force, t_s=np.arange(100) / 1e3, codec="deadband", multiplier=2, step_n=0.001)
 reveal_type(result)
@@ -50,5 +85,6 @@ def test_a_users_file_is_typed(tmp_path):
     revealed = [line.split('"')[1] for line in said.splitlines() if "Revealed type" in line]
     assert tuple(each.replace("builtins.", "") for each in revealed) == REVEALED
     errors = [line for line in said.splitlines() if ": error: " in line and line.startswith("user.py")]
+    assert len(errors) == len(MISTAKES), said
     for mistake in MISTAKES:
         assert any(mistake in error for error in errors), said

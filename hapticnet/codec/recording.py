@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
     from hapticnet.samples import Vector
 
-COMPILE_ABOVE_SAMPLES = 300_000
+COMPILE_ABOVE_SAMPLES = 1_000_000
 """Recordings longer than this run compiled.
 
-Loading the machine code takes about 0.6 s, in which a stream encodes about 300,000 samples; compiling it, which is done
-once, takes two to five times as long.
+Loading the machine code takes 0.4 s, in which a stream encodes some hundred thousand samples. Compiling it takes 2 to 6 s,
+once for each codec, number of axes and version.
 """
 
 STEPS: Final = Steps(*[unmoved] * 8)
