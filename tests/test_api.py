@@ -93,7 +93,7 @@ def test_a_recording_from_a_file_brings_its_own_times_and_positions(tmp_path):
         ({"gain": 1.0}, "codec 'deadband' has no parameter 'gain'; it has: step_n"),
         ({"weber_fraction": -1.0}, "Weber fraction is -1.0"),
         ({"rate_hz": "1000"}, "rate_hz is of type str; it must be a number"),
-        ({"step_n": np.ones((9, 9))}, "codec 'deadband' refused .* truth value"),
+        ({"step_n": np.ones((9, 9))}, "step_n is of type ndarray; it must be a number"),
     ],
 )
 def test_what_cannot_be_right_is_refused_with_the_value_seen(arguments, message):

@@ -1,1 +1,1 @@
-"""How good what is applied is, and the best that any encoder could do."""
+"""Error and quality of applied forces, and the fewest packets that any encoder needs."""

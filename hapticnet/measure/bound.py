@@ -1,11 +1,12 @@
-"""The fewest packets any encoder could do with: piecewise reconstructions optimal over a whole recording.
+"""The fewest packets that any encoder needs: optimal piecewise reconstructions of a whole recording.
 
-Nobody can encode so, as all of the future has to be known. It tells how far from the best possible a codec is.
+No real-time encoder can achieve this, because it requires knowing the future. It shows how far a codec is from the
+optimum.
 
-An encoder keeps the deadband's rule when at every sample the applied stimulus r satisfies ``|x − r| ≤ threshold(|r|)``.
-The rule looks at one sample alone, so each stimulus x admits a set of r whatever is applied at other samples (`tube`),
-and the fewest pieces are found by making each as long as it can be: if some pieces are valid so is any part of each,
-hence by induction the k-th of the longest pieces ends no earlier than the k-th of any others.
+The deadband's rule is that the applied stimulus r satisfies ``|x − r| ≤ threshold(|r|)`` at every sample. The rule
+concerns each sample separately, so each stimulus x admits a set of r (`tube`). Making each piece as long as possible
+gives the fewest pieces: every part of a valid piece is valid, so by induction the k-th of the longest pieces ends no
+earlier than the k-th piece of any other division.
 """
 
 import math
@@ -16,29 +17,29 @@ from typing import Final
 
 import numpy as np
 
-from hapticnet.arrays import FloatArray, as_recording, refuse_out_of_range
+from hapticnet.arrays import FloatArray, IntArray, as_recording, refuse_out_of_range
 from hapticnet.compiled import compiled, fast_extra_installed
 from hapticnet.errors import SampleError
 from hapticnet.measure.metrics import norms
-from hapticnet.measure.pieces import IntArray, sweep_holds, sweep_holds_of_columns, sweep_lines
+from hapticnet.measure.pieces import sweep_holds, sweep_holds_of_columns, sweep_lines
 from hapticnet.perception import WeberLaw
 
 COMPILE_HOLDS_ABOVE = 5_000_000
 COMPILE_LINES_ABOVE = 500_000
-"""Intervals from which loading numba (about 0.6 s) pays, where the ``fast`` extra is installed."""
+"""Number of intervals above which loading numba (about 0.6 s) pays, if the ``fast`` extra is installed."""
 
 WIDER: Final = 1.0 + 2.0**-51
-"""By how much a threshold must grow to hold whatever a codec's own arithmetic lets pass.
+"""Factor by which a threshold is widened, so that it admits everything that a codec's rounded arithmetic admits.
 
 With u = 2⁻⁵³, a rounded ``|x − r| ≤ max(κ·|r|, φ)`` implies ``|x − r| ≤ max(κ·|r|, φ)·(1 + u)/(1 − u)`` (unless κ·|r|
-is a denormal number), and that is less than a threshold 1 + 4u times as large.
+is a denormal number), which is less than a threshold 1 + 4u times as large.
 """
 
 ROUNDINGS: Final = 2.0**-48
-"""Relative error of a norm, and of what is computed from it, in up to three axes: some ten roundings, with room."""
+"""Bound of the relative error of a norm in up to three axes and of values computed from it: about ten roundings."""
 
 UNSEEN_N: Final = 1e-150
-"""Differences in one of several axes that `samples.magnitude` may take for zero, as their squares are too small."""
+"""Differences [N] in one of several axes whose squares may be rounded to zero in a norm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,9 +51,9 @@ class Pieces:
     starts
         Index of the first sample of each piece, shape (m,).
     values
-        What is applied at that sample [N], shape (m,).
+        Stimulus applied at that sample [N], shape (m,).
     slopes_n_per_us
-        By how much that changes from there on [N/µs], shape (m,); zeros for a hold.
+        Slope of the line [N/µs], shape (m,); zeros for a hold.
     """
 
     starts: IntArray
@@ -60,7 +61,7 @@ class Pieces:
     slopes_n_per_us: FloatArray
 
     def applied(self, t_us: IntArray) -> FloatArray:
-        """Return what is applied at every sample of the recording with these time stamps, shape (n,)."""
+        """Return the stimulus [N] applied at every sample of the recording with these time stamps, shape (n,)."""
         lengths = np.diff(self.starts, append=len(t_us))
         since_us = t_us - np.repeat(t_us[self.starts], lengths)
         line: FloatArray = np.repeat(self.values, lengths) + np.repeat(self.slopes_n_per_us, lengths) * since_us
@@ -70,14 +71,14 @@ class Pieces:
 def fewest_holds(law: WeberLaw, stimuli: FloatArray) -> int:
     """Return the fewest stimuli with which a zero-order hold keeps the rule at every sample of shape (n, a). O(n).
 
-    One axis: the optimum. Two or three: a number it cannot be less than. As ``||X| − |R|| ≤ |X − R|``, the norm of a
-    held R must stay in the tube of |X|, and what it is along any direction in that `direction_tube`. The optimum
-    under these conditions is returned, over the axes and the diagonals between them.
+    One axis: the optimum. Two or three: a lower bound. As ``||X| − |R|| ≤ |X − R|``, the norm of a held R must stay in
+    the tube of |X|, and its component along any direction in that `direction_tube`. The bound is the optimum under
+    these conditions for the axes and the diagonals between them.
 
     Raises
     ------
     SampleError
-        When a stimulus is not finite or out of range.
+        If a stimulus is not finite or out of range.
     """
     stimuli = _checked(stimuli)
     if stimuli.shape[1] == 1:
@@ -93,13 +94,13 @@ def fewest_holds(law: WeberLaw, stimuli: FloatArray) -> int:
 def fewest_lines(law: WeberLaw, t_us: IntArray, stimuli: FloatArray) -> int:
     """Return the fewest straight lines, joined or not, that keep the rule at every sample of shape (n, a).
 
-    One axis: the optimum. Two or three: a number it cannot be less than, the largest optimum of a component: a line
-    in space is one in each component too, and stays in the `direction_tube` of that axis.
+    One axis: the optimum. Two or three: a lower bound, the largest optimum of a component: a line in space is a line
+    in each component, and stays in the `direction_tube` of that axis.
 
     Raises
     ------
     SampleError
-        When a stimulus is not finite or out of range, or time goes backwards.
+        If a stimulus is not finite or out of range, or time runs backwards.
     """
     stimuli = _checked(stimuli)
     if stimuli.shape[1] == 1:
@@ -114,7 +115,7 @@ def hold_pieces(law: WeberLaw, stimuli: FloatArray) -> Pieces:
     starts = _starts(sweep_holds, low, high)
     if not len(starts):
         return Pieces(starts, np.empty(0), np.empty(0))
-    # In the middle of what all samples of a piece admit, farthest from where rounding could matter.
+    # The middle of the values that all samples of a piece admit is least sensitive to rounding.
     values = 0.5 * (np.maximum.reduceat(low, starts) + np.minimum.reduceat(high, starts))
     return Pieces(starts, values, np.zeros(len(starts)))
 
@@ -122,36 +123,36 @@ def hold_pieces(law: WeberLaw, stimuli: FloatArray) -> Pieces:
 def line_pieces(law: WeberLaw, t_us: IntArray, stimuli: FloatArray) -> Pieces:
     """Return the fewest straight lines for a recording of one axis; see `fewest_lines`. O(n).
 
-    The tube is the one of the holds: the rule's reference is the stimulus applied at a sample, however it came about.
+    The tube is the same as for holds: the rule depends on the stimulus applied at a sample, not on how it came about.
     """
     return _lines(_elapsed(t_us), *tube(law, _one_axis(stimuli)))
 
 
 def tube(law: WeberLaw, stimuli: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return between which r each stimulus x of shape (n,) keeps ``|x − r| ≤ max(κ·|r|, φ)``.
+    """Return the lowest and highest r that satisfy ``|x − r| ≤ max(κ·|r|, φ)``, for stimuli x of shape (n,).
 
-    κ is multiplier · Weber fraction and φ is multiplier · floor. Let x ≥ 0; for x < 0 change the sign of all.
+    κ is multiplier · Weber fraction and φ is multiplier · floor. Let x ≥ 0; for x < 0 all signs change.
 
     - ``|x − r| ≤ φ`` is ``x − φ ≤ r ≤ x + φ``.
     - ``|x − r| ≤ κ·|r|`` with r ≥ 0 and κ < 1: below x it is ``x ≤ (1 + κ)·r``, above it ``(1 − κ)·r ≤ x``, so
       ``x/(1 + κ) ≤ r ≤ x/(1 − κ)``.
     - The same with r < 0 is ``x + |r| ≤ κ·|r|``, impossible as κ < 1.
 
-    Both intervals hold x, so their union is one interval, from the lesser of their lower ends to the greater of their
-    upper ends. With x < 0 the Weber interval is ``x/(1 − κ)`` to ``x/(1 + κ)``: the formulae below take the lesser and
-    the greater of both quotients, for x ≥ 0 the same as above.
+    Both intervals contain x, so their union is one interval, from the lesser of their lower ends to the greater of
+    their upper ends. With x < 0 the Weber interval is ``x/(1 − κ)`` to ``x/(1 + κ)``; the code takes the lesser and the
+    greater of both quotients, which covers both signs.
 
-    From κ = 1 on a large enough r satisfies every x, as ``|x − r| ≤ |x| + |r|``, which rounds to |r|: of the intervals
-    there are then, such an r alone is returned for all.
+    For κ ≥ 1 a large enough r satisfies every x, as ``|x − r| ≤ |x| + |r|``, which rounds to |r|. Then only such an r
+    is returned, for all x.
 
-    Ends are rounded such that no double a codec's arithmetic lets pass is left out; see `WIDER`.
+    Ends are rounded outwards: they include every double that a codec's arithmetic admits; see `WIDER`.
     """
     weber = law.multiplier * law.weber_fraction * WIDER
     floor = law.multiplier * law.floor_n * WIDER
     if weber >= 1.0:
         everything = np.full(len(stimuli), math.ldexp(float(np.abs(stimuli).max(initial=0.0)), 60))
         return everything, everything
-    # The divisors are rounded outwards. Quotient and sum then round monotonically: no double within an end leaves it.
+    # The divisors are rounded outwards, and rounding of quotients and sums is monotonic, so no admitted double is lost.
     below = math.nextafter(1.0 + weber, 2.0) if weber else 1.0
     above = math.nextafter(1.0 - weber, 0.0) if weber else 1.0
     inner, outer = stimuli / below, stimuli / above
@@ -161,10 +162,10 @@ def tube(law: WeberLaw, stimuli: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def direction_tube(law: WeberLaw, stimuli: FloatArray, direction: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return between which values the applied vectors R must be along a unit vector, for stimuli X of shape (n, a).
+    """Return the range of the components of R along a unit vector, for stimuli X of shape (n, a).
 
-    Where the floor rules, ``|X − R| ≤ φ``. Elsewhere ``|X − R| ≤ κ·|R| ≤ κ·(|X| + |X − R|)``, so for κ < 1
-    ``|X − R| ≤ κ·|X|/(1 − κ)``. Along a direction X − R is no longer than the whole.
+    Where the floor applies, ``|X − R| ≤ φ``. Elsewhere ``|X − R| ≤ κ·|R| ≤ κ·(|X| + |X − R|)``, so for κ < 1
+    ``|X − R| ≤ κ·|X|/(1 − κ)``. A component of X − R is at most its norm.
     """
     weber = law.multiplier * law.weber_fraction * WIDER
     floor = law.multiplier * law.floor_n * WIDER
@@ -188,23 +189,22 @@ def _checked(stimuli: FloatArray) -> FloatArray:
 def _one_axis(stimuli: FloatArray) -> FloatArray:
     stimuli = _checked(stimuli)
     if stimuli.shape[1] != 1:
-        raise SampleError(f"recording of {stimuli.shape[1]} axes; pieces are known for one")
+        raise SampleError(f"recording of {stimuli.shape[1]} axes; it must have one axis")
     return stimuli[:, 0]
 
 
 def _elapsed(t_us: IntArray) -> FloatArray:
-    if np.any(np.diff(t_us) < 0):
-        first = int(np.argmax(np.diff(t_us) < 0)) + 1
-        raise SampleError(
-            f"sample {first} is of {t_us[first]} µs, before the one before it; time must not go backwards"
-        )
+    backwards = np.diff(t_us) < 0
+    if backwards.any():
+        at = int(np.argmax(backwards)) + 1
+        raise SampleError(f"sample {at} is at {t_us[at]} µs, after {t_us[at - 1]} µs; time must not run backwards")
     return (t_us - t_us[:1]).astype(np.float64)
 
 
 def _directions(stimuli: FloatArray) -> list[FloatArray]:
     """Return unit vectors along the axes and the diagonals between them, one of each pair of opposites."""
     axes = stimuli.shape[1]
-    # In order, the ones before zero are the opposites of those after it.
+    # The second half of the products are the opposites of the first.
     return [np.array(signs) / math.hypot(*signs) for signs in list(product((-1, 0, 1), repeat=axes))[: 3**axes // 2]]
 
 

@@ -1,4 +1,4 @@
-"""How far the applied stimulus is from the true one, for whole recordings and as a running account."""
+"""Error of the applied stimuli against the true ones, for whole recordings and as a running account."""
 
 import math
 from dataclasses import dataclass
@@ -24,8 +24,7 @@ class ErrorReport:
         Largest norm of the difference [N].
     exceed_jnd_fraction
         Fraction of samples at which a person could tell the two apart: ``|F - F̂| > max(k·|F̂|, floor)``. The
-        reference is the applied stimulus F̂, because that is the one the skin is feeling; one JND, whatever the
-        multiplier of the codec.
+        reference is the applied stimulus F̂, which the skin feels. The codec's multiplier does not matter.
     """
 
     rmse_n: float
@@ -34,7 +33,7 @@ class ErrorReport:
 
 
 def error_report(law: WeberLaw, true: FloatArray, applied: FloatArray) -> ErrorReport:
-    """Compare stimuli of shape (n, a); zeros when there are none."""
+    """Compare stimuli of shape (n, a); all errors are 0 if there are none."""
     if not len(true):
         return ErrorReport(rmse_n=0.0, max_error_n=0.0, exceed_jnd_fraction=0.0)
     error = norms(true - applied)
@@ -47,7 +46,7 @@ def error_report(law: WeberLaw, true: FloatArray, applied: FloatArray) -> ErrorR
 
 
 class RunningError:
-    """The same account, sample by sample, in constant memory."""
+    """The same errors, computed sample by sample in constant memory."""
 
     __slots__ = ("_exceeded", "_largest", "_law", "_squares", "samples")
 
@@ -59,7 +58,7 @@ class RunningError:
         self._exceeded = 0
 
     def add(self, true: Vector, applied: Vector) -> None:
-        """Take in one sample."""
+        """Add one sample."""
         if len(true) == 1:
             error = abs(true[0] - applied[0])
         else:
@@ -72,7 +71,7 @@ class RunningError:
             self._exceeded += 1
 
     def report(self) -> ErrorReport:
-        """Return the account so far; zeros when nothing was added."""
+        """Return the errors so far; all are 0 if nothing was added."""
         samples = max(self.samples, 1)
         return ErrorReport(
             rmse_n=math.sqrt(self._squares / samples),
@@ -82,7 +81,7 @@ class RunningError:
 
 
 def worst_window_packets(t_us: npt.NDArray[np.int64], window_us: int = 100_000) -> int:
-    """Return the largest number of packets sent within any window [µs], closed at its start and open at its end."""
+    """Return the largest number of packets sent in any window [µs], which includes its start but not its end."""
     if not len(t_us):
         return 0
     ordered = np.sort(t_us)

@@ -1,20 +1,15 @@
-"""The greedy sweeps behind `bound`: the same source runs as plain Python over lists, and compiled over arrays."""
+"""The greedy sweeps of `bound`: the same code runs as plain Python over lists and compiled over arrays."""
 
 import math
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
-from hapticnet.arrays import FloatArray
-
-IntArray = npt.NDArray[np.int64]
+from hapticnet.arrays import FloatArray, IntArray
 
 
 def sweep_holds(low: Any, high: Any, starts: IntArray) -> int:
-    """Write the first samples of the longest holds, one after the other; return how many there are.
+    """Write the first sample of each of the longest holds to `starts`; return their number.
 
-    A piece goes on while the intervals of its samples have a point in common.
+    A piece continues while the intervals of its samples have a point in common.
     """
     count = 0
     bottom, top = math.inf, -math.inf
@@ -33,7 +28,7 @@ def sweep_holds(low: Any, high: Any, starts: IntArray) -> int:
 
 
 def sweep_holds_of_columns(low: Any, high: Any, starts: IntArray) -> int:
-    """Do as `sweep_holds` with a row of intervals for each sample, of which every column must go on."""
+    """Do the same as `sweep_holds` with several intervals per sample; a piece ends where any column's would."""
     if len(low) == 0:
         return 0
     count = 1
@@ -58,15 +53,15 @@ def sweep_holds_of_columns(low: Any, high: Any, starts: IntArray) -> int:
 def sweep_lines(
     times: Any, low: Any, high: Any, floor: Any, roof: Any, starts: IntArray, values: FloatArray, slopes: FloatArray
 ) -> int:
-    """Write the longest straight pieces, one after the other; return how many there are. O(n) amortised.
+    """Write the longest straight pieces; return their number. O(n) amortised.
 
     O'Rourke, "An on-line algorithm for fitting straight lines between data ranges", CACM 24 (1981), here in the plane
     of the data. Of all lines through the ranges so far, the steepest and the flattest bound what can be reached later:
-    a range is pierced by one of the lines if it is not all above the steepest or all below the flattest. The steepest
-    goes through a low end and a later high end; a new high end below it turns it about the low ends' upper hull
-    (`floor`), along which its pivot only moves forward, and the flattest likewise about `roof`. A hull is a run of
-    indices that begins with the pivot. Lines are compared by cross products, exact for small whole numbers,
-    and otherwise to the rounding of the largest end in a piece.
+    one of the lines meets a new range unless the range is entirely above the steepest or below the flattest. The
+    steepest goes through a low end and a later high end; a new high end below it turns it about the upper hull of the
+    low ends (`floor`), along which its pivot only moves forward; likewise the flattest about `roof`. A hull is a run
+    of indices that begins with the pivot. Lines are compared by cross products, which are exact for small whole numbers
+    and otherwise as exact as the largest end in a piece.
     """
     n, count, i = len(times), 0, 0
     while i < n:
@@ -130,7 +125,7 @@ def sweep_lines(
         steep, flat = steep_dy / steep_dt, flat_dy / flat_dt
         steep_value = low[steep_at] + steep * (times[begin] - times[steep_at])
         flat_value = high[flat_at] + flat * (times[begin] - times[flat_at])
-        # Any mean of two lines through the ranges goes through them too.
+        # The mean of two lines through the ranges also goes through them.
         values[count], slopes[count] = 0.5 * (steep_value + flat_value), 0.5 * (steep + flat)
         count += 1
     return count

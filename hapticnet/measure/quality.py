@@ -1,44 +1,40 @@
-"""How good what is applied is, in every measure the field uses. Each formula with its source: docs/perception.md."""
+"""Quality of the applied stimuli in the measures of the field; docs/perception.md has each formula and its source."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from hapticnet.arrays import FloatArray
-from hapticnet.measure.metrics import error_report, norms, worst_window_packets
+from hapticnet.arrays import FloatArray, IntArray
+from hapticnet.measure.metrics import ErrorReport, error_report, norms, worst_window_packets
 from hapticnet.perception import WeberLaw
 
-IntArray = npt.NDArray[np.int64]
-
 RATE_WINDOW_US: Final = 100_000
-"""Window [µs] over which the packet rate is taken, as in the worst 100 ms."""
+"""Window [µs] over which the packet rate is measured."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class QualityReport:
+class QualityReport(ErrorReport):
     """Error, steps, age, burstiness and energy of the applied stimuli F̂ against the true ones F.
 
-    A JND is always one JND, whatever the multiplier of the codec. Zeros where there are no samples.
+    The fields of `ErrorReport`, and those below. The codec's multiplier does not change a JND. Without samples, values
+    are 0.
 
     Attributes
     ----------
-    rmse_n, max_error_n, exceed_jnd_fraction
-        See `measure.metrics.ErrorReport`.
     peak_n
         Largest norm of a true stimulus [N], the peak of both signal-to-noise ratios.
     psnr_db
-        ``10·log10(peak² / mean(|F − F̂|²))``; infinite where nothing differs.
+        ``10·log10(peak² / mean(|F − F̂|²))``; infinite if nothing differs.
     hpw_psnr_db
-        The same with each squared error weighted by ``max(1, |F − F̂| / JND(F̂))``: what can be felt counts more.
+        The same with each squared error weighted by ``max(1, |F − F̂| / JND(F̂))``: perceptible errors count more.
     perceptual_mse
         Mean squared distance in JNDs on Fechner's scale; see `perceptual_distances`. None for a law without a floor,
         on whose scale a zero stimulus is infinitely far from any other.
     jump_max_jnd, jump_mean_jnd, jump_p999_jnd
-        Change between successive applied stimuli in JNDs of the earlier one, which the skin is feeling when it
-        comes: largest, mean and 99.9th percentile over all samples but the first. Infinite where that JND is zero.
+        Change between successive applied stimuli in JNDs of the earlier one, which the skin feels at the time:
+        largest, mean and 99.9th percentile over all samples but the first. Infinite if that JND is zero.
     send_jump_max_jnd, send_jump_mean_jnd, send_jump_p999_jnd
         The same over the samples at which an update is received.
     age_mean_us, age_max_us, age_p99_us
@@ -46,15 +42,12 @@ class QualityReport:
     worst_100ms_packets
         Most packets sent in any 100 ms.
     packet_rate_p999_hz
-        99.9th percentile of the packet rate over 100 ms [1/s], of the windows that begin at each sample.
+        99.9th percentile of the packet rate [1/s] over the 100 ms windows that begin at each sample.
     energy_final_j, energy_peak_j
-        Energy [J] the reconstruction has created by the end, and the most it ever had (at least 0); see
+        Energy [J] that the reconstruction has created by the end, and its maximum over time (at least 0); see
         `created_energy_j`. None without positions.
     """
 
-    rmse_n: float
-    max_error_n: float
-    exceed_jnd_fraction: float
     peak_n: float
     psnr_db: float
     hpw_psnr_db: float
@@ -89,36 +82,33 @@ def quality_report(
     Parameters
     ----------
     law
-        The perceptual law of the person; its multiplier plays no part.
+        The perceptual law of the person; its multiplier does not matter.
     t_us
         Time stamps [µs], not decreasing, shape (n,).
     true, applied
         Stimuli [N], shape (n, a).
     sent
-        Indices of the transmitted stimuli, rising, shape (m,).
+        Indices of the transmitted stimuli, increasing, shape (m,).
     positions
-        Positions of the tool [m], growing against a positive force, shape (n, a), where they are known.
+        Positions of the tool [m], growing against a positive force, shape (n, a); None: unknown.
     received
         Those of `sent` that reached the receiver; None: all.
     """
     received = sent if received is None else received
-    error = error_report(law, true, applied)
     distances = norms(true - applied)
     peak_n = float(norms(true).max(initial=0.0))
     jnds = law.jnds_n(norms(applied))
     with np.errstate(divide="ignore", invalid="ignore"):
-        # Where the JND is zero and nothing differs 0/0 gives NaN, which fmax passes over.
+        # If the JND is zero and nothing differs, 0/0 gives NaN, which fmax ignores.
         weights = np.fmax(distances / jnds, 1.0)
         jumps = np.nan_to_num(norms(np.diff(applied, axis=0)) / jnds[:-1], nan=0.0, posinf=np.inf)
-    # The stimulus before the first sample is nobody's, so nothing jumps there.
+    # There is no stimulus before the first sample, so there is no jump.
     at_updates = jumps[received[received > 0] - 1]
     ages_us = _ages_us(t_us, received)
     perceived = perceptual_distances(law, true, applied)
     energy_j = None if positions is None else created_energy_j(true, applied, positions)
     return QualityReport(
-        rmse_n=error.rmse_n,
-        max_error_n=error.max_error_n,
-        exceed_jnd_fraction=error.exceed_jnd_fraction,
+        **asdict(error_report(law, true, applied)),
         peak_n=peak_n,
         psnr_db=_ratio_db(peak_n, distances * distances),
         hpw_psnr_db=_ratio_db(peak_n, weights * distances * distances),
@@ -145,10 +135,10 @@ def fechner_scale(law: WeberLaw, magnitudes_n: FloatArray) -> FloatArray:
     With ``JND = max(k·f, floor)`` that is ``f/floor`` up to ``F₀ = floor/k``, where the two meet, and
     ``(1 + ln(f/F₀))/k`` above: Fechner's logarithm, with its origin regularised by the floor.
     """
+    in_floors: FloatArray = magnitudes_n / law.floor_n
     if law.weber_fraction == 0.0:
-        return magnitudes_n / law.floor_n
-    in_floors = magnitudes_n / law.floor_n
-    # Beyond F₀ the linear part stays at 1/k, below it the logarithm at 0.
+        return in_floors
+    # Above F₀ the linear part stays at 1/k; below it the logarithm is 0.
     logarithm = np.log(np.maximum(law.weber_fraction * in_floors, 1.0)) / law.weber_fraction
     scale: FloatArray = np.minimum(in_floors, 1.0 / law.weber_fraction) + logarithm
     return scale
@@ -158,8 +148,8 @@ def perceptual_distances(law: WeberLaw, true: FloatArray, applied: FloatArray) -
     """Return how far stimuli of shape (n, a) are apart in JNDs, shape (n,); None for a law without a floor.
 
     ``d² = (S(|F|) − S(|F̂|))² + (|F − F̂|² − (|F| − |F̂|)²) / (JND(F)·JND(F̂))``, S the scale of `fechner_scale`. The
-    first term is the difference in magnitude. The second is what a change of direction adds, zero where there is none:
-    a difference of one JND counts about 1 in any direction, and below F₀ it is ``|F − F̂|/floor`` exactly.
+    first term is the difference in magnitude, the second the contribution of a change of direction: a difference of one
+    JND gives about 1 in any direction, and below F₀ the result is ``|F − F̂|/floor`` exactly.
     """
     if law.floor_n == 0.0:
         return None
@@ -171,11 +161,11 @@ def perceptual_distances(law: WeberLaw, true: FloatArray, applied: FloatArray) -
 
 
 def created_energy_j(true: FloatArray, applied: FloatArray, positions: FloatArray) -> FloatArray:
-    """Return the energy [J] the reconstruction has created up to each sample but the first, shape (n − 1,).
+    """Return the energy [J] that the reconstruction has created up to each sample but the first, shape (n − 1,).
 
-    ``E_n = Σ_{i<n} (F_i − F̂_i)·(x_{i+1} − x_i)``: the work done on the operator by the applied force, less the work the
-    true one would have done. A force is positive when it pushes the tool out and positions grow inwards, so that the
-    work done on the operator is −F·dx. A force is held until the next sample, so it acts along the way to there.
+    ``E_n = Σ_{i<n} (F_i − F̂_i)·(x_{i+1} − x_i)``: the work of the applied force on the operator minus the work that the
+    true force would have done. A positive force pushes the tool out and positions grow inwards, so the work on the
+    operator is −F·dx. A force is held until the next sample.
     """
     energy: FloatArray = np.cumsum(np.sum((true - applied)[:-1] * np.diff(positions, axis=0), axis=1))
     return energy
@@ -204,5 +194,5 @@ def _mean(values: FloatArray) -> float:
 
 
 def _percentile(values: FloatArray, percent: float) -> float:
-    # Of what was measured, never between two: an infinite one would make NaN, and there is no half packet.
+    # A measured value, not an interpolated one: infinite values would give NaN, and packets are whole.
     return float(np.percentile(values, percent, method="inverted_cdf")) if len(values) else 0.0

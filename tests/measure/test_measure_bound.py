@@ -242,7 +242,7 @@ def test_compiled_sweeps_agree_with_plain_python(monkeypatch, axes):
 def test_what_cannot_be_used_is_refused():
     with pytest.raises(SampleError, match="sample 1: stimulus is"):
         fewest_holds(WeberLaw(), np.array([[1.0], [math.nan]]))
-    with pytest.raises(SampleError, match="sample 2 is of 4 µs"):
+    with pytest.raises(SampleError, match="sample 2 is at 4 µs, after 5 µs"):
         fewest_lines(WeberLaw(), np.array([0, 5, 4]), np.zeros((3, 1)))
     with pytest.raises(SampleError, match="2 axes"):
         hold_pieces(WeberLaw(), np.zeros((3, 2)))
