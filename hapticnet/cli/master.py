@@ -1,12 +1,15 @@
 """``hapticnet master``: the operator's side."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
 from hapticnet.cli import options
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION
+
+LARGEST_MISSED_SHARE: Final = 0.01
+"""Share of missed ticks above which the operator is warned."""
 
 if TYPE_CHECKING:
     from hapticnet.node.master import MasterNode, NodeEvent
@@ -112,6 +115,11 @@ def master(
             )
         )
     console.finish()
+    if outcome.missed_ticks > LARGEST_MISSED_SHARE * node.ticks:
+        share = outcome.missed_ticks / (node.ticks + outcome.missed_ticks)
+        console.say(
+            f"{outcome.missed_ticks} ticks ({share:.1%}) were missed: this machine was too busy for {rate:g} Hz"
+        )
     if node.refused:
         raise RefusedError(f"{address} refused the session: {node.end_reason}")
     account = {

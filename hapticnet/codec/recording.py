@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 COMPILE_ABOVE_SAMPLES = 1_000_000
 """Recordings longer than this run compiled.
 
-Loading the machine code takes 0.4 s, in which a stream encodes some hundred thousand samples. Compiling it takes 2 to 6 s,
-once for each codec, number of axes and version.
+Loading the machine code takes 0.4 s, in which a stream encodes some hundred thousand samples. Compiling it takes 2 to
+6 s, once for each codec, number of axes and version.
 """
 
 STEPS: Final = Steps(*[unmoved] * 8)

@@ -42,13 +42,16 @@ async def run_slave(
     duration_s: float | None,
     on_event: Callable[[SlaveEvent], None],
     on_status: Callable[[], None],
+    stop: asyncio.Event | None = None,
 ) -> None:
-    """Serve until SIGINT, SIGTERM or the end of `duration_s` [s], then close every session.
+    """Serve until `stop` is set or `duration_s` [s] have passed, then close every session.
+
+    Without a `stop`, SIGINT and SIGTERM end the run; with one, signals are left to the host program.
 
     The slave has no tick: it steps a scene when a position arrives, so that the answer waits for nothing.
     """
     loop = asyncio.get_running_loop()
-    stop = stop_on_signals(loop)
+    stop = stop or stop_on_signals(loop)
 
     def receive(data: bytes, address: SocketAddress, now: int) -> None:
         node.receive_datagram(data, address, now)
@@ -90,8 +93,11 @@ async def run_master(
     connect_timeout_s: float | None,
     on_event: Callable[[NodeEvent], None],
     on_status: Callable[[], None],
+    stop: asyncio.Event | None = None,
 ) -> MasterRun:
-    """Run until SIGINT, SIGTERM, a refusal, or `duration_s` [s] after the first connection; then close the session.
+    """Run until `stop` is set, a refusal, or `duration_s` [s] after the first connection; then close the session.
+
+    Without a `stop`, SIGINT and SIGTERM end the run; with one, signals are left to the host program.
 
     A device on a `wire` must be there at the start; later it may come and go.
 
@@ -101,7 +107,7 @@ async def run_master(
         When it is not, or speaks another protocol.
     """
     loop = asyncio.get_running_loop()
-    stop = stop_on_signals(loop)
+    stop = stop or stop_on_signals(loop)
     ended = asyncio.Event()
     connected = asyncio.Event()
 
