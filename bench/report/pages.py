@@ -1,4 +1,4 @@
-"""Write docs/benchmarks.md, docs/benchmarks-tables.md and their figures from the results of the benchmarks.
+"""Write docs/benchmarks.md, docs/benchmarks-tables.md, their figures and README's headline from the results.
 
 People write the sentences, in the Jinja templates ``*.md.in`` beside this file; the results fill in the figures. A
 sentence that interprets a figure stands in ``{% claim CONDITION %} … {% endclaim %}``. If a condition does not hold,
@@ -29,6 +29,9 @@ REPOSITORY: Final = HERE.parents[1]
 RELATIONS: Final = {"<=": ("≤ ", operator.le), ">=": ("≥ ", operator.ge)}
 ERRORS: Final = (TemplateError, TypeError, ValueError, LookupError, ArithmeticError)
 """What a template or a target with a mistake in it may raise."""
+
+HEADLINE: Final = ("<!-- headline: written by make bench -->", "<!-- end of headline -->")
+"""The lines of README.md between which headline.md.in is rendered."""
 
 Row = dict[str, Any]
 
@@ -211,6 +214,12 @@ def main() -> int:
     if failed or arguments.check:
         return int(bool(failed))
     plots.draw(records, arguments.out / "figures")
+    headline = pages.pop("headline.md", None)
+    readme = arguments.out.parent / "README.md"
+    if headline is not None and readme.is_file():
+        before, start, rest = readme.read_text(encoding="utf-8").partition(HEADLINE[0])
+        _, end, after = rest.partition(HEADLINE[1])
+        readme.write_text(f"{before}{start}\n{headline}{end}{after}", encoding="utf-8")
     for name, text in pages.items():
         (arguments.out / name).write_text(text, encoding="utf-8")
         print(f"wrote {arguments.out / name}")
