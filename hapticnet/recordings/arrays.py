@@ -11,31 +11,19 @@ import numpy.typing as npt
 from hapticnet.arrays import FloatArray, IntArray
 from hapticnet.errors import FileError, UnavailableError
 from hapticnet.recordings.columns import printable
-from hapticnet.recordings.times import NO_STAMP
 
 Arrays = Mapping[str, npt.NDArray[Any]]
 
 
 class ArraySource:
-    """Arrays as columns.
+    """Arrays as columns; satisfies `sources.Source`.
 
     A two-dimensional array NAME is the columns NAME.0, NAME.1, …; a single array without a name is "0", "1", ….
 
     Parameters
     ----------
-    path
-        The file.
-    names
-        Names of the columns.
     read
         Returns the columns of some names, each of shape (rows,).
-
-    Attributes
-    ----------
-    path, names
-        As given.
-    notes
-        What the user should know about how the file is read.
     """
 
     def __init__(
@@ -51,13 +39,7 @@ class ArraySource:
             raise FileError(f"{path}: there are no samples in the file")
 
     def numbers(self, indices: Sequence[int]) -> FloatArray:
-        """Return columns, shape (rows, columns), with NaN where a value is missing.
-
-        Raises
-        ------
-        FileError
-            If a column does not hold real, finite numbers.
-        """
+        """Return columns, shape (rows, columns), with NaN where a value is missing; FileError if one is not numeric."""
         values = np.empty((self._rows, len(indices)))
         for place, column in enumerate(self._columns(indices)):
             name = self.names[indices[place]]
@@ -80,7 +62,6 @@ class ArraySource:
     def stamps_us(self, index: int) -> IntArray:
         """Return dates and times in µs since 1970, shape (rows,); `times.NO_STAMP` where one is missing."""
         stamps: IntArray = self._columns([index])[0].astype("datetime64[us]").astype(np.int64)
-        assert np.datetime64("NaT").astype(np.int64) == NO_STAMP  # noqa: S101  (NumPy's own convention)
         return stamps
 
     def place(self, row: int) -> str:
@@ -105,8 +86,7 @@ def open_npy(path: Path, max_bytes: int) -> ArraySource:
         return _source(path, {name: array[name] for name in array.dtype.names}, len(array) if array.ndim else 0)
     if array.ndim not in (1, 2):
         raise FileError(f"{path}: array of shape {array.shape}; expected (n,) or (n, columns)")
-    columns = dict(enumerate(np.atleast_2d(array.T)))
-    return _source(path, {str(index): column for index, column in columns.items()}, len(array))
+    return _source(path, {str(index): column for index, column in enumerate(np.atleast_2d(array.T))}, len(array))
 
 
 def open_npz(path: Path, max_bytes: int) -> ArraySource:
@@ -157,7 +137,7 @@ def open_parquet(path: Path, max_bytes: int) -> ArraySource:
     with pyarrow.parquet.ParquetFile(path) as file:
         rows, names = file.metadata.num_rows, file.schema_arrow.names
     if len(set(names)) < len(names):
-        raise FileError(f"{path}: columns of one name; there are {', '.join(names)}")
+        raise FileError(f"{path}: several columns have the same name; there are {', '.join(names)}")
 
     def read(wanted: Sequence[str]) -> list[npt.NDArray[Any]]:
         if 8 * rows * len(wanted) > max_bytes:
@@ -182,12 +162,12 @@ def _load_array(path: Path, file: Any, max_bytes: int) -> npt.NDArray[Any]:
 
 
 def _named(path: Path, arrays: Arrays) -> ArraySource:
-    """Return arrays by name as columns; of several lengths, those that have the length of the longest vector."""
+    """Return named arrays as columns; if their lengths differ, those as long as the longest vector."""
     squeezed = {name: np.squeeze(array) for name, array in arrays.items()}
-    structured = {name: array for name, array in squeezed.items() if array.dtype.names}
-    for name, array in structured.items():
-        squeezed |= {f"{name}.{field}": array[field] for field in array.dtype.names or ()}
-        del squeezed[name]
+    for name, array in list(squeezed.items()):
+        if array.dtype.names:
+            squeezed |= {f"{name}.{field}": array[field] for field in array.dtype.names}
+            del squeezed[name]
     rows = max((len(array) for array in squeezed.values() if array.ndim == 1), default=0)
     rows = rows or max((max(array.shape) for array in squeezed.values() if array.ndim == 2 and array.size), default=0)
     columns: dict[str, npt.NDArray[Any]] = {}

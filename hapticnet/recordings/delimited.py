@@ -5,6 +5,7 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Final, TextIO
 
@@ -17,30 +18,21 @@ from hapticnet.recordings.layout import OPEN_QUOTE, csv_reason, find_layout, is_
 from hapticnet.recordings.times import is_stamp, stamp_us
 
 LONGEST_LINE: Final = 2**20
-"""Characters in a line; more mean that the file is not a table."""
+"""Limit of the characters in a line; a file with a longer one is not a table."""
 
 _SAMPLE_ROWS: Final = 100
 _SKIPPED: Final = ("", "#", "%")
 
 
 class _IrregularError(Exception):
-    """A line that the fast reader leaves to the careful one."""
+    """A line that NumPy's parser cannot read as this class does."""
 
 
 class DelimitedSource:
-    """A text table as columns; `layout.find_layout` tells how its separators, decimal marks and header are found.
+    """A text table as columns; satisfies `sources.Source`. `layout.find_layout` finds its separators and header.
 
-    Blank lines and lines that start with ``#`` or ``%`` are skipped. Columns that are never asked for may hold
-    anything. The file is read line by line, so memory holds the chosen columns only.
-
-    Attributes
-    ----------
-    path
-        The file.
-    names
-        Names of the columns from left to right; "0", "1", … if the file has no header.
-    notes
-        What the user should know about how the file is read.
+    Blank lines and lines that start with ``#`` or ``%`` are skipped. Columns that are not requested may contain
+    anything. The file is read line by line, so memory holds the requested columns only.
     """
 
     def __init__(self, path: Path) -> None:
@@ -100,14 +92,8 @@ class DelimitedSource:
 
     def place(self, row: int) -> str:
         """Return where a row is in the file, for a message."""
-        left = row + self._layout.header_rows
-        with self._text() as file:
-            for number, line in enumerate(self._lines(file), start=1):
-                if line.lstrip()[:1] not in _SKIPPED:
-                    if not left:
-                        return f"line {number}"
-                    left -= 1
-        return f"row {row}"
+        number, _ = next(islice(self._rows(), row, None), (None, ""))
+        return f"row {row}" if number is None else f"line {number}"
 
     def _numbers_at_once(self, indices: Sequence[int]) -> FloatArray | None:
         """Return the columns, read by NumPy's compiled parser; None if the file needs a closer look."""
@@ -118,7 +104,7 @@ class DelimitedSource:
 
         def lines() -> Iterator[str]:
             nonlocal rows
-            for line in self._kept():
+            for _, line in self._rows():
                 found = line.count(separator) if separator is not None else len(line.split()) - 1
                 if found != separators or (decimal_comma and "." in line):
                     raise _IrregularError
@@ -161,7 +147,7 @@ class DelimitedSource:
 
         def lines() -> Iterator[str]:
             nonlocal row, complete
-            for line in self._kept():
+            for _, line in self._rows():
                 if not complete:  # the last line ended within a quoted cell
                     raise csv.Error(OPEN_QUOTE)
                 row, complete = row + 1, False
@@ -184,16 +170,12 @@ class DelimitedSource:
         except csv.Error as error:
             raise FileError(f"{self.path}, {self.place(row)}: {csv_reason(error)}") from error
 
-    def _kept(self) -> Iterator[str]:
-        """Yield the lines that hold rows."""
-        skip = self._layout.header_rows
+    def _rows(self) -> Iterator[tuple[int, str]]:
+        """Yield number and text of each line that holds a row of data."""
         with self._text() as file:
-            for line in self._lines(file):
-                if line.lstrip()[:1] not in _SKIPPED:
-                    if skip:
-                        skip -= 1
-                    else:
-                        yield line
+            lines = enumerate(self._lines(file), start=1)
+            kept = ((number, line) for number, line in lines if line.lstrip()[:1] not in _SKIPPED)
+            yield from islice(kept, self._layout.header_rows, None)
 
     @contextmanager
     def _text(self) -> Iterator[TextIO]:
@@ -207,13 +189,7 @@ class DelimitedSource:
             raise FileError(f"{self.path}: {error.strerror or error}") from error
 
     def _lines(self, file: TextIO) -> Iterator[str]:
-        """Yield the lines of an open file.
-
-        Raises
-        ------
-        FileError
-            If a line has `LONGEST_LINE` characters or more.
-        """
+        """Yield the lines of an open file; FileError if one has `LONGEST_LINE` characters or more."""
         for line in iter(partial(file.readline, LONGEST_LINE), ""):
             if len(line) == LONGEST_LINE:
                 raise FileError(f"{self.path}: a line is longer than {LONGEST_LINE} characters; this is not a table")

@@ -1,22 +1,22 @@
 """CSV tables that hapticnet writes, and tables of known columns that it reads back."""
 
 import csv
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hapticnet.arrays import FloatArray
 from hapticnet.errors import FileError
 from hapticnet.files import MAX_BYTES, check_readable, replacing
 from hapticnet.recordings.columns import find_column
 from hapticnet.recordings.delimited import DelimitedSource
 
-Numbers = NDArray[np.float64]
 
-
-def read_csv(path: Path, columns: Sequence[str] | None = None, *, max_bytes: int = MAX_BYTES) -> dict[str, Numbers]:
+def read_csv(path: Path, columns: Sequence[str] | None = None, *, max_bytes: int = MAX_BYTES) -> dict[str, FloatArray]:
     """Read columns of a CSV file, in any form that `DelimitedSource` understands.
 
     Parameters
@@ -62,14 +62,7 @@ def write_csv(target: Path | TextIO, columns: Mapping[str, Sequence[float] | NDA
     lengths = {name: len(column) for name, column in columns.items()}
     if len(set(lengths.values())) > 1:
         raise ValueError(f"columns of unequal length: {lengths}")
-    if isinstance(target, Path):
-        with replacing(target) as file:
-            _write_rows(file, columns, values)
-    else:
-        _write_rows(target, columns, values)
-
-
-def _write_rows(file: TextIO, names: Iterable[str], values: list[Any]) -> None:
-    writer = csv.writer(file, lineterminator="\n")
-    writer.writerow(names)
-    writer.writerows(zip(*values, strict=True))
+    with replacing(target) if isinstance(target, Path) else nullcontext(target) as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(zip(*values, strict=True))

@@ -10,8 +10,8 @@ import numpy as np
 from hapticnet.arrays import FloatArray
 from hapticnet.recordings.columns import TIME_UNITS, factor_of, split_unit
 
-NO_STAMP: Final = int(np.iinfo(np.int64).min)
-"""Stands for a stamp that is missing."""
+NO_STAMP: Final = int(np.datetime64("NaT").astype(np.int64))
+"""Represents a missing stamp, as in NumPy."""
 
 _NAMES: Final = ("t", "time", "timestamp", "time_stamp", "datetime", "date_time", "stamp", "elapsed", "elapsed_time")
 _STAMP: Final = re.compile(r"\s*(?:\d{4}-?\d{2}-?\d{2}[T ]\d{2}|\d{2}:\d{2}:)[\d:.,]*\s*(?:Z|[+-][\d:]+)?\s*")
