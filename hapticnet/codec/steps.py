@@ -50,12 +50,12 @@ def unknown(sender: Any) -> None:
     """Return None: the sender does not know the state of the receiver."""
 
 
-def never(rule: Any, sender: Any, t_us: int, x: Vector) -> bool:  # noqa: ARG001
+def never(rule: Any, sender: Any, t_us: int, x: Vector) -> bool:
     """Return False: nothing ends the past."""
     return False
 
 
-def unmoved(rule: Any, state: Any, t_us: int, position: Vector) -> Any:  # noqa: ARG001
+def unmoved(rule: Any, state: Any, t_us: int, position: Vector) -> Any:
     """Return the state: motion changes nothing."""
     return state
 
@@ -64,7 +64,7 @@ NOTHING: Final = (math.inf, -math.inf)
 """An interval that contains no number."""
 
 
-def nothing(rule: Any, sender: Any) -> tuple[float, float]:  # noqa: ARG001
+def nothing(rule: Any, sender: Any) -> tuple[float, float]:
     """Return an interval that contains no number: every stimulus is looked at."""
     return NOTHING
 
@@ -313,18 +313,18 @@ class HoldDecoder(StepDecoder):
         return held
 
 
-def hold_nothing(rule: Any, axes: int) -> Vector:  # noqa: ARG001
+def hold_nothing(rule: Any, axes: int) -> Vector:
     """Return zeros, which are held before the first message."""
     return (0.0,) * axes
 
 
-def hold(rule: Any, receiver: Vector, t_us: int, message: Any) -> Vector:  # noqa: ARG001
+def hold(rule: Any, receiver: Vector, t_us: int, message: Any) -> Vector:
     """Return the value of a message, which is held from now on."""
     value: Vector = message[1]
     return value
 
 
-def held(rule: Any, receiver: Vector, t_us: int) -> Vector:  # noqa: ARG001
+def held(rule: Any, receiver: Vector, t_us: int) -> Vector:
     """Return the held stimulus."""
     return receiver
 

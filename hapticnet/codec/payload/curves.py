@@ -83,7 +83,7 @@ def ends_in_range(value: Vector, thresholds: Vector, threshold: float) -> bool:
     return in_range(plus(value, times(thresholds, threshold)))
 
 
-def curve_bytes(rule: Any, message: CurveMessage) -> int:  # noqa: ARG001
+def curve_bytes(rule: Any, message: CurveMessage) -> int:
     """Return the size of the payload of a curve."""
     return (message.form + TRAVEL_BYTES) * len(message.value)
 

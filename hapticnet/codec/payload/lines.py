@@ -114,7 +114,7 @@ def _counted(slope: float, step: float) -> float:
     return within(nearest(slope / step), float(LARGEST_COUNT)) * step + 0.0
 
 
-def line_bytes(rule: Any, message: LineMessage) -> int:  # noqa: ARG001
+def line_bytes(rule: Any, message: LineMessage) -> int:
     """Return the size of the payload of a line."""
     slope_bytes = COUNT_BYTES if message.form == COUNT_BYTES else SINGLE_BYTES
     return (message.form + slope_bytes) * len(message.value)

@@ -111,7 +111,7 @@ def fits(residual: Vector, parameter: int) -> bool:
     return residual_bits(residual, parameter) <= 8 * SINGLE_BYTES * len(residual)
 
 
-def update_bytes(rule: Any, update: Update) -> int:  # noqa: ARG001
+def update_bytes(rule: Any, update: Update) -> int:
     """Return the size of the payload of an update."""
     if update.form == RESIDUAL:
         return 1 + (residual_bits(update.value, update.parameter) + 7) // 8

@@ -192,7 +192,7 @@ def from_counts(counts: Sequence[float], step: float) -> Vector:
     return tuple([count * step for count in counts])
 
 
-def value_bytes(rule: object, message: tuple[int, Vector]) -> int:  # noqa: ARG001
+def value_bytes(rule: object, message: tuple[int, Vector]) -> int:
     """Return the size of the payload of a message ``(form, value)``."""
     return message[0] * len(message[1])
 

@@ -85,7 +85,7 @@ def start(rule: Any, axes: int) -> Learner:
     return Learner(False, start_curve(rule, axes), zeros, Causes(zeros, zeros, zeros), UNTAUGHT)
 
 
-def start_curve(rule: Any, axes: int) -> Curve:  # noqa: ARG001
+def start_curve(rule: Any, axes: int) -> Curve:
     """Return a curve of zeros."""
     return Curve(0, (0.0,) * axes, (0.0,) * axes)
 
@@ -134,7 +134,7 @@ def mirror(learner: Learner) -> Curve:
     return learner.curve
 
 
-def receive(rule: CurveRule, curve: Curve, t_us: int, message: CurveMessage) -> Curve:  # noqa: ARG001
+def receive(rule: CurveRule, curve: Curve, t_us: int, message: CurveMessage) -> Curve:
     """Return the curve of a message."""
     return curve_of(rule, t_us, message)
 

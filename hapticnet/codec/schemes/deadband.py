@@ -36,23 +36,17 @@ class DeadZone(NamedTuple):
     threshold: float
 
 
-def nothing_held(rule: Any, axes: int) -> DeadZone:  # noqa: ARG001
+def nothing_held(rule: Any, axes: int) -> DeadZone:
     """Return a dead zone that contains nothing."""
     return DeadZone((0.0,) * axes, EVERYTHING)
 
 
-def is_silent(rule: Any, zone: DeadZone, t_us: int, x: Vector) -> bool:  # noqa: ARG001
+def is_silent(rule: Any, zone: DeadZone, t_us: int, x: Vector) -> bool:
     """Tell whether a stimulus is inside the dead zone."""
     return distance(x, zone.reference) <= zone.threshold
 
 
-def send(
-    rule: ValueNumbers,
-    zone: DeadZone,  # noqa: ARG001
-    t_us: int,  # noqa: ARG001
-    x: Vector,
-    past: Any,  # noqa: ARG001
-) -> tuple[tuple[int, Vector], DeadZone]:
+def send(rule: ValueNumbers, zone: DeadZone, t_us: int, x: Vector, past: Any) -> tuple[tuple[int, Vector], DeadZone]:
     """Send the stimulus; the dead zone is around what the receiver makes of it."""
     form, reference, threshold = rounded(rule, x)
     return (form, reference), DeadZone(reference, threshold)
@@ -63,7 +57,7 @@ def mirror(zone: DeadZone) -> Vector:
     return zone.reference
 
 
-def quiet(rule: Any, zone: DeadZone) -> tuple[float, float]:  # noqa: ARG001
+def quiet(rule: Any, zone: DeadZone) -> tuple[float, float]:
     """Return an interval that lies within the dead zone of one axis and all but fills it."""
     (reference,), threshold = zone
     half = threshold - MARGIN * (abs(reference) + threshold)

@@ -109,7 +109,7 @@ def is_silent(rule: LeastSquaresRule, sender: Sender, t_us: int, x: Vector) -> b
     return sender.since_absolute >= 0 and is_within(rule, x, line_at(rule, sender.predictor.line, t_us))
 
 
-def send(rule: LeastSquaresRule, sender: Sender, t_us: int, x: Vector, past: Any) -> tuple[Update, Sender]:  # noqa: ARG001
+def send(rule: LeastSquaresRule, sender: Sender, t_us: int, x: Vector, past: Any) -> tuple[Update, Sender]:
     """Send a residual if it is close and short enough, else an absolute update."""
     predictor = sender.predictor
     predicted = line_at(rule, predictor.line, t_us)

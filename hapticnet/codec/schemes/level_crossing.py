@@ -40,13 +40,7 @@ class LevelRule(NamedTuple):
     edges: tuple[float, ...]
 
 
-def send(
-    rule: LevelRule,
-    zone: DeadZone,  # noqa: ARG001
-    t_us: int,  # noqa: ARG001
-    x: Vector,
-    past: Any,  # noqa: ARG001
-) -> tuple[tuple[int, Vector], DeadZone]:
+def send(rule: LevelRule, zone: DeadZone, t_us: int, x: Vector, past: Any) -> tuple[tuple[int, Vector], DeadZone]:
     """Send the levels in whose cells the components are, or the value where there are none."""
     if index_of(rule.edges, largest_component(x)) < len(rule.levels):
         reference = level_at(rule.levels, rule.edges, x)

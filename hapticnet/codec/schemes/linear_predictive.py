@@ -61,7 +61,7 @@ def start(rule: LineRule, axes: int) -> Follower:
     return Follower(False, start_line(rule, axes))
 
 
-def start_line(rule: Any, axes: int) -> Line:  # noqa: ARG001
+def start_line(rule: Any, axes: int) -> Line:
     """Return a line of zeros."""
     return Line(0, (0.0,) * axes, (0.0,) * axes, True)
 
@@ -81,13 +81,7 @@ def is_impact(rule: LawNumbers, x: Vector, predicted: Vector) -> bool:
     return distance(x, predicted) > IMPACT_THRESHOLDS * threshold_around(rule, predicted)
 
 
-def send(
-    rule: LineRule,
-    follower: Follower,
-    t_us: int,
-    x: Vector,
-    past: Past,
-) -> tuple[LineMessage, Follower]:
+def send(rule: LineRule, follower: Follower, t_us: int, x: Vector, past: Past) -> tuple[LineMessage, Follower]:
     """Send value and slope."""
     first = max(past.first, past.newest + 1 - rule.slope_samples)
     message = rounded_line(rule, x, least_squares_slope(past, first, x))
@@ -104,7 +98,7 @@ def mirror(follower: Follower) -> Line:
     return follower.line
 
 
-def receive(rule: LineRule, line: Line, t_us: int, message: LineMessage) -> Line:  # noqa: ARG001
+def receive(rule: LineRule, line: Line, t_us: int, message: LineMessage) -> Line:
     """Return the line of a message."""
     return line_from(rule, t_us, message.value, message.slope)
 

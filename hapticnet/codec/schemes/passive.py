@@ -92,7 +92,7 @@ NEVER_US: Final = 2**62
 """Later than any time: no ramp leads from here."""
 
 
-def start_shifted(rule: Any, axes: int) -> Shifted:  # noqa: ARG001
+def start_shifted(rule: Any, axes: int) -> Shifted:
     """Return a receiver that knows neither value nor position."""
     zeros = (0.0,) * axes
     return Shifted(zeros, 0.0, zeros, Motion(False, zeros, zeros))
@@ -111,7 +111,7 @@ def shifted_from(rule: LawNumbers, value: Vector, origin: Vector, motion: Motion
     return Shifted(value, shift, along(value, shift, motion.direction) if has_moved else value, motion)
 
 
-def receive_value(rule: PassiveRule, receiver: Shifted, t_us: int, message: tuple[int, Vector]) -> Shifted:  # noqa: ARG001
+def receive_value(rule: PassiveRule, receiver: Shifted, t_us: int, message: tuple[int, Vector]) -> Shifted:
     """Shift the value of a message."""
     return shifted_from(rule, message[1], message[1], receiver.motion)
 
@@ -132,7 +132,7 @@ def interpolated(ramp: Ramp, t_us: int) -> Vector:
     return ramp.shifted.value
 
 
-def move_shifted(rule: PassiveRule, receiver: Shifted, t_us: int, position: Vector) -> Shifted:  # noqa: ARG001
+def move_shifted(rule: PassiveRule, receiver: Shifted, t_us: int, position: Vector) -> Shifted:
     """Follow the tool to its position."""
     motion = receiver.motion
     if not motion.is_known:
@@ -149,12 +149,12 @@ def move_ramp(rule: PassiveRule, ramp: Ramp, t_us: int, position: Vector) -> Ram
     return Ramp(move_shifted(rule, ramp.shifted, t_us, position), ramp.t_us, ramp.origin, ramp.length_us)
 
 
-def apply_shifted(rule: PassiveRule, receiver: Shifted, t_us: int) -> Vector:  # noqa: ARG001
+def apply_shifted(rule: PassiveRule, receiver: Shifted, t_us: int) -> Vector:
     """Return the value, shifted against the motion."""
     return receiver.applied
 
 
-def apply_ramp(rule: PassiveRule, ramp: Ramp, t_us: int) -> Vector:  # noqa: ARG001
+def apply_ramp(rule: PassiveRule, ramp: Ramp, t_us: int) -> Vector:
     """Return the ramp towards the value, shifted against the motion."""
     value, shift, applied, motion = ramp.shifted
     if not 0 <= t_us - ramp.t_us < ramp.length_us or largest_component(motion.direction) == 0.0:

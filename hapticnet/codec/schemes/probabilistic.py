@@ -42,12 +42,12 @@ class ProbabilisticRule(NamedTuple):
     thresholds: list[float]
 
 
-def start(rule: Any, axes: int) -> int:  # noqa: ARG001
+def start(rule: Any, axes: int) -> int:
     """Return how many updates were written: none."""
     return 0
 
 
-def is_silent(rule: ProbabilisticRule, written: int, t_us: int, x: Vector) -> bool:  # noqa: ARG001
+def is_silent(rule: ProbabilisticRule, written: int, t_us: int, x: Vector) -> bool:
     """Tell whether the receiver is probably within the threshold."""
     references, thresholds = rule.references, rule.thresholds
     held, older, limit = rule.held, rule.older, rule.limit
@@ -63,13 +63,7 @@ def is_silent(rule: ProbabilisticRule, written: int, t_us: int, x: Vector) -> bo
     return False
 
 
-def send(
-    rule: ProbabilisticRule,
-    written: int,
-    t_us: int,  # noqa: ARG001
-    x: Vector,
-    past: Any,  # noqa: ARG001
-) -> tuple[tuple[int, Vector], int]:
+def send(rule: ProbabilisticRule, written: int, t_us: int, x: Vector, past: Any) -> tuple[tuple[int, Vector], int]:
     """Send the stimulus and remember it."""
     form, reference, threshold = rounded(rule, x)
     put(rule.references, written % MOST_STATES, reference)
@@ -77,7 +71,7 @@ def send(
     return (form, reference), written + 1
 
 
-def refreshed(written: int) -> int:  # noqa: ARG001
+def refreshed(written: int) -> int:
     """Forget what the receiver may be holding."""
     return 0
 

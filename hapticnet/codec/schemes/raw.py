@@ -23,12 +23,12 @@ def start(rule: Any, axes: int) -> None:
     """Return None: the sender needs no state."""
 
 
-def is_silent(rule: ValueRule, sender: None, t_us: int, x: Vector) -> bool:  # noqa: ARG001
+def is_silent(rule: ValueRule, sender: None, t_us: int, x: Vector) -> bool:
     """Return False: every sample is sent."""
     return False
 
 
-def send(rule: ValueRule, sender: None, t_us: int, x: Vector, past: Any) -> tuple[tuple[int, Vector], None]:  # noqa: ARG001
+def send(rule: ValueRule, sender: None, t_us: int, x: Vector, past: Any) -> tuple[tuple[int, Vector], None]:
     """Return counts if all components are in range, else float32."""
     if rule.step > 0.0 and are_countable(x, rule.step):
         return (COUNT_BYTES, counted(x, rule.step)), sender

@@ -46,7 +46,7 @@ class Moving(NamedTuple):
     hand: Hand
 
 
-def start(rule: Any, axes: int) -> Moving:  # noqa: ARG001
+def start(rule: Any, axes: int) -> Moving:
     """Return a hand at rest, and no reference."""
     zeros = (0.0,) * axes
     return Moving(False, zeros, 0.0, Hand(False, 0, zeros, zeros, 0.0))
@@ -67,7 +67,7 @@ def watch(rule: SpeedRule, moving: Moving, t_us: int, position: Vector) -> Movin
     return Moving(moving.is_held, moving.reference, moving.size, hand)
 
 
-def is_silent(rule: SpeedRule, moving: Moving, t_us: int, x: Vector) -> bool:  # noqa: ARG001
+def is_silent(rule: SpeedRule, moving: Moving, t_us: int, x: Vector) -> bool:
     """Tell whether a stimulus is inside the dead zone at the present speed."""
     if not moving.is_held:
         return False
@@ -76,13 +76,7 @@ def is_silent(rule: SpeedRule, moving: Moving, t_us: int, x: Vector) -> bool:  #
     return distance(x, moving.reference) <= (threshold if threshold > rule.floor else rule.floor)
 
 
-def send(
-    rule: SpeedRule,
-    moving: Moving,
-    t_us: int,  # noqa: ARG001
-    x: Vector,
-    past: Any,  # noqa: ARG001
-) -> tuple[tuple[int, Vector], Moving]:
+def send(rule: SpeedRule, moving: Moving, t_us: int, x: Vector, past: Any) -> tuple[tuple[int, Vector], Moving]:
     """Send the stimulus."""
     form, reference, _ = rounded(rule, x)
     return (form, reference), Moving(True, reference, magnitude(reference), moving.hand)
