@@ -1,10 +1,12 @@
 """Measure the speed of every codec, compiled and streaming, beside plain C loops in the same run; sweep thresholds."""
 
 import argparse
+import sys
 import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import record
@@ -19,51 +21,30 @@ from hapticnet.compiled import fast_extra_installed
 from hapticnet.experiment.paper_force import paper_recording
 from hapticnet.perception import WeberLaw
 
-SPEEDS = ("fast", "c", "axes3")
 SENT_FRACTIONS = (0.01, 0.1, 0.4)
 STREAMED = 200_000
 SWEPT_LAWS = 64
 SWEPT = 1_000_000
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--samples", type=int, default=10_000_000)
-    parser.add_argument("--repetitions", type=int, default=5)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--json", type=Path, metavar="FILE")
-    arguments = parser.parse_args()
+def measure(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return all results."""
     samples, repetitions = arguments.samples, arguments.repetitions
     signals = {fraction: signal(samples, fraction, arguments.seed) for fraction in SENT_FRACTIONS}
     with tempfile.TemporaryDirectory() as folder:
         loops = load_twins(Path(folder))
-        rows = [measure(Deadband(), stimuli, loops["deadband"], repetitions) for stimuli in signals.values()]
+        rows = [measure_deadband(stimuli, loops["deadband"], repetitions) for stimuli in signals.values()]
         codecs = [measure_codec(CODECS[name](), signals[0.1], loops.get(name), repetitions) for name in CODECS]
-    swept = measure_sweep(signals[0.1][:SWEPT], repetitions)
-    print(f"deadband over {samples:,} scalar samples, Msamples/s, best of {repetitions}\n")
-    print(f"{'sent':>7}{'C loop':>9}{'fast extra':>12}{'ratio':>8}{'plain Python':>14}{'streaming':>11}")
-    for row in rows:
-        fast, ratio = row["fast"], row["fast"] / row["c"]
-        print(f"{row['sent']:7.1%}{row['c']:9.0f}{fast:12.0f}{ratio:8.2f}{row['plain']:14.1f}{row['stream']:11.2f}")
-    print("\nevery codec: ns a sample streaming (walk, paper's scene, 3 axes), Msamples/s compiled, C loop, 3 axes\n")
     for row in codecs:
-        ns = "".join(f"{row[way]:8.0f}" for way in ("walk_ns", "paper_ns", "axes3_ns"))
-        print(f"{row['codec']:24}{ns}" + "".join(f"{row[way]:9.1f}" if row[way] else f"{'–':>9}" for way in SPEEDS))
-    print(f"\n{SWEPT_LAWS} thresholds: {swept:.0f} M sample-parameters/s")
-    if arguments.json:
-        record.write(
-            arguments.json,
-            name="codec_speed",
-            seed=arguments.seed,
-            unit="Msamples/s; *_ns: ns per sample",
-            repetitions=repetitions,
-            results={
-                "samples": samples,
-                "rows": rows,
-                "codecs": codecs,
-                "sweep": {"laws": SWEPT_LAWS, "samples": min(samples, SWEPT), "m_sample_parameters_per_s": swept},
-            },
-        )
+        array = f"{row['fast']:.1f} Msamples/s as an array, {row['c']:.1f} in C" if row["c"] else "no C loop"
+        print(f"{row['codec']:22} {row['walk_ns']:6.0f} ns a sample in a stream, {array}", file=sys.stderr)
+    swept = measure_sweep(signals[0.1][:SWEPT], repetitions)
+    return {
+        "samples": samples,
+        "rows": rows,
+        "codecs": codecs,
+        "sweep": {"laws": SWEPT_LAWS, "samples": min(samples, SWEPT), "m_sample_parameters_per_s": swept},
+    }
 
 
 def signal(samples: int, sent: float, seed: int) -> Array:
@@ -95,8 +76,9 @@ def best(ways: dict[str, Callable[[], int]], samples: int, repetitions: int) -> 
     return {name: samples / seconds / 1e6 for name, seconds in taken.items()}, sent
 
 
-def measure(codec: Codec, stimuli: Array, c_loop: Loop, repetitions: int) -> dict[str, float]:
+def measure_deadband(stimuli: Array, c_loop: Loop, repetitions: int) -> dict[str, float]:
     """Return million samples a second of the deadband: C, compiled, plain Python and streaming."""
+    codec = Deadband()
     ways = {
         "c": lambda: c_loop(stimuli),
         "plain": lambda: whole_array(codec, stimuli[:STREAMED], compile_above=len(stimuli)),
@@ -166,6 +148,13 @@ def measure_sweep(stimuli: Array, repetitions: int) -> float:
     sweep_deadband(stimuli, laws)  # compile, or load from the cache
     speed, _ = best({"sweep": lambda: len(sweep_deadband(stimuli, laws).packets)}, len(stimuli), repetitions)
     return SWEPT_LAWS * speed["sweep"]
+
+
+def main() -> None:
+    parser = record.options(__doc__)
+    parser.add_argument("--samples", type=record.within(1), default=10_000_000)
+    parser.add_argument("--repetitions", type=record.within(1), default=5)
+    record.run(parser, measure, unit="Msamples/s; *_ns: ns per sample")
 
 
 if __name__ == "__main__":

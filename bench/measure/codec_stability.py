@@ -8,10 +8,10 @@ given, and the compiled deadband over 1e8.
 
 import argparse
 import statistics
+import sys
 import time
 from collections.abc import Iterator, Sequence
 from itertools import cycle, repeat
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -39,8 +39,6 @@ SMALLEST_THRESHOLD_N = 1e-290
 
 LOSSES = (0.0, 0.05, 0.1, 0.3)
 BLOCK_SAMPLES = 100_000
-HEADER_LETTERS = 11
-"""Letters of a codec's name that tell it from the others."""
 
 
 def on_signals(samples: int, seed: int) -> list[Row]:
@@ -208,87 +206,35 @@ def long_row(codec: Codec, way: str, samples: int, packets: int, exceeding: int,
     }
 
 
-def print_table(rows: Sequence[Row]) -> None:
-    """Print rows of text under their keys, the first column to the left."""
-    lines = [list(rows[0]), *(list(row.values()) for row in rows)]
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    for first, *others in lines:
-        cells = [f"{cell:>{width}}" for cell, width in zip(others, widths[1:], strict=True)]
-        print("  ".join((f"{first:<{widths[0]}}", *cells)))
-    print()
-
-
-def print_signals(rows: Sequence[Row]) -> None:
-    """Print a table for each law and measure: signals down, codecs across."""
-    for title, law, key, spec in (
-        ("largest error [thresholds]", "floor", "max_error_thresholds", ".3g"),
-        ("the same without floor", "no floor", "max_error_thresholds", ".3g"),
-        ("packets", "floor", "packets", ",d"),
-        ("packets without floor", "no floor", "packets", ",d"),
-        ("payload [B/packet]", "floor", "payload_bytes_mean", ".1f"),
-    ):
-        lines: dict[str, Row] = {}
-        for row in rows:
-            if row["law"] == law:
-                line = lines.setdefault(row["signal"], {title: row["signal"], "samples": f"{row['samples']:,}"})
-                line[row["codec"][:HEADER_LETTERS]] = format(row[key], spec)
-        print_table(list(lines.values()))
-    apart = [f"{row['codec']} on {row['signal']}, {row['law']}" for row in rows if not row["in_step"]]
-    print(f"Encoder and decoder, to the bit: {'; '.join(apart) or 'in step'} at the end of all runs.\n")
-
-
-def print_loss(rows: Sequence[Row]) -> None:
-    """Print what loss does to each codec."""
-    print_table(
-        [
-            {
-                "codec": row["codec"],
-                "loss": f"{row['loss']:.0%}",
-                "packets": f"{row['packets']:,}",
-                "above JND": f"{row['exceed_jnd_fraction']:.2%}",
-                "largest error [N]": f"{row['max_error_n']:.3f}",
-                "recoveries": f"{row['recoveries']:,}",
-                "median [ms]": f"{row['recovery_ms_median']:.0f}",
-                "largest [ms]": f"{row['recovery_ms_max']:.0f}",
-            }
-            for row in rows
-        ]
-    )
+def measure(arguments: argparse.Namespace) -> Row:
+    """Return all results."""
+    seed, seconds, samples = arguments.seed, arguments.seconds, arguments.samples
+    if arguments.quick:
+        arguments.seeds, seconds, samples = 1, 0.0, -(-samples // 100)
+    codecs = [make_codec(name, LAW) for name in CODECS]
+    runs = [stream_for(codec, seconds, samples, seed) for codec in codecs]
+    if fast_extra_installed():
+        runs.append(whole_array(samples, seed))
+    signals = on_signals(200 if arguments.quick else 4000, seed)
+    apart = [f"{row['codec']} on {row['signal']}, {row['law']}" for row in signals if not row["in_step"]]
+    print(f"out of step at the end of a signal: {'; '.join(apart) or 'no codec'}", file=sys.stderr)
+    return {
+        "signals": signals,
+        "loss": through_loss(codecs, range(seed, seed + arguments.seeds), 1 if arguments.quick else None),
+        "long": runs,
+    }
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--seconds", type=float, default=10.0, help="how long each codec streams at most")
-    parser.add_argument("--samples", type=int, default=100_000_000, help="of the whole-array run, and most to stream")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--quick", action="store_true", help="a hundredth of it all")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the results to this file")
-    arguments = parser.parse_args()
-    if not (arguments.seconds >= 0.0 and arguments.samples >= 1 and arguments.seed >= 0):
-        parser.error("--seconds and --seed must be 0 or more, --samples 1 or more")
-    codecs = [make_codec(name, LAW) for name in CODECS]
-    quick = arguments.quick
-    seeds = range(arguments.seed, arguments.seed + (1 if quick else 5))
-    signals = on_signals(200 if quick else 4000, arguments.seed)
-    print_signals(signals)
-    loss = through_loss(codecs, seeds, 1 if quick else None)
-    print_loss(loss)
-    seconds, samples = (0.0, -(-arguments.samples // 100)) if quick else (arguments.seconds, arguments.samples)
-    runs = [stream_for(codec, seconds, samples, arguments.seed) for codec in codecs]
-    if fast_extra_installed():
-        runs.append(whole_array(samples, arguments.seed))
-    print_table(
-        [{key: f"{value:,}" if isinstance(value, int) else value for key, value in row.items()} for row in runs]
+    parser = record.options(__doc__)
+    parser.add_argument("--seconds", type=record.within(0.0), default=10.0, help="how long each codec streams at most")
+    parser.add_argument(
+        "--samples", type=record.within(1), default=10**8, help="of the whole-array run, and most to stream"
     )
-    if arguments.json:
-        record.write(
-            arguments.json,
-            name="codec_stability",
-            seed=arguments.seed,
-            unit="as in each name; loss and exceed_jnd_fraction are fractions",
-            repetitions=len(seeds),
-            results={"signals": signals, "loss": loss, "long": runs},
-        )
+    parser.add_argument("--seeds", type=record.within(1), default=5, help="lossy channels")
+    parser.add_argument("--quick", action="store_true", help="a hundredth of it all")
+    unit = "as in each name; loss and exceed_jnd_fraction are fractions"
+    record.run(parser, measure, unit=unit)
 
 
 if __name__ == "__main__":

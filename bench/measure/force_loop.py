@@ -6,6 +6,7 @@ that averaging more readings costs and the error it avoids. Stability is in forc
 force_scenarios.py.
 """
 
+import argparse
 import math
 import os
 import statistics
@@ -24,7 +25,6 @@ from hapticnet.device.base import Device, Reading
 from hapticnet.device.kinematics import ROUNDING, Linkage
 from hapticnet.device.parts import Finger
 from hapticnet.device.plant import PlantSettings
-from hapticnet.errors import HapticnetError
 from hapticnet.experiment.step_response import step_figures
 from hapticnet.node.fingertip import Fingertip
 from hapticnet.node.procedures import StepTest
@@ -149,20 +149,24 @@ def rate_rows(
     return [{**row, "cpu_ratio": row["cpu_us_per_s"] / usual_us} for row in rows]
 
 
-def measure(kind: str, seeds: range, *, quick: bool) -> Row:
+def measure(arguments: argparse.Namespace) -> Row:
     """Return all results."""
+    kind, quick = arguments.device, arguments.quick
+    seeds = range(arguments.seed, arguments.seed + arguments.seeds)
+    if kind == "simavr" and hasattr(os, "sched_setaffinity"):
+        # It and the simulator take turns: on one core they wake each other without delay.
+        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     fingers_n_m = FINGERS_N_M[::2] if quick else FINGERS_N_M
     delays_ms = DELAYS_MS[::3] if quick else DELAYS_MS
     disturbances = [(delay_ms, 0.0) for delay_ms in delays_ms]
     if kind == "simavr":
         disturbances += [(0, LOSS), (delays_ms[-1], LOSS)]
     few = seeds if kind == "sim" else seeds[:2]
-    control = ForceControlSettings()
     return {
         "device": kind,
         "from_n": FROM_N,
         "to_n": TO_N,
-        "step": step_rows(kind, fingers_n_m, seeds, control),
+        "step": step_rows(kind, fingers_n_m, seeds, ForceControlSettings()),
         "rates": rate_rows(kind, RATES_HZ[::2] if quick else RATES_HZ, fingers_n_m, seeds, 1 if quick else 7),
         "edges": edge_rows((1000.0,) if quick else (300.0, 1000.0), delays_ms, seeds[:1] if quick else seeds[:4]),
         "largest": largest_rows(kind, fingers_n_m, disturbances, few[:1] if quick else few[:4]),
@@ -170,30 +174,12 @@ def measure(kind: str, seeds: range, *, quick: bool) -> Row:
 
 
 def main() -> None:
-    """Measure and write the record."""
     parser = record.options(__doc__, seed=0)
     parser.add_argument("--device", choices=("sim", "simavr"), default="sim")
-    parser.add_argument("--seeds", type=int, default=10, help="how many noises and moments of the step")
+    parser.add_argument("--seeds", type=record.within(1), default=10, help="how many noises and moments of the step")
     parser.add_argument("--quick", action="store_true", help="fewer fingers, rates and delays")
-    arguments = parser.parse_args()
-    seeds = range(arguments.seed, arguments.seed + arguments.seeds)
-    if not seeds or arguments.seed < 0:
-        parser.error(f"--seeds is {arguments.seeds}, --seed {arguments.seed}; they must be 1 and 0 or more")
-    if arguments.device == "simavr" and hasattr(os, "sched_setaffinity"):
-        # It and the simulator take turns: on one core they wake each other without delay.
-        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    try:
-        results = measure(arguments.device, seeds, quick=arguments.quick)
-    except HapticnetError as error:
-        parser.error(str(error))
-    record.write(
-        arguments.json,
-        name="force_loop",
-        seed=arguments.seed,
-        unit="as in each name; overshoot, loss and ratios are fractions, null was never reached",
-        repetitions=len(seeds),
-        results=results,
-    )
+    unit = "as in each name; overshoot, loss and ratios are fractions, null was never reached"
+    record.run(parser, measure, unit=unit)
 
 
 if __name__ == "__main__":

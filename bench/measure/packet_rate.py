@@ -5,6 +5,7 @@ where 61.7 % lies on it; nothing is tuned to meet it. All is computed from the t
 one run of both nodes in virtual time confirms.
 """
 
+import argparse
 import itertools
 import math
 from collections.abc import Sequence
@@ -19,7 +20,6 @@ from virtual_time import both_nodes
 from hapticnet.codec.base import Codec
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.registry import make_codec
-from hapticnet.errors import HapticnetError
 from hapticnet.experiment.analysis import Columns, bytes_per_penetration
 from hapticnet.experiment.conditions import CONDITIONS, Condition
 from hapticnet.experiment.paper_force import paper_recording
@@ -152,8 +152,11 @@ def check(seed: int, motion: InsertionSettings) -> list[Row]:
     return rows
 
 
-def measure(seeds: Sequence[int], motion: InsertionSettings) -> Row:
+def measure(arguments: argparse.Namespace) -> Row:
     """Return all results."""
+    seeds = range(arguments.seed, arguments.seed + arguments.seeds)
+    motion = InsertionSettings(insertions=arguments.insertions)
+    arguments.repetitions = arguments.seeds * arguments.insertions
     return {
         "motion": asdict(motion),
         "paper_byte_reduction": PAPER_REDUCTION,
@@ -166,25 +169,11 @@ def measure(seeds: Sequence[int], motion: InsertionSettings) -> Row:
 
 
 def main() -> None:
-    """Measure and write the record."""
     parser = record.options(__doc__)
-    parser.add_argument("--seeds", type=int, default=5, help="how many orders of tissues and hands")
+    parser.add_argument("--seeds", type=record.within(1), default=5, help="how many orders of tissues and hands")
     parser.add_argument("--insertions", type=int, default=3, help="insertions of each, with three penetrations")
-    arguments = parser.parse_args()
-    seeds = range(arguments.seed, arguments.seed + arguments.seeds)
-    if not seeds:
-        parser.error(f"--seeds is {arguments.seeds}; it must be 1 or more")
-    try:
-        results = measure(seeds, InsertionSettings(insertions=arguments.insertions))
-    except HapticnetError as error:
-        parser.error(str(error))
-    record.write(
-        arguments.json,
-        name="packet_rate",
-        seed=arguments.seed,
-        unit="as in each name; bytes are B with UDP and IPv4 headers, reductions and fractions 0 to 1",
-        repetitions=len(seeds) * arguments.insertions,
-        results=results,
+    record.run(
+        parser, measure, unit="as in each name; bytes are B with UDP and IPv4 headers, reductions and fractions 0 to 1"
     )
 
 

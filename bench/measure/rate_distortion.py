@@ -4,6 +4,7 @@ Also: which codec needs the fewest packets and bytes on each signal, whether pub
 other settings and sampling rates change, and what entropy coding of the payload can save.
 """
 
+import argparse
 import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -17,7 +18,6 @@ from rate_distortion_variants import RIVALS, Row, averaged, mean, payloads, rate
 
 from hapticnet.codec.base import Codec
 from hapticnet.codec.registry import CODECS, codec_parameters, make_codec
-from hapticnet.errors import HapticnetError
 from hapticnet.experiment.comparison import REPAIR_US, Trial, compare
 from hapticnet.experiment.comparison import Row as ComparisonRow
 from hapticnet.perception import WeberLaw
@@ -169,8 +169,16 @@ def interpolated(points: Sequence[tuple[float, float]], error_n: float) -> float
     return None
 
 
-def measure(signals: Mapping[str, Sequence[Trial]], seed: int, *, quick: bool) -> Row:
+def measure(arguments: argparse.Namespace) -> Row:
     """Return all results on the signals of each kind."""
+    seed, quick = arguments.seed, arguments.quick
+    if quick:
+        arguments.seeds, arguments.seconds = 1, 2.0
+    signals = {
+        "scene": paper_signals(range(seed, seed + arguments.seeds), 1 if quick else 2),
+        "recorded": recorded_signals(arguments.recordings),
+        "made": made_signals(seed, arguments.seconds),
+    }
     trials = [trial for members in signals.values() for trial in members]
     kinds = {trial.name: kind for kind, members in signals.items() for trial in members}
     # The paper's scene counts as one signal, whichever hand felt it.
@@ -215,35 +223,15 @@ def measure(signals: Mapping[str, Sequence[Trial]], seed: int, *, quick: bool) -
 
 
 def main() -> None:
-    """Measure and write the record."""
     parser = record.options(__doc__)
     parser.add_argument(
         "recordings", nargs="*", metavar="FILE[:FORCE[:POSITION[:SCALE]]]", help="recordings; SCALE in m per unit"
     )
-    parser.add_argument("--seeds", type=int, default=3, help="how many orders of tissues and hands")
-    parser.add_argument("--seconds", type=float, default=15.0, help="length of each made signal")
+    parser.add_argument("--seeds", type=record.within(1), default=3, help="how many orders of tissues and hands")
+    parser.add_argument("--seconds", type=record.within(1.0, 1e4), default=15.0, help="length of each made signal")
     parser.add_argument("--quick", action="store_true", help="2 s, one scene, one threshold")
-    arguments = parser.parse_args()
-    if arguments.seeds < 1 or not 1.0 <= arguments.seconds <= 1e4:
-        parser.error("--seeds must be 1 or more, and --seconds from 1 to 1e4")
-    seeds = range(arguments.seed, arguments.seed + (1 if arguments.quick else arguments.seeds))
-    try:
-        signals = {
-            "scene": paper_signals(seeds, 1 if arguments.quick else 2),
-            "recorded": recorded_signals(arguments.recordings),
-            "made": made_signals(arguments.seed, 2.0 if arguments.quick else arguments.seconds),
-        }
-        results = measure(signals, arguments.seed, quick=arguments.quick)
-    except HapticnetError as error:
-        parser.error(str(error))
-    record.write(
-        arguments.json,
-        name="rate_distortion",
-        seed=arguments.seed,
-        unit="as in each name; wire bytes with UDP and IPv4 headers, fractions and reductions 0 to 1",
-        repetitions=len(seeds),
-        results=results,
-    )
+    unit = "as in each name; wire bytes with UDP and IPv4 headers, fractions and reductions 0 to 1"
+    record.run(parser, measure, unit=unit)
 
 
 if __name__ == "__main__":

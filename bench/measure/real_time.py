@@ -4,6 +4,7 @@ Each is measured beside its limit in the same run, in turns, with the same sched
 program that sleeps with clock_nanosleep, position to force beside a bare UDP echo between two uvloop processes.
 """
 
+import argparse
 import json
 import os
 import subprocess
@@ -22,12 +23,8 @@ PERCENTILES = (50, 99, 99.9)
 CODECS = ("raw", "deadband")
 
 
-def main() -> None:
-    parser = record.options(__doc__)
-    parser.add_argument("--seconds", type=float, default=8.0, help="length of each measurement")
-    parser.add_argument("--repetitions", type=int, default=3)
-    parser.add_argument("--no-realtime", action="store_true", help="leave everything in SCHED_OTHER")
-    arguments = parser.parse_args()
+def measure(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return all results."""
     fifo = not arguments.no_realtime and fifo_is_granted()
     runs: dict[str, list[Any]] = {"c_tick": [], "udp_echo": [], **{codec: [] for codec in CODECS}}
     with tempfile.TemporaryDirectory() as folder:
@@ -37,14 +34,7 @@ def main() -> None:
             runs["udp_echo"].append(udp_echo(arguments.seconds, fifo))
             for codec in CODECS:
                 runs[codec].append(hapticnet(codec, arguments.seconds, fifo, Path(folder)))
-    record.write(
-        arguments.json,
-        name="real_time",
-        seed=arguments.seed,
-        unit="us",
-        repetitions=arguments.repetitions,
-        results={"scheduling": "SCHED_FIFO" if fifo else "SCHED_OTHER", **summary(runs)},
-    )
+    return {"scheduling": "SCHED_FIFO" if fifo else "SCHED_OTHER", **summary(runs)}
 
 
 def fifo_is_granted() -> bool:
@@ -112,6 +102,14 @@ def summary(runs: dict[str, list[Any]]) -> dict[str, Any]:
             ]
     results["missed ticks"] = {codec: [run["missed_ticks"] for run in runs[codec]] for codec in CODECS}
     return results
+
+
+def main() -> None:
+    parser = record.options(__doc__)
+    parser.add_argument("--seconds", type=record.within(0.1), default=8.0, help="length of each measurement")
+    parser.add_argument("--repetitions", type=record.within(1), default=3)
+    parser.add_argument("--no-realtime", action="store_true", help="leave everything in SCHED_OTHER")
+    record.run(parser, measure, unit="us")
 
 
 if __name__ == "__main__":

@@ -1,11 +1,14 @@
-"""Write the results of a benchmark as JSON, with the code, machine, seed and repetitions they hold for."""
+"""Run a benchmark: its options, and its results as JSON with the code, machine, seed and repetitions they hold for."""
 
 import argparse
 import json
 import subprocess
+import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from hapticnet.errors import HapticnetError
 from hapticnet.experiment.provenance import provenance
 
 
@@ -13,28 +16,47 @@ def options(description: str | None, *, seed: int = 1) -> argparse.ArgumentParse
     """Return a parser with the options that every benchmark has; the first line of `description` is its help."""
     parser = argparse.ArgumentParser(description=(description or "").partition("\n")[0])
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the results to FILE instead of the terminal")
-    parser.add_argument("--seed", type=int, default=seed, help="of all that is drawn; the first if there are several")
+    parser.add_argument("--seed", type=within(0), default=seed, help="seed, or the first of several")
     return parser
 
 
-def write(path: Path | None, *, name: str, seed: int, unit: str, repetitions: int, results: Any) -> None:
-    """Write the results of the benchmark `name`, all in `unit`, as JSON; to the terminal if `path` is None."""
+def within(least: float, most: float = 1e9) -> Callable[[str], float]:
+    """Return a parser of numbers in a range; of whole ones if `least` is an int."""
+
+    def number(text: str) -> float:
+        if not least <= (value := type(least)(text)) <= most:
+            raise argparse.ArgumentTypeError(f"{text} must be from {least:g} to {most:g}")
+        return value
+
+    return number
+
+
+def run(parser: argparse.ArgumentParser, measure: Callable[[argparse.Namespace], Any], *, unit: str) -> None:
+    """Write what `measure` returns for the arguments, all in `unit`, to the file of ``--json`` or to the terminal.
+
+    The arguments have ``repetitions`` or ``seeds``. An error of hapticnet ends in one line.
+    """
+    arguments = parser.parse_args()
+    try:
+        results = measure(arguments)
+    except HapticnetError as error:
+        parser.error(str(error))
     record = {
-        "name": name,
+        "name": Path(sys.argv[0]).stem,
         "revision": describe_revision(),
-        "seed": seed,
+        "seed": arguments.seed,
         "unit": unit,
-        "repetitions": repetitions,
+        "repetitions": arguments.repetitions if hasattr(arguments, "repetitions") else arguments.seeds,
         **provenance(),
         "results": results,
     }
     text = json.dumps(record, indent=2)
-    if path is None:
+    if arguments.json is None:
         print(text)
         return
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text + "\n", encoding="utf-8")
-    print(f"wrote {path}")
+    arguments.json.parent.mkdir(parents=True, exist_ok=True)
+    arguments.json.write_text(text + "\n", encoding="utf-8")
+    print(f"wrote {arguments.json}")
 
 
 def describe_revision() -> str:

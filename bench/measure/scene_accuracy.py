@@ -4,10 +4,11 @@ The scene evaluates its laws in closed form at each sample. The rate therefore d
 the next one, how late a breach is noticed, and how exactly two positions give a velocity.
 """
 
+import argparse
 import math
 import statistics
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
@@ -193,39 +194,29 @@ def cost(rate_hz: int, seed: int, repetitions: int) -> Row:
     }
 
 
-def measure(rates_hz: Sequence[int], seed: int, trials: int, repetitions: int) -> Row:
+def measure(arguments: argparse.Namespace) -> Row:
     """Return all results."""
+    seed, rates_hz = arguments.seed, RATES_HZ
+    if arguments.quick:
+        rates_hz, arguments.trials, arguments.repetitions = RATES_HZ[::3], 5, 1
     return {
         "forces": [press(name, rate_hz) for name in LAWS for rate_hz in rates_hz],
         "steepest_n_per_s": STIFFNESS_N_PER_M * STROKE_M * math.pi * 1e6 / PRESS_US,
         "breach_force_n": BREACH_N,
         "breach_depth_m": BREACH_N / BREACH_STIFFNESS_N_PER_M,
         "recovery_s": RECOVERY_S,
-        "trials": trials,
-        "breaches": [breaches(rate_hz, seed, trials) for rate_hz in rates_hz],
-        "cost": [cost(rate_hz, seed, repetitions) for rate_hz in rates_hz],
+        "trials": arguments.trials,
+        "breaches": [breaches(rate_hz, seed, arguments.trials) for rate_hz in rates_hz],
+        "cost": [cost(rate_hz, seed, arguments.repetitions) for rate_hz in rates_hz],
     }
 
 
 def main() -> None:
-    """Measure and write the record."""
     parser = record.options(__doc__)
-    parser.add_argument("--trials", type=int, default=100, help="breaches at each rate")
-    parser.add_argument("--repetitions", type=int, default=7, help="timings at each rate")
+    parser.add_argument("--trials", type=record.within(1), default=100, help="breaches at each rate")
+    parser.add_argument("--repetitions", type=record.within(1), default=7, help="timings at each rate")
     parser.add_argument("--quick", action="store_true", help="three rates, five breaches, one timing")
-    arguments = parser.parse_args()
-    if arguments.trials < 1 or arguments.repetitions < 1:
-        parser.error("--trials and --repetitions must be 1 or more")
-    rates_hz = RATES_HZ[::3] if arguments.quick else RATES_HZ
-    trials, repetitions = (5, 1) if arguments.quick else (arguments.trials, arguments.repetitions)
-    record.write(
-        arguments.json,
-        name="scene_accuracy",
-        seed=arguments.seed,
-        unit="as in each name; ns_per_second is ns per second of scene",
-        repetitions=repetitions,
-        results=measure(rates_hz, arguments.seed, trials, repetitions),
-    )
+    record.run(parser, measure, unit="as in each name; ns_per_second is ns per second of scene")
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """Time per step of the scene, over the number of layers and for each property that a tissue declares."""
 
+import argparse
 import statistics
 import time
 from collections.abc import Sequence
@@ -74,8 +75,9 @@ def insertion_m(depth_m: float) -> list[float]:
     return way_in + way_in[::-1]
 
 
-def measure(seed: int, repetitions: int) -> dict[str, dict[str, dict[str, float]]]:
+def measure(arguments: argparse.Namespace) -> dict[str, dict[str, dict[str, float]]]:
     """Return the time per step [ns] of every case."""
+    seed, repetitions = arguments.seed, arguments.repetitions
     rng = np.random.default_rng(seed)
     plain, rubbing = layered(3), layered(3, shaft_friction_n=0.2)
     one_penetrated_m = penetrated_m(rng, 1)
@@ -105,18 +107,9 @@ def measure(seed: int, repetitions: int) -> dict[str, dict[str, dict[str, float]
 
 
 def main() -> None:
-    """Measure and write the record."""
     parser = record.options(__doc__)
-    parser.add_argument("--repetitions", type=int, default=15, help=f"runs of {STEPS} steps per case")
-    arguments = parser.parse_args()
-    record.write(
-        arguments.json,
-        name="scene_cost",
-        seed=arguments.seed,
-        unit="ns per step",
-        repetitions=arguments.repetitions,
-        results=measure(arguments.seed, arguments.repetitions),
-    )
+    parser.add_argument("--repetitions", type=record.within(1), default=15, help=f"runs of {STEPS} steps per case")
+    record.run(parser, measure, unit="ns per step")
 
 
 if __name__ == "__main__":

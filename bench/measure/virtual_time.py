@@ -1,5 +1,6 @@
 """How many times faster than real time both nodes run in virtual time: plain Python, every packet built and parsed."""
 
+import argparse
 import os
 import statistics
 import time
@@ -78,25 +79,23 @@ def summary(runs: list[dict[str, float]]) -> dict[str, float]:
     }
 
 
-def main() -> None:
-    """Measure the cases in turns and write the record."""
-    parser = record.options(__doc__)
-    parser.add_argument("--insertions", type=int, default=5, help="insertions per run")
-    parser.add_argument("--repetitions", type=int, default=7)
-    arguments = parser.parse_args()
+def measure(arguments: argparse.Namespace) -> dict[str, object]:
+    """Measure the cases in turns and return all results."""
     runs: dict[str, list[dict[str, float]]] = {case: [] for case in CASES}
     for _ in range(arguments.repetitions):
         for case, measured in runs.items():
             measured.append(run(case, arguments.seed, arguments.insertions))
-    cases = {case: summary(measured) for case, measured in runs.items()}
-    record.write(
-        arguments.json,
-        name="virtual_time",
-        seed=arguments.seed,
-        unit="as in each name; times_real_time is virtual time over wall-clock time",
-        repetitions=arguments.repetitions,
-        results={"load_average": os.getloadavg()[0], "cases": cases},
-    )
+    return {
+        "load_average": os.getloadavg()[0],
+        "cases": {case: summary(measured) for case, measured in runs.items()},
+    }
+
+
+def main() -> None:
+    parser = record.options(__doc__)
+    parser.add_argument("--insertions", type=record.within(1), default=5, help="insertions per run")
+    parser.add_argument("--repetitions", type=record.within(1), default=7)
+    record.run(parser, measure, unit="as in each name; times_real_time is virtual time over wall-clock time")
 
 
 if __name__ == "__main__":
