@@ -63,7 +63,9 @@ def started(
             LateDevice(settings, rng, delay_ms)
             if kind == "sim"
             else stack.enter_context(
-                SimulatedNano(settings, rng, disturbance=Disturbance(delay_us=1000 * delay_ms, loss=loss))
+                contextlib.closing(
+                    SimulatedNano(settings, rng, disturbance=Disturbance(delay_us=1000 * delay_ms, loss=loss))
+                )
             )
         )
         now_us = 0

@@ -1,7 +1,7 @@
 """Parse ``--device`` and make the device."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -73,7 +73,7 @@ def virtual_device(text: str, profile: "Profile", seed: int) -> Iterator["Device
     else:
         from hapticnet.runtime.nano import SimulatedNano
 
-        with SimulatedNano(settings, _rng(seed), wired=_wired(profile, settings)) as nano:
+        with closing(SimulatedNano(settings, _rng(seed), wired=_wired(profile, settings))) as nano:
             yield nano
 
 

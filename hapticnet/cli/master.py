@@ -51,6 +51,7 @@ def master(
     operator is done, and then prints its report.
     """
     from contextlib import nullcontext
+    from dataclasses import asdict
 
     import numpy as np
 
@@ -122,17 +123,7 @@ def master(
         )
     if node.refused:
         raise RefusedError(f"{address} refused the session: {node.end_reason}")
-    account = {
-        "scheduling": scheduling,
-        "end_reason": outcome.end_reason,
-        **node.report(),
-        "lateness": outcome.lateness,
-        "missed_ticks": outcome.missed_ticks,
-        "send_errors": outcome.send_errors,
-        "strangers": outcome.strangers,
-        "port_openings": outcome.port_openings,
-        "port_unwritten_bytes": outcome.port_unwritten_bytes,
-    }
+    account = {"scheduling": scheduling, **node.report(), **asdict(outcome)}
     if channel is not None:
         account["channel_out"] = channel_account(out, channel)
     try:

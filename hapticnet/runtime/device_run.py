@@ -4,19 +4,14 @@ import asyncio
 from collections.abc import Callable
 from typing import Final
 
-from hapticnet.runtime.processes import stop_on_signals
+from hapticnet.runtime.processes import either, stop_on_signals
 from hapticnet.runtime.serial_port import Wire, open_wire
 from hapticnet.runtime.timer import Ticker
 
 TICK_US: Final = 1000
 
 
-async def run_device(
-    wire: Wire,
-    tick: Callable[[int], bool],
-    *,
-    duration_s: float | None = None,
-) -> bool:
+async def run_device(wire: Wire, tick: Callable[[int], bool], *, duration_s: float | None = None) -> bool:
     """Open a device, wait for readings, then call `tick` with the time [µs] every millisecond.
 
     Parameters
@@ -55,16 +50,12 @@ async def run_device(
             done.set()
         port.flush(now_us)
 
-    stopped = asyncio.ensure_future(signalled.wait())
-    finished = asyncio.ensure_future(done.wait())
     ticker = Ticker(loop, TICK_US, on_tick)
     try:
-        await asyncio.wait({finished, stopped}, timeout=duration_s, return_when=asyncio.FIRST_COMPLETED)
+        await either(done, signalled, duration_s)
         if failure:
             raise failure[0]
-        return not stopped.done()
+        return not signalled.is_set()
     finally:
         ticker.stop()
-        stopped.cancel()
-        finished.cancel()
         await port.stop()

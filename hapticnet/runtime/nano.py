@@ -7,8 +7,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Final, Self, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 
@@ -146,8 +145,8 @@ class Disturbance:
 class SimulatedNano(Device):
     """The fingertip device in lockstep: host's end of the line, firmware and plant.
 
-    Each `exchange` first advances board, plant and line to the given time. Use it as a context manager, which ends the
-    simulator. If the simulator ends by itself, the device is lost.
+    Each `exchange` first advances board, plant and line to the given time. `close` ends the simulator. If the simulator
+    ends by itself, the device is lost.
 
     Parameters
     ----------
@@ -234,14 +233,6 @@ class SimulatedNano(Device):
     def close(self) -> None:
         """End the simulation."""
         self.board.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _advance(self, now_us: int) -> None:
         at_us = self._now_us

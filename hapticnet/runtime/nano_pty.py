@@ -8,8 +8,7 @@ import termios
 import tty
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
-from typing import Final, Self
+from typing import Final
 
 from hapticnet.errors import FileError, UnavailableError
 from hapticnet.runtime.nano import SLICE_US, Board
@@ -27,7 +26,7 @@ MOST_BYTES: Final = 4096
 
 
 class NanoPty:
-    """A board on a pseudo-terminal; a context manager that releases both.
+    """A board on a pseudo-terminal.
 
     As with a real port, output of the firmware is lost while the port is closed. Unlike a real port, opening it does
     not reset the controller.
@@ -106,14 +105,6 @@ class NanoPty:
                 if os.readlink(self._link) == self.path:
                     self._link.unlink()
         os.close(self._master)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _make_link(self, link: Path) -> None:
         if os.path.lexists(link) and not (link.is_symlink() and os.readlink(link).startswith(TERMINALS)):

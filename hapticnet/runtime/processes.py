@@ -1,4 +1,4 @@
-"""The slave, master and channel processes: nodes carried through real time until a signal or the end."""
+"""The slave and master processes: nodes in real time until a signal or the end."""
 
 import asyncio
 import signal
@@ -17,12 +17,12 @@ from hapticnet.runtime.udp import OutgoingChannel, SocketAddress, UdpPort
 STATUS_INTERVAL_S: Final = 0.5
 
 PARTING_S: Final = 1.0
-"""How long a process waits for its last words to leave its emulated channel."""
+"""Longest time [s] that a process waits for its last datagrams to leave its emulated channel."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MasterRun:
-    """How a master's run went in real time, for its report; of the serial port nothing where there was none."""
+    """Account of a master's run in real time, for its report; `port_…` is None without a serial port."""
 
     end_reason: str
     connected: bool
@@ -48,7 +48,7 @@ async def run_slave(
 
     Without a `stop`, SIGINT and SIGTERM end the run; with one, signals are left to the host program.
 
-    The slave has no tick: it steps a scene when a position arrives, so that the answer waits for nothing.
+    The slave has no tick: it steps a scene when a position arrives, so that the answer is not delayed.
     """
     loop = asyncio.get_running_loop()
     stop = stop or stop_on_signals(loop)
@@ -99,12 +99,14 @@ async def run_master(
 
     Without a `stop`, SIGINT and SIGTERM end the run; with one, signals are left to the host program.
 
-    A device on a `wire` must be there at the start; later it may come and go.
+    A device on a `wire` must be present at the start; later it may be unplugged and replugged.
 
     Raises
     ------
-    UnavailableError, RefusedError
-        When it is not, or speaks another protocol.
+    UnavailableError
+        If there is no such port, or no device answers on it.
+    RefusedError
+        If the device speaks a different protocol version.
     """
     loop = asyncio.get_running_loop()
     stop = stop or stop_on_signals(loop)
@@ -119,7 +121,7 @@ async def run_master(
         node.drive(now)
         if serial is not None:
             serial.flush(now)
-        # Sampled last and sent at once: then this process sleeps, and the slave can be woken on a warm core.
+        # The position is sampled last and sent at once: then this process sleeps, and the slave can run on a warm core.
         node.tick(now_us())
         flush()
 
@@ -142,7 +144,7 @@ async def run_master(
     status = Repeating(loop, on_status)
     reason = "done"
     try:
-        if not await _either(connected, stop, connect_timeout_s):
+        if not await either(connected, stop, connect_timeout_s):
             reason = "no slave answered"
         elif not stop.is_set() and duration_s is not None:
             await until(stop, duration_s)
@@ -181,7 +183,7 @@ def stop_on_signals(loop: asyncio.AbstractEventLoop) -> asyncio.Event:
 
 
 async def until(event: asyncio.Event, timeout_s: float | None) -> bool:
-    """Wait for an event for at most `timeout_s` [s]; tell whether it came."""
+    """Wait for an event for at most `timeout_s` [s]; return whether it was set."""
     try:
         await asyncio.wait_for(event.wait(), timeout_s)
     except TimeoutError:
@@ -189,8 +191,8 @@ async def until(event: asyncio.Event, timeout_s: float | None) -> bool:
     return True
 
 
-async def _either(one: asyncio.Event, other: asyncio.Event, timeout_s: float | None) -> bool:
-    """Wait for either of two events for at most `timeout_s` [s]; tell whether one came."""
+async def either(one: asyncio.Event, other: asyncio.Event, timeout_s: float | None) -> bool:
+    """Wait for either of two events for at most `timeout_s` [s]; return whether one was set."""
     waits = [asyncio.ensure_future(event.wait()) for event in (one, other)]
     done, pending = await asyncio.wait(waits, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED)
     for wait in pending:
@@ -199,7 +201,7 @@ async def _either(one: asyncio.Event, other: asyncio.Event, timeout_s: float | N
 
 
 class Repeating:
-    """Calls back at the status interval until cancelled."""
+    """Call a function every `STATUS_INTERVAL_S` until cancelled."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
         self._loop = loop
@@ -207,7 +209,7 @@ class Repeating:
         self._handle = loop.call_later(STATUS_INTERVAL_S, self._fire)
 
     def cancel(self) -> None:
-        """Call back no more."""
+        """Stop the calls."""
         self._handle.cancel()
 
     def _fire(self) -> None:

@@ -12,8 +12,7 @@ import os
 import struct
 import subprocess
 from pathlib import Path
-from types import TracebackType
-from typing import Final, NamedTuple, Self
+from typing import Final, NamedTuple
 
 from hapticnet.checks import check_parameter
 from hapticnet.errors import SettingsError, UnavailableError
@@ -88,7 +87,7 @@ class Step(NamedTuple):
 
 
 class Simavr:
-    """A running simulation; a context manager.
+    """A running simulation.
 
     Parameters
     ----------
@@ -159,11 +158,3 @@ class Simavr:
                 with contextlib.suppress(OSError):  # unread input is lost
                     pipe.close()
         self._process.wait()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()

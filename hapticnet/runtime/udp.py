@@ -18,13 +18,13 @@ SocketAddress: TypeAlias = Any
 """What the socket module uses: (host, port), or four values for IPv6."""
 
 OutgoingChannel: TypeAlias = Emulator[tuple[bytes, SocketAddress]]
-"""A channel that datagrams go through on their way out, each with where it goes."""
+"""A channel for outgoing datagrams, each with its destination."""
 
 READ_BYTES: Final = MAX_DATAGRAM_BYTES + 1
-"""One more than is allowed, so that an oversized datagram shows itself."""
+"""One more than is allowed, so that oversized datagrams can be recognised."""
 
 DRAIN_AT_MOST: Final = 256
-"""Datagrams read before timers get their turn again, so that a flood cannot starve the tick."""
+"""Largest number of datagrams read in a row, so that a flood cannot delay the tick."""
 
 POLL_S: Final = 0.01
 
@@ -43,7 +43,7 @@ class HostPort:
 
 
 def parse_host_port(text: str, *, lowest_port: int = 1) -> HostPort:
-    """Return the address written as `text`; a SettingsError says what is wrong with it."""
+    """Return the address written as `text`; raise SettingsError if it is invalid."""
     host, separator, port = text.rpartition(":")
     if host.startswith("[") and host.endswith("]"):
         host = host[1:-1]
@@ -57,7 +57,7 @@ def parse_host_port(text: str, *, lowest_port: int = 1) -> HostPort:
 
 
 def listen(address: HostPort) -> socket.socket:
-    """Return a socket bound to `address`; an UnavailableError says why there can be none."""
+    """Return a socket bound to `address`; raise UnavailableError if this fails."""
     family, target = _resolve(address)
     sock = _socket(family)
     try:
@@ -71,10 +71,10 @@ def listen(address: HostPort) -> socket.socket:
 
 
 def open_toward(address: HostPort) -> tuple[socket.socket, SocketAddress]:
-    """Return a socket to talk with `address`, and that address resolved; an UnavailableError says why there is none.
+    """Return a socket for sending to `address`, and the resolved address; raise UnavailableError if this fails.
 
-    The socket is not connected: on a connected one the news that nobody listens (yet) arrives as a poll error, after
-    which libuv watches the socket no more, and a master that was started first would stay deaf.
+    The socket is not connected: on a connected socket, "connection refused" arrives as a poll error, after which libuv
+    stops watching the socket, and a master that was started before its slave would receive nothing.
     """
     family, target = _resolve(address)
     return _socket(family), target
@@ -87,23 +87,23 @@ def bound_address(sock: socket.socket) -> HostPort:
 
 
 class UdpPort:
-    """A socket on an event loop: drains arrivals, and sends at once or through an emulated channel.
+    """A socket on an event loop: receives datagrams, and sends directly or through an emulated channel.
 
     Parameters
     ----------
     receive
-        Called with each datagram, where it came from, and the time [µs]; None: this port only sends.
+        Called with each datagram, its source and the time [µs]; None: this port only sends.
     peer
-        The only address that is listened to, or None to listen to all.
+        The only address whose datagrams are accepted; None: all are.
     channel
-        The channel that outgoing datagrams go through first, or None.
+        Channel that outgoing datagrams pass first, or None.
 
     Attributes
     ----------
     strangers
-        Datagrams that came from another address than the peer's, and were dropped.
+        Datagrams dropped because their source is not the peer.
     send_errors
-        Datagrams the system would not take; they count as lost on the way.
+        Datagrams that the system did not accept; they count as lost.
     """
 
     def __init__(
@@ -141,7 +141,7 @@ class UdpPort:
             await asyncio.sleep(POLL_S)
 
     def close(self) -> None:
-        """Stop reading and close the socket; what a channel still holds is lost."""
+        """Stop reading and close the socket; datagrams still in the channel are lost."""
         self._loop.remove_reader(self._sock.fileno())
         if self._alarm:
             self._alarm.stop()
@@ -156,7 +156,7 @@ class UdpPort:
                 data, address = receive_from(READ_BYTES)
             except BlockingIOError:
                 return
-            except OSError:  # news of an earlier send; what was sent counts as lost on the way
+            except OSError:  # an earlier datagram could not be delivered; it counts as lost
                 self.send_errors += 1
                 continue
             if self._peer is None or address == self._peer:
@@ -193,7 +193,7 @@ def _socket(family: socket.AddressFamily) -> socket.socket:
     except OSError as error:
         raise UnavailableError(f"cannot create a socket: {_words(error)}") from error
     sock.setblocking(False)
-    # Room for a second of a dozen masters, should this process be kept from running that long.
+    # Room for a second of a dozen masters, in case this process cannot run for that long.
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
     return sock

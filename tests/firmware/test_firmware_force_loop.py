@@ -1,7 +1,7 @@
 """The force loop on the compiled firmware, with hysteresis, noise, backlash and threshold."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -31,9 +31,8 @@ def pressing(simavr_files: tuple[Path, Path]) -> Nanos:
     @contextmanager
     def make(stiffness_n_m: float, *, seed: int = 0, **disturbance: Any) -> Iterator[tuple[Fingertip, SimulatedNano]]:
         settings = PlantSettings(finger=Finger(stiffness_n_m=stiffness_n_m))
-        with SimulatedNano(
-            settings, np.random.default_rng(seed), build=simavr_files, disturbance=Disturbance(**disturbance)
-        ) as nano:
+        rng, disturbed = np.random.default_rng(seed), Disturbance(**disturbance)
+        with closing(SimulatedNano(settings, rng, build=simavr_files, disturbance=disturbed)) as nano:
             yield Fingertip(nano, LimitSettings(), ForceControlSettings()), nano
 
     return make

@@ -209,10 +209,11 @@ def test_a_simulator_that_ends_is_a_lost_device(simulated: Any) -> None:
     assert "simulator ended with code -9" in nano.status
 
 
-def test_leaving_the_context_ends_the_simulator(simulated: Any) -> None:
-    with simulated() as nano:
-        process = nano.board._simavr._process
-        assert process.poll() is None
+def test_closing_ends_the_simulator(simulated: Any) -> None:
+    nano = simulated()
+    process = nano.board._simavr._process
+    assert process.poll() is None
+    nano.close()
     assert process.poll() == 0
 
 

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -99,7 +100,7 @@ def start(simavr_files: tuple[Path, Path]) -> Iterator[Callable[..., Process]]:
 def nano(simavr_files: tuple[Path, Path]) -> Iterator[NanoPty]:
     """A simulated Nano in this process, with the test's time."""
     board = Board(PlantSettings(), np.random.default_rng(1), build=simavr_files)
-    with NanoPty(board) as made:
+    with closing(NanoPty(board)) as made:
         yield made
     board.close()
 
@@ -241,9 +242,9 @@ def test_a_short_stall_is_made_up_for_and_a_long_one_in_part(nano: NanoPty) -> N
 def test_an_old_link_is_replaced_and_only_its_own_is_removed(nano: NanoPty, tmp_path: Path) -> None:
     link = tmp_path / "nano"
     link.symlink_to("/dev/pts/4711")
-    with NanoPty(nano.board, link=link) as first:
+    with closing(NanoPty(nano.board, link=link)) as first:
         assert os.readlink(link) == first.path
-        with NanoPty(nano.board, link=link) as second:
+        with closing(NanoPty(nano.board, link=link)) as second:
             assert os.readlink(link) == second.path
         assert not os.path.lexists(link)
         link.symlink_to("/dev/null")

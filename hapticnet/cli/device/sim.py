@@ -36,7 +36,7 @@ def sim(
 
     settings = PlantSettings(finger=Finger(stiffness_n_m=1000.0 * stiffness))
     console = Console("sim")
-    with closing(Board(settings, np.random.default_rng(seed))) as board, NanoPty(board, link=link) as nano:
+    with closing(Board(settings, np.random.default_rng(seed))) as board, closing(NanoPty(board, link=link)) as nano:
         plant = board.plant
 
         def on_status() -> None:
