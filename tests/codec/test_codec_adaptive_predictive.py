@@ -3,13 +3,14 @@ import struct
 
 import numpy as np
 import pytest
-from codec_cases import assert_same, assert_within_threshold, laws, steps, stream, timed, wandering
+from codec_cases import assert_within_threshold, laws, steps, timed, wandering
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from hapticnet.codec.base import Encoding
+from hapticnet.codec.payload.curves import LARGEST_TRAVEL
 from hapticnet.codec.recording import encode_array
-from hapticnet.codec.schemes.adaptive_predictive import LARGEST_TRAVEL, AdaptivePredictive
+from hapticnet.codec.schemes.adaptive_predictive import AdaptivePredictive
 from hapticnet.codec.schemes.deadband import Deadband
 from hapticnet.errors import PeerError, SampleError, SettingsError
 from hapticnet.perception import WeberLaw
@@ -50,12 +51,6 @@ def test_so_it_is_on_a_hand_s_force_where_curves_are_followed(seed, axes, step_n
     stimuli = wandering(300, seed=seed, axes=axes)
     stimuli[100:] += 1.0
     assert_within_threshold(LAW, stimuli, encoded(codec, stimuli).decoded)
-
-
-@given(timed(), codecs)
-def test_stream_and_whole_array_agree_sample_for_sample(case, codec):
-    _, stimuli, _ = case
-    assert_same(stream(codec, stimuli), encode_array(codec, np.arange(len(stimuli), dtype=np.int64), stimuli))
 
 
 @given(st.integers(0, 1000), st.integers(1, 3))

@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.registry import CODECS, codec_parameters, make_codec
-from hapticnet.codec.schemes import deadband as deadband_module
-from hapticnet.codec.schemes.deadband import Deadband, shortcut
-from hapticnet.codec.schemes.raw import Raw
+from hapticnet.codec.schemes.deadband import Deadband, DeadZone, quiet
+from hapticnet.codec.steps import QuietEncoder, StepEncoder
 from hapticnet.errors import PeerError, SampleError, SettingsError
 from hapticnet.perception import WeberLaw
 
@@ -32,37 +31,22 @@ def test_stream_and_whole_array_agree_sample_for_sample(stimuli, law, name):
     assert_same(stream(codec, stimuli), encode_array(codec, t_us, stimuli))
 
 
-@given(recordings, laws, st.sampled_from([Raw, Deadband]), steps)
-@example(np.array([[-0.0004], [0.0], [32.767], [32.768], [-32.768]]), WeberLaw(), Raw, 0.001)
-@example(np.array([[-0.0004], [0.0], [32.767], [-32.769], [32.7675]]), WeberLaw(weber_fraction=0.0), Deadband, 0.001)
-def test_stream_and_whole_array_agree_on_counted_payloads_too(stimuli, law, codec_class, step_n):
-    codec = codec_class(law=law, step_n=step_n)
-    assert_same(stream(codec, stimuli), encode_array(codec, np.arange(len(stimuli), dtype=np.int64), stimuli))
-
-
-@pytest.mark.parametrize("axes", [1, 2, 3])
-@pytest.mark.parametrize("law", [WeberLaw(), WeberLaw(multiplier=0.0), WeberLaw(weber_fraction=0.0, floor_n=1e-12)])
-@pytest.mark.parametrize("step_n", [0.0, 0.001, 0.03])
-def test_compiled_kernels_agree_with_plain_python(monkeypatch, axes, law, step_n):
-    rng = np.random.default_rng(axes)
-    steps = rng.normal(0.0, 0.05, (40_000, axes))
-    steps[rng.random(40_000) < 0.001] *= 1e6
-    stimuli = np.cumsum(steps, axis=0)
-    codec, t_us = Deadband(law=law, step_n=step_n), np.arange(40_000, dtype=np.int64)
-    plain = encode_array(codec, t_us, stimuli)
-    monkeypatch.setattr(deadband_module, "COMPILE_ABOVE_SAMPLES", 0)
-    assert_same(plain, encode_array(codec, t_us, stimuli))
-    with pytest.raises(SampleError, match="sample 7: stimulus is"):
-        encode_array(codec, t_us, np.where(np.arange(40_000)[:, None] == 7, np.nan, stimuli))
-
-
 @given(st.floats(-1e15, 1e15), st.floats(0.0, 1e15))
-def test_the_shortcut_lies_within_the_dead_zone_and_all_but_fills_it(reference, threshold):
-    low, high = shortcut(reference, threshold)
+def test_the_quiet_interval_lies_within_the_dead_zone_and_all_but_fills_it(reference, threshold):
+    low, high = quiet(None, DeadZone((reference,), threshold))
     if low <= high:
         assert reference - low <= threshold
         assert high - reference <= threshold
     assert high - low >= 2 * threshold - 1e-14 * (abs(reference) + threshold)
+
+
+@given(recordings.filter(lambda stimuli: stimuli.shape[1] == 1), laws, st.sampled_from(["deadband", "level-crossing"]))
+def test_the_quiet_interval_changes_no_payload(stimuli, law, name):
+    codec = make_codec(name, law)
+    quick, plain = codec.encoder(1), StepEncoder(codec, 1)
+    assert isinstance(quick, QuietEncoder)
+    for index, x in enumerate(stimuli.tolist()):
+        assert quick.encode(index, tuple(x)) == plain.encode(index, tuple(x))
 
 
 def test_weber_worked_example_of_the_paper():

@@ -1,50 +1,52 @@
-"""Golomb–Rice codes: what goes in comes out, and nothing that comes in does harm."""
+"""Golomb-Rice codes: unpacking returns what was packed, and no payload does harm."""
 
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from hapticnet.codec.payload.golomb_rice import LARGEST_PARAMETER, RiceParameter, pack_integers, unpack_integers
+from hapticnet.codec.payload.golomb_rice import bits_of, pack_integers, unpack_integers
+from hapticnet.codec.payload.residuals import LARGEST_PARAMETER, first_rice, fits, folded, next_rice
 from hapticnet.errors import PeerError
 
 parameters = st.integers(0, LARGEST_PARAMETER)
+residuals = st.lists(st.integers(-(2**12), 2**12).map(float), min_size=1, max_size=3).map(tuple)
 
 
-@given(st.lists(st.integers(-(2**40), 2**40), max_size=3), parameters)
-@example([0, 0, 0], 0)
-def test_what_was_packed_is_unpacked_and_never_longer_than_asked(integers, parameter):
-    packed = pack_integers(integers, parameter, most_bytes=12)
-    if packed is not None:
-        assert len(packed) <= 12
-        assert unpack_integers(packed, len(integers), parameter) == tuple(integers)
+def packed(residual, parameter):
+    return pack_integers(map(folded, residual), parameter)
 
 
-@given(st.lists(st.integers(-60, 60), min_size=1, max_size=3), parameters)
-def test_integers_are_left_out_exactly_when_their_codes_would_be_too_long(integers, parameter):
-    folded = [2 * integer if integer >= 0 else -2 * integer - 1 for integer in integers]
-    size = (sum((value >> parameter) + 1 + parameter for value in folded) + 7) // 8
-    assert pack_integers(integers, parameter, most_bytes=size - 1) is None
-    packed = pack_integers(integers, parameter, most_bytes=size)
-    assert packed is not None
-    assert len(packed) == size
+@given(residuals, parameters)
+@example((0.0, -0.0, 0.0), 0)
+def test_unpacking_returns_what_was_packed(residual, parameter):
+    codes = packed(residual, parameter)
+    integers = unpack_integers(codes, len(residual), parameter)
+    assert integers == tuple(map(folded, residual))
+    assert tuple(-(code + 1) // 2 if code % 2 else code // 2 for code in integers) == residual
+    assert len(codes) == (sum(bits_of(integer, parameter) for integer in integers) + 7) // 8
+
+
+@given(residuals, parameters)
+def test_a_residual_is_coded_exactly_when_its_codes_are_no_longer_than_float32(residual, parameter):
+    assert fits(residual, parameter) == (len(packed(residual, parameter)) <= 4 * len(residual))
 
 
 def test_codes_are_those_of_the_definition():
     # -2 folds onto 3: one one, a zero, the bit 1. 1 folds onto 2: one one, a zero, the bit 0.
-    assert pack_integers([-2, 1], 1, most_bytes=4) == bytes([0b101_100_00])
-    assert pack_integers([0], 0, most_bytes=1) == b"\0"
-    assert pack_integers([], 0, most_bytes=1) == b""
+    assert packed((-2.0, 1.0), 1) == bytes([0b101_100_00])
+    assert packed((0.0,), 0) == b"\0"
+    assert packed((), 0) == b""
 
 
 @given(st.binary(max_size=40), st.integers(1, 3), parameters)
 @example(b"\xff" * 40, 1, 0)
 @example(b"", 1, 0)
-def test_what_is_unpacked_is_what_would_have_been_packed_or_is_refused(data, count, parameter):
+def test_data_is_refused_unless_it_is_the_code_of_what_it_unpacks_to(data, count, parameter):
     try:
         integers = unpack_integers(data, count, parameter)
     except PeerError:
         return
-    assert pack_integers(integers, parameter, most_bytes=len(data)) == data
+    assert pack_integers(integers, parameter) == data
 
 
 @pytest.mark.parametrize(
@@ -57,39 +59,38 @@ def test_what_is_unpacked_is_what_would_have_been_packed_or_is_refused(data, cou
         (b"\x00\x00", "hold more"),  # a byte too many
     ],
 )
-def test_what_cannot_have_been_packed_is_refused(data, wrong):
+def test_invalid_codes_are_refused(data, wrong):
     with pytest.raises(PeerError, match=wrong):
         unpack_integers(data, 1, 2)
 
 
-def test_an_integer_of_any_size_costs_no_more_than_its_refusal():
-    assert pack_integers([10**300], 0, most_bytes=4) is None
-    assert pack_integers([-(10**300)], LARGEST_PARAMETER, most_bytes=4) is None
+def test_a_huge_residual_is_refused_without_being_packed():
+    assert not fits((1e300,), 0)
+    assert not fits((-1e300,), LARGEST_PARAMETER)
+
+
+def after(rice, *residuals):
+    for residual in residuals:
+        rice = next_rice(rice, residual)
+    return rice
 
 
 def test_the_parameter_follows_the_running_mean_up_and_down():
-    rice = RiceParameter(4)
-    assert rice.value == 2
-    for _ in range(100):
-        rice.add((500, -500))
-    assert rice.value == 10  # of 999 and 1000: 2^10 is the first power that is no less
-    for _ in range(200):
-        rice.add((0, 0))
-    assert rice.value == 0
+    rice = first_rice(4)
+    assert rice.parameter == 2
+    rice = after(rice, *[(500.0, -500.0)] * 100)
+    assert rice.parameter == 10  # of 999 and 1000: 2^10 is the first power that is no less
+    assert after(rice, *[(0.0, 0.0)] * 200).parameter == 0
 
 
-@given(st.lists(st.integers(-(2**60), 2**60), max_size=200))
-def test_the_parameter_stays_in_range_whatever_is_counted(integers):
-    rice = RiceParameter(4)
+@given(st.lists(st.integers(-(2**60), 2**60).map(float), max_size=200))
+def test_the_parameter_stays_in_range(integers):
+    rice = first_rice(4)
     for integer in integers:
-        rice.add((integer,))
-        assert 0 <= rice.value <= LARGEST_PARAMETER
+        rice = next_rice(rice, (integer,))
+        assert 0 <= rice.parameter <= LARGEST_PARAMETER
 
 
-def test_two_bits_an_integer_is_what_adaptation_makes_of_small_ones():
-    rice = RiceParameter(1000)
-    for _ in range(200):
-        rice.add((0,))
-    packed = pack_integers([0, 0, 0, 0], rice.value, most_bytes=8)
-    assert packed is not None
-    assert len(packed) == 1
+def test_small_integers_come_to_take_two_bits_each():
+    rice = after(first_rice(1000), *[(0.0,)] * 200)
+    assert len(pack_integers([0, 0, 0, 0], rice.parameter)) == 1

@@ -7,9 +7,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hapticnet.codec.payload.residuals import ABSOLUTE, RESIDUAL, Update
+from hapticnet.codec.payload.values import SINGLE_BYTES
 from hapticnet.codec.recording import encode_array
-from hapticnet.codec.schemes.least_squares import ABSOLUTE, LeastSquares, Predictor, median_filtered
+from hapticnet.codec.schemes.least_squares import (
+    LeastSquares,
+    LeastSquaresRule,
+    Predictor,
+    filtered_slope,
+    receive,
+    remember,
+    start_predictor,
+)
 from hapticnet.codec.schemes.linear_predictive import LinearPredictive
+from hapticnet.codec.steps import table_of_lists
 from hapticnet.errors import PeerError, SettingsError
 from hapticnet.perception import WeberLaw
 
@@ -149,21 +160,26 @@ def test_a_residual_of_more_steps_than_can_be_coded_is_said_in_full():
     assert all(payload is not None and is_absolute(payload) for payload in made)
 
 
-def started(codec: LeastSquares) -> Predictor:
-    """Return a predictor that starts from 1 N."""
-    predictor = Predictor(codec, 1)
-    predictor.start(0, predictor.form.level(0, (1.0,)))
-    return predictor
+def received(rule, predictor: Predictor, number: int, steps: float) -> Predictor:
+    """Return the predictor after a residual of one axis, a millisecond after the one before."""
+    update = Update(RESIDUAL, number - 1, (steps,), (steps,), predictor.rice.parameter)
+    return receive(rule, predictor, 1000 * number, update)
+
+
+def started(**parameters: float) -> tuple[LeastSquaresRule, Predictor]:
+    """Return a rule, and its predictor after an absolute update of 1 N."""
+    rule = LeastSquares(law=LAW, **parameters).rule(1, table_of_lists)
+    return rule, receive(rule, start_predictor(rule, 1), 0, Update(SINGLE_BYTES, 0, (1.0,), (0.0,), 0))
 
 
 def test_the_code_follows_the_residuals_until_the_next_line():
-    predictor = started(LeastSquares(law=LAW))
-    first = predictor.parameter
-    for index in range(1, 9):
-        predictor.advance(index, 1000 * index, (40,), (1.0,), (1.0,))
-    assert predictor.parameter > first
-    predictor.start(9, predictor.form.level(9000, (1.0,)))
-    assert predictor.parameter == first
+    rule, predictor = started()
+    first = predictor.rice
+    for number in range(1, 9):
+        predictor = received(rule, predictor, number, 40.0)
+    assert predictor.rice.parameter > first.parameter
+    predictor = receive(rule, predictor, 9000, Update(SINGLE_BYTES, 9, (1.0,), (0.0,), 0))
+    assert predictor.rice == first
 
 
 @pytest.mark.parametrize("step_fraction", [0.01, 0.1, 0.5])
@@ -174,20 +190,46 @@ def test_finer_steps_start_with_longer_codes(step_fraction):
     assert np.mean(residuals) <= 2.0 + 0.7 * math.log10(0.5 / step_fraction)
 
 
+def remembered(rule: LeastSquaresRule, *values: float, known: int = 0, alone: bool = False) -> int:
+    """Write updates of one axis, a millisecond apart, behind those that are known."""
+    for value in values:
+        known = remember(rule, known, 1000 * known, (value,), alone)
+    return known
+
+
 def test_the_slope_leaves_out_an_outlier_and_what_was_before_an_impact():
-    predictor = started(LeastSquares(law=LAW, updates=4))
-    predictor.advance(1, 1000, (1,), (1.0,), (1.1,))
-    predictor.advance(2, 2000, (1,), (1.0,), (1.0,))
-    assert predictor.slope(3000, (1.0,), (1.0,)) == (0.0,)
-    predictor.advance(3, 3000, (80,), (1.0,), (3.0,))
-    assert predictor.line.slope_n_per_s == (0.0,)
-    assert predictor.slope(4000, (3.0,), (3.1,)) == pytest.approx((100.0,))
+    rule, _ = started(updates=4)
+    known = remembered(rule, 1.0, 1.1, 1.0, 1.0)
+    assert filtered_slope(rule, known, (1.0,)) == (0.0,)
+    known = remembered(rule, 3.0, known=known, alone=True)
+    assert filtered_slope(rule, known, (3.0,)) == (0.0,)
+    assert remember(rule, known, 5000, (3.1,), False) == 2
+    assert filtered_slope(rule, 2, (3.1,)) == pytest.approx((100.0,))
+
+
+@pytest.mark.parametrize(("steps", "known"), [(6.0, 2), (-6.0, 2), (7.0, 1), (80.0, 1)])
+def test_a_residual_of_more_than_three_thresholds_is_an_impact_and_starts_the_line_again(steps, known):
+    rule, predictor = started(step_fraction=0.5)
+    predictor = received(rule, predictor, 1, steps)
+    assert predictor.known == known
+    assert (predictor.line.rate == (0.0,)) == (known == 1)
+
+
+def test_a_full_table_forgets_the_oldest_update():
+    rule, _ = started(updates=3)
+    assert remembered(rule, 9.0, 1.0, 2.0) == 3
+    assert remember(rule, 3, 3000, (3.0,), False) == 3
+    assert [row[0] for row in rule.values] == [1.0, 2.0, 3.0]
 
 
 def test_a_median_of_three_takes_out_a_single_outlier_but_neither_end():
-    samples = [(0, (0.0, 5.0)), (1, (9.0, 1.0)), (2, (2.0, 2.0)), (3, (3.0, 3.0))]
-    assert median_filtered(samples) == [(0, (0.0, 5.0)), (1, (2.0, 2.0)), (2, (3.0, 2.0)), (3, (3.0, 3.0))]
-    assert median_filtered(samples[:2]) == samples[:2]
+    rule = LeastSquares(updates=4).rule(2, table_of_lists)
+    samples = [(0.0, 5.0), (9.0, 1.0), (2.0, 2.0), (3.0, 3.0)]
+    for k, sample in enumerate(samples):
+        remember(rule, k, k, sample, False)
+    filtered_slope(rule, 4, samples[-1])
+    assert rule.filtered == [[0.0, 5.0], [2.0, 2.0], [3.0, 2.0], [3.0, 3.0]]
+    assert filtered_slope(rule, 2, samples[1]) == pytest.approx((9e6, -4e6))
 
 
 def test_residual_payloads_save_bytes_beside_value_and_slope_at_the_same_error():

