@@ -28,48 +28,23 @@ LAW = WeberLaw()
 
 def load_twins(folder: Path) -> dict[str, Loop]:
     """Return the C loops by codec, compiled for this machine; they allocate what they return, as ours do."""
-    weber, floor = ctypes.c_double(LAW.weber_fraction), ctypes.c_double(LAW.floor_n)
     levels, edges = map(np.array, LevelCrossing().cells(axes=1))
-    lines = LinearPredictive()
-
-    def line(stimuli: Array) -> tuple[Any, ...]:
-        slope_samples, horizon_us = ctypes.c_size_t(int(lines.slope_samples)), ctypes.c_double(lines.horizon_ms * 1e3)
-        return times_us(len(stimuli)), weber, floor, slope_samples, horizon_us
-
-    def moving(stimuli: Array) -> tuple[Any, ...]:
-        codec = VelocityAdaptive()
-        bounds = map(ctypes.c_double, (codec.speed_gain_s_m, codec.largest_fraction, codec.time_constant_ms * 1e-3))
-        return times_us(len(stimuli)), hand_m(len(stimuli)), weber, floor, *bounds
-
-    def merged(stimuli: Array) -> tuple[Any, ...]:
-        return times_us(len(stimuli)), weber, floor, ctypes.c_int64(int(Merging().window_ms * 1e3))
-
-    def ramps(stimuli: Array) -> tuple[Any, ...]:
-        interval_us = ctypes.c_double(PassiveInterpolative().interval_ms * 1e3)
-        return times_us(len(stimuli)), hand_m(len(stimuli)), weber, floor, interval_us
-
-    def curves(stimuli: Array) -> tuple[Any, ...]:
-        ours = AdaptivePredictive()
-        bounds = ctypes.c_double(ours.horizon_ms * 1e3), ctypes.c_double(ours.window_ms * 1e3)
-        return times_us(len(stimuli)), weber, floor, *bounds
-
-    losing = Probabilistic()
-    loss, limit = ctypes.c_double(losing.loss_probability), ctypes.c_double(losing.deviation_limit)
-    between: dict[str, Callable[[Array], tuple[Any, ...]]] = {
-        "deadband": lambda _: (weber, floor, ctypes.c_double(LAW.multiplier)),
-        "level-crossing": lambda _: (weber, floor, levels, edges, ctypes.c_size_t(len(levels))),
-        "adaptive-predictive": curves,
-        "linear-predictive": line,
-        "velocity-adaptive": moving,
-        "merging": merged,
-        "probabilistic": lambda _: (weber, floor, loss, limit),
-        "passive-extrapolative": lambda stimuli: (hand_m(len(stimuli)), weber, floor),
-        "passive-interpolative": ramps,
+    lines, curves, moving, losing = LinearPredictive(), AdaptivePredictive(), VelocityAdaptive(), Probabilistic()
+    settings: dict[str, tuple[float | Array, ...]] = {
+        "deadband": (LAW.multiplier,),
+        "level-crossing": (levels, edges, len(levels)),
+        "adaptive-predictive": (curves.horizon_ms * 1e3, curves.window_ms * 1e3),
+        "linear-predictive": (int(lines.slope_samples), lines.horizon_ms * 1e3),
+        "velocity-adaptive": (moving.speed_gain_s_m, moving.largest_fraction, moving.time_constant_ms * 1e-3),
+        "merging": (int(Merging().window_ms * 1e3),),
+        "probabilistic": (losing.loss_probability, losing.deviation_limit),
+        "passive-extrapolative": (),
+        "passive-interpolative": (PassiveInterpolative().interval_ms * 1e3,),
     }
-    return {name: _loop(folder, name.replace("-", "_"), given) for name, given in between.items()}
+    return {name: _loop(folder, name.replace("-", "_"), own) for name, own in settings.items()}
 
 
-def _loop(folder: Path, name: str, given: Callable[[Array], tuple[Any, ...]]) -> Loop:
+def _loop(folder: Path, name: str, settings: tuple[float | Array, ...]) -> Loop:
     library = folder / f"{name}.so"
     command = ["gcc", "-O3", "-march=native", "-shared", "-fPIC", "-o", library, PEERS / f"{name}.c"]
     subprocess.run(command, check=True)
@@ -77,12 +52,18 @@ def _loop(folder: Path, name: str, given: Callable[[Array], tuple[Any, ...]]) ->
     function.restype = ctypes.c_size_t
 
     def run(stimuli: Array) -> int:
-        decoded, sent = np.empty_like(stimuli), np.empty(len(stimuli), dtype=np.int64)
-        parts = (stimuli, ctypes.c_size_t(len(stimuli)), *given(stimuli), decoded, sent)
-        pointers = [p.ctypes.data_as(ctypes.c_void_p) if isinstance(p, np.ndarray) else p for p in parts]
-        return int(function(*pointers))
+        samples = len(stimuli)
+        decoded, sent = np.empty_like(stimuli), np.empty(samples, dtype=np.int64)
+        recording = stimuli, samples, times_us(samples), hand_m(samples), LAW.weber_fraction, LAW.floor_n
+        return int(function(*map(_argument, (*recording, *settings, decoded, sent))))
 
     return run
+
+
+def _argument(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.ctypes.data_as(ctypes.c_void_p)
+    return ctypes.c_size_t(value) if isinstance(value, int) else ctypes.c_double(value)
 
 
 @cache

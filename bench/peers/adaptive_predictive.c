@@ -1,10 +1,7 @@
-/* The limit of our own whole-array encoder: the same work as hapticnet's adaptive-predictive in a plain loop, one axis,
- * float32 values, jumps not bounded, increasing times, stimuli in range. Writes what is applied, and the index of every
- * transmitted sample; the same to the bit, for which no product may be contracted with a sum. */
+/* Adaptive prediction, jumps not bounded, stimuli in range. The same as hapticnet to the bit, for which no product may
+ * be contracted with a sum. */
 #pragma GCC optimize("fp-contract=off")
-#include <math.h>
-#include <stddef.h>
-#include <stdint.h>
+#include "twin.h"
 
 struct trend {
     double short_slope, long_slope, level;
@@ -14,16 +11,6 @@ struct trust {
     double aa, ab, ac, bb, bc, cc, a, b, c; /* the normal equations */
     struct trend in;                        /* their solution */
 };
-
-static double larger(double x, double y)
-{
-    return x > y ? x : y;
-}
-
-static double smaller(double x, double y)
-{
-    return x < y ? x : y;
-}
 
 static double within(double x, double limit)
 {
@@ -105,8 +92,9 @@ static double foretell(struct trend trusted, struct trend causes, double thresho
     return a * causes.short_slope + b * causes.long_slope;
 }
 
-size_t adaptive_predictive(const double *stimuli, size_t samples, const int64_t *t_us, double weber_fraction,
-                           double floor_n, double horizon_us, double window_us, double *decoded, int64_t *sent)
+size_t adaptive_predictive(const double *stimuli, size_t samples, const int64_t *t_us, const double *positions,
+                           double weber_fraction, double floor_n, double horizon_us, double window_us, double *decoded,
+                           int64_t *sent)
 {
     struct trust trust = {.in = {0.5, 0.5, 0.0}};
     struct trend causes = {0.0, 0.0, 0.0};
@@ -117,23 +105,23 @@ size_t adaptive_predictive(const double *stimuli, size_t samples, const int64_t 
         const double x = stimuli[i], s = within(larger(0.0, (double)(t_us[i] - start_us) / horizon_us), 1.0);
         const double share = s * (2.0 - s);
         double point = value + travel * share;
-        const double error = fabs(x - point), reach = larger(weber_fraction * fabs(point), floor_n);
+        const double error = fabs(x - point), reach = jnd_n(point, weber_fraction, floor_n);
         if (count == 0 || error > reach) {
             if (count && error <= 3.0 * reach) {
-                const double scale = 1.0 / larger(weber_fraction * fabs(sent_for), floor_n), made = share * scale;
+                const double scale = 1.0 / jnd_n(sent_for, weber_fraction, floor_n), made = share * scale;
                 const struct trend foretold = {made * causes.short_slope, made * causes.long_slope,
                                                scale * causes.level};
                 if (share > 0.0)
                     learn(&trust, foretold, scale * (x - sent_for));
             }
-            const double threshold = larger(weber_fraction * fabs(x), floor_n);
+            const double threshold = jnd_n(x, weber_fraction, floor_n);
             causes = trend(t_us, stimuli, i, 2.0 * threshold, window_us);
             causes.short_slope *= 0.5 * horizon_us;
             causes.long_slope *= 0.5 * horizon_us;
             const double wanted = foretell(trust.in, causes, threshold);
             const double offset = within(trust.in.level * causes.level, 0.9 * threshold / (1.0 + weber_fraction));
             value = (double)(float)(x + offset);
-            const double around = larger(weber_fraction * fabs(value), floor_n);
+            const double around = jnd_n(value, weber_fraction, floor_n);
             travel = (double)(_Float16)within(wanted / around, 1024.0) * around;
             start_us = t_us[i];
             sent_for = x;

@@ -1,11 +1,8 @@
-/* The limit of a whole-array deadband: the same work as hapticnet's encoder in a plain loop, one axis.
- * Writes what the receiver holds at every sample and the index of every transmitted one; returns how many. */
-#include <math.h>
-#include <stddef.h>
-#include <stdint.h>
+/* The deadband. */
+#include "twin.h"
 
-size_t deadband(const double *stimuli, size_t samples, double weber_fraction, double floor_n, double multiplier,
-                double *decoded, int64_t *sent)
+size_t deadband(const double *stimuli, size_t samples, const int64_t *t_us, const double *positions,
+                double weber_fraction, double floor_n, double multiplier, double *decoded, int64_t *sent)
 {
     size_t count = 0;
     double low = INFINITY, high = -INFINITY, reference = 0.0;
@@ -13,8 +10,7 @@ size_t deadband(const double *stimuli, size_t samples, double weber_fraction, do
         const double x = stimuli[i];
         if (!(x >= low && x <= high)) {
             reference = (double)(float)x;
-            const double jnd = weber_fraction * fabs(reference);
-            const double threshold = multiplier * (jnd > floor_n ? jnd : floor_n);
+            const double threshold = multiplier * jnd_n(reference, weber_fraction, floor_n);
             low = reference - threshold;
             high = reference + threshold;
             sent[count++] = (int64_t)i;

@@ -1,11 +1,9 @@
-/* The limit of a whole-array level crossing: the same work as hapticnet's encoder in a plain loop, one axis.
- * Levels are those from zero on, edges the ends of their cells; returns how many were sent. */
-#include <math.h>
-#include <stddef.h>
-#include <stdint.h>
+/* Level crossing. Levels are those from zero on, edges the ends of their cells. */
+#include "twin.h"
 
-size_t level_crossing(const double *stimuli, size_t samples, double weber_fraction, double floor_n,
-                      const double *levels, const double *edges, size_t count_levels, double *decoded, int64_t *sent)
+size_t level_crossing(const double *stimuli, size_t samples, const int64_t *t_us, const double *positions,
+                      double weber_fraction, double floor_n, const double *levels, const double *edges,
+                      size_t count_levels, double *decoded, int64_t *sent)
 {
     size_t count = 0;
     double low = INFINITY, high = -INFINITY, reference = 0.0;
@@ -22,8 +20,7 @@ size_t level_crossing(const double *stimuli, size_t samples, double weber_fracti
                     last = middle;
             }
             reference = copysign(levels[first], x);
-            const double jnd = weber_fraction * levels[first];
-            const double threshold = jnd > floor_n ? jnd : floor_n;
+            const double threshold = jnd_n(reference, weber_fraction, floor_n);
             low = reference - threshold;
             high = reference + threshold;
             sent[count++] = (int64_t)i;

@@ -1,8 +1,5 @@
-/* The limit of a whole-array linear predictor: the same work as hapticnet's encoder in a plain loop, one axis, float32
- * payloads and in-range lines only. Writes what is applied and the index of every transmitted sample. */
-#include <math.h>
-#include <stddef.h>
-#include <stdint.h>
+/* Linear prediction, for lines in range. */
+#include "twin.h"
 
 static double slope_n_per_s(const int64_t *t_us, const double *stimuli, size_t first, size_t newest)
 {
@@ -22,17 +19,17 @@ static double slope_n_per_s(const int64_t *t_us, const double *stimuli, size_t f
     return 1e6 * product / (double)spread;
 }
 
-size_t linear_predictive(const double *stimuli, size_t samples, const int64_t *t_us, double weber_fraction,
-                         double floor_n, size_t slope_samples, double horizon_us, double *decoded, int64_t *sent)
+size_t linear_predictive(const double *stimuli, size_t samples, const int64_t *t_us, const double *positions,
+                         double weber_fraction, double floor_n, size_t slope_samples, double horizon_us,
+                         double *decoded, int64_t *sent)
 {
     size_t count = 0, since = 0;
     int64_t start_us = 0;
     double value = 0.0, rate = 0.0;
     for (size_t i = 0; i < samples; i++) {
         const double x = stimuli[i], elapsed_us = (double)(t_us[i] - start_us);
-        double point = value + rate * (elapsed_us < horizon_us ? elapsed_us : horizon_us);
-        const double error = fabs(x - point), jnd = weber_fraction * fabs(point);
-        const double threshold = jnd > floor_n ? jnd : floor_n;
+        double point = value + rate * smaller(elapsed_us, horizon_us);
+        const double error = fabs(x - point), threshold = jnd_n(point, weber_fraction, floor_n);
         if (count == 0 || error > threshold) {
             if (count && error > 3.0 * threshold)
                 since = i;

@@ -1,11 +1,8 @@
-/* The limit of a whole-array merging deadband: the same work as hapticnet's encoder in a plain loop, one axis, float32
- * payloads. Writes what the receiver holds at every sample and the index of every transmitted one; returns how many. */
-#include <math.h>
-#include <stddef.h>
-#include <stdint.h>
+/* The merging deadband. */
+#include "twin.h"
 
-size_t merging(const double *stimuli, size_t samples, const int64_t *t_us, double weber_fraction, double floor_n,
-               int64_t window_us, double *decoded, int64_t *sent)
+size_t merging(const double *stimuli, size_t samples, const int64_t *t_us, const double *positions,
+               double weber_fraction, double floor_n, int64_t window_us, double *decoded, int64_t *sent)
 {
     size_t count = 0;
     int64_t end_us = INT64_MIN;
@@ -14,8 +11,7 @@ size_t merging(const double *stimuli, size_t samples, const int64_t *t_us, doubl
         const double x = stimuli[i];
         if (t_us[i] >= end_us && !(x >= low && x <= high)) {
             reference = (double)(float)x;
-            const double jnd = weber_fraction * fabs(reference);
-            const double threshold = jnd > floor_n ? jnd : floor_n;
+            const double threshold = jnd_n(reference, weber_fraction, floor_n);
             low = reference - threshold;
             high = reference + threshold;
             end_us = t_us[i] + window_us;

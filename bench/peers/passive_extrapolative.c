@@ -1,11 +1,8 @@
-/* The limit of a whole-array passive extrapolation: the same work as hapticnet's encoder in a plain loop, one axis,
- * float32 payloads. Writes what is applied at every sample and the index of every transmitted one; returns how many. */
-#include <math.h>
-#include <stddef.h>
-#include <stdint.h>
+/* Passive extrapolation. */
+#include "twin.h"
 
-size_t passive_extrapolative(const double *stimuli, size_t samples, const double *positions, double weber_fraction,
-                             double floor_n, double *decoded, int64_t *sent)
+size_t passive_extrapolative(const double *stimuli, size_t samples, const int64_t *t_us, const double *positions,
+                             double weber_fraction, double floor_n, double *decoded, int64_t *sent)
 {
     size_t count = 0;
     double low = INFINITY, high = -INFINITY, value = 0.0, threshold = 0.0, along = 0.0;
@@ -13,8 +10,7 @@ size_t passive_extrapolative(const double *stimuli, size_t samples, const double
         const double x = stimuli[i];
         if (!(x >= low && x <= high)) {
             value = (double)(float)x;
-            const double jnd = weber_fraction * fabs(value);
-            threshold = jnd > floor_n ? jnd : floor_n;
+            threshold = jnd_n(value, weber_fraction, floor_n);
             low = value - threshold;
             high = value + threshold;
             sent[count++] = (int64_t)i;

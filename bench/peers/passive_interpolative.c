@@ -1,9 +1,5 @@
-/* The limit of a whole-array passive interpolation: the same work as hapticnet's encoder in a plain loop, one axis,
- * float32 payloads, increasing times. Writes what is applied at every sample and the index of every transmitted one;
- * returns how many. */
-#include <math.h>
-#include <stddef.h>
-#include <stdint.h>
+/* Passive interpolation. */
+#include "twin.h"
 
 size_t passive_interpolative(const double *stimuli, size_t samples, const int64_t *t_us, const double *positions,
                              double weber_fraction, double floor_n, double interval_us, double *decoded, int64_t *sent)
@@ -16,12 +12,11 @@ size_t passive_interpolative(const double *stimuli, size_t samples, const int64_
         double elapsed_us = (double)(t_us[i] - start_us);
         if (!(x >= low && x <= high)) {
             origin = count == 0 ? x : elapsed_us < ramp_us ? origin + elapsed_us / ramp_us * (value - origin) : value;
-            ramp_us = count == 0 ? 0.0 : elapsed_us < interval_us ? elapsed_us : interval_us;
+            ramp_us = count == 0 ? 0.0 : smaller(elapsed_us, interval_us);
             start_us = t_us[i];
             elapsed_us = 0.0;
             value = (double)(float)x;
-            const double jnd = weber_fraction * fabs(value);
-            threshold = jnd > floor_n ? jnd : floor_n;
+            threshold = jnd_n(value, weber_fraction, floor_n);
             low = value - threshold;
             high = value + threshold;
             sent[count++] = (int64_t)i;
@@ -29,8 +24,7 @@ size_t passive_interpolative(const double *stimuli, size_t samples, const int64_
         if (i && positions[i] != positions[i - 1])
             along = positions[i] > positions[i - 1] ? 1.0 : -1.0;
         const double base = elapsed_us < ramp_us ? origin + elapsed_us / ramp_us * (value - origin) : value;
-        const double ahead = (value - base) * along;
-        decoded[i] = along == 0.0 ? value : base + (threshold + (ahead > 0.0 ? ahead : 0.0)) * along;
+        decoded[i] = along == 0.0 ? value : base + (threshold + larger((value - base) * along, 0.0)) * along;
     }
     return count;
 }

@@ -1,14 +1,10 @@
-/* The limit of a whole-array deadband that repeats itself: the same work as hapticnet's encoder in a plain loop, one
- * axis, float32 payloads. Writes what the receiver holds at every sample and the index of every transmitted one;
- * returns how many. */
-#include <math.h>
-#include <stddef.h>
-#include <stdint.h>
+/* The deadband that repeats itself. */
+#include "twin.h"
 
 enum { STATES = 16 };
 
-size_t probabilistic(const double *stimuli, size_t samples, double weber_fraction, double floor_n, double loss,
-                     double limit, double *decoded, int64_t *sent)
+size_t probabilistic(const double *stimuli, size_t samples, const int64_t *t_us, const double *positions,
+                     double weber_fraction, double floor_n, double loss, double limit, double *decoded, int64_t *sent)
 {
     size_t count = 0;
     double references[STATES], thresholds[STATES], held[STATES], older[STATES];
@@ -37,9 +33,8 @@ size_t probabilistic(const double *stimuli, size_t samples, double weber_fractio
         }
         if (!silent) {
             reference = (double)(float)x;
-            const double jnd = weber_fraction * fabs(reference);
             references[count % STATES] = reference;
-            thresholds[count % STATES] = jnd > floor_n ? jnd : floor_n;
+            thresholds[count % STATES] = jnd_n(reference, weber_fraction, floor_n);
             sent[count++] = (int64_t)i;
         }
         decoded[i] = reference;

@@ -1,9 +1,5 @@
-/* The limit of a whole-array velocity-adaptive deadband: the same work as hapticnet's encoder in a plain loop, one
- * axis, float32 payloads, increasing times. Writes what the receiver holds at every sample and the index of every
- * transmitted one; returns how many. */
-#include <math.h>
-#include <stddef.h>
-#include <stdint.h>
+/* The velocity-adaptive deadband. */
+#include "twin.h"
 
 size_t velocity_adaptive(const double *stimuli, size_t samples, const int64_t *t_us, const double *positions,
                          double weber_fraction, double floor_n, double gain_s_m, double largest_fraction,
@@ -17,9 +13,8 @@ size_t velocity_adaptive(const double *stimuli, size_t samples, const int64_t *t
             const double elapsed_s = (double)(t_us[i] - t_us[i - 1]) * 1e-6;
             velocity = (time_constant_s * velocity + (positions[i] - positions[i - 1])) / (time_constant_s + elapsed_s);
         }
-        const double grown = weber_fraction + gain_s_m * fabs(velocity);
-        const double jnd = (grown < largest_fraction ? grown : largest_fraction) * fabs(reference);
-        if (count == 0 || fabs(x - reference) > (jnd > floor_n ? jnd : floor_n)) {
+        const double grown = smaller(weber_fraction + gain_s_m * fabs(velocity), largest_fraction);
+        if (count == 0 || fabs(x - reference) > jnd_n(reference, grown, floor_n)) {
             reference = (double)(float)x;
             sent[count++] = (int64_t)i;
         }
