@@ -69,8 +69,19 @@ def everything_is_outside(zone: DeadZone) -> DeadZone:
     return zone._replace(threshold=EVERYTHING)
 
 
+class ValueScheme(Scheme):
+    """A scheme whose messages are values in the form that `step_n` chooses."""
+
+    __slots__ = ()
+    step_n: float
+
+    def form(self, axes: int) -> ValueForm:
+        """Return the form of its messages."""
+        return ValueForm(axes, step_n=self.step_n)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Deadband(Scheme):
+class Deadband(ValueScheme):
     """Transmit a stimulus only when it can be told apart from the one being held.
 
     Rule: send when ``|x - ref| > multiplier · max(weber_fraction · |ref|, floor_n)``, strictly, with `ref` the last
@@ -104,7 +115,3 @@ class Deadband(Scheme):
     def rule(self, axes: int, table: MakeTable) -> ValueRule:  # noqa: ARG002
         """Return the law and the step of counts."""
         return ValueRule(*law_numbers(self.law), self.step_n)
-
-    def form(self, axes: int) -> ValueForm:
-        """Return the form of its messages."""
-        return ValueForm(axes, step_n=self.step_n)

@@ -13,9 +13,9 @@ from typing import Any, ClassVar, Final, NamedTuple
 
 from hapticnet.checks import check_parameter
 from hapticnet.codec.payload.levels import LEVEL, LevelForm, index_of, level_at
-from hapticnet.codec.payload.values import law_numbers, rounded, threshold_around, value_bytes
-from hapticnet.codec.schemes.deadband import DeadZone, everything_is_outside, is_silent, mirror, nothing_held, quiet
-from hapticnet.codec.steps import ZERO_ORDER_HOLD, MakeTable, Scheme, Steps
+from hapticnet.codec.payload.values import law_numbers, rounded, threshold_around
+from hapticnet.codec.schemes.deadband import Deadband, DeadZone
+from hapticnet.codec.steps import MakeTable, Scheme, Steps
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import LARGEST_COMPONENT, Vector
 from hapticnet.vectors import distance, largest_component
@@ -82,16 +82,7 @@ class LevelCrossing(Scheme):
     """
 
     name: ClassVar[str] = "level-crossing"
-    steps: ClassVar[Steps] = Steps(
-        start_sender=nothing_held,
-        is_silent=is_silent,
-        send=send,
-        refreshed=everything_is_outside,
-        quiet=quiet,
-        mirror=mirror,
-        payload_bytes=value_bytes,
-        **ZERO_ORDER_HOLD,
-    )
+    steps: ClassVar[Steps] = Deadband.steps._replace(send=send)
     law: WeberLaw = field(default_factory=WeberLaw)
     hysteresis: float = 0.25
 

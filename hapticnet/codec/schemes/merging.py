@@ -11,11 +11,11 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple
 
 from hapticnet.checks import check_parameter
-from hapticnet.codec.payload.values import ValueForm, check_step, law_numbers, value_bytes
-from hapticnet.codec.schemes.deadband import DeadZone, everything_is_outside, nothing_held
+from hapticnet.codec.payload.values import check_step, law_numbers, value_bytes
+from hapticnet.codec.schemes.deadband import DeadZone, ValueScheme, everything_is_outside, nothing_held
 from hapticnet.codec.schemes.deadband import is_silent as is_in_dead_zone
 from hapticnet.codec.schemes.deadband import send as send_value
-from hapticnet.codec.steps import ZERO_ORDER_HOLD, MakeTable, Scheme, Steps
+from hapticnet.codec.steps import ZERO_ORDER_HOLD, MakeTable, Steps
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector
 from hapticnet.vectors import in_range
@@ -67,7 +67,7 @@ def refreshed(window: Window) -> Window:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Merging(Scheme):
+class Merging(ValueScheme):
     """Transmit what leaves the dead zone, but at most once in a window: the newest sample stands for all of them.
 
     Rule: the deadband's, except that nothing is sent until `window_ms` after the last transmission. The first sample
@@ -109,7 +109,3 @@ class Merging(Scheme):
     def rule(self, axes: int, table: MakeTable) -> MergingRule:  # noqa: ARG002
         """Return law, step of counts and window."""
         return MergingRule(*law_numbers(self.law), self.step_n, self.window_ms * 1e3)
-
-    def form(self, axes: int) -> ValueForm:
-        """Return the form of its messages."""
-        return ValueForm(axes, step_n=self.step_n)

@@ -34,14 +34,12 @@ from typing import Any, ClassVar, Final, NamedTuple
 from hapticnet.checks import check_parameter
 from hapticnet.codec.payload.values import (
     LawNumbers,
-    ValueForm,
     check_step,
     law_numbers,
     threshold_around,
-    value_bytes,
 )
-from hapticnet.codec.schemes.deadband import everything_is_outside, is_silent, nothing_held, quiet, send
-from hapticnet.codec.steps import MakeTable, Scheme, Steps
+from hapticnet.codec.schemes.deadband import Deadband, ValueScheme
+from hapticnet.codec.steps import MakeTable, Steps, unknown
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector
 from hapticnet.vectors import along, dot, largest_component, magnitude, minus, over
@@ -173,7 +171,7 @@ def direction_of(motion: Vector) -> Vector:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PassiveExtrapolative(Scheme):
+class PassiveExtrapolative(ValueScheme):
     """The deadband, with the held force shifted by the threshold against the motion.
 
     Rule: send as the deadband does; apply ``v + Δ · u``. Payload: the deadband's. Error: 2 Δ at most. No delay.
@@ -186,17 +184,12 @@ class PassiveExtrapolative(Scheme):
 
     name: ClassVar[str] = "passive-extrapolative"
     needs_position: ClassVar[bool] = True
-    steps: ClassVar[Steps] = Steps(
-        start_sender=nothing_held,
-        is_silent=is_silent,
-        send=send,
-        refreshed=everything_is_outside,
-        quiet=quiet,
+    steps: ClassVar[Steps] = Deadband.steps._replace(
+        mirror=unknown,
         start_receiver=start_shifted,
         receive=receive_value,
         move=move_shifted,
         apply=apply_shifted,
-        payload_bytes=value_bytes,
     )
     law: WeberLaw = field(default_factory=WeberLaw)
     step_n: float = 0.0
@@ -208,13 +201,9 @@ class PassiveExtrapolative(Scheme):
         """Return law, step of counts and the longest ramp."""
         return PassiveRule(*law_numbers(self.law), self.step_n, 0.0)
 
-    def form(self, axes: int) -> ValueForm:
-        """Return the form of its messages."""
-        return ValueForm(axes, step_n=self.step_n)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PassiveInterpolative(Scheme):
+class PassiveInterpolative(ValueScheme):
     """The same, led from value to value along a ramp wherever that takes energy.
 
     Rule: send as the deadband does. Over as long as the last two updates were apart, at most `interval_ms`, the
@@ -235,17 +224,12 @@ class PassiveInterpolative(Scheme):
 
     name: ClassVar[str] = "passive-interpolative"
     needs_position: ClassVar[bool] = True
-    steps: ClassVar[Steps] = Steps(
-        start_sender=nothing_held,
-        is_silent=is_silent,
-        send=send,
-        refreshed=everything_is_outside,
-        quiet=quiet,
+    steps: ClassVar[Steps] = Deadband.steps._replace(
+        mirror=unknown,
         start_receiver=start_ramp,
         receive=receive_ramp,
         move=move_ramp,
         apply=apply_ramp,
-        payload_bytes=value_bytes,
     )
     law: WeberLaw = field(default_factory=WeberLaw)
     interval_ms: float = 20.0
@@ -258,7 +242,3 @@ class PassiveInterpolative(Scheme):
     def rule(self, axes: int, table: MakeTable) -> PassiveRule:  # noqa: ARG002
         """Return law, step of counts and the longest ramp."""
         return PassiveRule(*law_numbers(self.law), self.step_n, self.interval_ms * 1e3)
-
-    def form(self, axes: int) -> ValueForm:
-        """Return the form of its messages."""
-        return ValueForm(axes, step_n=self.step_n)

@@ -11,8 +11,9 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Final, NamedTuple
 
 from hapticnet.checks import check_parameter
-from hapticnet.codec.payload.values import ValueForm, check_step, law_numbers, rounded, value_bytes
-from hapticnet.codec.steps import ZERO_ORDER_HOLD, MakeTable, Scheme, Steps, Table
+from hapticnet.codec.payload.values import check_step, law_numbers, rounded, value_bytes
+from hapticnet.codec.schemes.deadband import ValueScheme
+from hapticnet.codec.steps import ZERO_ORDER_HOLD, MakeTable, Steps, Table
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector
 from hapticnet.vectors import distance, put, row
@@ -77,7 +78,7 @@ def refreshed(written: int) -> int:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Probabilistic(Scheme):
+class Probabilistic(ValueScheme):
     """Transmit what leaves the dead zone, and again while the receiver may well be holding something else.
 
     With p = `loss_probability` and updates r₁ (newest), r₂, … the receiver holds rⱼ with probability
@@ -138,7 +139,3 @@ class Probabilistic(Scheme):
             references=table(MOST_STATES, axes),
             thresholds=table(1, MOST_STATES)[0],
         )
-
-    def form(self, axes: int) -> ValueForm:
-        """Return the form of its messages."""
-        return ValueForm(axes, step_n=self.step_n)

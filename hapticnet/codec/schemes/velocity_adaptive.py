@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple
 
 from hapticnet.checks import check_parameter
-from hapticnet.codec.payload.values import ValueForm, check_step, law_numbers, rounded, value_bytes
-from hapticnet.codec.steps import ZERO_ORDER_HOLD, MakeTable, Scheme, Steps
+from hapticnet.codec.payload.values import check_step, law_numbers, rounded, value_bytes
+from hapticnet.codec.schemes.deadband import ValueScheme
+from hapticnet.codec.steps import ZERO_ORDER_HOLD, MakeTable, Steps
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector
 from hapticnet.vectors import along, distance, magnitude, minus, over
@@ -93,7 +94,7 @@ def refreshed(moving: Moving) -> Moving:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class VelocityAdaptive(Scheme):
+class VelocityAdaptive(ValueScheme):
     """Transmit a stimulus only when a hand that moves so fast can tell it apart from the one being held.
 
     Rule: send when ``|x - ref| > multiplier · max(fraction · |ref|, floor_n)``, strictly, with `ref` the last
@@ -154,7 +155,3 @@ class VelocityAdaptive(Scheme):
         largest = max(multiplier * self.largest_fraction, weber)
         gain_s_m, time_constant_s = multiplier * self.speed_gain_s_m, self.time_constant_ms * 1e-3
         return SpeedRule(weber, floor, self.step_n, gain_s_m, largest, time_constant_s)
-
-    def form(self, axes: int) -> ValueForm:
-        """Return the form of its messages."""
-        return ValueForm(axes, step_n=self.step_n)
