@@ -1,10 +1,10 @@
-"""The adaptive-predictive deadband: a curve whose slope and start are what has predicted the stimulus best so far.
+"""The adaptive-predictive deadband: transmit a curve whose start and slope are learned from earlier curves.
 
-Our own codec. It is a predictive deadband (see `schemes.linear_predictive`) that learns, from the errors of its own
-predictions, how far to trust two slopes and a smoothed level. Where the stimulus is smooth it extrapolates; where it is
-noise it holds the level; where it wanders without a trend it becomes a plain deadband. The receiver learns nothing:
-each payload is a whole curve. The slope that dies away is the damped trend of Gardner & McKenzie 1985, "Forecasting
-trends in time series" (Management Science), with a parabola instead of their exponential, so that it ends.
+Our own codec (docs/adr/0007). It is a predictive deadband (see `schemes.linear_predictive`) that learns from its own
+prediction errors how much of two slopes and of a smoothed level to use (`schemes.trend`). It extrapolates a smooth
+stimulus, holds the level of noise, and is a plain deadband on a stimulus without a trend. Only the sender learns: each
+payload is a complete curve. The decaying slope is the damped trend of Gardner & McKenzie 1985, "Forecasting trends in
+time series" (Management Science), with a parabola instead of their exponential, so that it ends.
 """
 
 from dataclasses import dataclass, field
@@ -30,20 +30,28 @@ from hapticnet.codec.payload.values import (
     threshold_around,
 )
 from hapticnet.codec.schemes.linear_predictive import is_impact
-from hapticnet.codec.schemes.trend import MOST_SAMPLES, UNTAUGHT, Causes, Trust, expected, taught, trend
+from hapticnet.codec.schemes.trend import (
+    MOST_SAMPLES,
+    NOTHING_LEARNED,
+    Regression,
+    Trend,
+    measured_trend,
+    predicted_travel,
+    updated,
+)
 from hapticnet.codec.steps import MakeTable, Past, Scheme, Steps
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import LARGEST_COMPONENT, Vector
 from hapticnet.vectors import distance, limited, minus, moved, plus, times
 
 LARGEST_OFFSET: Final = 0.9
-"""How far from the stimulus a curve may start, as a share of what the threshold allows. The rest is for rounding."""
+"""Largest distance from the stimulus to the start of a curve, as a share of the threshold. The rest is for rounding."""
 
 BAND: Final = 2.0
-"""A sample further than this from the line through the newer ones, in thresholds, is from before an impact."""
+"""A sample further than this from the line through the newer ones, in thresholds, was taken before an impact."""
 
 SMALLEST_JUMP: Final = 0.1
-"""The least bound on jumps, in thresholds. Below it most updates would have to start at the edge of the threshold."""
+"""Smallest bound on jumps, in thresholds. With a smaller one, most updates would start at the edge of the threshold."""
 
 
 class CurveRule(NamedTuple):
@@ -57,32 +65,32 @@ class CurveRule(NamedTuple):
     jump: float
 
 
-class Learner(NamedTuple):
+class Sender(NamedTuple):
     """What the receiver follows, and what the sender has learned.
 
     Attributes
     ----------
     is_known
-        Whether the receiver is known to follow the curve.
+        Whether the receiver is known to follow the curve; False after a loss.
     curve
-        The curve.
-    sent, causes
-        The stimulus that it was sent for, and what was thought to move that.
-    trust
+        The curve sent last.
+    sent, trend
+        The stimulus for which it was sent, and the trend at that time.
+    regression
         What has been learned.
     """
 
     is_known: bool
     curve: Curve
     sent: Vector
-    causes: Causes
-    trust: Trust
+    trend: Trend
+    regression: Regression
 
 
-def start(rule: Any, axes: int) -> Learner:
+def start(rule: Any, axes: int) -> Sender:
     """Return a sender that has learned nothing."""
     zeros = (0.0,) * axes
-    return Learner(False, start_curve(rule, axes), zeros, Causes(zeros, zeros, zeros), UNTAUGHT)
+    return Sender(False, start_curve(rule, axes), zeros, Trend(zeros, zeros, zeros), NOTHING_LEARNED)
 
 
 def start_curve(rule: Any, axes: int) -> Curve:
@@ -90,27 +98,27 @@ def start_curve(rule: Any, axes: int) -> Curve:
     return Curve(0, (0.0,) * axes, (0.0,) * axes)
 
 
-def is_silent(rule: CurveRule, learner: Learner, t_us: int, x: Vector) -> bool:
+def is_silent(rule: CurveRule, sender: Sender, t_us: int, x: Vector) -> bool:
     """Tell whether a stimulus is within the threshold around the curve."""
-    return learner.is_known and is_within(rule, x, curve_at(rule, learner.curve, t_us))
+    return sender.is_known and is_within(rule, x, curve_at(rule, sender.curve, t_us))
 
 
-def send(rule: CurveRule, learner: Learner, t_us: int, x: Vector, past: Past) -> tuple[CurveMessage, Learner]:
+def send(rule: CurveRule, sender: Sender, t_us: int, x: Vector, past: Past) -> tuple[CurveMessage, Sender]:
     """Learn from how the last curve ended, and send the next one."""
-    trust = learner.trust
-    applied = curve_at(rule, learner.curve, t_us)
-    if learner.is_known and not is_impact(rule, x, applied):
-        share = share_at(rule, learner.curve, t_us)
-        threshold = threshold_around(rule, learner.sent)
-        trust = taught(trust, learner.causes, minus(x, learner.sent), share, threshold)
+    regression = sender.regression
+    applied = curve_at(rule, sender.curve, t_us)
+    if sender.is_known and not is_impact(rule, x, applied):
+        share = share_at(rule, sender.curve, t_us)
+        threshold = threshold_around(rule, sender.sent)
+        regression = updated(regression, sender.trend, minus(x, sender.sent), share, threshold)
     threshold = threshold_around(rule, x)
-    causes = trend(past, x, 0.5 * rule.horizon_us, rule.window_us, BAND * threshold)
-    travel = expected(trust, causes, threshold)
-    # At a start nearer to zero the threshold is smaller, by at most the Weber fraction of the offset.
+    trend = measured_trend(past, x, 0.5 * rule.horizon_us, rule.window_us, BAND * threshold)
+    travel = predicted_travel(regression, trend, threshold)
+    # If the curve starts nearer to zero, the threshold is smaller, by at most the Weber fraction of the offset.
     room = LARGEST_OFFSET * threshold / (1.0 + rule.weber)
-    wanted = moved(x, times(causes.level, trust.trusted[2]), room)
+    wanted = moved(x, times(trend.level, regression.coefficients[2]), room)
     begin = wanted
-    if learner.is_known and rule.jump > 0.0:
+    if sender.is_known and rule.jump > 0.0:
         begin = moved(applied, minus(wanted, applied), rule.jump * threshold)
         begin = moved(x, minus(begin, x), room)
         travel = minus(plus(travel, wanted), begin)
@@ -121,17 +129,17 @@ def send(rule: CurveRule, learner: Learner, t_us: int, x: Vector, past: Past) ->
     if not ends_in_range(value, thresholds, threshold):
         thresholds = minus(thresholds, thresholds)
     message = CurveMessage(form, value, thresholds)
-    return message, Learner(True, curve_of(rule, t_us, message), x, causes, trust)
+    return message, Sender(True, curve_of(rule, t_us, message), x, trend, regression)
 
 
-def refreshed(learner: Learner) -> Learner:
+def refreshed(sender: Sender) -> Sender:
     """Return a receiver that is not known to follow the curve."""
-    return learner._replace(is_known=False)
+    return sender._replace(is_known=False)
 
 
-def mirror(learner: Learner) -> Curve:
+def mirror(sender: Sender) -> Curve:
     """Return what the receiver follows."""
-    return learner.curve
+    return sender.curve
 
 
 def receive(rule: CurveRule, curve: Curve, t_us: int, message: CurveMessage) -> Curve:
@@ -141,31 +149,30 @@ def receive(rule: CurveRule, curve: Curve, t_us: int, message: CurveMessage) -> 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AdaptivePredictive(Scheme):
-    """Transmit a curve that foretells the stimulus, as learned from how earlier curves ended.
+    """Transmit a curve that predicts the stimulus, with coefficients learned from earlier curves.
 
     Rule: both sides apply ``p = value + travel · s · (2 - s)``, ``s = min((t - t_sent) / horizon, 1)``: a slope that
-    dies away and ends in a hold. Send when ``|x - p| > threshold(|p|)``, strictly. The first stimulus is always sent.
-    The curve sent has ``travel = horizon / 2 · (c1 · short slope + c2 · long slope)`` and ``value = x + c3 · level``;
-    the slopes are those of the newest samples (`schemes.trend`), the level is how far their line passes from x, and the
-    c are learned by least squares (`schemes.trend`), such that a slope that goes on, and on
-    which both agree, is led by 0.3 thresholds at most. A curve never starts further from x than the threshold.
-    Payload: the value as in the deadband, then an axis at a time float16, the travel in thresholds around the value.
+    falls to zero at the horizon, then a hold. Send when ``|x - p| > threshold(|p|)``, strictly. The first stimulus is
+    always sent. A curve has ``travel = horizon / 2 · (c1 · short slope + c2 · long slope)`` and
+    ``value = x + c3 · level``. Slopes and level are those of the newest samples, the c are learned by least squares
+    (both in `schemes.trend`). Where both slopes agree, a curve leads them by at most 0.3 thresholds. A curve never
+    starts further from x than the threshold.
+    Payload: the value as in the deadband, then the travel, float16 an axis, in thresholds around the value.
 
     Without loss the applied stimulus is within the threshold of the true one at every sample, whatever the input.
-    After a loss, and for as long as an update comes late, the curve is followed to its end: by then it is at most
-    ``|travel|`` from its start.
+    After a loss, or while an update is late, the receiver follows the curve to its end, at most ``|travel|`` from its
+    start.
 
     Attributes
     ----------
     horizon_ms
-        For how long the slope takes to die away [ms]: 1 to 10 000.
+        Time in which the slope falls to zero [ms]: 1 to 10 000.
     window_ms
-        How old the samples are that the long slope is taken from [ms]: 1 to 1000, and no less than three sampling
-        periods; the short one, 0.3 of that.
+        Window of the long slope [ms]: 1 to 1000, lengthened to three sampling periods if need be. The window of the
+        short slope is 0.3 of it.
     jump_thresholds
-        How far the applied stimulus may jump when an update arrives, in thresholds: 0.1 to 10; further only as far as
-        the threshold around the stimulus demands. The rest of the way is made up for along the curve. 0: as far as
-        saves most.
+        Largest jump of the applied stimulus at an update, in thresholds: 0.1 to 10. A larger one is made only if the
+        rule demands it; the curve makes up the rest. 0: no limit, which sends the fewest packets.
     step_n
         Payload of int16 multiples of this [N] where that moves the stimulus by no more than the threshold; 0: never.
     """

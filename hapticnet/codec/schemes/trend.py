@@ -1,4 +1,4 @@
-"""What the newest samples say of the ones to come, and how well that has predicted them so far."""
+"""The trend of the newest samples, and a regression that learns how much of it to use for a prediction."""
 
 import math
 from typing import Final, NamedTuple
@@ -10,87 +10,89 @@ from hapticnet.vectors import along, magnitude, plus, times
 Triple = tuple[float, float, float]
 
 
-class Causes(NamedTuple):
-    """What may move a stimulus: travels by the short and the long slope, and the distance to the level [N]."""
+class Trend(NamedTuple):
+    """The trend of a stimulus: travels along its short and its long slope, and the distance to its level [N]."""
 
     short: Vector
     long: Vector
     level: Vector
 
 
-class Trust(NamedTuple):
-    """How well slopes and level have predicted: least squares over the curves that ended, with forgetting.
+class Regression(NamedTuple):
+    """Recursive least squares with forgetting: how much of each part of a trend the stimulus has followed.
 
-    Each curve that ends tells by how much the stimulus moved meanwhile. That is regressed on what the short slope, the
-    long slope and the level would each have made of it alone, in thresholds, with less weight the more they predicted.
+    Each curve that ends is an observation: how far the stimulus moved meanwhile. It is regressed on how far the short
+    slope, the long slope and the level would each have moved it, in thresholds. The larger these predictions, the less
+    weight the observation has.
 
     Attributes
     ----------
     normal
-        The upper triangle of the normal equations, row by row.
+        Upper triangle of the normal equations, row by row.
     right
         Their right-hand side.
-    trusted
-        Their solution.
+    coefficients
+        Their solution: of the short slope, the long slope and the level.
     """
 
     normal: tuple[float, float, float, float, float, float]
     right: Triple
-    trusted: Triple
+    coefficients: Triple
 
 
 SHORT: Final = 0.3
 """Length of the short window as a share of the long one."""
 
 LEAST_SAMPLES: Final = 2
-"""Samples beside the newest that a slope needs: with fewer, an impact would pass for a slope."""
+"""Samples that a slope needs besides the newest. With fewer, an impact would look like a slope."""
 
 LEAST_PERIODS: Final = 3.0
-"""Sampling periods that a window is long at least, so that `LEAST_SAMPLES` are in it however slow the sampling is."""
+"""Shortest window in sampling periods, so that slow sampling also has `LEAST_SAMPLES` in it."""
 
 MOST_SAMPLES: Final = 64
-"""Samples that a slope is taken from, at most: it bounds the cost of an update."""
+"""Most samples that a slope is fitted to; bounds the cost of an update."""
 
-MEMORY: Final = 0.99
-"""Weight of what was learned before when one more curve has ended: some hundred curves are remembered."""
+FORGETTING: Final = 0.99
+"""Factor on the weight of all earlier observations at each new one: about a hundred curves are remembered."""
 
-CAUTION: Final = 0.5
-"""Weight of what is believed before anything is learned, in curves that end a threshold away from their start."""
+PRIOR_STRENGTH: Final = 0.5
+"""Weight of `PRIOR` in the regression, in curves that end one threshold away from their start."""
 
-BELIEVED: Final = (0.5, 0.5, 0.0)
-"""What is believed before anything is learned: the slope goes on, and the newest sample is the level."""
+PRIOR: Final = (0.5, 0.5, 0.0)
+"""Coefficients before anything is learned: the slope continues, and the newest sample is the level."""
 
 LEAD: Final = 0.55
-"""Square root of how far a curve may get ahead of a slope that goes on, where both slopes agree, in thresholds.
+"""Square root of how far, in thresholds, a curve may lead a stimulus that continues along both slopes.
 
-A curve dies away, so it stays near a steady slope for longest if it starts steeper, and is ahead at first: with trust
-1 + d, at a travel of T thresholds, by ``T·((1 + d)·s·(2 - s) - 2·s)``, at most ``T·d²/(1 + d)``. So d is up to LEAD/√T.
+The slope of a curve falls to zero, so a curve stays near a steady slope longest if it starts steeper and leads at
+first. If the coefficients add up to 1 + d, and the travel is T thresholds, the lead is
+``T·((1 + d)·s·(2 - s) - 2·s)``, at most ``T·d²/(1 + d)``. So d is limited to LEAD/√T.
 """
 
-SCATTER: Final = 0.05
-"""Movements scatter with the variance of a squared threshold, and this share of what both slopes add up to, squared."""
+RELATIVE_VARIANCE: Final = 0.05
+"""The variance of a movement is one squared threshold, plus this share of the squared sum of both slopes' travels."""
 
-LARGEST_LESSON: Final = 1e6
-"""Larger movements, foretold or made, in squared thresholds, teach nothing: it keeps the equations well conditioned."""
+LARGEST_SQUARE: Final = 1e6
+"""Observations with a larger sum of squares (in thresholds) are ignored, to keep the equations well conditioned."""
 
 SMALLEST_THRESHOLD_N: Final = 1e-100
 
 
-UNTAUGHT: Final = Trust((0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), BELIEVED)
+NOTHING_LEARNED: Final = Regression((0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), PRIOR)
 
 
-def trend(past: Past, x: Vector, half_us: float, window_us: float, band_n: float) -> Causes:
-    """Return what the newest samples say, axis by axis; zeros where they say nothing.
+def measured_trend(past: Past, x: Vector, half_us: float, window_us: float, band_n: float) -> Trend:
+    """Return the trend of the newest samples, axis by axis; zeros where there are too few.
 
     The slopes are those of lines through the newest sample, fitted to the older ones with weights that fall linearly to
-    zero at the end of each window, which is no shorter than `LEAST_PERIODS`. The level is how far from the newest
-    sample a line passes that need not go through it. Going back, a sample further than `band_n` from the line so far
-    ends the window: there was an impact.
+    zero at the end of each window, which is at least `LEAST_PERIODS` long. The level is the distance from the newest
+    sample to a line that is fitted without passing through it. Going back in time, a sample further than `band_n` from
+    the line so far ends the window, because there was an impact.
 
     Parameters
     ----------
     half_us
-        The slopes are given as the travels that they make in this time [µs].
+        Time [µs] for which the slopes are extrapolated; they are returned as travels.
     window_us
         Length of the long window [µs].
     """
@@ -99,15 +101,15 @@ def trend(past: Past, x: Vector, half_us: float, window_us: float, band_n: float
         window_us = max(window_us, LEAST_PERIODS * period_us)
     if len(x) == 1:
         a = fit(past, 0, x[0], window_us, band_n)
-        return Causes((half_us * a[0],), (half_us * a[1],), (a[2],))
+        return Trend((half_us * a[0],), (half_us * a[1],), (a[2],))
     if len(x) == 2:
         a = fit(past, 0, x[0], window_us, band_n)
         b = fit(past, 1, x[1], window_us, band_n)
-        return Causes((half_us * a[0], half_us * b[0]), (half_us * a[1], half_us * b[1]), (a[2], b[2]))
+        return Trend((half_us * a[0], half_us * b[0]), (half_us * a[1], half_us * b[1]), (a[2], b[2]))
     a = fit(past, 0, x[0], window_us, band_n)
     b = fit(past, 1, x[1], window_us, band_n)
     c = fit(past, 2, x[2], window_us, band_n)
-    return Causes(
+    return Trend(
         (half_us * a[0], half_us * b[0], half_us * c[0]),
         (half_us * a[1], half_us * b[1], half_us * c[1]),
         (a[2], b[2], c[2]),
@@ -120,7 +122,7 @@ def fit(past: Past, axis: int, x: float, window_us: float, band_n: float) -> Tri
     newest_us = times_us[past.newest]
     short_us = SHORT * window_us
     count = 0
-    weights = 1.0  # the newest sample's own, in the fit of the level
+    weights = 1.0  # that of the newest sample, which counts in the fit of the level
     moment = spread = product = rise = slope = short_spread = short_product = 0.0
     for k in range(past.newest - 1, max(past.newest - MOST_SAMPLES, past.first - 1), -1):
         age_us = newest_us - times_us[k]
@@ -151,25 +153,25 @@ def fit(past: Past, axis: int, x: float, window_us: float, band_n: float) -> Tri
     return short_product / short_spread if short_spread > 0.0 else slope, slope, level
 
 
-def expected(trust: Trust, causes: Causes, threshold_n: float) -> Vector:
-    """Return by how much the slopes are expected to move the stimulus."""
-    a, b, _ = trust.trusted
-    both = magnitude(plus(causes.short, causes.long))
+def predicted_travel(regression: Regression, trend: Trend, threshold_n: float) -> Vector:
+    """Return how far the slopes are predicted to move the stimulus [N]."""
+    a, b, _ = regression.coefficients
+    both = magnitude(plus(trend.short, trend.long))
     if a + b > 1.0 and both > 0.0:
         limit = min(1.0, (1.0 + LEAD * math.sqrt(2.0 * threshold_n / both)) / (a + b))
         a, b = limit * a, limit * b
-    return along(times(causes.short, a), b, causes.long)
+    return along(times(trend.short, a), b, trend.long)
 
 
-def taught(trust: Trust, causes: Causes, moved: Vector, share: float, threshold_n: float) -> Trust:
-    """Return what is known after the stimulus moved while its curve made a share of its travel."""
+def updated(regression: Regression, trend: Trend, moved: Vector, share: float, threshold_n: float) -> Regression:
+    """Return the regression after the stimulus moved by `moved` [N] while its curve made a share of its travel."""
     if not (threshold_n > SMALLEST_THRESHOLD_N and share > 0.0):
-        return trust
+        return regression
     scale = 1.0 / threshold_n
     made = share * scale
     pp = pq = pr = qq = qr = rr = pm = qm = rm = mm = 0.0
     for axis in range(len(moved)):
-        p, q, r = made * causes.short[axis], made * causes.long[axis], scale * causes.level[axis]
+        p, q, r = made * trend.short[axis], made * trend.long[axis], scale * trend.level[axis]
         m = scale * moved[axis]
         pp += p * p
         pq += p * q
@@ -181,29 +183,29 @@ def taught(trust: Trust, causes: Causes, moved: Vector, share: float, threshold_
         qm += q * m
         rm += r * m
         mm += m * m
-    if not pp + qq + rr + mm <= LARGEST_LESSON:
-        return trust
-    weight = 1.0 / (1.0 + SCATTER * (pp + 2.0 * pq + qq))
-    aa, ab, ac, bb, bc, cc = trust.normal
-    aa = MEMORY * aa + weight * pp
-    ab = MEMORY * ab + weight * pq
-    ac = MEMORY * ac + weight * pr
-    bb = MEMORY * bb + weight * qq
-    bc = MEMORY * bc + weight * qr
-    cc = MEMORY * cc + weight * rr
-    a, b, c = trust.right
-    a, b, c = MEMORY * a + weight * pm, MEMORY * b + weight * qm, MEMORY * c + weight * rm
+    if not pp + qq + rr + mm <= LARGEST_SQUARE:
+        return regression
+    weight = 1.0 / (1.0 + RELATIVE_VARIANCE * (pp + 2.0 * pq + qq))
+    aa, ab, ac, bb, bc, cc = regression.normal
+    aa = FORGETTING * aa + weight * pp
+    ab = FORGETTING * ab + weight * pq
+    ac = FORGETTING * ac + weight * pr
+    bb = FORGETTING * bb + weight * qq
+    bc = FORGETTING * bc + weight * qr
+    cc = FORGETTING * cc + weight * rr
+    a, b, c = regression.right
+    a, b, c = FORGETTING * a + weight * pm, FORGETTING * b + weight * qm, FORGETTING * c + weight * rm
     normal, right = (aa, ab, ac, bb, bc, cc), (a, b, c)
-    a, b, c = a + CAUTION * BELIEVED[0], b + CAUTION * BELIEVED[1], c + CAUTION * BELIEVED[2]
-    # Caution makes the equations positive definite, so that elimination needs no pivots.
-    aa += CAUTION
+    a, b, c = a + PRIOR_STRENGTH * PRIOR[0], b + PRIOR_STRENGTH * PRIOR[1], c + PRIOR_STRENGTH * PRIOR[2]
+    # The prior makes the equations positive definite, so elimination needs no pivots.
+    aa += PRIOR_STRENGTH
     factor_b, factor_c = ab / aa, ac / aa
-    bb += CAUTION - factor_b * ab
+    bb += PRIOR_STRENGTH - factor_b * ab
     bc -= factor_b * ac
     b -= factor_b * a
     factor = bc / bb
-    c = (c - factor_c * a - factor * b) / (cc + CAUTION - factor_c * ac - factor * bc)
+    c = (c - factor_c * a - factor * b) / (cc + PRIOR_STRENGTH - factor_c * ac - factor * bc)
     b = (b - bc * c) / bb
     a = (a - ab * b - ac * c) / aa
-    # A trend that was always wrong is no reason to go the other way.
-    return Trust(normal, right, (a, b, c) if a + b > 0.0 else (0.0, 0.0, c))
+    # If the slopes were always wrong, use neither; do not extrapolate the opposite way.
+    return Regression(normal, right, (a, b, c) if a + b > 0.0 else (0.0, 0.0, c))
