@@ -1,4 +1,4 @@
-"""The fingertip: what a person is to feel, made felt. Limits, force loop and device, as a force takes them."""
+"""The fingertip: limits, force loop and device, in the order in which a force passes them."""
 
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
@@ -10,7 +10,7 @@ from hapticnet.device.base import Device, Reading
 
 @dataclass(frozen=True, slots=True)
 class DeviceLost:
-    """The device gives no readings any more; `reason` says what is known of why."""
+    """The device gives no more readings; `reason` is its status."""
 
     reason: str
 
@@ -35,20 +35,20 @@ FingertipEvent: TypeAlias = DeviceLost | DeviceFound | ForceFault
 class Fingertip:
     """A device and the force loop that drives it.
 
-    A device that is lost and comes back is met like a stranger: retracted, and looking for the finger slowly.
+    A device that returns after a loss is treated as a new one: it starts retracted and searches for the finger slowly.
 
     Attributes
     ----------
     device
-        What is driven.
+        The device.
     controller
         The force loop.
     largest_n
-        The largest force [N] it asks of the device, which leaves the loop room for its overshoot.
+        Largest force [N] that is requested, so that the overshoot of the loop stays within the device's limit.
     target_n
-        The force [N] being asked of the device, after the limits.
+        Force [N] requested of the device, after the limits.
     displacement_m
-        Where the platform was last sent [m].
+        Platform displacement last requested [m].
     reading
         The newest reading; None while the device is lost.
     """
@@ -63,17 +63,15 @@ class Fingertip:
         max_force_n = min(control.max_force_n, device.max_force_n)
         headroom_n = min(control.headroom_n, 0.5 * max_force_n)
         self.largest_n = max_force_n - headroom_n
-        self.controller = ForceController(
-            replace(
-                control,
-                travel_m=min(control.travel_m, device.travel_m),
-                max_force_n=max_force_n,
-                # What a device that bears little force leaves of these.
-                headroom_n=headroom_n,
-                search_n=min(control.search_n, 0.5 * max_force_n),
-                yield_n=min(control.yield_n, 0.5 * max_force_n),
-            )
+        within_device = replace(
+            control,
+            travel_m=min(control.travel_m, device.travel_m),
+            max_force_n=max_force_n,
+            headroom_n=headroom_n,
+            search_n=min(control.search_n, 0.5 * max_force_n),
+            yield_n=min(control.yield_n, 0.5 * max_force_n),
         )
+        self.controller = ForceController(within_device)
         self.target_n = 0.0
         self.displacement_m = 0.0
         self.reading: Reading | None = None
@@ -85,14 +83,14 @@ class Fingertip:
 
     @property
     def sensed_n(self) -> float:
-        """The newest sensed force [N]; 0 while the device is lost."""
+        """Newest sensed force [N]; 0 while the device is lost."""
         return self.reading.force_n if self.reading is not None else 0.0
 
     def press(self, force_n: float, now_us: int) -> None:
-        """Bring the device one step nearer to a force [N]; called every tick."""
+        """Move the device one step toward a force [N]; called every tick."""
         reading = self.reading
         if reading is None:
-            # Nobody is there to feel it. When somebody is again, the force rises from nothing.
+            # Without a device the limiter falls to zero, from where the force rises when the device returns.
             self.target_n = self._limiter.limit(0.0, now_us)
             self.displacement_m = 0.0
         else:
@@ -115,7 +113,7 @@ class Fingertip:
         }
 
     def next_event(self) -> FingertipEvent | None:
-        """Return what happened next, or None."""
+        """Return the next event, or None."""
         return self._events.pop(0) if self._events else None
 
     def _note_changes(self) -> None:

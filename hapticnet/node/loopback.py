@@ -1,4 +1,4 @@
-"""Master, slave and two channels in one virtual time: the effects of a network without a network or a wait."""
+"""Master, slave and two channels in virtual time: the effects of a network without sockets or waiting."""
 
 from typing import Final
 
@@ -54,12 +54,12 @@ class Loopback:
         self.now_us = end_us
 
     def close(self, reason: str = "done") -> None:
-        """End the session in good order."""
+        """End the session properly, with CLOSE and its answer."""
         self.master.close(reason, self.now_us)
         self.run(1_000_000)
 
     def _exchange(self) -> None:
-        """Carry what is due now, until neither side has anything left to send."""
+        """Exchange the datagrams that are due, until neither side has anything left to send."""
         now_us = self.now_us
         slave_timer_us = self.slave.next_timer_us()
         if slave_timer_us is not None and now_us >= slave_timer_us:

@@ -1,6 +1,6 @@
-"""What a person asks of a fingertip by itself, without a slave: a step of the target, and getting to know the finger.
+"""Procedures with a fingertip alone, without a slave: a step of the target, and measuring a finger's stiffness.
 
-A procedure is ticked like a node and says when it is done; whether time is virtual or real is not its business.
+A procedure is ticked like a node, in virtual or real time, and returns whether it is done.
 """
 
 import math
@@ -21,23 +21,23 @@ if TYPE_CHECKING:
 STEP_COLUMNS: Final = ("t_us", "target_n", "sensed_n", "true_n", "stood_m", "sent_m")
 
 LONGEST_ABSENCE_US: Final = 5_000_000
-"""How long [µs] a procedure waits for a device's first reading: a Nano's bootloader takes one to two seconds."""
+"""Longest wait [µs] for a device's first reading: a Nano's bootloader takes one to two seconds."""
 
 LONGEST_LOSS_US: Final = 500_000
-"""How long [µs] it goes on when there are none any more."""
+"""Longest time [µs] that a procedure continues without readings."""
 
 LONGEST_SEARCH_US: Final = 10_000_000
-"""How long [µs] a finger is looked for: several times the whole way of the platform."""
+"""Longest search [µs] for a finger: several times what the platform takes for its whole travel."""
 
 TUNING_FORCES_N: Final = (0.5, 0.8, 1.2, 1.6, 2.0)
-"""Forces [N] at which a finger is got to know: rising only, so that neither the gears' play nor the sensor's hysteresis
-comes in between, and no more than the paper's step."""
+"""Forces [N] at which a finger is measured: only rising, to exclude the play of the gears and the hysteresis of the
+sensor, and at most the paper's step."""
 
 LEAST_SPAN_N: Final = 0.3
-"""Forces [N] that lie closer together say nothing of a stiffness."""
+"""Smallest range of forces [N] from which a stiffness is computed."""
 
 REST_US: Final = 1_200_000
-"""How long [µs] each is held; the mean of the last half counts."""
+"""Time [µs] for which each force is held; the mean of the second half is used."""
 
 
 class _Procedure:
@@ -54,7 +54,7 @@ class _Procedure:
         Raises
         ------
         UnavailableError
-            When the device gives no readings for too long, or the force loop has given up.
+            If the device gives no readings for too long, or the force loop has given up.
         """
         fingertip = self.fingertip
         if fingertip.controller.fault is not None:
@@ -71,22 +71,21 @@ class _Procedure:
 
 
 class StepTest(_Procedure):
-    """A step of the target, recorded tick by tick. A device that is lost ends it: the figures would be the loss's.
+    """A step of the target, recorded tick by tick. The loss of the device ends it, as it would distort the figures.
 
     Parameters
     ----------
     from_n, to_n
         Target [N] before and after.
     before_us, after_us
-        How long [µs] each is held; the finger has to be found in the first.
+        Time [µs] for which each is held; the finger must be found within the first.
 
     Attributes
     ----------
     step_us
-        When the target stepped, on the clock of the recording; None before it did.
+        Time of the step on the clock of the recording; None before it.
     recording
-        Time, target, sensed force, true force (NaN where nobody knows it), where the platform stood, and where it was
-        sent.
+        Time, target, sensed force, true force (NaN if unknown), and measured and requested platform displacement.
     """
 
     def __init__(
@@ -97,7 +96,7 @@ class StepTest(_Procedure):
         check_parameter("start of the step", from_n, 0, largest_n, "N")
         check_parameter("end of the step", to_n, 0, largest_n, "N")
         if from_n == to_n:
-            raise SettingsError(f"the step goes from {from_n} N to the same; there is nothing to see")
+            raise SettingsError(f"the step starts and ends at {from_n} N; the two forces must differ")
         self.recording = Recording(STEP_COLUMNS)
         self.step_us: int | None = None
         self._from_n = from_n
@@ -106,7 +105,7 @@ class StepTest(_Procedure):
         self._after_us = after_us
 
     def tick(self, now_us: int) -> bool:
-        """Do the next step of the procedure; tell whether it is done."""
+        """Do the next step of the procedure; return whether it is done."""
         elapsed_us = self._elapsed_us(now_us)
         if elapsed_us is not None and elapsed_us >= self._before_us and self.step_us is None:
             self.step_us = now_us
@@ -119,33 +118,25 @@ class StepTest(_Procedure):
                     f"the device was lost {elapsed_us / 1e6:.1f} s into the test: {fingertip.device.status}"
                 )
             true_n = fingertip.device.contact_force_n
-            self.recording.add(
-                (
-                    now_us,
-                    target_n,
-                    reading.force_n,
-                    math.nan if true_n is None else true_n,
-                    reading.displacement_m,
-                    fingertip.displacement_m,
-                )
-            )
+            forces_n = target_n, reading.force_n, math.nan if true_n is None else true_n
+            self.recording.add((now_us, *forces_n, reading.displacement_m, fingertip.displacement_m))
         return self.step_us is not None and now_us >= self.step_us + self._after_us
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tuned:
-    """What was found out of a finger.
+    """Properties of a finger.
 
     Attributes
     ----------
     stiffness_n_m
         Tangent stiffness at 1 N [N/m].
     contact_m
-        Platform displacement at which it is touched [m].
+        Platform displacement at which it touches the finger [m].
     residual_m
-        Root mean square distance [m] of the points from the fingertip law through them.
+        Root mean square distance [m] of the points from the fitted fingertip law.
     forces_n, displacements_m
-        The points: sensed force [N] and where the platform stood [m].
+        The points: sensed force [N] and platform displacement [m].
     """
 
     stiffness_n_m: float
@@ -156,34 +147,30 @@ class Tuned:
 
 
 class Tuning(_Procedure):
-    """Looks for the finger over the whole travel, presses it with a few rising forces, and lets go.
+    """Search for the finger over the whole travel, press it with a few rising forces, and retract.
 
-    Its fingertip's reach should be the whole way of the platform.
+    The fingertip's travel should be that of the platform.
     """
 
     def __init__(self, fingertip: Fingertip, *, max_force_n: float = TUNING_FORCES_N[-1]) -> None:
         super().__init__(fingertip)
         self._forces_n = [force_n for force_n in TUNING_FORCES_N if force_n <= max_force_n]
         if not max_force_n <= fingertip.largest_n:
-            raise SettingsError(
-                f"tuning is allowed {max_force_n} N; this device is asked for {fingertip.largest_n:g} at most"
-            )
+            raise SettingsError(f"tuning force is {max_force_n} N; it must be at most {fingertip.largest_n:g} N")
         if len(self._forces_n) < 3:
-            raise SettingsError(
-                f"tuning with {max_force_n} N at most leaves too few points; allow {TUNING_FORCES_N[2]:g} N at least"
-            )
+            raise SettingsError(f"tuning force is {max_force_n} N; it must be at least {TUNING_FORCES_N[2]:g} N")
         self._touched_us: int | None = None
         self._sums: NDArray[np.float64] = np.zeros((len(self._forces_n), 3))
 
     def tick(self, now_us: int) -> bool:
-        """Do the next step of the procedure; tell whether it is done."""
+        """Do the next step of the procedure; return whether it is done."""
         fingertip = self.fingertip
         elapsed_us = self._elapsed_us(now_us)
         if self._touched_us is None:
             if fingertip.controller.finger.felt:
                 self._touched_us = now_us
             elif elapsed_us is not None and elapsed_us > LONGEST_SEARCH_US:
-                raise UnavailableError("no finger felt on the whole way of the platform: is one in the device?")
+                raise UnavailableError("no finger felt over the whole travel of the platform: is one in the device?")
             fingertip.press(self._forces_n[0], now_us)
             return False
         since_us = now_us - self._touched_us
@@ -197,7 +184,7 @@ class Tuning(_Procedure):
         return False
 
     def result(self) -> Tuned:
-        """Return what was found out; raises an UnavailableError when it is no finger."""
+        """Return the properties of the finger; raise UnavailableError if the measurement does not fit a finger."""
         if not self._sums[:, 0].all():
             raise UnavailableError("the device was lost while the finger was being pressed; try again")
         forces_n, displacements_m = (self._sums[:, 1:] / self._sums[:, :1]).T

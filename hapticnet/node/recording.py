@@ -1,4 +1,4 @@
-"""What a node remembers of every sample, for the table and the figure afterwards."""
+"""Recording of every sample by a node, for tables and figures."""
 
 from array import array
 
@@ -7,13 +7,13 @@ import numpy as np
 from hapticnet.arrays import FloatArray
 
 SLAVE_COLUMNS = ("t_us", "position_m", "force_n", "held_n", "transmitted", "datagram_bytes", "breaches")
-"""Per position answered: its time stamp (the master's clock), the position, the true force, what the master applies
-when nothing is lost, whether a FORCE was transmitted, UDP payload bytes of the FORCE or KEEPALIVE it caused (0:
-neither), and surfaces breached so far."""
+"""For each position answered: its time stamp (the master's clock), the position, the true force, the force that the
+master applies if nothing is lost, whether a FORCE was transmitted, UDP payload bytes of the FORCE or KEEPALIVE sent
+(0: neither), and surfaces breached so far."""
 
 MASTER_COLUMNS = ("t_us", "position_m", "held_n", "target_n", "sensed_n", "displacement_m")
-"""Per tick: time stamp of the position on the master's clock, position sent, and what the finger had at that time: held
-force, force asked of the device after all limits, force its sensor reads, and displacement of its platform."""
+"""For each tick: time stamp of the position on the master's clock, position sent, and at that time: held force, force
+requested of the device after all limits, sensed force, and displacement of the platform."""
 
 
 class Recording:

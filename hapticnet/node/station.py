@@ -85,17 +85,8 @@ class Station:
         if answer is None and self.session.keepalive_is_due(now_us):
             answer = self.session.keepalive(t_us, now_us)
         if self.recording is not None:
-            self.recording.add(
-                (
-                    t_us,
-                    sample.position_m[0],
-                    force.force_n[0],
-                    held_n[0],
-                    payload is not None,
-                    0 if answer is None else len(answer),
-                    self.scene.breaches,
-                )
-            )
+            first_axis = sample.position_m[0], force.force_n[0], held_n[0]
+            self.recording.add((t_us, *first_axis, payload is not None, len(answer or b""), self.scene.breaches))
         return answer
 
     def report(self) -> dict[str, Any]:

@@ -12,6 +12,7 @@ import msgpack
 import numpy as np
 import numpy.typing as npt
 
+from hapticnet.arrays import IntArray
 from hapticnet.errors import PeerError
 from hapticnet.protocol.serial_number import MODULUS
 
@@ -129,9 +130,7 @@ def is_uint32(value: object) -> bool:
     return type(value) is int and 0 <= value < MODULUS
 
 
-def force_datagram_bytes(
-    sequence: npt.NDArray[np.int64], t_us: npt.NDArray[np.int64], payload_bytes: npt.NDArray[np.uint16]
-) -> npt.NDArray[np.int64]:
+def force_datagram_bytes(sequence: IntArray, t_us: IntArray, payload_bytes: npt.NDArray[np.uint16]) -> IntArray:
     """Return the size [B] of FORCE datagrams, without UDP and IP headers, shapes (m,).
 
     The arithmetic of msgpack: one byte for each array head, version and kind, five for a session, two for each byte
@@ -140,14 +139,12 @@ def force_datagram_bytes(
     return 13 + _uint_bytes(sequence) + _uint_bytes(t_us) + payload_bytes
 
 
-def keepalive_datagram_bytes(
-    sequence: npt.NDArray[np.int64], t_us: npt.NDArray[np.int64], newest_force: npt.NDArray[np.int64]
-) -> npt.NDArray[np.int64]:
+def keepalive_datagram_bytes(sequence: IntArray, t_us: IntArray, newest_force: IntArray) -> IntArray:
     """Return the size [B] of KEEPALIVE datagrams, without UDP and IP headers, shapes (m,)."""
     return 11 + _uint_bytes(sequence) + _uint_bytes(t_us) + _uint_bytes(newest_force)
 
 
-def _uint_bytes(values: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+def _uint_bytes(values: IntArray) -> IntArray:
     sizes = np.array([1, 2, 3, 5], dtype=np.int64)
     return sizes[np.searchsorted([1 << 7, 1 << 8, 1 << 16], values % MODULUS, side="right")]
 

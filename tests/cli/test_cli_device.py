@@ -143,7 +143,7 @@ def test_a_summary_is_mean_and_sample_deviation():
         (("step", "sim:10"), "between 0.2 and 5 N/mm"),
         (("step", "sim", "--plot", "x.xyz"), "it must be png, pdf or svg"),
         (("step", "sim", "--from", "1", "--to", "9"), "between 0 and 4.6"),
-        (("tune", "sim", "--max-force", "99"), "asked for 4.6 at most"),
+        (("tune", "sim", "--max-force", "99"), "it must be at most 4.6 N"),
         (("tune", "none"), "unknown device 'none'"),
     ],
 )
@@ -205,7 +205,7 @@ def test_tune_overwrites_no_profile_it_does_not_go_on_from_and_leaves_no_empty_o
     assert_one_line(done, "device.toml exists", "--profile")
     assert profile.read_text() == 'serial = "A9B0C1D2"\n'
     other = tmp_path / "other.toml"
-    assert_one_line(hapticnet("device", "tune", "sim", "--max-force", "0.1", "--out", other), "too few points")
+    assert_one_line(hapticnet("device", "tune", "sim", "--max-force", "0.1", "--out", other), "it must be at least 1.2 N")
     assert not other.exists()
     assert hapticnet("device", "tune", "sim", "--profile", profile).returncode == 0
     assert load_profile(profile).serial == "A9B0C1D2"
