@@ -5,17 +5,24 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.codec.schemes.trend import BELIEVED, LEAD, Trust, trend
+from hapticnet.codec.schemes.trend import BELIEVED, LEAD, UNTAUGHT, Causes, expected, taught, trend
+from hapticnet.codec.steps import Past
 
 
 def samples(values, period_us=1000):
     return [(period_us * index, (value,)) for index, value in enumerate(values)]
 
 
+def trend_of(given, band_n, window_us):
+    """Return both slopes [N/µs] and the level [N]."""
+    times_us, values = zip(*given, strict=True)
+    return trend(Past(times_us, values, 0, len(values) - 1), values[-1], 1.0, window_us, band_n)
+
+
 @given(st.floats(-10, 10), st.floats(-1e-3, 1e-3), st.integers(3, 30))
 def test_on_a_line_both_slopes_are_its_own_and_the_level_is_the_newest_sample(start, slope, count):
     values = [start + slope * 1000 * index for index in range(count)]
-    (short,), (long,), (level,) = trend(samples(values), band_n=1.0, window_us=20_000.0)
+    (short,), (long,), (level,) = trend_of(samples(values), band_n=1.0, window_us=20_000.0)
     assert short == pytest.approx(slope, abs=1e-9)
     assert long == pytest.approx(slope, abs=1e-9)
     assert level == pytest.approx(0.0, abs=1e-9)
@@ -23,23 +30,23 @@ def test_on_a_line_both_slopes_are_its_own_and_the_level_is_the_newest_sample(st
 
 def test_the_level_of_noise_is_near_its_mean_wherever_the_newest_sample_is():
     values = [1.0, 1.1] * 10 + [1.5]
-    (level,) = trend(samples(values), band_n=1e9, window_us=20_000.0)[2]
+    (level,) = trend_of(samples(values), band_n=1e9, window_us=20_000.0)[2]
     assert 1.0 < 1.5 + level < 1.3
 
 
 @pytest.mark.parametrize("values", [[1.0], [1.0, 2.0], [0.0] * 20 + [5.0, 5.1]])
 def test_fewer_than_three_samples_since_an_impact_say_nothing(values):
-    assert trend(samples(values), band_n=0.1, window_us=20_000.0) == ((0.0,), (0.0,), (0.0,))
+    assert trend_of(samples(values), band_n=0.1, window_us=20_000.0) == ((0.0,), (0.0,), (0.0,))
 
 
 def test_samples_of_the_same_time_or_of_times_that_go_back_say_nothing():
     for period_us in (0, -1000):
-        assert trend(samples([1.0, 2.0, 3.0], period_us), band_n=9.0, window_us=20_000.0) == ((0.0,), (0.0,), (0.0,))
+        assert trend_of(samples([1.0, 2.0, 3.0], period_us), band_n=9.0, window_us=20_000.0) == ((0.0,), (0.0,), (0.0,))
 
 
 @pytest.mark.parametrize("period_us", [1000, 10_000, 1_000_000])
 def test_however_slow_the_sampling_a_line_is_seen(period_us):
-    (short,), (long,), _ = trend(samples([1.0, 2.0, 3.0], period_us), band_n=9.0, window_us=2_000.0)
+    (short,), (long,), _ = trend_of(samples([1.0, 2.0, 3.0], period_us), band_n=9.0, window_us=2_000.0)
     assert short == pytest.approx(1.0 / period_us)
     assert long == pytest.approx(1.0 / period_us)
 
@@ -47,40 +54,33 @@ def test_however_slow_the_sampling_a_line_is_seen(period_us):
 def test_samples_from_before_the_window_say_nothing():
     old = [(0, (100.0,)), (1000, (100.0,))]
     new = [(50_000 + 1000 * index, (2.0 * index,)) for index in range(5)]
-    assert trend(old + new, band_n=1e9, window_us=10_000.0) == trend(new, band_n=1e9, window_us=10_000.0)
+    assert trend_of(old + new, band_n=1e9, window_us=10_000.0) == trend_of(new, band_n=1e9, window_us=10_000.0)
 
 
 def test_axes_are_independent():
     both = [(1000 * index, (float(index), -3.0)) for index in range(10)]
-    short, long, level = trend(both, band_n=1.0, window_us=20_000.0)
+    short, long, level = trend_of(both, band_n=1.0, window_us=20_000.0)
     assert short == pytest.approx((0.001, 0.0))
     assert long == pytest.approx((0.001, 0.0))
     assert level == pytest.approx((0.0, 0.0))
 
 
 def learned(rng, truth, noise, rounds=300):
-    trust = Trust()
+    trust = UNTAUGHT
     for _ in range(rounds):
-        causes = tuple((each,) for each in rng.normal(0.0, 2.0, 3).tolist())
+        causes = Causes(*[(each,) for each in rng.normal(0.0, 2.0, 3).tolist()])
         moved = sum(weight * each for weight, (each,) in zip(truth, causes, strict=True)) + noise * rng.normal()
-        trust.learn(causes, (moved,), 1.0, 1.0)
+        trust = taught(trust, causes, (moved,), 1.0, 1.0)
     return trust
-
-
-def trusted(trust):
-    """Return the trust in short slope, long slope and level, which no threshold limits."""
-    units = ((1.0,), (0.0,), (0.0,)), ((0.0,), (1.0,), (0.0,)), ((0.0,), (0.0,), (1.0,))
-    (short, _), (long, _), (_, level) = (trust.foretell(unit, math.inf) for unit in units)
-    return short[0], long[0], level[0]
 
 
 @pytest.mark.parametrize("truth", [(1.0, 0.0, 0.0), (0.2, 0.7, 0.5), (0.0, 0.0, 1.0), (1.4, -0.6, -0.3)])
 def test_trust_becomes_what_has_been_true(truth):
-    assert trusted(learned(np.random.default_rng(1), truth, 0.1)) == pytest.approx(truth, abs=0.1)
+    assert learned(np.random.default_rng(1), truth, 0.1).trusted == pytest.approx(truth, abs=0.1)
 
 
 def test_a_trend_that_was_always_wrong_is_no_reason_to_go_the_other_way():
-    assert trusted(learned(np.random.default_rng(2), (-1.0, -1.0, 0.0), 0.1))[:2] == (0.0, 0.0)
+    assert learned(np.random.default_rng(2), (-1.0, -1.0, 0.0), 0.1).trusted[:2] == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("travel", [0.1, 1.0, 10.0, 1000.0])
@@ -89,7 +89,7 @@ def test_a_curve_gets_ahead_of_a_steady_slope_by_no_more_than_its_lead(travel, a
     threshold_n = 0.05
     trust = learned(np.random.default_rng(3), (3.0, 3.0, 0.0), 0.1)
     slope = tuple(travel * threshold_n * each for each in along)
-    curve, _ = trust.foretell((slope, slope, (0.0,) * len(along)), threshold_n)
+    curve = expected(trust, Causes(slope, slope, (0.0,) * len(along)), threshold_n)
     made = np.dot(curve, along) / threshold_n
     s = np.linspace(0.0, 1.0, 10_001)
     ahead = np.max(made * s * (2.0 - s) - 2.0 * travel * s)
@@ -104,11 +104,12 @@ wild = st.tuples(*[st.floats(-1e15, 1e15)] * 3).map(lambda each: tuple((x,) for 
     st.lists(st.tuples(wild, st.floats(-1e15, 1e15), st.floats(0, 1), st.sampled_from([0.0, 5e-324, 1e-9, 1, 1e15])))
 )
 def test_trust_is_finite_whatever_it_is_told(rounds):
-    trust = Trust()
+    trust = UNTAUGHT
     for causes, moved, share, threshold in rounds:
-        trust.learn(causes, (moved,), share, float(threshold))
-        assert all(abs(each) < 1e10 for each in trusted(trust))
+        trust = taught(trust, Causes(*causes), (moved,), share, float(threshold))
+        assert all(abs(each) < 1e10 for each in trust.trusted)
 
 
 def test_before_anything_is_learned_the_slopes_are_believed_in_equal_shares():
-    assert trusted(Trust()) == BELIEVED
+    assert UNTAUGHT.trusted == BELIEVED
+    assert expected(UNTAUGHT, Causes((1.0,), (3.0,), (9.0,)), math.inf) == (2.0,)

@@ -2,13 +2,14 @@ import math
 
 import numpy as np
 import pytest
-from codec_cases import assert_same, distances, laws, steps, stream, timed, wandering
+from codec_cases import assert_same, distances, laws, steps, timed, wandering
 from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.schemes.deadband import Deadband
-from hapticnet.codec.schemes.velocity_adaptive import HandSpeed, VelocityAdaptive
+from hapticnet.codec.schemes.velocity_adaptive import VelocityAdaptive, start, watch
+from hapticnet.codec.steps import table_of_lists
 from hapticnet.errors import SampleError, SettingsError
 from hapticnet.perception import WeberLaw
 from hapticnet.vectors import magnitude
@@ -54,40 +55,38 @@ def test_without_positions_or_without_gain_it_is_the_deadband(case, law, step_n)
     assert_same(deadband, encode_array(still, t_us, stimuli, positions))
 
 
+def speed_after(time_constant_ms, *path):
+    """Return the speed [m/s] of a hand after times and positions."""
+    axes = len(path[0][1])
+    rule = VelocityAdaptive(time_constant_ms=time_constant_ms).rule(axes, table_of_lists)
+    moving = start(rule, axes)
+    for t_us, position in path:
+        moving = watch(rule, moving, t_us, position)
+    return moving.hand.speed_m_s
+
+
 @given(st.integers(1, 3), st.floats(0.01, 1.0))
-def test_a_steady_hand_has_the_speed_it_has_whatever_the_times_of_its_samples(axes, speed):
-    hand = HandSpeed(0.01, axes)
-    t_us = 0
-    for index in range(300):
-        t_us += (0, 1, 700, 1000, 5000)[index % 5]
-        hand.move(t_us, (speed * t_us * 1e-6 / math.sqrt(axes),) * axes)
-    assert hand.m_per_s == pytest.approx(speed, rel=1e-3)
+def test_the_speed_of_a_steady_hand_does_not_depend_on_the_times_of_its_samples(axes, speed):
+    times_us = np.cumsum([(0, 1, 700, 1000, 5000)[index % 5] for index in range(300)]).tolist()
+    path = [(t_us, (speed * t_us * 1e-6 / math.sqrt(axes),) * axes) for t_us in times_us]
+    assert speed_after(10.0, *path) == pytest.approx(speed, rel=1e-3)
 
 
 def test_speed_rises_with_its_time_constant():
-    hand = HandSpeed(0.010, 1)
-    for millisecond in range(11):
-        hand.move(millisecond * MS, (0.1e-3 * millisecond,))
-    assert hand.m_per_s == pytest.approx(0.1 * (1 - (10 / 11) ** 10))
+    path = [(ms * MS, (0.1e-3 * ms,)) for ms in range(11)]
+    assert speed_after(10.0, *path) == pytest.approx(0.1 * (1 - (10 / 11) ** 10))
 
 
 def test_jitter_of_the_position_does_not_add_up_to_speed():
-    hand = HandSpeed(0.010, 1)
-    for millisecond in range(1000):
-        hand.move(millisecond * MS, (1e-5 * (-1) ** millisecond,))
-    assert hand.m_per_s < 0.002  # the bare quotient is 0.02 m/s
+    path = [(ms * MS, (1e-5 * (-1) ** ms,)) for ms in range(1000)]
+    assert speed_after(10.0, *path) < 0.002  # the bare quotient is 0.02 m/s
 
 
-def test_a_time_that_goes_back_starts_anew_at_rest_and_a_repeated_one_changes_nothing():
-    hand = HandSpeed(0.0, 1)
-    hand.move(10**9, (0.0,))
-    hand.move(10**9 + MS, (0.001,))
-    hand.move(10**9 + MS, (55.0,))
-    assert hand.m_per_s == pytest.approx(1.0)
-    hand.move(0, (0.0,))
-    assert hand.m_per_s == 0.0
-    hand.move(MS, (0.002,))
-    assert hand.m_per_s == pytest.approx(2.0)
+def test_a_hand_is_at_rest_after_a_time_that_goes_back_and_a_repeated_time_changes_nothing():
+    path = [(10**9, (0.0,)), (10**9 + MS, (0.001,)), (10**9 + MS, (55.0,)), (0, (0.0,)), (MS, (0.002,))]
+    assert speed_after(0.0, *path[:3]) == pytest.approx(1.0)
+    assert speed_after(0.0, *path[:4]) == 0.0
+    assert speed_after(0.0, *path) == pytest.approx(2.0)
 
 
 def test_a_hand_that_stops_finds_the_deadband_narrower():
@@ -139,9 +138,3 @@ def test_the_first_sample_is_sent_and_so_is_the_one_after_a_refresh():
     assert encoder.encode(MS, (0.0,), (0.0,)) is None
     encoder.refresh()
     assert encoder.encode(2 * MS, (0.0,), (0.0,)) is not None
-
-
-def test_the_streaming_pair_and_the_whole_array_agree():
-    stimuli = wandering(500, seed=1, axes=3)
-    codec = VelocityAdaptive(step_n=0.001)
-    assert_same(stream(codec, stimuli), encode_array(codec, np.arange(500, dtype=np.int64), stimuli))

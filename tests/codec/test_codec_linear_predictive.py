@@ -7,9 +7,11 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from hapticnet.codec.payload.lines import line_at, line_from
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.schemes.least_squares import LeastSquares
-from hapticnet.codec.schemes.linear_predictive import Line, LinearPredictive, least_squares_slope
+from hapticnet.codec.schemes.linear_predictive import Follower, LinearPredictive, is_silent, least_squares_slope
+from hapticnet.codec.steps import Past, table_of_lists
 from hapticnet.errors import PeerError, SampleError, SettingsError
 from hapticnet.perception import WeberLaw
 from hapticnet.vectors import magnitude
@@ -243,33 +245,39 @@ def test_a_payload_that_holds_no_number_is_refused():
             decoder.decode(0, np.array([value, slope], dtype=">f4").tobytes())
 
 
+def slope_of(times_us, values) -> tuple[float, ...]:
+    return least_squares_slope(Past(times_us, values, 0, len(values) - 1), 0, values[-1])
+
+
 @given(
     st.lists(st.tuples(st.integers(-(10**15), 10**15), st.floats(-1e15, 1e15)), min_size=1, max_size=9),
     st.integers(-(10**17), 10**17),
 )
 def test_the_slope_is_finite_for_all_times_and_depends_on_their_differences_only(samples, shift_us):
-    (slope,) = least_squares_slope([(t_us, (x,)) for t_us, x in samples])
+    times_us, values = [t_us for t_us, _ in samples], [(x,) for _, x in samples]
+    (slope,) = slope_of(times_us, values)
     assert abs(slope) <= 1e15
-    assert least_squares_slope([(t_us + shift_us, (x,)) for t_us, x in samples]) == (slope,)
-    if len({t_us for t_us, _ in samples}) == 1:
+    assert slope_of([t_us + shift_us for t_us in times_us], values) == (slope,)
+    if len(set(times_us)) == 1:
         assert slope == 0.0
 
 
 def test_the_slope_is_that_of_a_least_squares_fit():
     rng = np.random.default_rng(1)
     times_us, values = np.sort(rng.integers(0, 10**6, 9)), rng.normal(size=(9, 3))
-    fitted = least_squares_slope(list(zip(times_us.tolist(), map(tuple, values.tolist()), strict=True)))
+    fitted = slope_of(times_us.tolist(), values.tolist())
     assert fitted == pytest.approx(np.polyfit(times_us * 1e-6, values, 1)[0])
 
 
 @given(st.floats(-1e15, 1e15), st.floats(-1e15, 1e15), st.integers(-(10**18), 10**18))
-def test_a_line_stays_within_what_a_stimulus_may_be(value, slope, at_us):
-    line = Line(0, (value,), (slope,), LAW, horizon_us=1e7)
-    (point,) = line.at(at_us)
+def test_a_line_stays_in_range(value, slope, at_us):
+    rule = LinearPredictive(law=LAW, horizon_ms=10_000.0).rule(1, table_of_lists)
+    follower = Follower(True, line_from(rule, 0, (value,), (slope,)))
+    (point,) = line_at(rule, follower.line, at_us)
     assert abs(point) <= 1e15
-    assert line.is_near(at_us, (point,))
-    assert not line.is_near(at_us, (point + 1.01 * LAW.threshold_n(abs(point)),))
-    assert not line.is_near(at_us, (math.nan,))
+    assert is_silent(rule, follower, at_us, (point,))
+    assert not is_silent(rule, follower, at_us, (point + 1.01 * LAW.threshold_n(abs(point)),))
+    assert not is_silent(rule, follower, at_us, (math.nan,))
 
 
 @pytest.mark.parametrize(

@@ -8,21 +8,26 @@ from codec_cases import anything, haptic, laws, steps
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.codec.payload import HoldDecoder, PayloadFormat, distance
+from hapticnet.codec.payload.values import ValueForm, ValueRule, law_numbers, rounded
 from hapticnet.codec.schemes.deadband import Deadband
 from hapticnet.codec.schemes.raw import Raw
 from hapticnet.errors import PeerError, SampleError, SettingsError
 from hapticnet.perception import WeberLaw
-from hapticnet.vectors import magnitude
+from hapticnet.vectors import distance, magnitude
 
 stimuli = st.lists(st.one_of(haptic, anything), min_size=1, max_size=3).map(tuple)
 
 
+def packed(stimulus, law, step_n):
+    """Return the payload of a stimulus, what the receiver makes of it, and the threshold around that."""
+    form, reference, threshold = rounded(ValueRule(*law_numbers(law), step_n), stimulus)
+    return ValueForm(len(stimulus), step_n=step_n).pack((form, reference)), reference, threshold
+
+
 @given(stimuli, laws, steps)
 def test_the_receiver_gets_the_reference_to_the_bit_and_it_is_within_the_threshold(stimulus, law, step_n):
-    payload_format = PayloadFormat(len(stimulus), step_n=step_n)
-    payload, reference, threshold = payload_format.pack(stimulus, law)
-    assert payload_format.unpack(payload) == reference
+    payload, reference, threshold = packed(stimulus, law, step_n)
+    assert ValueForm(len(stimulus), step_n=step_n).unpack(payload) == (len(payload) // len(stimulus), reference)
     assert threshold == law.threshold_n(magnitude(reference))
     assert distance(stimulus, reference) <= threshold
 
@@ -30,7 +35,7 @@ def test_the_receiver_gets_the_reference_to_the_bit_and_it_is_within_the_thresho
 @given(stimuli, laws)
 def test_a_longer_payload_is_taken_only_where_the_shorter_one_is_not_true_enough(stimulus, law):
     axes = len(stimulus)
-    payload, *_ = PayloadFormat(axes, step_n=0.001).pack(stimulus, law)
+    payload, *_ = packed(stimulus, law, 0.001)
     counts = [round(x / 0.001) for x in stimulus]
     counted = tuple(count * 0.001 for count in counts)
     counts_do = max(map(abs, counts)) <= 32_767 and distance(stimulus, counted) <= law.threshold_n(magnitude(counted))
@@ -40,7 +45,7 @@ def test_a_longer_payload_is_taken_only_where_the_shorter_one_is_not_true_enough
 
 
 def test_counts_are_big_endian_multiples_of_the_step():
-    payload, reference, threshold = PayloadFormat(2, step_n=0.001).pack((1.2344, -0.0502), WeberLaw())
+    payload, reference, threshold = packed((1.2344, -0.0502), WeberLaw(), 0.001)
     assert payload == bytes.fromhex("04d2ffce")
     assert reference == (1234 * 0.001, -50 * 0.001)
     assert threshold == WeberLaw().threshold_n(magnitude(reference))
@@ -71,14 +76,14 @@ def test_a_raw_count_is_half_a_step_away_at_most(force_n, step_n):
     [
         (b"", "payload of 0 bytes; 1 axes take 2 or 4 or 8"),
         (b"\0" * 6, "payload of 6 bytes"),
-        (struct.pack(">h", -32_768), "payload counts -32768 steps; -32767 is the least"),
+        (struct.pack(">h", -32_768), "payload counts -32768 steps; the smallest count is -32767"),
         (struct.pack(">f", math.nan), "payload holds nan"),
         (struct.pack(">f", 2e15), "payload holds 19999"),
         (struct.pack(">d", -math.inf), "payload holds -inf"),
     ],
 )
-def test_what_cannot_be_is_refused_and_the_held_stimulus_stays(payload, message):
-    decoder = HoldDecoder(PayloadFormat(1, step_n=0.001), 1)
+def test_an_invalid_payload_is_refused_and_the_held_stimulus_stays(payload, message):
+    decoder = Deadband(step_n=0.001).decoder(1)
     decoder.decode(0, struct.pack(">h", 1500))
     with pytest.raises(PeerError, match=message):
         decoder.decode(1, payload)
@@ -87,8 +92,8 @@ def test_what_cannot_be_is_refused_and_the_held_stimulus_stays(payload, message)
 
 def test_a_form_that_was_not_agreed_on_is_refused():
     with pytest.raises(PeerError, match="payload of 2 bytes; 1 axes take 4 or 8"):
-        PayloadFormat(1).unpack(b"\0\0")
-    with pytest.raises(PeerError, match="payload of 8 bytes; 1 axes take 4"):
+        ValueForm(1).unpack(b"\0\0")
+    with pytest.raises(PeerError, match=r"payload of 8 bytes; 1 axes take 4$"):
         Raw().decoder(1).decode(0, bytes(8))
 
 
@@ -102,4 +107,4 @@ def test_a_step_that_cannot_be_used_is_refused(codec, step_n):
 @pytest.mark.parametrize("axes", [0, 4])
 def test_a_number_of_axes_that_cannot_be_packed_is_refused(axes):
     with pytest.raises(SampleError, match="1 to 3 are supported"):
-        PayloadFormat(axes)
+        ValueForm(axes)
