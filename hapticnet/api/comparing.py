@@ -7,12 +7,12 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticnet.api.inputs import ForceLike, as_codec, read_trial
-from hapticnet.api.tables import html_table, text_table
+from hapticnet.api.tables import Table
 from hapticnet.codec.base import Codec
 from hapticnet.codec.registry import all_codecs, register_installed_codecs
 from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.experiment import comparison
-from hapticnet.experiment.comparison import Row, Trial
+from hapticnet.experiment.comparison import Row
 from hapticnet.experiment.grid import grid_codecs
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION
 from hapticnet.recordings.recording import Recording
@@ -26,7 +26,7 @@ _SHOWN: Final = (
 )  # fmt: skip
 
 
-class Comparison(list[Row]):
+class Comparison(Table, list[Row]):
     """Rows of a comparison. `Row` documents the fields, and ``row.flat()`` returns them all in one dictionary."""
 
     def to_dataframe(self) -> "pandas.DataFrame":
@@ -43,15 +43,8 @@ class Comparison(list[Row]):
             raise UnavailableError("to_dataframe() needs pandas: pip install pandas") from error
         return pandas.DataFrame([row.flat() for row in self])
 
-    def __repr__(self) -> str:
-        return text_table(_SHOWN, self._shown())
-
-    def _repr_html_(self) -> str:
-        return html_table(_SHOWN, self._shown())
-
-    def _shown(self) -> list[list[Any]]:
-        flat = (row.flat() for row in self)
-        return [[row[name] for name in _SHOWN] for row in flat]
+    def _table(self) -> tuple[Sequence[str], list[list[Any]]]:
+        return _SHOWN, [[flat[name] for name in _SHOWN] for flat in (row.flat() for row in self)]
 
 
 def compare(
@@ -78,8 +71,8 @@ def compare(
     rate_hz, t_s, t_us, position
         As for `encode`; the same for all entries of a dictionary.
     codecs
-        Names with or without parameters, or codec objects; default: every codec there is. An object has its own law,
-        so that `multipliers`, `weber_fraction` and `floor_n` do not apply to it.
+        Names with or without parameters, or codec objects; default: all registered codecs. An object has its own law;
+        `multipliers`, `weber_fraction` and `floor_n` do not apply to it.
     multipliers
         Thresholds in JNDs, each tried with every codec name. "raw" has no threshold and is tried once.
     weber_fraction, floor_n
@@ -87,7 +80,7 @@ def compare(
     loss
         Share of updates lost at random (0 to 1), or several; a lost update is repaired after 20 ms.
     seed
-        Seed of the losses; all codecs meet the same.
+        Seed of the losses, which are the same for all codecs.
     jobs
         Number of processes.
 
@@ -116,7 +109,11 @@ def compare(
             chosen.append(as_codec(codec, weber_fraction=None, floor_n=None, multiplier=None, parameters={}))
     if not chosen:
         raise SettingsError("nothing to compare; give at least one codec and one multiplier")
-    _check_duration(trials)
+    for trial in trials:
+        if trial.t_us[-1] == trial.t_us[0]:
+            raise SettingsError(
+                f"{trial.name}: {len(trial.t_us)} samples over no time; at least two at different times are needed"
+            )
     return Comparison(comparison.compare(trials, chosen, loss=loss, seed=seed, jobs=jobs))
 
 
@@ -126,11 +123,3 @@ def _named(force: Any) -> dict[str, Any]:
     if isinstance(force, (list, tuple)) and any(isinstance(each, Recording) for each in force):
         return {f"recording {number}": each for number, each in enumerate(force, start=1)}
     return {"force": force}
-
-
-def _check_duration(trials: list[Trial]) -> None:
-    for trial in trials:
-        if trial.t_us[-1] == trial.t_us[0]:
-            raise SettingsError(
-                f"{trial.name}: {len(trial.t_us)} samples over no time; at least two at different times are needed"
-            )

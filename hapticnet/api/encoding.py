@@ -1,5 +1,6 @@
 """``hn.encode`` and ``hn.make_codec``: one codec on one recording."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Any
 
@@ -7,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticnet.api.inputs import ForceLike, as_codec, read_trial
-from hapticnet.api.tables import html_table, text_table
+from hapticnet.api.tables import Table
 from hapticnet.arrays import FloatArray, IntArray
 from hapticnet.codec.base import Codec, Encoding
 from hapticnet.codec.recording import encode_array
@@ -21,8 +22,8 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Report(QualityReport):
-    """What a codec costs and does on one recording: the fields of `QualityReport`, and these.
+class Report(Table, QualityReport):
+    """Cost and quality of a codec on one recording: the fields of `QualityReport`, and those below.
 
     Attributes
     ----------
@@ -55,20 +56,14 @@ class Report(QualityReport):
     keepalives: int
     session_wire_bytes: int
 
-    def __repr__(self) -> str:
-        return text_table(("measure", "value"), self._shown())
-
-    def _repr_html_(self) -> str:
-        return html_table(("measure", "value"), self._shown())
-
-    def _shown(self) -> list[tuple[str, Any]]:
+    def _table(self) -> tuple[Sequence[str], list[tuple[str, Any]]]:
         costs_first = dict.fromkeys([*Report.__annotations__, *(field.name for field in fields(self))])
-        return [(name, getattr(self, name)) for name in costs_first]
+        return ("measure", "value"), [(name, getattr(self, name)) for name in costs_first]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False, eq=False)
 class Encoded:
-    """What a codec does to a recording of n samples without loss.
+    """Result of encoding and decoding a recording of n samples without loss.
 
     Attributes
     ----------
@@ -77,9 +72,9 @@ class Encoded:
     t_us
         Time stamps [µs], shape (n,).
     force
-        The forces that were given [N], shape (n,) or (n, a) as they were given.
+        The given forces [N], shape (n,) or (n, a) as given.
     decoded
-        The force the receiver applies at every sample [N], same shape.
+        The force that the receiver applies at every sample [N], same shape.
     sent
         Indices of the transmitted samples, shape (m,).
     payload_bytes

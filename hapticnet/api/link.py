@@ -1,12 +1,13 @@
 """``hn.virtual_link``: master, slave and an emulated network in virtual time, without sockets or waiting."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from hapticnet.api.inputs import as_codec
-from hapticnet.api.tables import html_table, text_table
+from hapticnet.api.tables import Table
 from hapticnet.arrays import FloatArray
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
@@ -16,6 +17,7 @@ from hapticnet.codec.base import Codec
 from hapticnet.codec.plugins import checked_class
 from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.experiment.analysis import felt_error
+from hapticnet.measure.metrics import ErrorReport
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode, MasterSettings
 from hapticnet.node.slave import SlaveNode, SlaveSettings
@@ -25,17 +27,17 @@ from hapticnet.scene.presets import find_scene
 from hapticnet.scene.scene import Scene
 
 LONGEST_RUN_S = 1e5
-"""Longest single run [s]; its recordings would fill some ten gigabytes of memory."""
+"""Longest single run [s]; its recordings take about ten gigabytes of memory."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class LinkReport:
-    """What a virtual link did so far.
+class LinkReport(Table):
+    """Account of a virtual link so far.
 
     Attributes
     ----------
     scene, codec
-        Their names.
+        Names of the scene and the codec.
     seconds
         Virtual time since the link was made [s].
     samples, sent, keepalives
@@ -51,9 +53,9 @@ class LinkReport:
     breaches
         Tissues breached.
     rmse_n, max_error_n, exceed_jnd_fraction
-        Error [N] of what the master applies if nothing is lost, against the true force; see `ErrorReport`.
+        Error [N] of the force that the master applies if nothing is lost; see `ErrorReport`.
     felt_rmse_n, felt_max_error_n, felt_exceed_jnd_fraction
-        The same of what the master held at the time of each position, so that delay and loss count.
+        The same for the force held at the time of each position, which includes the effects of delay and loss.
     slave, master
         The complete reports of both sides.
     """
@@ -81,18 +83,13 @@ class LinkReport:
     slave: dict[str, Any]
     master: dict[str, Any]
 
-    def __repr__(self) -> str:
-        return text_table(("measure", "value"), self._shown())
-
-    def _repr_html_(self) -> str:
-        return html_table(("measure", "value"), self._shown())
-
-    def _shown(self) -> list[tuple[str, Any]]:
-        return [(name, value) for name, value in asdict(self).items() if name not in ("slave", "master")]
+    def _table(self) -> tuple[Sequence[str], list[tuple[str, Any]]]:
+        shown = [(name, value) for name, value in asdict(self).items() if name not in ("slave", "master")]
+        return ("measure", "value"), shown
 
 
 class VirtualLink:
-    """Master and slave with an emulated network between them; `virtual_link` makes it."""
+    """Master and slave with an emulated network between them, as returned by `virtual_link`."""
 
     def __init__(self, loopback: Loopback, codec: Codec) -> None:
         self._loopback = loopback
@@ -149,28 +146,21 @@ class VirtualLink:
         samples = self.slave_samples()
         slave, master = self._loopback.slave.report()["sessions"][-1], self._loopback.master.report()
         felt = felt_error(self._codec.law, samples, self.master_samples())
+        from_slave = ("scene", "codec", "packet_rate_reduction", "breaches", *ErrorReport.__dataclass_fields__)
         round_trip = master["round_trip"]
         return LinkReport(
-            scene=slave["scene"],
-            codec=slave["codec"],
+            **{name: slave[name] for name in from_slave},
+            **{f"felt_{name}": value for name, value in asdict(felt).items()},
             seconds=self._loopback.now_us / 1e6,
             samples=slave["steps"],
             sent=slave["sent"]["by_kind"].get("force", 0),
             keepalives=slave["sent"]["by_kind"].get("keepalive", 0),
-            packet_rate_reduction=slave["packet_rate_reduction"],
             forward_wire_bytes=master["sent"]["wire_bytes"],
             feedback_wire_bytes=slave["sent"]["wire_bytes"],
             forward_lost=slave["received"]["lost"],
             feedback_lost=master["received"]["lost"],
             round_trip_ms=_milliseconds(round_trip["p50_us"]),
             round_trip_p99_ms=_milliseconds(round_trip["p99_us"]),
-            breaches=slave["breaches"],
-            rmse_n=slave["rmse_n"],
-            max_error_n=slave["max_error_n"],
-            exceed_jnd_fraction=slave["exceed_jnd_fraction"],
-            felt_rmse_n=felt.rmse_n,
-            felt_max_error_n=felt.max_error_n,
-            felt_exceed_jnd_fraction=felt.exceed_jnd_fraction,
             slave=slave,
             master=master,
         )
@@ -237,10 +227,10 @@ def virtual_link(
         tissues, name = found.tissues, found.name
     else:
         tissues, name = scene.tissues, scene.name
-    channels = [
+    to_master, to_slave = (
         Emulator[bytes](parse_channel(spec), np.random.default_rng([seed, number]))
         for number, spec in ((1, feedback), (2, forward))
-    ]
+    )
     if operator is None:
         operator = ScriptedOperator(InsertionSettings(insertions=100), np.random.default_rng([seed, 3]))
     settings = MasterSettings(
@@ -249,8 +239,8 @@ def virtual_link(
     loopback = Loopback(
         MasterNode(operator, None, settings, np.random.default_rng([seed, 4])),
         SlaveNode(lambda: Scene(tissues, name=name), SlaveSettings(record=True), np.random.default_rng([seed, 5])),
-        forward=channels[1],
-        feedback=channels[0],
+        forward=to_slave,
+        feedback=to_master,
     )
     return VirtualLink(loopback, chosen)
 

@@ -6,6 +6,22 @@ from html import escape
 from typing import Any
 
 
+class Table:
+    """A result that is shown as a table: as text in a terminal, as HTML in a notebook."""
+
+    __slots__ = ()
+
+    def _table(self) -> tuple[Sequence[str], Sequence[Sequence[Any]]]:
+        """Return head and rows."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        return text_table(*self._table())
+
+    def _repr_html_(self) -> str:
+        return html_table(*self._table())
+
+
 def text_table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
     """Return rows as aligned text; the first column is left-aligned, numbers have four digits."""
     cells = [list(head), *([_text(value) for value in row] for row in rows)]

@@ -1,4 +1,4 @@
-"""Codecs of users: loaded from a file, a module or an entry point, and rehearsed before anything depends on them."""
+"""Codecs of users: loaded from a file, a module or an entry point, and tested on a few samples before use."""
 
 import importlib
 import importlib.util
@@ -17,13 +17,12 @@ from hapticnet.samples import MAX_AXES, Vector
 ENTRY_POINT_GROUP: Final = "hapticnet.codecs"
 
 LARGEST_PAYLOAD: Final = 1024
-"""Bytes of a payload that still fit a datagram on every network, with room for headers."""
+"""Largest payload [B] that fits into a datagram on every network, with room for headers."""
 
 REHEARSED_N: Final = (0.0, 0.2, 0.5, 2.0, 2.01, 2.5, -1.0, -1.0, 0.0, 5.0, 0.001, 1.0)
 """Forces of the rehearsal [N]: rest, rises, a sign change, repeats."""
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
-
 
 _loaded: dict[tuple[str, int], type[Any]] = {}
 
@@ -63,7 +62,7 @@ def installed_codecs() -> dict[str, EntryPoint]:
 
 
 def checked_class(found: Any, source: str) -> type[Any]:
-    """Return a user's codec class such that its faults surface as errors of hapticnet, after a rehearsal.
+    """Test a user's codec class; return it with its exceptions turned into errors of hapticnet.
 
     Parameters
     ----------
@@ -75,7 +74,7 @@ def checked_class(found: Any, source: str) -> type[Any]:
     Raises
     ------
     SettingsError
-        If the class is not a codec or fails the rehearsal; says in which respect.
+        If the class is not a codec or fails the test; the message says why.
     """
     parameters = getattr(found, "__dataclass_params__", None)
     if parameters is None or not parameters.frozen:
@@ -132,7 +131,7 @@ def rehearse(codec: Codec, source: str) -> None:
 
 
 class _Fault(Exception):  # noqa: N818 - it never leaves this module
-    """What a rehearsal found."""
+    """Fault found by a rehearsal."""
 
 
 def _rehearse(codec: Codec, axes: int, moving: bool) -> None:
@@ -171,9 +170,9 @@ def _check_applied(applied: Any, axes: int) -> None:
 
 
 def _guarded(found: type[Any], source: str) -> type[Any]:
-    """Return a subclass whose faults are errors of hapticnet.
+    """Return a subclass whose exceptions are errors of hapticnet.
 
-    Its attributes `source` and `origin` tell where the class is defined: as the user wrote it, and as a file or module.
+    Its attributes `source` and `origin` name where the class is defined: as the user wrote it, and as a file or module.
     """
     file = getattr(sys.modules.get(found.__module__), "__file__", None)
     origin = f"{Path(file).resolve() if file else found.__module__}:{found.__qualname__}"
@@ -204,11 +203,10 @@ class _Encoder:
         self._encode, self._refresh, self._source = inner.encode, inner.refresh, source
 
     def encode(self, t_us: int, stimulus: Vector, position: Vector | None = None) -> bytes | None:
-        """Return the payload or None; whatever the user's encoder raises becomes a SampleError."""
+        """Return the payload or None; exceptions of the user's encoder become a SampleError."""
         try:
             payload = self._encode(t_us, stimulus, position)
-            if payload is not None:
-                _check_payload(payload)
+            _check_payload(payload)
         except SampleError:
             raise
         except Exception as error:
@@ -216,12 +214,12 @@ class _Encoder:
         return payload
 
     def refresh(self) -> None:
-        """Make the next stimulus a transmitted one."""
+        """Transmit the next stimulus."""
         self._refresh()
 
 
 class _Decoder:
-    """The decoder of a user: what it returns is checked, as it is on its way to a device. Satisfies `Decoder`."""
+    """The decoder of a user; its results are checked, because they go to a device. Satisfies `Decoder`."""
 
     __slots__ = ("_axes", "_checked", "_decode", "_reconstruct", "_source")
 
@@ -231,7 +229,7 @@ class _Decoder:
         self._checked: Vector | None = None
 
     def decode(self, t_us: int, payload: bytes) -> None:
-        """Take in a payload; whatever the user's decoder raises becomes a PeerError."""
+        """Process a payload; exceptions of the user's decoder become a PeerError."""
         try:
             self._decode(t_us, payload)
         except PeerError:
@@ -240,7 +238,7 @@ class _Decoder:
             raise PeerError(f"codec {self._source}: decode failed: {in_words(error)}") from error
 
     def reconstruct(self, t_us: int, position: Vector | None = None) -> Vector:
-        """Return the stimulus to apply; whatever the user's decoder raises becomes a SampleError."""
+        """Return the stimulus to apply; exceptions of the user's decoder become a SampleError."""
         try:
             applied = self._reconstruct(t_us, position)
             if applied is not self._checked:  # a hold returns the same tuple again and again

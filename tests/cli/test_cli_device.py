@@ -205,7 +205,7 @@ def test_tune_overwrites_no_profile_it_does_not_go_on_from_and_leaves_no_empty_o
     assert_one_line(done, "device.toml exists", "--profile")
     assert profile.read_text() == 'serial = "A9B0C1D2"\n'
     other = tmp_path / "other.toml"
-    assert_one_line(hapticnet("device", "tune", "sim", "--max-force", "0.1", "--out", other), "it must be at least 1.2 N")
+    assert_one_line(hapticnet("device", "tune", "sim", "--max-force", "0.1", "--out", other), "at least 1.2 N")
     assert not other.exists()
     assert hapticnet("device", "tune", "sim", "--profile", profile).returncode == 0
     assert load_profile(profile).serial == "A9B0C1D2"
