@@ -237,9 +237,8 @@ class SlaveNode:
         else:
             replaces.session.end(Trigger.REPLACED, "the master asked for a new session")
             self._forget(replaces)
-        number = int(self._rng.integers(SMALLEST_SESSION, 1 << 32))
-        while number in self._stations:
-            number = int(self._rng.integers(SMALLEST_SESSION, 1 << 32))
+        while (number := int(self._rng.integers(SMALLEST_SESSION, 1 << 32))) in self._stations:
+            pass
         session = SlaveSession(number, hello, self._settings.session, first_sequence=sequence, now_us=now_us)
         station = Station(session, address, scene, codec, record=self._settings.record, now_us=now_us)
         self._stations[number] = station

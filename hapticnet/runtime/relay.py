@@ -18,17 +18,17 @@ from hapticnet.runtime.processes import Repeating, stop_on_signals, until
 from hapticnet.runtime.udp import HostPort, SocketAddress, UdpPort, open_toward
 
 MOST_CLIENTS: Final = 128
-"""Each takes up to four descriptors; a process usually has 1024."""
+"""Each uses up to four file descriptors; a process usually has 1024."""
 
 GIVES_WAY_US: Final = 2_000_000
-"""When every place is taken, a client that is silent this long gives its place to a new one. A running master sends at
-least every 100 ms."""
+"""Silence [µs] after which a client is replaced by a new one if there is no free place. A running master sends at least
+every 100 ms."""
 
 IDLE_AFTER_US: Final = 30_000_000
-"""A client that is silent this long is forgotten; longer than any session lives without a word."""
+"""Silence [µs] after which a client is forgotten; longer than any session survives."""
 
 RETRY_US: Final = 1_000_000
-"""Time after which a failed look-up of the target's name is tried again: a look-up blocks everything else."""
+"""Time [µs] after which a failed look-up of the target's name is repeated: a look-up blocks everything else."""
 
 
 class Relay:
@@ -37,8 +37,7 @@ class Relay:
     Parameters
     ----------
     forward, feedback
-        What happens to datagrams on the way to the target, and on the way back. Every client gets channels of its
-        own, as if it came over its own access link.
+        Channels to the target and back. Each client has its own, as if it used its own access link.
     """
 
     def __init__(
@@ -65,24 +64,24 @@ class Relay:
 
     @property
     def clients(self) -> int:
-        """How many clients there are now."""
+        """Number of present clients."""
         return len(self._clients)
 
     def forget_idle(self) -> None:
-        """Forget the clients that have fallen silent."""
+        """Forget the clients that have been silent for too long."""
         now = now_us()
         for address, client in list(self._clients.items()):
             if now - client.heard_us > IDLE_AFTER_US:
                 self._forget(address)
 
     def close(self) -> None:
-        """Let go of every client and of the socket."""
+        """Close the sockets of all clients and the relay's own."""
         for address in list(self._clients):
             self._forget(address)
         self._front.close()
 
     def report(self) -> dict[str, Any]:
-        """Return what became of the packets of all clients, for JSON."""
+        """Return the account of all clients' packets, for JSON."""
         totals = [total.copy() for total in self._totals]
         for client in self._clients.values():
             client.add_to(totals)
@@ -102,7 +101,7 @@ class Relay:
                 return
             try:
                 client = _Client(self._loop, self._sock, address, self._target, self._settings, self._rng)
-            except (UnavailableError, OSError):  # out of descriptors, or the target's name is gone
+            except (UnavailableError, OSError):  # no free descriptor, or the target's name cannot be resolved
                 self.turned_away += 1
                 self._retry_us = now + RETRY_US
                 return
@@ -111,7 +110,7 @@ class Relay:
         client.send(data)
 
     def _make_room(self, now: int) -> bool:
-        """Make sure there is a free place: a client that the target never answered or that is silent gives way."""
+        """Free a place if needed, by forgetting a client that the target never answered or that is silent."""
         if len(self._clients) < MOST_CLIENTS:
             return True
         address, client = min(self._clients.items(), key=lambda item: (item[1].answered, item[1].heard_us))
@@ -153,7 +152,7 @@ class _Client:
         self._channels = forward, feedback
 
     def add_to(self, totals: list[Counter[str]]) -> None:
-        """Add what became of this client's packets to the totals of both directions."""
+        """Add the counts of this client's packets to the totals of both directions."""
         for total, channel in zip(totals, self._channels, strict=True):
             total.update(asdict(channel.counters))
 
@@ -179,7 +178,7 @@ async def run_relay(
     duration_s: float | None,
     on_status: Callable[[Relay], None],
 ) -> dict[str, Any]:
-    """Relay until SIGINT, SIGTERM or the end of `duration_s` [s]; return the account."""
+    """Relay until SIGINT, SIGTERM or the end of `duration_s` [s]; return the account of all packets."""
     loop = asyncio.get_running_loop()
     stop = stop_on_signals(loop)
     relay = Relay(loop, sock, target, forward=forward, feedback=feedback, rng=rng)

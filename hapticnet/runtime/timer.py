@@ -24,35 +24,45 @@ _EXPIRATIONS: Final = struct.Struct("=Q")
 _ITIMERSPEC: Final = struct.Struct("=qqqq")  # interval s, ns; first expiry s, ns
 
 
-class _TimerFd:
-    """A timerfd on CLOCK_MONOTONIC."""
+class _Timer:
+    """A timerfd on CLOCK_MONOTONIC that calls `_fire` on an event loop."""
 
-    def __init__(self) -> None:
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         try:
             self._libc = ctypes.CDLL(None, use_errno=True)
             create = self._libc.timerfd_create
         except (OSError, AttributeError) as error:
             raise UnavailableError("this system has no timerfd; hapticnet's processes run on Linux") from error
-        self.fd = create(_CLOCK_MONOTONIC, _TFD_NONBLOCK | _TFD_CLOEXEC)
-        if self.fd < 0:
+        self._fd = create(_CLOCK_MONOTONIC, _TFD_NONBLOCK | _TFD_CLOEXEC)
+        if self._fd < 0:
             raise UnavailableError(f"cannot create a timer: {os.strerror(ctypes.get_errno())}")
+        self._loop = loop
+        loop.add_reader(self._fd, self._fire)
 
-    def set(self, first_us: int, interval_us: int) -> None:
+    def stop(self) -> None:
+        """Stop the calls."""
+        self._loop.remove_reader(self._fd)
+        os.close(self._fd)
+
+    def _fire(self) -> None:
+        raise NotImplementedError
+
+    def _set_timer(self, first_us: int, interval_us: int) -> None:
         """Expire at `first_us` on the monotonic clock (0: never), then every `interval_us` (0: once)."""
         spec = _ITIMERSPEC.pack(*divmod(interval_us * 1000, 10**9), *divmod(first_us * 1000, 10**9))
-        if self._libc.timerfd_settime(self.fd, _TFD_TIMER_ABSTIME, spec, None) < 0:
+        if self._libc.timerfd_settime(self._fd, _TFD_TIMER_ABSTIME, spec, None) < 0:
             raise UnavailableError(f"cannot set the timer: {os.strerror(ctypes.get_errno())}")
 
-    def expirations(self) -> int:
+    def _expirations(self) -> int:
         """Return the number of expirations since the last call."""
         try:
-            (count,) = _EXPIRATIONS.unpack(os.read(self.fd, 8))
+            (count,) = _EXPIRATIONS.unpack(os.read(self._fd, 8))
         except BlockingIOError:
             return 0
         return int(count)
 
 
-class Ticker:
+class Ticker(_Timer):
     """Call a function at a fixed rate and record how late the calls are.
 
     Attributes
@@ -61,69 +71,50 @@ class Ticker:
         Time [µs] from when a tick was due to its call.
     missed
         Number of ticks skipped because the next was already due.
+    period_us
+        Time between two ticks [µs], as set by `set_period`.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop, period_us: int, callback: Callable[[int], None]) -> None:
         self.lateness = Distribution()
         self.missed = 0
-        self._loop = loop
         self._callback = callback
-        self._timer = _TimerFd()
-        self._period_us = period_us
-        self._due_us = 0
-        loop.add_reader(self._timer.fd, self._fire)
+        super().__init__(loop)
         self.set_period(period_us)
 
     def set_period(self, period_us: int) -> None:
         """Change the period of the following ticks."""
-        self._period_us = period_us
+        self.period_us = period_us
         self._due_us = now_us()
-        self._timer.set(self._due_us + period_us, period_us)
-
-    @property
-    def period_us(self) -> int:
-        """Time between two ticks [µs]."""
-        return self._period_us
-
-    def stop(self) -> None:
-        """Stop ticking."""
-        self._loop.remove_reader(self._timer.fd)
-        os.close(self._timer.fd)
+        self._set_timer(self._due_us + period_us, period_us)
 
     def _fire(self) -> None:
-        expirations = self._timer.expirations()
+        expirations = self._expirations()
         if not expirations:
             return
-        self._due_us += expirations * self._period_us
+        self._due_us += expirations * self.period_us
         now = now_us()
         # The loop's rounding may wake it a microsecond early; a tick must not come before it is due.
-        self.lateness.add(now - self._due_us + (expirations - 1) * self._period_us)
+        self.lateness.add(now - self._due_us + (expirations - 1) * self.period_us)
         self.missed += expirations - 1
         self._callback(max(now, self._due_us))
 
 
-class Alarm:
+class Alarm(_Timer):
     """Call a function once, at the time set last."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
-        self._loop = loop
         self._callback = callback
-        self._timer = _TimerFd()
         self._set_to_us: int | None = None
-        loop.add_reader(self._timer.fd, self._fire)
+        super().__init__(loop)
 
     def set(self, at_us: int | None) -> None:
         """Set the time `at_us` on the monotonic clock (the past: at once; None: never)."""
         if at_us != self._set_to_us:
             self._set_to_us = at_us
-            self._timer.set(0 if at_us is None else max(1, at_us), 0)
-
-    def stop(self) -> None:
-        """Cancel the call."""
-        self._loop.remove_reader(self._timer.fd)
-        os.close(self._timer.fd)
+            self._set_timer(0 if at_us is None else max(1, at_us), 0)
 
     def _fire(self) -> None:
-        if self._timer.expirations():
+        if self._expirations():
             self._set_to_us = None
             self._callback()
