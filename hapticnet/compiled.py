@@ -4,7 +4,8 @@ A function is compiled together with every plain function of hapticnet it calls 
 in nopython mode; tuples of 1 to 3 floats stand for vectors, and ``if len(x) == 1`` is decided when it is compiled.
 
 Machine code is kept in ``$XDG_CACHE_HOME/hapticnet`` (or ``$NUMBA_CACHE_DIR``), in a folder named after the content of
-the sources, so that an edited constant or function is never run from old machine code.
+the sources, so that an edited constant or function is never run from old machine code. Where that folder cannot be
+written, each process compiles what it uses.
 """
 
 import hashlib
@@ -12,7 +13,9 @@ import importlib.util
 import math
 import os
 import shutil
+import tempfile
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from types import FunctionType
@@ -83,31 +86,37 @@ def _jit(function: Callable[..., Any], *, inline: bool) -> Callable[..., Any]:
 
     config: Any = numba_config  # its settings are set by name when it is imported
     given = config.CACHE_DIR
-    config.CACHE_DIR = str(_folder(given))
+    folder = _folder(given)
+    config.CACHE_DIR = str(folder)
     try:
-        jitted: Callable[..., Any] = njit(cache=True, nogil=True, error_model="numpy", forceinline=inline)(function)
+        jitted: Callable[..., Any] = njit(
+            cache=folder is not None, nogil=True, error_model="numpy", forceinline=inline
+        )(function)
     finally:
         config.CACHE_DIR = given
     return jitted
 
 
 @cache
-def _folder(base: str) -> Path:
-    """Return the folder for machine code of the present sources; remove the oldest ones beside it."""
+def _folder(base: str) -> Path | None:
+    """Return the folder for machine code of the present sources, None if it cannot be written; remove older ones."""
     package = Path(__file__).parent
     digest = hashlib.sha256()
     for file in sorted({file for pattern in SOURCES for file in package.glob(pattern)}):
         digest.update(file.read_bytes())
-    caches = Path(base or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hapticnet"
-    folder = caches / digest.hexdigest()[:16]
     try:
+        caches = Path(base or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hapticnet"
+        folder = caches / digest.hexdigest()[:16]
         folder.mkdir(parents=True, exist_ok=True)
         os.utime(folder)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except (OSError, RuntimeError):  # RuntimeError: there is no home directory
+        return None  # numba would keep it beside the sources, and use it after a function that is called was edited
+    with suppress(OSError):  # another process may remove the same ones
         newest_first = sorted(caches.iterdir(), key=lambda each: each.stat().st_mtime, reverse=True)
         for old in newest_first[KEPT_FOLDERS:]:
             shutil.rmtree(old, ignore_errors=True)
-    except OSError:
-        pass  # numba then chooses a folder of its own, or keeps nothing
     return folder
 
 

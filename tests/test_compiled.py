@@ -57,3 +57,18 @@ def test_only_the_newest_folders_are_kept(tmp_path, monkeypatch):
     kept = list(newest.parent.iterdir())
     assert newest in kept
     assert len(kept) == compiled_module.KEPT_FOLDERS
+
+
+@pytest.mark.parametrize("cache_home", ["a file", ""])
+def test_without_a_writable_folder_functions_are_compiled_but_not_kept(cache_home, tmp_path, monkeypatch):
+    def no_home():
+        raise RuntimeError("Could not determine home directory.")
+
+    (tmp_path / "a file").touch()
+    monkeypatch.setattr(compiled_module.Path, "home", no_home)
+    monkeypatch.setenv("XDG_CACHE_HOME", cache_home and str(tmp_path / cache_home))
+    assert compiled_module._folder.__wrapped__("") is None
+    monkeypatch.setattr(compiled_module, "_folder", lambda _base: None)
+    halved = compiled_module._jit(lambda x: 0.5 * x, inline=False)
+    assert halved(3.0) == 1.5
+    assert not list(tmp_path.glob("**/*.nb?"))
