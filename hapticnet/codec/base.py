@@ -28,7 +28,8 @@ class Encoder(Protocol):
         Raises
         ------
         SampleError
-            When the stimulus is not finite or out of range.
+            When the stimulus is not finite, would be sent and is out of range, or has other axes; or a position that
+            the rule uses is or has. The encoder then goes on as if the sample had not come.
         """
         ...
 
@@ -54,7 +55,8 @@ class Decoder(Protocol):
     def reconstruct(self, t_us: int, position: Vector | None = None) -> Vector:
         """Return the stimulus to apply at time `t_us`, finite; zeros before the first payload.
 
-        Called at every sample, with the tool's position [m] at that time where it is known.
+        Called at every sample, with the tool's position [m] at that time where it is known. SampleError if a position
+        that the rule uses is not finite, out of range or has other axes.
         """
         ...
 

@@ -14,8 +14,9 @@ lists, or arrays) that belong to the rule; every sender and every receiver has a
 import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar, Final, NamedTuple, Protocol
+from typing import Any, ClassVar, Final, NamedTuple, Never, Protocol
 
+from hapticnet.errors import SampleError
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector, checked_vector
 
@@ -77,7 +78,7 @@ class Steps(NamedTuple):
     start_sender, start_receiver
         ``(rule, axes) -> state``.
     is_silent
-        ``(rule, sender, t_us, x) -> bool``: whether x need not be sent. False for what is not finite or out of range.
+        ``(rule, sender, t_us, x) -> bool``: whether x need not be sent. False for what is not finite.
     send
         ``(rule, sender, t_us, x, past) -> (message, sender)``.
     refreshed
@@ -172,9 +173,10 @@ def table_of_lists(rows: int, columns: int) -> Table:
 class StepEncoder:
     """The sending half of a scheme in a stream. Satisfies `Encoder`."""
 
-    __slots__ = ("_is_silent", "_pack", "_rule", "_send", "_sender", "_steps")
+    __slots__ = ("_axes", "_is_silent", "_pack", "_rule", "_send", "_sender", "_steps")
 
     def __init__(self, scheme: Scheme, axes: int) -> None:
+        self._axes = axes
         self._steps = scheme.steps
         self._rule = scheme.rule(axes, table_of_lists)
         self._pack = scheme.form(axes).pack
@@ -183,6 +185,8 @@ class StepEncoder:
 
     def encode(self, t_us: int, stimulus: Vector, position: Vector | None = None) -> bytes | None:  # noqa: ARG002
         """Return the payload to transmit, or None."""
+        if len(stimulus) != self._axes:
+            refuse_axes(stimulus, self._axes, "stimulus")
         sender = self._sender
         if self._is_silent(self._rule, sender, t_us, stimulus):
             return None
@@ -207,7 +211,11 @@ class QuietEncoder(StepEncoder):
 
     def encode(self, t_us: int, stimulus: Vector, position: Vector | None = None) -> bytes | None:  # noqa: ARG002
         """Return the payload to transmit, or None."""
-        if self._low <= stimulus[0] <= self._high:
+        try:
+            (component,) = stimulus
+        except ValueError:
+            refuse_axes(stimulus, 1, "stimulus")
+        if self._low <= component <= self._high:
             return None
         sender = self._sender
         if self._is_silent(self._rule, sender, t_us, stimulus):
@@ -230,10 +238,15 @@ class WatchingEncoder(StepEncoder):
 
     def encode(self, t_us: int, stimulus: Vector, position: Vector | None = None) -> bytes | None:
         """Return the payload to transmit, or None."""
+        before = self._sender
         if position is not None:
-            position = checked_vector(position, "position")
-            self._sender = self._steps.watch(self._rule, self._sender, t_us, position)
-        return StepEncoder.encode(self, t_us, stimulus)
+            position = checked_position(position, self._axes)
+            self._sender = self._steps.watch(self._rule, before, t_us, position)
+        try:
+            return StepEncoder.encode(self, t_us, stimulus)
+        except SampleError:
+            self._sender = before
+            raise
 
 
 class PastEncoder(StepEncoder):
@@ -248,6 +261,8 @@ class PastEncoder(StepEncoder):
 
     def encode(self, t_us: int, stimulus: Vector, position: Vector | None = None) -> bytes | None:  # noqa: ARG002
         """Return the payload to transmit, or None."""
+        if len(stimulus) != self._axes:
+            refuse_axes(stimulus, self._axes, "stimulus")
         sender = self._sender
         times_us, samples = self._times_us, self._samples
         if self._is_silent(self._rule, sender, t_us, stimulus):
@@ -263,6 +278,18 @@ class PastEncoder(StepEncoder):
         past = Past(times_us, samples, 0, len(times_us) - 1)
         message, self._sender = self._send(self._rule, sender, t_us, x, past)
         return self._pack(message)
+
+
+def checked_position(position: Vector, axes: int) -> Vector:
+    """Return a position; SampleError if it is not finite, out of range or has other axes than the stimuli."""
+    if len(position) != axes:
+        refuse_axes(position, axes, "position")
+    return checked_vector(position, "position")
+
+
+def refuse_axes(values: Vector, axes: int, what: str) -> Never:
+    """Raise the SampleError of a vector with the wrong number of axes."""
+    raise SampleError(f"{what} has {len(values)} axes; it must have {axes}")
 
 
 class StepDecoder:
@@ -289,15 +316,17 @@ class StepDecoder:
 class MovingDecoder(StepDecoder):
     """The same for a receiver that follows the motion of the tool."""
 
-    __slots__ = ("_move",)
+    __slots__ = ("_axes", "_move")
 
     def __init__(self, scheme: Scheme, axes: int) -> None:
         super().__init__(scheme, axes)
+        self._axes = axes
         self._move = scheme.steps.move
 
     def reconstruct(self, t_us: int, position: Vector | None = None) -> Vector:
         """Return the stimulus to apply."""
         if position is not None:
+            position = checked_position(position, self._axes)
             self._receiver = self._move(self._rule, self._receiver, t_us, position)
         return self._apply(self._rule, self._receiver, t_us)
 

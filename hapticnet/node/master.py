@@ -149,11 +149,11 @@ class MasterNode:
         if self._script_start_us is not None and self.session.streaming:
             try:
                 sample = self._operator.sample(now_us - self._script_start_us)
+                payload = self._positions.encode(now_us, sample.position_m)
             except Exception as error:  # a user's operator may raise anything
                 self._fail(f"the operator failed: {in_words(error)}", now_us)
                 return
             self._at_m = sample.position_m
-            payload = self._positions.encode(now_us, sample.position_m)
             if payload is not None:
                 self.session.send_position(now_us, payload)
         if self.recording is not None:

@@ -9,7 +9,7 @@ from hapticnet.node.master import Failed
 from hapticnet.node.slave import MasterLeft
 from hapticnet.protocol.master_session import Ended, SessionLost
 from hapticnet.protocol.messages import Code
-from hapticnet.samples import ForceSample
+from hapticnet.samples import ForceSample, PositionSample
 
 SECOND = 1_000_000
 
@@ -60,6 +60,22 @@ def test_an_operator_that_raises_is_told_once_the_force_goes_to_zero_and_the_ses
     assert (table["target_n"][table["t_us"] > failed_us + 1_000] == 0.0).all()
     (left,) = [event for event in events(link.slave) if isinstance(event, MasterLeft)]
     assert left.station.session.end_reason == f"the master closed: {failure.reason}"
+
+
+@pytest.mark.parametrize("position_m", [(np.nan,), (1e16,), (0.0, 0.0), ("deep",)])
+def test_an_operator_whose_position_cannot_be_sent_has_failed(loopback, position_m):
+    class Lost:
+        axes = 1
+
+        def sample(self, t_us):
+            return PositionSample(t_us, position_m)
+
+    link = loopback(1)
+    link.run(SECOND)
+    link.master._operator = Lost()
+    link.run(SECOND)
+    assert link.master.failure.startswith("the operator failed: ")
+    assert link.master.held_force_n(link.now_us) == 0.0
 
 
 @pytest.mark.parametrize("calls", [0, 2])
