@@ -67,7 +67,7 @@ def checked_class(found: Any, source: str) -> type[Any]:
     Parameters
     ----------
     found
-        The class; see docs/api.md for what it has to define.
+        The class; docs/api.md lists what it must define.
     source
         Where it is defined, as ``FILE.py:Class`` or ``package.module:Class``.
 
@@ -130,7 +130,7 @@ def rehearse(codec: Codec, source: str) -> None:
                 ) from error
 
 
-class _Fault(Exception):  # noqa: N818 - it never leaves this module
+class _Fault(Exception):  # noqa: N818 - private to this module
     """Fault found by a rehearsal."""
 
 

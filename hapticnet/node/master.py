@@ -1,7 +1,7 @@
 """The master: streams the operator's position, holds the last force, and drives the fingertip device with it."""
 
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from hapticnet.checks import check_parameter
@@ -104,9 +104,7 @@ class MasterNode:
             nonce=0,
             codec=settings.codec,
             parameters=codec_parameters(self._codec),
-            weber_fraction=settings.law.weber_fraction,
-            floor_n=settings.law.floor_n,
-            multiplier=settings.law.multiplier,
+            **asdict(settings.law),
             rate_hz=settings.rate_hz,
             axes=operator.axes,
             name=clipped(settings.name, NAME_BYTES),
@@ -212,9 +210,7 @@ class MasterNode:
             "scene": self._scene,
             "codec": self._codec.name,
             "parameters": codec_parameters(self._codec),
-            "weber_fraction": self.settings.law.weber_fraction,
-            "floor_n": self.settings.law.floor_n,
-            "multiplier": self.settings.law.multiplier,
+            **asdict(self.settings.law),
             "rate_hz": 1e6 / self.period_us,
             "ticks": self.ticks,
             "connections": self._connections,

@@ -1,4 +1,4 @@
-"""The slave: answers each master's positions with the forces of a scene of its own."""
+"""The slave: answers the positions of each master with forces of that master's own scene."""
 
 from collections import deque
 from collections.abc import Callable, Hashable

@@ -1,6 +1,7 @@
 """One master's place at the slave: session, scene, codec and account."""
 
 from collections.abc import Hashable
+from dataclasses import asdict
 from typing import Any
 
 from hapticnet.codec.base import Codec
@@ -91,27 +92,21 @@ class Station:
 
     def report(self) -> dict[str, Any]:
         """Return the account of this session for JSON."""
-        error = self._error.report()
         forces = self.session.sent.by_kind[Kind.FORCE]
-        hello = self.session.hello
         return {
             "session": self.session.number,
-            "master": hello.name,
+            "master": self.session.hello.name,
             "scene": self.scene.name,
             "codec": self.codec.name,
             "parameters": codec_parameters(self.codec),
-            "weber_fraction": hello.weber_fraction,
-            "floor_n": hello.floor_n,
-            "multiplier": hello.multiplier,
+            **asdict(self.codec.law),
             "state": self.session.state.value,
             "end_reason": self.session.end_reason,
             "duration_s": (self._stepped_us - self._opened_us) / 1e6,
             "steps": self.steps,
             "breaches": self.scene.breaches,
             "packet_rate_reduction": 1.0 - forces / self.steps if self.steps else None,
-            "rmse_n": error.rmse_n,
-            "max_error_n": error.max_error_n,
-            "exceed_jnd_fraction": error.exceed_jnd_fraction,
+            **asdict(self._error.report()),
             "sent": self.session.sent.report(),
             "received": self.session.received.report(),
         }

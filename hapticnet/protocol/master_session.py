@@ -242,7 +242,7 @@ class MasterSession:
             self._events.append(Connected(answer))
 
     def _is_news(self, sequence: int) -> bool:
-        """Tell whether a late FORCE is newer than the one applied: only KEEPALIVEs or refused FORCEs overtook it."""
+        """Return whether a late FORCE is newer than the one applied: only KEEPALIVEs or refused FORCEs overtook it."""
         return self._newest_force is None or distance(sequence, self._newest_force) > 0
 
     def _note_arrival(self, sequence: int, now_us: int) -> Arrival:

@@ -67,7 +67,7 @@ class Repair:
         self._measure(max(0, now_us - sent_us))
 
     def expire(self, now_us: int) -> bool:
-        """Tell whether the current stimulus must be sent now; each time it must, the timeout doubles."""
+        """Return whether the current stimulus must be sent now; each time it must, the timeout doubles."""
         # A clock that went back does not tell how long it has been: better once too often.
         if not self._sent or 0 <= now_us - self._since_us <= self._timeout_us:
             return False

@@ -92,7 +92,7 @@ class SlaveSession:
         return None
 
     def expire_update(self, now_us: int) -> bool:
-        """Tell whether a force is believed lost, so that the current one must be sent now."""
+        """Return whether a force is believed lost, so that the current one must be sent now."""
         return self._repair.expire(now_us)
 
     @property
@@ -107,7 +107,7 @@ class SlaveSession:
         return self._datagram(Kind.FORCE, Force(wrap(t_us), payload), now_us)
 
     def keepalive_is_due(self, now_us: int) -> bool:
-        """Tell whether the master has gone without a datagram for the keepalive interval."""
+        """Return whether the master has gone without a datagram for the keepalive interval."""
         # A clock that went back must not silence the slave until it has caught up.
         return not 0 <= now_us - self._spoke_us < self._settings.keepalive_us
 

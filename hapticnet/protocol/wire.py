@@ -126,7 +126,7 @@ def unpack_nonce(body: bytes) -> int:
 
 
 def is_uint32(value: object) -> bool:
-    """Tell whether a decoded value is an unsigned 32-bit integer (and not a boolean)."""
+    """Return whether a decoded value is an unsigned 32-bit integer (and not a boolean)."""
     return type(value) is int and 0 <= value < MODULUS
 
 

@@ -36,7 +36,7 @@ TIME_UNITS: Final = {
 OTHER_UNITS: Final = ("rad", "deg", "°", "V", "mV", "Nm", "mNm", "counts", "adc", "raw", "Pa", "kPa", "bar", "g")
 """Units of other quantities, which are named in a note when a force or position column carries one."""
 
-_AMBIGUOUS: Final = ("MN", "Mm", "Ms")  # in capitals by habit, or mega: never read in lower case
+_AMBIGUOUS: Final = ("MN", "Mm", "Ms")  # capitals may mean mega, so these are not read in lower case
 _BRACKETED: Final = re.compile(r"(.*?)[\s_]*[\[(]\s*([^\[\]()]*?)\s*[\])]")
 _SUFFIXED: Final = re.compile(r"(.*[^\s_/])(?:_|\s*/\s*|\s+)([A-Za-zµ°]+)")
 _LONGEST_WITH_UNIT: Final = 200

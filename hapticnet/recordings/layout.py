@@ -55,8 +55,8 @@ def find_layout(path: Path, sample: Sequence[tuple[int, str]], comment: str) -> 
     decimal comma.
 
     The first line is a header unless its cells are numbers, stamps or empty. Then the names come from a comment above
-    it if that has as many cells and no numbers, as `numpy.savetxt` writes it; or else they are "0", "1", …. A row of
-    units may follow the header.
+    it if that has the same number of cells and no numbers, as `numpy.savetxt` writes it; otherwise they are "0", "1",
+    …. A row of units may follow the header.
 
     Parameters
     ----------

@@ -104,16 +104,16 @@ def load_recording(
         One to three force columns, by name (with or without unit), by the name of a two-dimensional array, or by
         number from 0; a string is split at commas. None: the only column that is not time.
     position
-        As many position columns; None: no positions.
+        Position columns, one for each force column; None: no positions.
     position_scale
-        Metres in one unit of position, instead of the unit in the name; negative if it grows the way a positive force
-        pushes.
+        Metres in one unit of position, instead of the unit in the name; negative if positions increase in the
+        direction in which a positive force pushes.
     rate_hz
         Sampling rate [Hz] of a file without times. A file with times keeps its own, and a note says so.
     missing
         What to do with rows in which a value is empty or NaN: refuse the file, drop the rows, or hold the last value.
     max_bytes
-        Size limit of the file, and of what it unpacks to [B].
+        Size limit of the file and of its unpacked contents [B].
 
     Raises
     ------

@@ -102,14 +102,14 @@ def open_source(path: Path, max_bytes: int) -> Source:
 
 @contextmanager
 def file_errors(path: Path) -> Iterator[None]:
-    """Raise a FileError for whatever a reader raises on a damaged file."""
+    """Turn any exception that a reader raises on a damaged file into a FileError."""
     try:
         yield
     except HapticnetError:
         raise
     except MemoryError as error:
         raise FileError(f"{path}: too large for the memory of this machine") from error
-    except Exception as error:  # SciPy, pyarrow and NumPy raise whatever a damaged file leads them to
+    except Exception as error:  # SciPy, pyarrow and NumPy raise many kinds for damaged files
         known = isinstance(error, OSError) and error.strerror
         reason = known or f"damaged, or not the kind of file it seems: {' '.join(str(error).split())[:200]}"
         raise FileError(f"{path}: {reason}") from error

@@ -1,4 +1,4 @@
-"""The offline optima: valid, and not to be beaten."""
+"""The offline optima: valid, and no valid reconstruction needs fewer pieces."""
 
 import math
 from fractions import Fraction

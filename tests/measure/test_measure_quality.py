@@ -77,7 +77,7 @@ def test_perceptual_distance_is_symmetric_and_zero_only_where_nothing_differs(pa
     there, back = perceptual_distances(LAW, *pair), perceptual_distances(LAW, *pair[::-1])
     assert there.tolist() == pytest.approx(back.tolist())
     differ = np.abs(pair[0] - pair[1]).max(axis=1, initial=0.0)
-    # A turn shows in the squares of the norms, which hold half as many digits.
+    # A change of direction is computed from squared norms, which have half the digits.
     assert (there[differ == 0.0] <= 1e-5).all()
     assert (there[differ > 1e-5] > 0.0).all()
 
@@ -189,5 +189,5 @@ def test_a_deadband_of_one_jnd_stays_within_what_it_promises(pair):
     assert result.exceed_jnd_fraction == 0.0
     assert result.hpw_psnr_db == result.psnr_db
     assert result.perceptual_mse <= 1.2
-    # Whoever is sent has left the dead zone of the one before, but for its own rounding.
+    # A sent sample is outside the dead zone of the previous one, except for rounding.
     assert len(encoding.sent) < 2 or result.send_jump_mean_jnd > 1.0 - 1e-5

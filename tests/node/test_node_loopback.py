@@ -304,7 +304,7 @@ def test_one_slave_serves_many_masters_each_with_a_scene_of_its_own():
 
 
 @pytest.mark.parametrize("network", ["perfect", "delay=30ms,jitter=uniform:10ms,order=free,loss=5%,duplicate=5%"])
-def test_a_slave_that_starts_anew_is_found_within_a_second_and_its_past_stays_behind(loopback, network):
+def test_a_restarted_slave_is_found_within_a_second_and_its_old_forces_are_not_felt(loopback, network):
     link = loopback(9, forward=network, feedback=network, insertions=3)
     link.run(1_500_000)
     (old,) = link.slave.stations

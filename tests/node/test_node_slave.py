@@ -156,7 +156,7 @@ def test_keepalives_fill_silence_only_while_positions_arrive():
     assert slave.datagrams_to_send() == []
 
 
-def test_a_force_that_nobody_acknowledges_is_replaced_by_the_present_one_ever_more_rarely():
+def test_an_unacknowledged_force_is_replaced_by_the_present_one_at_growing_intervals():
     slave = make_slave()
     session = join(slave)
     forces = []
@@ -232,7 +232,7 @@ def test_a_flood_of_hellos_takes_no_place_from_a_master_at_work_and_memory_stays
         while slave.next_event():
             pass
     assert len(slave.stations) == 8
-    assert len(slave.report()["sessions"]) == 1, "whoever never sent a position crowds nobody out of the account"
+    assert len(slave.report()["sessions"]) == 1, "sessions without a position do not displace others from the account"
     assert slave.stations[0].address == "worker"
     assert slave.stations[0].session.state is SlaveState.OPEN
 

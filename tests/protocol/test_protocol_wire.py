@@ -75,7 +75,7 @@ def test_golden_datagrams_are_read_and_written_to_the_byte(vector):
 
 
 @given(st.binary(max_size=200))
-def test_garbage_is_a_peer_error_whoever_reads_it(data):
+def test_garbage_is_a_peer_error_in_every_reader(data):
     for read in (unpack, *READERS.values()):
         try:
             read(data)

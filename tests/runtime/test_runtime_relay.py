@@ -1,4 +1,4 @@
-"""Places at the relay go to masters, not to whoever sends something."""
+"""The relay gives its places to masters, not to strangers."""
 
 import asyncio
 import socket
