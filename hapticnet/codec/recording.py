@@ -10,7 +10,7 @@ import numpy as np
 
 from hapticnet.arrays import FloatArray, IntArray, as_recording, refuse_out_of_range
 from hapticnet.codec.base import Codec, Encoding
-from hapticnet.codec.steps import Past, Scheme, Steps, unknown, unmoved
+from hapticnet.codec.steps import Past, Scheme, Steps, ignore_motion, not_mirrored
 from hapticnet.compiled import compiled, fast_extra_installed
 from hapticnet.errors import PeerError, SampleError
 from hapticnet.vectors import in_range, put, row
@@ -24,13 +24,15 @@ if TYPE_CHECKING:
 COMPILE_ABOVE_SAMPLES = 1_000_000
 """Recordings longer than this run compiled.
 
-Loading the machine code takes 0.4 s, in which a stream encodes some hundred thousand samples. Compiling it takes 2 to
-6 s, once for each codec, number of axes and version.
+Loading the machine code takes 0.4 s, in which a stream encodes several hundred thousand samples. Compiling takes 2 to
+6 s, once for each codec, number of axes and version of hapticnet.
 """
 
-STEPS: Final = Steps(*[unmoved] * 8)
+STEPS: Final = Steps(*[ignore_motion] * 8)
 IN_MOTION: Final = False
 MIRRORED: Final = False
+"""Placeholders: `run_steps` is compiled with the steps of a scheme, whether it uses the motion, and whether it has a
+`mirror`."""
 
 LARGEST_TIME_US: Final = 2**61
 """Times [µs] up to which differences fit 64 bits."""
@@ -62,13 +64,13 @@ def encode_array(codec: Codec, t_us: IntArray, stimuli: FloatArray, positions: F
 
 
 def is_made_of_steps(codec: Codec) -> "TypeGuard[Scheme]":
-    """Tell whether a codec is nothing but its steps; one that a user derives may have an encoder of its own."""
+    """Tell whether a codec consists of its steps alone; a subclass by a user may have its own encoder or decoder."""
     kind: Any = type(codec)
     return isinstance(codec, Scheme) and kind.encoder is Scheme.encoder and kind.decoder is Scheme.decoder
 
 
 def encode_streamed(codec: Codec, t_us: IntArray, stimuli: FloatArray, positions: FloatArray | None = None) -> Encoding:
-    """Do the same sample by sample, whatever the length."""
+    """Encode and decode a recording as `encode_array` does, always sample by sample."""
     stimuli, t_us, positions = _checked(t_us, stimuli, positions)
     encoder, decoder = codec.encoder(stimuli.shape[1]), codec.decoder(stimuli.shape[1])
     encode, decode, reconstruct = encoder.encode, decoder.decode, decoder.reconstruct
@@ -99,7 +101,7 @@ def encode_lossy(
     repair_us: int | None,
     rng: np.random.Generator,
 ) -> tuple[Encoding, IntArray]:
-    """Do the same over a channel that loses updates; return also which of the sent ones arrived.
+    """Encode and decode a recording over a channel that loses updates; also return which of those sent arrived.
 
     Parameters
     ----------
@@ -107,9 +109,9 @@ def encode_lossy(
         Share of updates lost, each at random (0 to 1).
     repair_us
         A lost update, or one that the decoder refuses, is replaced by the first stimulus at least this much later
-        [µs], unless a later update has arrived: what the session does about a round trip after. None: never.
+        [µs], unless a later update has arrived, as a session does after about a round trip. None: never.
     rng
-        Draws which are lost.
+        Draws which updates are lost.
     """
     stimuli, t_us, positions = _checked(t_us, stimuli, positions)
     encoder, decoder = codec.encoder(stimuli.shape[1]), codec.decoder(stimuli.shape[1])
@@ -133,7 +135,7 @@ def encode_lossy(
             if arrives:
                 try:
                     decoder.decode(at_us, payload)
-                except PeerError:  # it builds on one that was lost
+                except PeerError:  # it builds on an update that was lost
                     arrives = False
             if arrives:
                 received.append(index)
@@ -147,12 +149,12 @@ def encode_lossy(
 def _encode_compiled(scheme: Scheme, t_us: IntArray, stimuli: FloatArray, positions: FloatArray | None) -> Encoding:
     samples, axes = stimuli.shape
     steps = scheme.steps
-    in_motion, mirrored = scheme.needs_position and positions is not None, steps.mirror is not unknown
+    in_motion, mirrored = scheme.needs_position and positions is not None, steps.mirror is not not_mirrored
     where = positions if in_motion and positions is not None else stimuli
     if in_motion:
         refuse_out_of_range(where, "position")
     loop = compiled(
-        walk,
+        run_steps,
         name=f"{scheme.name} {'in motion' if in_motion else 'at rest'}",
         using={"STEPS": steps, "IN_MOTION": in_motion, "MIRRORED": mirrored},
     )
@@ -177,7 +179,7 @@ def _encode_compiled(scheme: Scheme, t_us: IntArray, stimuli: FloatArray, positi
     return Encoding(sent=sent[:count], decoded=decoded, payload_bytes=sizes[:count])
 
 
-def walk(
+def run_steps(
     rule: Any,
     receiver_rule: Any,
     sender: Any,
@@ -190,10 +192,9 @@ def walk(
     sizes: Any,
     decoded: Any,
 ) -> int:
-    """Write what a scheme sends and applies; return how many stimuli are sent.
+    """Run a scheme over a recording: write what it sends and applies, and return the number of stimuli sent.
 
-    `STEPS` is replaced by those of the scheme when this is compiled. A stimulus out of range ends the walk; the result
-    is then the complement of its place in `sent`.
+    If a stimulus is out of range, stop and return the complement of its place in `sent`.
     """
     count = first = 0
     for i in range(stimuli.shape[0]):

@@ -1,14 +1,13 @@
 """A scheme written once: its steps as plain functions, and the encoder and decoder that call them sample by sample.
 
-A scheme divides its work as the link does. The sender keeps a state, which includes what the receiver applies; it stays
-silent or sends a message, which is a tuple of numbers as the receiver gets them, after rounding. The receiver changes
-its state with each message and applies a stimulus at every sample. Form and bytes of a message are the business of
-`payload`.
+A scheme has two sides. The sender keeps a state, which includes what the receiver applies. At each sample it is silent
+or sends a message: a tuple of numbers, rounded as the receiver gets them. The receiver updates its state with each
+message and applies a stimulus at every sample. `payload` turns messages into bytes.
 
-The same functions run here in a stream, in `codec.recording` over whole recordings, and can run for many sessions at
-once. They are therefore written in the subset of Python that numba compiles: numbers, tuples, named tuples, loops, and
-calls of such functions. A state is never changed in place. What a rule remembers of many updates is in tables (lists of
-lists, or arrays) that belong to the rule; every sender and every receiver has a rule of its own.
+The same functions run here in a stream and in `codec.recording`, compiled, over whole recordings. They are therefore
+written in the subset of Python that numba compiles: numbers, tuples, named tuples, loops, and calls of such functions.
+A state is never changed in place. A memory of many updates is kept in tables (lists of lists, or arrays), which belong
+to the rule; every sender and every receiver has its own rule.
 """
 
 import math
@@ -24,7 +23,7 @@ Table = list[list[float]]
 """Rows of numbers that a step may change."""
 
 MakeTable = Callable[[int, int], Any]
-"""Returns a table of zeros with so many rows and columns."""
+"""``(rows, columns) -> table of zeros``."""
 
 
 class Past(NamedTuple):
@@ -33,9 +32,9 @@ class Past(NamedTuple):
     Attributes
     ----------
     times_us, samples
-        Sampling times [µs] and stimuli; indices above `newest` are not to be read.
+        Sampling times [µs] and stimuli. Do not read indices above `newest`.
     first, newest
-        Index of the first sample that counts, and of the present one.
+        Index of the first sample to use, and of the present one.
     """
 
     times_us: Sequence[float]
@@ -47,27 +46,27 @@ class Past(NamedTuple):
 NO_PAST: Final = Past((), (), 0, 0)
 
 
-def unknown(sender: Any) -> None:
-    """Return None: the sender does not know the state of the receiver."""
+def not_mirrored(sender: Any) -> None:
+    """Default of `Steps.mirror`: the sender does not know the state of the receiver."""
 
 
 def never(rule: Any, sender: Any, t_us: int, x: Vector) -> bool:
-    """Return False: nothing ends the past."""
+    """Default of `Steps.ends_past`: return False."""
     return False
 
 
-def unmoved(rule: Any, state: Any, t_us: int, position: Vector) -> Any:
-    """Return the state: motion changes nothing."""
+def ignore_motion(rule: Any, state: Any, t_us: int, position: Vector) -> Any:
+    """Default of `Steps.watch` and `Steps.move`: return the state unchanged."""
     return state
 
 
-NOTHING: Final = (math.inf, -math.inf)
+EMPTY_INTERVAL: Final = (math.inf, -math.inf)
 """An interval that contains no number."""
 
 
-def nothing(rule: Any, sender: Any) -> tuple[float, float]:
-    """Return an interval that contains no number: every stimulus is looked at."""
-    return NOTHING
+def no_interval(rule: Any, sender: Any) -> tuple[float, float]:
+    """Default of `Steps.silent_interval`: return an empty interval, so that every stimulus is tested."""
+    return EMPTY_INTERVAL
 
 
 class Steps(NamedTuple):
@@ -78,11 +77,11 @@ class Steps(NamedTuple):
     start_sender, start_receiver
         ``(rule, axes) -> state``.
     is_silent
-        ``(rule, sender, t_us, x) -> bool``: whether x need not be sent. False for what is not finite.
+        ``(rule, sender, t_us, x) -> bool``: whether x need not be sent. False if x is not finite.
     send
         ``(rule, sender, t_us, x, past) -> (message, sender)``.
     refreshed
-        ``(sender) -> sender``: a state that is not silent, because the last update is believed lost. Never compiled.
+        ``(sender) -> sender``: a state that sends the next stimulus, after an update is believed lost. Never compiled.
     receive
         ``(rule, receiver, t_us, message) -> receiver``.
     apply
@@ -90,16 +89,16 @@ class Steps(NamedTuple):
     payload_bytes
         ``(rule, message) -> int``: size of the payload [B].
     mirror
-        ``(sender) -> receiver``: the state of the receiver as the sender knows it, if nothing is lost. `unknown`: it
-        depends on what the receiver sees for itself.
+        ``(sender) -> receiver``: the state of the receiver if nothing is lost. Omit it if that state depends on what
+        the sender does not know, such as the receiver's own positions.
     watch, move
-        ``(rule, state, t_us, position) -> state``: what the sender does with each position before it decides, and the
-        receiver before it applies.
+        ``(rule, state, t_us, position) -> state``: take in a position; `watch` at the sender before `is_silent`, `move`
+        at the receiver before `apply`.
     ends_past
-        ``(rule, sender, t_us, x) -> bool``: whether samples before x say nothing of what follows it.
-    quiet
-        ``(rule, sender) -> (low, high)``: stimuli of one axis that are silent at any time until the next message, which
-        a stream need not look at any further. It decides nothing else. Never compiled.
+        ``(rule, sender, t_us, x) -> bool``: whether to forget the samples before x, for example at an impact.
+    silent_interval
+        ``(rule, sender) -> (low, high)``: a range of stimuli of one axis that are silent until the next message,
+        whenever they come. Only a shortcut for streams: it must agree with `is_silent`. Never compiled.
     """
 
     start_sender: Callable[..., Any]
@@ -110,11 +109,11 @@ class Steps(NamedTuple):
     receive: Callable[..., Any]
     apply: Callable[..., Vector]
     payload_bytes: Callable[..., int]
-    mirror: Callable[..., Any] = unknown
-    watch: Callable[..., Any] = unmoved
-    move: Callable[..., Any] = unmoved
+    mirror: Callable[..., Any] = not_mirrored
+    watch: Callable[..., Any] = ignore_motion
+    move: Callable[..., Any] = ignore_motion
     ends_past: Callable[..., bool] = never
-    quiet: Callable[..., tuple[float, float]] = nothing
+    silent_interval: Callable[..., tuple[float, float]] = no_interval
 
 
 class Form(Protocol):
@@ -139,7 +138,7 @@ class Scheme:
     law: WeberLaw
 
     def rule(self, axes: int, table: MakeTable) -> Any:
-        """Return the numbers and tables of the rule as a named tuple; tuples in it are tables that do not change."""
+        """Return the numbers and tables of the rule as a named tuple; tuples in it are constant tables."""
         raise NotImplementedError
 
     def form(self, axes: int) -> Form:
@@ -147,22 +146,22 @@ class Scheme:
         raise NotImplementedError
 
     def past_samples(self) -> int:
-        """Return the length of the past that `send` reads."""
+        """Return how many samples `send` reads, the present one included."""
         return 0
 
     def encoder(self, axes: int) -> "StepEncoder":
         """Return a new encoder for stimuli of 1 to 3 axes."""
-        if self.steps.watch is not unmoved:
-            return WatchingEncoder(self, axes)
-        if self.steps.quiet is not nothing and axes == 1:
-            return QuietEncoder(self, axes)
+        if self.steps.watch is not ignore_motion:
+            return MotionEncoder(self, axes)
+        if self.steps.silent_interval is not no_interval and axes == 1:
+            return IntervalEncoder(self, axes)
         return PastEncoder(self, axes) if self.past_samples() else StepEncoder(self, axes)
 
     def decoder(self, axes: int) -> "StepDecoder":
         """Return a new decoder for stimuli of 1 to 3 axes."""
         if self.steps.receive is hold:
             return HoldDecoder(self, axes)
-        return MovingDecoder(self, axes) if self.steps.move is not unmoved else StepDecoder(self, axes)
+        return MotionDecoder(self, axes) if self.steps.move is not ignore_motion else StepDecoder(self, axes)
 
 
 def table_of_lists(rows: int, columns: int) -> Table:
@@ -199,15 +198,15 @@ class StepEncoder:
         self._sender = self._steps.refreshed(self._sender)
 
 
-class QuietEncoder(StepEncoder):
-    """The same for one axis and a rule that holds still between messages: silence costs two comparisons."""
+class IntervalEncoder(StepEncoder):
+    """Encoder of one axis for a scheme with a `silent_interval`: silence costs two comparisons."""
 
-    __slots__ = ("_high", "_low", "_quiet")
+    __slots__ = ("_high", "_low", "_silent_interval")
 
     def __init__(self, scheme: Scheme, axes: int) -> None:
         super().__init__(scheme, axes)
-        self._quiet = scheme.steps.quiet
-        self._low, self._high = NOTHING
+        self._silent_interval = scheme.steps.silent_interval
+        self._low, self._high = EMPTY_INTERVAL
 
     def encode(self, t_us: int, stimulus: Vector, position: Vector | None = None) -> bytes | None:  # noqa: ARG002
         """Return the payload to transmit, or None."""
@@ -222,17 +221,17 @@ class QuietEncoder(StepEncoder):
             return None
         x = checked_vector(stimulus, "stimulus")
         message, self._sender = self._send(self._rule, sender, t_us, x, NO_PAST)
-        self._low, self._high = self._quiet(self._rule, self._sender)
+        self._low, self._high = self._silent_interval(self._rule, self._sender)
         return self._pack(message)
 
     def refresh(self) -> None:
         """Make the next stimulus a transmitted one."""
-        self._low, self._high = NOTHING
+        self._low, self._high = EMPTY_INTERVAL
         super().refresh()
 
 
-class WatchingEncoder(StepEncoder):
-    """The same for a rule that depends on motion."""
+class MotionEncoder(StepEncoder):
+    """Encoder of a scheme whose rule depends on the motion of the tool."""
 
     __slots__ = ()
 
@@ -250,7 +249,7 @@ class WatchingEncoder(StepEncoder):
 
 
 class PastEncoder(StepEncoder):
-    """The same for messages that depend on past samples."""
+    """Encoder of a scheme whose messages depend on past samples."""
 
     __slots__ = ("_samples", "_times_us")
 
@@ -313,8 +312,8 @@ class StepDecoder:
         return self._apply(self._rule, self._receiver, t_us)
 
 
-class MovingDecoder(StepDecoder):
-    """The same for a receiver that follows the motion of the tool."""
+class MotionDecoder(StepDecoder):
+    """Decoder of a scheme that applies a stimulus which depends on the motion of the tool."""
 
     __slots__ = ("_axes", "_move")
 
@@ -332,7 +331,7 @@ class MovingDecoder(StepDecoder):
 
 
 class HoldDecoder(StepDecoder):
-    """The same for the zero-order hold, whose state is what it applies."""
+    """Decoder of the zero-order hold, whose state is the stimulus it applies."""
 
     __slots__ = ()
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from hapticnet.arrays import FloatArray, as_recording
 from hapticnet.codec.payload.values import law_numbers
 from hapticnet.codec.recording import encode_array
-from hapticnet.codec.schemes.deadband import EVERYTHING, Deadband
+from hapticnet.codec.schemes.deadband import EMPTY, Deadband
 from hapticnet.compiled import compiled, fast_extra_installed
 from hapticnet.measure.metrics import error_report
 from hapticnet.perception import WeberLaw
@@ -77,7 +77,7 @@ def _side_by_side(laws: Sequence[WeberLaw], stimuli: FloatArray) -> FloatArray:
     numbers = np.array([(*law_numbers(law), law.weber_fraction, law.floor_n) for law in laws]).reshape(-1, 4).T.copy()
     # Reference, threshold (negative: no stimulus is within it), packets, squares, largest, exceeded.
     state = np.zeros((6, len(laws)))
-    state[1] = EVERYTHING
+    state[1] = EMPTY
     compiled(sweep)(stimuli, *numbers, *state)
     samples = max(len(stimuli), 1)
     return np.stack([state[2], np.sqrt(state[3] / samples), state[4], state[5] / samples])

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.registry import CODECS, codec_parameters, make_codec
-from hapticnet.codec.schemes.deadband import Deadband, DeadZone, quiet
-from hapticnet.codec.steps import QuietEncoder, StepEncoder
+from hapticnet.codec.schemes.deadband import Deadband, DeadZone, silent_interval
+from hapticnet.codec.steps import IntervalEncoder, StepEncoder
 from hapticnet.errors import PeerError, SampleError, SettingsError
 from hapticnet.perception import WeberLaw
 
@@ -33,7 +33,7 @@ def test_stream_and_whole_array_agree_sample_for_sample(stimuli, law, name):
 
 @given(st.floats(-1e15, 1e15), st.floats(0.0, 1e15))
 def test_the_quiet_interval_lies_within_the_dead_zone_and_all_but_fills_it(reference, threshold):
-    low, high = quiet(None, DeadZone((reference,), threshold))
+    low, high = silent_interval(None, DeadZone((reference,), threshold))
     if low <= high:
         assert reference - low <= threshold
         assert high - reference <= threshold
@@ -44,7 +44,7 @@ def test_the_quiet_interval_lies_within_the_dead_zone_and_all_but_fills_it(refer
 def test_the_quiet_interval_changes_no_payload(stimuli, law, name):
     codec = make_codec(name, law)
     quick, plain = codec.encoder(1), StepEncoder(codec, 1)
-    assert isinstance(quick, QuietEncoder)
+    assert isinstance(quick, IntervalEncoder)
     for index, x in enumerate(stimuli.tolist()):
         assert quick.encode(index, tuple(x)) == plain.encode(index, tuple(x))
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hapticnet.codec.payload.lines import line_at, line_from
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.schemes.least_squares import LeastSquares
-from hapticnet.codec.schemes.linear_predictive import Follower, LinearPredictive, is_silent, least_squares_slope
+from hapticnet.codec.schemes.linear_predictive import LinearPredictive, Sender, is_silent, least_squares_slope
 from hapticnet.codec.steps import Past, table_of_lists
 from hapticnet.errors import PeerError, SampleError, SettingsError
 from hapticnet.perception import WeberLaw
@@ -272,12 +272,12 @@ def test_the_slope_is_that_of_a_least_squares_fit():
 @given(st.floats(-1e15, 1e15), st.floats(-1e15, 1e15), st.integers(-(10**18), 10**18))
 def test_a_line_stays_in_range(value, slope, at_us):
     rule = LinearPredictive(law=LAW, horizon_ms=10_000.0).rule(1, table_of_lists)
-    follower = Follower(True, line_from(rule, 0, (value,), (slope,)))
-    (point,) = line_at(rule, follower.line, at_us)
+    sender = Sender(True, line_from(rule, 0, (value,), (slope,)))
+    (point,) = line_at(rule, sender.line, at_us)
     assert abs(point) <= 1e15
-    assert is_silent(rule, follower, at_us, (point,))
-    assert not is_silent(rule, follower, at_us, (point + 1.01 * LAW.threshold_n(abs(point)),))
-    assert not is_silent(rule, follower, at_us, (math.nan,))
+    assert is_silent(rule, sender, at_us, (point,))
+    assert not is_silent(rule, sender, at_us, (point + 1.01 * LAW.threshold_n(abs(point)),))
+    assert not is_silent(rule, sender, at_us, (math.nan,))
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.codec.schemes.trend import BELIEVED, LEAD, UNTAUGHT, Causes, expected, taught, trend
+from hapticnet.codec.schemes.trend import LEAD, NOTHING_LEARNED, PRIOR, Trend, measured_trend, predicted_travel, updated
 from hapticnet.codec.steps import Past
 
 
@@ -16,7 +16,7 @@ def samples(values, period_us=1000):
 def trend_of(given, band_n, window_us):
     """Return both slopes [N/µs] and the level [N]."""
     times_us, values = zip(*given, strict=True)
-    return trend(Past(times_us, values, 0, len(values) - 1), values[-1], 1.0, window_us, band_n)
+    return measured_trend(Past(times_us, values, 0, len(values) - 1), values[-1], 1.0, window_us, band_n)
 
 
 @given(st.floats(-10, 10), st.floats(-1e-3, 1e-3), st.integers(3, 30))
@@ -66,21 +66,21 @@ def test_axes_are_independent():
 
 
 def learned(rng, truth, noise, rounds=300):
-    trust = UNTAUGHT
+    trust = NOTHING_LEARNED
     for _ in range(rounds):
-        causes = Causes(*[(each,) for each in rng.normal(0.0, 2.0, 3).tolist()])
+        causes = Trend(*[(each,) for each in rng.normal(0.0, 2.0, 3).tolist()])
         moved = sum(weight * each for weight, (each,) in zip(truth, causes, strict=True)) + noise * rng.normal()
-        trust = taught(trust, causes, (moved,), 1.0, 1.0)
+        trust = updated(trust, causes, (moved,), 1.0, 1.0)
     return trust
 
 
 @pytest.mark.parametrize("truth", [(1.0, 0.0, 0.0), (0.2, 0.7, 0.5), (0.0, 0.0, 1.0), (1.4, -0.6, -0.3)])
 def test_trust_becomes_what_has_been_true(truth):
-    assert learned(np.random.default_rng(1), truth, 0.1).trusted == pytest.approx(truth, abs=0.1)
+    assert learned(np.random.default_rng(1), truth, 0.1).coefficients == pytest.approx(truth, abs=0.1)
 
 
 def test_a_trend_that_was_always_wrong_is_no_reason_to_go_the_other_way():
-    assert learned(np.random.default_rng(2), (-1.0, -1.0, 0.0), 0.1).trusted[:2] == (0.0, 0.0)
+    assert learned(np.random.default_rng(2), (-1.0, -1.0, 0.0), 0.1).coefficients[:2] == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("travel", [0.1, 1.0, 10.0, 1000.0])
@@ -89,7 +89,7 @@ def test_a_curve_gets_ahead_of_a_steady_slope_by_no_more_than_its_lead(travel, a
     threshold_n = 0.05
     trust = learned(np.random.default_rng(3), (3.0, 3.0, 0.0), 0.1)
     slope = tuple(travel * threshold_n * each for each in along)
-    curve = expected(trust, Causes(slope, slope, (0.0,) * len(along)), threshold_n)
+    curve = predicted_travel(trust, Trend(slope, slope, (0.0,) * len(along)), threshold_n)
     made = np.dot(curve, along) / threshold_n
     s = np.linspace(0.0, 1.0, 10_001)
     ahead = np.max(made * s * (2.0 - s) - 2.0 * travel * s)
@@ -104,12 +104,12 @@ wild = st.tuples(*[st.floats(-1e15, 1e15)] * 3).map(lambda each: tuple((x,) for 
     st.lists(st.tuples(wild, st.floats(-1e15, 1e15), st.floats(0, 1), st.sampled_from([0.0, 5e-324, 1e-9, 1, 1e15])))
 )
 def test_trust_is_finite_whatever_it_is_told(rounds):
-    trust = UNTAUGHT
+    trust = NOTHING_LEARNED
     for causes, moved, share, threshold in rounds:
-        trust = taught(trust, Causes(*causes), (moved,), share, float(threshold))
-        assert all(abs(each) < 1e10 for each in trust.trusted)
+        trust = updated(trust, Trend(*causes), (moved,), share, float(threshold))
+        assert all(abs(each) < 1e10 for each in trust.coefficients)
 
 
 def test_before_anything_is_learned_the_slopes_are_believed_in_equal_shares():
-    assert UNTAUGHT.trusted == BELIEVED
-    assert expected(UNTAUGHT, Causes((1.0,), (3.0,), (9.0,)), math.inf) == (2.0,)
+    assert NOTHING_LEARNED.coefficients == PRIOR
+    assert predicted_travel(NOTHING_LEARNED, Trend((1.0,), (3.0,), (9.0,)), math.inf) == (2.0,)

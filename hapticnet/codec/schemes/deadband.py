@@ -21,24 +21,23 @@ from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector
 from hapticnet.vectors import distance
 
-EVERYTHING: Final = -1.0
-"""A threshold that no difference is within: the next stimulus is sent."""
-
+EMPTY: Final = -1.0
+"""Threshold of a dead zone that contains no stimulus, so that the next one is sent."""
 
 MARGIN: Final = 2.0**-50
-"""By how much, of reference and threshold, an interval is narrower than its dead zone: more than it rounds."""
+"""How much narrower `silent_interval` is than its dead zone, as a share of both: more than rounding can amount to."""
 
 
 class DeadZone(NamedTuple):
-    """What the receiver holds, and how far a stimulus may be from it in silence."""
+    """State of the sender: what the receiver holds, and how far from it a stimulus is not sent [N]."""
 
     reference: Vector
     threshold: float
 
 
-def nothing_held(rule: Any, axes: int) -> DeadZone:
-    """Return a dead zone that contains nothing."""
-    return DeadZone((0.0,) * axes, EVERYTHING)
+def empty_zone(rule: Any, axes: int) -> DeadZone:
+    """Return a dead zone that contains no stimulus."""
+    return DeadZone((0.0,) * axes, EMPTY)
 
 
 def is_silent(rule: Any, zone: DeadZone, t_us: int, x: Vector) -> bool:
@@ -47,7 +46,7 @@ def is_silent(rule: Any, zone: DeadZone, t_us: int, x: Vector) -> bool:
 
 
 def send(rule: ValueNumbers, zone: DeadZone, t_us: int, x: Vector, past: Any) -> tuple[tuple[int, Vector], DeadZone]:
-    """Send the stimulus; the dead zone is around what the receiver makes of it."""
+    """Send the stimulus, and centre the dead zone on its rounded value."""
     form, reference, threshold = rounded(rule, x)
     return (form, reference), DeadZone(reference, threshold)
 
@@ -57,16 +56,16 @@ def mirror(zone: DeadZone) -> Vector:
     return zone.reference
 
 
-def quiet(rule: Any, zone: DeadZone) -> tuple[float, float]:
-    """Return an interval that lies within the dead zone of one axis and all but fills it."""
+def silent_interval(rule: Any, zone: DeadZone) -> tuple[float, float]:
+    """Return an interval that nearly fills the dead zone of one axis."""
     (reference,), threshold = zone
     half = threshold - MARGIN * (abs(reference) + threshold)
     return reference - half, reference + half
 
 
-def everything_is_outside(zone: DeadZone) -> DeadZone:
-    """Return a dead zone that contains nothing."""
-    return zone._replace(threshold=EVERYTHING)
+def emptied(zone: DeadZone) -> DeadZone:
+    """Return the dead zone such that it contains no stimulus."""
+    return zone._replace(threshold=EMPTY)
 
 
 class ValueScheme(Scheme):
@@ -97,11 +96,11 @@ class Deadband(ValueScheme):
 
     name: ClassVar[str] = "deadband"
     steps: ClassVar[Steps] = Steps(
-        start_sender=nothing_held,
+        start_sender=empty_zone,
         is_silent=is_silent,
         send=send,
-        refreshed=everything_is_outside,
-        quiet=quiet,
+        refreshed=emptied,
+        silent_interval=silent_interval,
         mirror=mirror,
         payload_bytes=value_bytes,
         **ZERO_ORDER_HOLD,

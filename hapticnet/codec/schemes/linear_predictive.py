@@ -1,8 +1,8 @@
-"""The linear-predictive deadband: both sides extrapolate, and only what strays from the line is transmitted.
+"""The linear-predictive deadband: both sides extrapolate a line, and only a stimulus that leaves it is transmitted.
 
 First-order prediction within the deadband: Hinterseer, Hirche, Chaudhuri, Steinbach & Buss 2008, "Perception-based data
 reduction and transmission of haptic data in telepresence and teleaction systems" (IEEE Trans. Signal Processing). Here
-the payload carries the slope beside the value, so that the loss of an earlier update does no lasting harm.
+the payload carries the slope beside the value, so that a decoder needs no earlier update.
 """
 
 from dataclasses import dataclass, field
@@ -33,8 +33,8 @@ from hapticnet.vectors import distance, within
 IMPACT_THRESHOLDS: Final = 3.0
 """A stimulus further than this from the prediction is an impact or a breach.
 
-An assumption. On the paper's scene, whose breaches take one sample, it saves a quarter of the packets and more; on
-recorded forces it hardly ever matters. Anything from 2 to 4 does the same.
+An assumption. On the paper's scene, whose breaches take one sample, it saves at least a quarter of the packets; on
+recorded forces it rarely matters. Any value from 2 to 4 has the same effect.
 """
 
 
@@ -49,16 +49,16 @@ class LineRule(NamedTuple):
     slope_samples: int
 
 
-class Follower(NamedTuple):
-    """The line that the receiver follows, and whether it is known to."""
+class Sender(NamedTuple):
+    """The line sent last, and whether the receiver is known to follow it; False after a loss."""
 
     is_known: bool
     line: Line
 
 
-def start(rule: LineRule, axes: int) -> Follower:
-    """Return a receiver that is not known to follow any line."""
-    return Follower(False, start_line(rule, axes))
+def start(rule: LineRule, axes: int) -> Sender:
+    """Return a sender whose receiver follows no line yet."""
+    return Sender(False, start_line(rule, axes))
 
 
 def start_line(rule: Any, axes: int) -> Line:
@@ -66,14 +66,14 @@ def start_line(rule: Any, axes: int) -> Line:
     return Line(0, (0.0,) * axes, (0.0,) * axes, True)
 
 
-def is_silent(rule: LineRule, follower: Follower, t_us: int, x: Vector) -> bool:
+def is_silent(rule: LineRule, sender: Sender, t_us: int, x: Vector) -> bool:
     """Tell whether a stimulus is within the threshold around the line."""
-    return follower.is_known and is_within(rule, x, line_at(rule, follower.line, t_us))
+    return sender.is_known and is_within(rule, x, line_at(rule, sender.line, t_us))
 
 
-def ends_past(rule: LineRule, follower: Follower, t_us: int, x: Vector) -> bool:
-    """Tell whether there is an impact, so that samples before it say nothing of what follows."""
-    return follower.is_known and is_impact(rule, x, line_at(rule, follower.line, t_us))
+def ends_past(rule: LineRule, sender: Sender, t_us: int, x: Vector) -> bool:
+    """Tell whether there is an impact, after which a slope must not use the samples before it."""
+    return sender.is_known and is_impact(rule, x, line_at(rule, sender.line, t_us))
 
 
 def is_impact(rule: LawNumbers, x: Vector, predicted: Vector) -> bool:
@@ -81,21 +81,21 @@ def is_impact(rule: LawNumbers, x: Vector, predicted: Vector) -> bool:
     return distance(x, predicted) > IMPACT_THRESHOLDS * threshold_around(rule, predicted)
 
 
-def send(rule: LineRule, follower: Follower, t_us: int, x: Vector, past: Past) -> tuple[LineMessage, Follower]:
+def send(rule: LineRule, sender: Sender, t_us: int, x: Vector, past: Past) -> tuple[LineMessage, Sender]:
     """Send value and slope."""
     first = max(past.first, past.newest + 1 - rule.slope_samples)
     message = rounded_line(rule, x, least_squares_slope(past, first, x))
-    return message, Follower(True, receive(rule, follower.line, t_us, message))
+    return message, Sender(True, receive(rule, sender.line, t_us, message))
 
 
-def refreshed(follower: Follower) -> Follower:
-    """Return a receiver that is not known to follow any line."""
-    return follower._replace(is_known=False)
+def refreshed(sender: Sender) -> Sender:
+    """Return a sender whose receiver is not known to follow the line."""
+    return sender._replace(is_known=False)
 
 
-def mirror(follower: Follower) -> Line:
-    """Return what the receiver follows."""
-    return follower.line
+def mirror(sender: Sender) -> Line:
+    """Return the line that the receiver follows."""
+    return sender.line
 
 
 def receive(rule: LineRule, line: Line, t_us: int, message: LineMessage) -> Line:
@@ -142,23 +142,23 @@ def _slope(past: Past, first: int, axis: int, count: float, total: float, spread
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinearPredictive(Scheme):
-    """Transmit value and slope when the stimulus strays from the line that was transmitted last.
+    """Transmit value and slope when the stimulus leaves the line that was transmitted last.
 
     Rule: both sides predict ``p = value + slope · min(t - t_sent, horizon)``, limited to ±1e15 an axis; send when
     ``|x - p| > threshold(|p|)``, strictly. `slope` is that of the least-squares line through the newest samples,
-    which low-passes it; samples before an impact (`is_impact`) are forgotten. The first stimulus is always sent.
+    without those before an impact (`is_impact`). The first stimulus is always sent.
     Payload: the value as in the deadband, then the slope [N/s]: float32 an axis, or int16 beside an int16 value.
 
     Without loss the applied stimulus is within the threshold of the true one at every sample, whatever the input. At
-    an impact it therefore overshoots by a threshold at most; between two samples, or for the time that an update
-    comes late, by ``|slope| · time`` more, which ends at the horizon.
+    an impact it therefore overshoots by at most a threshold; between two samples, or while an update is late, by
+    ``|slope| · time`` more, until the horizon.
 
     Attributes
     ----------
     slope_samples
-        Newest samples that the slope is taken from: 2 to 64.
+        Number of newest samples that the slope is fitted to: 2 to 64.
     horizon_ms
-        For how long a line is followed before its end is held [ms]: 1 to 10 000.
+        Time for which a line is followed before its end is held [ms]: 1 to 10 000.
     step_n
         Payload of int16 multiples of this [N] where that moves the stimulus by no more than the threshold, and of
         ``step_n / horizon`` [N/s] for the slope; 0: never.
@@ -197,10 +197,10 @@ class LinearPredictive(Scheme):
         return LineForm(axes, step_n=self.step_n, slope_step=slope_count(self.step_n, self.horizon_ms))
 
     def past_samples(self) -> int:
-        """Return the length of the past that a slope is taken from."""
+        """Return how many samples a slope is fitted to."""
         return int(self.slope_samples)
 
 
 def slope_count(step_n: float, horizon_ms: float) -> float:
-    """Return the size of a count of the slope [N/s]: it moves the end of the line by as much as one of the value's."""
+    """Return the size of a count of the slope [N/s]: it moves the end of the line by one count of the value."""
     return step_n * 1e3 / horizon_ms

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from hapticnet.checks import check_parameter
 from hapticnet.codec.payload.values import check_step, law_numbers, value_bytes
-from hapticnet.codec.schemes.deadband import DeadZone, ValueScheme, everything_is_outside, nothing_held
+from hapticnet.codec.schemes.deadband import DeadZone, ValueScheme, emptied, empty_zone
 from hapticnet.codec.schemes.deadband import is_silent as is_in_dead_zone
 from hapticnet.codec.schemes.deadband import send as send_value
 from hapticnet.codec.steps import ZERO_ORDER_HOLD, MakeTable, Steps
@@ -40,7 +40,7 @@ class Window(NamedTuple):
 
 def start(rule: Any, axes: int) -> Window:
     """Return a dead zone that contains nothing, outside any window."""
-    return Window(nothing_held(rule, axes), 0, False)
+    return Window(empty_zone(rule, axes), 0, False)
 
 
 def is_silent(rule: MergingRule, window: Window, t_us: int, x: Vector) -> bool:
@@ -63,7 +63,7 @@ def mirror(window: Window) -> Vector:
 
 def refreshed(window: Window) -> Window:
     """Return a dead zone that contains nothing, outside any window."""
-    return Window(everything_is_outside(window.zone), 0, False)
+    return Window(emptied(window.zone), 0, False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -39,7 +39,7 @@ from hapticnet.codec.payload.values import (
     threshold_around,
 )
 from hapticnet.codec.schemes.deadband import Deadband, ValueScheme
-from hapticnet.codec.steps import MakeTable, Steps, unknown
+from hapticnet.codec.steps import MakeTable, Steps, not_mirrored
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector
 from hapticnet.vectors import along, dot, largest_component, magnitude, minus, over
@@ -185,7 +185,7 @@ class PassiveExtrapolative(ValueScheme):
     name: ClassVar[str] = "passive-extrapolative"
     needs_position: ClassVar[bool] = True
     steps: ClassVar[Steps] = Deadband.steps._replace(
-        mirror=unknown,
+        mirror=not_mirrored,
         start_receiver=start_shifted,
         receive=receive_value,
         move=move_shifted,
@@ -225,7 +225,7 @@ class PassiveInterpolative(ValueScheme):
     name: ClassVar[str] = "passive-interpolative"
     needs_position: ClassVar[bool] = True
     steps: ClassVar[Steps] = Deadband.steps._replace(
-        mirror=unknown,
+        mirror=not_mirrored,
         start_receiver=start_ramp,
         receive=receive_ramp,
         move=move_ramp,

@@ -1,4 +1,4 @@
-"""The deadband that widens while the hand moves, because force is then told apart less well.
+"""The deadband that widens while the hand moves.
 
 The force JND grows with the speed of the hand, and a deadband may follow it: Zadeh 2008;
 Kammerl, Vittorias, Nitsch, Faerber, Steinbach, Hirche, "Perception-based data reduction for haptic force-feedback
@@ -38,8 +38,8 @@ class Hand(NamedTuple):
     speed_m_s: float
 
 
-class Moving(NamedTuple):
-    """What the receiver holds, and the motion of the hand."""
+class Sender(NamedTuple):
+    """What the receiver holds, its norm `size`, and the motion of the hand."""
 
     is_held: bool
     reference: Vector
@@ -47,17 +47,17 @@ class Moving(NamedTuple):
     hand: Hand
 
 
-def start(rule: Any, axes: int) -> Moving:
+def start(rule: Any, axes: int) -> Sender:
     """Return a hand at rest, and no reference."""
     zeros = (0.0,) * axes
-    return Moving(False, zeros, 0.0, Hand(False, 0, zeros, zeros, 0.0))
+    return Sender(False, zeros, 0.0, Hand(False, 0, zeros, zeros, 0.0))
 
 
-def watch(rule: SpeedRule, moving: Moving, t_us: int, position: Vector) -> Moving:
+def watch(rule: SpeedRule, sender: Sender, t_us: int, position: Vector) -> Sender:
     """Follow the hand to its position."""
-    hand = moving.hand
+    hand = sender.hand
     if hand.is_known and t_us == hand.t_us:
-        return moving
+        return sender
     if hand.is_known and t_us > hand.t_us:
         keep_s = rule.time_constant_s
         traveled = along(minus(position, hand.position_m), keep_s, hand.velocity)
@@ -65,47 +65,47 @@ def watch(rule: SpeedRule, moving: Moving, t_us: int, position: Vector) -> Movin
     else:
         velocity = minus(position, position)
     hand = Hand(True, t_us, position, velocity, magnitude(velocity))
-    return Moving(moving.is_held, moving.reference, moving.size, hand)
+    return Sender(sender.is_held, sender.reference, sender.size, hand)
 
 
-def is_silent(rule: SpeedRule, moving: Moving, t_us: int, x: Vector) -> bool:
+def is_silent(rule: SpeedRule, sender: Sender, t_us: int, x: Vector) -> bool:
     """Tell whether a stimulus is inside the dead zone at the present speed."""
-    if not moving.is_held:
+    if not sender.is_held:
         return False
-    fraction = rule.weber + rule.gain_s_m * moving.hand.speed_m_s
-    threshold = (fraction if fraction < rule.largest else rule.largest) * moving.size
-    return distance(x, moving.reference) <= (threshold if threshold > rule.floor else rule.floor)
+    fraction = rule.weber + rule.gain_s_m * sender.hand.speed_m_s
+    threshold = (fraction if fraction < rule.largest else rule.largest) * sender.size
+    return distance(x, sender.reference) <= (threshold if threshold > rule.floor else rule.floor)
 
 
-def send(rule: SpeedRule, moving: Moving, t_us: int, x: Vector, past: Any) -> tuple[tuple[int, Vector], Moving]:
+def send(rule: SpeedRule, sender: Sender, t_us: int, x: Vector, past: Any) -> tuple[tuple[int, Vector], Sender]:
     """Send the stimulus."""
     form, reference, _ = rounded(rule, x)
-    return (form, reference), Moving(True, reference, magnitude(reference), moving.hand)
+    return (form, reference), Sender(True, reference, magnitude(reference), sender.hand)
 
 
-def mirror(moving: Moving) -> Vector:
+def mirror(sender: Sender) -> Vector:
     """Return what the receiver holds."""
-    return moving.reference
+    return sender.reference
 
 
-def refreshed(moving: Moving) -> Moving:
+def refreshed(sender: Sender) -> Sender:
     """Forget what the receiver holds."""
-    return moving._replace(is_held=False)
+    return sender._replace(is_held=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VelocityAdaptive(ValueScheme):
-    """Transmit a stimulus only when a hand that moves so fast can tell it apart from the one being held.
+    """Transmit a stimulus only when the hand, at its present speed, can tell it apart from the one being held.
 
     Rule: send when ``|x - ref| > multiplier · max(fraction · |ref|, floor_n)``, strictly, with `ref` the last
     transmitted stimulus as it was rounded for the wire, and
     ``fraction = max(weber_fraction, min(weber_fraction + speed_gain_s_m · |v|, largest_fraction))``.
-    The threshold is the one of the present speed: when the hand slows down the deadband narrows, so that a held
-    stimulus may leave it without changing. The receiver holds and does not know the speed.
+    The threshold depends on the present speed: when the hand slows down, the deadband narrows, so a stimulus that does
+    not change may leave it. The receiver holds and does not know the speed.
 
     Speed: with each position p, ``v ← (τ·v + p - p_before) / (τ + dt)``, the low-passed difference quotient (backward
     Euler of ``τ·dv/dt = dp/dt - v``), per axis; |v| is its norm, so that jitter cancels instead of adding up. A
-    repeated time stamp is passed over; after one that goes back the hand counts as at rest.
+    repeated time stamp is ignored; after one that goes back, the hand counts as at rest.
 
     At rest, and if positions are not known, it is the deadband. In motion the error exceeds the JND *at rest* on
     purpose, but not the threshold above. Payload: the deadband's.
@@ -114,7 +114,7 @@ class VelocityAdaptive(ValueScheme):
     ----------
     speed_gain_s_m
         Growth of the Weber fraction with speed [1 per m/s]. The linear form is after Kammerl 2010; the default is an
-        assumption (0.1 m/s doubles the paper's fraction of 0.05), to be replaced by a measurement of the person.
+        assumption (0.1 m/s doubles the paper's fraction of 0.05); replace it by a measurement of the person.
     largest_fraction
         Largest fraction, 0 to 1. Also an assumption: the growth was not measured further.
     time_constant_ms
