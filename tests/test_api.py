@@ -114,6 +114,9 @@ def test_what_cannot_be_right_is_refused_with_the_value_seen(arguments, message)
         (FORCE.reshape(4, 500), r"force: recording of shape \(4, 500\); it must be \(n,\) or \(n, 1 to 3\)"),
         (np.where(T_S == 0.5, np.nan, FORCE), r"sample 500: stimulus \[nan\] is not finite"),
         ([1.0, -np.inf], r"sample 1: stimulus \[-inf\] is not finite"),
+        ([[1, 2], [3]], "inhomogeneous"),
+        ([10**400, 1], "not made of numbers"),
+        (np.ma.array([1.0, 2.0], mask=[False, True]), "force has masked values"),
     ],
 )
 def test_forces_that_cannot_be_forces_are_refused(force, message):

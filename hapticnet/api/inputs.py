@@ -72,14 +72,19 @@ def as_forces(values: Any, name: str) -> FloatArray:
             raise SampleError(f"{name} has a column {column!r}; select the columns of {name}, and give times by name")
     if values is None:
         raise SampleError(f"{name} is None; it must be real numbers")
-    array = np.asarray(values)
+    if np.ma.is_masked(values):
+        raise SampleError(f"{name} has masked values; fill them or leave their samples out")
+    try:
+        array = np.asarray(values)
+    except ValueError as error:  # rows of different lengths
+        raise SampleError(f"{name} is not a table of numbers: {error}") from error
     if array.dtype == object and any(isinstance(each, str) for each in array.flat):
         array = array.astype(str)
     if array.dtype != object and not np.can_cast(array.dtype, np.float64, "same_kind"):
         raise SampleError(f"{name} is of type {array.dtype}; it must be real numbers")
     try:
         array = as_recording(array.astype(np.float64))
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise SampleError(f"{name} is not made of numbers: {error}") from error
     except SampleError as error:
         raise SampleError(f"{name}: {error}") from error
