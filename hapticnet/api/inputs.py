@@ -25,7 +25,6 @@ LONGEST_PERIOD_US: Final = 5e5
 LARGEST_TIME_US: Final = 1e17
 """Largest time stamp [µs]; microseconds up to here are exact enough in float64."""
 
-
 TIME_COLUMNS: Final = ("t", "t_s", "t_ms", "t_us", "time", "time_s", "timestamp")
 """Columns of a table that cannot be a force."""
 

@@ -24,7 +24,6 @@ MAX_DATAGRAM_BYTES: Final = 1200
 UDP_IPV4_HEADER_BYTES: Final = 28
 """IPv4 header without options (RFC 791, 20 B) and UDP header (RFC 768, 8 B)."""
 
-
 MAX_ELEMENTS: Final = 16
 """Most elements of an array or map."""
 
@@ -46,7 +45,6 @@ _pack = msgpack.Packer().pack
 """One packer for all datagrams: making a new one for each would double the cost."""
 
 KINDS: Final = {int(kind): kind for kind in Kind}
-
 
 ANY_VERSION: Final = (Kind.HELLO, Kind.REFUSE)
 """Kinds whose frame and first fields are the same in every version, so that versions can recognise each other."""
