@@ -25,7 +25,7 @@ from hapticnet.device.base import Device, Reading
 from hapticnet.device.kinematics import ROUNDING, Linkage
 from hapticnet.device.parts import Finger
 from hapticnet.device.plant import PlantSettings
-from hapticnet.experiment.step_response import step_figures
+from hapticnet.experiment.step_response import averaged, step_figures
 from hapticnet.node.fingertip import Fingertip
 from hapticnet.node.procedures import StepTest
 
@@ -46,9 +46,7 @@ def step_response(kind: str, stiffness_n_m: float, seed: int, control: ForceCont
             now_us += TICK_US
     assert test.step_us is not None
     columns = test.recording.table()
-    samples = control.period_us // TICK_US
-    padded = np.concatenate([np.full(samples - 1, columns["sensed_n"][0]), columns["sensed_n"]])
-    columns["sensed_n"] = np.convolve(padded, np.full(samples, 1.0 / samples), "valid")
+    columns["sensed_n"] = averaged(columns["sensed_n"], control.period_us // TICK_US)
     t_s = (columns["t_us"] - test.step_us) * 1e-6
     figures = {
         force: asdict(step_figures(t_s, columns[f"{force}_n"], at_s=0.0, from_n=FROM_N, to_n=TO_N))

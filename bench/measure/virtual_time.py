@@ -85,10 +85,7 @@ def measure(arguments: argparse.Namespace) -> dict[str, object]:
     for _ in range(arguments.repetitions):
         for case, measured in runs.items():
             measured.append(run(case, arguments.seed, arguments.insertions))
-    return {
-        "load_average": os.getloadavg()[0],
-        "cases": {case: summary(measured) for case, measured in runs.items()},
-    }
+    return {"load_average": os.getloadavg()[0], "cases": {case: summary(measured) for case, measured in runs.items()}}
 
 
 def main() -> None:

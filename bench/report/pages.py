@@ -13,7 +13,7 @@ import sys
 import tomllib
 import traceback
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import reduce
 from pathlib import Path
 from typing import Any, Final
@@ -103,11 +103,6 @@ def fixed(value: float | None, digits: int = 0, factor: float = 1.0) -> str:
     return "–" if value is None else f"{factor * value:,.{digits}f}"
 
 
-def plain(value: float) -> str:
-    """Return a number with as many decimals as it needs."""
-    return f"{value:g}"
-
-
 def percent(value: float | None, digits: int = 0) -> str:
     """Return a share in per cent, or a dash for None."""
     return "–" if value is None else f"{value:.{digits}%}"
@@ -116,11 +111,6 @@ def percent(value: float | None, digits: int = 0) -> str:
 def span(values: Sequence[float], digits: int = 0, factor: float = 1.0) -> str:
     """Return the smallest and the largest value, once if they read the same."""
     return " to ".join(dict.fromkeys(fixed(value, digits, factor) for value in (min(values), max(values))))
-
-
-def counts(items: Sequence[str]) -> list[tuple[str, int]]:
-    """Return items with how often each occurs, the most frequent first."""
-    return Counter(items).most_common()
 
 
 def listed(items: Sequence[str]) -> str:
@@ -139,8 +129,13 @@ def environment(folder: Path) -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    named: tuple[Callable[..., Any], ...] = (where, one, largest, ratios, span, counts, listed)
-    made.filters |= {"f": fixed, "g": plain, "pct": percent} | {each.__name__: each for each in named}
+    made.filters |= {each.__name__: each for each in (where, one, largest, ratios, span, listed)}
+    made.filters |= {
+        "f": fixed,
+        "g": "{:g}".format,
+        "pct": percent,
+        "counts": lambda items: Counter(items).most_common(),
+    }
     made.failed_claims = []  # type: ignore[attr-defined]
     return made
 

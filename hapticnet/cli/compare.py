@@ -31,8 +31,7 @@ def compare(
     missing: options.MissingValues = "refuse",
     max_size: options.MaxSize = options.MAX_SIZE,
     codecs: Annotated[
-        str | None,
-        typer.Option(metavar="CODEC[;CODEC…]", help="Codecs as for encode --codec; default: all."),
+        str | None, typer.Option(metavar="CODEC[;CODEC…]", help="Codecs as for encode --codec; default: all.")
     ] = None,
     thresholds: Annotated[str, typer.Option(metavar="M[,M…]", help="Deadband thresholds in JNDs.")] = THRESHOLDS,
     weber: options.Weber = PAPER_WEBER_FRACTION,

@@ -1,7 +1,7 @@
 """``hapticnet demo``: the paper's experiment on this machine, in about a minute."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -75,16 +75,8 @@ def demo(
     )
     console.finish()
     rows = results(played, paper_scene(seed).tissues)
-    account: dict[str, Any] = {
-        "provenance": provenance(),
-        "seed": seed,
-        "insertions": insertions,
-        "rate_hz": rate,
-        "device": device,
-        "codec": codec,
-    }
-    account["conditions"] = rows
-    text = json_module.dumps(account, indent=2)
+    settings = {"seed": seed, "insertions": insertions, "rate_hz": rate, "device": device, "codec": codec}
+    text = json_module.dumps({"provenance": provenance(), **settings, "conditions": rows}, indent=2)
     write_text(report, text + "\n")
     print(text) if json else print_table(rows)
     try:

@@ -36,8 +36,7 @@ Column: TypeAlias = Annotated[
     typer.Option(metavar="NAME[,NAME…]", help="Force columns [N], by name or number from 0; one to three axes."),
 ]
 Rate: TypeAlias = Annotated[
-    float | None,
-    typer.Option(metavar="HZ", help="Sampling rate of files without a column t, time or timestamp."),
+    float | None, typer.Option(metavar="HZ", help="Sampling rate of files without a column t, time or timestamp.")
 ]
 Position: TypeAlias = Annotated[
     str | None,

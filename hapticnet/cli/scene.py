@@ -37,8 +37,7 @@ def run_scene(
     scene: Spec,
     positions: Annotated[Path, typer.Option(metavar="FILE", help="Positions: .csv, .tsv, .npy, .npz, .mat, .parquet.")],
     column: Annotated[
-        str | None,
-        typer.Option(help="Position column [m], by name or number from 0; else the one called position."),
+        str | None, typer.Option(help="Position column [m], by name or number from 0; else the one called position.")
     ] = None,
     rate: options.Rate = None,
     missing: options.MissingValues = "refuse",

@@ -77,10 +77,7 @@ def bytes_per_penetration(slave: Columns) -> BytesPerPenetration:
             begin = max(begin, int(before[-1]) + 1)
         each.append(int(spent[end + 1] - spent[begin]))
         begin = int(end) + 1
-    return BytesPerPenetration(
-        each=tuple(each),
-        depths_m=tuple(slave["position_m"][breaches].tolist()),
-    )
+    return BytesPerPenetration(each=tuple(each), depths_m=tuple(slave["position_m"][breaches].tolist()))
 
 
 def felt_error(law: WeberLaw, slave: Columns, master: Columns) -> ErrorReport:

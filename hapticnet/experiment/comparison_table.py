@@ -13,7 +13,7 @@ from hapticnet.experiment.summary import METHOD, Block, Line, blocks, means
 UNKNOWN: Final = "–"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Column:
     """A column of the tables for people.
 
@@ -23,10 +23,8 @@ class Column:
         The field of `Row.flat` that it shows.
     heading
         One or two lines.
-    form
-        Format specification of a number.
-    factor
-        What the field is multiplied by.
+    form, factor
+        Format specification of the number, and what the field is multiplied by.
     meaning
         Explanation for the note under the table.
     in_papers
@@ -52,74 +50,27 @@ class Column:
         return f"{text.removesuffix('%')} ± {half_width}"
 
 
+OPTIMUM_MEANING: Final = (
+    "packets over the fewest that any zero-order hold needs that knows the whole recording; codecs that extrapolate can"
+    " be below 1; on two and three axes the optimum is a lower bound"
+)
+KEEPALIVES_MEANING: Final = "the same with the keepalives that a session sends while no update is due"
+EXCEED_MEANING: Final = "share of the samples with an error above one JND, whatever the threshold"
+SPEED_MEANING: Final = "time to encode and decode a sample in a stream, in plain Python on this machine"
+
 COLUMNS: Final = (
-    Column(key="packets_per_s", heading="packets\nper s", form=".1f", meaning="transmitted updates per second"),
-    Column(
-        key="packet_rate_reduction",
-        heading="fewer",
-        form=".1%",
-        meaning="share of the samples that are not transmitted",
-    ),
-    Column(
-        key="wire_bytes_per_s",
-        heading="kB\nper s",
-        form=".2f",
-        factor=1e-3,
-        meaning="updates with protocol, UDP and IPv4 headers",
-    ),
-    Column(
-        key="session_wire_bytes_per_s",
-        heading="kB/s +\nkeepalives",
-        form=".2f",
-        factor=1e-3,
-        meaning="the same with the keepalives that a session sends while no update is due",
-        in_papers=False,
-    ),
-    Column(
-        key="over_optimum",
-        heading="×\noptimum",
-        form=".2f",
-        meaning="packets over the fewest that any zero-order hold needs that knows the whole recording; codecs that"
-        " extrapolate can be below 1; on two and three axes the optimum is a lower bound",
-    ),
-    Column(
-        key="worst_100ms_packets",
-        heading="worst\n0.1 s",
-        form=".0f",
-        meaning="most packets in any 100 ms",
-        in_papers=False,
-    ),
-    Column(key="rmse_n", heading="RMSE\nN", form=".4f", meaning="root mean square error of the applied force"),
-    Column(key="max_error_n", heading="max\nN", form=".3f", meaning="largest error", in_papers=False),
-    Column(
-        key="exceed_jnd_fraction",
-        heading="exceed\nJND",
-        form=".1%",
-        meaning="share of the samples with an error above one JND, whatever the threshold",
-    ),
-    Column(
-        key="jump_max_jnd",
-        heading="jump\nJND",
-        form=".1f",
-        meaning="largest step between successive applied samples",
-        in_papers=False,
-    ),
-    Column(
-        key="age_mean_us",
-        heading="age\nms",
-        form=".1f",
-        factor=1e-3,
-        meaning="mean age of the applied update",
-        in_papers=False,
-    ),
-    Column(
-        key="nanoseconds_per_sample",
-        heading="µs per\nsample",
-        form=".2f",
-        factor=1e-3,
-        meaning="time to encode and decode a sample in a stream, in plain Python on this machine",
-        in_papers=False,
-    ),
+    Column("packets_per_s", "packets\nper s", ".1f", "transmitted updates per second"),
+    Column("packet_rate_reduction", "fewer", ".1%", "share of the samples that are not transmitted"),
+    Column("wire_bytes_per_s", "kB\nper s", ".2f", "updates with protocol, UDP and IPv4 headers", 1e-3),
+    Column("session_wire_bytes_per_s", "kB/s +\nkeepalives", ".2f", KEEPALIVES_MEANING, 1e-3, in_papers=False),
+    Column("over_optimum", "×\noptimum", ".2f", OPTIMUM_MEANING),
+    Column("worst_100ms_packets", "worst\n0.1 s", ".0f", "most packets in any 100 ms", in_papers=False),
+    Column("rmse_n", "RMSE\nN", ".4f", "root mean square error of the applied force"),
+    Column("max_error_n", "max\nN", ".3f", "largest error", in_papers=False),
+    Column("exceed_jnd_fraction", "exceed\nJND", ".1%", EXCEED_MEANING),
+    Column("jump_max_jnd", "jump\nJND", ".1f", "largest step between successive applied samples", in_papers=False),
+    Column("age_mean_us", "age\nms", ".1f", "mean age of the applied update", 1e-3, in_papers=False),
+    Column("nanoseconds_per_sample", "µs per\nsample", ".2f", SPEED_MEANING, 1e-3, in_papers=False),
 )
 
 

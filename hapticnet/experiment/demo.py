@@ -21,6 +21,10 @@ from hapticnet.scene.tissue import Tissue
 POLL_S: Final = 0.1
 CONNECT_TIMEOUT_S: Final = 10.0
 
+FROM_SLAVE: Final = ("packet_rate_reduction", "rmse_n", "max_error_n", "exceed_jnd_fraction")
+FROM_MASTER: Final = ("tracking_rmse_n", "round_trip", "lateness", "ticks", "missed_ticks", "scheduling")
+"""Figures of a condition that the processes report themselves."""
+
 Progress = Callable[[Condition, float], None]
 """Called with the condition being played and how long it has been playing [s]."""
 
@@ -45,14 +49,7 @@ class Played:
 
 
 def play_conditions(
-    folder: Path,
-    *,
-    codec: str,
-    seed: int,
-    insertions: int,
-    device: str,
-    rate_hz: float,
-    on_progress: Progress,
+    folder: Path, *, codec: str, seed: int, insertions: int, device: str, rate_hz: float, on_progress: Progress
 ) -> list[Played]:
     """Play the same insertions under each condition, one after the other, and return what both sides recorded.
 
@@ -93,46 +90,35 @@ def results(played: list[Played], tissues: Sequence[Tissue]) -> list[dict[str, A
     law = WeberLaw(weber_fraction=PAPER_WEBER_FRACTION, floor_n=PAPER_FLOOR_N)
     rows: list[dict[str, Any]] = []
     for each in played:
+        condition, slave, master = each.condition, each.slave, each.master
         penetrations = bytes_per_penetration(each.slave_samples)
+        by_tissue = zip(tissues, penetrations.by_tissue(tissues), strict=True)
         uncompressed = rows[0]["bytes_per_penetration"] if rows else penetrations.mean
         rows.append(
             {
-                "condition": each.condition.name,
-                "codec": each.condition.codec,
-                "multiplier": each.condition.multiplier,
-                "samples": each.slave["steps"],
-                "force_packets": each.slave["sent"]["by_kind"].get("force", 0),
-                "keepalives": each.slave["sent"]["by_kind"].get("keepalive", 0),
-                "packet_rate_reduction": each.slave["packet_rate_reduction"],
+                "condition": condition.name,
+                "codec": condition.codec,
+                "multiplier": condition.multiplier,
+                "samples": slave["steps"],
+                "force_packets": slave["sent"]["by_kind"].get("force", 0),
+                "keepalives": slave["sent"]["by_kind"].get("keepalive", 0),
                 "penetrations": len(penetrations.each),
                 "bytes_of_each_penetration": penetrations.each,
                 "bytes_per_penetration": penetrations.mean,
                 "bytes_deviation": penetrations.deviation,
                 "bytes_of_each_tissue": [
-                    {
-                        "tissue": tissue.name,
-                        "breach_force_n": tissue.breach_force_n,
-                        "each": each_n,
-                        "mean": fmean(each_n),
-                    }
-                    for tissue, each_n in zip(tissues, penetrations.by_tissue(tissues), strict=True)
-                    if each_n
+                    {"tissue": tissue.name, "breach_force_n": tissue.breach_force_n, "each": own, "mean": fmean(own)}
+                    for tissue, own in by_tissue
+                    if own
                 ],
                 "byte_reduction": 1.0 - penetrations.mean / uncompressed if uncompressed else None,
-                "paper_byte_reduction": each.condition.paper_byte_reduction,
-                "paper_correct": each.condition.paper_correct,
-                "feedback_wire_bytes": each.slave["sent"]["wire_bytes"],
-                "rmse_n": each.slave["rmse_n"],
-                "max_error_n": each.slave["max_error_n"],
-                "exceed_jnd_fraction": each.slave["exceed_jnd_fraction"],
+                "paper_byte_reduction": condition.paper_byte_reduction,
+                "paper_correct": condition.paper_correct,
+                "feedback_wire_bytes": slave["sent"]["wire_bytes"],
                 "felt": asdict(felt_error(law, each.slave_samples, each.master_samples)),
-                "tracking_rmse_n": each.master["tracking_rmse_n"],
-                "round_trip": each.master["round_trip"],
-                "lateness": each.master["lateness"],
-                "ticks": each.master["ticks"],
-                "missed_ticks": each.master["missed_ticks"],
-                "lost": each.master["received"]["lost"] + each.slave["received"]["lost"],
-                "scheduling": each.master["scheduling"],
+                "lost": master["received"]["lost"] + slave["received"]["lost"],
+                **{key: slave[key] for key in FROM_SLAVE},
+                **{key: master[key] for key in FROM_MASTER},
             }
         )
     return rows

@@ -56,12 +56,7 @@ class StepFigures:
 
 
 def step_figures(
-    t_s: Sequence[float] | Numbers,
-    force_n: Sequence[float] | Numbers,
-    *,
-    at_s: float,
-    from_n: float,
-    to_n: float,
+    t_s: Sequence[float] | Numbers, force_n: Sequence[float] | Numbers, *, at_s: float, from_n: float, to_n: float
 ) -> StepFigures:
     """Return the figures of a recorded step response.
 
@@ -102,6 +97,12 @@ def step_figures(
         ripple_peak_to_peak_n=float(np.ptp(steady)),
         ripple_rms_n=float(steady.std()),
     )
+
+
+def averaged(force_n: Numbers, samples: int) -> Numbers:
+    """Return the mean of each sample and the `samples` - 1 before it, as in the force loop's input; shape (n,)."""
+    padded = np.concatenate([np.full(samples - 1, force_n[0]), force_n])
+    return np.convolve(padded, np.full(samples, 1.0 / samples), "valid")
 
 
 def plot_step(

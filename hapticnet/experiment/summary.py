@@ -70,12 +70,7 @@ def blocks(rows: Sequence[Row]) -> list[Block]:
         )
         found.setdefault((row.trial, settings), []).append(row)
     return [
-        Block(
-            trial=trial,
-            recordings=1,
-            settings=settings,
-            lines=(*map(_line, block), *_optima(block[0])),
-        )
+        Block(trial=trial, recordings=1, settings=settings, lines=(*map(_line, block), *_optima(block[0])))
         for (trial, settings), block in found.items()
     ]
 

@@ -9,7 +9,6 @@ import typer
 from hapticnet.cli import options
 
 if TYPE_CHECKING:
-    from hapticnet.arrays import FloatArray
     from hapticnet.device.base import Device
 
 
@@ -40,7 +39,7 @@ def step(
     from hapticnet.cli.device.driving import drive
     from hapticnet.control.limits import LimitSettings
     from hapticnet.errors import UnavailableError
-    from hapticnet.experiment.step_response import plot_step, step_figures
+    from hapticnet.experiment.step_response import averaged, plot_step, step_figures
     from hapticnet.experiment.style import check_format, pyplot
     from hapticnet.node.fingertip import Fingertip
     from hapticnet.node.procedures import StepTest
@@ -64,7 +63,7 @@ def step(
     if csv is not None:
         write_csv(csv, columns)
     t_s, at_s = columns["t_us"] * 1e-6, (tests[0].step_us or 0) * 1e-6
-    forces = {"sensed": _averaged(columns["sensed_n"], control.period_us // 1000), "true": columns["true_n"]}
+    forces = {"sensed": averaged(columns["sensed_n"], control.period_us // 1000), "true": columns["true_n"]}
     account: dict[str, Any] = {"device": made.description, "from_n": from_n, "to_n": to_n}
     for name, force_n in forces.items():
         if np.isfinite(force_n).all():
@@ -85,11 +84,3 @@ def step(
         raise UnavailableError(
             f"the force did not reach 90 % of the step: it is {forces['sensed'][-1]:.2f} N at the end, not {to_n:g} N"
         )
-
-
-def _averaged(force_n: "FloatArray", samples: int) -> "FloatArray":
-    """Return the mean of each sample and those before it, as in the force loop's input."""
-    import numpy as np
-
-    padded = np.concatenate([np.full(samples - 1, force_n[0]), force_n])
-    return np.convolve(padded, np.full(samples, 1.0 / samples), "valid")

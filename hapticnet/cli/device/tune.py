@@ -53,9 +53,7 @@ def tune(
     made = drive(device, known, seed, prepare)
     tuned = tunings[0].result()
     finger = MeasuredFinger(
-        stiffness_n_m=tuned.stiffness_n_m,
-        contact_m=max(0.0, tuned.contact_m),
-        date=datetime.date.today().isoformat(),
+        stiffness_n_m=tuned.stiffness_n_m, contact_m=max(0.0, tuned.contact_m), date=datetime.date.today().isoformat()
     )
     tuned_profile = replace(known, finger=finger)
     if file is not None:
