@@ -48,7 +48,7 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def signal(samples: int, sent: float, seed: int) -> Array:
-    """Return a force between 0.5 and 4.5 N that wanders so fast that about `sent` of it leaves the dead zone."""
+    """Return a random walk between 0.5 and 4.5 N of which a deadband sends about the share `sent`."""
     step_n = {0.01: 0.0091, 0.1: 0.0365, 0.4: 0.105}[sent]
     walk = np.cumsum(np.random.default_rng(seed).normal(0.0, step_n, samples))
     folded: Array = np.abs(walk % 8.0 - 4.0) + 0.5
@@ -56,7 +56,7 @@ def signal(samples: int, sent: float, seed: int) -> Array:
 
 
 def whole_array(codec: Codec, stimuli: Array, *, compile_above: int = 0) -> int:
-    """Return how many stimuli a codec sends of a recording; it is streamed up to some length, compiled above."""
+    """Return how many stimuli of a recording a codec sends; recordings above `compile_above` samples are compiled."""
     recording.COMPILE_ABOVE_SAMPLES = compile_above
     positions = None
     if codec.needs_position:
@@ -65,7 +65,7 @@ def whole_array(codec: Codec, stimuli: Array, *, compile_above: int = 0) -> int:
 
 
 def best(ways: dict[str, Callable[[], int]], samples: int, repetitions: int) -> tuple[dict[str, float], int]:
-    """Return million samples a second of each way, measured in turns, and how many the last one sent."""
+    """Return million samples a second of each way, measured in turns, and the number that the last one sent."""
     taken = dict.fromkeys(ways, float("inf"))
     sent = 0
     for _ in range(repetitions):
@@ -102,7 +102,7 @@ def measure_codec(codec: Codec, stimuli: Array, c_loop: Loop | None, repetitions
     if fast_extra_installed():
         ways["fast"] = lambda: whole_array(codec, stimuli)
         sent = {name: way() for name, way in ways.items()}
-        # Roundings may part them for a sample; other constants or another rule would for many.
+        # Rounding may change a few samples; another constant or rule would change many.
         assert "c" not in sent or abs(sent["fast"] - sent["c"]) <= 1e-3 * sent["c"] + 1.0, (
             f"{codec.name} sends {sent['fast']}, its C twin {sent['c']}"
         )

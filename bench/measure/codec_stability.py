@@ -1,9 +1,9 @@
 """Numerical stability of every codec: on hard signals, through loss, and over runs of 1e8 samples.
 
-Signals: the largest error in thresholds (around the applied force), packets and payload, with a moving hand, with and
-without the floor of Weber's law; and whether encoder and decoder are in step at the end, to the bit. Loss: the paper's
-scene through a channel that loses updates and repairs after 20 ms. Long runs: the streaming pair for as long as it is
-given, and the compiled deadband over 1e8.
+Signals: the largest error in thresholds of the applied force, packets and payload, with a moving hand, with and without
+the floor of Weber's law; and whether encoder and decoder agree to the bit at the end. Loss: the paper's scene through a
+channel that loses updates and repairs them after 20 ms. Long runs: the streaming pair for ``--seconds``, and the
+compiled deadband over 1e8 samples.
 """
 
 import argparse
@@ -35,7 +35,7 @@ Row = dict[str, Any]
 LAW = WeberLaw()
 LAWS = {"floor": LAW, "no floor": WeberLaw(floor_n=0.0)}
 SMALLEST_THRESHOLD_N = 1e-290
-"""What a threshold of nothing counts as, so that quotients stay finite."""
+"""Smallest divisor, so that errors over a threshold of 0 stay finite."""
 
 LOSSES = (0.0, 0.05, 0.1, 0.3)
 BLOCK_SAMPLES = 100_000
@@ -55,7 +55,7 @@ def on_signals(samples: int, seed: int) -> list[Row]:
 
 
 def on_signal(recordings: Sequence[Trial], codec: Codec) -> Row:
-    """Return what a codec makes of the recordings of one name."""
+    """Return errors, packets and sizes of a codec on the recordings of one name."""
     encodings = [encode_array(codec, trial.t_us, trial.stimuli, trial.positions) for trial in recordings]
     sizes = np.concatenate([encoding.payload_bytes for encoding in encodings])
     errors = [in_thresholds(codec, *pair) for pair in zip(recordings, encodings, strict=True)]
@@ -76,7 +76,7 @@ def in_thresholds(codec: Codec, trial: Trial, encoding: Encoding) -> float:
 
 
 def ends_in_step(codec: Codec, trial: Trial) -> bool:
-    """Tell whether encoder and decoder are in step after a recording that a resting hand felt."""
+    """Tell whether encoder and decoder agree after a recording with a hand at rest."""
     encoder, decoder = codec.encoder(1), codec.decoder(1)
     for t_us, (x,) in zip(trial.t_us.tolist(), trial.stimuli.tolist(), strict=True):
         payload = encoder.encode(t_us, (x,))
@@ -118,7 +118,7 @@ def through_loss(codecs: Sequence[Codec], seeds: Sequence[int], insertions: int 
 
 
 def recoveries_ms(t_us: Sequence[int], sent: Sequence[int], received: set[int]) -> list[float]:
-    """Return how long it took, from each update that was lost while all was well, to the next one taken in."""
+    """Return the time from the first lost update to the next received one, for each such gap."""
     waits_ms = []
     since_us: int | None = None
     for index in sent:
@@ -131,7 +131,7 @@ def recoveries_ms(t_us: Sequence[int], sent: Sequence[int], received: set[int]) 
 
 
 def force_blocks(seed: int) -> Iterator[FloatArray]:
-    """Yield a force without end: hands, through zero, with spikes that sums would remember, and blocks near zero."""
+    """Yield an endless force: a hand's, through zero, with spikes that a running sum would keep, and small blocks."""
     rng = np.random.default_rng(seed)
     while True:
         force = hand_force(BLOCK_SAMPLES, rng) - rng.uniform(0.0, 3.0)
@@ -140,15 +140,15 @@ def force_blocks(seed: int) -> Iterator[FloatArray]:
 
 
 def hand_positions() -> Iterator[Vector]:
-    """Return the positions without end of a hand that goes in and out 2 cm each 3 s, with rests."""
+    """Return the endless positions of a hand that moves 2 cm in and out every 3 s, with rests."""
     way_m = 0.02 * np.clip(1.5 * np.sin(np.arange(0.0, 2.0 * np.pi, 2.0 * np.pi / 3000)), -1.0, 1.0)
     return cycle([(x,) for x in way_m.tolist()])
 
 
 def stream_for(codec: Codec, seconds: float, most_samples: int, seed: int) -> Row:
-    """Stream blocks for so long [s] or so many samples, looking at every sample, and for drift after every block."""
+    """Stream blocks for `seconds` or `most_samples`; check every sample's error, and for drift after each block."""
     encoder, decoder = codec.encoder(1), codec.decoder(1)
-    resting = codec.decoder(1)  # what it applies shows what a passive codec holds behind its shift
+    resting = codec.decoder(1)  # without motion, a passive codec applies what it holds
     encode, decode, reconstruct = encoder.encode, decoder.decode, decoder.reconstruct
     weber, floor_n = LAW.weber_fraction, LAW.floor_n
     where: Iterator[Vector | None] = hand_positions() if codec.needs_position else repeat(None)
@@ -173,7 +173,7 @@ def stream_for(codec: Codec, seconds: float, most_samples: int, seed: int) -> Ro
 
 
 def whole_array(samples: int, seed: int) -> Row:
-    """Encode so many samples with the deadband in one call; its end must be what a streaming pair makes of it."""
+    """Encode `samples` samples with the deadband in one call; a streaming pair must give the same end."""
     codec = Deadband(law=LAW)
     stimuli = np.empty((samples, 1))
     blocks = force_blocks(seed)
@@ -188,7 +188,7 @@ def whole_array(samples: int, seed: int) -> Row:
         held = encoding.decoded[start : start + BLOCK_SAMPLES]
         errors = np.abs(stimuli[start : start + BLOCK_SAMPLES] - held)
         exceeding += int(np.sum(~(errors <= LAW.thresholds_n(np.abs(held)))))
-    # A deadband that has just sent is as good as new.
+    # Just after a packet, a deadband has no other history.
     last = int(encoding.sent[np.searchsorted(encoding.sent, max(samples - BLOCK_SAMPLES, 0))])
     streamed = encode_streamed(codec, t_us[last:], stimuli[last:])
     same = streamed.decoded.tobytes() == encoding.decoded[last:].tobytes()

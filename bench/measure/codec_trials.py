@@ -1,4 +1,4 @@
-"""What codecs are put through: signals from next to nothing to far beyond a hand, and whether both halves agree."""
+"""Test signals for codecs, from zero to far above any hand's force, and a check that both halves agree."""
 
 import copy
 import copyreg
@@ -22,19 +22,19 @@ copyreg.pickle(struct.Struct, lambda form: (struct.Struct, (form.format,)))  # s
 
 
 def trials(samples: int, rng: np.random.Generator) -> list[Trial]:
-    """Return recordings of one axis and about so many samples, several of a name where they try the same."""
+    """Return one-axis recordings of about `samples` samples; variants of one signal share its name."""
     ms = np.arange(samples)
     clock = PERIOD_US * ms
     hand = hand_force(samples, rng)
     noise = rng.normal(size=samples)
     spikes = hand.copy()
     spikes[50::97] += 1e5 * rng.choice([-1.0, 1.0], len(spikes[50::97]))
-    # 20 N/s up for 150 ms, then all but gone in one sample; and two samples up to 4 N, where it stops dead.
+    # 20 N/s up for 150 ms, then a drop in one sample; and a rise to 4 N within two samples, then constant.
     breaches = 0.02 * (ms % 150) + np.where(ms % 300 < 150, 1.0, 0.3)
     wall = np.clip(2.0 * (ms % 200 - 100), 0.0, 4.0)
     gaps_us = np.where(rng.random(samples) < 0.02, 300_000.0, rng.exponential(1500.0, samples))
     kept = rng.random(samples) > 0.3
-    leaps_us = np.where(rng.random(samples) < 0.01, rng.integers(-(2**40), 2**40, samples), PERIOD_US)
+    jumps_us = np.where(rng.random(samples) < 0.01, rng.integers(-(2**40), 2**40, samples), PERIOD_US)
     plain = {
         "zero": np.zeros(samples),
         "constant": np.full(samples, 1.7),
@@ -53,10 +53,10 @@ def trials(samples: int, rng: np.random.Generator) -> list[Trial]:
     }
     timed = {
         "repeated times": (np.repeat(clock[: samples // 3 + 1], 3)[:samples], hand),
-        "clock stands still": (np.zeros(samples, dtype=np.int64), hand),
+        "constant time": (np.zeros(samples, dtype=np.int64), hand),
         "irregular times": (np.cumsum(gaps_us.astype(np.int64)), hand),
         "missing samples": (clock[kept], hand[kept]),
-        "clock leaps": (np.cumsum(leaps_us.astype(np.int64)), hand),
+        "time jumps": (np.cumsum(jumps_us.astype(np.int64)), hand),
     }
     # There and back, on both sides of zero.
     triangle = np.interp(ms / samples, [0.0, 0.25, 0.75, 1.0], [0.0, 0.25, -0.25, 0.0]) * samples / 1000.0
@@ -76,22 +76,22 @@ def hand_force(samples: int, rng: np.random.Generator) -> FloatArray:
 
 
 def _trial(name: str, t_us: npt.NDArray[np.int64], stimuli: FloatArray) -> Trial:
-    # A hand that goes to and fro by 20 mm, twice a second, at 126 mm/s at most.
+    # A hand that moves by 20 mm and back twice a second, at up to 126 mm/s.
     positions = 0.01 * np.sin(4.0 * np.pi * np.arange(len(stimuli)) / 1000.0)
     return Trial(name=name, t_us=t_us, stimuli=stimuli[:, np.newaxis], positions=positions[:, np.newaxis])
 
 
 def in_step(encoder: Encoder, decoder: Decoder, law: WeberLaw, t_us: int, x: float) -> bool:
-    """Tell whether an encoder sends, to the bit, whatever leaves the dead zone of what its decoder applies.
+    """Tell whether the encoder's dead zone lies exactly, to the bit, around what the decoder applies.
 
-    Were the encoder's own idea of that any other, one end of its dead zone would lie outside. Seen so from the outside,
-    it holds for every codec that follows the deadband's rule once the hand rests: while a stimulus stands, what bounds
-    the rate or says things twice comes to an end. Neither half is disturbed.
+    An encoder that assumes another applied value does not send the first number beyond one of the two ends. The check
+    holds for every codec with the deadband's rule once the hand rests, because rate limits and repetitions end while
+    the stimulus is constant. Encoder and decoder are copied, not changed.
 
     Parameters
     ----------
     t_us, x
-        The stimulus of one axis [N] that came last, and its time.
+        Time [µs] and value [N] of the last stimulus, of one axis.
     """
     encoder, decoder = copy.deepcopy((encoder, decoder))
     for _ in range(SETTLING_SAMPLES):
@@ -111,7 +111,7 @@ def in_step(encoder: Encoder, decoder: Decoder, law: WeberLaw, t_us: int, x: flo
 
 
 def farthest(holds: Callable[[float], bool], inside: float, outside: float) -> float:
-    """Return the last number from `inside` towards `outside` for which something holds."""
+    """Return the last number from `inside` towards `outside` for which `holds` is true."""
     while (middle := 0.5 * (inside + outside)) not in (inside, outside):
         if holds(middle):
             inside = middle

@@ -68,12 +68,12 @@ def _argument(value: Any) -> Any:
 
 @cache
 def times_us(samples: int) -> npt.NDArray[np.int64]:
-    """Return a sample each millisecond; made once, so that making them is not measured."""
+    """Return a sample each millisecond; computed once, so that it is not measured."""
     return np.arange(samples, dtype=np.int64) * 1000
 
 
 @cache
 def hand_m(samples: int) -> Array:
-    """Return the position at each of them of a hand that comes and goes; made once as well."""
+    """Return the position of a moving hand at each sample; computed once as well."""
     position_m: Array = 0.02 * np.sin(np.arange(samples) * 0.002)
     return position_m

@@ -49,7 +49,7 @@ def made_signals(seed: int, seconds: float) -> list[Trial]:
 
 
 def recorded_signals(arguments: Sequence[str]) -> list[Trial]:
-    """Return the recordings given as in `recorded_signal`; equal names are told apart by their whole paths."""
+    """Return the recordings given as in `recorded_signal`; recordings with equal names get their whole paths."""
     trials = [recorded_signal(argument) for argument in dict.fromkeys(arguments)]
     names = [trial.name for trial in trials]
     return [
@@ -90,7 +90,7 @@ def noisy_hold(rng: np.random.Generator, samples: int) -> tuple[Array, Array]:
 
 
 def impacts(rng: np.random.Generator, samples: int) -> tuple[Array, Array]:
-    """Return taps on something hard: a held force behind a burst of decaying vibration.
+    """Return taps on something hard: a burst of decaying vibration, then a held force.
 
     A decaying sinusoid whose size goes with the speed of the tap is the model of Okamura, Cutkosky and Dennerlein,
     "Reality-based models for vibration feedback in virtual environments" (2001); their parameters are not used.

@@ -30,10 +30,10 @@ VARIANTS: Final[tuple[tuple[str, dict[str, float]], ...]] = (
     *(("adaptive-predictive", {"window_ms": window_ms}) for window_ms in (10.0, 17.0, 30.0)),
     *(("adaptive-predictive", {"horizon_ms": horizon_ms}) for horizon_ms in (100.0, 400.0)),
 )
-"""Settings beside the defaults: how much of a lead is in the tuning."""
+"""Settings other than the defaults, to see how much they matter."""
 
 DECIMATIONS: Final = (1, 2, 5, 10, 20)
-"""Every how many samples one is kept, to see what a lower sampling rate changes."""
+"""One of this many samples is kept, to see what a lower sampling rate changes."""
 RIVALS: Final = ("deadband", "adaptive-predictive", "linear-predictive", "least-squares")
 
 JUMPS: Final = (0.0, 2.0, 1.0, 0.5)
@@ -176,7 +176,7 @@ def settings(
 def rates(
     trials: Sequence[Trial], sets: Mapping[str, Sequence[str]], signal_of: Mapping[str, str], beside: Sequence[float]
 ) -> list[Row]:
-    """Return packets at 1 JND over the optimum on signals of which one in so many samples is left."""
+    """Return packets at 1 JND over the optimum on signals with samples left out."""
     rows = []
     for every in DECIMATIONS:
         fewer = [

@@ -55,9 +55,9 @@ static struct trend trend(const int64_t *t_us, const double *stimuli, size_t new
                           (free_slope * moment - rise) / weights};
 }
 
-static void learn(struct trust *trust, struct trend foretold, double moved)
+static void learn(struct trust *trust, struct trend predicted, double moved)
 {
-    const double p = foretold.short_slope, q = foretold.long_slope, r = foretold.level, m = moved;
+    const double p = predicted.short_slope, q = predicted.long_slope, r = predicted.level, m = moved;
     if (!(p * p + q * q + r * r + m * m <= 1e6))
         return;
     const double weight = 1.0 / (1.0 + 0.05 * (p * p + 2.0 * (p * q) + q * q));
@@ -80,7 +80,7 @@ static void learn(struct trust *trust, struct trend foretold, double moved)
     trust->in = a + b > 0.0 ? (struct trend){a, b, c} : (struct trend){0.0, 0.0, c};
 }
 
-static double foretell(struct trend trusted, struct trend causes, double threshold)
+static double predicted_change(struct trend trusted, struct trend causes, double threshold)
 {
     double a = trusted.short_slope, b = trusted.long_slope;
     const double both = fabs(causes.short_slope + causes.long_slope);
@@ -109,16 +109,16 @@ size_t adaptive_predictive(const double *stimuli, size_t samples, const int64_t 
         if (count == 0 || error > reach) {
             if (count && error <= 3.0 * reach) {
                 const double scale = 1.0 / jnd_n(sent_for, weber_fraction, floor_n), made = share * scale;
-                const struct trend foretold = {made * causes.short_slope, made * causes.long_slope,
+                const struct trend predicted = {made * causes.short_slope, made * causes.long_slope,
                                                scale * causes.level};
                 if (share > 0.0)
-                    learn(&trust, foretold, scale * (x - sent_for));
+                    learn(&trust, predicted, scale * (x - sent_for));
             }
             const double threshold = jnd_n(x, weber_fraction, floor_n);
             causes = trend(t_us, stimuli, i, 2.0 * threshold, window_us);
             causes.short_slope *= 0.5 * horizon_us;
             causes.long_slope *= 0.5 * horizon_us;
-            const double wanted = foretell(trust.in, causes, threshold);
+            const double wanted = predicted_change(trust.in, causes, threshold);
             const double offset = within(trust.in.level * causes.level, 0.9 * threshold / (1.0 + weber_fraction));
             value = (double)(float)(x + offset);
             const double around = jnd_n(value, weber_fraction, floor_n);

@@ -47,7 +47,7 @@ def main() -> None:
         code = 2
     except KeyboardInterrupt:
         code = 130
-    except BrokenPipeError:  # whoever read our output has gone
+    except BrokenPipeError:  # the reader of stdout has gone
         abandon(sys.stdout)
         code = 1
     except OSError as error:  # print() met a full disk

@@ -128,7 +128,7 @@ def master(
         account["channel_out"] = channel_account(out, channel)
     try:
         deliver(account, as_json=json, file=report)
-    finally:  # whoever read stdout may have gone
+    finally:  # the reader of stdout may have gone
         if record is not None and node.recording is not None:
             write_csv(record, node.recording.table())
     if node.failure is not None:

@@ -37,7 +37,7 @@ def slave(
     report: options.Report = None,
     quiet: options.Quiet = False,
 ) -> None:
-    """Host the virtual tissues: each master that comes touches a scene of its own.
+    """Host the virtual tissues: each master touches its own scene.
 
     Ends on Ctrl-C, SIGTERM or after --duration, and then prints its report.
     """
@@ -96,7 +96,7 @@ def slave(
             console.say(f"{session.hello.name!r} left: {session.end_reason} ({event.station.steps} steps)")
             if record is not None:
                 to_write.append(event.station)
-        # Files are written while nobody waits for a force.
+        # Files are written while no master waits for a force.
         if not node.stations:
             write_what_can_be()
 
@@ -130,7 +130,7 @@ def slave(
         account["channel_out"] = channel_account(out, channel)
     try:
         deliver(account, as_json=json, file=report)
-    finally:  # whoever read stdout may have gone
+    finally:  # the reader of stdout may have gone
         write_recordings()
 
 

@@ -29,7 +29,7 @@ def bench():
     def run(script, *arguments):
         environment = os.environ | {"PYTHONPATH": str(REPOSITORY)}
         command = [sys.executable, REPOSITORY / "bench" / script, *map(str, arguments)]
-        return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=100, check=False)
+        return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=300, check=False)
 
     return run
 
