@@ -1,4 +1,4 @@
-"""Plain functions compiled by numba (the ``fast`` extra). The functions themselves know nothing of it.
+"""Plain functions compiled by numba (the ``fast`` extra), without changes to their modules.
 
 A function is compiled together with every plain function of hapticnet it calls by name. The subset is that of numba
 in nopython mode; tuples of 1 to 3 floats stand for vectors, and ``if len(x) == 1`` is decided when it is compiled.

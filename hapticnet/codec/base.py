@@ -1,4 +1,4 @@
-"""What every codec is: a frozen description that makes encoders, decoders and whole-array encodings."""
+"""What every codec is: a frozen description that makes encoders and decoders."""
 
 from typing import Any, ClassVar, NamedTuple, Protocol
 
@@ -14,7 +14,7 @@ class Encoder(Protocol):
     """The sending half. Its state follows what was put on the wire, never the unrounded input."""
 
     def encode(self, t_us: int, stimulus: Vector, position: Vector | None = None) -> bytes | None:
-        """Return the payload to transmit for the stimulus of time `t_us`, or None when there is no need to.
+        """Return the payload to transmit for the stimulus of time `t_us`, or None to send nothing.
 
         Parameters
         ----------
@@ -47,7 +47,7 @@ class Decoder(Protocol):
         Raises
         ------
         PeerError
-            When the payload is not one of this codec's, or its values are not finite or out of range. The state
+            If the payload is not one of this codec's, or its values are not finite or out of range. The state
             is then unchanged.
         """
         ...

@@ -1,4 +1,4 @@
-"""The deadband over one recording with many laws at once: how packets and error follow from the threshold."""
+"""The deadband over one recording with many laws at once: packets and error as functions of the threshold."""
 
 import math
 from collections.abc import Sequence
@@ -24,12 +24,12 @@ State: TypeAlias = tuple[float, float, float, float, float, float]
 
 
 class ThresholdSweep(NamedTuple):
-    """What the deadband makes of a recording with each of m laws.
+    """Packets and error of the deadband on a recording with each of m laws.
 
     Attributes
     ----------
     packets
-        Transmitted stimuli, shape (m,), int64: as many as `encode_array` sends, to the packet.
+        Transmitted stimuli, shape (m,), int64; exactly as `encode_array` sends.
     rmse_n
         Root mean square error of the held stimulus [N], shape (m,).
     max_error_n
@@ -109,7 +109,8 @@ def sweep(
 ) -> None:
     """Sweep all laws over the stimuli.
 
-    Branches would be mispredicted: each law takes all steps of a transmission at every sample, and keeps what applies.
+    Without branches, which would be mispredicted: every law computes a transmission at every sample, and keeps the
+    result only if it applies.
     """
     samples, laws = stimuli.shape[0], weber.shape[0]
     # Two samples at a time: the state of a law is loaded and stored half as often. Four at a time are slower.

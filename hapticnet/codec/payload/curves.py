@@ -1,7 +1,6 @@
-"""A stimulus that travels: a parabola that both sides follow until it levels off at the horizon.
+"""A stimulus and its travel: a parabola that both sides follow until it is level at the horizon.
 
-The value is as in `payload.values`; behind it, an axis at a time, the travel: float16 multiples of the threshold around
-the value.
+The payload is a value as in `payload.values`, then the travel: float16 an axis, in thresholds around the value.
 """
 
 import struct
@@ -19,7 +18,7 @@ TRAVEL: Final[Mapping[int, struct.Struct]] = {axes: struct.Struct(f">{axes}e") f
 TRAVEL_BYTES: Final = 2
 
 LARGEST_TRAVEL: Final = 1024.0
-"""How many thresholds a curve can travel an axis. Far above any hand's force; it bounds the effect of a lost update."""
+"""Largest travel of an axis in thresholds. Far above any force of a hand; it bounds the effect of a lost update."""
 
 
 class CurveNumbers(LawNumbers, Protocol):
@@ -48,7 +47,7 @@ class CurveMessage(NamedTuple):
 
 
 def share_at(rule: CurveNumbers, curve: Curve, t_us: int) -> float:
-    """Return the share of its travel that a curve has made at a time, 0 to 1."""
+    """Return the share of its travel that a curve has completed at a time, 0 to 1."""
     s = (t_us - curve.t_us) / rule.horizon_us
     if s >= 1.0:
         return 1.0

@@ -12,7 +12,7 @@ LEVEL: Final = COUNT_BYTES
 
 
 def index_of(edges: Sequence[float], size: float) -> int:
-    """Return the index of the first cell that ends at or above a magnitude; as many as there are cells if none does."""
+    """Return the index of the first cell that ends at or above a magnitude, or the number of cells if none does."""
     first, last = 0, len(edges)
     while first < last:
         middle = (first + last) // 2

@@ -102,7 +102,7 @@ def rounded_line(rule: LineNumbers, x: Vector, slope: Vector) -> LineMessage:
 
 
 def counted_slope(slope: Vector, step: float) -> Vector:
-    """Return the nearest multiples of a step, as far as counts reach."""
+    """Return the nearest multiples of a step, limited to ±`LARGEST_COUNT` steps."""
     if len(slope) == 1:
         return (_counted(slope[0], step),)
     if len(slope) == 2:

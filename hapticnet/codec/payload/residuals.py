@@ -24,12 +24,12 @@ RESIDUAL: Final = 0
 """The form of an update that is a residual."""
 
 LARGEST_STEPS: Final = 1e6
-"""A residual of more steps is not coded, so that only what is finite and small is rounded."""
+"""Residuals of more steps are not coded, so that only finite, small numbers are rounded."""
 
 LARGEST_PARAMETER: Final = 30
 
 FORGET_ABOVE: Final = 32
-"""Sum and count are halved when this many integers were counted, so that the mean follows the present (T.87: 64)."""
+"""Number of integers after which sum and count are halved, so that the mean follows recent ones (T.87: 64)."""
 
 
 class Rice(NamedTuple):
@@ -48,7 +48,7 @@ class Update(NamedTuple):
     form
         Bytes an axis of the value of a line; `RESIDUAL`.
     number
-        That of a line; for a residual, that of the update it builds on.
+        Number of the line; for a residual, number of the update it builds on.
     value, slope
         Value [N] and slope [N/s] of a line; for a residual, both are its steps.
     parameter

@@ -8,7 +8,7 @@ B/axis  form      used
 8       float64   otherwise
 ======= ========= ==============================================================================
 
-Close enough: the stimulus is within the threshold around what the receiver makes of the payload.
+Close enough: the stimulus is within the threshold around the value that the receiver decodes.
 """
 
 import struct
@@ -29,7 +29,7 @@ DOUBLE: Final[Mapping[int, struct.Struct]] = {axes: struct.Struct(f">{axes}d") f
 COUNT_BYTES: Final = 2
 SINGLE_BYTES: Final = 4
 DOUBLE_BYTES: Final = 8
-"""Bytes an axis, which also name the form in a message."""
+"""Bytes per axis; a message names its form by them."""
 
 LARGEST_COUNT: Final = 32_767
 """Counts are symmetric: -32 768, the one int16 beyond, is never sent and is refused."""
@@ -91,7 +91,7 @@ def is_within(rule: LawNumbers, x: Vector, applied: Vector) -> bool:
 
 
 def rounded(rule: ValueNumbers, x: Vector) -> tuple[int, Vector, float]:
-    """Return the form of the payload of a stimulus, what the receiver makes of it, and the threshold around that."""
+    """Return the form of a stimulus's payload, the value that the receiver decodes, and the threshold around it."""
     if rule.step > 0.0 and are_countable(x, rule.step):
         value = counted(x, rule.step)
         width = threshold_around(rule, value)
@@ -118,7 +118,7 @@ def are_countable(x: Vector, step: float) -> bool:
 
 
 def counted(x: Vector, step: float) -> Vector:
-    """Return the nearest whole numbers of steps, halves to even; no component is a negative zero."""
+    """Return the nearest multiples of the step, halves to even; no component is a negative zero."""
     if len(x) == 1:
         return (nearest(x[0] / step) * step + 0.0,)
     if len(x) == 2:
@@ -181,7 +181,7 @@ class ValueForm:
 
 
 def counts_of(value: Sequence[float], step: float) -> list[int]:
-    """Return the counts that a value of `counted` is made of."""
+    """Return the counts of a value that `counted` returned."""
     return [round(component / step) for component in value]
 
 

@@ -1,9 +1,9 @@
-"""The least-squares predictor: both sides predict from what they already know, and residuals take a few bits.
+"""The least-squares predictor: both sides predict from earlier updates, and residuals take a few bits.
 
 Sakr, Zhou, Georganas, Zhao & Shen 2008, "Prediction-based haptic data reduction and compression in tele-mentoring
 systems" (IMTC): least-squares prediction, uniform quantisation, adaptive Golomb-Rice codes. Sakr, Zhou, Georganas, Zhao
 & Petriu 2009, "Robust perception-based data reduction and transmission in telehaptic systems" (World Haptics): a
-median filter before it. How the rest of the state is kept in step, and restarted at impacts, is our own.
+median filter before it. The numbering of updates and the restart at impacts are our own.
 """
 
 import math
@@ -42,7 +42,7 @@ from hapticnet.vectors import along, distance, in_range, largest_component, magn
 
 
 class LeastSquaresRule(NamedTuple):
-    """The numbers of the rule, and room for updates. Satisfies `LineNumbers`.
+    """The numbers of the rule, and tables of the last updates. Satisfies `LineNumbers`.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class LeastSquaresRule(NamedTuple):
 
 
 class Predictor(NamedTuple):
-    """What both sides know.
+    """State that both sides share.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class Predictor(NamedTuple):
 
 
 class Sender(NamedTuple):
-    """What both sides know, and how many updates ago the last absolute one was; -1: the next one must be absolute."""
+    """The shared state, and the number of updates since the last absolute one; -1: the next one must be absolute."""
 
     predictor: Predictor
     since_absolute: int
@@ -100,7 +100,7 @@ def start(rule: LeastSquaresRule, axes: int) -> Sender:
 
 
 def start_predictor(rule: LeastSquaresRule, axes: int) -> Predictor:
-    """Return a predictor that knows nothing."""
+    """Return a predictor without updates."""
     line = Line(0, (0.0,) * axes, (0.0,) * axes, True)
     return Predictor(-1, line, first_rice(rule.first_mean), 0)
 
@@ -135,17 +135,17 @@ def send(rule: LeastSquaresRule, sender: Sender, t_us: int, x: Vector, past: Any
 
 
 def refreshed(sender: Sender) -> Sender:
-    """Make the next update one that needs no earlier one."""
+    """Return a sender whose next update is absolute."""
     return sender._replace(since_absolute=-1)
 
 
 def mirror(sender: Sender) -> Predictor:
-    """Return what both sides know."""
+    """Return the shared state."""
     return sender.predictor
 
 
 def receive(rule: LeastSquaresRule, predictor: Predictor, t_us: int, update: Update) -> Predictor:
-    """Return what both sides know after an update; PeerError if a residual leads out of range."""
+    """Return the shared state after an update; PeerError if a residual leads out of range."""
     if update.form != RESIDUAL:
         known = remember(rule, 0, t_us, update.value, True)
         line = line_from(rule, t_us, update.value, update.slope)
@@ -168,7 +168,7 @@ def apply(rule: LeastSquaresRule, predictor: Predictor, t_us: int) -> Vector:
 
 
 def remember(rule: LeastSquaresRule, known: int, t_us: int, value: Vector, alone: bool) -> int:
-    """Write an update behind those that are known, or in place of them; return how many there are then."""
+    """Append an update to the tables, or replace all updates by it (`alone`); return their number."""
     times_us, values = rule.times_us, rule.values
     place = 0 if alone else known
     if place == rule.updates:
@@ -182,7 +182,7 @@ def remember(rule: LeastSquaresRule, known: int, t_us: int, value: Vector, alone
 
 
 def filtered_slope(rule: LeastSquaresRule, known: int, newest: Vector) -> Vector:
-    """Return the slope [N/s] through updates, each but the first and last replaced by the median of three."""
+    """Return the slope [N/s] through the updates, each but the first and last replaced by the median of three."""
     values, filtered = rule.values, rule.filtered
     if known < 3:
         return least_squares_slope(Past(rule.times_us, values, 0, known - 1), 0, newest)
@@ -202,32 +202,32 @@ def median(values: Sequence[Sequence[float]], k: int, axis: int) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LeastSquares(Scheme):
-    """Transmit, as a few bits, how far the stimulus is from what earlier updates foretell.
+    """Transmit, in a few bits, the difference between the stimulus and its prediction from earlier updates.
 
-    Rule: both sides predict ``p = value + slope · min(t - t_sent, horizon)`` from the last update, with the slope of
-    the least-squares line through the last `updates` transmitted values, each but the outer ones replaced by the
-    median of itself and its neighbours; an impact starts the line anew. The transmitted samples are the ones both
-    sides know, whatever is sampled in between. Send when ``|x - p| > threshold(|p|)``, strictly.
-    Payload: a byte, and the residual in steps of ``step_fraction · threshold(|p|)``, an axis at a time,
-    Golomb-Rice coded. The byte names the state that it builds on; a decoder in another one refuses it, and the
-    session asks for a refresh. The first payload, one after a refresh, every `absolute_every`-th, and whatever a
-    residual would not be true enough or as short for, is absolute: value and slope, as in the linear-predictive codec,
-    and both sides start from there.
+    Rule: both sides predict ``p = value + slope · min(t - t_sent, horizon)`` from the last update. The slope is that of
+    the least-squares line through the last `updates` transmitted values, each but the first and the last replaced by
+    the median of itself and its neighbours; after an impact, earlier updates are not used. Send when
+    ``|x - p| > threshold(|p|)``, strictly.
+    Payload: a byte, and the residual in steps of ``step_fraction · threshold(|p|)``, an axis at a time, Golomb-Rice
+    coded. The byte names the update that it builds on; a decoder whose last update is another one refuses the payload,
+    and the session repairs the loss. An absolute payload has value and slope, as in the linear-predictive codec, and
+    restarts both sides. It is sent first, after a refresh, as every `absolute_every`-th update, and wherever a residual
+    would be too inaccurate or longer than float32.
 
     Without loss the applied stimulus is within the threshold of the true one at every sample, whatever the input.
-    After a loss the line received last is followed to the horizon and held, until the next absolute payload. (A run of
-    exactly 128 n lost updates goes unnoticed until then.)
+    After a loss the receiver follows the last line to the horizon and holds its end until the next absolute payload. (A
+    run of exactly 128 n lost updates is not noticed until then.)
 
     Attributes
     ----------
     updates
-        Transmitted values that the slope is taken from: 2 (the line through them) to 16. More of them, and their
-        median, help where noise is all there is; on recorded forces and the paper's scene each costs packets.
+        Number of transmitted values that the slope is fitted to: 2 (the line through them) to 16. More values and their
+        median help on pure noise; on recorded forces and the paper's scene each costs packets.
     horizon_ms
-        For how long a line is followed before its end is held [ms]: 1 to 10 000.
+        Time for which a line is followed before its end is held [ms]: 1 to 10 000.
     step_fraction
-        Quantisation step of a residual, in thresholds: 0.01 to 1. Above 0.5, rounding the axes leaves several of them
-        near the edge of the dead zone, and packets multiply.
+        Quantisation step of a residual, in thresholds: 0.01 to 1. Above 0.5, rounding leaves several axes near the edge
+        of the dead zone, which takes many more packets.
     absolute_every
         Updates from one absolute payload to the next, at most: 1 to 127.
     step_n
@@ -261,7 +261,7 @@ class LeastSquares(Scheme):
         check_step(self.step_n)
 
     def rule(self, axes: int, table: MakeTable) -> LeastSquaresRule:
-        """Return law, step of counts, what predictions and residuals depend on, and room for updates."""
+        """Return law, step of counts, what predictions and residuals depend on, and empty tables."""
         updates = int(self.updates)
         return LeastSquaresRule(
             *law_numbers(self.law),

@@ -1,4 +1,4 @@
-"""The level-crossing sampler: what is transmitted is which of a fixed set of levels the stimulus is at.
+"""The level-crossing sampler: transmit which of a fixed set of levels the stimulus has reached.
 
 After Bhardwaj, Chaudhuri, Dabeer, "Design and analysis of predictive sampling of haptic signals", ACM Transactions on
 Applied Perception 11(4), 2014: level crossings predict what users notice a little better than Weber's law, and at 10
@@ -27,7 +27,7 @@ WIDEST: Final = 0.5
 """Half width of a cell as a fraction of its level, at most: at 1 a cell would reach down to zero."""
 
 ROUNDING: Final = 2.0**-36
-"""By how much cells are narrower than dead zones: more than `MOST_LEVELS` roundings on the way to a level."""
+"""How much narrower cells are than dead zones, as a share: more than `MOST_LEVELS` roundings can amount to."""
 
 
 class LevelRule(NamedTuple):
@@ -41,7 +41,7 @@ class LevelRule(NamedTuple):
 
 
 def send(rule: LevelRule, zone: DeadZone, t_us: int, x: Vector, past: Any) -> tuple[tuple[int, Vector], DeadZone]:
-    """Send the levels in whose cells the components are, or the value where there are none."""
+    """Send the levels in whose cells the components are, or the value if there are none."""
     if index_of(rule.edges, largest_component(x)) < len(rule.levels):
         reference = level_at(rule.levels, rule.edges, x)
         threshold = threshold_around(rule, reference)
@@ -53,7 +53,7 @@ def send(rule: LevelRule, zone: DeadZone, t_us: int, x: Vector, past: Any) -> tu
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LevelCrossing(Scheme):
-    """Transmit the index of the level a stimulus has come to when it leaves the cell of the level being held.
+    """Transmit the index of the level that a stimulus has reached when it leaves the dead zone of the held level.
 
     Rule: the deadband's, with `ref` the level held: send when ``|x - ref| > threshold(|ref|)``, strictly. What is sent
     is, on each axis, the level in whose cell x lies. The levels: ``r₀ = 0``, and rᵢ₊₁ such that its cell begins where
@@ -67,9 +67,9 @@ class LevelCrossing(Scheme):
     one axis without hysteresis dead zone and cell are the same, and this is level crossing with those levels; with
     more axes the dead zone is the ball around the box of cells.
 
-    Noise: a stimulus that rests near a crossing is sent whenever noise, however small, takes it across, where a
-    deadband, which centres itself on each stimulus it sends, is silent up to a threshold. A hysteresis of h makes it
-    cost a swing of 2h thresholds.
+    Noise: without hysteresis, a stimulus at rest near a crossing is sent whenever noise, however small, takes it
+    across. (A deadband centres itself on each stimulus it sends, and stays silent up to a threshold.) With a hysteresis
+    of h, only a swing of 2h thresholds is sent.
 
     Payload: int16 level indices, 2 bytes an axis; negative ones below zero. A stimulus beyond the last level, or any
     but zero where `floor_n` is zero, is sent as the deadband sends it.
@@ -77,7 +77,7 @@ class LevelCrossing(Scheme):
     Attributes
     ----------
     hysteresis
-        How much cells are narrower than the dead zone, as a fraction of it, 0 to 0.5. At 0.5 the levels are one
+        How much narrower cells are than the dead zone, as a fraction of it: 0 to 0.5. At 0.5 the levels are one
         threshold apart.
     """
 
@@ -107,7 +107,7 @@ class LevelCrossing(Scheme):
 def levels(weber: float, floor_n: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return the levels from zero on whose cells have half widths ``max(weber·level, floor_n)``, and the cells' ends.
 
-    Found step by step, with sums and quotients alone: every machine gets the same bits, which powers do not promise.
+    Computed level by level with sums and quotients only, which have the same bits on every machine; powers do not.
     """
     weber, floor_n = max(weber - ROUNDING * 2.0**-10, 0.0), floor_n * (1.0 - ROUNDING)
     found, ends = [0.0], [floor_n]

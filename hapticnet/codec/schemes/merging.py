@@ -1,4 +1,4 @@
-"""The deadband with a bound on how fast packets follow one another.
+"""The deadband with a bounded packet rate.
 
 The deadband bounds the average rate only: at an impact every sample may leave the dead zone. After the merging of
 samples in Gokhale, Nair, Chaudhuri's congestion control for telehaptics (dynamic packetization module, arXiv
@@ -31,7 +31,7 @@ class MergingRule(NamedTuple):
 
 
 class Window(NamedTuple):
-    """The dead zone, and when it was transmitted."""
+    """State of the sender: the dead zone, the time of the last transmission [µs], and whether there was one."""
 
     zone: DeadZone
     sent_us: int
@@ -68,16 +68,16 @@ def refreshed(window: Window) -> Window:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Merging(ValueScheme):
-    """Transmit what leaves the dead zone, but at most once in a window: the newest sample stands for all of them.
+    """Transmit what leaves the dead zone, but at most once in a window.
 
     Rule: the deadband's, except that nothing is sent until `window_ms` after the last transmission. The first sample
     at or after the end of the window is compared with the dead zone as usual; a stimulus that left the dead zone and
     came back meanwhile is not sent. So a change after a pause is sent at once, and no window of `window_ms` holds more
     than one packet, plus those that a repair asks for (`refresh` overrides the window) and those after a time stamp
-    that goes back. While the clock does not advance a window does not end.
+    that goes back. While the clock does not advance, a window does not end.
 
-    Within a window the error is not bounded by the JND: the time, but not the distance, that a stimulus is outside the
-    dead zone is bounded, and its exceedance is above zero by design. Payload: the deadband's.
+    Within a window the error may exceed the JND, by design: the rule bounds how long a stimulus is outside the dead
+    zone, not how far. Payload: the deadband's.
 
     Attributes
     ----------

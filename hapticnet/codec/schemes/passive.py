@@ -7,24 +7,24 @@ derived for the convention here (positions x grow into the tissue, a positive fo
 
 The hand puts the work ``F · dx`` into the scene. Applying F̂ instead asks it for ``F̂ · dx``, so that
 ``(F - F̂) · dx`` is the energy created in that sample, with dx the motion since the sample before. Let v be the value
-transmitted last, Δ the threshold around it, and u the direction of dx. The deadband sees to ``|F - v| ≤ Δ``, hence
+transmitted last, Δ the threshold around it, and u the direction of dx. The deadband ensures ``|F - v| ≤ Δ``, hence
 
     F · u  ≤  v · u + Δ                                  (Cauchy-Schwarz; for one axis, u = ±1)
 
 and any F̂ with ``F̂ · u ≥ v · u + Δ`` has ``(F - F̂) · dx ≤ 0``: no sample creates energy, whatever force and motion do.
 Pushing in, the applied force is the highest that the true one could be; pulling out, the lowest.
 
-What that guarantees, and what it does not
-- Every term ``(F - F̂) · dx`` is at most 0, and so is their running sum, where nothing is lost and the receiver knows
-  the position of each sample. Shifts are wider than Δ by more than they round, so that floating point keeps to it.
-  (Differences below 1e-154 N, which a norm takes for nothing, are not looked after.)
-- A force that stands until the next sample acts along the *next* motion dx', which nobody knows yet. Counted that way a
-  term can be positive only where the direction changes: by ``(Δ + |F - v|) · |dx'| ≤ 2 Δ |dx'|`` at a reversal.
-- A lost or late update leaves v behind the force: nothing is guaranteed from then until the next update arrives.
-- The error is up to 2 Δ, felt as dry friction of Δ, in free motion too, and every reversal is a step of 2 Δ. Zero
-  exceedance is not claimed. With the law's multiplier at 0.5 the error is one JND of v at most.
-- A hand at rest keeps the shift of its last direction: rest creates nothing, and letting go would be a step to feel.
-  Before any motion, or where positions are not known, v is applied: this is then the plain deadband.
+What this guarantees, and what it does not
+- Every term ``(F - F̂) · dx`` is at most 0, and so is their running sum, if nothing is lost and the receiver knows the
+  position of each sample. Shifts exceed Δ by more than the rounding error, so this also holds in floating point.
+  (Except for differences below 1e-154 N, which count as zero in a norm.)
+- A force that is held until the next sample acts along the *next* motion dx', which is not known yet. Counted that way,
+  a term can be positive only where the direction changes: by ``(Δ + |F - v|) · |dx'| ≤ 2 Δ |dx'|`` at a reversal.
+- A lost or late update leaves v behind the force: nothing is guaranteed until the next update arrives.
+- The error is up to 2 Δ, felt as dry friction of Δ, also in free motion, and every reversal is a step of 2 Δ, so the
+  error exceeds the JND at times. With a multiplier of 0.5 it is at most one JND of v.
+- A hand at rest keeps the shift of its last direction: rest creates no energy, and removing the shift would be a step
+  that can be felt. Before any motion, or if positions are not known, v is applied, as in the plain deadband.
 """
 
 import math
@@ -45,7 +45,7 @@ from hapticnet.samples import Vector
 from hapticnet.vectors import along, dot, largest_component, magnitude, minus, over
 
 MARGIN: Final = 2.0**-50
-"""By how much, of reference and threshold, a shift is wider than the threshold: more than it rounds."""
+"""How much wider a shift is than the threshold, as a share of both: more than rounding can amount to."""
 
 SMALLEST_SQUARE: Final = 1e-280
 """Below it, squares lose digits to underflow."""
@@ -69,7 +69,7 @@ class Motion(NamedTuple):
 
 
 class Shifted(NamedTuple):
-    """The value received last, by how much the applied one is shifted against the motion, and the sum [N]."""
+    """The value received last, the shift of the applied one against the motion, and their sum [N]."""
 
     value: Vector
     shift: float
@@ -78,7 +78,7 @@ class Shifted(NamedTuple):
 
 
 class Ramp(NamedTuple):
-    """The same, and the ramp to it: time of the last update, start of the ramp [N] and its length [µs]."""
+    """The shifted value, and the ramp to it: time of the last update, start of the ramp [N] and its length [µs]."""
 
     shifted: Shifted
     t_us: int
@@ -87,7 +87,7 @@ class Ramp(NamedTuple):
 
 
 NEVER_US: Final = 2**62
-"""Later than any time: no ramp leads from here."""
+"""Later than any time, so that the first update starts no ramp."""
 
 
 def start_shifted(rule: Any, axes: int) -> Shifted:
@@ -102,7 +102,7 @@ def start_ramp(rule: Any, axes: int) -> Ramp:
 
 
 def shifted_from(rule: LawNumbers, value: Vector, origin: Vector, motion: Motion) -> Shifted:
-    """Return a value shifted against the motion, by more than is rounded on the way from the origin of its ramp."""
+    """Return a value shifted against the motion; the margin covers the rounding of a ramp from the origin."""
     threshold = threshold_around(rule, value)
     shift = threshold + MARGIN * (threshold + 2.0 * magnitude(value) + magnitude(origin))
     has_moved = largest_component(motion.direction) > 0.0
@@ -115,15 +115,15 @@ def receive_value(rule: PassiveRule, receiver: Shifted, t_us: int, message: tupl
 
 
 def receive_ramp(rule: PassiveRule, ramp: Ramp, t_us: int, message: tuple[int, Vector]) -> Ramp:
-    """Start a ramp from where the last one is to the value of a message."""
-    origin, length_us = message[1], 0.0  # no ramp where time stands still or goes back
+    """Start a ramp from the present value of the last one to the value of a message."""
+    origin, length_us = message[1], 0.0  # no ramp if time does not advance
     if t_us > ramp.t_us and rule.interval_us > 0.0:
         origin, length_us = interpolated(ramp, t_us), min(float(t_us - ramp.t_us), rule.interval_us)
     return Ramp(shifted_from(rule, message[1], origin, ramp.shifted.motion), t_us, origin, length_us)
 
 
 def interpolated(ramp: Ramp, t_us: int) -> Vector:
-    """Return where the ramp is at a time."""
+    """Return the value of the ramp at a time."""
     elapsed_us = t_us - ramp.t_us
     if 0 <= elapsed_us < ramp.length_us:
         return along(ramp.origin, elapsed_us / ramp.length_us, minus(ramp.shifted.value, ramp.origin))
@@ -204,15 +204,15 @@ class PassiveExtrapolative(ValueScheme):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PassiveInterpolative(ValueScheme):
-    """The same, led from value to value along a ramp wherever that takes energy.
+    """The deadband, shifted as in passive-extrapolative, with a ramp between values where that removes energy.
 
-    Rule: send as the deadband does. Over as long as the last two updates were apart, at most `interval_ms`, the
-    receiver interpolates b from where it was to v, and applies ``b + (max((v - b) · u, 0) + Δ) · u``. For one axis
+    Rule: send as the deadband does. For the time between the last two updates, at most `interval_ms`, the receiver
+    interpolates b from its present value to v, and applies ``b + (max((v - b) · u, 0) + Δ) · u``. For one axis
     that is ``max(b, v) + Δ`` pushing in and ``min(b, v) - Δ`` pulling out: a change in favour of the hand, such as
     a breach on the way in, comes as a ramp; one against it comes at once.
     Payload: the deadband's. Delay: up to `interval_ms` for changes in favour of the hand, none for the others.
-    Error: up to 2 Δ, plus what is left of the ramp; on several axes the force applied on the way may be up to √2 times
-    the larger of its ends, and Δ.
+    Error: up to 2 Δ, plus the rest of the ramp; on several axes the force during a ramp may be up to √2 times the
+    larger of its ends, plus Δ.
 
     Attributes
     ----------

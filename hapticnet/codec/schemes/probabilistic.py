@@ -1,4 +1,4 @@
-"""The deadband for networks that lose packets: it repeats what the receiver has probably missed, without being asked.
+"""The deadband for networks that lose packets: it repeats updates that the receiver has probably missed.
 
 After Kammerl, Brandi, Schweiger, Steinbach, "Error-resilient perceptual haptic data communication based on
 probabilistic receiver state estimation", EuroHaptics 2012, and "Error-resilient perceptual coding for networked haptic
@@ -44,7 +44,7 @@ class ProbabilisticRule(NamedTuple):
 
 
 def start(rule: Any, axes: int) -> int:
-    """Return how many updates were written: none."""
+    """Return the number of updates written: 0."""
     return 0
 
 
@@ -79,7 +79,7 @@ def refreshed(written: int) -> int:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Probabilistic(ValueScheme):
-    """Transmit what leaves the dead zone, and again while the receiver may well be holding something else.
+    """Transmit what leaves the dead zone, and repeat it while the receiver may hold an older update.
 
     With p = `loss_probability` and updates r₁ (newest), r₂, … the receiver holds rⱼ with probability
     ``P(rⱼ) = (1 - p)·pʲ⁻¹``: the newest that arrived, losses being independent. Rule: send x when
@@ -87,16 +87,16 @@ class Probabilistic(ValueScheme):
     ``Σ P(rⱼ) over all j with |x - rⱼ| > threshold(|rⱼ|)`` exceeds `deviation_limit`, where a receiver that holds
     something older than the 16 newest updates, or nothing yet, counts as deviating. All comparisons are strict.
 
-    The repetition carries the *present* stimulus, at the next sample already. While the force moves on, each update is
-    repeated until it was sent ⌈log(deviation_limit) / log(p)⌉ times; with a limit of p or more nothing is repeated. It
-    needs no answer, so it repairs sooner than a round trip. Bursts of losses, which take the repetition as well, are
-    left to the session. Without loss the held stimulus is within the threshold at every sample. Payload: the
-    deadband's.
+    A repetition carries the *present* stimulus and is sent at the next sample. While the force is outside the dead
+    zones of older updates, each update is sent ⌈log(deviation_limit) / log(p)⌉ times; with a limit of p or more nothing
+    is repeated. Repetition needs no answer, so it repairs sooner than a round trip. The session repairs bursts of
+    losses, which also take the repetitions. Without loss the held stimulus is within the threshold at every sample.
+    Payload: the deadband's.
 
     Attributes
     ----------
     loss_probability
-        Assumed probability of losing a packet, 0 to 0.9; 0: the deadband. The default is an assumption, not a finding.
+        Assumed probability of losing a packet, 0 to 0.9; 0: the deadband. The default is an assumption.
     deviation_limit
         Probability of a receiver that deviates by more than the threshold, 0.001 to 1, above which it sends again.
     step_n

@@ -1,4 +1,4 @@
-"""Every sample is transmitted: the uncompressed condition that all others are measured against."""
+"""Transmit every sample: the uncompressed condition to which all other codecs are compared."""
 
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
@@ -48,8 +48,8 @@ class Raw(Scheme):
     Attributes
     ----------
     step_n
-        Payload of int16 multiples of this [N] where all components are within ±32 767 of them, so that each is
-        moved by half a step at most; 0: float32 always.
+        Payload of int16 multiples of this [N] if all components are within ±32 767 steps, which moves each by at most
+        half a step; 0: always float32.
     """
 
     name: ClassVar[str] = "raw"
