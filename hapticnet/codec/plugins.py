@@ -99,7 +99,7 @@ def checked_class(found: Any, source: str) -> type[Any]:
             raise SettingsError(f"codec {source}: parameter {name} is {field.default!r}; parameters are numbers")
     try:
         codec = found()
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise SettingsError(f"codec {source}: making it raised {in_words(error)}") from error
     rehearse(codec, source)
     return _guarded(found, source)
@@ -124,7 +124,7 @@ def rehearse(codec: Codec, source: str) -> None:
                     raise SettingsError(f"codec {source}: {error}") from error
             except _Fault as fault:
                 raise SettingsError(f"codec {source}: {fault}") from fault
-            except Exception as error:
+            except (Exception, SystemExit) as error:
                 raise SettingsError(
                     f"codec {source}: a rehearsal with {axes}-axis forces raised {in_words(error)}"
                 ) from error

@@ -133,6 +133,7 @@ def test_two_codecs_of_one_name_are_refused():
         (("class Mine", "class Other"), "mine.py defines no class 'Mine'"),
         (("return struct", "return return"), "importing mine.py raised SyntaxError: invalid syntax"),
         (("import struct\n", "import struct\n1 / 0\n"), r"ZeroDivisionError: division by zero \(mine.py, line 3\)"),
+        (("return self.held", "raise SystemExit(3)"), r"raised SystemExit: 3"),
         (("import struct\n", "import struct\nraise SystemExit\n"), "importing mine.py raised SystemExit"),
         (("import struct\n", "import no_such_thing\n"), "ModuleNotFoundError: No module named 'no_such_thing'"),
         (("@dataclass(frozen=True)", "@dataclass"), "not a frozen dataclass"),
