@@ -71,17 +71,8 @@ class LineMessage(NamedTuple):
 def line_from(rule: LineNumbers, t_us: int, value: Vector, slope: Vector) -> Line:
     """Return the line of a value and a slope [N/s]."""
     rate = times(slope, 1e-6)
-    end = along(absolute(value), rule.horizon_us, absolute(rate))
-    return Line(t_us, value, rate, largest_component(end) < LARGEST_COMPONENT)
-
-
-def absolute(x: Vector) -> Vector:
-    """Return the magnitude of every component."""
-    if len(x) == 1:
-        return (abs(x[0]),)
-    if len(x) == 2:
-        return abs(x[0]), abs(x[1])
-    return abs(x[0]), abs(x[1]), abs(x[2])
+    largest = largest_component(value) + rule.horizon_us * largest_component(rate)
+    return Line(t_us, value, rate, largest < LARGEST_COMPONENT)
 
 
 def line_at(rule: LineNumbers, line: Line, t_us: int) -> Vector:

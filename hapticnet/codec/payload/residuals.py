@@ -10,7 +10,6 @@ from hapticnet.codec.payload.golomb_rice import bits_of, pack_integers, unpack_i
 from hapticnet.codec.payload.lines import LineForm, LineMessage
 from hapticnet.codec.payload.values import COUNT_BYTES, SINGLE_BYTES
 from hapticnet.errors import PeerError
-from hapticnet.rounding import nearest
 from hapticnet.samples import Vector
 
 ABSOLUTE: Final = 0x80
@@ -60,15 +59,6 @@ class Update(NamedTuple):
     value: Vector
     slope: Vector
     parameter: int
-
-
-def whole(steps: Vector) -> Vector:
-    """Return the nearest whole numbers, halves to even."""
-    if len(steps) == 1:
-        return (nearest(steps[0]) + 0.0,)
-    if len(steps) == 2:
-        return nearest(steps[0]) + 0.0, nearest(steps[1]) + 0.0
-    return nearest(steps[0]) + 0.0, nearest(steps[1]) + 0.0, nearest(steps[2]) + 0.0
 
 
 def first_rice(mean: int) -> Rice:

@@ -25,10 +25,10 @@ from hapticnet.codec.payload.residuals import (
     fits,
     next_rice,
     update_bytes,
-    whole,
 )
 from hapticnet.codec.payload.values import (
     check_step,
+    counted,
     is_within,
     law_numbers,
     threshold_around,
@@ -118,7 +118,7 @@ def send(rule: LeastSquaresRule, sender: Sender, t_us: int, x: Vector, past: Any
     if 0 <= sender.since_absolute < rule.absolute_every - 1 and step > 0.0:
         steps = over(minus(x, predicted), step)
         if largest_component(steps) < LARGEST_STEPS:
-            residual = whole(steps)
+            residual = counted(steps, 1.0)
             value = along(predicted, step, residual)
             if (
                 fits(residual, predictor.rice.parameter)
@@ -126,8 +126,7 @@ def send(rule: LeastSquaresRule, sender: Sender, t_us: int, x: Vector, past: Any
                 and distance(x, value) <= threshold_around(rule, value)
             ):
                 update = Update(RESIDUAL, predictor.number, residual, residual, predictor.rice.parameter)
-                predictor = receive(rule, predictor, t_us, update)
-                return update, Sender(predictor, sender.since_absolute + 1)
+                return update, Sender(advanced(rule, predictor, t_us, residual, value), sender.since_absolute + 1)
     known = remember(rule, predictor.known, t_us, x, is_impact(rule, x, predicted))
     line = rounded_line(rule, x, filtered_slope(rule, known, x))
     update = Update(line.form, (predictor.number + 1) % COUNTS, line.value, line.slope, 0)
@@ -155,11 +154,16 @@ def receive(rule: LeastSquaresRule, predictor: Predictor, t_us: int, update: Upd
     value = along(predicted, step, update.value)
     if not in_range(value):
         raise PeerError("residual leads beyond ±1e15 N")
+    return advanced(rule, predictor, t_us, update.value, value)
+
+
+def advanced(rule: LeastSquaresRule, predictor: Predictor, t_us: int, residual: Vector, value: Vector) -> Predictor:
+    """Return the shared state after a residual that leads to a value."""
     # Compared as steps, not as forces: both sides must agree to the bit.
-    impact = magnitude(update.value) * rule.fraction > IMPACT_THRESHOLDS
+    impact = magnitude(residual) * rule.fraction > IMPACT_THRESHOLDS
     known = remember(rule, predictor.known, t_us, value, impact)
     line = line_from(rule, t_us, value, filtered_slope(rule, known, value))
-    return Predictor((update.number + 1) % COUNTS, line, next_rice(predictor.rice, update.value), known)
+    return Predictor((predictor.number + 1) % COUNTS, line, next_rice(predictor.rice, residual), known)
 
 
 def apply(rule: LeastSquaresRule, predictor: Predictor, t_us: int) -> Vector:
