@@ -37,8 +37,19 @@ from hapticnet.codec.schemes.linear_predictive import IMPACT_THRESHOLDS, is_impa
 from hapticnet.codec.steps import MakeTable, Past, Scheme, Steps, Table
 from hapticnet.errors import PeerError
 from hapticnet.perception import WeberLaw
-from hapticnet.samples import Vector
-from hapticnet.vectors import along, distance, in_range, largest_component, magnitude, minus, over, put, row
+from hapticnet.samples import LARGEST_COMPONENT, Vector
+from hapticnet.vectors import (
+    along,
+    in_range,
+    largest_component,
+    limited,
+    magnitude,
+    minus,
+    over,
+    put,
+    row,
+    times,
+)
 
 
 class LeastSquaresRule(NamedTuple):
@@ -120,12 +131,9 @@ def send(rule: LeastSquaresRule, sender: Sender, t_us: int, x: Vector, past: Any
         if largest_component(steps) < LARGEST_STEPS:
             residual = counted(steps, 1.0)
             value = along(predicted, step, residual)
-            if (
-                fits(residual, predictor.rice.parameter)
-                and in_range(value)
-                and distance(x, value) <= threshold_around(rule, value)
-            ):
-                update = Update(RESIDUAL, predictor.number, residual, residual, predictor.rice.parameter)
+            parameter = predictor.rice.parameter
+            if fits(residual, parameter) and in_range(value) and is_within(rule, x, value):
+                update = Update(RESIDUAL, predictor.number, residual, residual, parameter)
                 return update, Sender(advanced(rule, predictor, t_us, residual, value), sender.since_absolute + 1)
     known = remember(rule, predictor.known, t_us, x, is_impact(rule, x, predicted))
     line = rounded_line(rule, x, filtered_slope(rule, known, x))
@@ -189,13 +197,22 @@ def filtered_slope(rule: LeastSquaresRule, known: int, newest: Vector) -> Vector
     """Return the slope [N/s] through the updates, each but the first and last replaced by the median of three."""
     values, filtered = rule.values, rule.filtered
     if known < 3:
-        return least_squares_slope(Past(rule.times_us, values, 0, known - 1), 0, newest)
+        return slope_between(rule.times_us, values, newest) if known == 2 else minus(newest, newest)
     put(filtered, 0, row(values, 0, newest))
     put(filtered, known - 1, newest)
     for k in range(1, known - 1):
         for axis in range(len(newest)):
             filtered[k][axis] = median(values, k, axis)
     return least_squares_slope(Past(rule.times_us, filtered, 0, known - 1), 0, newest)
+
+
+def slope_between(times_us: Sequence[float], values: Table, newest: Vector) -> Vector:
+    """Return `least_squares_slope` of two updates, the same to the bit; 0 if they have the same time."""
+    apart, zeros = float(times_us[0] - times_us[1]), minus(newest, newest)
+    if apart == 0.0:
+        return zeros
+    product = along(zeros, apart, minus(row(values, 0, newest), newest))
+    return limited(over(times(product, 1e6), apart * apart), LARGEST_COMPONENT)
 
 
 def median(values: Sequence[Sequence[float]], k: int, axis: int) -> float:
