@@ -76,8 +76,9 @@ def next_rice(rice: Rice, residual: Vector) -> Rice:
 
 def fitted(count: int, total: int) -> Rice:
     """Return the state with the least parameter for which ``count · 2^parameter ≥ sum``."""
-    parameter = 0
-    while count << parameter < total and parameter < LARGEST_PARAMETER:
+    parameter, reach = 0, count
+    while reach < total and parameter < LARGEST_PARAMETER:
+        reach *= 2
         parameter += 1
     return Rice(count, total, parameter)
 

@@ -60,21 +60,25 @@ class PassiveRule(NamedTuple):
     interval_us: float
 
 
-class Motion(NamedTuple):
-    """The tool's last position [m], if one is known, and the unit vector of its last motion; zeros before any."""
-
-    is_known: bool
-    position: Vector
-    direction: Vector
-
-
 class Shifted(NamedTuple):
-    """The value received last, the shift of the applied one against the motion, and their sum [N]."""
+    """The value received last, shifted against the motion.
+
+    Attributes
+    ----------
+    value, shift, applied
+        The value, how far it is shifted, and their sum [N].
+    is_placed, position
+        Whether a position of the tool is known, and the last one [m].
+    direction
+        The unit vector of the last motion; zeros before any.
+    """
 
     value: Vector
     shift: float
     applied: Vector
-    motion: Motion
+    is_placed: bool
+    position: Vector
+    direction: Vector
 
 
 class Ramp(NamedTuple):
@@ -93,7 +97,7 @@ NEVER_US: Final = 2**62
 def start_shifted(rule: Any, axes: int) -> Shifted:
     """Return a receiver that knows neither value nor position."""
     zeros = (0.0,) * axes
-    return Shifted(zeros, 0.0, zeros, Motion(False, zeros, zeros))
+    return Shifted(zeros, 0.0, zeros, False, zeros, zeros)
 
 
 def start_ramp(rule: Any, axes: int) -> Ramp:
@@ -101,17 +105,18 @@ def start_ramp(rule: Any, axes: int) -> Ramp:
     return Ramp(start_shifted(rule, axes), NEVER_US, (0.0,) * axes, 0.0)
 
 
-def shifted_from(rule: LawNumbers, value: Vector, origin: Vector, motion: Motion) -> Shifted:
+def shifted_from(rule: LawNumbers, value: Vector, origin: Vector, before: Shifted) -> Shifted:
     """Return a value shifted against the motion; the margin covers the rounding of a ramp from the origin."""
     threshold = threshold_around(rule, value)
     shift = threshold + MARGIN * (threshold + 2.0 * magnitude(value) + magnitude(origin))
-    has_moved = largest_component(motion.direction) > 0.0
-    return Shifted(value, shift, along(value, shift, motion.direction) if has_moved else value, motion)
+    has_moved = largest_component(before.direction) > 0.0
+    applied = along(value, shift, before.direction) if has_moved else value
+    return Shifted(value, shift, applied, before.is_placed, before.position, before.direction)
 
 
 def receive_value(rule: PassiveRule, receiver: Shifted, t_us: int, message: tuple[int, Vector]) -> Shifted:
     """Shift the value of a message."""
-    return shifted_from(rule, message[1], message[1], receiver.motion)
+    return shifted_from(rule, message[1], message[1], receiver)
 
 
 def receive_ramp(rule: PassiveRule, ramp: Ramp, t_us: int, message: tuple[int, Vector]) -> Ramp:
@@ -119,7 +124,7 @@ def receive_ramp(rule: PassiveRule, ramp: Ramp, t_us: int, message: tuple[int, V
     origin, length_us = message[1], 0.0  # no ramp if time does not advance
     if t_us > ramp.t_us and rule.interval_us > 0.0:
         origin, length_us = interpolated(ramp, t_us), min(float(t_us - ramp.t_us), rule.interval_us)
-    return Ramp(shifted_from(rule, message[1], origin, ramp.shifted.motion), t_us, origin, length_us)
+    return Ramp(shifted_from(rule, message[1], origin, ramp.shifted), t_us, origin, length_us)
 
 
 def interpolated(ramp: Ramp, t_us: int) -> Vector:
@@ -132,14 +137,11 @@ def interpolated(ramp: Ramp, t_us: int) -> Vector:
 
 def move_shifted(rule: PassiveRule, receiver: Shifted, t_us: int, position: Vector) -> Shifted:
     """Follow the tool to its position."""
-    motion = receiver.motion
-    if not motion.is_known:
-        return Shifted(receiver.value, receiver.shift, receiver.applied, Motion(True, position, motion.direction))
-    if position == motion.position:
-        return receiver
-    direction = direction_of(minus(position, motion.position))
-    applied = along(receiver.value, receiver.shift, direction)
-    return Shifted(receiver.value, receiver.shift, applied, Motion(True, position, direction))
+    value, shift, applied, is_placed, before, direction = receiver
+    if is_placed and position != before:
+        direction = direction_of(minus(position, before))
+        applied = along(value, shift, direction)
+    return Shifted(value, shift, applied, True, position, direction)
 
 
 def move_ramp(rule: PassiveRule, ramp: Ramp, t_us: int, position: Vector) -> Ramp:
@@ -154,12 +156,12 @@ def apply_shifted(rule: PassiveRule, receiver: Shifted, t_us: int) -> Vector:
 
 def apply_ramp(rule: PassiveRule, ramp: Ramp, t_us: int) -> Vector:
     """Return the ramp towards the value, shifted against the motion."""
-    value, shift, applied, motion = ramp.shifted
-    if not 0 <= t_us - ramp.t_us < ramp.length_us or largest_component(motion.direction) == 0.0:
+    value, shift, applied, _, _, direction = ramp.shifted
+    if not 0 <= t_us - ramp.t_us < ramp.length_us or largest_component(direction) == 0.0:
         return applied
     base = interpolated(ramp, t_us)
-    ahead = dot(minus(value, base), motion.direction)
-    return along(base, shift + ahead if ahead > 0.0 else shift, motion.direction)
+    ahead = dot(minus(value, base), direction)
+    return along(base, shift + ahead if ahead > 0.0 else shift, direction)
 
 
 def direction_of(motion: Vector) -> Vector:
