@@ -58,9 +58,14 @@ def encode_array(codec: Codec, t_us: IntArray, stimuli: FloatArray, positions: F
         If the shapes do not fit, or a stimulus, or a position that the codec uses, is not finite or out of range.
     """
     stimuli, t_us, positions = _checked(t_us, stimuli, positions)
-    if is_made_of_steps(codec) and len(stimuli) > COMPILE_ABOVE_SAMPLES and fast_extra_installed():
+    if is_made_of_steps(codec) and is_long(t_us):
         return _encode_compiled(codec, t_us, stimuli, positions)
     return encode_streamed(codec, t_us, stimuli, positions)
+
+
+def is_long(t_us: IntArray) -> bool:
+    """Tell whether a recording with these times runs compiled."""
+    return len(t_us) > COMPILE_ABOVE_SAMPLES and fast_extra_installed()
 
 
 def is_made_of_steps(codec: Codec) -> "TypeGuard[Scheme]":
@@ -237,13 +242,29 @@ def _checked(
     times = np.ascontiguousarray(t_us, dtype=np.int64)
     if times.shape != stimuli.shape[:1]:
         raise SampleError(f"{times.size} time stamps for {len(stimuli)} samples; the counts must match")
-    if times.size and not -LARGEST_TIME_US <= int(times.min()) <= int(times.max()) <= LARGEST_TIME_US:
-        raise SampleError(f"time stamps from {times.min()} to {times.max()} µs; they must be within ±2^61")
+    # Compiled, because two passes of numpy over the times take longer than the deadband's whole loop.
+    scan = compiled(extremes) if is_long(times) else extremes_of_few
+    first_us, last_us = scan(times)
+    if not -LARGEST_TIME_US <= first_us <= last_us <= LARGEST_TIME_US:
+        raise SampleError(f"time stamps from {first_us} to {last_us} µs; they must be within ±2^61")
     if positions is not None:
         positions = as_recording(positions)
         if positions.shape != stimuli.shape:
             raise SampleError(f"positions of shape {positions.shape} for stimuli of shape {stimuli.shape}")
     return stimuli, times, positions
+
+
+def extremes_of_few(times: IntArray) -> tuple[int, int]:
+    """Return the earliest and the latest time; zeros if there are none."""
+    return (int(times.min()), int(times.max())) if times.size else (0, 0)
+
+
+def extremes(times: Any) -> tuple[int, int]:
+    """Return the same in one pass, for compilation."""
+    earliest = latest = times[0] if len(times) else 0
+    for k in range(len(times)):
+        earliest, latest = min(earliest, times[k]), max(latest, times[k])
+    return earliest, latest
 
 
 def _samples(

@@ -50,6 +50,11 @@ def not_mirrored(sender: Any) -> None:
     """Default of `Steps.mirror`: the sender does not know the state of the receiver."""
 
 
+def unchanged(sender: Any) -> Any:
+    """Return the state."""
+    return sender
+
+
 def never(rule: Any, sender: Any, t_us: int, x: Vector) -> bool:
     """Default of `Steps.ends_past`: return False."""
     return False
@@ -94,6 +99,8 @@ class Steps(NamedTuple):
     watch, move
         ``(rule, state, t_us, position) -> state``: take in a position; `watch` at the sender before `is_silent`, `move`
         at the receiver before `apply`.
+    at_rest
+        ``(sender) -> sender``: what the sender does instead of `watch` if the position is not known. Never compiled.
     ends_past
         ``(rule, sender, t_us, x) -> bool``: whether to forget the samples before x, for example at an impact.
     silent_interval
@@ -112,6 +119,7 @@ class Steps(NamedTuple):
     mirror: Callable[..., Any] = not_mirrored
     watch: Callable[..., Any] = ignore_motion
     move: Callable[..., Any] = ignore_motion
+    at_rest: Callable[..., Any] = unchanged
     ends_past: Callable[..., bool] = never
     silent_interval: Callable[..., tuple[float, float]] = no_interval
 
@@ -238,7 +246,9 @@ class MotionEncoder(StepEncoder):
     def encode(self, t_us: int, stimulus: Vector, position: Vector | None = None) -> bytes | None:
         """Return the payload to transmit, or None."""
         before = self._sender
-        if position is not None:
+        if position is None:
+            self._sender = self._steps.at_rest(before)
+        else:
             position = checked_position(position, self._axes)
             self._sender = self._steps.watch(self._rule, before, t_us, position)
         try:
@@ -334,6 +344,10 @@ class HoldDecoder(StepDecoder):
     """Decoder of the zero-order hold, whose state is the stimulus it applies."""
 
     __slots__ = ()
+
+    def decode(self, t_us: int, payload: bytes) -> None:  # noqa: ARG002
+        """Take in a payload, as `hold` does."""
+        self._receiver = self._unpack(payload, self._receiver)[1]
 
     def reconstruct(self, t_us: int, position: Vector | None = None) -> Vector:  # noqa: ARG002
         """Return the held stimulus."""

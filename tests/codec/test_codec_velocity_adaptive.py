@@ -138,3 +138,11 @@ def test_the_first_sample_is_sent_and_so_is_the_one_after_a_refresh():
     assert encoder.encode(MS, (0.0,), (0.0,)) is None
     encoder.refresh()
     assert encoder.encode(2 * MS, (0.0,), (0.0,)) is not None
+
+
+def test_without_its_position_a_moving_hand_counts_as_at_rest():
+    codec = VelocityAdaptive(speed_gain_s_m=10.0)
+    encoder = codec.encoder(1)
+    encoder.encode(0, (1.0,), (0.0,))
+    assert encoder.encode(1000, (1.1,), (0.01,)) is None
+    assert encoder.encode(2000, (1.1,)) is not None

@@ -68,6 +68,11 @@ def watch(rule: SpeedRule, sender: Sender, t_us: int, position: Vector) -> Sende
     return Sender(sender.is_held, sender.reference, sender.size, hand)
 
 
+def at_rest(sender: Sender) -> Sender:
+    """Return a hand whose position is not known, so that it counts as at rest."""
+    return sender._replace(hand=sender.hand._replace(speed_m_s=0.0))
+
+
 def is_silent(rule: SpeedRule, sender: Sender, t_us: int, x: Vector) -> bool:
     """Tell whether a stimulus is inside the dead zone at the present speed."""
     if not sender.is_held:
@@ -133,6 +138,7 @@ class VelocityAdaptive(ValueScheme):
         refreshed=refreshed,
         mirror=mirror,
         watch=watch,
+        at_rest=at_rest,
         payload_bytes=value_bytes,
         **ZERO_ORDER_HOLD,
     )
