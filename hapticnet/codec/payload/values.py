@@ -76,7 +76,7 @@ def law_numbers(law: WeberLaw) -> tuple[float, float]:
 
 def threshold_around(rule: LawNumbers, value: Vector) -> float:
     """Return the threshold [N] around a stimulus that is applied."""
-    width = rule.weber * magnitude(value)
+    width = rule.weber * (abs(value[0]) if len(value) == 1 else magnitude(value))
     return width if width > rule.floor else rule.floor
 
 
@@ -139,24 +139,25 @@ class ValueForm:
         Whether there is a float64 form.
     """
 
-    __slots__ = ("_forms", "_readers", "_step_n", "axes")
+    __slots__ = ("_packers", "_readers", "_step_n", "axes")
 
     def __init__(self, axes: int, *, step_n: float = 0.0, wide: bool = True) -> None:
         self.axes = check_axes(axes)
         self._step_n = step_n
-        self._forms: dict[int, struct.Struct] = {SINGLE_BYTES: SINGLE[axes]}
+        forms = {SINGLE_BYTES: SINGLE[axes]}
         if wide:
-            self._forms[DOUBLE_BYTES] = DOUBLE[axes]
+            forms[DOUBLE_BYTES] = DOUBLE[axes]
         if step_n:
-            self._forms[COUNT_BYTES] = COUNT[axes]
-        self._readers = {form * axes: (form, layout.unpack) for form, layout in self._forms.items()}
+            forms[COUNT_BYTES] = COUNT[axes]
+        self._packers = {form: layout.pack for form, layout in forms.items()}
+        self._readers = {form * axes: (form, layout.unpack) for form, layout in forms.items()}
 
     def pack(self, message: tuple[int, Vector]) -> bytes:
         """Return the payload of a message."""
         form, value = message
         if form == COUNT_BYTES:
-            return self._forms[form].pack(*counts_of(value, self._step_n))
-        return self._forms[form].pack(*value)
+            return self._packers[form](*counts_of(value, self._step_n))
+        return self._packers[form](*value)
 
     def unpack(self, payload: bytes, receiver: object = None) -> tuple[int, Vector]:  # noqa: ARG002
         """Return the message in a payload.
