@@ -1,0 +1,32 @@
+"""docs/security.md names a test for each attack, and each of them exists."""
+
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+DOCUMENT = (ROOT / "docs" / "security.md").read_text()
+ATTACKS, TESTS = DOCUMENT.split("\n## Tests\n")
+ROW = re.compile(r"^\| (\d+) \| (.*) \|$", re.MULTILINE)
+
+
+def test_the_attacks_are_numbered_and_each_has_one_row_of_tests():
+    attacks = [int(number) for number, _ in ROW.findall(ATTACKS)]
+    tests = [int(number) for number, _ in ROW.findall(TESTS)]
+    assert attacks == list(range(1, len(attacks) + 1))
+    assert tests == attacks
+
+
+def test_every_test_named_exists():
+    texts = {path.name: path.read_text() for path in (ROOT / "tests").rglob("test_*.py")}
+    named = re.findall(r"`(test_\w+\.py)::(test_\w+)`", TESTS)
+    assert named
+    assert [name for file, name in named if f"def {name}(" not in texts.get(file, "")] == []
+    assert TESTS.count("::") == len(named)
+
+
+def test_every_link_inside_the_page_leads_to_a_section():
+    sections = {
+        re.sub(r"[^\w -]", "", title).lower().replace(" ", "-")
+        for title in re.findall(r"^#+ (.*)$", DOCUMENT, re.MULTILINE)
+    }
+    assert [link for link in re.findall(r"\]\(#([^)]+)\)", DOCUMENT) if link not in sections] == []
