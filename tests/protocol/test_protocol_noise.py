@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cryptography.exceptions import InvalidTag
 from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from noise.connection import Keypair, NoiseConnection
-from noise.exceptions import NoiseInvalidMessage
 
 from hapticnet.errors import PeerError, SettingsError
 from hapticnet.protocol.noise import (
@@ -102,11 +102,8 @@ def flips(data):
 @pytest.mark.parametrize("vector", VECTORS, ids=lambda vector: vector["source"].split(",")[0].rpartition("/")[2])
 def test_published_vectors(vector):
     assert vector["name"].encode() == NAME
-    key = {
-        name: bytes.fromhex(value)
-        for name, value in vector.items()
-        if isinstance(value, str) and name not in ("name", "source")
-    }
+    texts = {name: value for name, value in vector.items() if name not in ("name", "source", "messages")}
+    key = {name: bytes.fromhex(value) for name, value in texts.items()}
     initiator = Initiator(
         key["init_static"], key["resp_public"], key["psk"], key["prologue"], FixedEntropy(key["init_ephemeral"])
     )
@@ -179,8 +176,6 @@ def test_a_first_message_with_any_bit_changed_is_refused():
     initiator, responder = ends()
     message = initiator.write(b"request")
     for changed in flips(message):
-        if changed[:31] == message[:31] and changed[31] ^ message[31] == 0x80:
-            continue  # X25519 ignores the top bit, but the hash does not: refused by the first tag below
         with pytest.raises(PeerError):
             responder.read(changed)
     assert responder.read(message) == (public_key(MASTER), b"request")
@@ -315,5 +310,5 @@ def test_another_implementation_refuses_a_wrong_pre_shared_key():
     peer = other_implementation(initiator=True, static=MASTER, remote=public_key(SLAVE), psk=NO_PSK)
     responder.read(bytes(peer.write_message(b"")))
     message, _ = responder.write(b"", PSK)
-    with pytest.raises(NoiseInvalidMessage):
+    with pytest.raises(InvalidTag):
         peer.read_message(message)
