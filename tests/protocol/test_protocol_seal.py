@@ -1,0 +1,242 @@
+"""Sealed datagrams: what opens, what is refused, and how the keys follow the sequence numbers."""
+
+import struct
+
+import msgpack
+import pytest
+from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hapticnet.errors import PeerError
+from hapticnet.protocol.seal import EPOCH_BITS, LAST_SEQUENCE, SEALED_VERSION, TAG_BYTES, Seal
+from hapticnet.protocol.wire import MAX_DATAGRAM_BYTES, Datagram, Kind
+
+ONE = bytes(range(32))
+OTHER = bytes(range(32, 64))
+SESSION = 0xDEADBEEF
+EPOCH = 1 << EPOCH_BITS
+BODY = msgpack.packb([1, 2, 3])
+
+bodies = st.binary(max_size=300)
+uint32 = st.integers(0, 2**32 - 1)
+early = st.integers(0, 2 * EPOCH - 1)
+"""Sequence numbers that a receiver accepts first."""
+
+
+def ends():
+    """Return the master's end and the slave's."""
+    return Seal(ONE, OTHER), Seal(OTHER, ONE)
+
+
+def frame(data):
+    """Return the frame of a datagram; PeerError if it has none, whichever version it claims."""
+    try:
+        version, kind, session, sequence, body = msgpack.unpackb(data, use_list=False)
+        assert type(body) is bytes
+        assert all(type(number) is int for number in (version, kind, session, sequence))
+        assert 0 <= sequence < 2**32
+    except (ValueError, TypeError, AssertionError) as error:
+        raise PeerError("no frame") from error
+    return Datagram(version, kind, session, sequence, body)
+
+
+def open_(end, data):
+    return end.open(data, frame(data))
+
+
+def refuses(end, data):
+    try:
+        open_(end, data)
+    except PeerError:
+        return True
+    return False
+
+
+def key_of_epoch(key, epoch):
+    """Noise revision 34, §4.2: REKEY, on bare keys."""
+    for _ in range(epoch):
+        key = ChaCha20Poly1305(key).encrypt(bytes(4) + b"\xff" * 8, bytes(32), b"")[:32]
+    return key
+
+
+@given(kind=st.sampled_from(Kind), session=uint32, sequence=early, body=bodies)
+def test_what_one_end_seals_the_other_opens(kind, session, sequence, body):
+    master, slave = ends()
+    data = master.pack(kind, session, sequence, body)
+    assert frame(data)[:4] == (SEALED_VERSION, kind, session, sequence)
+    assert open_(slave, data) == body
+    answer = slave.pack(kind, session, sequence, body)
+    assert open_(master, answer) == body
+    assert answer != data
+
+
+@given(kind=st.sampled_from(Kind), session=uint32, sequence=early, body=bodies)
+def test_a_sealed_datagram_is_what_the_document_says(kind, session, sequence, body):
+    """Computed here from the document: the shortest msgpack, and the seal of RFC 8439 over it."""
+    data = Seal(ONE, OTHER).pack(kind, session, sequence, body)
+    head = b"\x95" + b"".join(msgpack.packb(number) for number in (2, int(kind), session, sequence))
+    cipher = ChaCha20Poly1305(key_of_epoch(ONE, sequence >> 20))
+    sealed = cipher.encrypt(struct.pack("<4xQ", sequence), body, head)
+    assert data == head + msgpack.packb(sealed)
+    assert data == msgpack.packb([2, int(kind), session, sequence, sealed])
+    assert len(sealed) == len(body) + TAG_BYTES
+
+
+@pytest.mark.parametrize("length", [0, 1, 16, 100, 239, 240, 241, 700])
+def test_every_flipped_bit_is_refused(length):
+    master, slave = ends()
+    data = master.pack(Kind.POSITION, SESSION, 70_000, bytes(length))
+    for bit in range(8 * len(data)):
+        changed = bytearray(data)
+        changed[bit // 8] ^= 1 << bit % 8
+        assert refuses(slave, bytes(changed)), f"bit {bit}"
+    assert open_(slave, data) == bytes(length)
+
+
+@given(data=st.data(), sequence=early, body=bodies)
+def test_a_frame_that_says_something_else_is_refused(data, sequence, body):
+    master, slave = ends()
+    fields = list(frame(master.pack(Kind.FORCE, SESSION, sequence, body)))
+    place = data.draw(st.integers(0, 3))
+    fields[place] = data.draw(uint32.filter(lambda number: number != fields[place]))
+    assert refuses(slave, msgpack.packb(fields))
+
+
+@given(sequence=st.integers(0, 127), body=bodies)
+def test_a_longer_msgpack_of_the_same_values_is_refused(sequence, body):
+    """Only one string of bytes is a given datagram, so that nothing outside the seal can vary."""
+    master, slave = ends()
+    data = master.pack(Kind.FORCE, SESSION, sequence, body)
+    sealed = frame(data).body
+    head = data[: -len(msgpack.packb(sealed))]
+    longer = [
+        b"\xdc\x00\x05" + data[1:],
+        head[:-1] + b"\xcc" + bytes([sequence]) + msgpack.packb(sealed),
+        head[:-1] + b"\xce" + sequence.to_bytes(4, "big") + msgpack.packb(sealed),
+        head + b"\xc6" + len(sealed).to_bytes(4, "big") + sealed,
+    ]
+    if len(sealed) < 256:
+        longer.append(head + b"\xc5" + len(sealed).to_bytes(2, "big") + sealed)
+    for other in longer:
+        assert frame(other)[:] == frame(data)
+        assert refuses(slave, other)
+    assert open_(slave, data) == body
+
+
+@given(body=st.binary(max_size=40), sequence=uint32)
+def test_what_was_never_sealed_is_refused(body, sequence):
+    master, _ = ends()
+    assert refuses(master, msgpack.packb([2, int(Kind.FORCE), SESSION, sequence, body]))
+    assert refuses(master, msgpack.packb([1, int(Kind.FORCE), SESSION, sequence, body]))
+
+
+def test_a_datagram_sent_back_to_its_sender_is_refused():
+    master, _ = ends()
+    assert refuses(master, master.pack(Kind.POSITION, SESSION, 5, BODY))
+
+
+def test_a_datagram_of_another_session_is_refused():
+    """Replayed as it was, it meets other keys; under another session number, another head."""
+    master, slave = ends()
+    data = master.pack(Kind.POSITION, SESSION, 5, BODY)
+    assert refuses(Seal(bytes(32), bytes([1] * 32)), data)
+    moved = list(frame(data))
+    moved[2] = SESSION + 1
+    assert refuses(slave, msgpack.packb(moved))
+
+
+def test_a_number_is_sealed_once():
+    master, _ = ends()
+    master.pack(Kind.POSITION, SESSION, 5, BODY)
+    for sequence in (5, 4, 0, -1):
+        with pytest.raises(ValueError, match="after 5"):
+            master.pack(Kind.POSITION, SESSION, sequence, BODY)
+    master.pack(Kind.POSITION, SESSION, 6, BODY)
+
+
+def test_numbers_end_before_they_wrap():
+    master = Seal(ONE, OTHER)
+    master.pack(Kind.POSITION, SESSION, LAST_SEQUENCE, BODY)
+    for sequence in (LAST_SEQUENCE + 1, 2**32):
+        with pytest.raises(ValueError, match="the last one is"):
+            master.pack(Kind.POSITION, SESSION, sequence, BODY)
+
+
+def test_the_longest_body_fills_a_datagram():
+    master, slave = ends()
+    longest = bytes(MAX_DATAGRAM_BYTES - TAG_BYTES - 16)
+    data = master.pack(Kind.FORCE, SESSION, 70_000, longest)
+    assert len(data) == MAX_DATAGRAM_BYTES
+    assert open_(slave, data) == longest
+
+
+def test_the_keys_change_with_the_epoch():
+    master, slave = ends()
+    for sequence in (0, EPOCH - 1, EPOCH, EPOCH + 1, 2 * EPOCH - 1, 2 * EPOCH, 3 * EPOCH + 7):
+        data = master.pack(Kind.POSITION, SESSION, sequence, BODY)
+        cipher = ChaCha20Poly1305(key_of_epoch(ONE, sequence // EPOCH))
+        sealed = frame(data).body
+        assert cipher.decrypt(struct.pack("<4xQ", sequence), sealed, data[: -2 - len(sealed)]) == BODY
+        assert open_(slave, data) == BODY
+
+
+def test_the_directions_change_keys_on_their_own():
+    master, slave = ends()
+    assert open_(slave, master.pack(Kind.POSITION, SESSION, EPOCH, BODY)) == BODY
+    assert open_(master, slave.pack(Kind.FORCE, SESSION, 3, BODY)) == BODY
+
+
+def test_a_whole_epoch_lost_ends_what_the_receiver_can_follow():
+    master, slave = ends()
+    assert refuses(slave, master.pack(Kind.POSITION, SESSION, 2 * EPOCH, BODY))
+
+
+def test_late_datagrams_open_until_the_epoch_after_the_next():
+    master, slave = ends()
+    late = [master.pack(Kind.POSITION, SESSION, sequence, BODY) for sequence in range(EPOCH - 3, EPOCH)]
+    first, *next_epoch = (master.pack(Kind.POSITION, SESSION, sequence, BODY) for sequence in (EPOCH, 2 * EPOCH - 1))
+    assert open_(slave, first) == BODY
+    assert open_(slave, late[0]) == BODY
+    assert open_(slave, next_epoch[0]) == BODY
+    assert open_(slave, late[1]) == BODY
+    assert open_(slave, master.pack(Kind.POSITION, SESSION, 2 * EPOCH, BODY)) == BODY
+    assert open_(slave, next_epoch[0]) == BODY
+    assert refuses(slave, late[2])
+
+
+@given(epochs=st.lists(st.integers(0, 4095), max_size=20), received=st.integers(0, 3))
+def test_forged_datagrams_move_no_key(epochs, received):
+    """Whatever epoch a forged datagram claims, the true ones of the current, last and next epoch still open."""
+    master, slave = ends()
+    for epoch in range(received):
+        open_(slave, master.pack(Kind.POSITION, SESSION, epoch * EPOCH + 1, BODY))
+    last, current = (
+        master.pack(Kind.POSITION, SESSION, max(0, received - 1) * EPOCH + 5, BODY),
+        master.pack(Kind.POSITION, SESSION, received * EPOCH + 6, BODY),
+    )
+    for epoch in epochs:
+        forged = msgpack.packb([2, int(Kind.POSITION), SESSION, epoch * EPOCH + 9, bytes(40)])
+        assert refuses(slave, forged)
+    assert open_(slave, current) == BODY
+    for epoch in epochs:
+        forged = msgpack.packb([2, int(Kind.POSITION), SESSION, epoch * EPOCH + 9, bytes(40)])
+        assert refuses(slave, forged)
+    assert open_(slave, last) == BODY
+    assert open_(slave, master.pack(Kind.POSITION, SESSION, (received + 1) * EPOCH, BODY)) == BODY
+
+
+@given(
+    steps=st.lists(st.integers(1, EPOCH // 2), min_size=1, max_size=12),
+    order=st.randoms(use_true_random=False),
+)
+def test_reordering_within_half_an_epoch_loses_nothing(steps, order):
+    master, slave = ends()
+    sequence, sent = 0, []
+    for step in steps:
+        sequence += step
+        sent.append((sequence, master.pack(Kind.POSITION, SESSION, sequence, sequence.to_bytes(4, "big"))))
+    late = order.randint(0, EPOCH // 4)
+    arriving = sorted(sent, key=lambda item: item[0] + order.randint(0, late))
+    for number, data in arriving:
+        assert open_(slave, data) == number.to_bytes(4, "big")
