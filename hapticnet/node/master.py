@@ -256,6 +256,7 @@ class MasterNode:
             self.period_us = round(1e6 / rate_hz)
             self._decoder = self._codec.decoder(self._operator.axes)
             self._heard_us = None
+            self._hold.restart()
             if self._script_start_us is None:
                 self._script_start_us = now_us
         elif isinstance(event, Ended):

@@ -1,3 +1,4 @@
+import itertools
 import math
 
 import pytest
@@ -5,11 +6,35 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticnet.control.hold import Hold, HoldSettings
+from hapticnet.control.limits import LONGEST_STEP_US, SLEW_N_PER_S, LimitSettings
 from hapticnet.errors import SampleError, SettingsError
 
 SETTINGS = HoldSettings()
 LIMIT_US = SETTINGS.age_limit_us
 END_US = SETTINGS.age_limit_us + SETTINGS.decay_us
+RISE_N_PER_US = SETTINGS.rise_n_per_s * 1e-6
+STEP_N = RISE_N_PER_US * LONGEST_STEP_US
+MS = 1_000
+
+
+def holding(force_n: tuple[float, ...], now_us: int, settings: HoldSettings = SETTINGS) -> Hold:
+    """Return a hold that applies the whole of a stimulus received at `now_us`."""
+    hold = Hold(settings, axes=len(force_n))
+    for before_ms in range(1_000, 0, -1):
+        hold.receive(force_n, now_us - before_ms * MS)
+        hold.value(now_us - before_ms * MS)
+    hold.receive(force_n, now_us)
+    assert hold.value(now_us) == force_n
+    return hold
+
+
+def follow(hold: Hold, from_us: int, to_us: int, step_us: int = MS) -> list[float]:
+    """Return the magnitudes of the force [N] at every step while keepalives arrive."""
+    sizes = []
+    for now_us in range(from_us, to_us, step_us):
+        hold.confirm(now_us)
+        sizes.append(math.hypot(*hold.value(now_us)))
+    return sizes
 
 
 def test_before_any_stimulus_the_value_is_zero() -> None:
@@ -24,27 +49,136 @@ def test_a_keepalive_without_a_stimulus_holds_zero() -> None:
 
 
 def test_holds_unchanged_until_the_age_limit_then_falls_linearly_to_exactly_zero() -> None:
-    hold = Hold(SETTINGS, axes=2)
-    hold.receive((2.0, -4.0), 1_000)
+    hold = holding((2.0, -4.0), 1_000)
     assert hold.value(1_000 + LIMIT_US) == (2.0, -4.0)
     assert hold.value(1_000 + LIMIT_US + SETTINGS.decay_us // 2) == pytest.approx((1.0, -2.0))
     assert hold.value(1_000 + END_US) == (0.0, 0.0)
 
 
-def test_a_keepalive_renews_the_age_and_restores_the_stimulus() -> None:
-    hold = Hold(SETTINGS)
-    hold.receive((3.0,), 0)
+def test_a_keepalive_renews_the_age() -> None:
+    hold = holding((3.0,), 0)
     hold.confirm(LIMIT_US)
     assert hold.value(2 * LIMIT_US) == (3.0,)
     assert hold.value(5 * END_US) == (0.0,)
-    hold.confirm(5 * END_US + 1)
-    assert hold.value(5 * END_US + 2) == (3.0,)
 
 
 def test_without_decay_the_value_drops_at_the_age_limit() -> None:
-    hold = Hold(HoldSettings(age_limit_us=10, decay_us=0))
-    hold.receive((1.0,), 0)
-    assert (hold.value(10), hold.value(11)) == ((1.0,), (0.0,))
+    hold = holding((1.0,), 0, HoldSettings(age_limit_us=2_000, decay_us=0))
+    assert (hold.value(2_000), hold.value(2_001)) == ((1.0,), (0.0,))
+
+
+def test_by_default_a_force_rises_at_the_slew_limit() -> None:
+    assert HoldSettings().rise_n_per_s == LimitSettings().slew_n_per_s == SLEW_N_PER_S
+
+
+@pytest.mark.parametrize("arrival", ["a keepalive", "a stimulus"])
+def test_after_silence_the_force_rises_at_the_slew_limit_until_it_is_whole(arrival: str) -> None:
+    hold = holding((6.0, 0.0, -8.0), 0)
+    assert hold.value(10**7) == (0.0, 0.0, 0.0)
+    if arrival == "a stimulus":
+        hold.receive((6.0, 0.0, -8.0), 10**7)
+    sizes = follow(hold, 10**7, 10**7 + 300 * MS)
+    assert sizes[:200] == pytest.approx([RISE_N_PER_US * MS * tick for tick in range(200)])
+    assert hold.value(10**7 + 300 * MS) == (6.0, 0.0, -8.0)
+
+
+def test_a_force_that_recovers_during_its_decay_rises_from_where_it_is() -> None:
+    hold = holding((4.0,), 0)
+    now_us = LIMIT_US + SETTINGS.decay_us // 4
+    assert hold.value(now_us) == pytest.approx((3.0,))
+    assert follow(hold, now_us, now_us + 40 * MS)[:20] == pytest.approx([3.0 + 0.05 * tick for tick in range(20)])
+
+
+def test_a_link_that_dies_while_the_force_rises_keeps_it_and_releases_it_no_later() -> None:
+    hold = holding((10.0,), 0)
+    hold.value(10**7)
+    follow(hold, 10**7, 10**7 + 100 * MS)
+    alive_us = 10**7 + 99 * MS
+    values = [hold.value(now_us)[0] for now_us in range(alive_us, alive_us + END_US + MS, MS)]
+    assert max(abs(one - other) for one, other in itertools.pairwise(values)) <= 0.1 + 1e-9
+    assert values[-1] == 0.0
+
+
+def test_the_first_force_of_a_session_rises_as_well() -> None:
+    hold = Hold(SETTINGS)
+    hold.receive((4.0,), 5_000)
+    assert hold.value(5_000) == (0.0,)
+    assert hold.value(6_000) == pytest.approx((0.05,))
+
+
+def test_after_a_restart_the_next_stimulus_rises_from_the_force_applied() -> None:
+    hold = holding((2.0,), 0)
+    hold.restart()
+    assert hold.value(10 * MS) == (2.0,)
+    hold.receive((9.0,), 20 * MS)
+    assert hold.value(20 * MS) == pytest.approx((2.0,))
+    assert follow(hold, 21 * MS, 30 * MS) == pytest.approx([2.0 + 0.05 * tick for tick in range(1, 10)])
+
+
+def test_a_stimulus_that_is_applied_whole_changes_at_once() -> None:
+    hold = holding((1.0,), 0)
+    hold.receive((-9.0,), MS)
+    assert hold.value(MS) == (-9.0,)
+
+
+def test_a_stimulus_that_falls_while_the_force_rises_is_whole_at_once() -> None:
+    hold = Hold(SETTINGS)
+    hold.receive((4.0,), 0)
+    assert follow(hold, 0, 41 * MS)[-1] == pytest.approx(2.0)
+    hold.receive((1.5,), 41 * MS)
+    assert hold.value(41 * MS) == (1.5,)
+    hold.receive((4.0,), 42 * MS)
+    assert hold.value(42 * MS) == (4.0,)
+
+
+@pytest.mark.parametrize("paused_us", [50 * MS, 199 * MS])
+def test_a_pause_lets_a_rising_force_rise_by_one_step_only(paused_us: int) -> None:
+    hold = Hold(SETTINGS)
+    hold.receive((10.0,), 0)
+    before_n = follow(hold, 0, 20 * MS)[-1]
+    assert hold.value(19 * MS + paused_us)[0] == pytest.approx(before_n + STEP_N)
+
+
+def test_a_process_that_reads_its_socket_first_after_a_pause_starts_from_zero() -> None:
+    hold = holding((3.0,), 0)
+    now_us = 10_000_000
+    hold.receive((3.0,), now_us)
+    assert hold.value(now_us) == (0.0,)
+    assert hold.value(now_us + MS) == pytest.approx((0.05,))
+
+
+@given(
+    stimuli=st.lists(
+        st.tuples(
+            st.sampled_from(["receive", "confirm", "restart", "nothing"]),
+            st.tuples(*[st.floats(-10.0, 10.0)] * 3),
+            st.one_of(st.integers(0, 2_000), st.integers(0, 400_000), st.just(10**9)),
+        ),
+        max_size=80,
+    )
+)
+def test_a_force_that_is_not_whole_grows_no_faster_than_the_slew_limit(
+    stimuli: list[tuple[str, tuple[float, float, float], int]],
+) -> None:
+    hold = Hold(SETTINGS, axes=3)
+    now_us, before_n, whole, new = 0, 0.0, False, False
+    stimulus_n: tuple[float, ...] = (0.0, 0.0, 0.0)
+    for call, force_n, elapsed_us in stimuli:
+        now_us += elapsed_us
+        if call == "receive":
+            hold.receive(force_n, now_us)
+            stimulus_n = force_n
+        elif call == "confirm":
+            hold.confirm(now_us)
+        elif call == "restart":
+            hold.restart()
+        value_n = hold.value(now_us)
+        size_n = math.hypot(*value_n)
+        if not whole or elapsed_us > LIMIT_US or (call == "receive" and new):
+            assert size_n <= before_n + RISE_N_PER_US * min(elapsed_us, LONGEST_STEP_US) + 1e-9
+        new = call == "restart" or (new and call != "receive")
+        whole = value_n == stimulus_n
+        before_n = size_n
 
 
 @given(
@@ -70,23 +204,20 @@ def test_a_force_never_outlives_age_limit_and_decay(force_n: float, calls: list[
 
 @given(st.lists(st.integers(-(2**62), 2**62), min_size=1, max_size=30))
 def test_clock_jumps_never_make_a_stimulus_younger(jumps_us: list[int]) -> None:
-    hold = Hold(SETTINGS)
-    hold.receive((1.0,), 0)
+    hold = holding((1.0,), 0)
     values = [hold.value(now_us)[0] for now_us in jumps_us]
     assert values == sorted(values, reverse=True)
 
 
 def test_after_a_backward_jump_the_stimulus_still_goes_stale() -> None:
-    hold = Hold(SETTINGS)
-    hold.receive((1.0,), 10**12)
+    hold = holding((1.0,), 10**12)
     assert hold.value(0) == (1.0,)
     assert hold.value(END_US) == (0.0,)
 
 
 @pytest.mark.parametrize("bad", [(math.nan,), (math.inf,), (), (1.0, 2.0)])
 def test_refuses_a_stimulus_that_is_not_finite_or_of_other_axes(bad: tuple[float, ...]) -> None:
-    hold = Hold(SETTINGS)
-    hold.receive((1.0,), 0)
+    hold = holding((1.0,), 0)
     with pytest.raises(SampleError):
         hold.receive(bad, 1)
     assert hold.value(2) == (1.0,)
@@ -102,3 +233,9 @@ def test_refuses_bad_settings(age_limit_us: int, decay_us: int) -> None:
 def test_refuses_bad_axes(axes: int) -> None:
     with pytest.raises(SettingsError, match="axes"):
         Hold(SETTINGS, axes=axes)
+
+
+@pytest.mark.parametrize("rise_n_per_s", [0.0, -1.0, math.nan, math.inf])
+def test_refuses_a_bad_rate_of_rise(rise_n_per_s: float) -> None:
+    with pytest.raises(SettingsError, match="rise"):
+        HoldSettings(rise_n_per_s=rise_n_per_s)

@@ -20,7 +20,7 @@ from tests.firmware.rig import FINGERS_N_M, HANG, MS, RETRACT_MS, released_ms
 @pytest.mark.parametrize("stiffness_n_m", FINGERS_N_M)
 def test_a_stimulus_that_goes_stale_releases_the_finger(pressing: Any, stiffness_n_m: float) -> None:
     made = pressing(stiffness_n_m)
-    settings = HoldSettings()
+    settings = HoldSettings(rise_n_per_s=1e6)  # the force is pressed already
     hold = Hold(settings)
     hold.receive((3.0,), made.now_us)
     felt_n = made.play(lambda now_us: hold.value(now_us)[0], 800)
@@ -45,6 +45,8 @@ def test_a_stalled_host_releases_the_finger_and_comes_back_softly(pressing: Any,
     assert min(felt_n[:180]) > 2.5
     assert released_ms(felt_n) <= 220 + RETRACT_MS
     assert max(felt_n) <= 3.3
+    made.press(3.0, 1)
+    assert made.fingertip.target_n == 0.0
     assert max(made.press(3.0, 1_800)) <= 3.3
     assert made.felt_n[-1] == pytest.approx(3.0, rel=0.1)
 
