@@ -11,9 +11,10 @@ from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.device.plant import PlantSettings
 from hapticnet.device.simulated import SimulatedDevice
+from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode, MasterSettings
-from hapticnet.node.slave import SlaveNode, SlaveSettings
+from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.scene.presets import paper_scene
@@ -32,7 +33,7 @@ hypothesis.settings.load_profile("ci" if IN_CI else "fresh")
 def make_slave(seed: int = 1, *, session: SessionSettings | None = None, record: bool = True) -> SlaveNode:
     scene = paper_scene(seed)
     return SlaveNode(
-        lambda: Scene(scene.tissues, name=scene.name),
+        lambda _: Scene(scene.tissues, name=scene.name),
         SlaveSettings(record=record, session=session or SessionSettings()),
         np.random.default_rng([seed, 10]),
     )

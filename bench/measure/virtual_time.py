@@ -12,9 +12,10 @@ from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.device.plant import PlantSettings
 from hapticnet.device.simulated import SimulatedDevice
+from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode, MasterSettings
-from hapticnet.node.slave import SlaveNode, SlaveSettings
+from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
@@ -43,7 +44,7 @@ def both_nodes(
     return Loopback(
         MasterNode(operator, SimulatedDevice(PlantSettings(), plant) if device else None, settings, nonces),
         SlaveNode(
-            lambda: Scene(scene.tissues, name=scene.name),
+            lambda _: Scene(scene.tissues, name=scene.name),
             SlaveSettings(record=settings.record, session=settings.session),
             sessions,
         ),

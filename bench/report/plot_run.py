@@ -10,9 +10,10 @@ from hapticnet.channel.spec import parse_channel
 from hapticnet.device.plant import PlantSettings
 from hapticnet.device.simulated import SimulatedDevice
 from hapticnet.experiment.figures import draw_run
+from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode, MasterSettings
-from hapticnet.node.slave import SlaveNode, SlaveSettings
+from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
@@ -29,7 +30,7 @@ def main() -> None:
     operator = ScriptedOperator(InsertionSettings(insertions=1), rng)
     link = Loopback(
         MasterNode(operator, SimulatedDevice(PlantSettings(), rng), MasterSettings(record=True), rng),
-        SlaveNode(lambda: Scene(scene.tissues, name=scene.name), SlaveSettings(record=True), rng),
+        SlaveNode(lambda _: Scene(scene.tissues, name=scene.name), SlaveSettings(record=True), rng),
         forward=Emulator(parse_channel("perfect"), rng),
         feedback=Emulator(parse_channel("perfect"), rng),
     )

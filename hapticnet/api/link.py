@@ -18,9 +18,10 @@ from hapticnet.codec.plugins import checked_class
 from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.experiment.analysis import felt_error
 from hapticnet.measure.metrics import ErrorReport
+from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode, MasterSettings
-from hapticnet.node.slave import SlaveNode, SlaveSettings
+from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.base import Operator
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.scene.presets import find_scene
@@ -238,7 +239,7 @@ def virtual_link(
     )
     loopback = Loopback(
         MasterNode(operator, None, settings, np.random.default_rng([seed, 4])),
-        SlaveNode(lambda: Scene(tissues, name=name), SlaveSettings(record=True), np.random.default_rng([seed, 5])),
+        SlaveNode(lambda _: Scene(tissues, name=name), SlaveSettings(record=True), np.random.default_rng([seed, 5])),
         forward=to_slave,
         feedback=to_master,
     )

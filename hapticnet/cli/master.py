@@ -167,16 +167,27 @@ def _trace(spec: str) -> tuple[Path, str | None]:
 def _in_words(event: "NodeEvent", address: str) -> str:
     from hapticnet.node.fingertip import DeviceFound, DeviceLost, ForceFault
     from hapticnet.node.master import Failed
-    from hapticnet.protocol.master_session import Connected, LinkRecovered, LinkStale, SessionLost
+    from hapticnet.protocol.events import Connected, Hinted, LinkRecovered, LinkStale, Refused, SessionLost
 
     if isinstance(event, Connected):
-        return f"connected to {address}, scene {event.welcome.scene}, {event.welcome.rate_hz:g} Hz granted"
+        grant = event.grant
+        resumed = ", as it was left" if grant.resumed else ""
+        return f"connected to {address}, scene {grant.scene}{resumed}, {grant.rate_hz:g} Hz granted"
     if isinstance(event, LinkStale):
+        if event.too_old_us is not None:
+            return (
+                f"link too slow: forces answer positions {event.too_old_us / 1e6:.2f} s old, which is above --max-age;"
+                " the held force decays to zero"
+            )
         return "link stale: nothing arrived from the slave; the held force decays to zero"
     if isinstance(event, LinkRecovered):
         return "link recovered"
     if isinstance(event, SessionLost):
         return f"session lost ({event.reason}); asking for a new one"
+    if isinstance(event, Refused):
+        return f"the slave refuses a new session ({event.reason}); asking again in {event.retry_us / 1e6:g} s"
+    if isinstance(event, Hinted):
+        return f"an answer without a seal, which proves nothing, says: {event.reason}; asking on"
     if isinstance(event, DeviceFound):
         return f"device ready: {event.description}"
     if isinstance(event, DeviceLost):

@@ -49,7 +49,8 @@ def slave(
     from hapticnet.codec.registry import parse_codec, register_installed_codecs
     from hapticnet.errors import FileError, SettingsError
     from hapticnet.files import check_folder
-    from hapticnet.node.slave import MasterJoined, MasterLeft, SlaveEvent, SlaveNode, SlaveSettings
+    from hapticnet.node.admission import SlaveSettings
+    from hapticnet.node.slave import MasterJoined, MasterLeft, SlaveEvent, SlaveNode
     from hapticnet.protocol.settings import SessionSettings
     from hapticnet.recordings.tables import write_csv
     from hapticnet.runtime.entropy import SystemEntropy
@@ -71,7 +72,7 @@ def slave(
     sock = listen_on(parse_host_port(listen, lowest_port=0))
     address = bound_address(sock)
     node = SlaveNode(
-        lambda: Scene(settings.tissues, name=settings.name),
+        lambda _: Scene(settings.tissues, name=settings.name),
         SlaveSettings(
             fastest_rate_hz=fastest_rate,
             record=record is not None,
@@ -89,11 +90,11 @@ def slave(
     def on_event(event: SlaveEvent) -> None:
         session = event.station.session
         if isinstance(event, MasterJoined):
-            hello = session.hello
+            request = session.request
             place = _place(event.station.address)
-            console.say(f"{hello.name!r} joined from {place}: {hello.codec}, asks for {hello.rate_hz:g} Hz")
+            console.say(f"{request.name!r} joined from {place}: {request.codec}, asks for {request.rate_hz:g} Hz")
         elif isinstance(event, MasterLeft):
-            console.say(f"{session.hello.name!r} left: {session.end_reason} ({event.station.steps} steps)")
+            console.say(f"{session.request.name!r} left: {session.end_reason} ({event.station.steps} steps)")
             if record is not None:
                 to_write.append(event.station)
         # Files are written while no master waits for a force.
@@ -104,7 +105,7 @@ def slave(
         while to_write:
             station = to_write[0]
             if record is not None and station.recording is not None:
-                name = "".join(c if c.isalnum() or c in "-_" else "_" for c in station.session.hello.name)
+                name = "".join(c if c.isalnum() or c in "-_" else "_" for c in station.session.request.name)
                 write_csv(record / f"{name}-{station.session.number:08x}.csv", station.recording.table())
             del to_write[0]
 

@@ -17,19 +17,23 @@ from hapticnet.node.fingertip import Fingertip, FingertipEvent
 from hapticnet.node.recording import MASTER_COLUMNS, Recording
 from hapticnet.operator.base import Operator
 from hapticnet.perception import WeberLaw
-from hapticnet.protocol.master_session import (
+from hapticnet.protocol.events import (
     Connected,
     Ended,
     ForceArrived,
+    Hinted,
     HoldConfirmed,
     LinkRecovered,
     LinkStale,
     MasterEvent,
-    MasterSession,
+    Refused,
     SessionLost,
 )
-from hapticnet.protocol.messages import NAME_BYTES, Code, Hello, clipped
+from hapticnet.protocol.keys import MasterKey
+from hapticnet.protocol.master_session import MasterSession
+from hapticnet.protocol.messages import NAME_BYTES, Code, Request, clipped
 from hapticnet.protocol.settings import Entropy, SessionSettings
+from hapticnet.protocol.stats import Distribution
 
 if TYPE_CHECKING:
     from hapticnet.samples import Vector
@@ -44,7 +48,9 @@ class Failed:
     reason: str
 
 
-NodeEvent: TypeAlias = Connected | LinkStale | LinkRecovered | SessionLost | Failed | Ended | FingertipEvent
+NodeEvent: TypeAlias = (
+    Connected | LinkStale | LinkRecovered | SessionLost | Refused | Hinted | Failed | Ended | FingertipEvent
+)
 """Events that a master reports; forces and confirmations stay inside."""
 
 
@@ -60,6 +66,8 @@ class MasterSettings:
         Positions per second to ask for; the slave may grant less.
     name
         Name of this master in the slave's report.
+    key
+        This master's key and the slave's public key; None for an open session.
     record
         Whether every tick is recorded.
     """
@@ -69,6 +77,7 @@ class MasterSettings:
     law: WeberLaw = field(default_factory=WeberLaw)
     rate_hz: float = 1000.0
     name: str = "master"
+    key: MasterKey | None = None
     record: bool = False
     session: SessionSettings = field(default_factory=SessionSettings)
     hold: HoldSettings = field(default_factory=HoldSettings)
@@ -100,8 +109,7 @@ class MasterNode:
         self.recording = Recording(MASTER_COLUMNS) if settings.record else None
         self._operator = operator
         self._codec = make_codec(settings.codec, settings.law, settings.parameters)
-        request = Hello(
-            nonce=0,
+        request = Request(
             codec=settings.codec,
             parameters=codec_parameters(self._codec),
             **asdict(settings.law),
@@ -109,7 +117,7 @@ class MasterNode:
             axes=operator.axes,
             name=clipped(settings.name, NAME_BYTES),
         )
-        self.session = MasterSession(request, settings.session, rng)
+        self.session = MasterSession(request, settings.session, rng, settings.key)
         self._positions = Raw().encoder(operator.axes)
         self._decoder = self._codec.decoder(operator.axes)
         self._hold = Hold(settings.hold, axes=operator.axes)
@@ -118,6 +126,8 @@ class MasterNode:
         self._at_m: Vector | None = None
         self._heard_us: int | None = None  # when the newest force arrived, on the master's clock
         self._heard_t_us = 0  # and its time stamp
+        self._valid_t_us = 0  # time of the newest position for which what is applied is known to be right
+        self._age = Distribution()
         self._felt = (0.0, 0.0, 0.0, 0.0)
         self._connections = 0
         self._tracking = RunningError(settings.law)
@@ -167,6 +177,7 @@ class MasterNode:
                 self._hold.follow(self._decoder.reconstruct(at_us, self._at_m))
             except Exception as error:  # a user's codec may raise anything
                 self._fail(f"the codec failed: {in_words(error)}", now_us)
+            self._age.add(now_us - self._valid_t_us)
         held_n = self.held_force_n(now_us)
         fingertip = self._fingertip
         if fingertip is None:
@@ -213,11 +224,13 @@ class MasterNode:
             **asdict(self.settings.law),
             "rate_hz": 1e6 / self.period_us,
             "ticks": self.ticks,
+            "sealed": self.session.sealed,
             "connections": self._connections,
             "device": self._fingertip.report() if self._fingertip else None,
             "tracking_rmse_n": tracking.rmse_n if tracking else None,
             "tracking_max_n": tracking.max_error_n if tracking else None,
             "round_trip": self.session.round_trip.report(),
+            "age_of_applied_force": self._age.report(),
             "sent": self.session.sent.report(),
             "received": self.session.received.report(),
         }
@@ -245,14 +258,16 @@ class MasterNode:
             else:
                 self.session.applied(event)
                 self._heard_us, self._heard_t_us = now_us, event.t_us
+                self._valid_t_us = event.t_us
             return
         if isinstance(event, HoldConfirmed):
             self._hold.confirm(now_us)
+            self._valid_t_us = event.t_us
             return
         if isinstance(event, Connected):
             self._connections += 1
-            self._scene = event.welcome.scene
-            rate_hz = max(self.settings.session.slowest_hz, min(self.settings.rate_hz, event.welcome.rate_hz))
+            self._scene = event.grant.scene
+            rate_hz = max(self.settings.session.slowest_hz, min(self.settings.rate_hz, event.grant.rate_hz))
             self.period_us = round(1e6 / rate_hz)
             self._decoder = self._codec.decoder(self._operator.axes)
             self._heard_us = None

@@ -10,6 +10,7 @@ from hapticnet.codec.schemes.raw import Raw
 from hapticnet.errors import HapticnetError, PeerError, SampleError, in_words
 from hapticnet.measure.metrics import RunningError
 from hapticnet.node.recording import SLAVE_COLUMNS, Recording
+from hapticnet.protocol.messages import Grant
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import Datagram, Kind
 from hapticnet.samples import PositionSample
@@ -21,50 +22,110 @@ class SceneFailedError(HapticnetError):
 
 
 class Station:
-    """Pass a position through decoder, scene and encoder as soon as it arrives."""
+    """Pass a position through decoder, scene and encoder.
+
+    Parameters
+    ----------
+    grant
+        What the master was granted.
+    identity
+        Whom the session counts for: a public key, or the host of an open session.
+    seats
+        Sessions that this identity may have.
+    continues
+        The station whose scene this one goes on with. A restarted master has another clock; `same_clock` tells whether
+        this one's time stamps go on from the old ones.
+    """
 
     def __init__(
-        self, session: SlaveSession, address: Hashable, scene: Scene, codec: Codec, *, record: bool, now_us: int
+        self,
+        session: SlaveSession,
+        grant: Grant,
+        address: Hashable,
+        identity: Hashable,
+        scene: Scene,
+        codec: Codec,
+        *,
+        seats: int,
+        record: bool,
+        now_us: int,
+        continues: "Station | None" = None,
+        same_clock: bool = True,
     ) -> None:
         self.session = session
+        self.grant = grant
         self.address = address
+        self.identity = identity
+        self.seats = seats
+        self.greeting: tuple[Hashable, int] | None = None  # address and nonce of the HELLO
         self.scene = scene
         self.codec = codec
+        self.continues = continues
+        self._continued = continues.session.number if continues is not None else None
         self.steps = 0
+        self.superseded = 0
         self.recording = Recording(SLAVE_COLUMNS) if record else None
+        self._same_clock = same_clock
+        self._shift_us: int | None = None  # scene's time minus master's time
+        self._scene_us = 0
         self._opened_us = now_us
         self._stepped_us = now_us
+        self._pending: PositionSample | None = None
         self._positions = Raw().decoder(scene.axes)
         self._encoder = codec.encoder(scene.axes)
         # A decoder of what is sent: it holds what the master holds if nothing is lost.
         self._mirror = codec.decoder(scene.axes)
         self._error = RunningError(codec.law)
 
-    def receive(self, datagram: Datagram, size: int, now_us: int) -> bytes | None:
-        """Process a datagram of this session and return the answer, if any.
+    def take_in(self, datagram: Datagram, data: bytes, address: Hashable, now_us: int) -> bool:
+        """Process a datagram of this session; return whether there is now a position to `answer`.
+
+        Only the newest position is answered. A slave that was stopped thus does not work off what has queued up.
 
         Raises
         ------
         PeerError
-            If its body is malformed; the caller counts it.
+            If it cannot be opened or is malformed; the caller counts it.
+        """
+        position = self.session.receive(datagram, data, now_us)
+        if position is None:
+            return False
+        if self.session.seal is not None:
+            self.address = address  # what opens and is newer than all before comes from where the master is now
+        try:
+            self._positions.decode(position.t_us, position.payload)
+            sample = PositionSample(position.t_us, self._positions.reconstruct(position.t_us))
+        except (PeerError, SampleError):  # counted as a datagram already, so not by `add_malformed`
+            self.session.received.malformed += 1
+            return False
+        self.superseded += self._pending is not None
+        self._pending = sample
+        return True
+
+    def answer(self, now_us: int) -> bytes | None:
+        """Move the scene to the newest position; return the datagram that answers it, if any.
+
+        Raises
+        ------
         SceneFailedError
             If the scene or the codec raises.
         """
-        position = self.session.receive(datagram, size, now_us)
-        if position is None:
+        sample, self._pending = self._pending, None
+        if sample is None:
             return None
-        t_us = position.t_us
+        t_us = sample.t_us
+        if self._shift_us is None:
+            self._shift_us = self._begin(t_us, now_us)
+        self._scene_us = t_us + self._shift_us
         try:
-            self._positions.decode(t_us, position.payload)
-            sample = PositionSample(t_us, self._positions.reconstruct(t_us))
-            force = self.scene.step(sample)
-        except (PeerError, SampleError):  # counted as a datagram already, so not by `add_malformed`
+            force = self.scene.step(PositionSample(self._scene_us, sample.position_m) if self._shift_us else sample)
+        except SampleError:
             self.session.received.malformed += 1
             return None
         except Exception as error:  # a user's scene may raise anything
             self.steps += 1
             raise SceneFailedError(f"the scene failed: {in_words(error)}") from error
-        answer = None
+        answer: bytes | None = None
         if self.session.expire_update(now_us):
             self._encoder.refresh()
         try:
@@ -90,20 +151,32 @@ class Station:
             self.recording.add((t_us, *first_axis, payload is not None, len(answer or b""), self.scene.breaches))
         return answer
 
+    def _begin(self, t_us: int, now_us: int) -> int:
+        """Return what to add to the master's time [µs] so that the time of a continued scene goes on evenly."""
+        old, self.continues = self.continues, None  # so that a chain of sessions does not stay in memory
+        if old is None or old._shift_us is None:
+            return 0
+        if self._same_clock:
+            return old._shift_us
+        return old._scene_us + max(0, now_us - old._stepped_us) - t_us
+
     def report(self) -> dict[str, Any]:
         """Return the account of this session for JSON."""
         forces = self.session.sent.by_kind[Kind.FORCE]
         return {
             "session": self.session.number,
-            "master": self.session.hello.name,
+            "master": self.session.request.name,
             "scene": self.scene.name,
             "codec": self.codec.name,
             "parameters": codec_parameters(self.codec),
             **asdict(self.codec.law),
+            "sealed": self.session.seal is not None,
+            "continues": self._continued,
             "state": self.session.state.value,
             "end_reason": self.session.end_reason,
             "duration_s": (self._stepped_us - self._opened_us) / 1e6,
             "steps": self.steps,
+            "superseded": self.superseded,
             "breaches": self.scene.breaches,
             "packet_rate_reduction": 1.0 - forces / self.steps if self.steps else None,
             **asdict(self._error.report()),

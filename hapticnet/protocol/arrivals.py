@@ -9,9 +9,16 @@ WINDOW: Final = 1024
 """Sequence numbers remembered below the newest: one second at 1 kHz, longer than reordering lasts. Older ones count as
 late."""
 
-LEAP: Final = 1 << 15
-"""A number this far ahead or behind is not believed until the one after it comes next (RFC 3550, appendix A.1):
-otherwise one datagram with a wrong number would make all true ones late. Half a minute at 1 kHz."""
+LEAP: Final = 3000
+"""A number this far from the newest is not believed until the one after it comes next: otherwise one datagram with a
+wrong number would make all true ones late (MAX_DROPOUT of RFC 3550, appendix A.1)."""
+
+MISORDER: Final = 100
+"""Largest disorder that a network causes (MAX_MISORDER of RFC 3550)."""
+
+BEHIND_IN_A_ROW: Final = 8
+"""After so many arrivals in a row more than `MISORDER` behind the newest, each newer than the one before it, the newest
+was wrong: the numbers go on from there."""
 
 
 class Arrival(enum.Enum):
@@ -30,16 +37,21 @@ class ArrivalWindow:
     ----------
     first
         The sequence number of the datagram that opened the session; it counts as arrived.
+    authentic
+        Whether a seal proves each number. Every number is then believed at once.
     """
 
-    __slots__ = ("_after_leap", "_expected", "_newest", "_seen", "_unique")
+    __slots__ = ("_after_leap", "_authentic", "_behind", "_behind_run", "_expected", "_newest", "_seen", "_unique")
 
-    def __init__(self, first: int) -> None:
+    def __init__(self, first: int, *, authentic: bool = False) -> None:
         self._newest = first
         self._seen = 1  # bit i: the sequence number i below the newest has arrived
         self._expected = 1
         self._unique = 1
+        self._authentic = authentic
         self._after_leap: int | None = None
+        self._behind = first  # the last arrival far behind the newest
+        self._behind_run = 0
 
     @property
     def lost(self) -> int:
@@ -51,17 +63,22 @@ class ArrivalWindow:
         ahead = distance(sequence, self._newest)
         if ahead == 1:  # the common case, kept short
             self._seen = (self._seen << 1 | 1) & _MASK
+        elif ahead <= 0 and (self._authentic or ahead > -LEAP):
+            kind = self._arrive_behind(-ahead)
+            if kind is not Arrival.LATE or not self._newest_was_wrong(sequence, -ahead):
+                return kind
+            self._seen = 1
+            ahead = 1
+        elif self._authentic or (ahead < LEAP and ahead > 0):
+            self._seen = (self._seen << ahead | 1) & _MASK if ahead < WINDOW else 1
         elif wrap(sequence) == self._after_leap:
             self._seen = 1
             ahead = max(ahead, 1)
-        elif abs(ahead) >= LEAP:
+        else:
             self._after_leap = wrap(sequence + 1)
             return Arrival.ASTRAY
-        elif ahead > 0:
-            self._seen = (self._seen << ahead | 1) & _MASK if ahead < WINDOW else 1
-        else:
-            return self._arrive_behind(-ahead)
         self._after_leap = None
+        self._behind_run = 0
         self._newest = wrap(sequence)
         self._expected += ahead
         self._unique += 1
@@ -77,6 +94,13 @@ class ArrivalWindow:
         if self.lost:
             self._unique += 1
         return Arrival.LATE
+
+    def _newest_was_wrong(self, sequence: int, behind: int) -> bool:
+        if self._authentic or behind <= MISORDER:
+            return False
+        self._behind_run = self._behind_run + 1 if distance(sequence, self._behind) > 0 else 1
+        self._behind = wrap(sequence)
+        return self._behind_run >= BEHIND_IN_A_ROW
 
 
 _MASK = (1 << WINDOW) - 1

@@ -1,154 +1,147 @@
 """The master's end of a session, sans-I/O."""
 
 from collections import deque
-from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Final
 
 from hapticnet.errors import PeerError
-from hapticnet.protocol.arrivals import LEAP, Arrival
+from hapticnet.protocol.arrivals import Arrival
+from hapticnet.protocol.asking import Asking
+from hapticnet.protocol.events import (
+    Connected,
+    Ended,
+    ForceArrived,
+    Hinted,
+    HoldConfirmed,
+    LinkRecovered,
+    LinkStale,
+    MasterEvent,
+    Refused,
+    SessionLost,
+)
+from hapticnet.protocol.keys import MasterKey
 from hapticnet.protocol.messages import (
     REASON_BYTES,
     Close,
     Code,
-    Hello,
+    Grant,
     Position,
-    Refuse,
-    Welcome,
+    Request,
     clipped,
-    pack_hello,
     unpack_close,
+    unpack_cookie,
     unpack_force,
     unpack_keepalive,
     unpack_refuse,
     unpack_welcome,
 )
-from hapticnet.protocol.serial_number import MODULUS, distance, unwrap, wrap
+from hapticnet.protocol.seal import LAST_SEQUENCE, Seal
+from hapticnet.protocol.serial_number import distance, unwrap, wrap
 from hapticnet.protocol.settings import Entropy, SessionSettings
 from hapticnet.protocol.states import MASTER_TRANSITIONS, MasterState, Trigger
 from hapticnet.protocol.stats import Distribution, Traffic
-from hapticnet.protocol.wire import Datagram, Kind, pack, pack_body, unpack
+from hapticnet.protocol.wire import OPEN, SEALED, Datagram, Kind, pack, pack_body, unpack
 
+RECENT: Final = 1 << 15
+"""A RESET must name one of so many newest sequence numbers; half a minute at 1 kHz. A sealed session ends as many
+before its last number."""
 
-@dataclass(frozen=True, slots=True)
-class Connected:
-    """A session is established, for the first time or after a reconnect."""
+DOUBT_MARGIN_US: Final = 10_000
+"""How much longer [µs] than a keepalive interval the slave must be silent before a RESET is believed."""
 
-    welcome: Welcome
-
-
-@dataclass(frozen=True, slots=True)
-class ForceArrived:
-    """A force newer than the one applied; `MasterSession.applied` once it is decoded and held."""
-
-    sequence: int
-    t_us: int
-    payload: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class HoldConfirmed:
-    """The slave received a position and has sent nothing newer than the force applied."""
-
-
-@dataclass(frozen=True, slots=True)
-class LinkStale:
-    """Nothing arrived for the age limit."""
-
-
-@dataclass(frozen=True, slots=True)
-class LinkRecovered:
-    """A datagram of the session arrived while the link was stale."""
-
-
-@dataclass(frozen=True, slots=True)
-class SessionLost:
-    """The slave ended or forgot the session; the master asks for a new one."""
-
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
-class Ended:
-    """The session is over. `refused`: it never began; `reason` and `code` are then the slave's."""
-
-    reason: str
-    refused: bool
-    code: Code = Code.OTHER
-
-
-MasterEvent: TypeAlias = Connected | ForceArrived | HoldConfirmed | LinkStale | LinkRecovered | SessionLost | Ended
+STALE_GROWTH: Final = 1.25
+"""By how much each interval between positions is longer than the last while the link is stale."""
 
 
 class MasterSession:
-    """Ask for a session, keep it, and ask again when the slave has lost it.
+    """Keep a session with the slave: ask for it, number the positions, sort the forces, notice silence.
+
+    What is not authenticated never ends a session. It makes the master ask for a new one, and the old session goes on
+    until that is proved.
 
     Parameters
     ----------
-    request
-        The HELLO to send; its nonce is replaced by a fresh one for each session.
-    rng
-        Where nonces come from.
+    key
+        This master's key and the slave's public key, for sealed sessions; None for open ones.
     """
 
-    def __init__(self, request: Hello, settings: SessionSettings, rng: Entropy) -> None:
+    def __init__(self, request: Request, settings: SessionSettings, rng: Entropy, key: MasterKey | None = None) -> None:
         self.state = MasterState.CONNECTING
         self.sent = Traffic()
         self.received = Traffic()
         self.round_trip = Distribution()
-        self._request = request
         self._settings = settings
-        self._rng = rng
+        self._version = OPEN if key is None else SEALED
+        self._asking = Asking(request, settings, rng, key)
+        self._asking.begin(None)
+        self._grant: Grant | None = None
         self._session = 0
+        self._seal: Seal | None = None
         self._sequence = settings.first_sequence
         self._newest_force: int | None = None
-        self._next_try_us: int | None = None
+        self._newest_t_us = 0  # time of the newest position sent
+        self._heard_us = 0
+        self._doubted_us: int | None = None  # when a RESET arrived that nothing has contradicted since
+        self._too_old_us: int | None = None
+        self._stale_us = 0
+        self._stale_interval_us = 0.0
+        self._next_stale_us = 0
+        self._next_close_us: int | None = None
         self._tries_left = settings.close_tries
         self._close_reason = ""
-        self._heard_us = 0
         self._outbox: list[bytes] = []
         self._events: deque[MasterEvent] = deque()
-        self._new_nonce()
 
     @property
     def streaming(self) -> bool:
         """Whether positions are sent: while there is a session, stale or not, so that it can recover."""
         return self.state is MasterState.ESTABLISHED or self.state is MasterState.STALE
 
+    @property
+    def sealed(self) -> bool:
+        """Whether sessions are sealed."""
+        return self._version == SEALED
+
     def send_position(self, t_us: int, payload: bytes) -> None:
-        """Send a position of time `t_us` [µs]; nothing is sent unless `streaming`."""
-        if self.streaming:
-            self._send(Kind.POSITION, Position(wrap(t_us), self._newest_force, payload))
+        """Send a position of time `t_us` [µs], less often while the link is stale; nothing unless `streaming`."""
+        if self.state is MasterState.STALE:
+            if 0 <= self._next_stale_us - t_us <= self._settings.stale_interval_us:
+                return
+            self._stale_interval_us = min(STALE_GROWTH * self._stale_interval_us, self._settings.stale_interval_us)
+            self._next_stale_us = t_us + round(self._stale_interval_us)
+        elif self.state is not MasterState.ESTABLISHED:
+            return
+        if self._seal is not None and self._sequence > LAST_SEQUENCE:
+            return
+        self._newest_t_us = t_us
+        self._send(Kind.POSITION, Position(wrap(t_us), self._newest_force, payload))
 
     def close(self, reason: str, now_us: int) -> None:
         """End the session: send CLOSE until the slave answers or the tries are used up."""
         if self.state in (MasterState.CLOSING, MasterState.CLOSED):
             return
+        self._asking.stop()
         self._close_reason = clipped(reason, REASON_BYTES)
         if self.state is MasterState.CONNECTING:
             self._end(Trigger.CLOSE, self._close_reason)
             return
         self._move(Trigger.CLOSE)
-        self._next_try_us = now_us
+        self._next_close_us = now_us
         self.tick(now_us)
 
     def tick(self, now_us: int) -> None:
-        """Do what is due: repeat HELLO or CLOSE, declare the link stale."""
-        if self.state is MasterState.ESTABLISHED:
+        """Do what is due: ask for a session, declare the link stale, repeat CLOSE."""
+        if self.state is MasterState.CLOSING:
+            self._repeat_close(now_us)
+            return
+        if self.streaming:
             self._heard_us = min(self._heard_us, now_us)  # a clock that went back must not shorten a silence
-            if now_us - self._heard_us > self._settings.stale_after_us:
-                self._move(Trigger.SILENCE)
-                self._events.append(LinkStale())
-        elif self.state is MasterState.CONNECTING:
-            if self._is_time_to_try(now_us, self._settings.hello_interval_us):
-                hello = pack_hello(self._request, self._settings.first_sequence)
-                self.sent.add(Kind.HELLO, len(hello))
-                self._outbox.append(hello)
-        elif self.state is MasterState.CLOSING and self._is_time_to_try(now_us, self._settings.close_interval_us):
-            if self._tries_left:
-                self._tries_left -= 1
-                self._send(Kind.CLOSE, Close(self._close_reason))
-            else:
-                self._end(Trigger.GAVE_UP, self._close_reason)
+            if self.state is MasterState.ESTABLISHED and now_us - self._heard_us > self._settings.stale_after_us:
+                self._go_stale(now_us)
+            if self._needs_another(now_us):
+                self._asking.begin(self._grant.ticket if self._grant else None)
+        hello = self._asking.tick(now_us)
+        if hello is not None:
+            self._send_hello(hello)
 
     def datagrams_to_send(self) -> list[bytes]:
         """Return the datagrams to send now."""
@@ -163,7 +156,17 @@ class MasterSession:
         """Process a datagram. Never raises: malformed and stray datagrams are counted."""
         try:
             datagram = unpack(data)
-            self._receive(datagram, len(data), now_us)
+            if self.state is MasterState.CLOSED:
+                self._count_stray(datagram.kind, len(data))
+            elif datagram.kind in _ANSWERS:
+                self._receive_answer(datagram, len(data), now_us)
+            elif datagram.session != self._session or not self._session or datagram.version != self._version:
+                self._count_stray(datagram.kind, len(data))
+            elif datagram.kind is Kind.RESET:
+                self._receive_reset(datagram, len(data), now_us)
+            else:
+                body = datagram.body if self._seal is None else self._seal.open(data, datagram)
+                self._receive(datagram, body, len(data), now_us)
         except PeerError:
             self.received.add_malformed(len(data))
 
@@ -175,101 +178,168 @@ class MasterSession:
         """Count a payload that the codec refused. The force is not acknowledged, so the slave repairs it."""
         self.received.malformed += 1
 
-    def _receive(self, datagram: Datagram, size: int, now_us: int) -> None:
+    def _receive(self, datagram: Datagram, body: bytes, size: int, now_us: int) -> None:
         kind = datagram.kind
-        if self.state is MasterState.CLOSED:
-            self._count_stray(kind, size)
-            return
-        if kind is Kind.WELCOME or kind is Kind.REFUSE:
-            self._receive_answer(datagram, size, now_us)
-            return
-        if datagram.session != self._session or self._session == 0:
-            self._count_stray(kind, size)
-            return
-        if kind is Kind.RESET:
-            if not 0 < distance(self._sequence, datagram.sequence) <= LEAP:  # it answers nothing that was sent
-                self._count_stray(kind, size)
-                return
-            self.received.add(kind, size)
-            self._reconnect(Trigger.RESET, "the slave does not know the session", now_us)
-            return
         if kind is Kind.FORCE:
-            force = unpack_force(datagram.body)
+            force = unpack_force(body)
             self.received.add(kind, size)
-            arrival = self._note_arrival(datagram.sequence, now_us)
-            if arrival is Arrival.NEW or (arrival is Arrival.LATE and self._is_news(datagram.sequence)):
-                t_us = self._account_round_trip(force.t_us, now_us)
+            arrival = self.received.arrive(datagram.sequence)
+            t_us = self._fresh_t_us(force.t_us, now_us)
+            if t_us is None or arrival is Arrival.ASTRAY or arrival is Arrival.DUPLICATE:
+                return
+            if arrival is Arrival.NEW or self._is_news(datagram.sequence):
+                self._hear(arrival, t_us, now_us)
                 self._events.append(ForceArrived(datagram.sequence, t_us, force.payload))
         elif kind is Kind.KEEPALIVE:
-            keepalive = unpack_keepalive(datagram.body)
+            keepalive = unpack_keepalive(body)
             self.received.add(kind, size)
-            if self._note_arrival(datagram.sequence, now_us) is Arrival.NEW:
-                self._account_round_trip(keepalive.t_us, now_us)
+            arrival = self.received.arrive(datagram.sequence)
+            t_us = self._fresh_t_us(keepalive.t_us, now_us)
+            if t_us is not None and arrival is Arrival.NEW:
+                self._hear(arrival, t_us, now_us)
                 if keepalive.newest_force == self._newest_force:
-                    self._events.append(HoldConfirmed())
+                    self._events.append(HoldConfirmed(t_us))
         elif kind is Kind.CLOSE:
-            close = unpack_close(datagram.body)
+            close = unpack_close(body)
             self.received.add(kind, size)
-            if self.state is MasterState.CLOSING:
-                self._end(Trigger.PEER_CLOSED, self._close_reason)
-            elif close.code is Code.FAILED:
-                self._move(Trigger.CLOSE)
-                self._end(Trigger.PEER_CLOSED, f"the slave closed: {close.reason}", code=close.code)
-            else:
-                self._reconnect(Trigger.PEER_CLOSED, f"the slave closed: {close.reason}", now_us)
+            if self.received.arrive(datagram.sequence) is Arrival.NEW:
+                self._receive_close(close)
         else:
             self._count_stray(kind, size)
 
-    def _receive_answer(self, datagram: Datagram, size: int, now_us: int) -> None:
-        is_welcome = datagram.kind is Kind.WELCOME
-        answer = unpack_welcome(datagram.body) if is_welcome else unpack_refuse(datagram.body)
-        if is_welcome and not datagram.session:
-            raise PeerError("WELCOME without a session")
-        self.received.add(datagram.kind, size)
-        if answer.nonce != self._request.nonce:
-            self.received.stray += 1
-        elif self.state is not MasterState.CONNECTING:
-            self.received.duplicate += 1
-        elif isinstance(answer, Refuse):
-            self._end(Trigger.REFUSED, answer.reason, refused=True, code=answer.code)
+    def _receive_close(self, close: Close) -> None:
+        if self.state is MasterState.CLOSING:
+            self._end(Trigger.PEER_CLOSED, self._close_reason)
+        elif close.code is Code.FAILED:
+            self._move(Trigger.CLOSE)
+            self._end(Trigger.PEER_CLOSED, f"the slave closed: {close.reason}", code=close.code)
         else:
-            self._session = datagram.session
-            self._sequence = wrap(self._settings.first_sequence + 1)
-            self._newest_force = None
-            self._heard_us = now_us
-            self.received.open_window(datagram.sequence)
-            self._move(Trigger.WELCOMED)
-            self._events.append(Connected(answer))
+            self._move(Trigger.PEER_CLOSED)
+            self._session = 0
+            self._asking.begin(self._grant.ticket if self._grant else None)
+            self._events.append(SessionLost(f"the slave closed: {close.reason}"))
+
+    def _receive_reset(self, datagram: Datagram, size: int, now_us: int) -> None:
+        if not 0 < distance(self._sequence, datagram.sequence) <= RECENT:  # it answers nothing that was sent
+            self._count_stray(datagram.kind, size)
+            return
+        self.received.add(datagram.kind, size)
+        if self.state is MasterState.CLOSING:
+            self._end(Trigger.RESET, self._close_reason)
+        elif self._doubted_us is None:
+            self._doubted_us = now_us
+
+    def _receive_answer(self, datagram: Datagram, size: int, now_us: int) -> None:
+        kind, body = datagram.kind, datagram.body
+        if kind is Kind.COOKIE:
+            cookie = unpack_cookie(body)
+            if self._is_answer(cookie.nonce, kind, size):
+                hello = self._asking.take_cookie(cookie, now_us)
+                if hello is not None:
+                    self._send_hello(hello)
+        elif kind is Kind.WELCOME:
+            welcome = unpack_welcome(body)
+            if datagram.version == self._version and self._is_answer(welcome.nonce, kind, size):
+                granted, seal = self._asking.read(welcome)
+                if isinstance(granted, Grant):
+                    self._begin(granted, seal, datagram.sequence, now_us)
+                else:
+                    self._be_refused(granted.reason, granted.code, now_us)
+        else:
+            refuse = unpack_refuse(body)
+            if not self._is_answer(refuse.nonce, kind, size):
+                return
+            if self.sealed:
+                self._events.append(Hinted(refuse.reason))
+            else:
+                self._be_refused(refuse.reason, refuse.code, now_us)
+
+    def _is_answer(self, nonce: int, kind: Kind, size: int) -> bool:
+        """Count an answer; return whether it is one to the HELLO that is waited for."""
+        self.received.add(kind, size)
+        if self._asking.is_answer(nonce):
+            return True
+        self.received.stray += 1
+        return False
+
+    def _begin(self, grant: Grant, seal: Seal | None, sequence: int, now_us: int) -> None:
+        """Use a session that was granted; whatever was used before ends here."""
+        self._asking.granted()
+        self._grant = grant
+        self._session = grant.session
+        self._seal = seal
+        self._sequence = wrap(self._settings.first_sequence + 1)
+        self._newest_force = None
+        self._heard_us = now_us
+        self._doubted_us = None
+        self._too_old_us = None
+        self.received.open_window(sequence, authentic=seal is not None)
+        self._move(Trigger.WELCOMED)
+        self._events.append(Connected(grant))
+
+    def _be_refused(self, reason: str, code: Code, now_us: int) -> None:
+        if self._grant is None:
+            self._end(Trigger.REFUSED, reason, refused=True, code=code)
+        else:
+            self._events.append(Refused(reason, code, self._asking.refused(now_us)))
+
+    def _needs_another(self, now_us: int) -> bool:
+        """Return whether a new session must be asked for while the present one goes on."""
+        if self._doubted_us is not None and now_us - self._heard_us > self._settings.keepalive_us + DOUBT_MARGIN_US:
+            return True
+        if self.state is MasterState.STALE and now_us - self._stale_us > self._settings.ask_again_us:
+            return True
+        return self._seal is not None and self._sequence > LAST_SEQUENCE - RECENT
 
     def _is_news(self, sequence: int) -> bool:
         """Return whether a late FORCE is newer than the one applied: only KEEPALIVEs or refused FORCEs overtook it."""
         return self._newest_force is None or distance(sequence, self._newest_force) > 0
 
-    def _note_arrival(self, sequence: int, now_us: int) -> Arrival:
-        """Account for a sequence number. Old datagrams, too, prove the link alive."""
+    def _fresh_t_us(self, echoed_t_us: int, now_us: int) -> int | None:
+        """Return the unwrapped time [µs] of the position that was answered; None if it is too old or was never sent."""
+        t_us = unwrap(echoed_t_us, now_us)
+        age_us = now_us - t_us
+        if age_us <= self._settings.max_age_us and t_us <= self._newest_t_us:
+            return t_us
+        self.received.too_old += 1
+        if t_us <= self._newest_t_us:
+            self._too_old_us = age_us if self._too_old_us is None else min(age_us, self._too_old_us)
+        return None
+
+    def _hear(self, arrival: Arrival, t_us: int, now_us: int) -> None:
+        """Note an answer that is fresh; only one newer than all before shows that the link is alive."""
+        self.round_trip.add(now_us - t_us)
+        if arrival is not Arrival.NEW:
+            return
         self._heard_us = now_us
+        self._doubted_us = None
         if self.state is MasterState.STALE:
+            self._too_old_us = None
             self._move(Trigger.HEARD)
             self._events.append(LinkRecovered())
-        return self.received.arrive(sequence)
+        if self._asking.under_way and not self._needs_another(now_us):
+            self._asking.stop()
 
-    def _account_round_trip(self, echoed_t_us: int, now_us: int) -> int:
-        """Return the unwrapped time [µs] of the position that was answered."""
-        t_us = unwrap(echoed_t_us, now_us)
-        self.round_trip.add(now_us - t_us)
-        return t_us
+    def _go_stale(self, now_us: int) -> None:
+        self._move(Trigger.SILENCE)
+        self._stale_us = now_us
+        self._stale_interval_us = 1000.0
+        self._next_stale_us = now_us
+        self._events.append(LinkStale(self._too_old_us))
 
-    def _reconnect(self, trigger: Trigger, reason: str, now_us: int) -> None:
-        if self.state is MasterState.CLOSING:
-            self._end(trigger, self._close_reason)
+    def _repeat_close(self, now_us: int) -> None:
+        interval_us = self._settings.close_interval_us
+        if self._next_close_us is not None and self._next_close_us - interval_us <= now_us < self._next_close_us:
             return
-        self._move(trigger)
-        self._session = 0
-        self._new_nonce()
-        self._next_try_us = now_us
-        self._events.append(SessionLost(reason))
+        self._next_close_us = now_us + interval_us
+        if self._tries_left:
+            self._tries_left -= 1
+            self._send(Kind.CLOSE, Close(self._close_reason))
+        else:
+            self._end(Trigger.GAVE_UP, self._close_reason)
 
     def _end(self, trigger: Trigger, reason: str, *, refused: bool = False, code: Code = Code.OTHER) -> None:
+        self._asking.stop()
         self._move(trigger)
         self._events.append(Ended(reason, refused=refused, code=code))
 
@@ -277,20 +347,23 @@ class MasterSession:
         self.received.add(kind, size)
         self.received.stray += 1
 
-    def _is_time_to_try(self, now_us: int, interval_us: int) -> bool:
-        if self._next_try_us is not None and self._next_try_us - interval_us <= now_us < self._next_try_us:
-            return False
-        self._next_try_us = now_us + interval_us
-        return True
+    def _send_hello(self, hello: bytes) -> None:
+        self.sent.add(Kind.HELLO, len(hello))
+        self._outbox.append(hello)
 
     def _send(self, kind: Kind, message: Position | Close) -> None:
-        datagram = pack(kind, self._session, self._sequence, pack_body(message))
+        body = pack_body(message)
+        if self._seal is None:
+            datagram = pack(kind, self._session, self._sequence, body)
+        else:
+            datagram = self._seal.pack(kind, self._session, self._sequence, body)
         self._sequence = wrap(self._sequence + 1)
         self.sent.add(kind, len(datagram))
         self._outbox.append(datagram)
 
-    def _new_nonce(self) -> None:
-        self._request = self._request._replace(nonce=int(self._rng.integers(0, MODULUS)))
-
     def _move(self, trigger: Trigger) -> None:
         self.state = MASTER_TRANSITIONS[self.state, trigger]
+
+
+_ANSWERS: Final = frozenset((Kind.COOKIE, Kind.WELCOME, Kind.REFUSE))
+"""Kinds that answer a HELLO."""

@@ -5,7 +5,7 @@ import math
 from typing import Any, Final, NamedTuple
 
 from hapticnet.errors import PeerError
-from hapticnet.protocol.wire import Kind, is_uint32, pack, pack_body, unpack_body
+from hapticnet.protocol.wire import OPEN, Kind, is_uint32, pack, pack_body, unpack_body
 
 HELLO_BYTES: Final = 400
 """Smallest HELLO datagram [B]. The padding makes every answer to a stranger smaller than the question, so that a slave
@@ -13,6 +13,9 @@ cannot be used to amplify a flood of forged HELLOs."""
 
 NAME_BYTES: Final = 64
 REASON_BYTES: Final = 200
+COOKIE_BYTES: Final = 16
+TICKET_BYTES: Final = 16
+MAC_BYTES: Final = 16
 
 
 class Code(enum.IntEnum):
@@ -25,6 +28,7 @@ class Code(enum.IntEnum):
     AXES = 4
     FULL = 5
     FAILED = 6
+    KEY = 7
 
     @classmethod
     def _missing_(cls, value: object) -> "Code":  # noqa: ARG003 - the signature is the enum module's
@@ -32,9 +36,32 @@ class Code(enum.IntEnum):
 
 
 class Hello(NamedTuple):
-    """Master to slave: the session it asks for. The JND belongs to the person at the master."""
+    """Master to slave: asks for a session.
+
+    Attributes
+    ----------
+    nonce
+        Fresh for each session asked for; comes back in every answer.
+    cookie
+        What the slave's COOKIE said for this nonce; empty at first.
+    request
+        A packed `Request`; in version 2 the first Noise message, whose payload that is.
+    mac
+        Shows that the sender knows the slave's public key (version 2); empty in version 1.
+    """
 
     nonce: int
+    cookie: bytes
+    request: bytes
+    mac: bytes = b""
+
+
+class Request(NamedTuple):
+    """The session that a master asks for. The JND belongs to the person at the master.
+
+    `ticket` is that of a session whose scene it wants to go on with, or None.
+    """
+
     codec: str
     parameters: dict[str, float]
     weber_fraction: float
@@ -43,21 +70,62 @@ class Hello(NamedTuple):
     rate_hz: float
     axes: int
     name: str
+    ticket: bytes | None = None
+
+
+class Cookie(NamedTuple):
+    """Slave to master: repeat the HELLO with this cookie, to show that you receive at your address."""
+
+    nonce: int
+    cookie: bytes
 
 
 class Welcome(NamedTuple):
-    """Slave to master: the session it grants; its number is in the frame."""
+    """Slave to master: a packed `Grant`; in version 2 the second Noise message, whose payload is a grant or refusal."""
 
     nonce: int
+    grant: bytes
+
+
+class Grant(NamedTuple):
+    """The session that a slave grants.
+
+    Attributes
+    ----------
+    session
+        Its number.
+    rate_hz
+        Positions per second that are served.
+    keepalive_us
+        Longest silence while positions arrive.
+    scene
+        Name of the scene.
+    ticket
+        With it, a later session goes on with this one's scene.
+    resumed
+        Whether this session goes on with the scene of an earlier one.
+    """
+
+    session: int
     rate_hz: float
     keepalive_us: int
     scene: str
+    ticket: bytes
+    resumed: bool
 
 
 class Refuse(NamedTuple):
-    """Slave to master: no session, and why."""
+    """Slave to master: no session, and why. Not authenticated in any version."""
 
     nonce: int
+    reason: str
+    code: Code = Code.OTHER
+
+
+class Refusal(NamedTuple):
+    """No session, and why, in place of a grant in a sealed WELCOME; `session` is 0."""
+
+    session: int
     reason: str
     code: Code = Code.OTHER
 
@@ -91,18 +159,24 @@ class Close(NamedTuple):
     code: Code = Code.OTHER
 
 
-def pack_hello(hello: Hello, sequence: int) -> bytes:
+def pack_hello(hello: Hello, sequence: int, version: int = OPEN) -> bytes:
     """Return a HELLO datagram, padded to `HELLO_BYTES`."""
-    bare = pack(Kind.HELLO, 0, sequence, pack_body((*hello, b"")))
+    bare = pack(Kind.HELLO, 0, sequence, pack_body((*hello, b"")), version)
     padding = bytes(max(0, HELLO_BYTES - len(bare)))
-    return pack(Kind.HELLO, 0, sequence, pack_body((*hello, padding)))
+    return pack(Kind.HELLO, 0, sequence, pack_body((*hello, padding)), version)
 
 
 def unpack_hello(body: bytes) -> Hello:
-    """Return the HELLO in a body; raise PeerError if it is invalid."""
-    fields = unpack_body(body, 10)
-    nonce, codec, parameters, weber_fraction, floor_n, multiplier, rate_hz, axes, name, padding = fields
-    _require(is_uint32(nonce), "nonce", nonce)
+    """Return the HELLO in a body; its request is not read. Raise PeerError if it is invalid."""
+    nonce, cookie, request, mac, padding = unpack_body(body, 5)
+    if not (is_uint32(nonce) and type(cookie) is type(request) is type(mac) is type(padding) is bytes):
+        raise PeerError("HELLO of the wrong types")
+    return Hello(nonce, cookie, request, mac)
+
+
+def unpack_request(packed: bytes) -> Request:
+    """Return the request of a HELLO; raise PeerError if it is invalid."""
+    codec, parameters, weber_fraction, floor_n, multiplier, rate_hz, axes, name, ticket = unpack_body(packed, 9)
     _require(_is_text(codec, NAME_BYTES), "codec", codec)
     _require(type(parameters) is dict, "parameters", parameters)
     for key, value in parameters.items():
@@ -115,20 +189,49 @@ def unpack_hello(body: bytes) -> Hello:
     _require(_is_number(rate_hz) and 0.0 < rate_hz <= 1e6, "rate", rate_hz)
     _require(type(axes) is int and 1 <= axes <= 3, "axes", axes)
     _require(_is_text(name, NAME_BYTES), "name", name)
-    _require(type(padding) is bytes, "padding", padding)
+    _require(ticket is None or _is_bytes(ticket, TICKET_BYTES), "ticket", ticket)
     numbers = {key: float(value) for key, value in parameters.items()}
     jnd = float(weber_fraction), float(floor_n), float(multiplier)
-    return Hello(nonce, codec, numbers, *jnd, float(rate_hz), axes, name)
+    return Request(codec, numbers, *jnd, float(rate_hz), axes, name, ticket)
+
+
+def unpack_cookie(body: bytes) -> Cookie:
+    """Return the COOKIE in a body; raise PeerError if it is invalid."""
+    nonce, cookie = unpack_body(body, 2)
+    _require(is_uint32(nonce), "nonce", nonce)
+    _require(_is_bytes(cookie, COOKIE_BYTES), "cookie", cookie)
+    return Cookie(nonce, cookie)
 
 
 def unpack_welcome(body: bytes) -> Welcome:
-    """Return the WELCOME in a body; raise PeerError if it is invalid."""
-    nonce, rate_hz, keepalive_us, scene = unpack_body(body, 4)
+    """Return the WELCOME in a body; its grant is not read. Raise PeerError if it is invalid."""
+    nonce, grant = unpack_body(body, 2)
     _require(is_uint32(nonce), "nonce", nonce)
+    _require(type(grant) is bytes, "grant", grant)
+    return Welcome(nonce, grant)
+
+
+def unpack_grant(packed: bytes) -> Grant:
+    """Return the grant of a WELCOME; raise PeerError if it is invalid."""
+    session, rate_hz, keepalive_us, scene, ticket, resumed = unpack_body(packed, 6)
+    _require(is_uint32(session) and session > 0, "session", session)
     _require(_is_number(rate_hz) and 0.0 < rate_hz <= 1e6, "rate", rate_hz)
     _require(is_uint32(keepalive_us), "keepalive interval", keepalive_us)
     _require(_is_text(scene, NAME_BYTES), "scene", scene)
-    return Welcome(nonce, float(rate_hz), keepalive_us, scene)
+    _require(_is_bytes(ticket, TICKET_BYTES), "ticket", ticket)
+    _require(type(resumed) is bool, "resumed", resumed)
+    return Grant(session, float(rate_hz), keepalive_us, scene, ticket, resumed)
+
+
+def unpack_grant_or_refusal(packed: bytes) -> Grant | Refusal:
+    """Return the payload of a sealed WELCOME; raise PeerError if it is invalid."""
+    (session,) = unpack_body(packed, 1)
+    if session != 0:
+        return unpack_grant(packed)
+    _, reason, code = unpack_body(packed, 3)
+    _require(_is_text(reason, REASON_BYTES), "reason", reason)
+    _require(is_uint32(code), "code", code)
+    return Refusal(0, reason, Code(code))
 
 
 def unpack_refuse(body: bytes) -> Refuse:
@@ -180,6 +283,10 @@ def clipped(text: str, limit: int) -> str:
 
 def _is_text(value: object, limit: int) -> bool:
     return type(value) is str and value.isprintable() and len(value.encode()) <= limit
+
+
+def _is_bytes(value: object, length: int) -> bool:
+    return type(value) is bytes and len(value) == length
 
 
 def _is_number(value: object) -> bool:

@@ -17,42 +17,64 @@ class Entropy(Protocol):
         ...
 
 
+def random_bytes(rng: Entropy, count: int) -> bytes:
+    """Return `count` bytes (a multiple of four) that a stranger cannot guess."""
+    return b"".join(int(rng.integers(0, 1 << 32)).to_bytes(4, "big") for _ in range(count // 4))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionSettings:
     """Timings [µs] and limits of sessions.
 
     Attributes
     ----------
-    hello_interval_us
-        How often a master that is not connected sends HELLO.
+    hello_interval_us, slowest_hello_us, quick_hellos
+        How often a master that asks for a session sends HELLO: this often at first, and after `quick_hellos` ever more
+        slowly, down to the slowest.
+    refused_retry_us, slowest_retry_us
+        How long a master that had a session waits after a refusal before it asks again; doubles up to the slowest.
     stale_after_us
         Silence after which a master declares the link stale; the age limit of a held force.
+    stale_interval_us
+        Longest time between two positions while the link is stale.
+    ask_again_us
+        How long a link is stale before its master asks for a new session, beside the old one.
+    max_age_us
+        Age of the position that a force answers, on the master's clock, beyond which the force is not applied.
     keepalive_us
         How long a slave sends nothing to a master while positions arrive. Three keepalives in a row may be lost; the
         fourth still comes before the link goes stale.
     close_interval_us, close_tries
         How often, and how many times, a master sends CLOSE before it gives up.
-    idle_after_us
-        Silence after which a slave forgets an open session.
+    keep_us
+        Silence after which a slave forgets an open session and its scene.
     half_open_us
         Silence after which a slave forgets a session whose master never sent a position.
     gives_way_us
-        Silence after which an open session gives its place to a new master if there is no free one.
-    most_sessions
-        Sessions a slave holds at once.
+        Silence after which an open session may have to give its place to a master of another identity.
+    most_sessions, most_per_identity
+        Sessions a slave holds at once, and of these for one key or, without keys, one host.
     first_sequence
         Sequence number of the first datagram of a session.
     """
 
     hello_interval_us: int = 100_000
+    slowest_hello_us: int = 1_000_000
+    quick_hellos: int = 20
+    refused_retry_us: int = 1_000_000
+    slowest_retry_us: int = 16_000_000
     stale_after_us: int = 200_000
+    stale_interval_us: int = 50_000
+    ask_again_us: int = 1_000_000
+    max_age_us: int = 1_000_000
     keepalive_us: int = 45_000
     close_interval_us: int = 50_000
     close_tries: int = 5
-    idle_after_us: int = 5_000_000
+    keep_us: int = 30_000_000
     half_open_us: int = 1_000_000
     gives_way_us: int = 1_000_000
     most_sessions: int = 64
+    most_per_identity: int = 16
     first_sequence: int = 0
 
     @property

@@ -1,25 +1,35 @@
 """The slave's end of one session, sans-I/O. `node.slave` holds the table of all sessions."""
 
+from typing import Final
+
 from hapticnet.protocol.arrivals import Arrival
+from hapticnet.protocol.buckets import TokenBucket
 from hapticnet.protocol.messages import (
     REASON_BYTES,
     Close,
     Code,
     Force,
-    Hello,
     Keepalive,
     Position,
+    Request,
     Welcome,
     clipped,
     unpack_close,
     unpack_position,
 )
 from hapticnet.protocol.repair import Repair
+from hapticnet.protocol.seal import Seal
 from hapticnet.protocol.serial_number import unwrap, wrap
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.states import SLAVE_TRANSITIONS, SlaveState, Trigger
 from hapticnet.protocol.stats import Traffic
-from hapticnet.protocol.wire import Datagram, Kind, pack, pack_body
+from hapticnet.protocol.wire import OPEN, SEALED, Datagram, Kind, pack, pack_body
+
+POLICED_SHARE: Final = 1.2
+"""Positions a second that are served, over the granted rate: room for clocks that differ."""
+
+POLICED_BURST_S: Final = 1.0
+"""Positions that a network may hold back and deliver at once, in seconds of the granted rate."""
 
 
 class SlaveSession:
@@ -29,37 +39,55 @@ class SlaveSession:
     ----------
     number
         The session's number, never 0.
-    hello, first_sequence
-        The HELLO that opened it, and its sequence number.
+    request, rate_hz
+        What the master asked for, and the rate it was granted.
+    first_sequence
+        The sequence number of its HELLO.
+    near_us
+        Unwrapped time [µs] of the newest position of the session that this one continues, if any.
     """
 
     def __init__(
-        self, number: int, hello: Hello, settings: SessionSettings, *, first_sequence: int, now_us: int
+        self,
+        number: int,
+        request: Request,
+        settings: SessionSettings,
+        *,
+        rate_hz: float,
+        first_sequence: int,
+        now_us: int,
+        near_us: int | None = None,
     ) -> None:
         self.number = number
-        self.hello = hello
+        self.request = request
+        self.seal: Seal | None = None
         self.state = SlaveState.HALF_OPEN
         self.sent = Traffic()
         self.received = Traffic()
-        self.received.open_window(first_sequence)
         self.end_reason: str | None = None
+        self._first_sequence = first_sequence
         self._settings = settings
         self._sequence = wrap(settings.first_sequence + 1)
         self._newest_force: int | None = None
-        self._position_t_us: int | None = None
+        self.position_t_us = near_us
         self._heard_us = now_us
         self._spoke_us = now_us
         self._repair = Repair()
+        self._policed = TokenBucket(POLICED_SHARE * rate_hz, max(32.0, POLICED_BURST_S * rate_hz))
 
-    def welcome(self, rate_hz: float, scene: str, now_us: int) -> bytes:
-        """Return the WELCOME: the same one for a repeated HELLO, which also shows that the master is alive."""
-        self._heard_us = now_us
-        message = Welcome(self.hello.nonce, rate_hz, self._settings.keepalive_us, scene)
-        datagram = pack(Kind.WELCOME, self.number, self._settings.first_sequence, pack_body(message))
-        self.sent.add(Kind.WELCOME, len(datagram))
-        return datagram
+    @property
+    def version(self) -> int:
+        """Protocol version of this session."""
+        return OPEN if self.seal is None else SEALED
 
-    def receive(self, datagram: Datagram, size: int, now_us: int) -> Position | None:
+    def welcome(self, nonce: int, answer: bytes, seal: Seal | None) -> bytes:
+        """Return the WELCOME with a grant, open or sealed, and use `seal` from now on."""
+        self.seal = seal
+        self.received.open_window(self._first_sequence, authentic=seal is not None)
+        body = pack_body(Welcome(nonce, answer))
+        return pack(Kind.WELCOME, self.number, self._settings.first_sequence, body, self.version)
+
+    def receive(self, datagram: Datagram, data: bytes, now_us: int) -> Position | None:
         """Process a datagram of this session; return its position if that is the newest one.
 
         The position's time stamp comes back unwrapped. A CLOSE moves the session to CLOSED.
@@ -67,29 +95,42 @@ class SlaveSession:
         Raises
         ------
         PeerError
-            If the body is malformed; the caller counts it.
+            If the body cannot be opened or is malformed; the caller counts it.
         """
+        body = datagram.body if self.seal is None else self.seal.open(data, datagram)
         if datagram.kind is Kind.POSITION:
-            position = unpack_position(datagram.body)
-            self.received.add(datagram.kind, size)
-            self._heard_us = now_us
+            if not self._policed.take(now_us):
+                self.received.add(datagram.kind, len(data))
+                self.received.over_rate += 1
+                return None
+            position = unpack_position(body)
+            self.received.add(datagram.kind, len(data))
             if self.received.arrive(datagram.sequence) is not Arrival.NEW:
                 return None
+            self._heard_us = now_us
             if self.state is SlaveState.HALF_OPEN:
                 self._move(Trigger.POSITION)
             if position.newest_force is not None:
                 self._repair.acknowledged(position.newest_force, now_us)
-            near = position.t_us if self._position_t_us is None else self._position_t_us
-            self._position_t_us = unwrap(position.t_us, near)
-            return Position(self._position_t_us, position.newest_force, position.payload)
+            near = position.t_us if self.position_t_us is None else self.position_t_us
+            self.position_t_us = unwrap(position.t_us, near)
+            return Position(self.position_t_us, position.newest_force, position.payload)
         if datagram.kind is Kind.CLOSE:
-            close = unpack_close(datagram.body)
-            self.received.add(datagram.kind, size)
-            self.end(Trigger.PEER_CLOSED, f"the master closed: {close.reason}")
+            close = unpack_close(body)
+            self.received.add(datagram.kind, len(data))
+            if self.received.arrive(datagram.sequence) is Arrival.NEW:
+                self.end(Trigger.PEER_CLOSED, f"the master closed: {close.reason}")
         else:
-            self.received.add(datagram.kind, size)
+            self.received.add(datagram.kind, len(data))
             self.received.stray += 1
         return None
+
+    def account_hello(self, size: int, welcome_size: int, now_us: int) -> None:
+        """Count a HELLO for this session and its WELCOME; it shows that the master is alive."""
+        self.received.add(Kind.HELLO, size)
+        self.sent.add(Kind.WELCOME, welcome_size)
+        if self.state is SlaveState.HALF_OPEN:
+            self._heard_us = now_us
 
     def expire_update(self, now_us: int) -> bool:
         """Return whether a force is believed lost, so that the current one must be sent now."""
@@ -126,7 +167,7 @@ class SlaveSession:
     def expires_us(self) -> int:
         """Return when the session expires if nothing arrives until then [µs]."""
         half_open = self.state is SlaveState.HALF_OPEN
-        return self._heard_us + (self._settings.half_open_us if half_open else self._settings.idle_after_us)
+        return self._heard_us + (self._settings.half_open_us if half_open else self._settings.keep_us)
 
     def end(self, trigger: Trigger, reason: str) -> None:
         """Move to CLOSED."""
@@ -134,7 +175,11 @@ class SlaveSession:
         self.end_reason = reason
 
     def _datagram(self, kind: Kind, message: Force | Keepalive | Close, now_us: int) -> bytes:
-        datagram = pack(kind, self.number, self._sequence, pack_body(message))
+        body = pack_body(message)
+        if self.seal is None:
+            datagram = pack(kind, self.number, self._sequence, body)
+        else:
+            datagram = self.seal.pack(kind, self.number, self._sequence, body)
         self._sequence = wrap(self._sequence + 1)
         self._spoke_us = now_us
         self.sent.add(kind, len(datagram))

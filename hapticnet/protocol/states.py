@@ -27,16 +27,17 @@ class Trigger(enum.Enum):
     """What causes a transition."""
 
     WELCOMED = "WELCOME received"
-    REFUSED = "REFUSE received"
+    REFUSED = "refused, and there has never been a session"
     SILENCE = "nothing arrived for the age limit"
     HEARD = "a datagram of the session arrived"
-    RESET = "RESET received: the slave does not know the session"
+    RESET = "RESET received while closing: the slave does not know the session"
     CLOSE = "our side closes"
     PEER_CLOSED = "CLOSE received"
     GAVE_UP = "no answer after the last try"
     POSITION = "first POSITION received"
     IDLE = "nothing arrived for the idle limit"
-    REPLACED = "the same master asked for a new session, or another needed the place"
+    REPLACED = "another master needed the place"
+    CONTINUED = "a newer session of the same master goes on with the scene"
 
 
 _M, _S, _T = MasterState, SlaveState, Trigger
@@ -46,11 +47,11 @@ MASTER_TRANSITIONS: Final[Mapping[tuple[MasterState, Trigger], MasterState]] = {
     (_M.CONNECTING, _T.REFUSED): _M.CLOSED,
     (_M.CONNECTING, _T.CLOSE): _M.CLOSED,
     (_M.ESTABLISHED, _T.SILENCE): _M.STALE,
-    (_M.ESTABLISHED, _T.RESET): _M.CONNECTING,
+    (_M.ESTABLISHED, _T.WELCOMED): _M.ESTABLISHED,
     (_M.ESTABLISHED, _T.CLOSE): _M.CLOSING,
     (_M.ESTABLISHED, _T.PEER_CLOSED): _M.CONNECTING,
     (_M.STALE, _T.HEARD): _M.ESTABLISHED,
-    (_M.STALE, _T.RESET): _M.CONNECTING,
+    (_M.STALE, _T.WELCOMED): _M.ESTABLISHED,
     (_M.STALE, _T.CLOSE): _M.CLOSING,
     (_M.STALE, _T.PEER_CLOSED): _M.CONNECTING,
     (_M.CLOSING, _T.PEER_CLOSED): _M.CLOSED,
@@ -66,6 +67,7 @@ SLAVE_TRANSITIONS: Final[Mapping[tuple[SlaveState, Trigger], SlaveState]] = {
     (_S.HALF_OPEN, _T.CLOSE): _S.CLOSED,
     (_S.OPEN, _T.IDLE): _S.CLOSED,
     (_S.OPEN, _T.REPLACED): _S.CLOSED,
+    (_S.OPEN, _T.CONTINUED): _S.CLOSED,
     (_S.OPEN, _T.PEER_CLOSED): _S.CLOSED,
     (_S.OPEN, _T.CLOSE): _S.CLOSED,
 }

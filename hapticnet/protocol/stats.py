@@ -24,6 +24,10 @@ class Traffic:
         Not of the protocol, or with invalid contents.
     stray
         Well formed, but of no present session, or with a sequence number that is not believed.
+    too_old
+        Forces and keepalives that answer a position older than the age limit, or one that was never sent; not applied.
+    over_rate
+        Positions beyond the granted rate; not served.
     lost_before
         Datagrams lost in sessions that have ended.
     """
@@ -35,6 +39,8 @@ class Traffic:
     duplicate: int = 0
     malformed: int = 0
     stray: int = 0
+    too_old: int = 0
+    over_rate: int = 0
     lost_before: int = 0
     window: ArrivalWindow | None = None
 
@@ -57,11 +63,15 @@ class Traffic:
         self.by_kind = [ours + theirs for ours, theirs in zip(self.by_kind, other.by_kind, strict=True)]
         self.malformed += other.malformed
         self.stray += other.stray
+        self.over_rate += other.over_rate
 
-    def open_window(self, first: int) -> None:
-        """Start with the sequence numbers of a new session, whose first datagram was `first`."""
+    def open_window(self, first: int, *, authentic: bool) -> None:
+        """Start with the sequence numbers of a new session, whose first datagram was `first`.
+
+        `authentic`: whether a seal proves the numbers.
+        """
         self.lost_before = self.lost
-        self.window = ArrivalWindow(first)
+        self.window = ArrivalWindow(first, authentic=authentic)
 
     def arrive(self, sequence: int) -> Arrival:
         """Record a sequence number and return the kind of arrival."""
@@ -100,6 +110,8 @@ class Traffic:
                 "duplicate": self.duplicate,
                 "malformed": self.malformed,
                 "stray": self.stray,
+                "too_old": self.too_old,
+                "over_rate": self.over_rate,
             }
         return account
 

@@ -3,6 +3,9 @@
 The body is a byte string: the msgpack array of the message's fields, or its ciphertext in a sealed session. The first
 four elements stay readable and are authenticated by a seal. `sequence` never repeats within a session and direction, so
 that it can be the nonce.
+
+There are two versions. Sessions of version 1 are open: anyone on the path can read and forge them. Sessions of version
+2 are sealed (`protocol.seal`).
 """
 
 import enum
@@ -16,7 +19,13 @@ from hapticnet.arrays import IntArray
 from hapticnet.errors import PeerError
 from hapticnet.protocol.serial_number import MODULUS
 
-VERSION: Final = 1
+OPEN: Final = 1
+"""Version of sessions without keys."""
+
+SEALED: Final = 2
+"""Version of sessions whose messages are encrypted and authenticated."""
+
+VERSIONS: Final = (OPEN, SEALED)
 
 MAX_DATAGRAM_BYTES: Final = 1200
 """Larger datagrams are dropped. Fits every IPv6 path without fragments (RFC 8200 §5: 1280 B links)."""
@@ -39,6 +48,7 @@ class Kind(enum.IntEnum):
     KEEPALIVE = 6
     CLOSE = 7
     RESET = 8
+    COOKIE = 9
 
 
 _pack = msgpack.Packer().pack
@@ -60,9 +70,9 @@ class Datagram(NamedTuple):
     body: bytes
 
 
-def pack(kind: int, session: int, sequence: int, body: bytes) -> bytes:
+def pack(kind: int, session: int, sequence: int, body: bytes, version: int = OPEN) -> bytes:
     """Return a datagram."""
-    datagram: bytes = _pack((VERSION, kind, session, sequence, body))
+    datagram: bytes = _pack((version, kind, session, sequence, body))
     return datagram
 
 
@@ -78,8 +88,8 @@ def unpack(data: bytes) -> Datagram:
     Raises
     ------
     PeerError
-        If it is oversized, not msgpack, not an array of the right shape, or of another version and not one of
-        `ANY_VERSION`.
+        If it is oversized, not msgpack, not an array of the right shape, or of a version not in `VERSIONS` and not one
+        of `ANY_VERSION`.
     """
     if len(data) > MAX_DATAGRAM_BYTES:
         raise PeerError(f"datagram of {len(data)} bytes; at most {MAX_DATAGRAM_BYTES} are read")
@@ -98,8 +108,8 @@ def unpack(data: bytes) -> Datagram:
     kind = KINDS.get(number)
     if kind is None:
         raise PeerError(f"datagram of unknown kind {number}")
-    if type(version) is not int or (version != VERSION and kind not in ANY_VERSION):
-        raise PeerError(f"datagram of protocol version {version!r}; this is version {VERSION}")
+    if type(version) is not int or (version not in VERSIONS and kind not in ANY_VERSION):
+        raise PeerError(f"datagram of protocol version {version!r}; the versions are {OPEN} and {SEALED}")
     return Datagram(version, kind, session, sequence, body)
 
 

@@ -53,8 +53,8 @@ async def run_slave(
     loop = asyncio.get_running_loop()
     stop = stop or stop_on_signals(loop)
 
-    def receive(data: bytes, address: SocketAddress, now: int) -> None:
-        node.receive_datagram(data, address, now)
+    def receive(batch: list[tuple[bytes, SocketAddress]], now: int) -> None:
+        node.receive_datagrams(batch, now)
         flush()
 
     def flush() -> None:
@@ -113,8 +113,9 @@ async def run_master(
     ended = asyncio.Event()
     connected = asyncio.Event()
 
-    def receive(data: bytes, _: SocketAddress, now: int) -> None:
-        node.receive_datagram(data, now)
+    def receive(batch: list[tuple[bytes, SocketAddress]], now: int) -> None:
+        for data, _ in batch:
+            node.receive_datagram(data, now)
         flush()
 
     def tick(now: int) -> None:

@@ -60,7 +60,7 @@ class Relay:
         self._clients: dict[SocketAddress, _Client] = {}
         self._ended = 0
         self._totals = [Counter(dict.fromkeys(ChannelCounters.__dataclass_fields__, 0)) for _ in self._settings]
-        self._front = UdpPort(loop, sock, self._from_client)
+        self._front = UdpPort(loop, sock, self._from_clients)
 
     @property
     def clients(self) -> int:
@@ -92,6 +92,10 @@ class Relay:
             "clients": self._ended + len(self._clients),
             "turned_away": self.turned_away,
         }
+
+    def _from_clients(self, batch: list[tuple[bytes, SocketAddress]], now: int) -> None:
+        for data, address in batch:
+            self._from_client(data, address, now)
 
     def _from_client(self, data: bytes, address: SocketAddress, now: int) -> None:
         client = self._clients.get(address)
@@ -163,9 +167,10 @@ class _Client:
     def send(self, data: bytes) -> None:
         self._upstream.send(data, self._target)
 
-    def _from_target(self, data: bytes, _: SocketAddress, __: int) -> None:
+    def _from_target(self, batch: list[tuple[bytes, SocketAddress]], _: int) -> None:
         self.answered = True
-        self._back.send(data, self._address)
+        for data, _address in batch:
+            self._back.send(data, self._address)
 
 
 async def run_relay(

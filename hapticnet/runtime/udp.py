@@ -20,6 +20,8 @@ SocketAddress: TypeAlias = Any
 OutgoingChannel: TypeAlias = Emulator[tuple[bytes, SocketAddress]]
 """A channel for outgoing datagrams, each with its destination."""
 
+Receive: TypeAlias = Callable[[list[tuple[bytes, SocketAddress]], int], None]
+
 READ_BYTES: Final = MAX_DATAGRAM_BYTES + 1
 """One more than is allowed, so that oversized datagrams can be recognised."""
 
@@ -92,7 +94,8 @@ class UdpPort:
     Parameters
     ----------
     receive
-        Called with each datagram, its source and the time [µs]; None: this port only sends.
+        Called with the datagrams that have queued up, each with its source, and the time [µs]; None: this port only
+        sends.
     peer
         The only address whose datagrams are accepted; None: all are.
     channel
@@ -110,7 +113,7 @@ class UdpPort:
         self,
         loop: asyncio.AbstractEventLoop,
         sock: socket.socket,
-        receive: Callable[[bytes, SocketAddress, int], None] | None,
+        receive: Receive | None,
         *,
         peer: SocketAddress | None = None,
         channel: OutgoingChannel | None = None,
@@ -151,18 +154,21 @@ class UdpPort:
         if self._receive is None:
             return
         receive_from = self._sock.recvfrom
+        batch: list[tuple[bytes, SocketAddress]] = []
         for _ in range(DRAIN_AT_MOST):
             try:
                 data, address = receive_from(READ_BYTES)
             except BlockingIOError:
-                return
+                break
             except OSError:  # an earlier datagram could not be delivered; it counts as lost
                 self.send_errors += 1
                 continue
             if self._peer is None or address == self._peer:
-                self._receive(data, address, now_us())
+                batch.append((data, address))
             else:
                 self.strangers += 1
+        if batch:
+            self._receive(batch, now_us())
 
     def _deliver(self) -> None:
         if self._channel is None or self._alarm is None:

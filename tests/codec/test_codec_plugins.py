@@ -263,7 +263,8 @@ def test_master_and_slave_speak_a_codec_of_a_user():
     from hapticnet.channel.emulator import Emulator
     from hapticnet.channel.spec import parse_channel
     from hapticnet.node.master import MasterNode, MasterSettings
-    from hapticnet.node.slave import SlaveNode, SlaveSettings
+    from hapticnet.node.admission import SlaveSettings
+    from hapticnet.node.slave import SlaveNode
     from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
     from hapticnet.scene.presets import paper_scene
     from hapticnet.scene.scene import Scene
@@ -276,7 +277,7 @@ def test_master_and_slave_speak_a_codec_of_a_user():
             ScriptedOperator(InsertionSettings(insertions=1), rng), None,
             MasterSettings(codec="mine", parameters={"share": 0.5}), rng,
         ),
-        SlaveNode(lambda: Scene(scene.tissues, name=scene.name), SlaveSettings(), rng),
+        SlaveNode(lambda _: Scene(scene.tissues, name=scene.name), SlaveSettings(), rng),
         forward=Emulator(parse_channel("perfect"), rng),
         feedback=Emulator(parse_channel("perfect"), rng),
     )  # fmt: skip

@@ -5,9 +5,10 @@ from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.errors import SettingsError
 from hapticnet.experiment.paper_force import paper_recording
+from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode, MasterSettings
-from hapticnet.node.slave import SlaveNode, SlaveSettings
+from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
@@ -40,7 +41,7 @@ def test_it_is_what_the_slave_records_over_a_perfect_channel():
     operator = ScriptedOperator(ONCE, np.random.default_rng(seed))
     loopback = Loopback(
         MasterNode(operator, None, MasterSettings(rate_hz=1000.0, record=True), np.random.default_rng(3)),
-        SlaveNode(lambda: Scene(paper_scene(seed).tissues), SlaveSettings(record=True), np.random.default_rng(4)),
+        SlaveNode(lambda _: Scene(paper_scene(seed).tissues), SlaveSettings(record=True), np.random.default_rng(4)),
         forward=channels[0],
         feedback=channels[1],
     )

@@ -5,9 +5,10 @@ import pytest
 
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
+from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode, MasterSettings
-from hapticnet.node.slave import SlaveNode, SlaveSettings
+from hapticnet.node.slave import SlaveNode
 from hapticnet.protocol.wire import Kind, unpack
 from hapticnet.samples import ForceSample, PositionSample
 
@@ -66,7 +67,7 @@ def link_with(codec, feedback="", forward="", **parameters):
     settings = MasterSettings(codec=codec, parameters=parameters)
     return Loopback(
         MasterNode(Resting(), None, settings, np.random.default_rng(1)),
-        SlaveNode(Stepping, SlaveSettings(), np.random.default_rng(2)),
+        SlaveNode(lambda _: Stepping(), SlaveSettings(), np.random.default_rng(2)),
         forward=channel(forward, 4),
         feedback=channel(feedback, 5, Losing),
     )

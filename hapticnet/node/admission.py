@@ -1,0 +1,177 @@
+"""Whether a master gets the session it asks for, and the station that serves it."""
+
+from collections.abc import Callable, Collection, Hashable
+from dataclasses import dataclass, field
+from typing import Final, TypeAlias
+
+from hapticnet.checks import check_parameter
+from hapticnet.codec.base import Codec
+from hapticnet.codec.registry import all_codecs, make_codec
+from hapticnet.errors import HapticnetError, SampleError, SettingsError, in_words
+from hapticnet.node.reception import Address
+from hapticnet.node.seats import NoSeatError, to_continue, who_gives_way
+from hapticnet.node.station import Station
+from hapticnet.perception import WeberLaw
+from hapticnet.protocol.handshake import Visitor
+from hapticnet.protocol.keys import MasterEntry
+from hapticnet.protocol.messages import (
+    REASON_BYTES,
+    TICKET_BYTES,
+    Code,
+    Grant,
+    Refusal,
+    Refuse,
+    Request,
+    Welcome,
+    clipped,
+)
+from hapticnet.protocol.settings import Entropy, SessionSettings, random_bytes
+from hapticnet.protocol.slave_session import SlaveSession
+from hapticnet.protocol.wire import SEALED, Kind, pack, pack_body
+from hapticnet.scene.scene import Scene
+
+SMALLEST_SESSION: Final = 1 << 16
+"""Smallest session number: from here on all take five bytes, so datagram sizes do not depend on chance."""
+
+MakeScene: TypeAlias = Callable[[MasterEntry | None], Scene]
+"""Makes a scene, for a master of the list or an open session."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SlaveSettings:
+    """What a slave grants.
+
+    Attributes
+    ----------
+    fastest_rate_hz
+        Highest sample rate granted to a master [Hz].
+    record
+        Whether each session remembers every sample.
+    """
+
+    fastest_rate_hz: float = 10_000.0
+    record: bool = False
+    session: SessionSettings = field(default_factory=SessionSettings)
+
+    def __post_init__(self) -> None:
+        check_parameter("fastest rate", self.fastest_rate_hz, self.session.slowest_hz, 1_000_000, "Hz")
+
+
+class RefusalError(HapticnetError):
+    """A request that cannot be served."""
+
+    def __init__(self, code: Code, reason: str) -> None:
+        super().__init__(reason)
+        self.code = code
+
+    def datagram(self, visitor: Visitor, nonce: int) -> bytes:
+        """Return the answer to a HELLO with `nonce`: a REFUSE, or in a sealed handshake a WELCOME of session 0."""
+        reason = clipped(str(self), REASON_BYTES)
+        if visitor.responder is None:
+            return pack(Kind.REFUSE, 0, 0, pack_body(Refuse(nonce, reason, self.code)))
+        answer, _ = visitor.answer(Refusal(0, reason, self.code))
+        return pack(Kind.WELCOME, 0, 0, pack_body(Welcome(nonce, answer)), SEALED)
+
+
+class Admission:
+    """Decide on requests.
+
+    Parameters
+    ----------
+    make_scene
+        Called for each new scene, because every master touches its own.
+    rng
+        Source of session numbers and tickets.
+    """
+
+    def __init__(self, make_scene: MakeScene, settings: SlaveSettings, rng: Entropy) -> None:
+        self._make_scene = make_scene
+        self._settings = settings
+        self._rng = rng
+
+    def admit(
+        self,
+        visitor: Visitor,
+        sequence: int,
+        address: Address,
+        host: Hashable,
+        stations: Collection[Station],
+        now_us: int,
+    ) -> Station:
+        """Return a station for a master whose HELLO had the number `sequence`.
+
+        Nothing has changed for the present `stations` then: the new one takes a seat, and the scene of another, when
+        its first position arrives.
+
+        Raises
+        ------
+        RefusalError
+            If the slave cannot serve what the master asks for.
+        """
+        request, entry = visitor.request, visitor.entry
+        if visitor.responder is not None and entry is None:
+            raise RefusalError(Code.KEY, "this slave does not know the master's key: add it to its list of masters")
+        identity = host if entry is None else entry.public
+        codec = _codec(request)
+        timings = self._settings.session
+        old = to_continue(stations, identity, request.name, request.ticket, timings.stale_after_us, now_us)
+        seats = timings.most_per_identity if entry is None or entry.most_sessions is None else entry.most_sessions
+        try:
+            who_gives_way([each for each in stations if each is not old], identity, seats, timings, now_us)
+        except NoSeatError as error:
+            raise RefusalError(Code.FULL, str(error)) from error
+        scene = self._scene(entry) if old is None else old.scene
+        if request.axes != scene.axes:
+            raise RefusalError(Code.AXES, f"{request.axes} axes asked for; scene {scene.name!r} has {scene.axes}")
+        rate_hz = min(request.rate_hz, self._settings.fastest_rate_hz)
+        if entry is not None and entry.fastest_rate_hz is not None:
+            rate_hz = min(rate_hz, entry.fastest_rate_hz)
+        same_clock = request.ticket is not None
+        session = SlaveSession(
+            self._number(stations),
+            request,
+            timings,
+            rate_hz=rate_hz,
+            first_sequence=sequence,
+            now_us=now_us,
+            near_us=old.session.position_t_us if old is not None and same_clock else None,
+        )
+        ticket = random_bytes(self._rng, TICKET_BYTES)
+        return Station(
+            session,
+            Grant(session.number, rate_hz, timings.keepalive_us, scene.name, ticket, old is not None),
+            address,
+            identity,
+            scene,
+            codec,
+            seats=seats,
+            record=self._settings.record,
+            now_us=now_us,
+            continues=old,
+            same_clock=same_clock,
+        )
+
+    def _number(self, stations: Collection[Station]) -> int:
+        taken = {station.session.number for station in stations}
+        while (number := int(self._rng.integers(SMALLEST_SESSION, 1 << 32))) in taken:
+            pass
+        return number
+
+    def _scene(self, entry: MasterEntry | None) -> Scene:
+        try:
+            return self._make_scene(entry)
+        except Exception as error:  # a scene of the user's own may raise anything
+            raise RefusalError(Code.FAILED, f"the scene cannot be made: {in_words(error)}") from error
+
+
+def _codec(request: Request) -> Codec:
+    """Return the codec asked for, after a rehearsal; a RefusalError says what is wrong with it."""
+    try:
+        law = WeberLaw(weber_fraction=request.weber_fraction, floor_n=request.floor_n, multiplier=request.multiplier)
+        codec = make_codec(request.codec, law, request.parameters)
+        codec.encoder(request.axes)
+    except SampleError as error:  # a codec for fewer axes
+        raise RefusalError(Code.AXES, str(error)) from error
+    except SettingsError as error:
+        raise RefusalError(Code.PARAMETER if request.codec in all_codecs() else Code.CODEC, str(error)) from error
+    return codec

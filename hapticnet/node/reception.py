@@ -1,0 +1,110 @@
+"""What a HELLO must pass before anything is kept or computed for its sender."""
+
+from collections.abc import Hashable, Mapping
+from typing import Final, TypeAlias
+
+from hapticnet.errors import PeerError
+from hapticnet.protocol.buckets import Buckets, TokenBucket
+from hapticnet.protocol.cookies import CookieJar
+from hapticnet.protocol.handshake import Door, Visitor
+from hapticnet.protocol.messages import HELLO_BYTES, Code, Cookie, Hello, Refuse, unpack_hello
+from hapticnet.protocol.settings import Entropy
+from hapticnet.protocol.wire import OPEN, SEALED, Datagram, Kind, pack, pack_body, unpack_nonce
+
+Address: TypeAlias = Hashable
+"""Source or destination of a datagram. Opaque here; the runtime uses what the socket module does."""
+
+REQUESTS_PER_S: Final = 5.0
+REQUESTS_AT_ONCE: Final = 32
+"""Requests of one host that are read: a sealed one costs a key exchange, an open one the tables of its codec."""
+
+ALL_REQUESTS_PER_S: Final = 100.0
+ALL_REQUESTS_AT_ONCE: Final = 200
+"""Requests of all hosts together that are read."""
+
+
+class Reception:
+    """Read HELLOs, in this order: size, version, key, cookie, rate, request.
+
+    Before the cookie nothing is kept, and the costliest step is a hash. Requests of proved addresses are read only so
+    often, for each host and for all together.
+
+    Parameters
+    ----------
+    doors
+        How to read the HELLOs of each version that is served.
+
+    Attributes
+    ----------
+    throttled
+        Requests not read because they came too often.
+    unkeyed
+        HELLOs of senders that do not know this slave's public key.
+    """
+
+    def __init__(self, doors: Mapping[int, Door], rng: Entropy) -> None:
+        self.throttled = 0
+        self.unkeyed = 0
+        self._doors = doors
+        self._jar = CookieJar(rng)
+        self._hosts = Buckets(REQUESTS_PER_S, REQUESTS_AT_ONCE)
+        self._all = TokenBucket(ALL_REQUESTS_PER_S, ALL_REQUESTS_AT_ONCE)
+        self._generation: int | None = None
+        self._spent: set[tuple[Address, int]] = set()
+        self._spent_before: set[tuple[Address, int]] = set()
+
+    def greet(self, datagram: Datagram, size: int, address: Address, now_us: int) -> Hello | bytes | None:
+        """Return the HELLO if its sender has proved its address, the answer if it has to, or None for no answer.
+
+        Raises
+        ------
+        PeerError
+            If the HELLO is malformed; the caller counts it.
+        """
+        if size < HELLO_BYTES:
+            raise PeerError(f"HELLO of {size} bytes; it is padded to {HELLO_BYTES}")
+        door = self._doors.get(datagram.version)
+        if door is None:
+            return self._refusal(unpack_nonce(datagram.body), datagram.version)
+        hello = unpack_hello(datagram.body)
+        if not door.is_for_us(hello, datagram.sequence):
+            self.unkeyed += 1
+            return None
+        place = repr(address).encode()
+        if self._jar.accepts(hello.cookie, place, hello.nonce, now_us):
+            return hello
+        body = pack_body(Cookie(hello.nonce, self._jar.make(place, hello.nonce, now_us)))
+        return pack(Kind.COOKIE, 0, 0, body, datagram.version)
+
+    def read(self, datagram: Datagram, hello: Hello, address: Address, host: Hashable, now_us: int) -> Visitor | None:
+        """Read the request of a proved address; None if it was read before or comes too often.
+
+        Raises
+        ------
+        PeerError
+            If it is malformed; the caller counts it.
+        """
+        if self._is_spent(address, hello.nonce, now_us):
+            return None
+        if not (self._hosts.take(host, now_us) and self._all.take(now_us)):
+            self.throttled += 1
+            return None
+        self._spent.add((address, hello.nonce))
+        return self._doors[datagram.version].read(hello, datagram.sequence)
+
+    def _is_spent(self, address: Address, nonce: int, now_us: int) -> bool:
+        """Return whether a request with this nonce was read before: then it was copied, or it was overtaken."""
+        self._jar.renew(now_us)
+        if self._generation != self._jar.generation:  # what was read before that needs a new cookie anyway
+            self._generation = self._jar.generation
+            self._spent_before, self._spent = self._spent, set()
+        return (address, nonce) in self._spent or (address, nonce) in self._spent_before
+
+    def _refusal(self, nonce: int, version: int) -> bytes:
+        if version == OPEN:
+            reason, code = "this slave serves sealed sessions only: give the master a key (docs/security.md)", Code.KEY
+        elif version == SEALED:
+            reason, code = "this slave has no key and serves open sessions only", Code.KEY
+        else:
+            reason, code = f"this slave speaks protocol versions {OPEN} and {SEALED} only", Code.VERSION
+        return pack(Kind.REFUSE, 0, 0, pack_body(Refuse(nonce, reason, code)))

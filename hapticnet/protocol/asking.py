@@ -1,0 +1,126 @@
+"""How a master asks for a session: HELLO, cookie, HELLO again, with back-off, until there is an answer."""
+
+from typing import Final
+
+from hapticnet.errors import PeerError
+from hapticnet.protocol.handshake import Attempt, OpenAttempt, SealedAttempt
+from hapticnet.protocol.keys import MasterKey
+from hapticnet.protocol.messages import Cookie, Grant, Refusal, Request, Welcome
+from hapticnet.protocol.seal import Seal
+from hapticnet.protocol.serial_number import MODULUS
+from hapticnet.protocol.settings import Entropy, SessionSettings
+
+GROWTH: Final = 1.25
+"""By how much each interval is longer than the last while HELLOs back off."""
+
+FRESH_AFTER_US: Final = 3_000_000
+"""Time [µs] after which a HELLO with a cookie that got no answer is given up for a new one. The slave reads each
+request once, and may have forgotten that it did."""
+
+
+class Asking:
+    """Ask for a session, one attempt at a time.
+
+    Parameters
+    ----------
+    key
+        The master's key, for sealed sessions; None for open ones.
+
+    Attributes
+    ----------
+    under_way
+        Whether a session is being asked for.
+    """
+
+    def __init__(self, request: Request, settings: SessionSettings, rng: Entropy, key: MasterKey | None) -> None:
+        self.under_way = False
+        self._request = request
+        self._settings = settings
+        self._rng = rng
+        self._key = key
+        self._attempt: Attempt | None = None
+        self._cookie = b""
+        self._cookie_us = 0
+        self._tries = 0
+        self._tried_us: int | None = None
+        self._interval_us = settings.hello_interval_us
+        self._wait_us = settings.refused_retry_us
+
+    def begin(self, ticket: bytes | None) -> None:
+        """Ask for a session that goes on with the scene of `ticket`; does nothing if one is being asked for."""
+        if self.under_way:
+            return
+        self.under_way = True
+        self._request = self._request._replace(ticket=ticket)
+        self._tries = 0
+        self._interval_us = self._settings.hello_interval_us
+
+    def stop(self) -> None:
+        """Stop asking."""
+        self.under_way = False
+        self._attempt = None
+
+    def tick(self, now_us: int) -> bytes | None:
+        """Return the HELLO to send now, if it is time for one."""
+        if not self.under_way or not self._is_time(now_us):
+            return None
+        attempt = self._attempt
+        if attempt is None or (self._cookie and now_us - self._cookie_us > FRESH_AFTER_US):
+            attempt = self._attempt = self._new_attempt()
+            self._cookie = b""
+            if not self._tries:
+                self._interval_us = self._settings.hello_interval_us
+        self._tries += 1
+        if self._tries > self._settings.quick_hellos:
+            self._interval_us = min(round(self._interval_us * GROWTH), self._settings.slowest_hello_us)
+        self._tried_us = now_us
+        return attempt.hello(self._cookie)
+
+    def take_cookie(self, cookie: Cookie, now_us: int) -> bytes | None:
+        """Take the cookie of a COOKIE; return the HELLO to send now, if it is the first cookie of the attempt."""
+        attempt = self._attempt_of(cookie.nonce)
+        is_first = not self._cookie
+        self._cookie = cookie.cookie
+        if not is_first:
+            return None
+        self._cookie_us = self._tried_us = now_us
+        return attempt.hello(self._cookie)
+
+    def read(self, welcome: Welcome) -> tuple[Grant | Refusal, Seal | None]:
+        """Return what a WELCOME grants; PeerError if it answers something else or is not proved."""
+        return self._attempt_of(welcome.nonce).read(welcome.grant)
+
+    def is_answer(self, nonce: int) -> bool:
+        """Return whether `nonce` is that of the present attempt."""
+        return self._attempt is not None and self._attempt.nonce == nonce
+
+    def granted(self) -> None:
+        """Note that there is a session."""
+        self.stop()
+        self._wait_us = self._settings.refused_retry_us
+
+    def refused(self, now_us: int) -> int:
+        """Note a refusal; return how long [µs] until the next try."""
+        self._attempt = None
+        wait_us = self._wait_us
+        self._wait_us = min(2 * wait_us, self._settings.slowest_retry_us)
+        self._interval_us = wait_us
+        self._tries = 0
+        self._tried_us = now_us
+        return wait_us
+
+    def _is_time(self, now_us: int) -> bool:
+        # A clock that went back does not tell how long it has been.
+        return self._tried_us is None or not 0 <= now_us - self._tried_us < self._interval_us
+
+    def _new_attempt(self) -> Attempt:
+        nonce = int(self._rng.integers(0, MODULUS))
+        sequence = self._settings.first_sequence
+        if self._key is None:
+            return OpenAttempt(self._request, nonce, sequence)
+        return SealedAttempt(self._request, nonce, sequence, self._key, self._rng)
+
+    def _attempt_of(self, nonce: int) -> Attempt:
+        if self._attempt is None or self._attempt.nonce != nonce:
+            raise PeerError("an answer to another HELLO")
+        return self._attempt

@@ -1,0 +1,82 @@
+"""What happens in a master's session, for the node that owns it."""
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from hapticnet.protocol.messages import Code, Grant
+
+
+@dataclass(frozen=True, slots=True)
+class Connected:
+    """A session is established, for the first time or after another one."""
+
+    grant: Grant
+
+
+@dataclass(frozen=True, slots=True)
+class ForceArrived:
+    """A force newer than the one applied; `MasterSession.applied` once it is decoded and held."""
+
+    sequence: int
+    t_us: int
+    payload: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class HoldConfirmed:
+    """The slave received the position of time `t_us` and has sent nothing newer than the force applied."""
+
+    t_us: int
+
+
+@dataclass(frozen=True, slots=True)
+class LinkStale:
+    """Nothing fresh arrived for the age limit.
+
+    `too_old_us`: the age [µs] of the least old answer among those that arrived too old to be used; None if nothing
+    arrived at all.
+    """
+
+    too_old_us: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class LinkRecovered:
+    """A fresh datagram of the session arrived while the link was stale."""
+
+
+@dataclass(frozen=True, slots=True)
+class SessionLost:
+    """The slave ended the session; the master asks for a new one."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """The slave refused a new session to a master that had one; it is asked again after `retry_us` [µs]."""
+
+    reason: str
+    code: Code
+    retry_us: int
+
+
+@dataclass(frozen=True, slots=True)
+class Hinted:
+    """Somebody says, without proof, that the slave refuses the session. The master goes on asking."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """The session is over. `refused`: it never began; `reason` and `code` are then the slave's."""
+
+    reason: str
+    refused: bool
+    code: Code = Code.OTHER
+
+
+MasterEvent: TypeAlias = (
+    Connected | ForceArrived | HoldConfirmed | LinkStale | LinkRecovered | SessionLost | Refused | Hinted | Ended
+)

@@ -1,0 +1,225 @@
+"""Keys of sealed sessions: a host's own key, its peer's public key, and the masters that a slave admits.
+
+A key is 32 bytes, written as 44 characters of base64 (RFC 4648 §4): the format of ``wg genkey``. Private and public
+keys are those of X25519 (RFC 7748); a pre-shared key (psk) is any 32 bytes that both ends know.
+"""
+
+import base64
+import binascii
+import reprlib
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Final
+
+from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey, X25519PublicKey
+
+from hapticnet.checks import check_integer, check_parameter
+from hapticnet.errors import SettingsError
+from hapticnet.protocol.messages import NAME_BYTES
+from hapticnet.protocol.settings import Entropy, SessionSettings
+
+KEY_BYTES: Final = 32
+KEY_CHARACTERS: Final = 44
+
+NO_PSK: Final = bytes(KEY_BYTES)
+"""The pre-shared key where there is none, as in WireGuard."""
+
+FASTEST_HZ: Final = 1_000_000.0
+MOST_SESSIONS: Final = 100_000
+
+
+@dataclass(frozen=True, slots=True)
+class PrivateKey:
+    """The key of one host. Neither secret appears in its representation.
+
+    Attributes
+    ----------
+    private
+        X25519 private key, 32 bytes.
+    psk
+        Pre-shared key of a master and its slave, 32 bytes; `NO_PSK` if there is none.
+    public
+        Public key of `private`, 32 bytes.
+
+    Raises
+    ------
+    SettingsError
+        If a key has another length.
+    """
+
+    private: bytes = field(repr=False)
+    psk: bytes = field(default=NO_PSK, repr=False)
+    public: bytes = field(init=False)
+
+    def __post_init__(self) -> None:
+        _check_length("private", self.private)
+        _check_length("psk", self.psk)
+        public = X25519PrivateKey.from_private_bytes(self.private).public_key().public_bytes_raw()
+        object.__setattr__(self, "public", public)
+
+
+@dataclass(frozen=True, slots=True)
+class MasterKey:
+    """What a master needs for a sealed session: its own key and the public key of its slave.
+
+    Raises
+    ------
+    SettingsError
+        If `peer` is not a public key, or is the master's own.
+    """
+
+    own: PrivateKey
+    peer: bytes
+
+    def __post_init__(self) -> None:
+        check_public("the slave's public key", self.peer)
+        if self.peer == self.own.public:
+            raise SettingsError(
+                "the slave's public key is the master's own; each host has its own key, and the slave's is printed by"
+                " 'hapticnet key public' on the slave's host"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MasterEntry:
+    """One master that a slave admits, and its limits.
+
+    Attributes
+    ----------
+    name
+        What the slave's console and report call it; at most 64 bytes.
+    public
+        The master's public key, 32 bytes.
+    psk
+        Pre-shared key, 32 bytes; `NO_PSK` if there is none.
+    scene
+        Scene this master touches, as `scene.presets.find_scene` reads it; None for the slave's.
+    fastest_rate_hz
+        Highest sample rate granted to this master [Hz]; None for the slave's.
+    most_sessions
+        Most sessions of this master at once; None for the slave's.
+
+    Raises
+    ------
+    SettingsError
+        If a value is invalid.
+    """
+
+    name: str
+    public: bytes
+    psk: bytes = field(default=NO_PSK, repr=False)
+    scene: str | None = None
+    fastest_rate_hz: float | None = None
+    most_sessions: int | None = None
+
+    def __post_init__(self) -> None:
+        if not self.name or not self.name.isprintable() or len(self.name.encode()) > NAME_BYTES:
+            raise SettingsError(f"name is {reprlib.repr(self.name)}; it must be 1 to {NAME_BYTES} printable bytes")
+        check_public("public", self.public)
+        _check_length("psk", self.psk)
+        if self.scene == "":
+            raise SettingsError("scene is empty; omit it to give this master the slave's scene")
+        if self.fastest_rate_hz is not None:
+            check_parameter("fastest_rate_hz", self.fastest_rate_hz, SessionSettings().slowest_hz, FASTEST_HZ, "Hz")
+        if self.most_sessions is not None:
+            check_integer("most_sessions", self.most_sessions, 1, MOST_SESSIONS)
+
+
+class Roster:
+    """The masters that a slave admits, found by public key.
+
+    Raises
+    ------
+    SettingsError
+        If two masters have the same public key or the same name.
+    """
+
+    def __init__(self, masters: Iterable[MasterEntry] = ()) -> None:
+        self._by_public: dict[bytes, MasterEntry] = {}
+        names: set[str] = set()
+        for number, master in enumerate(masters, start=1):
+            other = self._by_public.get(master.public)
+            if other is not None:
+                raise SettingsError(
+                    f"master {number}: public is that of {other.name!r} too; each master has a key of its own"
+                )
+            if master.name in names:
+                raise SettingsError(f"master {number}: name {master.name!r} is taken; each master has its own name")
+            self._by_public[master.public] = master
+            names.add(master.name)
+
+    def find(self, public: bytes) -> MasterEntry | None:
+        """Return the master with this public key; None if it is not admitted."""
+        return self._by_public.get(public)
+
+    def __iter__(self) -> Iterator[MasterEntry]:
+        return iter(self._by_public.values())
+
+    def __len__(self) -> int:
+        return len(self._by_public)
+
+
+def new_key(rng: Entropy) -> PrivateKey:
+    """Return a new private key drawn from `rng`, without a pre-shared key."""
+    return PrivateKey(bytes(int(rng.integers(0, 256)) for _ in range(KEY_BYTES)))
+
+
+def format_key(key: bytes) -> str:
+    """Return a key as 44 characters of base64."""
+    return base64.b64encode(key).decode("ascii")
+
+
+def parse_key(text: str, name: str, *, secret: bool = False) -> bytes:
+    """Return the 32 bytes of a key written in base64; space around it is ignored.
+
+    Parameters
+    ----------
+    text
+        44 characters of base64.
+    name
+        What the key is called in messages.
+    secret
+        Whether messages must not show the text.
+
+    Raises
+    ------
+    SettingsError
+        If the text is not a key.
+    """
+    text = text.strip()
+    try:
+        key = binascii.a2b_base64(text.encode("ascii"), strict_mode=True)
+    except (binascii.Error, UnicodeEncodeError):
+        key = b""
+    # Base64 leaves two bits of the last character unused: one key must have one spelling.
+    if len(key) == KEY_BYTES and format_key(key) == text:
+        return key
+    seen = f"has {len(text)} characters" if secret else f"is {reprlib.repr(text)} ({len(text)} characters)"
+    if len(text) == KEY_CHARACTERS:
+        seen += " that are not base64 of 32 bytes"
+    raise SettingsError(f"{name} {seen}; a key is {KEY_CHARACTERS} characters of base64 that end in '=' (32 bytes)")
+
+
+def check_public(name: str, public: bytes) -> None:
+    """Check that X25519 gives a secret with this public key.
+
+    With a point of small order the result would be known to everybody (RFC 7748 §6.1).
+
+    Raises
+    ------
+    SettingsError
+        If the length is wrong or the point is of small order; the all-zero key is one.
+    """
+    _check_length(name, public)
+    try:
+        _ANY_PRIVATE.exchange(X25519PublicKey.from_public_bytes(public))
+    except ValueError:
+        raise SettingsError(f"{name} {format_key(public)} is not a public key; no private key belongs to it") from None
+
+
+_ANY_PRIVATE: Final = X25519PrivateKey.from_private_bytes(bytes(KEY_BYTES))
+
+
+def _check_length(name: str, key: bytes) -> None:
+    if len(key) != KEY_BYTES:
+        raise SettingsError(f"{name} has {len(key)} bytes; a key has {KEY_BYTES}")
