@@ -13,7 +13,7 @@ from hapticnet.protocol.settings import Entropy, SessionSettings
 GROWTH: Final = 1.25
 """By how much each interval is longer than the last while HELLOs back off."""
 
-FRESH_AFTER_US: Final = 3_000_000
+FRESH_AFTER_US: Final = 4_000_000
 """Time [µs] after which a HELLO with a cookie that got no answer is given up for a new one. The slave reads each
 request once, and may have forgotten that it did."""
 

@@ -71,7 +71,7 @@ class SessionSettings:
     close_interval_us: int = 50_000
     close_tries: int = 5
     keep_us: int = 30_000_000
-    half_open_us: int = 1_000_000
+    half_open_us: int = 5_000_000
     gives_way_us: int = 1_000_000
     most_sessions: int = 64
     most_per_identity: int = 16
