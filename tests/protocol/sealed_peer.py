@@ -5,12 +5,15 @@ They know one session, believe every sequence number that opens, and keep no tim
 """
 
 import hashlib
+import warnings
 
 import msgpack
 from noise.connection import Keypair, NoiseConnection
 
 NAME = b"Noise_IKpsk2_25519_ChaChaPoly_BLAKE2s"
 HELLO, WELCOME, REFUSE, POSITION, FORCE, KEEPALIVE, CLOSE, RESET, COOKIE = range(1, 10)
+NAMES = ["HELLO", "WELCOME", "REFUSE", "POSITION", "FORCE", "KEEPALIVE", "CLOSE", "RESET", "COOKIE"]
+KINDS = dict(enumerate(NAMES, start=1))
 
 
 def pack(kind, session, sequence, body):
@@ -35,6 +38,11 @@ class Direction:
     def __init__(self, state):
         self._state = state
         self._epoch = 0
+
+    @property
+    def key(self):
+        """The key of the epoch reached."""
+        return self._state.k
 
     def seal(self, kind, session, sequence, fields):
         head = b"\x95" + b"".join(msgpack.packb(number) for number in (2, kind, session, sequence))
@@ -66,7 +74,9 @@ def _noise(*, initiator, static, nonce, sequence, psk, remote=None, ephemeral=No
         end.set_keypair_from_public_bytes(Keypair.REMOTE_STATIC, remote)
     if ephemeral is not None:
         end.set_keypair_from_private_bytes(Keypair.EPHEMERAL, ephemeral)
-    end.start_handshake()
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="One of ephemeral keypairs is already set")
+        end.start_handshake()
     return end
 
 
@@ -89,6 +99,11 @@ class Master:
         self.cookie = b""
         self.session = 0
         self.grant = None
+
+    @property
+    def keys(self):
+        """The keys of the epochs reached: to the slave, and to the master."""
+        return self._send.key, self._receive.key
 
     def hello(self):
         bare = pack(HELLO, 0, self._first, msgpack.packb([self._nonce, self.cookie, self._noise1, self._mac1, b""]))
