@@ -56,7 +56,7 @@ def slave(
     from hapticnet.runtime.entropy import SystemEntropy
     from hapticnet.runtime.processes import run_slave
     from hapticnet.runtime.realtime import OTHER, prefer_realtime, run
-    from hapticnet.runtime.udp import bound_address, parse_host_port
+    from hapticnet.runtime.udp import bound_address, host_of, parse_host_port
     from hapticnet.runtime.udp import listen as listen_on
     from hapticnet.scene.presets import find_scene, scene_file
     from hapticnet.scene.scene import Scene
@@ -80,6 +80,7 @@ def slave(
         ),
         SystemEntropy(),
         write_address=_place,
+        host_of=host_of,
     )
     channel = None if out.is_perfect else Emulator[Any](out, np.random.default_rng([seed, 1]))
     if record is not None:

@@ -1,14 +1,15 @@
 """How a master asks for a session: HELLO, cookie, HELLO again, with back-off, until there is an answer."""
 
-from typing import Final
+from typing import Final, NamedTuple
 
-from hapticnet.errors import PeerError
+from hapticnet.protocol.events import Hinted
 from hapticnet.protocol.handshake import Attempt, OpenAttempt, SealedAttempt
 from hapticnet.protocol.keys import MasterKey
-from hapticnet.protocol.messages import Cookie, Grant, Refusal, Request, Welcome
+from hapticnet.protocol.messages import Grant, Refusal, Request, unpack_cookie, unpack_refuse, unpack_welcome
 from hapticnet.protocol.seal import Seal
 from hapticnet.protocol.serial_number import MODULUS
 from hapticnet.protocol.settings import Entropy, SessionSettings
+from hapticnet.protocol.wire import OPEN, Datagram, Kind
 
 GROWTH: Final = 1.25
 """By how much each interval is longer than the last while HELLOs back off."""
@@ -16,6 +17,14 @@ GROWTH: Final = 1.25
 FRESH_AFTER_US: Final = 4_000_000
 """Time [µs] after which a HELLO with a cookie that got no answer is given up for a new one. The slave reads each
 request once, and may have forgotten that it did."""
+
+
+class Granted(NamedTuple):
+    """A session: what was granted, its seal (None if it is open), and the sequence number of its WELCOME."""
+
+    grant: Grant
+    seal: Seal | None
+    sequence: int
 
 
 class Asking:
@@ -76,23 +85,33 @@ class Asking:
         self._tried_us = now_us
         return attempt.hello(self._cookie)
 
-    def take_cookie(self, cookie: Cookie, now_us: int) -> bytes | None:
-        """Take the cookie of a COOKIE; return the HELLO to send now, if it is the first cookie of the attempt."""
-        attempt = self._attempt_of(cookie.nonce)
-        is_first = not self._cookie
-        self._cookie = cookie.cookie
-        if not is_first:
+    def receive(self, datagram: Datagram, now_us: int) -> Granted | Refusal | Hinted | bytes | None:
+        """Return what a COOKIE, WELCOME or REFUSE amounts to.
+
+        A session; a refusal; a hint, where a refusal has no seal though it should; the HELLO to send now; or None: it
+        answers another HELLO, or changes nothing.
+
+        Raises
+        ------
+        PeerError
+            If it is malformed, or its seal is not the slave's.
+        """
+        if datagram.kind is Kind.COOKIE:
+            cookie = unpack_cookie(datagram.body)
+            attempt = self._attempt_of(cookie.nonce)
+            return self._take_cookie(attempt, cookie.cookie, now_us) if attempt is not None else None
+        if datagram.kind is Kind.WELCOME:
+            welcome = unpack_welcome(datagram.body)
+            attempt = self._attempt_of(welcome.nonce)
+            if attempt is None or attempt.version != datagram.version:
+                return None
+            grant, seal = attempt.read(welcome.grant)
+            return Granted(grant, seal, datagram.sequence) if isinstance(grant, Grant) else grant
+        refuse = unpack_refuse(datagram.body)
+        attempt = self._attempt_of(refuse.nonce)
+        if attempt is None:
             return None
-        self._cookie_us = self._tried_us = now_us
-        return attempt.hello(self._cookie)
-
-    def read(self, welcome: Welcome) -> tuple[Grant | Refusal, Seal | None]:
-        """Return what a WELCOME grants; PeerError if it answers something else or is not proved."""
-        return self._attempt_of(welcome.nonce).read(welcome.grant)
-
-    def is_answer(self, nonce: int) -> bool:
-        """Return whether `nonce` is that of the present attempt."""
-        return self._attempt is not None and self._attempt.nonce == nonce
+        return Refusal(0, refuse.reason, refuse.code) if attempt.version == OPEN else Hinted(refuse.reason)
 
     def granted(self) -> None:
         """Note that there is a session."""
@@ -120,7 +139,14 @@ class Asking:
             return OpenAttempt(self._request, nonce, sequence)
         return SealedAttempt(self._request, nonce, sequence, self._key, self._rng)
 
-    def _attempt_of(self, nonce: int) -> Attempt:
-        if self._attempt is None or self._attempt.nonce != nonce:
-            raise PeerError("an answer to another HELLO")
-        return self._attempt
+    def _attempt_of(self, nonce: int) -> Attempt | None:
+        return self._attempt if self._attempt is not None and self._attempt.nonce == nonce else None
+
+    def _take_cookie(self, attempt: Attempt, cookie: bytes, now_us: int) -> bytes | None:
+        """Take a cookie; only the first one of an attempt is answered at once."""
+        is_first = not self._cookie
+        self._cookie = cookie
+        if not is_first:
+            return None
+        self._cookie_us = self._tried_us = now_us
+        return attempt.hello(cookie)

@@ -5,7 +5,7 @@ from typing import Final
 
 from hapticnet.errors import PeerError
 from hapticnet.protocol.arrivals import Arrival
-from hapticnet.protocol.asking import Asking
+from hapticnet.protocol.asking import Asking, Granted
 from hapticnet.protocol.events import (
     Connected,
     Ended,
@@ -18,6 +18,7 @@ from hapticnet.protocol.events import (
     Refused,
     SessionLost,
 )
+from hapticnet.protocol.freshness import Freshness
 from hapticnet.protocol.keys import MasterKey
 from hapticnet.protocol.messages import (
     REASON_BYTES,
@@ -28,14 +29,11 @@ from hapticnet.protocol.messages import (
     Request,
     clipped,
     unpack_close,
-    unpack_cookie,
     unpack_force,
     unpack_keepalive,
-    unpack_refuse,
-    unpack_welcome,
 )
 from hapticnet.protocol.seal import LAST_SEQUENCE, Seal
-from hapticnet.protocol.serial_number import distance, unwrap, wrap
+from hapticnet.protocol.serial_number import distance, wrap
 from hapticnet.protocol.settings import Entropy, SessionSettings
 from hapticnet.protocol.states import MASTER_TRANSITIONS, MasterState, Trigger
 from hapticnet.protocol.stats import Distribution, Traffic
@@ -78,10 +76,8 @@ class MasterSession:
         self._seal: Seal | None = None
         self._sequence = settings.first_sequence
         self._newest_force: int | None = None
-        self._newest_t_us = 0  # time of the newest position sent
-        self._heard_us = 0
-        self._doubted_us: int | None = None  # when a RESET arrived that nothing has contradicted since
-        self._too_old_us: int | None = None
+        self._fresh = Freshness(settings.max_age_us)
+        self._doubted = False  # a RESET arrived, and nothing fresh since
         self._stale_us = 0
         self._stale_interval_us = 0.0
         self._next_stale_us = 0
@@ -104,15 +100,13 @@ class MasterSession:
     def send_position(self, t_us: int, payload: bytes) -> None:
         """Send a position of time `t_us` [µs], less often while the link is stale; nothing unless `streaming`."""
         if self.state is MasterState.STALE:
-            if 0 <= self._next_stale_us - t_us <= self._settings.stale_interval_us:
+            if 0 < self._next_stale_us - t_us <= self._settings.stale_interval_us:
                 return
             self._stale_interval_us = min(STALE_GROWTH * self._stale_interval_us, self._settings.stale_interval_us)
             self._next_stale_us = t_us + round(self._stale_interval_us)
         elif self.state is not MasterState.ESTABLISHED:
             return
-        if self._seal is not None and self._sequence > LAST_SEQUENCE:
-            return
-        self._newest_t_us = t_us
+        self._fresh.sent(t_us)
         self._send(Kind.POSITION, Position(wrap(t_us), self._newest_force, payload))
 
     def close(self, reason: str, now_us: int) -> None:
@@ -134,8 +128,7 @@ class MasterSession:
             self._repeat_close(now_us)
             return
         if self.streaming:
-            self._heard_us = min(self._heard_us, now_us)  # a clock that went back must not shorten a silence
-            if self.state is MasterState.ESTABLISHED and now_us - self._heard_us > self._settings.stale_after_us:
+            if self.state is MasterState.ESTABLISHED and self._fresh.silent_us(now_us) > self._settings.stale_after_us:
                 self._go_stale(now_us)
             if self._needs_another(now_us):
                 self._asking.begin(self._grant.ticket if self._grant else None)
@@ -163,7 +156,7 @@ class MasterSession:
             elif datagram.session != self._session or not self._session or datagram.version != self._version:
                 self._count_stray(datagram.kind, len(data))
             elif datagram.kind is Kind.RESET:
-                self._receive_reset(datagram, len(data), now_us)
+                self._receive_reset(datagram, len(data))
             else:
                 body = datagram.body if self._seal is None else self._seal.open(data, datagram)
                 self._receive(datagram, body, len(data), now_us)
@@ -184,8 +177,11 @@ class MasterSession:
             force = unpack_force(body)
             self.received.add(kind, size)
             arrival = self.received.arrive(datagram.sequence)
-            t_us = self._fresh_t_us(force.t_us, now_us)
-            if t_us is None or arrival is Arrival.ASTRAY or arrival is Arrival.DUPLICATE:
+            t_us = self._fresh.fresh_t_us(force.t_us, now_us)
+            if t_us is None:
+                self.received.too_old += 1
+                return
+            if arrival is Arrival.ASTRAY or arrival is Arrival.DUPLICATE:
                 return
             if arrival is Arrival.NEW or self._is_news(datagram.sequence):
                 self._hear(arrival, t_us, now_us)
@@ -194,8 +190,10 @@ class MasterSession:
             keepalive = unpack_keepalive(body)
             self.received.add(kind, size)
             arrival = self.received.arrive(datagram.sequence)
-            t_us = self._fresh_t_us(keepalive.t_us, now_us)
-            if t_us is not None and arrival is Arrival.NEW:
+            t_us = self._fresh.fresh_t_us(keepalive.t_us, now_us)
+            if t_us is None:
+                self.received.too_old += 1
+            elif arrival is Arrival.NEW:
                 self._hear(arrival, t_us, now_us)
                 if keepalive.newest_force == self._newest_force:
                     self._events.append(HoldConfirmed(t_us))
@@ -219,73 +217,51 @@ class MasterSession:
             self._asking.begin(self._grant.ticket if self._grant else None)
             self._events.append(SessionLost(f"the slave closed: {close.reason}"))
 
-    def _receive_reset(self, datagram: Datagram, size: int, now_us: int) -> None:
+    def _receive_reset(self, datagram: Datagram, size: int) -> None:
         if not 0 < distance(self._sequence, datagram.sequence) <= RECENT:  # it answers nothing that was sent
             self._count_stray(datagram.kind, size)
             return
         self.received.add(datagram.kind, size)
         if self.state is MasterState.CLOSING:
             self._end(Trigger.RESET, self._close_reason)
-        elif self._doubted_us is None:
-            self._doubted_us = now_us
+        else:
+            self._doubted = True
 
     def _receive_answer(self, datagram: Datagram, size: int, now_us: int) -> None:
-        kind, body = datagram.kind, datagram.body
-        if kind is Kind.COOKIE:
-            cookie = unpack_cookie(body)
-            if self._is_answer(cookie.nonce, kind, size):
-                hello = self._asking.take_cookie(cookie, now_us)
-                if hello is not None:
-                    self._send_hello(hello)
-        elif kind is Kind.WELCOME:
-            welcome = unpack_welcome(body)
-            if datagram.version == self._version and self._is_answer(welcome.nonce, kind, size):
-                granted, seal = self._asking.read(welcome)
-                if isinstance(granted, Grant):
-                    self._begin(granted, seal, datagram.sequence, now_us)
-                else:
-                    self._be_refused(granted.reason, granted.code, now_us)
+        answer = self._asking.receive(datagram, now_us)
+        self.received.add(datagram.kind, size)
+        if answer is None:
+            self.received.stray += 1
+        elif isinstance(answer, bytes):
+            self._send_hello(answer)
+        elif isinstance(answer, Granted):
+            self._begin(answer, now_us)
+        elif isinstance(answer, Hinted):
+            self._events.append(answer)
+        elif self._grant is None:
+            self._end(Trigger.REFUSED, answer.reason, refused=True, code=answer.code)
         else:
-            refuse = unpack_refuse(body)
-            if not self._is_answer(refuse.nonce, kind, size):
-                return
-            if self.sealed:
-                self._events.append(Hinted(refuse.reason))
-            else:
-                self._be_refused(refuse.reason, refuse.code, now_us)
+            self._events.append(Refused(answer.reason, answer.code, self._asking.refused(now_us)))
 
-    def _is_answer(self, nonce: int, kind: Kind, size: int) -> bool:
-        """Count an answer; return whether it is one to the HELLO that is waited for."""
-        self.received.add(kind, size)
-        if self._asking.is_answer(nonce):
-            return True
-        self.received.stray += 1
-        return False
-
-    def _begin(self, grant: Grant, seal: Seal | None, sequence: int, now_us: int) -> None:
+    def _begin(self, granted: Granted, now_us: int) -> None:
         """Use a session that was granted; whatever was used before ends here."""
+        grant, seal, sequence = granted
         self._asking.granted()
         self._grant = grant
         self._session = grant.session
         self._seal = seal
         self._sequence = wrap(self._settings.first_sequence + 1)
         self._newest_force = None
-        self._heard_us = now_us
-        self._doubted_us = None
-        self._too_old_us = None
+        self._fresh.heard(now_us)
+        self._doubted = False
         self.received.open_window(sequence, authentic=seal is not None)
         self._move(Trigger.WELCOMED)
         self._events.append(Connected(grant))
 
-    def _be_refused(self, reason: str, code: Code, now_us: int) -> None:
-        if self._grant is None:
-            self._end(Trigger.REFUSED, reason, refused=True, code=code)
-        else:
-            self._events.append(Refused(reason, code, self._asking.refused(now_us)))
-
     def _needs_another(self, now_us: int) -> bool:
         """Return whether a new session must be asked for while the present one goes on."""
-        if self._doubted_us is not None and now_us - self._heard_us > self._settings.keepalive_us + DOUBT_MARGIN_US:
+        silent_us = self._fresh.silent_us(now_us)
+        if self._doubted and silent_us > self._settings.keepalive_us + DOUBT_MARGIN_US:
             return True
         if self.state is MasterState.STALE and now_us - self._stale_us > self._settings.ask_again_us:
             return True
@@ -295,26 +271,14 @@ class MasterSession:
         """Return whether a late FORCE is newer than the one applied: only KEEPALIVEs or refused FORCEs overtook it."""
         return self._newest_force is None or distance(sequence, self._newest_force) > 0
 
-    def _fresh_t_us(self, echoed_t_us: int, now_us: int) -> int | None:
-        """Return the unwrapped time [µs] of the position that was answered; None if it is too old or was never sent."""
-        t_us = unwrap(echoed_t_us, now_us)
-        age_us = now_us - t_us
-        if age_us <= self._settings.max_age_us and t_us <= self._newest_t_us:
-            return t_us
-        self.received.too_old += 1
-        if t_us <= self._newest_t_us:
-            self._too_old_us = age_us if self._too_old_us is None else min(age_us, self._too_old_us)
-        return None
-
     def _hear(self, arrival: Arrival, t_us: int, now_us: int) -> None:
         """Note an answer that is fresh; only one newer than all before shows that the link is alive."""
         self.round_trip.add(now_us - t_us)
         if arrival is not Arrival.NEW:
             return
-        self._heard_us = now_us
-        self._doubted_us = None
+        self._fresh.heard(now_us)
+        self._doubted = False
         if self.state is MasterState.STALE:
-            self._too_old_us = None
             self._move(Trigger.HEARD)
             self._events.append(LinkRecovered())
         if self._asking.under_way and not self._needs_another(now_us):
@@ -325,7 +289,7 @@ class MasterSession:
         self._stale_us = now_us
         self._stale_interval_us = 1000.0
         self._next_stale_us = now_us
-        self._events.append(LinkStale(self._too_old_us))
+        self._events.append(LinkStale(self._fresh.too_old_us))
 
     def _repeat_close(self, now_us: int) -> None:
         interval_us = self._settings.close_interval_us
@@ -355,6 +319,8 @@ class MasterSession:
         body = pack_body(message)
         if self._seal is None:
             datagram = pack(kind, self._session, self._sequence, body)
+        elif self._sequence > LAST_SEQUENCE:  # no new session in time: a number must not come twice under one key
+            return
         else:
             datagram = self._seal.pack(kind, self._session, self._sequence, body)
         self._sequence = wrap(self._sequence + 1)

@@ -18,7 +18,7 @@ from hapticnet.protocol.messages import (
     unpack_position,
 )
 from hapticnet.protocol.repair import Repair
-from hapticnet.protocol.seal import Seal
+from hapticnet.protocol.seal import LAST_SEQUENCE, Seal
 from hapticnet.protocol.serial_number import unwrap, wrap
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.states import SLAVE_TRANSITIONS, SlaveState, Trigger
@@ -98,6 +98,10 @@ class SlaveSession:
             If the body cannot be opened or is malformed; the caller counts it.
         """
         body = datagram.body if self.seal is None else self.seal.open(data, datagram)
+        if self.seal is not None and self._sequence > LAST_SEQUENCE - 2:  # no numbers left to answer with
+            self.received.add(datagram.kind, len(data))
+            self.received.stray += 1
+            return None
         if datagram.kind is Kind.POSITION:
             if not self._policed.take(now_us):
                 self.received.add(datagram.kind, len(data))

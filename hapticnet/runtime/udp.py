@@ -2,6 +2,7 @@
 
 import asyncio
 import errno
+import ipaddress
 import os
 import socket
 from collections.abc import Callable
@@ -86,6 +87,14 @@ def bound_address(sock: socket.socket) -> HostPort:
     """Return the address a socket is bound to."""
     host, port, *_ = sock.getsockname()
     return HostPort(host, port)
+
+
+def host_of(address: SocketAddress) -> str:
+    """Return the host of an address. Of an IPv6 address, the first 64 bits: one subscriber usually has all the rest."""
+    host: str = address[0]
+    if ":" not in host or host.startswith(("::", "fe80:")):  # IPv4, loopback, mapped IPv4, or one link
+        return host
+    return str(ipaddress.IPv6Network((host.partition("%")[0], 64), strict=False))
 
 
 class UdpPort:

@@ -1,0 +1,51 @@
+"""Whether an answer of the slave is fresh, by the master's own clock, and how long ago the last fresh one came."""
+
+from hapticnet.protocol.serial_number import unwrap
+
+
+class Freshness:
+    """Judge answers by the time stamp of the position that they answer.
+
+    The slave echoes time stamps of the master, so no clock but the master's counts. An answer is fresh if its position
+    is at most `max_age_us` old and was sent at all.
+
+    Attributes
+    ----------
+    heard_us
+        When the last fresh answer arrived that is newer than all before it.
+    too_old_us
+        Age of the least old answer since then that was too old; None if there was none.
+    """
+
+    __slots__ = ("_max_age_us", "_newest_t_us", "heard_us", "too_old_us")
+
+    def __init__(self, max_age_us: int) -> None:
+        self.heard_us = 0
+        self.too_old_us: int | None = None
+        self._max_age_us = max_age_us
+        self._newest_t_us = 0
+
+    def sent(self, t_us: int) -> None:
+        """Note that the position of time `t_us` was sent."""
+        self._newest_t_us = t_us
+
+    def fresh_t_us(self, echoed_t_us: int, now_us: int) -> int | None:
+        """Return the unwrapped time [µs] of the position that is answered; None if the answer is not fresh."""
+        t_us = unwrap(echoed_t_us, now_us)
+        if t_us > self._newest_t_us:  # no such position was sent
+            return None
+        age_us = now_us - t_us
+        if age_us <= self._max_age_us:
+            return t_us
+        self.too_old_us = age_us if self.too_old_us is None else min(age_us, self.too_old_us)
+        return None
+
+    def heard(self, now_us: int) -> None:
+        """Note a fresh answer that is newer than all before it, or a new session."""
+        self.heard_us = now_us
+        self.too_old_us = None
+
+    def silent_us(self, now_us: int) -> int:
+        """Return how long [µs] nothing fresh has arrived."""
+        self.heard_us = min(self.heard_us, now_us)  # a clock that went back must not shorten a silence
+        return now_us - self.heard_us
