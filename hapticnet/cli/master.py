@@ -121,8 +121,6 @@ def master(
         console.say(
             f"{outcome.missed_ticks} ticks ({share:.1%}) were missed: this machine was too busy for {rate:g} Hz"
         )
-    if node.refused:
-        raise RefusedError(f"{address} refused the session: {node.end_reason}")
     account = {"scheduling": scheduling, **node.report(), **asdict(outcome)}
     if channel is not None:
         account["channel_out"] = channel_account(out, channel)
@@ -131,6 +129,8 @@ def master(
     finally:  # the reader of stdout may have gone
         if record is not None and node.recording is not None:
             write_csv(record, node.recording.table())
+    if node.refused:
+        raise RefusedError(f"{address} refused the session: {node.end_reason}")
     if node.failure is not None:
         raise UnavailableError(node.failure)
     if not outcome.connected and connect_timeout is not None:
