@@ -23,7 +23,7 @@ from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey, X
 from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305
 
 from hapticnet.errors import PeerError, SettingsError
-from hapticnet.protocol.settings import Entropy
+from hapticnet.protocol.settings import Entropy, random_bytes
 
 NAME: Final = b"Noise_IKpsk2_25519_ChaChaPoly_BLAKE2s"
 
@@ -39,9 +39,6 @@ MESSAGE_1_BYTES: Final = 2 * KEY_BYTES + 2 * TAG_BYTES
 MESSAGE_2_BYTES: Final = KEY_BYTES + TAG_BYTES
 """Length of the second message without its payload: an ephemeral key and the payload's tag."""
 
-NO_PSK: Final = bytes(KEY_BYTES)
-"""The pre-shared key of two ends that have none."""
-
 
 class TransportKeys(NamedTuple):
     """The keys of a session, 32 bytes each."""
@@ -55,12 +52,6 @@ def public_key(private: bytes) -> bytes:
     return _pair(private).public
 
 
-def random_bytes(rng: Entropy, n: int) -> bytes:
-    """Return `n` random bytes, four from each number drawn (most significant first)."""
-    words = [int(rng.integers(0, 1 << 32)).to_bytes(4, "big") for _ in range(-(-n // 4))]
-    return b"".join(words)[:n]
-
-
 class Initiator:
     """The master's side of a handshake.
 
@@ -71,7 +62,7 @@ class Initiator:
     peer
         The slave's public key, 32 bytes.
     psk
-        The key shared beforehand, 32 bytes; `NO_PSK` where there is none.
+        The key shared beforehand, 32 bytes; `keys.NO_PSK` where there is none.
     prologue
         What both ends know already. The handshake fails unless theirs are equal (§6).
     rng

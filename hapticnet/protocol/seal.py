@@ -15,9 +15,8 @@ from cryptography.exceptions import InvalidTag
 from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305
 
 from hapticnet.errors import PeerError
-from hapticnet.protocol.wire import MAX_DATAGRAM_BYTES, Datagram
-
-SEALED_VERSION: Final = 2
+from hapticnet.protocol.serial_number import MODULUS
+from hapticnet.protocol.wire import MAX_DATAGRAM_BYTES, SEALED, Datagram
 
 TAG_BYTES: Final = 16
 """What a seal adds to a body."""
@@ -26,8 +25,9 @@ EPOCH_BITS: Final = 20
 """A key serves 2²⁰ sequence numbers, which are an epoch."""
 
 LAST_SEQUENCE: Final = 2**32 - 2**16
-"""The last sequence number under one handshake's keys. A number is a nonce and must not come again: a sender that
-reaches this one starts a session that continues, with new keys. It has a minute at 1 kHz to spare."""
+"""The last sequence number of a position or force under one handshake's keys: a number is a nonce and must not come
+again. A master that comes near it asks for a session that continues, with new keys. The numbers after it are for
+CLOSE."""
 
 _pack_number: Callable[[int], bytes] = msgpack.Packer().pack
 """Return the shortest msgpack of an integer."""
@@ -65,13 +65,13 @@ class Seal:
         Parameters
         ----------
         kind, session, sequence
-            The first elements of the frame. `sequence` must be above that of every earlier datagram and at most
-            `LAST_SEQUENCE`; it is ValueError otherwise, because a nonce that comes twice gives the key away.
+            The first elements of the frame. `sequence` must be above that of every earlier datagram and below 2³²; it
+            is ValueError otherwise, because two datagrams under one nonce give both away.
         body
             The message's fields as a msgpack array.
         """
-        if not self._sent < sequence <= LAST_SEQUENCE:
-            raise ValueError(f"sequence number {sequence} after {self._sent}, and the last one is {LAST_SEQUENCE}")
+        if not self._sent < sequence < MODULUS:
+            raise ValueError(f"sequence number {sequence} after {self._sent}; each is used once, up to {MODULUS - 1}")
         while sequence >> EPOCH_BITS != self._send_epoch:
             self._send = _next(self._send)
             self._send_epoch += 1
@@ -128,7 +128,7 @@ class Seal:
 
     def _head(self, kind: int, session: int) -> bytes:
         """Return the first bytes of a datagram, up to its sequence number."""
-        head = self._heads[kind, session] = b"\x95" + b"".join(map(_pack_number, (SEALED_VERSION, kind, session)))
+        head = self._heads[kind, session] = b"\x95" + b"".join(map(_pack_number, (SEALED, kind, session)))
         return head
 
 

@@ -12,15 +12,14 @@ from hypothesis import strategies as st
 from noise.connection import Keypair, NoiseConnection
 
 from hapticnet.errors import PeerError, SettingsError
+from hapticnet.protocol.keys import NO_PSK
 from hapticnet.protocol.noise import (
     MESSAGE_1_BYTES,
     MESSAGE_2_BYTES,
     NAME,
-    NO_PSK,
     Initiator,
     Responder,
     public_key,
-    random_bytes,
 )
 
 VECTORS = json.loads((Path(__file__).parents[1] / "vectors" / "noise.json").read_text())["handshakes"]
@@ -297,12 +296,6 @@ def test_messages_out_of_order_are_the_callers_fault():
         initiator.read(bytes(MESSAGE_2_BYTES))
     with pytest.raises(RuntimeError, match="first message"):
         responder.write(b"", PSK)
-
-
-@given(length=st.integers(0, 70), seed=st.integers(0, 100))
-def test_random_bytes_have_the_length_asked_for(length, seed):
-    assert len(random_bytes(entropy(seed), length)) == length
-    assert random_bytes(entropy(seed), 70)[:length] == random_bytes(entropy(seed), length)
 
 
 def test_another_implementation_refuses_a_wrong_pre_shared_key():

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticnet.errors import PeerError
-from hapticnet.protocol.seal import EPOCH_BITS, LAST_SEQUENCE, SEALED_VERSION, TAG_BYTES, Seal
-from hapticnet.protocol.wire import MAX_DATAGRAM_BYTES, Datagram, Kind
+from hapticnet.protocol.seal import EPOCH_BITS, LAST_SEQUENCE, TAG_BYTES, Seal
+from hapticnet.protocol.wire import MAX_DATAGRAM_BYTES, SEALED, Datagram, Kind
 
 ONE = bytes(range(32))
 OTHER = bytes(range(32, 64))
@@ -64,7 +64,7 @@ def key_of_epoch(key, epoch):
 def test_what_one_end_seals_the_other_opens(kind, session, sequence, body):
     master, slave = ends()
     data = master.pack(kind, session, sequence, body)
-    assert frame(data)[:4] == (SEALED_VERSION, kind, session, sequence)
+    assert frame(data)[:4] == (SEALED, kind, session, sequence)
     assert open_(slave, data) == body
     answer = slave.pack(kind, session, sequence, body)
     assert open_(master, answer) == body
@@ -155,12 +155,13 @@ def test_a_number_is_sealed_once():
     master.pack(Kind.POSITION, SESSION, 6, BODY)
 
 
-def test_numbers_end_before_they_wrap():
+def test_numbers_do_not_wrap():
     master = Seal(ONE, OTHER)
-    master.pack(Kind.POSITION, SESSION, LAST_SEQUENCE, BODY)
-    for sequence in (LAST_SEQUENCE + 1, 2**32):
-        with pytest.raises(ValueError, match="the last one is"):
-            master.pack(Kind.POSITION, SESSION, sequence, BODY)
+    for sequence in (LAST_SEQUENCE, LAST_SEQUENCE + 1, 2**32 - 1):
+        master.pack(Kind.CLOSE, SESSION, sequence, BODY)
+    for sequence in (2**32, 0):
+        with pytest.raises(ValueError, match="used once, up to 4294967295"):
+            master.pack(Kind.CLOSE, SESSION, sequence, BODY)
 
 
 def test_the_longest_body_fills_a_datagram():
