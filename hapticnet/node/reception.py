@@ -15,11 +15,11 @@ Address: TypeAlias = Hashable
 """Source or destination of a datagram. Opaque here; the runtime uses what the socket module does."""
 
 REQUESTS_PER_S: Final = 5.0
-REQUESTS_AT_ONCE: Final = 32
+REQUESTS_AT_ONCE: Final = 8
 """Requests of one host that are read: a sealed one costs a key exchange, an open one the tables of its codec."""
 
 ALL_REQUESTS_PER_S: Final = 100.0
-ALL_REQUESTS_AT_ONCE: Final = 200
+ALL_REQUESTS_AT_ONCE: Final = 50
 """Requests of all hosts together that are read."""
 
 

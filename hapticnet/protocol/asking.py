@@ -50,6 +50,7 @@ class Asking:
         self._attempt: Attempt | None = None
         self._cookie = b""
         self._cookie_us = 0
+        self._hinted = False
         self._tries = 0
         self._tried_us: int | None = None
         self._interval_us = settings.hello_interval_us
@@ -77,6 +78,7 @@ class Asking:
         if attempt is None or (self._cookie and now_us - self._cookie_us > FRESH_AFTER_US):
             attempt = self._attempt = self._new_attempt()
             self._cookie = b""
+            self._hinted = False
             if not self._tries:
                 self._interval_us = self._settings.hello_interval_us
         self._tries += 1
@@ -111,7 +113,12 @@ class Asking:
         attempt = self._attempt_of(refuse.nonce)
         if attempt is None:
             return None
-        return Refusal(0, refuse.reason, refuse.code) if attempt.version == OPEN else Hinted(refuse.reason)
+        if attempt.version == OPEN:
+            return Refusal(0, refuse.reason, refuse.code)
+        if self._hinted:
+            return None
+        self._hinted = True  # once for each attempt: whoever forges one can forge a thousand
+        return Hinted(refuse.reason)
 
     def granted(self) -> None:
         """Note that there is a session."""
