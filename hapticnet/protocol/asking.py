@@ -20,7 +20,7 @@ request once, and may have forgotten that it did."""
 
 
 class Granted(NamedTuple):
-    """A session: what was granted, its seal (None if it is open), and the sequence number of its WELCOME."""
+    """A session: what was granted, its seal (None if it is open), and the number after which the slave's begin."""
 
     grant: Grant
     seal: Seal | None
@@ -108,7 +108,9 @@ class Asking:
             if attempt is None or attempt.version != datagram.version:
                 return None
             grant, seal = attempt.read(welcome.grant)
-            return Granted(grant, seal, datagram.sequence) if isinstance(grant, Grant) else grant
+            # The seal does not cover the frame of a WELCOME: a forged sequence would make true datagrams late.
+            sequence = datagram.sequence if seal is None else 0
+            return Granted(grant, seal, sequence) if isinstance(grant, Grant) else grant
         refuse = unpack_refuse(datagram.body)
         attempt = self._attempt_of(refuse.nonce)
         if attempt is None:

@@ -25,9 +25,8 @@ EPOCH_BITS: Final = 20
 """A key serves 2²⁰ sequence numbers, which are an epoch."""
 
 LAST_SEQUENCE: Final = 2**32 - 2**16
-"""The last sequence number of a position or force under one handshake's keys: a number is a nonce and must not come
-again. A master that comes near it asks for a session that continues, with new keys. The numbers after it are for
-CLOSE."""
+"""The last sequence number under one handshake's keys: a number is a nonce and must not come again. A master that comes
+near it asks for a session that continues, with new keys."""
 
 _pack_number: Callable[[int], bytes] = msgpack.Packer().pack
 """Return the shortest msgpack of an integer."""

@@ -1,0 +1,257 @@
+"""Sealed sessions of both nodes: with a peer that shares no code with them, and with each other."""
+
+import struct
+
+import numpy as np
+import pytest
+from cryptography.exceptions import InvalidTag
+
+from hapticnet.channel.emulator import Emulator
+from hapticnet.channel.spec import parse_channel
+from hapticnet.node.admission import SlaveSettings
+from hapticnet.node.loopback import Loopback
+from hapticnet.node.master import MasterNode, MasterSettings
+from hapticnet.node.slave import SlaveNode
+from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
+from hapticnet.protocol import master_session
+from hapticnet.protocol.handshake import SealedDoor
+from hapticnet.protocol.keys import NO_PSK, MasterEntry, MasterKey, PrivateKey, Roster
+from hapticnet.protocol.messages import Code
+from hapticnet.protocol.wire import SEALED, Kind, unpack
+from hapticnet.scene.presets import paper_scene
+from hapticnet.scene.scene import Scene
+from tests.protocol.sealed_peer import CLOSE, COOKIE, FORCE, HELLO, KEEPALIVE, POSITION, WELCOME, Master, Slave
+
+MASTER = PrivateKey(bytes(range(32)))
+SLAVE = PrivateKey(bytes(range(32, 64)))
+PSK = bytes(range(64, 96))
+REQUEST = ["deadband", {}, 0.05, 0.025, 1.0, 1000.0, 1, "test", None]
+GRANT = [0xDEADBEEF, 1000.0, 45_000, "paper:1", bytes(range(16)), False]
+DEEP_M = 0.024
+
+
+def make_slave(*, psk=NO_PSK, masters=None, seed=1):
+    scene = paper_scene(1)
+    entries = [MasterEntry(name="theatre 2", public=MASTER.public, psk=psk)] if masters is None else masters
+    rng = np.random.default_rng([seed, 10])
+    return SlaveNode(
+        lambda _: Scene(scene.tissues, name=scene.name),
+        SlaveSettings(record=True),
+        rng,
+        doors={SEALED: SealedDoor(SLAVE.private, Roster(entries), rng)},
+    )
+
+
+def make_master(*, psk=NO_PSK, sealed=True, seed=1):
+    key = MasterKey(PrivateKey(MASTER.private, psk), SLAVE.public) if sealed else None
+    operator = ScriptedOperator(InsertionSettings(insertions=1), np.random.default_rng([seed, 11]))
+    return MasterNode(operator, None, MasterSettings(record=True, key=key), np.random.default_rng([seed, 13]))
+
+
+def loopback(*, forward="perfect", feedback="perfect", psk=NO_PSK):
+    return Loopback(
+        make_master(psk=psk),
+        make_slave(psk=psk),
+        forward=Emulator(parse_channel(forward), np.random.default_rng(14)),
+        feedback=Emulator(parse_channel(feedback), np.random.default_rng(15)),
+    )
+
+
+def ask(slave, peer_data, now_us=0, address="a"):
+    """Return the slave's one answer to a datagram, None if it gives none."""
+    slave.receive_datagram(peer_data, address, now_us)
+    answers = slave.datagrams_to_send()
+    assert len(answers) <= 1
+    return answers[0][0] if answers else None
+
+
+def join(slave, *, psk=NO_PSK, nonce=7, address="a"):
+    peer = Master(MASTER.private, SLAVE.public, REQUEST, nonce=nonce, psk=psk)
+    peer.receive(ask(slave, peer.hello(), address=address))
+    assert peer.receive(ask(slave, peer.hello(), address=address))[0] == WELCOME
+    return peer
+
+
+def position(t_us, position_m, newest_force=None):
+    return [t_us, newest_force, struct.pack(">f", position_m)]
+
+
+@pytest.mark.parametrize("psk", [NO_PSK, PSK], ids=["without psk", "with psk"])
+def test_a_master_written_from_the_document_plays_with_this_slave(psk):
+    slave = make_slave(psk=psk)
+    peer = Master(MASTER.private, SLAVE.public, REQUEST, nonce=7, psk=psk)
+    cookie = ask(slave, peer.hello())
+    assert peer.receive(cookie)[0] == COOKIE
+    kind, (_, rate_hz, keepalive_us, scene, ticket, resumed) = peer.receive(ask(slave, peer.hello()))
+    assert (kind, rate_hz, keepalive_us, scene, len(ticket), resumed) == (WELCOME, 1000.0, 45_000, "paper:1", 16, False)
+    answers = []
+    for now_us in range(1000, 200_000, 1000):
+        depth_m = DEEP_M if now_us < 50_000 else 0.0
+        data = ask(slave, peer.send(POSITION, position(now_us, depth_m)), now_us)
+        if data is not None:
+            answers.append(peer.receive(data))
+    assert {kind for kind, _ in answers} == {FORCE, KEEPALIVE}
+    first_kind, (t_us, payload) = answers[0]
+    assert (first_kind, t_us) == (FORCE, 1000)
+    assert struct.unpack(">f", payload)[0] > 0.1
+    assert peer.receive(ask(slave, peer.send(CLOSE, ["bye", 0]), 200_000)) == (CLOSE, ("as asked", 0))
+    assert slave.stations == ()
+    assert slave.report()["sessions"][0]["sealed"]
+
+
+@pytest.mark.parametrize("psk", [NO_PSK, PSK], ids=["without psk", "with psk"])
+def test_a_slave_written_from_the_document_plays_with_this_master(psk):
+    master = make_master(psk=psk)
+    peer = Slave(SLAVE.private, SLAVE.public, GRANT, psk=psk)
+    heard = []
+    for now_us in range(0, 300_000, 1000):
+        master.drive(now_us)
+        if now_us == 200_000:
+            master.close("enough", now_us)
+        master.tick(now_us)
+        for data in master.datagrams_to_send():
+            kind, fields, answer = peer.receive(data)
+            heard.append(kind)
+            if kind == POSITION:
+                t_us, newest_force, _ = fields
+                assert newest_force == (None if now_us <= 10_000 else 1)
+                if t_us == 10_000:
+                    answer = peer.send(FORCE, [t_us, struct.pack(">f", 1.25)])
+                elif t_us % 40_000 == 0:
+                    answer = peer.send(KEEPALIVE, [t_us, newest_force])
+            elif kind == CLOSE:
+                assert fields == ("enough", 0)
+                answer = peer.send(CLOSE, ["as asked", 0])
+            if answer is not None:
+                master.receive_datagram(answer, now_us)
+        if now_us == 190_000:
+            assert master.held_force_n(now_us) == pytest.approx(1.25)
+    assert heard[:2] == [HELLO, HELLO]
+    assert set(heard) == {HELLO, POSITION, CLOSE}
+    assert peer.master_public == MASTER.public
+    assert peer.request[0] == "deadband"
+    assert master.end_reason == "enough"
+    assert master.report()["received"]["malformed"] == 0
+
+
+def test_an_unknown_key_is_refused_in_words_that_only_its_holder_can_read():
+    slave = make_slave(masters=[])
+    peer = Master(MASTER.private, SLAVE.public, REQUEST, nonce=7)
+    peer.receive(ask(slave, peer.hello()))
+    data = ask(slave, peer.hello())
+    assert b"key" not in data
+    kind, (session, reason, code) = peer.receive(data)
+    assert (kind, session, code) == (WELCOME, 0, Code.KEY)
+    assert "does not know the master's key" in reason
+
+
+def test_this_master_ends_after_a_sealed_refusal_with_its_reason():
+    master = make_master()
+    peer = Slave(SLAVE.private, SLAVE.public, [0, "not today", 7])
+    for now_us in (0, 1000, 2000):
+        master.tick(now_us)
+        for data in master.datagrams_to_send():
+            master.receive_datagram(peer.receive(data)[2], now_us)
+            for again in master.datagrams_to_send():
+                master.receive_datagram(peer.receive(again)[2], now_us)
+    assert master.refused
+    assert master.end_reason == "not today"
+
+
+def test_a_forged_sequence_in_a_welcome_makes_no_true_datagram_late():
+    """Nothing authenticates the frame of a WELCOME; whoever copies one can send it first, with another sequence."""
+    master = make_master()
+    peer = Slave(SLAVE.private, SLAVE.public, GRANT, sequence=0x7FFF_FFFF)
+    for now_us in range(0, 100_000, 1000):
+        master.drive(now_us)
+        master.tick(now_us)
+        for data in master.datagrams_to_send():
+            kind, fields, answer = peer.receive(data)
+            if kind == POSITION:
+                sequence = 1 + now_us // 1000
+                answer = peer.send(FORCE, [fields[0], struct.pack(">f", 1.25)], sequence=sequence)
+            if answer is not None:
+                master.receive_datagram(answer, now_us)
+                for hello in master.datagrams_to_send():
+                    master.receive_datagram(peer.receive(hello)[2], now_us)
+    received = master.report()["received"]
+    assert received["late"] == received["malformed"] == 0
+    assert master.held_force_n(100_000) == pytest.approx(1.25)
+
+
+def test_a_sealed_session_feels_as_an_open_one_and_costs_16_bytes_a_datagram():
+    sealed, plain = loopback(), loopback()
+    plain.master = make_master(sealed=False)
+    scene = paper_scene(1)
+    plain.slave = SlaveNode(
+        lambda _: Scene(scene.tissues, name=scene.name), SlaveSettings(record=True), np.random.default_rng([1, 10])
+    )
+    for each in (sealed, plain):
+        each.run(2_000_000)
+        each.close()
+    assert sealed.master.end_reason == plain.master.end_reason == "done"
+    felt = [each.master.recording.table()["held_n"] for each in (sealed, plain)]
+    assert felt[0].max() > 0.1
+    np.testing.assert_array_equal(felt[0], felt[1])
+    for direction in ("sent", "received"):
+        one, other = (each.master.report()[direction] for each in (sealed, plain))
+        assert one["by_kind"] == other["by_kind"]
+        data = sum(
+            count for kind, count in one["by_kind"].items() if kind in ("position", "force", "keepalive", "close")
+        )
+        handshake = sum(one["by_kind"].values()) - data
+        assert abs(one["payload_bytes"] - other["payload_bytes"] - 16 * data) <= 80 * handshake
+
+
+def test_a_session_whose_numbers_run_out_continues_in_a_new_one(monkeypatch):
+    monkeypatch.setattr(master_session, "LAST_SEQUENCE", master_session.RECENT + 300)
+    pair = loopback()
+    pair.run(200_000)
+    (before,) = pair.slave.stations
+    pair.run(300_000)
+    (after,) = pair.slave.stations
+    assert after.session.number != before.session.number
+    assert after.scene is before.scene
+    assert pair.master.report()["connections"] == 2
+
+
+def test_what_an_outsider_sends_ends_nothing():
+    """Every datagram of one session, changed in one bit, sent into the session while it runs."""
+    pair = loopback()
+    pair.run(100_000)
+    (station,) = pair.slave.stations
+    steps = station.steps
+    rng = np.random.default_rng(3)
+    for now_us in range(100_000, 150_000, 1000):
+        pair.master.drive(now_us)
+        pair.master.tick(now_us)
+        for data in pair.master.datagrams_to_send():
+            changed = bytearray(data)
+            changed[rng.integers(len(data))] ^= 1 << int(rng.integers(8))
+            pair.slave.receive_datagram(bytes(changed), "outsider", now_us)
+            assert station.address != "outsider"
+            pair.slave.receive_datagram(data, "loopback", now_us)
+        for answer, address in pair.slave.datagrams_to_send():
+            if address == "loopback":
+                changed = bytearray(answer)
+                changed[rng.integers(len(answer))] ^= 1 << int(rng.integers(8))
+                pair.master.receive_datagram(bytes(changed), now_us)
+                pair.master.receive_datagram(answer, now_us)
+    assert pair.slave.stations == (station,)
+    assert pair.master.session.streaming
+    assert station.steps == steps + 50
+
+
+def test_the_keys_of_another_session_open_nothing():
+    slave = make_slave()
+    one, other = join(slave, nonce=7), join(slave, nonce=8, address="b")
+    assert one.session != other.session
+    data = ask(slave, one.send(POSITION, position(1000, DEEP_M)), 1000)
+    other._receive._epoch = 0
+    with pytest.raises(InvalidTag):
+        other._receive.open(data)
+    kept = one.session
+    one.session = other.session
+    assert ask(slave, one.send(POSITION, position(2000, DEEP_M)), 2000) is None
+    one.session = kept
+    assert unpack(ask(slave, one.send(POSITION, position(3000, 0.0)), 3000)).kind is Kind.FORCE
