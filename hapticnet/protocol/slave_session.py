@@ -103,13 +103,12 @@ class SlaveSession:
             self.received.stray += 1
             return None
         if datagram.kind is Kind.POSITION:
-            if not self._policed.take(now_us):
-                self.received.add(datagram.kind, len(data))
-                self.received.over_rate += 1
-                return None
             position = unpack_position(body)
             self.received.add(datagram.kind, len(data))
             if self.received.arrive(datagram.sequence) is not Arrival.NEW:
+                return None
+            if not self._policed.take(now_us):  # after the copies are sorted out: a replay must not use up the rate
+                self.received.over_rate += 1
                 return None
             self._heard_us = now_us
             if self.state is SlaveState.HALF_OPEN:
