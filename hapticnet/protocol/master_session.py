@@ -254,8 +254,7 @@ class MasterSession:
         self._newest_force = None
         self._fresh.heard(now_us)
         self._doubted = False
-        # Nothing authenticates the frame of a WELCOME: a forged number would make true datagrams late.
-        self.received.open_window(sequence if seal is None else 0, authentic=seal is not None)
+        self.received.open_window(sequence, authentic=seal is not None)
         self._move(Trigger.WELCOMED)
         self._events.append(Connected(grant))
 
