@@ -192,6 +192,9 @@ class SlaveNode:
 
     def _seat(self, station: Station, now_us: int) -> bool:
         """Give a session whose master has proved itself its seat; return False if there is none."""
+        if self._scene_is_taken(station, now_us):
+            self._end(station, "the scene that it was to continue is in use again", now_us)
+            return False
         others = [other for other in self.stations if other is not station and other is not station.continues]
         try:
             gives_way = who_gives_way(others, station.identity, station.seats, self._settings.session, now_us)
@@ -204,6 +207,16 @@ class SlaveNode:
             self._forget(station.continues, Trigger.CONTINUED, "its master goes on in a new session")
         self._events.append(MasterJoined(station))
         return True
+
+    def _scene_is_taken(self, station: Station, now_us: int) -> bool:
+        """Return whether, since its HELLO, another master uses the scene again that a session was to continue."""
+        for other in self.stations:
+            if other is station or other.scene is not station.scene or other.session.state is not SlaveState.OPEN:
+                continue
+            silent = other.session.silent_us(now_us) > self._settings.session.stale_after_us
+            if other is not station.continues or not (silent or station.session.request.ticket):
+                return True
+        return False
 
     def _receive_hello(self, datagram: Datagram, size: int, address: Address, now_us: int) -> None:
         greeted = self._reception.greet(datagram, size, address, now_us)

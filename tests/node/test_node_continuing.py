@@ -1,0 +1,108 @@
+"""Which session goes on with whose scene, when several masters of one identity come and go."""
+
+import struct
+
+import numpy as np
+import pytest
+
+from hapticnet.node.admission import SlaveSettings
+from hapticnet.node.slave import SlaveNode
+from hapticnet.protocol.events import Connected, SessionLost
+from hapticnet.protocol.master_session import MasterSession
+from hapticnet.protocol.messages import Request
+from hapticnet.protocol.settings import SessionSettings
+from hapticnet.scene.presets import find_scene
+from hapticnet.scene.scene import Scene
+
+
+class Laboratory:
+    """A slave of open sessions, and masters on one host that have the same name."""
+
+    def __init__(self):
+        preset = find_scene("paper:1")
+        self.now_us = 1_000_000
+        self.rng = np.random.default_rng(1)
+        self.slave = SlaveNode(
+            lambda _: Scene(preset.tissues, name=preset.name),
+            SlaveSettings(),
+            self.rng,
+            host_of=lambda address: address[0],
+        )
+        self.masters = {}
+        self.events = {}
+
+    def start(self, port):
+        request = Request("deadband", {}, 0.1, 0.02, 1.0, 1000.0, 1, "master")
+        self.masters[port] = MasterSession(request, SessionSettings(), self.rng)
+        self.events[port] = []
+
+    def exchange(self, port, *, position=True):
+        """Let a master do what is due, and pass everything on without delay."""
+        master = self.masters[port]
+        master.tick(self.now_us)
+        if position:
+            master.send_position(self.now_us, struct.pack(">f", 0.001))
+        while sent := master.datagrams_to_send():
+            for data in sent:
+                self.slave.receive_datagram(data, ("lab", port), self.now_us)
+            for data, (_, to) in self.slave.datagrams_to_send():
+                self.masters[to].receive_datagram(data, self.now_us)
+        while (event := master.next_event()) is not None:
+            self.events[port].append(event)
+
+    def run(self, milliseconds, *ports):
+        for _ in range(milliseconds):
+            self.now_us += 1000
+            for port in ports:
+                self.exchange(port)
+
+    def scene_of(self, port):
+        (station,) = (each for each in self.slave.stations if each.address == ("lab", port))
+        return station.scene
+
+
+@pytest.fixture
+def laboratory():
+    made = Laboratory()
+    made.start(1)
+    made.run(50, 1)
+    return made
+
+
+def test_a_restarted_master_gets_the_scene_of_its_silent_session(laboratory):
+    scene = laboratory.scene_of(1)
+    laboratory.run(300)
+    laboratory.start(2)
+    laboratory.run(50, 2)
+    assert laboratory.scene_of(2) is scene
+    assert len(laboratory.slave.stations) == 1
+
+
+def test_a_second_master_of_the_same_name_beside_a_working_one_gets_a_scene_of_its_own(laboratory):
+    laboratory.start(2)
+    laboratory.run(50, 1, 2)
+    assert laboratory.scene_of(2) is not laboratory.scene_of(1)
+
+
+def test_a_master_that_was_silent_and_works_again_keeps_its_scene(laboratory):
+    scene = laboratory.scene_of(1)
+    laboratory.run(300)
+    laboratory.start(2)
+    laboratory.exchange(2, position=False)  # half open, to continue the silent session
+    laboratory.run(50, 1)  # which is heard of again
+    laboratory.run(50, 1, 2)
+    assert laboratory.scene_of(1) is scene
+    assert laboratory.scene_of(2) is not scene
+    assert [type(event) for event in laboratory.events[2]] == [Connected, SessionLost, Connected]
+    assert [type(event) for event in laboratory.events[1]].count(SessionLost) == 0
+
+
+def test_of_two_that_are_to_continue_one_scene_only_the_first_does(laboratory):
+    scene = laboratory.scene_of(1)
+    laboratory.run(300)
+    for port in (2, 3):
+        laboratory.start(port)
+        laboratory.exchange(port, position=False)
+    laboratory.run(200, 2, 3)
+    assert laboratory.scene_of(2) is scene
+    assert laboratory.scene_of(3) is not scene
