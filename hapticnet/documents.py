@@ -80,6 +80,9 @@ def _first_mistake(error: ValidationError, model: type[BaseModel]) -> str:
         return f"{where}{key} is missing"
     expected = _EXPECTED.get(mistake["type"])
     right = f"it must be {expected}" if expected else f"{mistake['msg'][0].lower()}{mistake['msg'][1:]}"
+    field = table.model_fields.get(key)
+    if field is not None and not field.repr:  # a secret
+        return f"{where}{key} is invalid; {right}"
     return f"{where}{key} is {reprlib.repr(mistake['input'])}; {right}"
 
 

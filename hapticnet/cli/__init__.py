@@ -4,7 +4,7 @@ import sys
 
 import typer
 
-from hapticnet.cli import channel, codecs, compare, demo, device, encode, master, scene, slave
+from hapticnet.cli import channel, codecs, compare, demo, device, encode, key, master, scene, slave
 from hapticnet.cli.console import abandon, complain
 from hapticnet.errors import HapticnetError
 
@@ -25,6 +25,7 @@ app.command(short_help="Compare every codec on recordings with the best possible
 app.command(short_help="List the codecs with their rules and parameters.")(codecs.codecs)
 app.add_typer(scene.app, name="scene")
 app.add_typer(device.app, name="device")
+app.add_typer(key.app, name="key")
 
 
 @app.callback(invoke_without_command=True)

@@ -86,6 +86,45 @@ DeviceOption: TypeAlias = Annotated[
 DeviceArgument: TypeAlias = Annotated[
     str, typer.Argument(metavar="DEVICE", help="sim[:N/MM], simavr[:N/MM], serial:auto or serial:PATH[@BAUD].")
 ]
+KeyOption: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--key", envvar="HAPTICNET_KEY", metavar="FILE", help="This host's key file, made by 'hapticnet key new'."
+    ),
+]
+PeerKeyOption: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        "--peer-key",
+        envvar="HAPTICNET_PEER_KEY",
+        metavar="BASE64",
+        help="The slave's public key, printed by 'hapticnet key public' on its host.",
+    ),
+]
+MastersOption: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--masters",
+        envvar="HAPTICNET_MASTERS",
+        metavar="FILE",
+        help="The masters that are admitted, as [[master]] tables of a TOML file; read again on SIGHUP.",
+    ),
+]
+KeyArgument: TypeAlias = Annotated[
+    Path | None,
+    typer.Argument(
+        envvar="HAPTICNET_KEY", metavar="FILE", show_default="~/.config/hapticnet/key.toml", help="The key file."
+    ),
+]
+MastersArgument: TypeAlias = Annotated[
+    Path | None,
+    typer.Argument(
+        envvar="HAPTICNET_MASTERS",
+        metavar="FILE",
+        show_default="masters.toml beside the key",
+        help="The slave's list of masters.",
+    ),
+]
 ProfileOption: TypeAlias = Annotated[
     Path | None,
     typer.Option("--profile", metavar="FILE", help="The device's calibration and finger, from hapticnet device."),

@@ -1,0 +1,118 @@
+"""``hapticnet key``: make and show the keys of sealed sessions."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hapticnet.cli import options
+
+if TYPE_CHECKING:
+    from hapticnet.protocol.keys import MasterEntry, Roster
+
+app = typer.Typer(no_args_is_help=True, help="Make and show the keys of sealed sessions.")
+
+
+@app.command(short_help="Make a key for this host; print its public key.")
+def new(
+    file: options.KeyArgument = None,
+    name: Annotated[
+        str | None, typer.Option(help="Name of this host in the slave's list; its host name if omitted.")
+    ] = None,
+) -> None:
+    """Make a key for this host, in a file that only you can read, and print its public key.
+
+    An existing file is never overwritten.
+    """
+    import os
+    import sys
+
+    from hapticnet.protocol.key_files import dump_master, write_key
+    from hapticnet.protocol.keys import MasterEntry, format_key, new_key
+    from hapticnet.runtime.entropy import SystemEntropy
+
+    path = file or default_key()
+    key = new_key(SystemEntropy())
+    entry = MasterEntry(name=os.uname().nodename if name is None else name, public=key.public)
+    write_key(path, key)
+    print(format_key(key.public), flush=True)
+    print(
+        f"wrote {path}; it never leaves this host. Above is the public key.\n"
+        f"- If a slave runs here, its masters need: --peer-key {format_key(key.public)}\n"
+        "- If a master runs here, the slave's list of masters (masters.toml beside the slave's key) needs:\n\n"
+        f"{dump_master(entry)}",
+        end="",
+        file=sys.stderr,
+    )
+
+
+@app.command(short_help="Print the public key of a key file.")
+def public(file: options.KeyArgument = None) -> None:
+    """Print the public key of a key file."""
+    from hapticnet.protocol.key_files import load_key
+    from hapticnet.protocol.keys import format_key
+
+    print(format_key(load_key(file or default_key()).public))
+
+
+@app.command("list", short_help="List the masters that the slave admits.")
+def list_masters(file: options.MastersArgument = None, json: options.Json = False) -> None:
+    """List the masters that the slave admits, with their limits."""
+    import os
+
+    from hapticnet.cli.console import deliver
+    from hapticnet.protocol.key_files import load_roster
+
+    path = file or default_masters(Path(os.environ.get("HAPTICNET_KEY") or default_key()))
+    roster = load_roster(path)
+    if json:
+        deliver({"file": str(path), "masters": [_as_json(entry) for entry in roster]}, as_json=True, file=None)
+    elif len(roster):
+        _print_table(roster)
+    else:
+        print(f"{path} admits no master; 'hapticnet key new' on a master's host prints what to add")
+
+
+def default_key() -> Path:
+    """Return where a host's key is kept unless another file is named."""
+    import os
+
+    base = os.environ.get("XDG_CONFIG_HOME", "")
+    # The XDG base directory specification: a relative path is to be ignored.
+    folder = Path(base) if Path(base).is_absolute() else Path.home() / ".config"
+    return folder / "hapticnet" / "key.toml"
+
+
+def default_masters(key: Path) -> Path:
+    """Return the slave's list of masters that belongs to a key file."""
+    return key.with_name("masters.toml")
+
+
+def _as_json(entry: "MasterEntry") -> dict[str, Any]:
+    """Return an entry without its pre-shared key, which is a secret."""
+    from hapticnet.protocol.keys import NO_PSK, format_key
+
+    return {
+        "name": entry.name,
+        "public": format_key(entry.public),
+        "psk": entry.psk != NO_PSK,
+        "scene": entry.scene,
+        "fastest_rate_hz": entry.fastest_rate_hz,
+        "most_sessions": entry.most_sessions,
+    }
+
+
+def _print_table(roster: "Roster") -> None:
+    rows = [_as_json(entry) for entry in roster]
+    lines = [list(rows[0]), *([_cell(value) for value in row.values()] for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    for line in lines:
+        print("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip())
+
+
+def _cell(value: str | float | bool | None) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:g}"
+    return "–" if value is None else str(value)

@@ -1,0 +1,204 @@
+"""Key files and lists of masters, stored as TOML.
+
+The key of a host; nobody else may read the file:
+
+.. code-block:: toml
+
+    private = "eGmV+RLKUXu9FHcUqQIJC6KqVcyHfJ2WzKp6/vYIFXc="
+    psk = "…"                 # optional, on a master: known to its slave, too
+
+The masters that a slave admits:
+
+.. code-block:: toml
+
+    [[master]]
+    name = "operating theatre 2"
+    public = "nQ0nGxVj3V2P2gwS5iZ0n0h5BJ0p6bWDh1oGgL0mBzY="
+    psk = "…"                 # optional, like all that follows
+    scene = "paper:1"
+    fastest_rate_hz = 1000
+    most_sessions = 2
+"""
+
+import os
+import shlex
+import stat
+from pathlib import Path
+from typing import Annotated, Final
+
+import tomli_w
+from pydantic import BaseModel, Field
+
+from hapticnet.documents import STRICT, parse_document, read_document
+from hapticnet.errors import FileError, SettingsError
+from hapticnet.protocol.keys import NO_PSK, MasterEntry, PrivateKey, Roster, format_key, parse_key
+
+PRIVATE_MODE: Final = 0o600
+PRIVATE_FOLDER_MODE: Final = 0o700
+
+_OTHERS: Final = stat.S_IRWXG | stat.S_IRWXO
+
+# Mistakes in a field with repr=False are reported without its value.
+_Secret = Annotated[str, Field(repr=False)]
+_OptionalSecret = Annotated[str | None, Field(repr=False)]
+
+
+class _KeyTable(BaseModel):
+    model_config = STRICT
+
+    private: _Secret
+    psk: _OptionalSecret = None
+
+
+class _MasterTable(BaseModel):
+    model_config = STRICT
+
+    name: str
+    public: str
+    psk: _OptionalSecret = None
+    scene: str | None = None
+    fastest_rate_hz: float | None = None
+    most_sessions: int | None = None
+
+
+class _RosterTable(BaseModel):
+    model_config = STRICT
+
+    master: list[_MasterTable] = []
+
+
+def load_key(path: Path) -> PrivateKey:
+    """Return the key in a key file.
+
+    Raises
+    ------
+    FileError
+        If the file is missing, unreadable, accessible to group or others, or not TOML.
+    SettingsError
+        If a key is unknown or missing, or is not a key.
+    """
+    if not path.exists():
+        raise FileError(f"{path} does not exist; make it with: hapticnet key new {shlex.quote(str(path))}")
+    text = read_document(path)
+    _check_private(path)
+    table = parse_document(text, str(path), _KeyTable)
+    try:
+        return PrivateKey(parse_key(table.private, "private", secret=True), _psk(table.psk))
+    except SettingsError as error:
+        raise SettingsError(f"{path}: {error}") from None
+
+
+def load_roster(path: Path) -> Roster:
+    """Return the masters in a slave's list.
+
+    Raises
+    ------
+    FileError
+        If the file is missing, unreadable or not TOML; if anybody may write it; or if it holds a pre-shared key and is
+        accessible to group or others.
+    SettingsError
+        If a key is unknown or missing, a value is invalid, or a master is listed twice.
+    """
+    if not path.exists():
+        raise FileError(
+            f"{path} does not exist; it has a [[master]] table for each master, which 'hapticnet key new' prints on the"
+            " master's host"
+        )
+    table = parse_document(read_document(path), str(path), _RosterTable)
+    if any(master.psk is not None for master in table.master):
+        _check_private(path)
+    elif _mode(path) & stat.S_IWOTH:
+        raise FileError(f"{path} can be changed by anybody on this machine; run: chmod o-w {shlex.quote(str(path))}")
+    masters = []
+    for number, master in enumerate(table.master, start=1):
+        try:
+            masters.append(_entry(master))
+        except SettingsError as error:
+            raise SettingsError(f"{path}: master {number}: {error}") from None
+    try:
+        return Roster(masters)
+    except SettingsError as error:
+        raise SettingsError(f"{path}: {error}") from None
+
+
+def write_key(path: Path, key: PrivateKey) -> None:
+    """Write a new key file that only its owner can read. Create missing folders.
+
+    Raises
+    ------
+    FileError
+        If the file exists or cannot be written. An existing file is never changed.
+    """
+    content = {"private": format_key(key.private)}
+    if key.psk != NO_PSK:
+        content["psk"] = format_key(key.psk)
+    try:
+        path.parent.mkdir(mode=PRIVATE_FOLDER_MODE, parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:  # ValueError: a null character in the name
+        raise FileError(f"{path.parent}: cannot create the folder: {_reason(error)}") from None
+    try:
+        # O_EXCL neither follows a link nor opens what exists, and the mode holds from the first byte.
+        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, PRIVATE_MODE)
+    except FileExistsError:
+        raise FileError(f"{path} exists, and a key is never overwritten; name another file or move it away") from None
+    except OSError as error:
+        raise FileError(f"{path}: cannot be written: {_reason(error)}") from None
+    try:
+        with open(descriptor, "wb") as file:
+            file.write(tomli_w.dumps(content).encode())
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:
+        path.unlink(missing_ok=True)
+        raise FileError(f"{path}: cannot be written: {_reason(error)}") from None
+
+
+def dump_master(entry: MasterEntry) -> str:
+    """Return a master's table for the slave's list, without its pre-shared key."""
+    table: dict[str, str | float] = {"name": entry.name, "public": format_key(entry.public)}
+    for key in ("scene", "fastest_rate_hz", "most_sessions"):
+        value = getattr(entry, key)
+        if value is not None:
+            table[key] = value
+    return f"[[master]]\n{tomli_w.dumps(table)}"
+
+
+def _entry(table: _MasterTable) -> MasterEntry:
+    return MasterEntry(
+        name=table.name,
+        public=parse_key(table.public, "public"),
+        psk=_psk(table.psk),
+        scene=table.scene,
+        fastest_rate_hz=table.fastest_rate_hz,
+        most_sessions=table.most_sessions,
+    )
+
+
+def _psk(text: str | None) -> bytes:
+    if text is None:
+        return NO_PSK
+    psk = parse_key(text, "psk", secret=True)
+    if psk == NO_PSK:
+        raise SettingsError("psk is all zeros, which is not a secret; omit it or use 32 random bytes")
+    return psk
+
+
+def _check_private(path: Path) -> None:
+    """Raise FileError if group or others can read or write a file that holds a secret."""
+    mode = _mode(path)
+    if mode & _OTHERS:
+        raise FileError(
+            f"{path} holds a secret and is accessible to other users (mode {mode:04o});"
+            f" run: chmod 600 {shlex.quote(str(path))}"
+        )
+
+
+def _mode(path: Path) -> int:
+    try:
+        return stat.S_IMODE(path.stat().st_mode)
+    except OSError as error:
+        raise FileError(f"{path}: {_reason(error)}") from error
+
+
+def _reason(error: OSError | ValueError) -> str:
+    return str(getattr(error, "strerror", None) or error)

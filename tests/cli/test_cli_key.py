@@ -1,0 +1,158 @@
+"""``hapticnet key``: files that hold secrets, and what is printed of them."""
+
+import json
+import stat
+import tomllib
+
+import pytest
+
+from hapticnet.protocol.key_files import load_key, load_roster
+from hapticnet.protocol.keys import format_key
+from tests.cli.test_cli_errors import assert_one_line, hapticnet
+
+PSK = format_key(bytes(range(32)))
+
+
+def snippet(done):
+    """Return the lines of stderr that belong into the slave's list."""
+    return done.stderr[done.stderr.index("[[master]]") :]
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path, monkeypatch):
+    """Return the folder in which this user's keys are kept."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    for name in ("HAPTICNET_KEY", "HAPTICNET_MASTERS", "HAPTICNET_PEER_KEY"):
+        monkeypatch.delenv(name, raising=False)
+    return tmp_path / "config" / "hapticnet"
+
+
+def test_a_new_key_is_private_and_its_public_key_and_snippet_are_printed(home):
+    done = hapticnet("key", "new", "--name", "finger 1")
+    assert done.returncode == 0
+    path = home / "key.toml"
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    key = load_key(path)
+    assert done.stdout == format_key(key.public) + "\n"
+    assert tomllib.loads(snippet(done)) == {"master": [{"name": "finger 1", "public": format_key(key.public)}]}
+    assert format_key(key.private) not in done.stdout + done.stderr
+    assert hapticnet("key", "public").stdout == done.stdout
+
+
+def test_the_snippet_appended_to_the_list_admits_the_master(home):
+    for name in ("one", "two"):
+        done = hapticnet("key", "new", home / f"{name}.toml", "--name", name)
+        with (home / "masters.toml").open("a") as masters:
+            masters.write(snippet(done))
+    roster = load_roster(home / "masters.toml")
+    assert [entry.name for entry in roster] == ["one", "two"]
+    assert roster.find(load_key(home / "two.toml").public) is not None
+
+
+def test_a_key_is_never_overwritten(home):
+    first = hapticnet("key", "new")
+    assert_one_line(hapticnet("key", "new"), str(home / "key.toml"), "never overwritten")
+    assert hapticnet("key", "public").stdout == first.stdout
+
+
+def test_the_key_named_by_the_environment_is_used(tmp_path, monkeypatch):
+    monkeypatch.setenv("HAPTICNET_KEY", str(tmp_path / "other.toml"))
+    made = hapticnet("key", "new")
+    assert (tmp_path / "other.toml").is_file()
+    assert hapticnet("key", "public").stdout == made.stdout
+
+
+def test_a_relative_config_folder_is_ignored_as_its_specification_demands(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CONFIG_HOME", "here")
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    assert hapticnet("key", "new").returncode == 0
+    assert (tmp_path / "home" / ".config" / "hapticnet" / "key.toml").is_file()
+
+
+def test_list_shows_the_masters_and_their_limits_but_no_secret(home, tmp_path, monkeypatch):
+    made = [hapticnet("key", "new", tmp_path / f"{name}.toml", "--name", name) for name in ("one", "two")]
+    limits = f'psk = "{PSK}"\nscene = "paper:1"\nfastest_rate_hz = 500\nmost_sessions = 2\n'
+    home.mkdir(parents=True)
+    masters = home / "masters.toml"
+    masters.write_text(snippet(made[0]) + snippet(made[1]) + limits)
+    masters.chmod(0o600)
+    public = [done.stdout.strip() for done in made]
+    shown = hapticnet("key", "list")
+    heads, *rows = shown.stdout.splitlines()
+    assert heads.split() == ["name", "public", "psk", "scene", "fastest_rate_hz", "most_sessions"]
+    assert [row.split() for row in rows] == [
+        ["one", public[0], "no", "–", "–", "–"],
+        ["two", public[1], "yes", "paper:1", "500", "2"],
+    ]
+    monkeypatch.setenv("HAPTICNET_KEY", str(home / "key.toml"))  # the list is beside the key
+    as_json = hapticnet("key", "list", "--json")
+    report = json.loads(as_json.stdout)
+    assert report["file"] == str(masters)
+    assert report["masters"][1] == {
+        "name": "two",
+        "public": public[1],
+        "psk": True,
+        "scene": "paper:1",
+        "fastest_rate_hz": 500.0,
+        "most_sessions": 2,
+    }
+    assert PSK not in shown.stdout + shown.stderr + as_json.stdout + as_json.stderr
+
+
+def test_an_empty_list_says_how_to_add_a_master(tmp_path):
+    (tmp_path / "masters.toml").write_text("")
+    done = hapticnet("key", "list", tmp_path / "masters.toml")
+    assert done.returncode == 0
+    assert "hapticnet key new" in done.stdout
+
+
+BAD_KEYS = {
+    "not TOML": ("private = ", "not a TOML file"),
+    "empty": ("", "private is missing"),
+    "unknown key": ('privat = "x"', "unknown key 'privat'"),
+    "not a key": ('private = "hunter2"', "private has 7 characters"),
+    "binary": (b"\xff\xfe", "not UTF-8 text"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_KEYS)
+def test_a_bad_key_file_is_one_line(tmp_path, case):
+    content, words = BAD_KEYS[case]
+    path = tmp_path / "key.toml"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    path.chmod(0o600)
+    done = hapticnet("key", "public", path)
+    assert_one_line(done, str(path), words)
+    assert "hunter2" not in done.stderr
+
+
+def test_a_key_that_others_can_read_is_refused_with_the_command_that_corrects_it(tmp_path):
+    path = tmp_path / "key.toml"
+    assert hapticnet("key", "new", path).returncode == 0
+    path.chmod(0o644)
+    assert_one_line(hapticnet("key", "public", path), "mode 0644", f"run: chmod 600 {path}")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("public", "/dev/zero"), "a character device"),
+        (("public", "."), "a directory"),
+        (("public", "/nowhere/key.toml"), "hapticnet key new /nowhere/key.toml"),
+        (("list", "/nowhere/masters.toml"), "'hapticnet key new'"),
+        (("new", "/proc/nowhere/key.toml"), "cannot create the folder"),
+        (("new", "/dev/stdout"), "never overwritten"),
+        (("new", "key.toml", "--name", "x" * 65), "name is 'xxx"),
+        (("new", "key.toml", "--name", ""), "name is ''"),
+    ],
+)
+def test_files_and_names_that_cannot_be_are_one_line(tmp_path, arguments, words):
+    done = hapticnet("key", *arguments, cwd=tmp_path)
+    assert_one_line(done, words)
+    assert not (tmp_path / "key.toml").exists()
+
+
+def test_a_bad_list_is_one_line(tmp_path):
+    path = tmp_path / "masters.toml"
+    path.write_text('[[master]]\nname = "a"\npublic = "abc"\n')
+    assert_one_line(hapticnet("key", "list", path), str(path), "master 1: public is 'abc'")
