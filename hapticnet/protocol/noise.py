@@ -46,6 +46,9 @@ class TransportKeys(NamedTuple):
     to_responder: bytes
     to_initiator: bytes
 
+    def __repr__(self) -> str:
+        return "TransportKeys(…)"  # so that no log or traceback shows them
+
 
 def public_key(private: bytes) -> bytes:
     """Return the public key of a private key, 32 bytes each; raise SettingsError for any other length."""

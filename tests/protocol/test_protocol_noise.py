@@ -200,6 +200,22 @@ def test_short_messages_are_refused(length):
         initiator.read(bytes(range(1, length + 1)))
 
 
+@given(message=st.binary(max_size=300))
+def test_garbage_is_a_peer_error(message):
+    initiator, responder = ends()
+    initiator.write(b"")
+    for end in (initiator, responder):
+        with pytest.raises(PeerError):
+            end.read(message)
+
+
+def test_keys_do_not_show_in_what_is_printed():
+    initiator, responder = ends()
+    keys = shake_hands(initiator, responder)
+    assert repr(keys) == "TransportKeys(…)"
+    assert keys.to_responder.hex() not in repr((keys, initiator, responder))
+
+
 def test_a_message_for_another_slave_is_refused():
     initiator, _ = ends()
     _, stranger = ends(slave=bytes(range(50, 82)))
