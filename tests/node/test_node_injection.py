@@ -1,106 +1,124 @@
-"""What an injector on the path of a sealed session can do: it copies, changes and repeats datagrams."""
+"""What somebody on the path of a sealed session can do: copy, change and repeat datagrams, and learn from them."""
 
 import struct
 
 import msgpack
-import numpy as np
 import pytest
 
-from hapticnet.node.admission import SlaveSettings
-from hapticnet.node.slave import SlaveNode
 from hapticnet.protocol.events import Connected, ForceArrived, HoldConfirmed
-from hapticnet.protocol.handshake import SealedDoor
-from hapticnet.protocol.keys import MasterEntry, MasterKey, PrivateKey, Roster
-from hapticnet.protocol.master_session import MasterSession
-from hapticnet.protocol.messages import Request
-from hapticnet.protocol.settings import SessionSettings
-from hapticnet.protocol.wire import SEALED, Kind
-from hapticnet.scene.presets import find_scene
-from hapticnet.scene.scene import Scene
+from hapticnet.protocol.messages import Cookie, Grant, Welcome
+from hapticnet.protocol.states import MasterState, SlaveState
+from hapticnet.protocol.wire import OPEN, Kind, pack, pack_body, unpack
+from tests.node.wire_tap import REQUEST, SLAVE, SURGEON, Tap
 
 HERE, THERE = ("192.0.2.1", 5000), ("192.0.2.66", 6000)
-MASTER, SLAVE = PrivateKey(bytes([1] * 32)), PrivateKey(bytes([2] * 32))
-REQUEST = Request("deadband", {}, 0.1, 0.02, 1.0, 1000.0, 1, "surgeon")
-
-
-class Link:
-    """A master and a slave, and whoever sits between them."""
-
-    def __init__(self):
-        roster = Roster([MasterEntry(name="surgeon", public=MASTER.public)])
-        rng = np.random.default_rng(1)
-        tissues = find_scene("paper:1")
-        self.slave = SlaveNode(
-            lambda _: Scene(tissues.tissues, name="three tissues"),
-            SlaveSettings(),
-            rng,
-            doors={SEALED: SealedDoor(SLAVE.private, roster, rng)},
-        )
-        self.master = MasterSession(REQUEST, SessionSettings(), rng, MasterKey(MASTER, SLAVE.public))
-        self.now_us = 1_000_000
-        self.sent = []
-        self.events = []
-
-    def step(self, *, back=lambda data: [data]):
-        """Run one millisecond; `back` stands between the slave and the master."""
-        self.now_us += 1000
-        self.master.tick(self.now_us)
-        self.master.send_position(self.now_us, struct.pack(">f", 0.001))
-        for data in self.master.datagrams_to_send():
-            self.sent.append(data)
-            self.slave.receive_datagram(data, HERE, self.now_us)
-        for data, address in self.slave.datagrams_to_send():
-            if address == HERE:
-                for passed in back(data):
-                    self.master.receive_datagram(passed, self.now_us)
-        for data in self.master.datagrams_to_send():
-            self.slave.receive_datagram(data, HERE, self.now_us)
-            for answer, _ in self.slave.datagrams_to_send():
-                for passed in back(answer):
-                    self.master.receive_datagram(passed, self.now_us)
-        while (event := self.master.next_event()) is not None:
-            if isinstance(event, ForceArrived):
-                self.master.applied(event)
-            self.events.append(event)
 
 
 @pytest.fixture
-def link():
-    made = Link()
-    made.step()
-    assert [type(event) for event in made.events] == [Connected]
+def tap():
+    return Tap()
+
+
+@pytest.fixture
+def master(tap):
+    made = tap.master()
+    assert any(isinstance(event, Connected) for event in tap.run(made, HERE))
     return made
 
 
-@pytest.mark.parametrize("forged", [1, 5000, 2**31, 2**32 - 1])
-def test_a_welcome_whose_frame_was_changed_deafens_nobody(forged):
-    link = Link()
+def numbers_of(data):
+    frame = unpack(data)
+    return frame.kind, frame.session, frame.sequence
 
+
+@pytest.mark.parametrize("forged", [1, 5000, 2**31, 2**32 - 1])
+def test_a_welcome_whose_frame_was_changed_deafens_nobody(tap, forged):
     def change(data):
         frame = msgpack.unpackb(data)
-        if frame[1] == Kind.WELCOME:
-            frame[2:4] = [12345, forged]
-        return [msgpack.packb(frame)] if frame[1] == Kind.WELCOME else [data]
+        if frame[1] != Kind.WELCOME:
+            return data
+        frame[2:4] = [12345, forged]
+        return msgpack.packb(frame)
 
-    for _ in range(100):
-        link.step(back=change)
-    assert [type(event) for event in link.events[:2]] == [Connected, ForceArrived]
-    assert any(isinstance(event, HoldConfirmed) for event in link.events)
-    assert link.master.received.late == 0
+    master = tap.master()
+    events = [event for _ in range(100) for event in tap.step(master, HERE, back=change)]
+    assert [type(event) for event in events[:2]] == [Connected, ForceArrived]
+    assert any(isinstance(event, HoldConfirmed) for event in events)
+    assert master.received.late == 0
 
 
-def test_copies_of_true_positions_do_not_use_up_the_granted_rate(link):
+def test_copies_of_true_positions_do_not_use_up_the_granted_rate(tap, master):
     for _ in range(3000):
-        link.step()
+        tap.step(master, HERE)
         for _ in range(3):
-            link.slave.receive_datagram(link.sent[-1], HERE, link.now_us)
-    (station,) = link.slave.stations
-    assert station.session.received.duplicate >= 8000
+            assert tap.to_slave(tap.sent[-1], HERE) == []
+    (station,) = tap.slave.stations
+    assert station.session.received.duplicate == 9000
     assert station.session.received.over_rate == 0
 
 
-def test_a_copy_from_another_address_moves_nothing(link):
-    link.step()
-    link.slave.receive_datagram(link.sent[-1], THERE, link.now_us)
-    (station,) = link.slave.stations
+def test_a_copy_from_another_address_moves_nothing(tap, master):
+    tap.step(master, HERE)
+    assert tap.to_slave(tap.sent[-1], THERE) == []
+    (station,) = tap.slave.stations
     assert station.address == HERE
+
+
+def test_who_forwards_a_position_first_gets_the_answers_until_the_next_one_and_can_open_none(tap, master):
+    tap.now_us += 50_000  # so that a KEEPALIVE is due
+    master.send_position(tap.now_us, b"\0\0\0\0")
+    (data,) = master.datagrams_to_send()
+    ((answer, to),) = tap.to_slave(data, THERE)
+    assert to == THERE
+    with pytest.raises(ValueError, match=r"unpack|extra|data"):
+        msgpack.unpackb(unpack(answer).body)
+    assert len(answer) <= len(data)
+    tap.step(master, HERE)
+    (station,) = tap.slave.stations
+    assert station.address == HERE
+
+
+@pytest.mark.usefixtures("master")
+def test_an_observer_sees_neither_names_nor_keys_nor_forces(tap):
+    seen = tap.sent + tap.answers
+    hellos = [data for data in seen if unpack(data).kind is Kind.HELLO]
+    assert hellos
+    for secret in (REQUEST.name.encode(), SURGEON.public, SLAVE.public, b"deadband"):
+        assert not any(secret in data for data in seen)
+    positions = [unpack(data).body for data in tap.sent if unpack(data).kind is Kind.POSITION]
+    assert len(set(positions)) == len(positions)  # although the tool stands still
+    assert not any(struct.pack(">f", 0.001) in body for body in positions)
+
+
+def test_a_copied_request_gets_its_sender_a_half_open_session_and_disturbs_nothing(tap, master):
+    nonce, _, *rest = msgpack.unpackb(unpack(tap.sent[1]).body)
+    (station,) = tap.slave.stations
+    hello = tap.sent[1]
+    assert unpack(hello).kind is Kind.HELLO
+    ((cookie, _),) = tap.to_slave(hello, THERE)  # its cookie is of another address
+    (_, cookie) = msgpack.unpackb(unpack(cookie).body)
+    body = pack_body((nonce, cookie, *rest))
+    ((welcome, to),) = tap.to_slave(pack(Kind.HELLO, 0, unpack(hello).sequence, body, 2), THERE)
+    assert (unpack(welcome).kind, to) == (Kind.WELCOME, THERE)
+    assert [each.session.state for each in tap.slave.stations] == [SlaveState.OPEN, SlaveState.HALF_OPEN]
+    for data in tap.sent[-50:]:  # no datagram of the running session proves the copied one
+        kind, _, sequence = numbers_of(data)
+        tap.to_slave(pack(kind, unpack(welcome).session, sequence, unpack(data).body, 2), THERE)
+    assert tap.run(master, HERE)
+    assert tap.slave.stations[0] is station
+    assert station.session.state is SlaveState.OPEN
+    assert [each.session.state for each in tap.slave.stations[1:]] == [SlaveState.HALF_OPEN]
+
+
+def test_a_master_with_a_key_takes_no_open_session(tap):
+    master = tap.master()
+    master.tick(tap.now_us)
+    (hello,) = master.datagrams_to_send()
+    nonce = msgpack.unpackb(unpack(hello).body)[0]
+    grant = pack_body(Grant(70_000, 1000.0, 45_000, "paper:1", bytes(16), False))
+    master.receive_datagram(pack(Kind.COOKIE, 0, 0, pack_body(Cookie(nonce, bytes(16))), OPEN), tap.now_us)
+    for version in (1, 2):
+        master.receive_datagram(pack(Kind.WELCOME, 70_000, 0, pack_body(Welcome(nonce, grant)), version), tap.now_us)
+    assert master.state is MasterState.CONNECTING
+    assert all(unpack(data).version == 2 for data in master.datagrams_to_send())
+    assert any(isinstance(event, Connected) for event in tap.run(master, HERE, 300))
