@@ -5,8 +5,9 @@ import sys
 import typer
 
 from hapticnet.cli import channel, codecs, compare, demo, device, encode, key, master, scene, slave
-from hapticnet.cli.console import abandon, complain
+from hapticnet.cli.console import complain
 from hapticnet.errors import HapticnetError
+from hapticnet.runtime.outlet import abandon
 
 app = typer.Typer(
     add_completion=True,

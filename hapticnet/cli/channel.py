@@ -41,7 +41,7 @@ def channel(
     target = parse_host_port(to)
     sock = listen_on(parse_host_port(listen, lowest_port=0))
     check_outputs(report)
-    console = Console("channel", quiet=quiet)
+    console = Console("channel", quiet=quiet, real_time=True)
     try:
         open_toward(target)[0].close()
     except UnavailableError as error:
@@ -64,4 +64,4 @@ def channel(
         )
     )
     console.finish()
-    deliver({"scheduling": scheduling, **account}, as_json=json, file=report)
+    deliver({"scheduling": scheduling, **account}, as_json=json, file=report, real_time=True)

@@ -6,14 +6,18 @@ import os
 import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TextIO
+from typing import TYPE_CHECKING, Any, Final
 
 from hapticnet.errors import FileError, SettingsError
 from hapticnet.files import check_replaceable, replacing, takes_a_stream
+from hapticnet.runtime.outlet import STDERR, abandon, never_block, write_watched
 
 if TYPE_CHECKING:
     from hapticnet.channel.emulator import Emulator
     from hapticnet.channel.settings import ChannelSettings
+
+STALL_S: Final = 3.0
+"""Time [s] that a process in real time waits for a reader of its report who has stopped reading."""
 
 MOST_ENTRIES: Final = 20
 """Entries shown of a list in a report for a person."""
@@ -28,67 +32,84 @@ class Console:
         Prefix of each line.
     quiet
         Whether to print only errors.
+    real_time
+        Whether this process must never wait for the reader of its messages. Their rate is then limited.
     """
 
-    def __init__(self, name: str, *, quiet: bool = False) -> None:
+    def __init__(self, name: str, *, quiet: bool = False, real_time: bool = False) -> None:
         self._name = name
         self._quiet = quiet
         self._live = not quiet and sys.stderr is not None and sys.stderr.isatty()
-        self._shown = False
+        if real_time:
+            never_block()
+
+    @property
+    def left_out(self) -> int:
+        """Number of lines that were not printed, because there were too many or nobody read them."""
+        return STDERR.left_out
 
     def say(self, line: str) -> None:
         """Print a permanent line."""
         if not self._quiet:
-            self._clear()
-            _to_stderr(f"{self._name}: {line}\n")
+            STDERR.line(line, who=self._name)
 
     def status(self, line: str) -> None:
         """Replace the live status line, if stderr is a terminal."""
         if self._live:
-            _to_stderr(f"\r\x1b[2K{self._name}: {line}")
-            self._shown = True
+            STDERR.status(f"{self._name}: {line}")
 
     def finish(self) -> None:
-        """Remove the status line."""
-        self._clear()
-
-    def _clear(self) -> None:
-        if self._shown:
-            _to_stderr("\r\x1b[2K")
-            self._shown = False
+        """Remove the status line, and wait a moment until everything is printed."""
+        if self._live:
+            STDERR.status("")
+        STDERR.drain()
 
 
 def complain(message: str) -> None:
     """Print an error as one line on stderr."""
-    _to_stderr(f"hapticnet: {' '.join(message.split())}\n")
+    STDERR.line(" ".join(message.split()), who="hapticnet", needed=True)
 
 
-def deliver(report: Mapping[str, Any], *, as_json: bool, file: Path | None) -> None:
-    """Print a report on stdout, as JSON or for a person, and write it to `file` as JSON.
+def deliver(report: Mapping[str, Any], *, as_json: bool, file: Path | None, real_time: bool = False) -> None:
+    """Write a report to `file` as JSON, then print it on stdout, as JSON or for a person.
 
     The JSON also has the provenance: version, date, machine and command.
+
+    Parameters
+    ----------
+    real_time
+        Whether to give up when stdout is not read for `STALL_S`; otherwise its reader may take any time.
 
     Raises
     ------
     FileError
-        If stdout or the file cannot be written; the other one is still written.
+        If the file or stdout cannot be written; the other one is still written.
     """
     from hapticnet.experiment.provenance import provenance
 
     text = json.dumps({**report, "provenance": provenance()}, indent=2) + "\n"
     try:
-        if sys.stdout is None:
-            return
-        sys.stdout.write(text if as_json else "\n".join(_lines(report)) + "\n")
-        sys.stdout.flush()
+        if file is not None:
+            write_text(file, text)
+    finally:
+        STDERR.drain()  # so that on a terminal the report stands below the messages
+        _print(text if as_json else "\n".join(_lines(report)) + "\n", STALL_S if real_time else None)
+
+
+def _print(text: str, stall_s: float | None) -> None:
+    if sys.stdout is None:
+        return
+    try:
+        if stall_s is None:
+            sys.stdout.write(text)
+            sys.stdout.flush()
+        else:
+            write_watched(sys.stdout, text, stall_s)
     except BrokenPipeError:
         raise
     except OSError as error:
         abandon(sys.stdout)
         raise FileError(f"stdout cannot be written: {error.strerror}") from error
-    finally:
-        if file is not None:
-            write_text(file, text)
 
 
 def channel_account(settings: "ChannelSettings", channel: "Emulator[Any]") -> dict[str, Any]:
@@ -129,24 +150,6 @@ def check_new(*outputs: Path | None, force: bool) -> None:
     for path in outputs:
         if path is not None and not force and path.is_file():
             raise SettingsError(f"{path} exists; choose another file or add --force to overwrite it")
-
-
-def _to_stderr(text: str) -> None:
-    """Write to stderr; a closed stderr must not end a run that others depend on."""
-    try:
-        sys.stderr.write(text)
-        sys.stderr.flush()
-    except OSError:  # the reader is gone
-        abandon(sys.stderr)
-    except (ValueError, AttributeError):  # closed by the parent process
-        pass
-
-
-def abandon(stream: TextIO) -> None:
-    """Redirect a stream to the null device; otherwise flushing its buffer at exit would fail."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, stream.fileno())
-    os.close(nowhere)
 
 
 def _lines(report: Mapping[str, Any], indent: str = "") -> list[str]:

@@ -90,7 +90,7 @@ def master(
     address = parse_host_port(connect)
     sock, slave = open_toward(address)
     check_outputs(record, report, inputs=[profile, trace])
-    console = Console(name, quiet=quiet)
+    console = Console(name, quiet=quiet, real_time=True)
     scheduling = prefer_realtime() if realtime else OTHER
     console.say(f"asking {address} for {codec}, {rate:g} Hz, device {device}, {scheduling}")
     with (
@@ -125,7 +125,7 @@ def master(
     if channel is not None:
         account["channel_out"] = channel_account(out, channel)
     try:
-        deliver(account, as_json=json, file=report)
+        deliver(account, as_json=json, file=report, real_time=True)
     finally:  # the reader of stdout may have gone
         if record is not None and node.recording is not None:
             write_csv(record, node.recording.table())

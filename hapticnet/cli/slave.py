@@ -61,7 +61,7 @@ def slave(
     from hapticnet.scene.presets import find_scene, scene_file
     from hapticnet.scene.scene import Scene
 
-    console = Console("slave", quiet=quiet)
+    console = Console("slave", quiet=quiet, real_time=True)
     for text in codec or ():
         if parse_codec(text)[1]:
             raise SettingsError(f"--codec {text}: omit the parameters; each master sends its own")
@@ -131,7 +131,7 @@ def slave(
     if channel is not None:
         account["channel_out"] = channel_account(out, channel)
     try:
-        deliver(account, as_json=json, file=report)
+        deliver(account, as_json=json, file=report, real_time=True)
     finally:  # the reader of stdout may have gone
         write_recordings()
 

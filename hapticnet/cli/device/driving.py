@@ -32,7 +32,7 @@ def drive(text: str, known: "Profile", seed: int, prepare: "Callable[[Device], C
     from hapticnet.runtime.device_run import run_device
     from hapticnet.runtime.realtime import run
 
-    console = Console("device")
+    console = Console("device", real_time=True)
     console.say(f"opening {text}, which will press the finger; withdraw the finger or press Ctrl-C to end")
     if known.is_generic:
         console.say(devices.NOT_CALIBRATED)

@@ -35,7 +35,7 @@ def monitor(
     known = devices.load(profile)
     check_outputs(csv, inputs=[profile])
     wired = WiredDevice(known.calibration)
-    console = Console("monitor")
+    console = Console("monitor", real_time=True)
     summary = Summary()
     rows: list[Reading] = []
     last: Reading | None = None

@@ -35,7 +35,7 @@ def sim(
     from hapticnet.runtime.realtime import run
 
     settings = PlantSettings(finger=Finger(stiffness_n_m=1000.0 * stiffness))
-    console = Console("sim")
+    console = Console("sim", real_time=True)
     with closing(Board(settings, np.random.default_rng(seed))) as board, closing(NanoPty(board, link=link)) as nano:
         plant = board.plant
 

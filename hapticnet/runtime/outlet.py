@@ -1,0 +1,243 @@
+"""Output to a reader who may pause: a full pipe, a stopped terminal. Whoever has something to say never waits."""
+
+import atexit
+import logging
+import os
+import select
+import sys
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from queue import Empty, SimpleQueue
+from typing import Final, TextIO
+
+from hapticnet.errors import FileError
+from hapticnet.protocol.buckets import TokenBucket
+from hapticnet.runtime.background import start_background
+from hapticnet.runtime.clock import now_us
+
+LINES_PER_S: Final = 20.0
+MOST_AT_ONCE: Final = 100
+"""Limits of the lines of a process; further ones are left out. A hundred masters may join at the same time."""
+
+MOST_WAITING: Final = 1000
+"""Lines that wait for the reader at most; further ones are left out."""
+
+SUMMARY_EVERY_S: Final = 1.0
+"""Time [s] between two lines that tell how many were left out."""
+
+PARTING_S: Final = 0.5
+"""Time [s] that a process waits at its end for the reader of its last lines."""
+
+CHUNK_BYTES: Final = 4096
+"""Bytes handed over at once when progress is watched; a pipe takes this many or none."""
+
+_ERASE: Final = "\r\x1b[2K"
+"""Return to the start of the line and erase it (ECMA-48 EL)."""
+
+
+class Outlet:
+    """Lines and a live status line for a stream.
+
+    Until `start` is called each line is written at once, and a reader who pauses is waited for. From then on a thread
+    writes them, and their rate is limited.
+
+    Parameters
+    ----------
+    stream
+        Returns the stream, or None if the process has none.
+
+    Attributes
+    ----------
+    left_out
+        Lines that were not written: too many a second, or the reader paused for too long.
+    """
+
+    def __init__(self, stream: Callable[[], TextIO | None]) -> None:
+        self.left_out = 0
+        self._stream = stream
+        self._queue: SimpleQueue[Callable[[], None]] | None = None
+        self._bucket = TokenBucket(LINES_PER_S, MOST_AT_ONCE)
+        self._who = ""
+        self._summary_due = False
+        self._summary_at_s = 0.0
+        self._summarised = 0
+        self._status = ""
+        self._status_due = False
+        self._shown = False
+        self._patience_s = PARTING_S
+
+    def start(self) -> None:
+        """Let a thread write from now on."""
+        if self._queue is None:
+            self._queue = SimpleQueue()
+            start_background(self._work, "outlet")
+            atexit.register(self.drain)
+
+    def line(self, text: str, *, who: str, needed: bool = False) -> None:
+        """Write a line of `who`, after removing the status line. A `needed` one is never left out."""
+        line = f"{who}: {text}\n"
+        if self._queue is None:
+            self._write_line(line)
+        elif needed or (self._queue.qsize() < MOST_WAITING and self._bucket.take(now_us())):
+            self._queue.put(lambda: self._write_line(line))
+        else:
+            self.left_out += 1
+            self._who = who
+            if not self._summary_due:
+                self._summary_due = True
+                self._queue.put(self._plan_summary)
+
+    def status(self, text: str) -> None:
+        """Replace the status line, which stands below all other lines; an empty text removes it.
+
+        If the reader pauses, only the newest is written.
+        """
+        self._status = text
+        if not self._status_due:
+            self._status_due = True
+            self._do(self._write_status)
+
+    def drain(self) -> bool:
+        """Wait until everything is written; return False if the reader took nothing for `PARTING_S`.
+
+        A reader that has not come back since is not waited for again.
+        """
+        if self._queue is None:
+            return True
+        written = threading.Event()
+        self._queue.put(self._summarise)
+        self._queue.put(written.set)
+        done = written.wait(self._patience_s)
+        self._patience_s = PARTING_S if done else 0.0
+        return done
+
+    def _do(self, task: Callable[[], None]) -> None:
+        if self._queue is None:
+            task()
+        else:
+            self._queue.put(task)
+
+    def _work(self) -> None:
+        queue = self._queue
+        assert queue is not None  # noqa: S101 - for the type checker
+        while True:
+            wait_s = max(0.0, self._summary_at_s - time.monotonic()) if self._summary_at_s else None
+            try:
+                task = queue.get(timeout=wait_s)
+            except Empty:
+                task = self._summarise
+            task()
+
+    def _plan_summary(self) -> None:
+        if not self._summary_at_s:
+            self._summary_at_s = time.monotonic() + SUMMARY_EVERY_S
+
+    def _summarise(self) -> None:
+        self._summary_at_s, self._summary_due = 0.0, False
+        count = self.left_out - self._summarised
+        if count:
+            self._summarised += count
+            self._write_line(f"{self._who}: … {count:,} line{'s' * (count != 1)} left out\n")
+
+    def _write_line(self, text: str) -> None:
+        self._write(_ERASE + text if self._shown else text)
+        self._shown = False
+
+    def _write_status(self) -> None:
+        self._status_due = False
+        if self._status or self._shown:
+            self._write(_ERASE + self._status)
+        self._shown = bool(self._status)
+
+    def _write(self, text: str) -> None:
+        stream = self._stream()
+        if stream is None:
+            return
+        try:
+            number = stream.fileno()
+        except (OSError, ValueError):  # in a test, or closed
+            number = None
+        try:
+            if number is None:
+                stream.write(text)
+                stream.flush()
+            else:
+                # Not through the stream, whose lock the interpreter needs to end.
+                _write_all(number, text.encode(stream.encoding or "utf-8", "backslashreplace"))
+        except OSError:  # the reader is gone
+            with suppress(OSError, ValueError):
+                abandon(stream)
+        except ValueError:  # closed by the parent process
+            pass
+
+
+STDERR: Final = Outlet(lambda: sys.stderr)
+"""The outlet of all messages of this process."""
+
+
+class _LogHandler(logging.Handler):
+    """What asyncio reports about a callback that raised."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        STDERR.line(self.format(record), who=record.name)
+
+
+def never_block() -> None:
+    """Let a thread write all messages of this process, including those of the logging module."""
+    STDERR.start()
+    logging.lastResort = _LogHandler(logging.WARNING)
+
+
+def write_watched(stream: TextIO, text: str, stall_s: float) -> None:
+    """Write a text to a stream, and give up when the reader has taken nothing of it for `stall_s` [s].
+
+    Raises
+    ------
+    FileError
+        If the reader does not go on reading.
+    OSError
+        If the stream cannot be written.
+    """
+    try:
+        number = stream.fileno()
+    except (OSError, ValueError):
+        stream.write(text)
+        stream.flush()
+        return
+    stream.flush()
+    data = text.encode(stream.encoding or "utf-8", "backslashreplace")
+    progress = SimpleQueue[OSError | None]()
+
+    def work() -> None:
+        try:
+            for start in range(0, len(data), CHUNK_BYTES):
+                _write_all(number, data[start : start + CHUNK_BYTES])
+                progress.put(None)
+        except OSError as error:
+            progress.put(error)
+
+    start_background(work, "report")
+    for _ in range(0, len(data), CHUNK_BYTES):
+        try:
+            failure = progress.get(timeout=stall_s)
+        except Empty:
+            raise FileError(f"stdout is not being read: the report on it is incomplete after {stall_s:g} s") from None
+        if failure is not None:
+            raise failure
+
+
+def abandon(stream: TextIO) -> None:
+    """Redirect a stream to the null device; otherwise flushing its buffer at exit would fail."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, stream.fileno())
+    os.close(nowhere)
+
+
+def _write_all(number: int, data: bytes) -> None:
+    while data:
+        try:
+            data = data[os.write(number, data) :]
+        except BlockingIOError:  # a parent process made it non-blocking
+            select.select([], [number], [])

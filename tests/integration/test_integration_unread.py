@@ -1,0 +1,118 @@
+"""Processes whose output nobody reads: they serve on, end on a signal, and write their report to its file."""
+
+import fcntl
+import json
+import os
+import pty
+import signal
+import socket
+import subprocess
+import sys
+import termios
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PATIENCE_S = 20.0
+
+
+def fill(stream: int) -> None:
+    """Write to a pipe or a terminal until it takes no more."""
+    os.set_blocking(stream, False)
+    try:
+        while True:
+            os.write(stream, b".")
+    except BlockingIOError:
+        pass
+    os.set_blocking(stream, True)
+
+
+@pytest.fixture
+def full_pipe() -> Iterator[int]:
+    reader, writer = os.pipe()
+    fcntl.fcntl(writer, fcntl.F_SETPIPE_SZ, 4096)
+    fill(writer)
+    yield writer
+    os.close(reader)
+    os.close(writer)
+
+
+@pytest.fixture
+def stopped_terminal() -> Iterator[int]:
+    """A terminal on which somebody pressed Ctrl-S."""
+    controller, terminal = pty.openpty()
+    termios.tcflow(terminal, termios.TCOOFF)
+    yield terminal
+    os.close(controller)
+    os.close(terminal)
+
+
+@pytest.fixture
+def run() -> Iterator[Callable[..., subprocess.Popen]]:
+    """Return what starts a process; those still running at the end of the test are killed."""
+    started = []
+
+    def start_process(*arguments: object, **streams: int) -> subprocess.Popen:
+        command = [sys.executable, "-m", "hapticnet", *map(str, arguments), "--no-realtime"]
+        started.append(subprocess.Popen(command, stdin=subprocess.DEVNULL, cwd=ROOT, **streams))
+        return started[-1]
+
+    yield start_process
+    for process in started:
+        process.kill()
+        process.wait()
+
+
+@pytest.fixture
+def address() -> str:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"127.0.0.1:{probe.getsockname()[1]}"
+
+
+@pytest.mark.parametrize("stream", ["full_pipe", "stopped_terminal"])
+def test_a_slave_whose_stderr_nobody_reads_serves_on_and_ends_on_sigint(run, address, stream, request, tmp_path):
+    stderr, report = request.getfixturevalue(stream), tmp_path / "slave.json"
+    slave = run("slave", "--listen", address, "--report", report, stdout=subprocess.DEVNULL, stderr=stderr)
+    for name in ("one", "two"):
+        master = run("master", "--connect", address, "--name", name, "--duration", 0.3, "--connect-timeout", PATIENCE_S)
+        assert master.wait(PATIENCE_S) == 0
+    slave.send_signal(signal.SIGINT)
+    assert slave.wait(PATIENCE_S) == 0
+    sessions = json.loads(report.read_text())["sessions"]
+    assert [session["master"] for session in sessions] == ["one", "two"]
+
+
+def test_a_master_whose_stderr_nobody_reads_plays_to_its_end(run, address, full_pipe, tmp_path):
+    run("slave", "--listen", address)
+    report = tmp_path / "master.json"
+    master = run("master", "--connect", address, "--duration", 0.5, "--report", report, stderr=full_pipe)
+    assert master.wait(PATIENCE_S) == 0
+    assert json.loads(report.read_text())["end_reason"] == "done"
+
+
+@pytest.mark.parametrize("verb", [("slave", "--listen", "127.0.0.1:0"), ("channel", "--to", "127.0.0.1:1")])
+def test_a_process_none_of_whose_output_is_read_ends_on_one_sigint(run, full_pipe, verb, tmp_path):
+    report = tmp_path / "report.json"
+    if verb[0] == "channel":
+        verb = (*verb, "--listen", "127.0.0.1:0")
+    process = run(*verb, "--report", report, stdout=full_pipe, stderr=full_pipe)
+    wait_until_it_handles_signals(process.pid)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(PATIENCE_S) == 2, "the report on stdout is incomplete"
+    assert json.loads(report.read_text())["provenance"]
+
+
+def wait_until_it_handles_signals(number: int) -> None:
+    """Wait for a handler of SIGTERM, which Python itself does not have; nothing that the process says can be read."""
+    deadline = time.monotonic() + PATIENCE_S
+    while time.monotonic() < deadline:
+        status = Path(f"/proc/{number}/status").read_text()
+        caught = int(next(line.split()[1] for line in status.splitlines() if line.startswith("SigCgt")), 16)
+        if caught >> (signal.SIGTERM - 1) & 1:
+            return
+        time.sleep(0.02)
+    pytest.fail("the process does not handle SIGTERM")

@@ -1,0 +1,191 @@
+"""Messages reach a reader in order, and a reader who pauses keeps nobody waiting."""
+
+import contextlib
+import fcntl
+import io
+import logging
+import os
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import pytest
+
+from hapticnet.errors import FileError
+from hapticnet.runtime import outlet as outlet_module
+from hapticnet.runtime.background import start_background
+from hapticnet.runtime.outlet import MOST_AT_ONCE, STDERR, Outlet, write_watched
+
+
+@dataclass
+class Pipe:
+    reader: int
+    writer: io.TextIOWrapper
+
+    def fill(self) -> int:
+        """Fill the pipe; return how much it holds."""
+        os.set_blocking(self.writer.fileno(), False)
+        filled = 0
+        try:
+            while True:
+                filled += os.write(self.writer.fileno(), b"." * 4096)
+        except BlockingIOError:
+            pass
+        os.set_blocking(self.writer.fileno(), True)
+        return filled
+
+    def close_reader(self) -> None:
+        nowhere = os.open(os.devnull, os.O_RDONLY)
+        os.dup2(nowhere, self.reader)
+        os.close(nowhere)
+
+    def read(self) -> str:
+        os.set_blocking(self.reader, False)
+        try:
+            return os.read(self.reader, 1 << 20).decode().lstrip(".")
+        except BlockingIOError:
+            return ""
+
+
+@pytest.fixture
+def pipe() -> Iterator[Pipe]:
+    reader, writer = os.pipe()
+    fcntl.fcntl(writer, fcntl.F_SETPIPE_SZ, 4096)
+    with os.fdopen(writer, "w") as stream:
+        yield Pipe(reader, stream)
+        os.close(reader)
+
+
+@pytest.fixture
+def outlet(pipe) -> Outlet:
+    made = Outlet(lambda: pipe.writer)
+    made.start()
+    return made
+
+
+def test_lines_arrive_in_order_and_the_status_line_stays_below_them(pipe, outlet):
+    outlet.line("one", who="x")
+    outlet.drain()
+    outlet.status("x: 1 s")
+    outlet.drain()
+    outlet.line("two", who="x")
+    outlet.drain()
+    outlet.status("")
+    outlet.drain()
+    assert pipe.read() == "x: one\n\r\x1b[2Kx: 1 s\r\x1b[2Kx: two\n"
+
+
+def test_a_full_pipe_keeps_nobody_waiting_and_loses_no_line_once_it_is_read(pipe, outlet):
+    pipe.fill()
+    for number in range(50):
+        outlet.line(str(number), who="x")
+        outlet.status(f"status {number}")
+    assert not outlet.drain()
+    assert pipe.read() == ""
+    said = ""
+    while "status 49" not in said:
+        said += pipe.read()
+    lines = [line.rpartition("x: ")[2] for line in said.splitlines() if line]
+    assert [line for line in lines if line.isdigit()] == [str(number) for number in range(50)]
+    assert said.count("status") <= 2, "only the newest status is worth showing"
+
+
+def test_what_exceeds_the_rate_is_counted_and_told_in_one_line(pipe, outlet, monkeypatch):
+    monkeypatch.setattr(outlet_module, "now_us", lambda: 0)
+    for number in range(MOST_AT_ONCE + 1234):
+        outlet.line(str(number), who="x")
+    outlet.drain()
+    lines = pipe.read().splitlines()
+    assert lines == [*(f"x: {number}" for number in range(MOST_AT_ONCE)), "x: … 1,234 lines left out"]
+    assert outlet.left_out == 1234
+
+
+def test_what_waits_for_a_reader_is_bounded(pipe, outlet, monkeypatch):
+    monkeypatch.setattr(outlet_module, "MOST_WAITING", 20)
+    pipe.fill()
+    for number in range(100):
+        outlet.line(str(number), who="x")
+    assert 75 <= outlet.left_out <= 80
+    outlet.line("the error", who="x", needed=True)
+    said = ""
+    while "left out" not in said:
+        said += pipe.read()
+    assert "x: the error\n" in said
+
+
+def test_only_the_first_wait_for_a_reader_who_does_not_come_takes_time(pipe, outlet, monkeypatch):
+    pipe.fill()
+    outlet.line("unread", who="x")
+    assert not outlet.drain()
+    monkeypatch.setattr(outlet_module, "PARTING_S", 3600.0)
+    assert not outlet.drain()
+
+
+@pytest.mark.parametrize("started", [False, True])
+def test_a_reader_who_has_gone_ends_nothing(pipe, started):
+    outlet = Outlet(lambda: pipe.writer)
+    if started:
+        outlet.start()
+    pipe.close_reader()
+    outlet.line("unread", who="x")
+    assert outlet.drain()
+    outlet.line("unread", who="x")
+    assert outlet.drain()
+
+
+@pytest.mark.parametrize("stream", [None, io.StringIO()])
+def test_a_process_without_stderr_or_with_one_of_its_own(stream):
+    outlet = Outlet(lambda: stream)
+    outlet.start()
+    outlet.line("grüße", who="x")
+    assert outlet.drain()
+    assert stream is None or stream.getvalue() == "x: grüße\n"
+
+
+def test_a_background_thread_never_runs_under_real_time_scheduling():
+    """Where SCHED_FIFO is not permitted, this tests only that the thread runs."""
+    policies = []
+
+    def start() -> None:
+        with contextlib.suppress(PermissionError):
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+        start_background(lambda: policies.append(os.sched_getscheduler(0)), "test").join()
+
+    starter = threading.Thread(target=start)  # so that this thread's own scheduling stays as it is
+    starter.start()
+    starter.join()
+    assert policies == [os.SCHED_OTHER]
+
+
+def test_what_the_loop_reports_goes_the_same_way(monkeypatch):
+    said = []
+    monkeypatch.setattr(STDERR, "line", lambda text, *, who: said.append((who, text)))
+    outlet_module._LogHandler().emit(logging.makeLogRecord({"name": "asyncio", "msg": "it %s", "args": ("broke",)}))
+    assert said == [("asyncio", "it broke")]
+
+
+def test_a_report_that_is_read_slowly_is_complete(pipe):
+    text = "".join(f"{number}\n" for number in range(5000))
+    read = []
+
+    def work() -> None:
+        os.set_blocking(pipe.reader, True)
+        while sum(map(len, read)) < len(text):
+            read.append(os.read(pipe.reader, 100))
+
+    reader = threading.Thread(target=work)
+    reader.start()
+    write_watched(pipe.writer, text, stall_s=60.0)
+    reader.join()
+    assert b"".join(read).decode() == text
+
+
+def test_a_report_that_nobody_reads_is_given_up(pipe):
+    with pytest.raises(FileError, match="not being read"):
+        write_watched(pipe.writer, "x" * 10_000, stall_s=0.01)
+
+
+def test_a_report_whose_reader_has_gone_says_so(pipe):
+    pipe.close_reader()
+    with pytest.raises(BrokenPipeError):
+        write_watched(pipe.writer, "x" * 10_000, stall_s=60.0)
