@@ -34,7 +34,7 @@ class LinkStale:
     """Nothing fresh arrived for the age limit.
 
     `too_old_us`: the age [µs] of the least old answer among those that arrived too old to be used; None if nothing
-    arrived at all.
+    arrived at all. If the first such answer arrives later, the event comes a second time, with its age.
     """
 
     too_old_us: int | None = None

@@ -15,13 +15,16 @@ class Freshness:
         When the last fresh answer arrived that is newer than all before it.
     too_old_us
         Age of the least old answer since then that was too old; None if there was none.
+    too_old_at_us
+        When the last such answer arrived.
     """
 
-    __slots__ = ("_max_age_us", "_newest_t_us", "heard_us", "too_old_us")
+    __slots__ = ("_max_age_us", "_newest_t_us", "heard_us", "too_old_at_us", "too_old_us")
 
     def __init__(self, max_age_us: int) -> None:
         self.heard_us = 0
         self.too_old_us: int | None = None
+        self.too_old_at_us: int | None = None
         self._max_age_us = max_age_us
         self._newest_t_us = 0
 
@@ -29,21 +32,30 @@ class Freshness:
         """Note that the position of time `t_us` was sent."""
         self._newest_t_us = t_us
 
-    def fresh_t_us(self, echoed_t_us: int, now_us: int) -> int | None:
-        """Return the unwrapped time [µs] of the position that is answered; None if the answer is not fresh."""
+    def fresh_t_us(self, echoed_t_us: int, now_us: int, *, is_new: bool) -> int | None:
+        """Return the unwrapped time [µs] of the position that is answered; None if the answer is not fresh.
+
+        `is_new` tells whether the answer is newer than all before it. Copies of old answers say nothing about the link.
+        """
         t_us = unwrap(echoed_t_us, now_us)
         if t_us > self._newest_t_us:  # no such position was sent
             return None
         age_us = now_us - t_us
         if age_us <= self._max_age_us:
             return t_us
-        self.too_old_us = age_us if self.too_old_us is None else min(age_us, self.too_old_us)
+        if is_new:
+            self.too_old_us = age_us if self.too_old_us is None else min(age_us, self.too_old_us)
+            self.too_old_at_us = now_us
         return None
 
     def heard(self, now_us: int) -> None:
         """Note a fresh answer that is newer than all before it, or a new session."""
         self.heard_us = now_us
-        self.too_old_us = None
+        self.too_old_us = self.too_old_at_us = None
+
+    def is_slow(self, within_us: int, now_us: int) -> bool:
+        """Return whether the link works, but too slowly: an answer that was too old arrived within `within_us`."""
+        return self.too_old_at_us is not None and 0 <= now_us - self.too_old_at_us <= within_us
 
     def silent_us(self, now_us: int) -> int:
         """Return how long [µs] nothing fresh has arrived."""

@@ -79,6 +79,7 @@ class MasterSession:
         self._fresh = Freshness(settings.max_age_us)
         self._doubted = False  # a RESET arrived, and nothing fresh since
         self._stale_us = 0
+        self._told_slow = False
         self._stale_interval_us = 0.0
         self._next_stale_us = 0
         self._next_close_us: int | None = None
@@ -177,11 +178,8 @@ class MasterSession:
             force = unpack_force(body)
             self.received.add(kind, size)
             arrival = self.received.arrive(datagram.sequence)
-            t_us = self._fresh.fresh_t_us(force.t_us, now_us)
-            if t_us is None:
-                self.received.too_old += 1
-                return
-            if arrival is Arrival.ASTRAY or arrival is Arrival.DUPLICATE:
+            t_us = self._fresh_t_us(force.t_us, arrival, now_us)
+            if t_us is None or arrival is Arrival.ASTRAY or arrival is Arrival.DUPLICATE:
                 return
             if arrival is Arrival.NEW or self._is_news(datagram.sequence):
                 self._hear(arrival, t_us, now_us)
@@ -190,10 +188,8 @@ class MasterSession:
             keepalive = unpack_keepalive(body)
             self.received.add(kind, size)
             arrival = self.received.arrive(datagram.sequence)
-            t_us = self._fresh.fresh_t_us(keepalive.t_us, now_us)
-            if t_us is None:
-                self.received.too_old += 1
-            elif arrival is Arrival.NEW:
+            t_us = self._fresh_t_us(keepalive.t_us, arrival, now_us)
+            if t_us is not None and arrival is Arrival.NEW:
                 self._hear(arrival, t_us, now_us)
                 if keepalive.newest_force == self._newest_force:
                     self._events.append(HoldConfirmed(t_us))
@@ -263,13 +259,32 @@ class MasterSession:
         silent_us = self._fresh.silent_us(now_us)
         if self._doubted and silent_us > self._settings.keepalive_us + DOUBT_MARGIN_US:
             return True
-        if self.state is MasterState.STALE and now_us - self._stale_us > self._settings.ask_again_us:
+        wait_us = self._settings.ask_again_us
+        # A link that is too slow for this session would be too slow for another.
+        if (
+            self.state is MasterState.STALE
+            and now_us - self._stale_us > wait_us
+            and not self._fresh.is_slow(wait_us, now_us)
+        ):
             return True
         return self._seal is not None and self._sequence > LAST_SEQUENCE - RECENT
 
     def _is_news(self, sequence: int) -> bool:
         """Return whether a late FORCE is newer than the one applied: only KEEPALIVEs or refused FORCEs overtook it."""
         return self._newest_force is None or distance(sequence, self._newest_force) > 0
+
+    def _fresh_t_us(self, echoed_t_us: int, arrival: Arrival, now_us: int) -> int | None:
+        """Return the time [µs] of the position that is answered; None, and count it, if the answer is not fresh."""
+        t_us = self._fresh.fresh_t_us(echoed_t_us, now_us, is_new=arrival is Arrival.NEW)
+        if t_us is None:
+            self.received.too_old += 1
+            if self.state is MasterState.STALE and self._fresh.too_old_us is not None:
+                if not self._told_slow:
+                    self._told_slow = True
+                    self._events.append(LinkStale(self._fresh.too_old_us))
+                if self._asking.under_way and not self._needs_another(now_us):
+                    self._asking.stop()
+        return t_us
 
     def _hear(self, arrival: Arrival, t_us: int, now_us: int) -> None:
         """Note an answer that is fresh; only one newer than all before shows that the link is alive."""
@@ -289,6 +304,7 @@ class MasterSession:
         self._stale_us = now_us
         self._stale_interval_us = 1000.0
         self._next_stale_us = now_us
+        self._told_slow = self._fresh.too_old_us is not None
         self._events.append(LinkStale(self._fresh.too_old_us))
 
     def _repeat_close(self, now_us: int) -> None:
