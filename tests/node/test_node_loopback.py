@@ -184,7 +184,7 @@ def test_a_link_with_a_round_trip_of_two_seconds_connects_once(loopback):
     link = loopback(1, forward="delay=1000ms", feedback="delay=1000ms")
     link.run(6 * SECOND)
     assert link.master.report()["connections"] == 1
-    assert link.slave.stations[0].steps > 1000
+    assert link.slave.stations[0].steps > 100  # of a stale link: 20 positions per second
 
 
 def test_every_datagram_is_accounted_for_over_a_lossy_reordering_network(loopback):
