@@ -187,7 +187,7 @@ def _in_words(event: "NodeEvent", address: str) -> str:
     if isinstance(event, Refused):
         return f"the slave refuses a new session ({event.reason}); asking again in {event.retry_us / 1e6:g} s"
     if isinstance(event, Hinted):
-        return f"an answer without a seal, which proves nothing, says: {event.reason}; asking on"
+        return f"unauthenticated refusal ({event.reason}); asking again"
     if isinstance(event, DeviceFound):
         return f"device ready: {event.description}"
     if isinstance(event, DeviceLost):

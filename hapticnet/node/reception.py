@@ -1,4 +1,4 @@
-"""What a HELLO must pass before anything is kept or computed for its sender."""
+"""The checks that a HELLO must pass before the slave keeps or computes anything for its sender."""
 
 from collections.abc import Hashable, Mapping
 from typing import Final, TypeAlias
@@ -93,9 +93,9 @@ class Reception:
         return self._doors[datagram.version].read(hello, datagram.sequence)
 
     def _is_spent(self, address: Address, nonce: int, now_us: int) -> bool:
-        """Return whether a request with this nonce was read before: then it was copied, or it was overtaken."""
+        """Return whether a request with this nonce was read before: this one is then a copy, or arrives late."""
         self._jar.renew(now_us)
-        if self._generation != self._jar.generation:  # what was read before that needs a new cookie anyway
+        if self._generation != self._jar.generation:  # earlier requests need a new cookie anyway
             self._generation = self._jar.generation
             self._spent_before, self._spent = self._spent, set()
         return (address, nonce) in self._spent or (address, nonce) in self._spent_before

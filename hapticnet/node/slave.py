@@ -224,7 +224,7 @@ class SlaveNode:
             known = self._welcomes.get((address, greeted.nonce))
             if known is None:
                 known = self._admit(datagram, greeted, address, now_us)
-            if known is not None:  # a HELLO that is repeated because the answer was lost gets the same answer
+            if known is not None:  # a HELLO repeated after a lost answer gets the same answer
                 station, welcome = known
                 station.session.account_hello(size, len(welcome), now_us)
                 self._outbox.append((welcome, address))

@@ -91,7 +91,7 @@ class Station:
         if position is None:
             return False
         if self.session.seal is not None:
-            self.address = address  # what opens and is newer than all before comes from where the master is now
+            self.address = address  # the newest datagram that opens tells where the master is
         try:
             self._positions.decode(position.t_us, position.payload)
             sample = PositionSample(position.t_us, self._positions.reconstruct(position.t_us))

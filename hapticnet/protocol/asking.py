@@ -15,12 +15,12 @@ GROWTH: Final = 1.25
 """By how much each interval is longer than the last while HELLOs back off."""
 
 FRESH_AFTER_US: Final = 4_000_000
-"""Time [µs] after which a HELLO with a cookie that got no answer is given up for a new one. The slave reads each
-request once, and may have forgotten that it did."""
+"""Time [µs] after the first cookie of an attempt after which an unanswered attempt is replaced by a new one. The slave
+reads each request once, so repeating one does not help if the slave has forgotten the session."""
 
 
 class Granted(NamedTuple):
-    """A session: what was granted, its seal (None if it is open), and the number after which the slave's begin."""
+    """A session: the grant, the seal (None if it is open), and the sequence number that the slave counts from."""
 
     grant: Grant
     seal: Seal | None
@@ -88,10 +88,10 @@ class Asking:
         return attempt.hello(self._cookie)
 
     def receive(self, datagram: Datagram, now_us: int) -> Granted | Refusal | Hinted | bytes | None:
-        """Return what a COOKIE, WELCOME or REFUSE amounts to.
+        """Process a COOKIE, WELCOME or REFUSE.
 
-        A session; a refusal; a hint, where a refusal has no seal though it should; the HELLO to send now; or None: it
-        answers another HELLO, or changes nothing.
+        Return a session, a refusal, a hint (a refusal that should be sealed and is not), the HELLO to send now, or None
+        if the answer is to another HELLO or changes nothing.
 
         Raises
         ------
@@ -119,7 +119,7 @@ class Asking:
             return Refusal(0, refuse.reason, refuse.code)
         if self._hinted:
             return None
-        self._hinted = True  # once for each attempt: whoever forges one can forge a thousand
+        self._hinted = True  # report one per attempt: a thousand are as easy to forge
         return Hinted(refuse.reason)
 
     def granted(self) -> None:

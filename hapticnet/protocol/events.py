@@ -54,7 +54,7 @@ class SessionLost:
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """The slave refused a new session to a master that had one; it is asked again after `retry_us` [µs]."""
+    """The slave refused a new session to a master that had one. The master asks again after `retry_us` [µs]."""
 
     reason: str
     code: Code
@@ -63,7 +63,7 @@ class Refused:
 
 @dataclass(frozen=True, slots=True)
 class Hinted:
-    """Somebody says, without proof, that the slave refuses the session. The master goes on asking."""
+    """An unauthenticated answer says that the slave refuses the session. The master goes on asking."""
 
     reason: str
 

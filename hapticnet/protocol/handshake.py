@@ -1,4 +1,4 @@
-"""How a session comes about, for open sessions (version 1) and sealed ones (version 2).
+"""How a session begins: open ones (version 1) and sealed ones (version 2).
 
 The master makes an `Attempt` for each session it asks for; the slave has a `Door` for each version it serves. Both
 sides do the same with either: an open attempt sends its request as it is, a sealed one in the first message of a Noise
@@ -122,7 +122,7 @@ class Door(Protocol):
     """How a slave reads the HELLOs of one version."""
 
     def is_for_us(self, hello: Hello, sequence: int) -> bool:
-        """Return whether the sender knows whom it calls; cheap, for everything that arrives."""
+        """Return whether the sender knows this slave's public key, where one is needed. Cheap: called for every HELLO."""
         ...
 
     def read(self, hello: Hello, sequence: int) -> Visitor:
@@ -133,7 +133,7 @@ class Door(Protocol):
 class OpenDoor:
     """Serve open sessions."""
 
-    def is_for_us(self, hello: Hello, sequence: int) -> bool:  # noqa: ARG002 - nothing in an open HELLO tells
+    def is_for_us(self, hello: Hello, sequence: int) -> bool:  # noqa: ARG002 - no key is needed
         """Return True."""
         return True
 
