@@ -122,7 +122,7 @@ class Door(Protocol):
     """How a slave reads the HELLOs of one version."""
 
     def is_for_us(self, hello: Hello, sequence: int) -> bool:
-        """Return whether the sender knows this slave's public key, where one is needed. Cheap: called for every HELLO."""
+        """Return whether the sender knows this slave's public key, if one is needed. Cheap enough for every HELLO."""
         ...
 
     def read(self, hello: Hello, sequence: int) -> Visitor:
