@@ -1,7 +1,9 @@
 """What tests of several rooms share: both nodes in virtual time."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Hashable, Iterable
+from dataclasses import replace
+from typing import Any
 
 import hypothesis
 import numpy as np
@@ -16,9 +18,13 @@ from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode, MasterSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
+from hapticnet.protocol.handshake import SealedDoor
+from hapticnet.protocol.keys import MasterEntry, Roster
 from hapticnet.protocol.settings import SessionSettings
+from hapticnet.protocol.wire import SEALED
 from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
+from tests.peers import ENTRY, KEY, OTHER_ENTRY, SLAVE
 
 IN_CI = bool(os.environ.get("CI"))
 
@@ -30,12 +36,23 @@ hypothesis.settings.register_profile("thorough", deadline=None, max_examples=200
 hypothesis.settings.load_profile("ci" if IN_CI else "fresh")
 
 
-def make_slave(seed: int = 1, *, session: SessionSettings | None = None, record: bool = True) -> SlaveNode:
+def make_slave(
+    seed: int = 1,
+    *,
+    session: SessionSettings | None = None,
+    record: bool = True,
+    sealed: bool = False,
+    masters: Iterable[MasterEntry] = (ENTRY, OTHER_ENTRY),
+    host_of: Callable[[Any], Hashable] = lambda address: address,
+) -> SlaveNode:
     scene = paper_scene(seed)
+    rng = np.random.default_rng([seed, 10])
     return SlaveNode(
         lambda _: Scene(scene.tissues, name=scene.name),
         SlaveSettings(record=record, session=session or SessionSettings()),
-        np.random.default_rng([seed, 10]),
+        rng,
+        doors={SEALED: SealedDoor(SLAVE.private, Roster(masters), rng)} if sealed else None,
+        host_of=host_of,
     )
 
 
@@ -45,6 +62,12 @@ def make_master(
     operator = ScriptedOperator(InsertionSettings(insertions=insertions), np.random.default_rng([seed, 11]))
     plant = SimulatedDevice(PlantSettings(), np.random.default_rng([seed, 12])) if device else None
     return MasterNode(operator, plant, settings or MasterSettings(record=True), np.random.default_rng([seed, 13]))
+
+
+@pytest.fixture(params=[False, True], ids=["open", "sealed"])
+def sealed(request: pytest.FixtureRequest) -> bool:
+    """Whether sessions are sealed: a test with this argument runs for both versions."""
+    return bool(request.param)
 
 
 @pytest.fixture
@@ -61,10 +84,14 @@ def loopback() -> Callable[..., Loopback]:
         device: bool = False,
         insertions: int = 1,
         start_us: int = 0,
+        sealed: bool = False,
     ) -> Loopback:
+        settings = settings or MasterSettings(record=True)
+        if sealed:
+            settings = replace(settings, key=KEY)
         return Loopback(
             make_master(seed, settings=settings, device=device, insertions=insertions),
-            make_slave(seed, session=session),
+            make_slave(seed, session=session, sealed=sealed),
             forward=Emulator(parse_channel(forward), np.random.default_rng([seed, 14])),
             feedback=Emulator(parse_channel(feedback), np.random.default_rng([seed, 15])),
             start_us=start_us,

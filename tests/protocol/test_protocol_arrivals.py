@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.protocol.arrivals import LEAP, WINDOW, Arrival, ArrivalWindow
+from hapticnet.protocol.arrivals import BEHIND_IN_A_ROW, LEAP, MISORDER, WINDOW, Arrival, ArrivalWindow
 from hapticnet.protocol.serial_number import HALF, distance, unwrap, wrap
 
 numbers = st.integers(0, (1 << 32) - 1)
@@ -34,11 +34,11 @@ def test_new_lost_late_and_duplicate_add_up_wherever_the_numbers_start(first, or
 
 def test_what_is_older_than_the_window_is_late_and_loses_nothing_twice():
     window = ArrivalWindow(0)
-    window.arrive(5000)
-    assert window.lost == 4999
-    assert window.arrive(5000 - WINDOW) is Arrival.LATE
-    assert window.arrive(5000 - WINDOW) is Arrival.LATE
-    assert window.lost == 4999
+    window.arrive(LEAP - 1)
+    assert window.lost == LEAP - 2
+    assert window.arrive(LEAP - 1 - WINDOW) is Arrival.LATE
+    assert window.arrive(LEAP - 1 - WINDOW) is Arrival.LATE
+    assert window.lost == LEAP - 2
 
 
 @given(numbers, st.integers(LEAP, HALF - 1))
@@ -65,10 +65,54 @@ def test_two_wrong_numbers_that_are_not_next_to_each_other_are_not(first, leap):
     assert window.lost == 0
 
 
-@given(numbers, st.integers(LEAP, HALF - 2))
-def test_there_is_a_way_back_from_two_wrong_numbers_in_a_row(first, leap):
+@given(numbers, st.integers(1, HALF - 2), st.integers(1, 2))
+def test_there_is_a_way_back_from_wrong_numbers_after_the_disorder_that_a_network_causes(first, leap, wrong):
     window = ArrivalWindow(first)
-    for number in (leap, leap + 1):
+    for number in range(leap, leap + wrong):
         window.arrive(wrap(first + number))
-    arrivals = [window.arrive(wrap(first + number)) for number in (1, 2, 3)]
-    assert arrivals == [Arrival.ASTRAY, Arrival.NEW, Arrival.NEW]
+    tries = 1 + MISORDER + BEHIND_IN_A_ROW
+    arrivals = [window.arrive(wrap(first + number)) for number in range(1, tries + 10)]
+    assert set(arrivals[tries:]) == {Arrival.NEW}
+
+
+@given(numbers, st.integers(MISORDER + 2 * BEHIND_IN_A_ROW, LEAP - 1))
+def test_one_wrong_number_within_the_leap_costs_eight_true_ones(first, leap):
+    window = ArrivalWindow(first)
+    assert window.arrive(wrap(first + leap)) is Arrival.NEW
+    arrivals = [window.arrive(wrap(first + number)) for number in range(1, 20)]
+    late = arrivals.count(Arrival.LATE)
+    assert late == BEHIND_IN_A_ROW - 1
+    assert arrivals[late:] == [Arrival.NEW] * (19 - late)
+
+
+@given(st.permutations(range(1, MISORDER + 1)))
+def test_disorder_that_a_network_causes_never_moves_the_newest_number_back(order):
+    window = ArrivalWindow(0)
+    window.arrive(MISORDER + 1)
+    assert {window.arrive(number) for number in order} == {Arrival.LATE}
+    assert window.arrive(MISORDER + 2) is Arrival.NEW
+    assert window.lost == 0
+
+
+@given(st.lists(st.integers(0, LEAP - MISORDER - 10), min_size=8, max_size=30).map(lambda n: sorted(n, reverse=True)))
+def test_numbers_far_behind_that_do_not_rise_are_copies_and_not_believed(order):
+    window = ArrivalWindow(0)
+    window.arrive(LEAP - 1)
+    assert Arrival.NEW not in {window.arrive(number) for number in order}
+    assert window.arrive(LEAP) is Arrival.NEW
+
+
+@given(st.lists(st.integers(1, (1 << 32) - (1 << 16)), max_size=60))
+def test_a_number_that_a_seal_proves_is_believed_at_once_and_nothing_older_ever_again(order):
+    window, seen, newest = ArrivalWindow(0, authentic=True), {0}, 0
+    for number in order:
+        if abs(number - newest) >= HALF:
+            continue
+        arrival = window.arrive(number)
+        if number > newest:
+            assert arrival is Arrival.NEW
+        else:
+            remembered = number in seen and newest - number < WINDOW
+            assert arrival is (Arrival.DUPLICATE if remembered else Arrival.LATE)
+        seen.add(number)
+        newest = max(newest, number)

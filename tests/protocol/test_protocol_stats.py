@@ -10,7 +10,7 @@ from hapticnet.protocol.wire import Kind
 
 def test_every_byte_is_accounted_for_with_and_without_headers():
     traffic = Traffic()
-    traffic.open_window(0)
+    traffic.open_window(0, authentic=False)
     traffic.add(Kind.FORCE, 27)
     traffic.add_malformed(100)
     account = traffic.report()
@@ -23,9 +23,9 @@ def test_every_byte_is_accounted_for_with_and_without_headers():
 
 def test_losses_add_up_over_sessions():
     traffic = Traffic()
-    traffic.open_window(0)
+    traffic.open_window(0, authentic=False)
     assert traffic.arrive(3) is Arrival.NEW
-    traffic.open_window(0)
+    traffic.open_window(0, authentic=False)
     arrivals = [traffic.arrive(sequence) for sequence in (2, 2, 1)]
     assert arrivals == [Arrival.NEW, Arrival.DUPLICATE, Arrival.LATE]
     account = traffic.report()

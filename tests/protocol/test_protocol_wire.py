@@ -15,7 +15,8 @@ from hapticnet.errors import PeerError
 from hapticnet.protocol import messages
 from hapticnet.protocol.wire import (
     MAX_DATAGRAM_BYTES,
-    VERSION,
+    OPEN,
+    SEALED,
     Kind,
     force_datagram_bytes,
     pack,
@@ -23,6 +24,8 @@ from hapticnet.protocol.wire import (
     unpack,
     unpack_nonce,
 )
+from tests.peers import GRANT, REQUEST
+from tests.vectors import make_protocol
 
 VECTORS = json.loads((Path(__file__).parents[1] / "vectors" / "protocol.json").read_text())
 READERS = {
@@ -33,13 +36,18 @@ READERS = {
     Kind.FORCE: messages.unpack_force,
     Kind.KEEPALIVE: messages.unpack_keepalive,
     Kind.CLOSE: messages.unpack_close,
+    Kind.COOKIE: messages.unpack_cookie,
 }
+CONTENTS = {Kind.HELLO: messages.unpack_request, Kind.WELCOME: messages.unpack_grant}
+ANY_READER = (unpack, *READERS.values(), *CONTENTS.values(), messages.unpack_grant_or_refusal)
+LATER = 6
+"""A version that does not exist."""
 
 
-def fields_of(vector):
+def raw(values):
+    """Return values as the datagram holds them, of values as the file does."""
     return tuple(
-        bytes.fromhex(field["hex"]) if isinstance(field, dict) and "hex" in field else field
-        for field in vector["fields"]
+        bytes.fromhex(value["hex"]) if isinstance(value, dict) and "hex" in value else value for value in values
     )
 
 
@@ -53,21 +61,26 @@ def test_the_document_lists_every_kind_and_code():
     assert [int(code) for code in codes] == [code.value for code in messages.Code]
 
 
-def test_the_vectors_are_of_this_version_and_show_every_kind():
-    assert VECTORS["protocol_version"] == VERSION
+def test_the_vectors_are_what_the_script_writes_and_show_every_kind():
+    assert make_protocol.document() == VECTORS
+    assert VECTORS["protocol_version"] == OPEN
     assert {vector["kind"] for vector in VECTORS["datagrams"]} == {kind.name for kind in Kind}
 
 
 @pytest.mark.parametrize("vector", VECTORS["datagrams"], ids=lambda vector: vector["name"])
 def test_golden_datagrams_are_read_and_written_to_the_byte(vector):
-    data, kind, fields = bytes.fromhex(vector["hex"]), Kind[vector["kind"]], fields_of(vector)
+    data, kind, fields = bytes.fromhex(vector["hex"]), Kind[vector["kind"]], raw(vector["fields"])
     datagram = unpack(data)
     assert (datagram.kind, datagram.session, datagram.sequence) == (kind, vector["session"], vector["sequence"])
     if kind is Kind.RESET:
         assert datagram.body == b""
         return
     message = READERS[kind](datagram.body)
-    assert tuple(message) == fields
+    assert message == fields
+    if kind in CONTENTS:
+        contents = CONTENTS[kind](message[-1] if kind is Kind.WELCOME else message.request)
+        assert contents == raw(vector["contents"])
+        assert pack_body(contents) in fields
     if kind is Kind.HELLO:
         assert messages.pack_hello(message, datagram.sequence) == data
     else:
@@ -76,7 +89,7 @@ def test_golden_datagrams_are_read_and_written_to_the_byte(vector):
 
 @given(st.binary(max_size=200))
 def test_garbage_is_a_peer_error_in_every_reader(data):
-    for read in (unpack, *READERS.values()):
+    for read in ANY_READER:
         try:
             read(data)
         except PeerError:
@@ -92,7 +105,9 @@ def test_golden_datagrams_with_a_changed_byte_or_a_missing_end_never_raise_anyth
         try:
             datagram = unpack(broken)
             if datagram.kind in READERS:
-                READERS[datagram.kind](datagram.body)
+                message = READERS[datagram.kind](datagram.body)
+                if datagram.kind in CONTENTS:
+                    CONTENTS[datagram.kind](message[2 if datagram.kind is Kind.HELLO else 1])
         except PeerError:
             continue
 
@@ -105,13 +120,16 @@ def test_an_oversized_datagram_is_refused_unread():
 @pytest.mark.parametrize(
     ("datagram", "complaint"),
     [
-        ((VERSION, 9, 0, 0, b""), "unknown kind"),
-        ((VERSION + 1, Kind.FORCE, 0, 0, b""), "protocol version 2"),
-        ((VERSION, Kind.FORCE, -1, 0, b""), "wrong types"),
-        ((VERSION, Kind.FORCE, 0, 1 << 32, b""), "wrong types"),
-        ((VERSION, Kind.FORCE, 0, 0, "text"), "wrong types"),
-        ((VERSION, True, 0, 0, b""), "wrong types"),
-        ((VERSION, Kind.FORCE, 0, 0), "4 elements"),
+        ((OPEN, 0, 0, 0, b""), "unknown kind"),
+        ((OPEN, 10, 0, 0, b""), "unknown kind"),
+        ((LATER, Kind.FORCE, 0, 0, b""), "protocol version 6; the versions are 1 and 2"),
+        ((LATER, Kind.COOKIE, 0, 0, b""), "protocol version 6"),
+        ((True, Kind.HELLO, 0, 0, b""), "protocol version True"),
+        ((OPEN, Kind.FORCE, -1, 0, b""), "wrong types"),
+        ((OPEN, Kind.FORCE, 0, 1 << 32, b""), "wrong types"),
+        ((OPEN, Kind.FORCE, 0, 0, "text"), "wrong types"),
+        ((OPEN, True, 0, 0, b""), "wrong types"),
+        ((OPEN, Kind.FORCE, 0, 0), "4 elements"),
     ],
 )
 def test_frames_that_cannot_be_are_refused(datagram, complaint):
@@ -129,6 +147,14 @@ def test_fields_that_a_later_revision_appends_are_ignored_and_missing_ones_are_n
         READERS[kind](pack_body(fields[:-1]))
 
 
+@pytest.mark.parametrize("vector", [v for v in VECTORS["datagrams"] if "contents" in v], ids=lambda v: v["name"])
+def test_requests_and_grants_can_be_appended_to_and_not_shortened(vector):
+    read, contents = CONTENTS[Kind[vector["kind"]]], raw(vector["contents"])
+    assert read(pack_body((*contents, "later", 5))) == contents
+    with pytest.raises(PeerError, match="expected at least"):
+        read(pack_body(contents[:-1]))
+
+
 def test_a_code_that_is_not_known_reads_as_other():
     assert messages.unpack_refuse(pack_body((1, "reason", 77))).code is messages.Code.OTHER
     with pytest.raises(PeerError, match="code"):
@@ -142,17 +168,16 @@ def test_printable_is_every_category_but_other_and_separator_with_the_space():
 
 
 def test_hello_and_refuse_of_another_version_can_be_read_far_enough_to_answer():
-    hello = unpack(pack_body((VERSION + 6, Kind.HELLO, 0, 0, pack_body((77, "what comes after is unknown")))))
-    assert hello.version == VERSION + 6
+    hello = unpack(pack_body((LATER, Kind.HELLO, 0, 0, pack_body((77, "what comes after is unknown")))))
+    assert hello.version == LATER
     assert unpack_nonce(hello.body) == 77
 
 
 @pytest.mark.parametrize("name", ["a" * 65, "bell\a", "\x1b[31mred"])
 def test_text_that_is_too_long_or_would_speak_to_a_terminal_is_refused(name):
-    good = messages.Hello(1, "raw", {}, 0.1, 0.0, 1.0, 1000.0, 1, "ok")
-    assert messages.unpack_hello(pack_body((*good, b""))) == good
+    assert messages.unpack_request(pack_body(REQUEST)) == REQUEST
     with pytest.raises(PeerError, match="name"):
-        messages.unpack_hello(pack_body((*good._replace(name=name), b"")))
+        messages.unpack_request(pack_body(REQUEST._replace(name=name)))
 
 
 @pytest.mark.parametrize(
@@ -162,16 +187,65 @@ def test_text_that_is_too_long_or_would_speak_to_a_terminal_is_refused(name):
         {"rate_hz": 0.0},
         {"axes": 4},
         {"axes": True},
-        {"nonce": -1},
         {"weber_fraction": float("inf")},
         {"parameters": {"k": float("nan")}},
         {"parameters": []},
+        {"ticket": b"short"},
+        {"ticket": "sixteen letters."},
     ],
 )
-def test_hello_fields_that_cannot_be_are_refused(change):
-    hello = messages.Hello(1, "raw", {}, 0.1, 0.0, 1.0, 1000.0, 1, "ok")._replace(**change)
+def test_requests_that_cannot_be_are_refused(change):
     with pytest.raises(PeerError):
-        messages.unpack_hello(pack_body((*hello, b"")))
+        messages.unpack_request(pack_body(REQUEST._replace(**change)))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"session": 0},
+        {"session": True},
+        {"rate_hz": -1.0},
+        {"rate_hz": float("nan")},
+        {"keepalive_us": -1},
+        {"scene": "bell\a"},
+        {"ticket": b"short"},
+        {"ticket": None},
+        {"resumed": 1},
+    ],
+)
+def test_grants_that_cannot_be_are_refused(change):
+    assert messages.unpack_grant(pack_body(GRANT)) == GRANT
+    with pytest.raises(PeerError):
+        messages.unpack_grant(pack_body(GRANT._replace(**change)))
+
+
+@pytest.mark.parametrize("body", [(-1, b"", b"", b"", b""), (1, "", b"", b"", b""), (1, b"", b"", None, b""), (1, b"")])
+def test_hello_fields_that_cannot_be_are_refused(body):
+    with pytest.raises(PeerError):
+        messages.unpack_hello(pack_body(body))
+
+
+@pytest.mark.parametrize("body", [(-1, bytes(16)), (1, bytes(15)), (1, bytes(17)), (1, "sixteen letters.")])
+def test_cookies_that_cannot_be_are_refused(body):
+    with pytest.raises(PeerError):
+        messages.unpack_cookie(pack_body(body))
+
+
+def test_what_a_sealed_welcome_carries_is_a_grant_or_a_refusal():
+    refusal = messages.Refusal(0, "no", messages.Code.KEY)
+    assert messages.unpack_grant_or_refusal(pack_body(GRANT)) == GRANT
+    assert messages.unpack_grant_or_refusal(pack_body(refusal)) == refusal
+    for broken in ((0, "bell\a", 7), (0, "no", -1), (0,), (-1, "no", 7)):
+        with pytest.raises(PeerError):
+            messages.unpack_grant_or_refusal(pack_body(broken))
+
+
+@pytest.mark.parametrize("version", [OPEN, SEALED])
+@given(st.binary(max_size=200), st.binary(max_size=16))
+def test_a_hello_is_never_smaller_than_what_the_padding_promises(version, request, cookie):
+    data = messages.pack_hello(messages.Hello(1, cookie, request), 7, version)
+    assert messages.HELLO_BYTES <= len(data) <= messages.HELLO_BYTES + 5
+    assert messages.unpack_hello(unpack(data).body) == (1, cookie, request, b"")
 
 
 @given(

@@ -1,0 +1,138 @@
+"""Write tests/vectors/protocol.json: the datagrams of open sessions.
+
+Run ``python -m tests.vectors.make_protocol`` after an intended change of the protocol. It packs the fields with msgpack
+alone and imports nothing of hapticnet, so that the file says what docs/protocol.md says.
+"""
+
+import json
+from pathlib import Path
+
+import msgpack
+
+FILE = Path(__file__).with_name("protocol.json")
+
+NOTE = (
+    "Datagrams of open sessions. Byte strings in fields are {'hex': ...}. 'fields' are those of the body, without"
+    " HELLO's padding; 'contents' are those of the request in a HELLO and of the grant in a WELCOME."
+)
+
+HELLO, WELCOME, REFUSE, POSITION, FORCE, KEEPALIVE, CLOSE, RESET, COOKIE = range(1, 10)
+NAMES = ["HELLO", "WELCOME", "REFUSE", "POSITION", "FORCE", "KEEPALIVE", "CLOSE", "RESET", "COOKIE"]
+HELLO_BYTES = 400
+SESSION = 0xDEADBEEF
+NONCE = 0x01020304
+COOKIE_VALUE = bytes(range(0xC0, 0xD0))
+TICKET = bytes(range(0x70, 0x80))
+REQUEST = ["deadband", {}, 0.05, 0.025, 1.0, 1000.0, 1, "surgeon", None]
+CONTINUING = ["level-crossing", {"hysteresis": 0.25}, 0.1, 0.0, 1.5, 500.0, 3, "Chirurgin Ä", TICKET]
+GRANT = [SESSION, 1000.0, 45_000, "paper:1", TICKET, False]
+RESUMED = [SESSION + 1, 500.0, 45_000, "three axes", TICKET, True]
+
+
+def number(text):
+    return bytes.fromhex(text)
+
+
+def packed(contents):
+    return msgpack.packb(contents)
+
+
+DATAGRAMS = [
+    ("hello", "no cookie yet", HELLO, 0, 0, [NONCE, b"", packed(REQUEST), b""], REQUEST),
+    ("cookie", "the same nonce, and 16 bytes to send back", COOKIE, 0, 0, [NONCE, COOKIE_VALUE], None),
+    (
+        "hello with the cookie",
+        "all else is the same",
+        HELLO,
+        0,
+        0,
+        [NONCE, COOKIE_VALUE, packed(REQUEST), b""],
+        REQUEST,
+    ),
+    (
+        "hello that continues",
+        "with the ticket of an earlier session",
+        HELLO,
+        0,
+        0,
+        [NONCE + 1, COOKIE_VALUE, packed(CONTINUING), b""],
+        CONTINUING,
+    ),
+    ("welcome", "grants session 0xdeadbeef", WELCOME, SESSION, 0, [NONCE, packed(GRANT)], GRANT),
+    ("welcome that resumes", "goes on with a scene", WELCOME, SESSION + 1, 0, [NONCE + 1, packed(RESUMED)], RESUMED),
+    ("refuse", "", REFUSE, 0, 0, [NONCE, "unknown codec 'mp3'; there are: raw, deadband", 2], None),
+    (
+        "first position",
+        "0.02 m as float32; no force applied yet",
+        POSITION,
+        SESSION,
+        1,
+        [1000, None, number("3ca3d70a")],
+        None,
+    ),
+    ("first force", "0 N answers the position of 1000 us", FORCE, SESSION, 1, [1000, number("00000000")], None),
+    (
+        "position that acknowledges",
+        "0.021 m; FORCE 1 is applied",
+        POSITION,
+        SESSION,
+        2,
+        [2000, 1, number("3cac0831")],
+        None,
+    ),
+    ("keepalive", "FORCE 1 still holds", KEEPALIVE, SESSION, 2, [46_000, 1], None),
+    (
+        "numbers about to wrap",
+        "1 N; sequence and time stamp are followed by 0",
+        FORCE,
+        SESSION,
+        2**32 - 1,
+        [2**32 - 1, number("3f800000")],
+        None,
+    ),
+    ("numbers that wrapped", "1.1 N", FORCE, SESSION, 0, [999, number("3f8ccccd")], None),
+    (
+        "force as float64",
+        "0.1 N where float32 is not within the threshold",
+        FORCE,
+        SESSION,
+        3,
+        [3000, number("3fb999999999999a")],
+        None,
+    ),
+    ("three axes", "1, -2, 3 N", FORCE, SESSION, 4, [4000, number("3f800000c000000040400000")], None),
+    ("close", "", CLOSE, SESSION, 70_000, ["done", 0], None),
+    ("reset", "the body is empty", RESET, SESSION, 70_001, [], None),
+]
+
+
+def datagram(kind, session, sequence, fields):
+    """Return the bytes of a datagram; a HELLO is padded so that it has at least 400."""
+
+    def packed_with(more):
+        return packed([1, kind, session, sequence, packed([*fields, *more]) if fields else b""])
+
+    if kind != HELLO:
+        return packed_with([])
+    return packed_with([bytes(HELLO_BYTES - len(packed_with([b""])))])
+
+
+def plain(value):
+    """Return a value as JSON holds it."""
+    if isinstance(value, bytes):
+        return {"hex": value.hex()}
+    return [plain(each) for each in value] if isinstance(value, list) else value
+
+
+def document():
+    entries = []
+    for name, note, kind, session, sequence, fields, contents in DATAGRAMS:
+        data = datagram(kind, session, sequence, fields)
+        entry = {"name": name, "note": note, "kind": NAMES[kind - 1], "session": session, "sequence": sequence}
+        extra = {} if contents is None else {"contents": plain(contents)}
+        entries.append({**entry, "fields": plain(fields), **extra, "hex": data.hex()})
+    return {"protocol_version": 1, "note": NOTE, "datagrams": entries}
+
+
+if __name__ == "__main__":
+    FILE.write_text(json.dumps(document(), indent=1) + "\n")
