@@ -21,10 +21,10 @@ def test_an_answer_is_fresh_if_its_position_was_sent_and_is_no_older_than_the_li
     fresh = Freshness(MAX_AGE_US)
     fresh.sent(sent_us)
     now_us = sent_us + age_us
-    answered = fresh.fresh_t_us(wrap(sent_us), now_us)
+    answered = fresh.fresh_t_us(wrap(sent_us), now_us, is_new=True)
     assert answered == (sent_us if age_us <= MAX_AGE_US else None)
     assert fresh.too_old_us == (None if age_us <= MAX_AGE_US else age_us)
-    assert fresh.fresh_t_us(wrap(sent_us + 1), now_us) is None, "no such position was sent"
+    assert fresh.fresh_t_us(wrap(sent_us + 1), now_us, is_new=True) is None, "no such position was sent"
     assert fresh.too_old_us == (None if age_us <= MAX_AGE_US else age_us), "and its age means nothing"
 
 
@@ -32,7 +32,8 @@ def test_the_age_told_is_that_of_the_least_old_since_the_last_fresh_one():
     fresh = Freshness(MAX_AGE_US)
     fresh.sent(0)
     for now_us in (3_000_000, 2_000_000, 4_000_000):
-        fresh.fresh_t_us(0, now_us)
+        fresh.fresh_t_us(0, now_us, is_new=True)
+    fresh.fresh_t_us(0, 1_500_000, is_new=False)
     assert fresh.too_old_us == 2_000_000
     fresh.heard(4_000_000)
     assert fresh.too_old_us is None
@@ -76,7 +77,7 @@ def test_old_answers_are_no_sign_of_life_and_the_stale_link_names_their_age(seal
         if now_us >= 1_600_000:
             slave.say(Kind.FORCE, now_us // 1000, Force(now_us - 1_500_000, b"abcd"), now_us)
         found += [(now_us, event) for event in apply_forces(session)]
-    assert found == [(201_000, LinkStale(None))]
+    assert found == [(201_000, LinkStale(None)), (1_600_000, LinkStale(1_500_000))]
     assert session.state is MasterState.STALE
     assert session.received.too_old == 1400
 
