@@ -1,0 +1,271 @@
+"""What strangers get from a slave before and after they have proved their address, and what that leaves behind."""
+
+import numpy as np
+import pytest
+
+from hapticnet.codec.registry import CODECS
+from hapticnet.node import reception
+from hapticnet.node.reception import ALL_REQUESTS_AT_ONCE, REQUESTS_AT_ONCE
+from hapticnet.protocol.cookies import GENERATION_US
+from hapticnet.protocol.keys import MasterEntry, MasterKey, PrivateKey
+from hapticnet.protocol.messages import HELLO_BYTES, REASON_BYTES, Code, clipped, unpack_hello
+from hapticnet.protocol.settings import SessionSettings
+from hapticnet.protocol.states import SlaveState
+from hapticnet.protocol.wire import OPEN, SEALED, Kind, pack, pack_body, unpack
+from tests.conftest import make_slave
+from tests.peers import KEY, MASTER, OTHER_MASTER, PSK, SLAVE, HandMaster
+
+SECOND = 1_000_000
+
+
+def of_version(version, nonce=5):
+    return pack_body((version, Kind.HELLO, 0, 0, pack_body((nonce, "?" * 400))))
+
+
+def kept(slave):
+    """Return how much a slave keeps for those that have no session."""
+    at = slave._reception
+    return len(slave.stations), len(slave._welcomes), len(at._spent), len(at._spent_before), len(at._hosts._buckets)
+
+
+def test_a_hello_without_a_cookie_leaves_nothing_behind(sealed):
+    slave = make_slave(sealed=sealed)
+    made = []
+    slave._admission._make_scene = lambda _: made.append(1)
+    for number in range(2000):
+        (answer,) = HandMaster(slave, f"address {number}", sealed=sealed, nonce=number).hello(number)
+        assert answer.kind is Kind.COOKIE
+    assert kept(slave) == (0, 0, 0, 0, 0)
+    assert made == []
+    assert slave.strangers.by_kind[Kind.HELLO] == 2000
+
+
+@pytest.mark.parametrize("wrong", ["guessed", "another nonce", "another address", "two generations old"])
+def test_a_wrong_cookie_gets_another_cookie_and_leaves_nothing_behind(sealed, wrong):
+    slave = make_slave(sealed=sealed)
+    master = HandMaster(slave, sealed=sealed)
+    now_us = 0
+    if wrong == "guessed":
+        master.cookie = bytes(16)
+    else:
+        other = HandMaster(slave, "b" if wrong == "another address" else "a", sealed=sealed, nonce=2)
+        (other if wrong != "two generations old" else master).hello(0)
+        master.cookie = master.cookie or other.cookie
+        now_us = 2 * GENERATION_US if wrong == "two generations old" else 0
+    assert [answer.kind for answer in master.hello(now_us)] == [Kind.COOKIE]
+    assert kept(slave) == (0, 0, 0, 0, 0)
+    assert [answer.kind for answer in master.hello(now_us)] == [Kind.WELCOME]
+
+
+def test_a_cookie_of_the_last_generation_opens(sealed):
+    master = HandMaster(make_slave(sealed=sealed), sealed=sealed)
+    master.hello(GENERATION_US - 1)
+    assert [answer.kind for answer in master.hello(2 * GENERATION_US - 1)] == [Kind.WELCOME]
+
+
+def test_no_answer_to_a_stranger_is_larger_than_what_it_answers(sealed):
+    slave = make_slave(sealed=sealed)
+    rng = np.random.default_rng(1)
+    questions = [
+        *(HandMaster(slave, 0, sealed=each, nonce=nonce).attempt.hello(b"") for nonce, each in ((1, True), (2, False))),
+        of_version(7),
+        pack(Kind.POSITION, 99, 0, b"", SEALED if sealed else OPEN),
+        pack(Kind.CLOSE, 99, 0, b""),
+        *(rng.bytes(int(size)) for size in rng.integers(0, 1500, 2000)),
+    ]
+    answered = 0
+    for number, question in enumerate(questions):
+        slave.receive_datagram(question, number, 0)
+        for data, address in slave.datagrams_to_send():
+            assert address == number
+            assert len(data) <= len(question)
+            answered += 1
+    assert answered == 5
+
+
+@pytest.mark.parametrize("request_", [{}, {"codec": "x" * 64}, {"axes": 3}, {"weber_fraction": -1.0}])
+def test_no_answer_to_a_proved_address_is_larger_than_what_it_answers(sealed, request_):
+    slave = make_slave(sealed=sealed)
+    master = HandMaster(slave, sealed=sealed, **request_)
+    for _ in range(3):
+        master.hello()
+    assert slave.to_strangers.payload_bytes + sum(s.session.sent.payload_bytes for s in slave.stations) < 3 * 300
+    assert slave.to_strangers.packets + sum(s.session.sent.packets for s in slave.stations) >= 2
+
+
+def test_a_short_hello_is_malformed_and_gets_no_answer(sealed):
+    slave = make_slave(sealed=sealed)
+    whole = unpack(HandMaster(slave, sealed=sealed).attempt.hello(b""))
+    bare = pack(Kind.HELLO, 0, 0, pack_body((*unpack_hello(whole.body), b"")), whole.version)
+    assert len(bare) < HELLO_BYTES
+    slave.receive_datagram(bare, "a", 0)
+    assert slave.datagrams_to_send() == []
+    assert slave.strangers.malformed == 1
+
+
+@pytest.mark.parametrize(
+    ("version", "code", "reason"),
+    [
+        (OPEN, Code.KEY, "this slave serves sealed sessions only: give the master a key (docs/security.md)"),
+        (SEALED, Code.KEY, "this slave has no key and serves open sessions only"),
+        (3, Code.VERSION, "this slave speaks protocol versions 1 and 2 only"),
+    ],
+)
+def test_a_hello_of_a_version_that_is_not_served_is_told_which_one_is(version, code, reason):
+    slave = make_slave(sealed=version == OPEN)
+    stranger = HandMaster(slave)
+    (refusal,) = stranger.send(of_version(version), 0)
+    assert refusal.kind is Kind.REFUSE
+    assert stranger.refusal == (5, reason, code)
+    assert kept(slave) == (0, 0, 0, 0, 0)
+
+
+@pytest.mark.parametrize("rounds", [1, 2, 3])
+def test_a_hello_for_another_slave_gets_no_answer_at_all(rounds):
+    slave = make_slave(sealed=True)
+    lost = HandMaster(slave, sealed=True, key=MasterKey(MASTER, OTHER_MASTER.public))
+    for _ in range(rounds):
+        assert lost.hello() == []
+    assert slave.report()["unkeyed"] == rounds
+    assert kept(slave) == (0, 0, 0, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("change", "code", "reason"),
+    [
+        ({"codec": "mp3"}, Code.CODEC, clipped(f"unknown codec 'mp3'; there are: {', '.join(CODECS)}", REASON_BYTES)),
+        ({"axes": 3}, Code.AXES, "3 axes asked for; scene 'paper:1' has 1"),
+        ({"weber_fraction": -1.0}, Code.PARAMETER, "Weber fraction is -1.0; it must be 0 or between 1e-12 and 1"),
+        (
+            {"parameters": {"bitrate": 1.0}},
+            Code.PARAMETER,
+            "codec 'deadband' has no parameter 'bitrate'; it has: step_n",
+        ),
+    ],
+)
+def test_what_cannot_be_served_is_refused_in_words_and_with_a_code(sealed, change, code, reason):
+    slave = make_slave(sealed=sealed)
+    assert HandMaster(slave, sealed=sealed, **change).refused()[1:] == (reason, code)
+    assert slave.stations == ()
+
+
+def test_an_unknown_key_is_told_and_a_wrong_pre_shared_key_opens_nothing():
+    stranger = PrivateKey(bytes(range(200, 232)))
+    slave = make_slave(sealed=True, masters=[MasterEntry(name="surgeon", public=MASTER.public, psk=PSK)])
+    refusal = HandMaster(slave, sealed=True, key=MasterKey(stranger, SLAVE.public)).refused()
+    assert refusal == (0, "this slave does not know the master's key: add it to its list of masters", Code.KEY)
+    assert slave.stations == ()
+    guest = HandMaster(slave, sealed=True, key=KEY, nonce=2)
+    guest.hello()
+    slave.receive_datagram(guest.attempt.hello(guest.cookie), "a", 0)
+    ((welcome, _),) = slave.datagrams_to_send()
+    with pytest.raises(Exception, match=r"(?i)open|tag|key"):
+        guest._read(welcome)
+    assert [station.session.state for station in slave.stations] == [SlaveState.HALF_OPEN]
+    member = HandMaster(slave, sealed=True, key=MasterKey(PrivateKey(MASTER.private, PSK), SLAVE.public), nonce=3)
+    assert member.work().grant
+
+
+def test_the_same_hello_gets_the_same_welcome_and_another_one_a_new_session(sealed):
+    slave = make_slave(sealed=sealed)
+    master = HandMaster(slave, sealed=sealed).join()
+    hello = master.attempt.hello(master.cookie)
+    slave.receive_datagram(hello, "a", 10)
+    slave.receive_datagram(hello, "a", 20)
+    (first, _), (second, _) = slave.datagrams_to_send()
+    assert first == second
+    assert unpack(first).session == master.session
+    other = HandMaster(slave, sealed=sealed, nonce=2).join()
+    assert other.session != master.session
+    assert len(slave.stations) == 2
+
+
+def test_a_copied_hello_costs_a_hash_and_nothing_else(sealed):
+    slave = make_slave(sealed=sealed)
+    master = HandMaster(slave, sealed=sealed).work()
+    hello = master.attempt.hello(master.cookie)
+    read = []
+    for door in slave._doors.values():
+        door.read = lambda *call: read.append(call)
+    slave.close("done", 0)
+    slave.datagrams_to_send()
+    before = kept(slave)
+    for number in range(1000):
+        slave.receive_datagram(hello, "a", number)
+        slave.receive_datagram(hello, f"forged {number}", number)
+    kinds = {unpack(data).kind for data, _ in slave.datagrams_to_send()}
+    assert kinds == {Kind.COOKIE}, "for the forged addresses only"
+    assert read == []
+    assert kept(slave) == before
+
+
+def test_a_host_is_heard_so_often_and_others_beside_it(sealed):
+    slave = make_slave(sealed=sealed, host_of=lambda address: address[0])
+    for number in range(100):
+        master = HandMaster(slave, ("flood", number), sealed=sealed, nonce=number)
+        master.hello(0)
+        master.hello(0)
+    assert slave.report()["throttled"] == 100 - REQUESTS_AT_ONCE
+    assert HandMaster(slave, ("newcomer", 1), sealed=sealed, nonce=1000).join(0).grant
+    later = HandMaster(slave, ("flood", 7), sealed=sealed, nonce=2000)
+    later.hello(200_000)
+    assert [answer.kind for answer in later.hello(200_001)] == [Kind.WELCOME]
+    throttled = HandMaster(slave, ("flood", 8), sealed=sealed, nonce=2001)
+    throttled.hello(200_001)
+    assert throttled.hello(200_001) == []
+    assert [answer.kind for answer in throttled.hello(400_010)] == [Kind.WELCOME], "a repetition is read later"
+
+
+def test_all_hosts_together_are_heard_so_often(sealed):
+    slave = make_slave(sealed=sealed)
+    for number in range(300):
+        master = HandMaster(slave, number, sealed=sealed, nonce=number)
+        master.hello(0)
+        master.hello(0)
+    assert slave.report()["throttled"] == 300 - ALL_REQUESTS_AT_ONCE
+
+
+def test_memory_for_proved_addresses_is_bounded(sealed, monkeypatch):
+    monkeypatch.setattr(reception.Reception, "read", counting_read(reads := [], reception.Reception.read))
+    slave = make_slave(sealed=sealed, session=SessionSettings(most_sessions=8))
+    worker = HandMaster(slave, "worker", sealed=sealed).work()
+    for number in range(3000):
+        now_us = 100_000 * number
+        master = HandMaster(slave, number, sealed=sealed, nonce=number)
+        master.hello(now_us)
+        master.hello(now_us)
+        worker.position(2 + number, now_us)
+        slave.tick(now_us)
+    stations, welcomes, spent, spent_before, hosts = kept(slave)
+    assert len(reads) == 3001
+    assert stations <= 1 + 128
+    assert welcomes == stations
+    assert max(spent, spent_before) <= 1 + 2 * GENERATION_US // 100_000
+    assert hosts <= 4096
+    assert slave.stations[0].session.state is SlaveState.OPEN
+    assert slave.stations[0].steps == 3001
+
+
+def counting_read(reads, read):
+    return lambda *call: reads.append(1) or read(*call)
+
+
+def test_sessions_that_were_never_used_are_accounted_for_to_the_byte(sealed):
+    slave = make_slave(sealed=sealed, session=SessionSettings(half_open_us=SECOND))
+    sent = 0
+    masters = [HandMaster(slave, str(number), sealed=sealed, nonce=number) for number in range(3)]
+    for master in masters:
+        for _ in range(2):
+            slave.receive_datagram(master.attempt.hello(master.cookie), master.address, 0)
+            for data, _ in slave.datagrams_to_send():
+                sent += len(data)
+                master._read(data)
+        slave.receive_datagram(pack(Kind.CLOSE, 99, 0, b""), "stranger", 0)
+        sent += sum(len(data) for data, _ in slave.datagrams_to_send())
+    slave.tick(2 * SECOND)
+    report = slave.report()
+    assert report["never_used"] == 3
+    hellos = sum(len(master.attempt.hello(cookie)) for master in masters for cookie in (b"", master.cookie))
+    assert report["strangers"]["payload_bytes"] == hellos + 3 * len(pack(Kind.CLOSE, 99, 0, b""))
+    assert report["to_strangers"]["payload_bytes"] == sent
+    assert report["to_strangers"]["by_kind"] == {"cookie": 3, "welcome": 3, "reset": 3}
