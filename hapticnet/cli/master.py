@@ -40,6 +40,7 @@ def master(
         float | None, typer.Option(min=0.0, help="Give up when no slave answers for this many seconds.")
     ] = None,
     record: Annotated[Path | None, typer.Option(metavar="FILE", help="Write every tick to FILE as CSV.")] = None,
+    record_limit: options.RecordLimit = options.RECORD_LIMIT,
     realtime: options.Realtime = True,
     json: options.Json = False,
     report: options.Report = None,
@@ -63,10 +64,10 @@ def master(
     from hapticnet.errors import RefusedError, UnavailableError
     from hapticnet.node.master import MasterNode, MasterSettings
     from hapticnet.perception import WeberLaw
-    from hapticnet.recordings.tables import write_csv
     from hapticnet.runtime.entropy import SystemEntropy
     from hapticnet.runtime.processes import run_master
     from hapticnet.runtime.realtime import OTHER, prefer_realtime, run
+    from hapticnet.runtime.recorder import Recorder
     from hapticnet.runtime.udp import open_toward, parse_host_port
 
     law = WeberLaw(weber_fraction=weber, floor_n=floor, multiplier=multiplier)
@@ -91,6 +92,16 @@ def master(
     sock, slave = open_toward(address)
     check_outputs(record, report, inputs=[profile, trace])
     console = Console(name, quiet=quiet, real_time=True)
+    recorder = Recorder(console.say, limit_bytes=record_limit) if record is not None else None
+
+    def collect() -> None:
+        if record is not None and recorder is not None and node.recording is not None:
+            recorder.collect(node.recording, record)
+
+    def on_status() -> None:
+        console.status(_status(node))
+        collect()
+
     scheduling = prefer_realtime() if realtime else OTHER
     console.say(f"asking {address} for {codec}, {rate:g} Hz, device {device}, {scheduling}")
     with (
@@ -112,23 +123,26 @@ def master(
                 duration_s=duration,
                 connect_timeout_s=connect_timeout,
                 on_event=lambda event: console.say(_in_words(event, str(address))),
-                on_status=lambda: console.status(_status(node)),
+                on_status=on_status,
             )
         )
     console.finish()
+    collect()
     if outcome.missed_ticks > LARGEST_MISSED_SHARE * node.ticks:
         share = outcome.missed_ticks / (node.ticks + outcome.missed_ticks)
         console.say(
             f"{outcome.missed_ticks} ticks ({share:.1%}) were missed: this machine was too busy for {rate:g} Hz"
         )
     account = {"scheduling": scheduling, **node.report(), **asdict(outcome)}
+    if recorder is not None:
+        account["recording"] = recorder.report()
     if channel is not None:
         account["channel_out"] = channel_account(out, channel)
     try:
         deliver(account, as_json=json, file=report, real_time=True)
     finally:  # the reader of stdout may have gone
-        if record is not None and node.recording is not None:
-            write_csv(record, node.recording.table())
+        if recorder is not None:
+            recorder.finish()
     if node.refused:
         raise RefusedError(f"{address} refused the session: {node.end_reason}")
     if node.failure is not None:

@@ -8,6 +8,7 @@ import typer
 from hapticnet.files import MAX_BYTES, parse_bytes
 
 MAX_SIZE: Final = MAX_BYTES
+RECORD_LIMIT: Final = 2 * 2**30
 Missing: TypeAlias = Literal["refuse", "drop", "hold"]
 
 
@@ -60,6 +61,12 @@ MaxSize: TypeAlias = Annotated[
     int,
     typer.Option(
         "--max-size", metavar="SIZE", parser=parse_bytes, help="Largest file that is read, such as 500MB or 8GiB."
+    ),
+]
+RecordLimit: TypeAlias = Annotated[
+    int,
+    typer.Option(
+        metavar="SIZE", parser=parse_bytes, help="Disk space that recordings may take, such as 500MB or 8GiB."
     ),
 ]
 Json: TypeAlias = Annotated[bool, typer.Option("--json", help="Print the report as JSON on stdout.")]

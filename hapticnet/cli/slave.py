@@ -32,6 +32,7 @@ def slave(
     record: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Write each session's samples to DIR/NAME-SESSION.csv.")
     ] = None,
+    record_limit: options.RecordLimit = options.RECORD_LIMIT,
     realtime: options.Realtime = True,
     json: options.Json = False,
     report: options.Report = None,
@@ -47,15 +48,15 @@ def slave(
     from hapticnet.channel.spec import parse_channel
     from hapticnet.cli.console import Console, channel_account, check_outputs, deliver
     from hapticnet.codec.registry import parse_codec, register_installed_codecs
-    from hapticnet.errors import FileError, SettingsError
+    from hapticnet.errors import SettingsError
     from hapticnet.files import check_folder
     from hapticnet.node.admission import SlaveSettings
     from hapticnet.node.slave import MasterJoined, MasterLeft, SlaveEvent, SlaveNode
     from hapticnet.protocol.settings import SessionSettings
-    from hapticnet.recordings.tables import write_csv
     from hapticnet.runtime.entropy import SystemEntropy
     from hapticnet.runtime.processes import run_slave
     from hapticnet.runtime.realtime import OTHER, prefer_realtime, run
+    from hapticnet.runtime.recorder import Recorder
     from hapticnet.runtime.udp import bound_address, host_of, parse_host_port
     from hapticnet.runtime.udp import listen as listen_on
     from hapticnet.scene.presets import find_scene, scene_file
@@ -86,7 +87,7 @@ def slave(
     if record is not None:
         check_folder(record)
     check_outputs(report, inputs=[scene_file(scene)])
-    to_write: list[Station] = []
+    recorder = Recorder(console.say, limit_bytes=record_limit) if record is not None else None
 
     def on_event(event: SlaveEvent) -> None:
         session = event.station.session
@@ -96,30 +97,25 @@ def slave(
             console.say(f"{request.name!r} joined from {place}: {request.codec}, asks for {request.rate_hz:g} Hz")
         elif isinstance(event, MasterLeft):
             console.say(f"{session.request.name!r} left: {session.end_reason} ({event.station.steps} steps)")
-            if record is not None:
-                to_write.append(event.station)
-        # Files are written while no master waits for a force.
-        if not node.stations:
-            write_what_can_be()
+            collect(event.station, ended=True)
+        if recorder is not None:
+            recorder.set_idle(not node.stations)
 
-    def write_recordings() -> None:
-        while to_write:
-            station = to_write[0]
-            if record is not None and station.recording is not None:
-                name = "".join(c if c.isalnum() or c in "-_" else "_" for c in station.session.request.name)
-                write_csv(record / f"{name}-{station.session.number:08x}.csv", station.recording.table())
-            del to_write[0]
-
-    def write_what_can_be() -> None:
-        try:
-            write_recordings()
-        except FileError as error:
-            console.say(f"{len(to_write)} recordings are kept to be written later: {error}")
+    def collect(station: "Station", *, ended: bool = False) -> None:
+        if record is None or recorder is None or station.recording is None:
+            return
+        name = "".join(c if c.isalnum() or c in "-_" else "_" for c in station.session.request.name)
+        file = record / f"{name}-{station.session.number:08x}.csv"
+        recorder.collect(station.recording, file)
+        if ended:
+            recorder.end(file)
 
     def on_status() -> None:
         packets = sum(station.session.sent.packets for station in node.stations)
         steps = sum(station.steps for station in node.stations)
         console.status(f"{len(node.stations)} masters, {steps} steps, {packets} packets sent")
+        for station in node.stations:
+            collect(station)
 
     if address.host not in ("127.0.0.1", "::1"):
         console.say("warning: the link is not encrypted and anyone who can reach it is served; use a network you trust")
@@ -127,13 +123,16 @@ def slave(
     console.say(f"listening on {address}, scene {settings.name}, {scheduling}")
     run(run_slave(node, sock, channel=channel, duration_s=duration, on_event=on_event, on_status=on_status))
     console.finish()
-    account = {"scheduling": scheduling, **node.report()}
+    account: dict[str, Any] = {"scheduling": scheduling, **node.report()}
+    if recorder is not None:
+        account["recording"] = recorder.report()
     if channel is not None:
         account["channel_out"] = channel_account(out, channel)
     try:
         deliver(account, as_json=json, file=report, real_time=True)
     finally:  # the reader of stdout may have gone
-        write_recordings()
+        if recorder is not None:
+            recorder.finish()
 
 
 def _place(address: Any) -> str:

@@ -30,6 +30,11 @@ class Recording:
         """Append a row, one number per column."""
         self._numbers.extend(row)
 
+    def take(self) -> "array[float]":
+        """Return all rows as one flat array, and begin again without any."""
+        numbers, self._numbers = self._numbers, array("d")
+        return numbers
+
     def table(self) -> dict[str, FloatArray]:
         """Return the columns by name, shape (n,)."""
         rows = np.array(self._numbers, dtype=np.float64).reshape(-1, len(self.columns))

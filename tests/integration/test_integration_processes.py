@@ -221,20 +221,6 @@ def test_a_demo_that_is_ended_ends_its_processes_first(tmp_path):
     assert not any(Path(f"/proc/{child}").exists() for child in children)
 
 
-def test_a_recording_that_cannot_be_written_is_kept_until_it_can(start, tmp_path):
-    folder = tmp_path / "recordings"
-    server = start("slave", "--listen", "127.0.0.1:0", "--record", str(folder), *FAST)
-    address = server.wait_for(r"listening on ([\d.]+:\d+)").group(1)
-    folder.rmdir()
-    for name in ("one", "two"):
-        master = start("master", "--connect", address, "--insertions", "1", "--duration", "0.5", "--name", name, *FAST)
-        assert master.process.wait(30) == 0, master.said()
-        server.wait_for("recordings are kept to be written later", 1 + (name == "two"))
-    folder.mkdir()
-    assert server.end() == 0, server.said()
-    assert sorted(file.name.partition("-")[0] for file in folder.iterdir()) == ["one", "two"]
-
-
 def test_a_child_ends_when_its_parent_is_killed():
     """As `master --device simavr` and the demo start theirs."""
     script = (
