@@ -77,6 +77,7 @@ class SlaveNode:
         self._stations: dict[int, Station] = {}
         self._welcomes: dict[tuple[Address, int], tuple[Station, bytes]] = {}
         self._to_answer: list[Station] = []
+        self._to_settle: list[Station] = []
         self.never_used = 0
         self._ended: deque[dict[str, Any]] = deque(maxlen=REPORTS_KEPT)
         self._outbox: list[tuple[bytes, Address]] = []
@@ -91,15 +92,30 @@ class SlaveNode:
     def receive_datagram(self, data: bytes, address: Address, now_us: int) -> None:
         """Process a datagram and answer it. Never raises: malformed and stray datagrams are counted."""
         self.receive_datagrams([(data, address)], now_us)
+        self.settle(now_us)
 
     def receive_datagrams(self, batch: Iterable[tuple[bytes, Address]], now_us: int) -> None:
-        """Process what has arrived since the last call, then answer the newest position of each session."""
+        """Process what has arrived since the last call, then answer the newest position of each session.
+
+        Send the answers at once, then call `settle`.
+        """
         for data, address in batch:
             self._take_in(data, address, now_us)
         for station in self._to_answer:
             if station.session.state is SlaveState.OPEN:
                 self._answer(station, now_us)
+        self._to_settle += self._to_answer
         self._to_answer.clear()
+
+    def settle(self, now_us: int) -> None:
+        """Account for the answers, which are on their way by now."""
+        for station in self._to_settle:
+            try:
+                station.settle()
+            except SceneFailedError as failure:
+                if station.session.state is SlaveState.OPEN:
+                    self._end(station, str(failure), now_us, code=Code.FAILED)
+        self._to_settle.clear()
 
     def tick(self, now_us: int) -> None:
         """Forget sessions that have been silent for too long."""

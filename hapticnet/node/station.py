@@ -2,7 +2,7 @@
 
 from collections.abc import Hashable
 from dataclasses import asdict
-from typing import Any
+from typing import Any, NamedTuple
 
 from hapticnet.codec.base import Codec
 from hapticnet.codec.registry import codec_parameters
@@ -13,12 +13,21 @@ from hapticnet.node.recording import SLAVE_COLUMNS, Recording
 from hapticnet.protocol.messages import Grant
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import Datagram, Kind
-from hapticnet.samples import PositionSample
+from hapticnet.samples import PositionSample, Vector
 from hapticnet.scene.scene import Scene
 
 
 class SceneFailedError(HapticnetError):
     """The scene or the codec raised an exception, so there is no force to send."""
+
+
+class _Answered(NamedTuple):
+    """An answer that is not accounted for yet: position, force, payload of the FORCE if any, bytes sent."""
+
+    sample: PositionSample
+    force_n: Vector
+    payload: bytes | None
+    size: int
 
 
 class Station:
@@ -71,6 +80,7 @@ class Station:
         self._opened_us = now_us
         self._stepped_us = now_us
         self._pending: PositionSample | None = None
+        self._answered: _Answered | None = None
         self._positions = Raw().decoder(scene.axes)
         self._encoder = codec.encoder(scene.axes)
         # A decoder of what is sent: it holds what the master holds if nothing is lost.
@@ -133,23 +143,40 @@ class Station:
             if payload is not None and self.session.recovering:
                 self._encoder.refresh()  # so that this payload builds on no earlier one
                 payload = self._encoder.encode(t_us, force.force_n, sample.position_m)
-            if payload is not None:
-                self._mirror.decode(t_us, payload)
-            held_n = self._mirror.reconstruct(t_us, sample.position_m)
         except Exception as error:  # a force that is not finite, or a user's codec
             self.steps += 1
             raise SceneFailedError(f"the force cannot be encoded: {in_words(error)}") from error
         if payload is not None:
             answer = self.session.force(t_us, payload, now_us)
-        self._error.add(force.force_n, held_n)
         self.steps += 1
         self._stepped_us = now_us
         if answer is None and self.session.keepalive_is_due(now_us):
             answer = self.session.keepalive(t_us, now_us)
-        if self.recording is not None:
-            first_axis = sample.position_m[0], force.force_n[0], held_n[0]
-            self.recording.add((t_us, *first_axis, payload is not None, len(answer or b""), self.scene.breaches))
+        self._answered = _Answered(sample, force.force_n, payload, len(answer or b""))
         return answer
+
+    def settle(self) -> None:
+        """Account for the last answer, once it is on its way: nobody waits for that.
+
+        Raises
+        ------
+        SceneFailedError
+            If the codec cannot read what it wrote.
+        """
+        answered, self._answered = self._answered, None
+        if answered is None:
+            return
+        sample, force_n, payload, size = answered
+        try:
+            if payload is not None:
+                self._mirror.decode(sample.t_us, payload)
+            held_n = self._mirror.reconstruct(sample.t_us, sample.position_m)
+        except Exception as error:  # a user's codec
+            raise SceneFailedError(f"the force cannot be decoded: {in_words(error)}") from error
+        self._error.add(force_n, held_n)
+        if self.recording is not None:
+            first_axis = sample.position_m[0], force_n[0], held_n[0]
+            self.recording.add((sample.t_us, *first_axis, payload is not None, size, self.scene.breaches))
 
     def _begin(self, t_us: int, now_us: int) -> int:
         """Return what to add to the master's time [µs] so that the time of a continued scene goes on evenly."""

@@ -56,6 +56,8 @@ async def run_slave(
     def receive(batch: list[tuple[bytes, SocketAddress]], now: int) -> None:
         node.receive_datagrams(batch, now)
         flush()
+        node.settle(now)
+        flush()
 
     def flush() -> None:
         for data, address in node.datagrams_to_send():
