@@ -26,7 +26,8 @@ def who_gives_way(
     """Return the session that must end so that `identity` gets another one; None if there is a free place.
 
     A session whose master is silent gives way to another one of the same identity that holds all its places, or, when
-    all places are taken, to an identity that holds fewer. So whoever takes many places cannot shut out the others.
+    all places are taken, to an identity that holds fewer: first a session of the identity that holds most, and of these
+    the one that has been silent for longest. So whoever takes many places cannot shut out the others.
 
     Parameters
     ----------
@@ -55,7 +56,7 @@ def who_gives_way(
         return None
     if not candidates:
         raise NoSeatError(reason)
-    return max(candidates, key=lambda station: station.session.silent_us(now_us))
+    return max(candidates, key=lambda station: (held[station.identity], station.session.silent_us(now_us)))
 
 
 def surplus_half_open(stations: Collection[Station], identity: Hashable) -> Station | None:

@@ -1,0 +1,192 @@
+"""A session that goes on with the scene of another: by ticket or by name, on the same clock or on another one."""
+
+import numpy as np
+import pytest
+
+from hapticnet.node.slave import MasterJoined, MasterLeft
+from hapticnet.protocol.messages import TICKET_BYTES, Close
+from hapticnet.protocol.settings import SessionSettings
+from hapticnet.protocol.states import SlaveState
+from hapticnet.protocol.wire import Kind
+from hapticnet.samples import ForceSample
+from tests.conftest import make_slave
+from tests.peers import OTHER_KEY, HandMaster, events_of
+
+SECOND = 1_000_000
+
+
+class Clock:
+    """A scene that remembers the times it was stepped to."""
+
+    name = "clock"
+    axes = 1
+    breaches = 0
+
+    def __init__(self):
+        self.t_us = []
+
+    def step(self, sample):
+        self.t_us.append(sample.t_us)
+        return ForceSample(sample.t_us, (0.0,))
+
+
+@pytest.fixture
+def slave(sealed):
+    return make_slave(sealed=sealed, host_of=lambda address: address[0])
+
+
+def master(slave, sealed, port, **request):
+    return HandMaster(slave, ("host", port), sealed=sealed, nonce=port, **request)
+
+
+def with_clock(slave):
+    slave._admission._make_scene = lambda _: Clock()
+
+
+def play(one, start_us, steps, *, first=1, offset_us=0, position_m=0.0):
+    """Send positions every millisecond from `start_us`, by a clock that is `offset_us` ahead of the slave's."""
+    for step in range(steps):
+        now_us = start_us + 1000 * step
+        one.position(first + step, now_us, position_m, t_us=now_us + offset_us)
+
+
+def test_a_ticket_continues_the_scene_and_the_old_session_ends_when_the_new_one_is_proved(slave, sealed):
+    old = master(slave, sealed, 1).work()
+    scene = slave.stations[0].scene
+    new = master(slave, sealed, 2, ticket=old.grant.ticket).join(1000)
+    assert new.grant.resumed
+    assert not old.grant.resumed
+    assert new.grant.ticket != old.grant.ticket
+    assert len(new.grant.ticket) == TICKET_BYTES
+    assert old.position(2, 2000) == []
+    assert slave.stations[0].steps == 2, "until then the old one is served as before"
+    events_of(slave)
+    new.position(1, 3000)
+    (station,) = slave.stations
+    assert station.scene is scene
+    assert station.report()["continues"] == old.session
+    left, joined = events_of(slave)
+    assert (left, joined) == (MasterLeft(left.station), MasterJoined(station))
+    assert left.station.session.end_reason == "its master goes on in a new session"
+    assert [answer.kind for answer in old.position(3, 4000)] == [Kind.RESET]
+
+
+@pytest.mark.parametrize("ticket", [bytes(16), b"guessed a ticket"])
+def test_a_wrong_ticket_gets_a_new_scene_and_ends_nothing(slave, sealed, ticket):
+    old = master(slave, sealed, 1).work()
+    new = master(slave, sealed, 2, ticket=ticket).work(SECOND)
+    assert not new.grant.resumed
+    assert len({id(station.scene) for station in slave.stations}) == 2
+    assert old.position(2, SECOND) != []
+
+
+def test_the_ticket_of_another_identity_is_worth_nothing(slave, sealed):
+    old = master(slave, sealed, 1).work()
+    thief = HandMaster(slave, ("thief", 1), sealed=sealed, nonce=2, key=OTHER_KEY, ticket=old.grant.ticket).work(SECOND)
+    assert not thief.grant.resumed
+    assert old.position(2, SECOND) != []
+
+
+def test_a_ticket_is_spent_with_its_session(slave, sealed):
+    first = master(slave, sealed, 1).work()
+    second = master(slave, sealed, 2, ticket=first.grant.ticket).work()
+    third = master(slave, sealed, 3, ticket=first.grant.ticket, name="third").work()
+    assert not third.grant.resumed
+    assert [station.session.number for station in slave.stations] == [second.session, third.session]
+
+
+def test_after_a_close_there_is_nothing_to_continue(slave, sealed):
+    first = master(slave, sealed, 1).work()
+    first.say(Kind.CLOSE, 2, Close("done"), 0)
+    assert not master(slave, sealed, 2, ticket=first.grant.ticket).work(SECOND).grant.resumed
+
+
+@pytest.mark.parametrize(("silence_us", "resumed"), [(200_000, False), (200_001, True)])
+def test_a_restarted_master_is_known_by_its_name_after_200_ms_of_silence(slave, sealed, silence_us, resumed):
+    master(slave, sealed, 1).work(0)
+    assert master(slave, sealed, 2).join(silence_us).grant.resumed is resumed
+    assert master(slave, sealed, 3, name="another").join(silence_us).grant.resumed is False
+
+
+def test_pierced_tissue_stays_pierced(slave, sealed):
+    """The tool is in the tissue when its master dies, and when it loses its session: nothing is felt twice."""
+    depths_m = np.linspace(0.0, 0.06, 4000)
+    one, began = master(slave, sealed, 1).join(0), 1
+    whole = HandMaster(make_slave(sealed=sealed), sealed=sealed).join(0)
+    for step, depth_m in enumerate(depths_m, start=1):
+        now_us = 1000 * step
+        if step == 2500:
+            one, began = master(slave, sealed, 2).join(now_us + 3 * SECOND), step
+        elif step == 3000:
+            one, began = master(slave, sealed, 3, ticket=one.grant.ticket).join(now_us + 3 * SECOND), step
+        one.position(1 + step - began, now_us + (3 * SECOND if step >= 2500 else 0), depth_m, t_us=now_us)
+        whole.position(step, now_us, depth_m)
+        if step in (2499, 2500, 2999, 3000, 4000):
+            (interrupted,), (other,) = slave.stations, whole.slave.stations
+            assert interrupted.scene.breaches == other.scene.breaches
+            assert interrupted.scene.force_n == pytest.approx(other.scene.force_n)
+    assert interrupted.grant.resumed
+    assert other.scene.breaches > 1
+
+
+@pytest.mark.parametrize("offset_us", [0, 10**9, (1 << 32) - 5_000, 7 * (1 << 31)])
+def test_with_a_ticket_the_time_of_the_scene_goes_on_with_the_clock_of_its_master(slave, sealed, offset_us):
+    with_clock(slave)
+    first = master(slave, sealed, 1).join(0)
+    play(first, 1000, 20, offset_us=offset_us)
+    second = master(slave, sealed, 2, ticket=first.grant.ticket).join(100_000)
+    play(second, 100_000, 20, offset_us=offset_us)
+    third = master(slave, sealed, 3, ticket=second.grant.ticket).join(200_000)
+    play(third, 200_000, 20, offset_us=offset_us)
+    (station,) = slave.stations
+    times = np.array(station.scene.t_us)
+    expected = [start + 1000 * step for start in (1000, 100_000, 200_000) for step in range(20)]
+    assert (times - times[0]).tolist() == [each - 1000 for each in expected]
+
+
+@pytest.mark.parametrize("offset_us", [-(10**7), 0, 10**9, 3 * (1 << 31), (1 << 32) - 3_000_000])
+def test_over_a_restart_with_another_clock_the_time_of_the_scene_goes_on_evenly(slave, sealed, offset_us):
+    with_clock(slave)
+    start_us = 20 * SECOND
+    play(master(slave, sealed, 1).join(start_us), start_us, 1000, offset_us=12_345)
+    second = master(slave, sealed, 2).join(start_us + 3 * SECOND)
+    play(second, start_us + 3 * SECOND, 1000, offset_us=offset_us)
+    third = master(slave, sealed, 3, ticket=second.grant.ticket).join(start_us + 4 * SECOND)
+    play(third, start_us + 4 * SECOND, 1000, offset_us=offset_us)
+    (station,) = slave.stations
+    times = np.array(station.scene.t_us)
+    steps = np.diff(times)
+    assert (np.delete(steps, 999) == 1000).all()
+    assert steps[999] == 3 * SECOND - 999_000, "the time that went by at the slave"
+
+
+def test_a_half_open_session_never_ends_the_one_that_works(slave, sealed):
+    """One forged HELLO used to be enough: the address, the name and even the ticket of the victim are known."""
+    victim = master(slave, sealed, 1).work()
+    scene = slave.stations[0].scene
+    for port, request in ((2, {}), (3, {"ticket": victim.grant.ticket})):
+        forged = HandMaster(slave, victim.address, sealed=sealed, nonce=port, **request)
+        forged.join(0)
+    play(victim, 1000, 100, first=2)
+    slave.tick(6 * SECOND)
+    (station,) = slave.stations
+    assert (station.session.number, station.session.state) == (victim.session, SlaveState.OPEN)
+    assert station.scene is scene
+    assert station.steps == 101
+
+
+def test_a_continuing_session_needs_no_second_place(sealed):
+    slave = make_slave(sealed=sealed, session=SessionSettings(most_sessions=1, most_per_identity=1))
+    first = HandMaster(slave, sealed=sealed).work()
+    second = HandMaster(slave, sealed=sealed, nonce=2, ticket=first.grant.ticket).work()
+    assert second.grant.resumed
+    assert [station.session.number for station in slave.stations] == [second.session]
+
+
+def test_a_chain_of_sessions_does_not_stay_in_memory(slave, sealed):
+    last = master(slave, sealed, 1).work()
+    for port in range(2, 20):
+        last = master(slave, sealed, port, ticket=last.grant.ticket).work(SECOND * port)
+    (station,) = slave.stations
+    assert station.continues is None
+    assert len(slave._stations) == len(slave._welcomes) == 1

@@ -1,0 +1,166 @@
+"""Who holds a place at a slave: per identity and in total, who gives way, and that nobody else loses one."""
+
+import pytest
+
+from hapticnet.node.seats import MOST_HALF_OPEN, MOST_HALF_OPEN_EACH
+from hapticnet.node.slave import MasterLeft
+from hapticnet.protocol.keys import MasterEntry, MasterKey, PrivateKey
+from hapticnet.protocol.messages import Code
+from hapticnet.protocol.settings import SessionSettings
+from hapticnet.protocol.states import SlaveState
+from hapticnet.protocol.wire import Kind
+from tests.conftest import make_slave
+from tests.peers import SLAVE, HandMaster, events_of
+
+SECOND = 1_000_000
+KEYS = {name: PrivateKey(bytes(range(first, first + 32))) for first, name in enumerate("abcdefghij", start=100)}
+"""Identities: the key of that name in sealed sessions, the host of that name in open ones."""
+
+
+class House:
+    """A slave, and masters that each bear the name of their identity."""
+
+    def __init__(self, sealed, **settings):
+        self.sealed = sealed
+        entries = [MasterEntry(name=name, public=key.public) for name, key in KEYS.items()]
+        settings = SessionSettings(**settings)
+        self.slave = make_slave(session=settings, sealed=sealed, masters=entries, host_of=lambda address: address[0])
+        self.nonce = 0
+
+    def visitor(self, identity, **request):
+        self.nonce += 1
+        key = MasterKey(KEYS[identity], SLAVE.public)
+        place = (f"192.0.2.{self.nonce}", 5000) if self.sealed else (identity, self.nonce)
+        request = {"name": f"{identity}{self.nonce}", **request}
+        return HandMaster(self.slave, place, sealed=self.sealed, nonce=self.nonce, key=key, **request)
+
+    def works(self, identity, now_us, **request):
+        return self.visitor(identity, **request).work(now_us)
+
+    def open(self):
+        """Return the masters' names of the open sessions, in the order they came."""
+        stations = self.slave.stations
+        return [each.session.request.name for each in stations if each.session.state is SlaveState.OPEN]
+
+
+@pytest.fixture
+def house(sealed):
+    return House(sealed, most_sessions=4, most_per_identity=2, gives_way_us=SECOND)
+
+
+def test_an_identity_holds_only_its_share(house):
+    for _ in range(2):
+        house.works("a", 0)
+    refusal = house.visitor("a").refused(10)
+    assert refusal[1:] == ("all 2 sessions that this master may have are taken", Code.FULL)
+    house.works("b", 10)
+    assert house.open() == ["a1", "a2", "b4"]
+
+
+def test_when_every_place_is_in_use_a_newcomer_is_refused(house):
+    for name in "aabb":
+        house.works(name, 0)
+    assert house.visitor("c").refused(10)[1:] == ("all 4 sessions of this slave are taken", Code.FULL)
+    assert house.open() == ["a1", "a2", "b3", "b4"]
+
+
+def test_the_longest_silent_session_of_an_identity_gives_way_to_another_of_its_own(house):
+    first, second = house.works("a", 0), house.works("a", 0)
+    house.works("b", 0)
+    first.position(2, 100_000)
+    house.works("a", 100_000 + SECOND + 1)
+    assert house.open() == ["a1", "b3", "a4"]
+    left = [event.station.session for event in events_of(house.slave) if isinstance(event, MasterLeft)]
+    assert [(each.number, each.end_reason) for each in left] == [(second.session, "its place was needed")]
+
+
+def test_a_silent_session_gives_way_only_to_an_identity_that_holds_fewer(house):
+    for name in "aabb":
+        house.works(name, 0)
+    assert house.visitor("c").refused(SECOND)
+    house.works("c", SECOND + 1)
+    assert house.open() == ["a2", "b3", "b4", "c6"]
+    house.works("d", SECOND + 1)
+    assert house.open() == ["a2", "b4", "c6", "d7"], "whoever holds most gives first"
+
+
+@pytest.mark.parametrize("sealed", [False, True], ids=["open", "sealed"])
+def test_who_holds_as_many_as_any_other_gets_no_more_from_them(sealed):
+    house = House(sealed, most_sessions=4)
+    for name in "aabb":
+        house.works(name, 0)
+    assert house.visitor("a").refused(10 * SECOND)[2] is Code.FULL
+    assert house.open() == ["a1", "a2", "b3", "b4"]
+
+
+def test_a_working_session_never_gives_way(house):
+    masters = [house.works(name, 0) for name in "aabb"]
+    for step in range(2, 60):
+        now_us = 50_000 * step
+        assert house.visitor("cdefg"[step % 5]).refused(now_us)[2] is Code.FULL
+        for master in masters:
+            assert master.position(step, now_us) is not None
+    assert house.open() == ["a1", "a2", "b3", "b4"]
+    assert all(station.steps == 59 for station in house.slave.stations)
+
+
+def test_half_open_sessions_take_no_place(house):
+    for name in "aaabbbcccddd":
+        house.visitor(name).join(0)
+    assert house.open() == []
+    for name in "efgh":
+        house.works(name, 10)
+    assert house.open() == ["e13", "f14", "g15", "h16"]
+
+
+def test_the_place_is_taken_by_the_first_that_prove_themselves(house):
+    house.works("a", 0)
+    waiting = [house.visitor("a").join(0) for _ in range(3)]
+    waiting[2].position(1, 10)
+    (answer,) = waiting[0].position(1, 20)
+    assert answer.kind is Kind.CLOSE
+    assert house.open() == ["a1", "a4"]
+    assert waiting[2].position(2, 50_000) != []
+
+
+@pytest.mark.parametrize("sealed", [False, True], ids=["open", "sealed"])
+def test_half_open_sessions_are_bounded_for_each_identity_and_in_total(sealed):
+    house = House(sealed)
+    worker = house.works("a", 0)
+    for number in range(400):
+        now_us = 10_000 * number
+        name = "bcdefghij"[number % 9]
+        house.visitor(name).hello(now_us)
+        crowd = house.visitor(name)
+        crowd.hello(now_us)
+        crowd.hello(now_us)
+        waiting = [each for each in house.slave.stations if each.session.state is SlaveState.HALF_OPEN]
+        assert len(waiting) <= MOST_HALF_OPEN
+        assert max(sum(1 for each in waiting if each.identity == one.identity) for one in waiting) <= (
+            MOST_HALF_OPEN_EACH
+        )
+    assert len(waiting) == MOST_HALF_OPEN
+    newcomer = house.visitor("a").join(4 * SECOND)
+    assert newcomer.position(1, 4 * SECOND) != []
+    assert worker.position(2, 4 * SECOND) != []
+
+
+def test_an_entry_of_the_list_may_set_its_own_number_of_places():
+    entries = [MasterEntry(name="a", public=KEYS["a"].public, most_sessions=1)]
+    slave = make_slave(sealed=True, masters=entries)
+    key = MasterKey(KEYS["a"], SLAVE.public)
+    HandMaster(slave, sealed=True, key=key).work()
+    refusal = HandMaster(slave, sealed=True, key=key, nonce=2, name="b").refused()
+    assert refusal[1] == "all 1 sessions that this master may have are taken"
+
+
+def test_a_scene_is_kept_for_its_master_while_nobody_needs_the_place(house):
+    first = house.works("a", 0)
+    first.position(2, 1000, 0.025)
+    scene = house.slave.stations[0].scene
+    house.slave.tick(29 * SECOND)
+    house.works("a", 29 * SECOND, name="a1")
+    assert house.slave.stations[0].scene is scene
+    house.slave.tick(60 * SECOND)
+    house.works("a", 60 * SECOND, name="a1")
+    assert house.slave.stations[0].scene is not scene
