@@ -1,0 +1,111 @@
+"""Hostile datagrams by the million against both nodes, open and sealed: no exception, and memory stays flat.
+
+Each node plays its part in a true session in virtual time while hostile datagrams arrive: as if from its peer, from
+strangers, from strangers that prove their address, and, in sealed sessions, from a peer that has the keys.
+"""
+
+import argparse
+import os
+import time
+import traceback
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import record
+from fuzz_session import TICK_US, Session
+
+BEFORE_A_TICK: Final = 10
+"""Hostile datagrams between two ticks of the true session: 10,000 a second."""
+
+KEPT: Final = 5
+"""Exceptions that are kept with their datagrams."""
+
+CHECKPOINTS: Final = 20
+"""How often the memory is read."""
+
+WARM_UP: Final = 5
+"""Checkpoints before memory counts: tables with a bound fill first."""
+
+PAGE_BYTES: Final = os.sysconf("SC_PAGE_SIZE")
+
+
+def fuzzed(node: str, *, sealed: bool, datagrams: int, seed: int) -> dict[str, Any]:
+    """Attack one node with `datagrams` hostile ones; return what became of it."""
+    session = Session(seed, sealed=sealed, attacked=node)
+    exceptions: list[dict[str, str]] = []
+    raised = 0
+    memory_mb = []
+    spent_s = 0.0
+    for number in range(datagrams):
+        if number % BEFORE_A_TICK == 0:
+            session.tick()
+        if number % (datagrams // CHECKPOINTS or 1) == 0:
+            memory_mb.append(resident_mb())
+        data, source = session.hostile()
+        before_s = time.perf_counter()
+        try:
+            session.strike(data, source)
+        except Exception:
+            raised += 1
+            if len(exceptions) < KEPT:
+                exceptions.append({"datagram": data.hex(), "traceback": traceback.format_exc()})
+        spent_s += time.perf_counter() - before_s
+    settled = memory_mb[WARM_UP:] or memory_mb
+    return {
+        "node": node,
+        "sealed": sealed,
+        "datagrams": datagrams,
+        "exceptions": raised,
+        "first_exceptions": exceptions,
+        "failures": session.failures,
+        "sessions_lost": session.lost if sealed else None,
+        "insiders": session.insiders,
+        "requests": session.requests,
+        "us_per_datagram": 1e6 * spent_s / datagrams,
+        "virtual_s": session.step * TICK_US / 1e6,
+        "memory_growth_mb": max(settled) - settled[0],
+        "memory_mb": memory_mb,
+        "report": session.report(),
+    }
+
+
+def resident_mb() -> float:
+    """Return the memory of this process that is in use [MB]."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * PAGE_BYTES / 1e6
+
+
+def measure(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return all results."""
+    arguments.repetitions = 1
+    kinds = [(node, sealed) for node in ("slave", "master") for sealed in (False, True)]
+    if arguments.only:
+        name, _, kind = arguments.only.partition(",")
+        kinds = [(name, kind == "sealed")]
+    rows = []
+    for node, sealed in kinds:
+        row = fuzzed(node, sealed=sealed, datagrams=arguments.datagrams, seed=arguments.seed)
+        rows.append(row)
+        print(
+            f"{node} {'sealed' if sealed else 'open'}: {row['exceptions']} exceptions, {row['failures']} failures,"
+            f" {row['memory_growth_mb']:.1f} MB more, {row['us_per_datagram']:.1f} us each",
+            flush=True,
+        )
+    return {"rows": rows}
+
+
+def main() -> None:
+    parser = record.options(__doc__)
+    parser.add_argument(
+        "--datagrams", type=record.within(100, 1e10), default=10_000_000, help="against each node, open and sealed"
+    )
+    parser.add_argument(
+        "--only", choices=["slave,open", "slave,sealed", "master,open", "master,sealed"], help="one of the four"
+    )
+    np.seterr(all="raise")  # so that a warning is an exception
+    record.run(parser, measure, unit="as in each name")
+
+
+if __name__ == "__main__":
+    main()
