@@ -79,6 +79,7 @@ class Session:
             doors={SEALED if sealed else OPEN: door},
             host_of=lambda address: address[0] if isinstance(address, tuple) else address,
         )
+        self._operator = ScriptedOperator(InsertionSettings(insertions=10), self._rng)
         self._masters = 0
         self._renewed = self._connections = 0
         self._betrayed = False
@@ -139,10 +140,9 @@ class Session:
         if self._sealed and not self._betrayed and self.step - self._renewed > SETTLED:
             self.lost += self._connections != 1
         self._betrayed = self._sealed and self._masters % 2 == 1
-        operator = ScriptedOperator(InsertionSettings(insertions=10_000), self._rng)
         codec = CODECS[self._masters % len(CODECS)]
         settings = MasterSettings(codec=codec, key=self._key, name=f"fuzz {self._masters % 10}")
-        self._master = MasterNode(operator, None, settings, self._rng)
+        self._master = MasterNode(self._operator, None, settings, self._rng)
         self._masters += 1
         self._renewed = self.step
         self._connections = 0

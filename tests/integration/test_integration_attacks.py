@@ -1,0 +1,197 @@
+"""Attacks on the real processes by someone on the path between them. Wall-clock limits are loose."""
+
+import signal
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import msgpack
+import numpy as np
+import pytest
+
+from hapticnet.protocol.wire import Kind, pack, unpack
+from hapticnet.recordings.tables import read_csv
+from tests.integration.conftest import Process
+from tests.integration.on_path import OnPath, drop, late, pass_on
+
+FORCE_N = 2.0
+SCENE = """
+name = "gel"
+
+[[tissue]]
+name = "gel"
+rest_position_m = 0.0
+stiffness_n_per_m = 100.0
+breach_force_n = 1e6
+"""
+FAST = ("--no-realtime",)
+
+
+@pytest.fixture
+def paths() -> Iterator[Callable[[str], OnPath]]:
+    """Return a maker of attackers on the path to a slave."""
+    made: list[OnPath] = []
+
+    def make(slave: str) -> OnPath:
+        made.append(OnPath(slave))
+        return made[-1]
+
+    yield make
+    for path in made:
+        path.close()
+
+
+@pytest.fixture
+def gel(start: Callable[..., Process], tmp_path: Path) -> tuple[Process, str]:
+    """Return a slave with a scene that is never pierced, and its address."""
+    (tmp_path / "gel.toml").write_text(SCENE)
+    process = start("slave", "--listen", "127.0.0.1:0", "--scene", str(tmp_path / "gel.toml"), "--json", *FAST)
+    return process, process.wait_for(r"listening on ([\d.]+:\d+)").group(1)
+
+
+class Operated:
+    """A master process whose operator follows a trace, and what it felt."""
+
+    def __init__(
+        self, start: Callable[..., Process], address: str, folder: Path, trace: dict[float, float], *more: str
+    ) -> None:
+        rows = "\n".join(f"{t_s},{position_m}" for t_s, position_m in trace.items())
+        (folder / "trace.csv").write_text(f"time_s,position_m\n{rows}\n")
+        self._record = folder / "master.csv"
+        operator = ("--operator", f"trace:{folder / 'trace.csv'}", "--record", str(self._record))
+        self.process = start(
+            "master", "--connect", address, *operator, "--duration", "60", "--rate", "500", "--json", *more, *FAST
+        )
+        self.process.wait_for("connected to")
+        self._connected_s = time.monotonic()
+
+    def wait(self, seconds: float) -> float:
+        """Let it play for a while; return the seconds since it was connected."""
+        time.sleep(seconds)
+        return time.monotonic() - self._connected_s
+
+    def end(self) -> dict[str, np.ndarray]:
+        """End the process; return its recording, with the time in seconds since the first force."""
+        assert self.process.end(signal.SIGINT) == 0, self.process.said()
+        table = read_csv(self._record)
+        table["t_s"] = (table["t_us"] - table["t_us"][np.argmax(table["held_n"] > 0.1)]) / 1e6
+        return table
+
+
+def newest(datagrams: object, kind: Kind) -> bytes:
+    return next(data for data in reversed(list(datagrams)) if unpack(data).kind is kind)  # type: ignore[call-overload]
+
+
+def ahead(data: bytes, leap: int) -> bytes:
+    """Return a datagram as it would be with a later sequence number, if nothing proved it."""
+    true = unpack(data)
+    return pack(true.kind, true.session, (true.sequence + leap) % 2**32, true.body)
+
+
+@pytest.mark.parametrize("leap", [200, 2_999, 32_767, 2**31 - 1])
+@pytest.mark.parametrize("victim", ["master", "slave"])
+def test_one_datagram_with_a_sequence_far_ahead_deafens_nobody(start, gel, paths, tmp_path, victim, leap):
+    """N1: a master was deaf for good, and a slave for 33 s."""
+    server, address = gel
+    path = paths(address)
+    master = Operated(start, path.address, tmp_path, {0.0: 0.02, 100.0: 0.02})
+    master.wait(0.5)
+    if victim == "master":
+        path.inject_to_master(ahead(newest(path.to_master, Kind.FORCE), leap))
+    else:
+        path.inject_to_slave(ahead(newest(path.to_slave, Kind.POSITION), leap))
+    master.wait(1.5)
+    felt = master.end()
+    last_n = felt["held_n"][felt["t_s"] > felt["t_s"][-1] - 0.3]
+    assert last_n.min() > 0.9 * FORCE_N, master.process.said()
+    assert server.end() == 0
+
+
+def with_another_nonce(hello: bytes) -> bytes:
+    """Return a HELLO as its sender would ask for another session."""
+    true = unpack(hello)
+    fields = msgpack.unpackb(true.body)
+    body = msgpack.packb([fields[0] ^ 0x5555, *fields[1:]])
+    return pack(Kind.HELLO, 0, true.sequence, body)
+
+
+def test_a_hello_in_the_name_of_a_master_does_not_touch_its_session(start, slave, paths, tmp_path):
+    """N2: the session was replaced, tissue was whole again, and the finger was pressed with 4.58 N."""
+    server, address = slave
+    path = paths(address)
+    master = Operated(start, path.address, tmp_path, {0.0: 0.0, 1.0: 0.09, 100.0: 0.09})
+    master.wait(1.5)
+    forged = with_another_nonce(path.to_slave[0])
+    at_s = master.wait(0.2)
+    for _ in range(20):
+        path.inject_to_slave(forged)
+        master.wait(0.02)
+    master.wait(0.5)
+    felt = master.end()
+    after_n = felt["held_n"][felt["t_s"] > at_s]
+    assert np.ptp(after_n) < 0.1, "the needle rests in pierced tissue"
+    assert server.end() == 0
+    (session,) = server.report()["sessions"]
+    assert session["breaches"] == 3
+
+
+@pytest.mark.parametrize("what", ["another port", "2 s of silence"])
+def test_pierced_tissue_stays_pierced_when_a_master_comes_back(start, slave, paths, tmp_path, what):
+    """N2: any reconnection gave a new scene."""
+    server, address = slave
+    path = paths(address)
+    master = Operated(start, path.address, tmp_path, {0.0: 0.0, 1.0: 0.09, 100.0: 0.09})
+    at_s = master.wait(1.5)
+    if what == "2 s of silence":
+        path.forward = path.feedback = drop
+        master.wait(2.0)
+        path.forward = path.feedback = pass_on
+    path.rebind()
+    master.process.wait_for("connected to", count=2)
+    master.wait(0.5)
+    felt = master.end()
+    before_n = np.median(felt["held_n"][(felt["t_s"] > at_s - 0.3) & (felt["t_s"] < at_s)])
+    assert felt["held_n"][felt["t_s"] > at_s].max() <= before_n + 0.1
+    assert server.end() == 0
+    sessions = server.report()["sessions"]
+    assert sessions[-1]["breaches"] == 3
+    assert sessions[-1]["continues"] == sessions[0]["session"]
+
+
+def test_forces_that_answer_positions_of_long_ago_are_not_applied(start, gel, paths, tmp_path):
+    """N3: 645 forces that were 3 s old were applied as fresh."""
+    _, address = gel
+    path = paths(address)
+    master = Operated(start, path.address, tmp_path, {0.0: 0.02, 100.0: 0.02})
+    at_s = master.wait(0.5)
+    path.feedback = late(1.5)
+    master.process.wait_for("link too slow|link stale")
+    until_s = master.wait(2.5)
+    path.feedback = pass_on
+    master.process.wait_for("link recovered|connected to", count=2)
+    master.wait(0.5)
+    felt = master.end()
+    slow = (felt["t_s"] > at_s + 0.6) & (felt["t_s"] < until_s)
+    assert slow.sum() > 500
+    assert (felt["held_n"][slow] == 0.0).all()
+    assert felt["held_n"][-1] > 0.9 * FORCE_N
+    assert np.diff(felt["held_n"]).max() < 1.1, "the force rises, and is not there at once"
+
+
+def test_of_a_slave_that_was_stopped_no_old_force_is_applied(start, gel, tmp_path):
+    """N3: forces up to 10 s old were applied, in fast motion."""
+    server, address = gel
+    slope = {0.0: 0.0, 100.0: 1.0}  # 1 N more each second
+    master = Operated(start, address, tmp_path, slope)
+    master.wait(0.5)
+    server.process.send_signal(signal.SIGSTOP)
+    master.wait(2.0)
+    server.process.send_signal(signal.SIGCONT)
+    master.wait(1.0)
+    felt = master.end()
+    newest_n = 100.0 * felt["position_m"]
+    pressing = felt["held_n"] > 0.1
+    # The oldest force that is applied answers a position one second old.
+    assert (newest_n - felt["held_n"])[pressing & (np.diff(felt["held_n"], prepend=0.0) > 0.3)].max(initial=0.0) < 1.2
+    assert master.process.report()["age_of_applied_force"]["max_us"] < 2_600_000
+    assert felt["held_n"][-1] > 0.8 * newest_n[-1]
