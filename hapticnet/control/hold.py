@@ -133,6 +133,11 @@ class Hold:
         share = self._share
         return tuple([component * share for component in self._force_n]) if share else self._zero_n
 
+    def is_released(self, now_us: int) -> bool:
+        """Return whether the link has been silent for so long that nothing of the stimulus is applied."""
+        self._grow_older(now_us)
+        return self._age_us >= self._age_limit_us + self._decay_us
+
     def _grow_older(self, now_us: int) -> None:
         if now_us > self._now_us:
             elapsed_us = now_us - self._now_us

@@ -177,7 +177,8 @@ class MasterNode:
                 self._hold.follow(self._decoder.reconstruct(at_us, self._at_m))
             except Exception as error:  # a user's codec may raise anything
                 self._fail(f"the codec failed: {in_words(error)}", now_us)
-            self._age.add(now_us - self._valid_t_us)
+            if not self._hold.is_released(now_us):
+                self._age.add(now_us - self._valid_t_us)
         held_n = self.held_force_n(now_us)
         fingertip = self._fingertip
         if fingertip is None:

@@ -55,6 +55,15 @@ def test_holds_unchanged_until_the_age_limit_then_falls_linearly_to_exactly_zero
     assert hold.value(1_000 + END_US) == (0.0, 0.0)
 
 
+def test_a_stimulus_is_released_when_all_of_it_has_decayed() -> None:
+    hold = Hold(SETTINGS)
+    assert hold.is_released(0)
+    hold = holding((3.0,), 0)
+    assert [hold.is_released(now_us) for now_us in (LIMIT_US, END_US - 1, END_US)] == [False, False, True]
+    hold.confirm(END_US + 1)
+    assert not hold.is_released(END_US + 1)
+
+
 def test_a_keepalive_renews_the_age() -> None:
     hold = holding((3.0,), 0)
     hold.confirm(LIMIT_US)

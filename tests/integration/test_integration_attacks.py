@@ -15,7 +15,7 @@ from tests.integration.conftest import Process
 from tests.integration.on_path import OnPath, drop, late, pass_on
 
 FORCE_N = 2.0
-SCENE = """
+GEL = """
 name = "gel"
 
 [[tissue]]
@@ -24,6 +24,18 @@ rest_position_m = 0.0
 stiffness_n_per_m = 100.0
 breach_force_n = 1e6
 """
+SKIN = """
+name = "skin"
+
+[[tissue]]
+name = "skin"
+rest_position_m = 0.02
+stiffness_n_per_m = 200.0
+breach_force_n = 3.0
+"""
+PIERCE = {0.0: 0.0, 0.5: 0.06, 0.8: 0.032, 100.0: 0.032}
+"""Pierce the skin and rest where it would press with 2.4 N if it were whole."""
+
 FAST = ("--no-realtime",)
 
 
@@ -41,12 +53,23 @@ def paths() -> Iterator[Callable[[str], OnPath]]:
         path.close()
 
 
+def started(start: Callable[..., Process], scene: str, folder: Path) -> tuple[Process, str]:
+    """Return a slave with a scene, and its address."""
+    (folder / "scene.toml").write_text(scene)
+    process = start("slave", "--listen", "127.0.0.1:0", "--scene", str(folder / "scene.toml"), "--json", *FAST)
+    return process, process.wait_for(r"listening on ([\d.]+:\d+)").group(1)
+
+
 @pytest.fixture
 def gel(start: Callable[..., Process], tmp_path: Path) -> tuple[Process, str]:
     """Return a slave with a scene that is never pierced, and its address."""
-    (tmp_path / "gel.toml").write_text(SCENE)
-    process = start("slave", "--listen", "127.0.0.1:0", "--scene", str(tmp_path / "gel.toml"), "--json", *FAST)
-    return process, process.wait_for(r"listening on ([\d.]+:\d+)").group(1)
+    return started(start, GEL, tmp_path)
+
+
+@pytest.fixture
+def skin(start: Callable[..., Process], tmp_path: Path) -> tuple[Process, str]:
+    """Return a slave with a scene for `PIERCE`, and its address."""
+    return started(start, SKIN, tmp_path)
 
 
 class Operated:
@@ -88,7 +111,7 @@ def ahead(data: bytes, leap: int) -> bytes:
     return pack(true.kind, true.session, (true.sequence + leap) % 2**32, true.body)
 
 
-@pytest.mark.parametrize("leap", [200, 2_999, 32_767, 2**31 - 1])
+@pytest.mark.parametrize("leap", [32_767, 2**31 - 1])
 @pytest.mark.parametrize("victim", ["master", "slave"])
 def test_one_datagram_with_a_sequence_far_ahead_deafens_nobody(start, gel, paths, tmp_path, victim, leap):
     """N1: a master was deaf for good, and a slave for 33 s."""
@@ -115,47 +138,45 @@ def with_another_nonce(hello: bytes) -> bytes:
     return pack(Kind.HELLO, 0, true.sequence, body)
 
 
-def test_a_hello_in_the_name_of_a_master_does_not_touch_its_session(start, slave, paths, tmp_path):
-    """N2: the session was replaced, tissue was whole again, and the finger was pressed with 4.58 N."""
-    server, address = slave
+def test_a_hello_in_the_name_of_a_master_does_not_touch_its_session(start, skin, paths, tmp_path):
+    """N2: the session was replaced, tissue was whole again, and the finger was pressed."""
+    server, address = skin
     path = paths(address)
-    master = Operated(start, path.address, tmp_path, {0.0: 0.0, 1.0: 0.09, 100.0: 0.09})
-    master.wait(1.5)
+    master = Operated(start, path.address, tmp_path, PIERCE)
+    at_s = master.wait(1.5)
     forged = with_another_nonce(path.to_slave[0])
-    at_s = master.wait(0.2)
     for _ in range(20):
         path.inject_to_slave(forged)
         master.wait(0.02)
     master.wait(0.5)
     felt = master.end()
-    after_n = felt["held_n"][felt["t_s"] > at_s]
-    assert np.ptp(after_n) < 0.1, "the needle rests in pierced tissue"
+    assert felt["held_n"].max() > 2.5
+    assert felt["held_n"][felt["t_s"] > at_s].max() == 0.0
     assert server.end() == 0
     (session,) = server.report()["sessions"]
-    assert session["breaches"] == 3
+    assert session["breaches"] == 1
 
 
 @pytest.mark.parametrize("what", ["another port", "2 s of silence"])
-def test_pierced_tissue_stays_pierced_when_a_master_comes_back(start, slave, paths, tmp_path, what):
+def test_pierced_tissue_stays_pierced_when_a_master_comes_back(start, skin, paths, tmp_path, what):
     """N2: any reconnection gave a new scene."""
-    server, address = slave
+    server, address = skin
     path = paths(address)
-    master = Operated(start, path.address, tmp_path, {0.0: 0.0, 1.0: 0.09, 100.0: 0.09})
+    master = Operated(start, path.address, tmp_path, PIERCE)
     at_s = master.wait(1.5)
-    if what == "2 s of silence":
+    if what != "another port":
         path.forward = path.feedback = drop
-        master.wait(2.0)
+        master.wait(float(what.split()[0]))
         path.forward = path.feedback = pass_on
     path.rebind()
     master.process.wait_for("connected to", count=2)
     master.wait(0.5)
     felt = master.end()
-    before_n = np.median(felt["held_n"][(felt["t_s"] > at_s - 0.3) & (felt["t_s"] < at_s)])
-    assert felt["held_n"][felt["t_s"] > at_s].max() <= before_n + 0.1
+    assert felt["held_n"][felt["t_s"] > at_s].max() == 0.0
     assert server.end() == 0
     sessions = server.report()["sessions"]
-    assert sessions[-1]["breaches"] == 3
-    assert sessions[-1]["continues"] == sessions[0]["session"]
+    assert [session["breaches"] for session in sessions] == [1, 1]
+    assert sessions[1]["continues"] == sessions[0]["session"]
 
 
 def test_forces_that_answer_positions_of_long_ago_are_not_applied(start, gel, paths, tmp_path):
@@ -189,9 +210,7 @@ def test_of_a_slave_that_was_stopped_no_old_force_is_applied(start, gel, tmp_pat
     server.process.send_signal(signal.SIGCONT)
     master.wait(1.0)
     felt = master.end()
-    newest_n = 100.0 * felt["position_m"]
-    pressing = felt["held_n"] > 0.1
-    # The oldest force that is applied answers a position one second old.
-    assert (newest_n - felt["held_n"])[pressing & (np.diff(felt["held_n"], prepend=0.0) > 0.3)].max(initial=0.0) < 1.2
-    assert master.process.report()["age_of_applied_force"]["max_us"] < 2_600_000
-    assert felt["held_n"][-1] > 0.8 * newest_n[-1]
+    report = master.process.report()
+    # A force is applied while the position it answers is younger than a second, and 0.3 s later it is released.
+    assert report["age_of_applied_force"]["max_us"] < 1_350_000
+    assert felt["held_n"][-1] == pytest.approx(100.0 * felt["position_m"][-1], rel=0.15)
