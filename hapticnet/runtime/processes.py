@@ -142,7 +142,7 @@ async def run_master(
             on_event(event)
 
     serial = await open_wire(wire, stop) if wire is not None else None
-    port = UdpPort(loop, sock, receive, peer=slave, channel=channel)
+    port = UdpPort(loop, sock, receive, at_once=True, peer=slave, channel=channel)
     ticker = Ticker(loop, node.period_us, tick)
     status = Repeating(loop, on_status)
     reason = "done"

@@ -29,6 +29,10 @@ READ_BYTES: Final = MAX_DATAGRAM_BYTES + 1
 DRAIN_AT_MOST: Final = 256
 """Largest number of datagrams read in a row, so that a flood cannot delay the tick."""
 
+PROMPT_US: Final = 2_000
+"""If the socket was empty this short a time ago, the first datagram is handed over before the next one is looked for:
+to find that there is none takes as long as a tenth of a round trip."""
+
 POLL_S: Final = 0.01
 
 BUFFER_BYTES: Final = 1 << 20
@@ -105,6 +109,8 @@ class UdpPort:
     receive
         Called with the datagrams that have queued up, each with its source, and the time [µs]; None: this port only
         sends.
+    at_once
+        Hand each datagram over by itself, as soon as it is read.
     peer
         The only address whose datagrams are accepted; None: all are.
     channel
@@ -124,6 +130,7 @@ class UdpPort:
         sock: socket.socket,
         receive: Receive | None,
         *,
+        at_once: bool = False,
         peer: SocketAddress | None = None,
         channel: OutgoingChannel | None = None,
     ) -> None:
@@ -132,6 +139,8 @@ class UdpPort:
         self._loop = loop
         self._sock = sock
         self._receive = receive
+        self._at_once = at_once
+        self._drained_us = 0
         self._peer = peer
         self._channel = channel
         self._alarm = Alarm(loop, self._deliver) if channel else None
@@ -160,11 +169,13 @@ class UdpPort:
         self._sock.close()
 
     def _drain(self) -> None:
-        if self._receive is None:
+        receive = self._receive
+        if receive is None:
             return
         receive_from = self._sock.recvfrom
+        at_once = self._at_once
         batch: list[tuple[bytes, SocketAddress]] = []
-        for _ in range(DRAIN_AT_MOST):
+        for number in range(DRAIN_AT_MOST):
             try:
                 data, address = receive_from(READ_BYTES)
             except BlockingIOError:
@@ -172,12 +183,15 @@ class UdpPort:
             except OSError:  # an earlier datagram could not be delivered; it counts as lost
                 self.send_errors += 1
                 continue
-            if self._peer is None or address == self._peer:
-                batch.append((data, address))
-            else:
+            if self._peer is not None and address != self._peer:
                 self.strangers += 1
+            elif at_once or (number == 0 and now_us() - self._drained_us < PROMPT_US):
+                receive([(data, address)], now_us())
+            else:
+                batch.append((data, address))
         if batch:
-            self._receive(batch, now_us())
+            receive(batch, now_us())
+        self._drained_us = now_us()
 
     def _deliver(self) -> None:
         if self._channel is None or self._alarm is None:
