@@ -7,7 +7,7 @@ from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.node.master import Failed
 from hapticnet.node.slave import MasterLeft
-from hapticnet.protocol.master_session import Ended, SessionLost
+from hapticnet.protocol.events import Ended, SessionLost
 from hapticnet.protocol.messages import Code
 from hapticnet.samples import ForceSample, PositionSample
 
@@ -114,8 +114,8 @@ def test_a_device_that_raises_ends_the_session_once_and_is_still_asked_for_no_fo
 @pytest.mark.parametrize("steps", [0, 100])
 def test_a_scene_that_raises_ends_its_session_once_and_no_other(loopback, steps):
     link = loopback(1)
-    make_scene = link.slave._make_scene
-    link.slave._make_scene = lambda: BreaksDown(make_scene(), steps)
+    make_scene = link.slave._admission._make_scene
+    link.slave._admission._make_scene = lambda entry: BreaksDown(make_scene(entry), steps)
     link.run(SECOND)
     (left,) = [event for event in events(link.slave) if isinstance(event, MasterLeft)]
     reason = left.station.session.end_reason
@@ -140,10 +140,10 @@ def test_a_scene_whose_force_is_not_a_number_ends_its_session(loopback):
 def test_a_scene_that_cannot_be_made_is_a_refusal(loopback):
     link = loopback(1)
 
-    def fail():
+    def fail(_):
         raise OSError("no such robot")
 
-    link.slave._make_scene = fail
+    link.slave._admission._make_scene = fail
     link.run(SECOND)
     (end,) = events(link.master)
     assert (end.refused, end.code) == (True, Code.FAILED)

@@ -8,14 +8,15 @@ import pytest
 
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
+from hapticnet.errors import SettingsError
+from hapticnet.node import admission
 from hapticnet.node.master import MasterSettings
-from hapticnet.protocol.messages import pack_hello
 from hapticnet.protocol.settings import SessionSettings
-from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.states import SlaveState
-from hapticnet.protocol.wire import Kind
+from hapticnet.protocol.wire import Kind, unpack
 from hapticnet.samples import PositionSample
 from tests.conftest import make_master, make_slave
+from tests.peers import GRANT, HandSlave
 
 SECOND = 1_000_000
 
@@ -41,8 +42,11 @@ def test_one_insertion_breaches_three_tissues_and_is_felt_within_the_threshold(l
     assert slave["breaches"] == 3
     assert slave["exceed_jnd_fraction"] == 0.0
     assert slave["max_error_n"] > 0.0
-    assert master["sent"]["packets"] == slave["received"]["packets"]
-    assert master["received"]["packets"] == slave["sent"]["packets"]
+    strangers, to_strangers = (link.slave.report()[whom] for whom in ("strangers", "to_strangers"))
+    assert strangers["by_kind"] == {"hello": 1}, "the one without a cookie"
+    assert to_strangers["by_kind"] == {"cookie": 1}
+    assert master["sent"]["packets"] == slave["received"]["packets"] + 1
+    assert master["received"]["packets"] == slave["sent"]["packets"] + 1
     assert slave["packet_rate_reduction"] > 0.5
 
 
@@ -149,27 +153,26 @@ def test_a_lost_update_is_repaired_within_a_few_round_trips_though_nothing_chang
 
 
 @pytest.mark.parametrize("rate_hz", [5e-324, 1e-300, 0.001, 20.0, 1e6])
-def test_whatever_rate_a_slave_grants_the_master_keeps_its_own_limits(loopback, monkeypatch, rate_hz):
-    monkeypatch.setattr(SlaveSession, "welcome", granting(rate_hz, SlaveSession.welcome))
-    link = loopback(1, settings=MasterSettings(rate_hz=500.0, record=True))
+def test_whatever_rate_a_slave_grants_the_master_keeps_its_own_limits(rate_hz):
+    master = make_master(settings=MasterSettings(rate_hz=500.0))
+    HandSlave(master).connect(grant=GRANT._replace(rate_hz=rate_hz))
+    assert 2_000 <= master.period_us <= 50_000
+
+
+def test_a_late_hello_does_not_make_the_finger_deaf(loopback, sealed):
+    link = loopback(1, insertions=2, sealed=sealed)
+    sent = []
+    receive = link.slave.receive_datagram
+    link.slave.receive_datagram = lambda data, *rest: (sent.append(data), receive(data, *rest))
     link.run(SECOND)
-    assert 2_000 <= link.master.period_us <= 50_000
-    assert link.master.ticks >= 20
-
-
-def granting(rate_hz, welcome):
-    return lambda session, _, scene, now_us: welcome(session, rate_hz, scene, now_us)
-
-
-def test_a_late_hello_does_not_make_the_finger_deaf(loopback):
-    link = loopback(1, insertions=2)
-    link.run(100_000)
-    hello = pack_hello(link.slave.stations[0].session.hello, 0)
-    link.run(900_000)
-    link.slave.receive_datagram(hello, "loopback", link.now_us)
+    first, proved = (data for data in sent if unpack(data).kind is Kind.HELLO)
+    receive(first, "loopback", link.now_us)
+    receive(proved, "loopback", link.now_us)
     link.run(4 * SECOND)
     received = link.master.report()["received"]
-    assert (received["duplicate"], received["late"], received["lost"]) == (1, 0, 0), "the WELCOME, said again"
+    assert (received["stray"], received["late"], received["lost"]) == (2, 0, 0), "COOKIE and WELCOME, said again"
+    assert link.master.report()["connections"] == 1
+    assert link.slave.stations[0].steps > 4_900
 
 
 @pytest.mark.parametrize("copies", ["50%", "100%"])
@@ -269,14 +272,12 @@ def test_the_granted_rate_is_kept_when_it_is_lower_than_what_was_asked_for(loopb
     assert link.slave.stations[0].steps == pytest.approx(5_000, rel=0.01)
 
 
-def test_a_codec_that_the_slave_does_not_have_is_refused_with_what_there_is(loopback, monkeypatch):
-    from hapticnet.node import slave
-
+def test_a_codec_that_the_slave_does_not_have_is_refused_with_what_there_is(loopback, monkeypatch, sealed):
     def nothing(name, *_):
-        raise slave.SettingsError(f"unknown codec {name!r}; there are: none")
+        raise SettingsError(f"unknown codec {name!r}; there are: none")
 
-    link = loopback()
-    monkeypatch.setattr(slave, "make_codec", nothing)
+    link = loopback(sealed=sealed)
+    monkeypatch.setattr(admission, "make_codec", nothing)
     link.run(SECOND)
     assert link.master.refused
     assert link.master.end_reason == "unknown codec 'deadband'; there are: none"

@@ -11,10 +11,10 @@ from hapticnet.device.plant import PlantSettings
 from hapticnet.device.simulated import SimulatedDevice
 from hapticnet.node.master import MasterNode, MasterSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
-from hapticnet.protocol.messages import Force, Keepalive, Welcome, unpack_hello
-from hapticnet.protocol.wire import Kind, pack, pack_body, unpack
+from hapticnet.protocol.messages import Force, Keepalive
+from hapticnet.protocol.wire import Kind
+from tests.peers import HandSlave
 
-SESSION = 70_000
 HELD_US = 50_000
 EXTREMES = (0.0, -0.0, 1.0, 1e15, -1e15, 9.99e14, 1e300, -1e300, 5e-324, math.nan, math.inf)
 
@@ -29,13 +29,6 @@ def payloads(rng: np.random.Generator):
         yield struct.pack(">de", extreme, 65504.0) + rng.bytes(int(rng.integers(0, 4)))
 
 
-def connect(master):
-    master.tick(0)
-    (hello,) = master.datagrams_to_send()
-    welcome = Welcome(unpack_hello(unpack(hello).body).nonce, 1000.0, 45_000, "fake")
-    master.receive_datagram(pack(Kind.WELCOME, SESSION, 0, pack_body(welcome)), 0)
-
-
 @pytest.mark.parametrize(
     ("codec", "payload"),
     [("linear-predictive", struct.pack(">ff", 1.0, 5.0)), ("adaptive-predictive", struct.pack(">fe", 1.0, 10.0))],
@@ -43,11 +36,12 @@ def connect(master):
 def test_a_line_stays_at_its_end_however_long_no_other_update_comes(codec, payload):
     rng = np.random.default_rng(2)
     master = MasterNode(ScriptedOperator(InsertionSettings(), rng), None, MasterSettings(codec=codec), rng)
-    connect(master)
-    master.receive_datagram(pack(Kind.FORCE, SESSION, 1, pack_body(Force(0, payload))), 1000)
+    slave = HandSlave(master).connect()
+    master.tick(0)
+    slave.say(Kind.FORCE, 1, Force(0, payload), 1000)
     for number, now_us in enumerate(range(100_000, (1 << 32) + 10_000_000, 100_000), start=2):
-        keepalive = Keepalive(now_us & 0xFFFF_FFFF, 1)
-        master.receive_datagram(pack(Kind.KEEPALIVE, SESSION, number, pack_body(keepalive)), now_us)
+        master.tick(now_us)
+        slave.say(Kind.KEEPALIVE, number, Keepalive(now_us & 0xFFFF_FFFF, 1), now_us)
         master.drive(now_us)
         if now_us > 300_000:
             assert master.held_force_n(now_us) == pytest.approx(1.5)
@@ -58,18 +52,19 @@ def test_no_payload_brings_a_master_down_or_presses_harder_than_the_device_may(c
     device = SimulatedDevice(PlantSettings(), np.random.default_rng(0))
     rng = np.random.default_rng(2)
     master = MasterNode(ScriptedOperator(InsertionSettings(), rng), device, MasterSettings(codec=codec), rng)
-    connect(master)
+    slave = HandSlave(master).connect()
     largest_n, held_n = 0.0, set()
     for number, payload in enumerate(payloads(np.random.default_rng(1)), start=1):
         arrives_us = HELD_US * number
-        master.receive_datagram(pack(Kind.FORCE, SESSION, number, pack_body(Force(arrives_us, payload))), arrives_us)
+        master.tick(arrives_us)
+        slave.say(Kind.FORCE, number, Force(arrives_us, payload), arrives_us)
         for now_us in range(arrives_us, arrives_us + HELD_US, 1000):
             master.drive(now_us)
             master.tick(now_us)
             held_n.add(master.held_force_n(now_us))
             largest_n = max(largest_n, device.contact_force_n)
     report = master.report()
-    assert report["received"]["packets"] == number + 1
+    assert report["received"]["packets"] == number + 2, "COOKIE and WELCOME come first"
     assert 0 < report["received"]["malformed"] < number
     assert largest_n <= 5.0
     assert all(map(math.isfinite, held_n))

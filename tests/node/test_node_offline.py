@@ -10,7 +10,8 @@ from hapticnet.codec.registry import CODECS, make_codec
 from hapticnet.node.master import MasterSettings
 from hapticnet.node.offline import cost_report
 from hapticnet.perception import WeberLaw
-from hapticnet.protocol.wire import Kind
+from hapticnet.protocol.messages import Welcome
+from hapticnet.protocol.wire import UDP_IPV4_HEADER_BYTES, Kind, pack, pack_body
 
 LAW = WeberLaw()
 
@@ -34,8 +35,9 @@ def test_offline_and_session_agree_on_packets_bytes_and_errors(loopback, name):
     )
     said = replace(station.session.sent)
     assert report.keepalives == said.by_kind[Kind.KEEPALIVE]
-    welcome_bytes = len(station.session.welcome(1000.0, station.scene.name, 0))
-    assert report.session_wire_bytes == said.wire_bytes - welcome_bytes - 28
+    welcome = Welcome(0xFFFF_FFFF, pack_body(station.grant))
+    handshake_bytes = len(pack(Kind.WELCOME, station.session.number, 0, pack_body(welcome))) + UDP_IPV4_HEADER_BYTES
+    assert report.session_wire_bytes == said.wire_bytes - handshake_bytes
     assert report.rmse_n == pytest.approx(session["rmse_n"])
     assert report.exceed_jnd_fraction == session["exceed_jnd_fraction"]
 

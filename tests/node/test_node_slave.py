@@ -111,6 +111,8 @@ def test_only_the_newest_position_of_each_session_is_answered(sealed):
         assert station.steps == 2
         assert station.superseded == 497
         assert station.report()["superseded"] == 497
+    slave.settle(10 * SECOND)
+    for station in slave.stations:
         assert station.recording.table()["t_us"].tolist() == [0, 499_000]
 
 
@@ -118,7 +120,7 @@ def test_positions_that_overtake_each_other_within_a_batch_leave_the_newest(seal
     slave, master = joined(sealed)
     batch = [(master.pack(Kind.POSITION, step, (1000 * step, None, bytes(4))), "a") for step in (3, 5, 4, 1, 2)]
     slave.receive_datagrams(batch, 10_000)
-    slave.datagrams_to_send()
+    slave.settle(10_000)
     assert slave.stations[0].recording.table()["t_us"].tolist() == [5000]
 
 
