@@ -56,7 +56,9 @@ class Client:
         except OSError:
             pass
         if now_us() >= self._next_us:
-            self._next_us = max(self._next_us + (period_us or self.node.period_us), now_us() - 10_000)
+            self._next_us = max(
+                self._next_us + (self.node.period_us if period_us is None else period_us), now_us() - 10_000
+            )
             self.node.drive(now_us())
             self.node.tick(now_us())
         self.send()

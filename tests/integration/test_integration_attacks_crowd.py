@@ -1,0 +1,267 @@
+"""Attacks on the real processes by strangers, by many of them, and by masters gone bad. Wall-clock limits are loose."""
+
+import json
+import os
+import socket
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from hapticnet.node.master import MasterSettings
+from hapticnet.protocol.master_session import MasterSession
+from hapticnet.protocol.messages import Hello, Request, pack_hello
+from hapticnet.protocol.settings import SessionSettings
+from hapticnet.protocol.wire import pack_body
+from hapticnet.recordings.tables import read_csv
+from hapticnet.runtime.entropy import SystemEntropy
+from tests.integration.conftest import Process
+from tests.integration.on_path import OnPath, drop, late, pass_on
+from tests.integration.strangers import Client, Forger, now_us, parse, pump
+
+FAST = ("--no-realtime",)
+ELSEWHERE = "127.0.0.66"
+"""A host from which nobody works; all of 127/8 is this machine."""
+
+COSTLY = Request("level-crossing", {"hysteresis": 0.0}, 0.0, 0.01, 1.0, 1000.0, 1, "stranger")
+"""A codec with 2,000 levels, which take milliseconds to compute."""
+
+
+@pytest.fixture
+def clients() -> Iterator[Callable[..., Client]]:
+    """Return a maker of masters in this process, each on a socket of its own."""
+    made: list[Client] = []
+
+    def make(*arguments: object, **settings: object) -> Client:
+        made.append(Client(*arguments, **settings))  # type: ignore[arg-type]
+        return made[-1]
+
+    yield make
+    for client in made:
+        client.close()
+
+
+def run_for(seconds: float, *pumps: Callable[[], None]) -> None:
+    end_s = time.monotonic() + seconds
+    while time.monotonic() < end_s:
+        for each in pumps:
+            each()
+        time.sleep(0.0005)
+
+
+def forged_hello(number: int) -> bytes:
+    return pack_hello(Hello(number, b"", pack_body(COSTLY._replace(codec="deadband", parameters={}))), 0)
+
+
+def memory_mb(process: Process) -> float:
+    pages = Path(f"/proc/{process.process.pid}/statm").read_text().split()[1]
+    return int(pages) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+class Askers:
+    """Ask for one session after another, each with another codec, from addresses that answer."""
+
+    def __init__(self, slave: str, per_s: float) -> None:
+        self.asked = 0
+        self._slave = parse(slave)
+        self._per_s = per_s
+        self._start_s = time.monotonic()
+        self._sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(64)]
+        self._sessions: list[MasterSession | None] = [None] * len(self._sockets)
+        for sock in self._sockets:
+            sock.bind((ELSEWHERE, 0))
+            sock.setblocking(False)
+
+    def pump(self) -> None:
+        while self.asked < (time.monotonic() - self._start_s) * self._per_s:
+            place = self.asked % len(self._sockets)
+            request = COSTLY._replace(floor_n=0.01 + 1e-7 * self.asked)
+            self._sessions[place] = MasterSession(request, SessionSettings(), SystemEntropy())
+            self._sessions[place].tick(now_us())
+            self._send(place)
+            self.asked += 1
+        for place, sock in enumerate(self._sockets):
+            session = self._sessions[place]
+            try:
+                while session is not None:
+                    session.receive_datagram(sock.recv(2048), now_us())
+            except OSError:
+                pass
+            self._send(place)
+
+    def close(self) -> None:
+        for sock in self._sockets:
+            sock.close()
+
+    def _send(self, place: int) -> None:
+        session = self._sessions[place]
+        for data in session.datagrams_to_send() if session else ():
+            self._sockets[place].sendto(data, self._slave)
+
+
+def test_requests_that_are_costly_slow_nobody_down(start, slave):
+    """N4: 1,000 a second made the round trip of others 1.5 s."""
+    server, address = slave
+    master = start("master", "--connect", address, "--duration", "2", "--rate", "500", "--json", *FAST)
+    master.wait_for("connected to")
+    askers = Askers(address, per_s=500.0)
+    run_for(2.0, askers.pump)
+    askers.close()
+    assert master.process.wait(30) == 0
+    assert askers.asked > 500
+    assert master.report()["round_trip"]["p50_us"] < 20_000
+    assert server.end() == 0
+    assert server.report()["throttled"] > 200
+
+
+def test_a_newcomer_gets_in_through_a_flood_of_forged_requests(start, slave):
+    """N5: at 1,000 a second and 80 ms of round trip, 31 connections in 5 s and not one answer to a position."""
+    _, address = slave
+    path = OnPath(address)
+    path.forward = path.feedback = late(0.04)
+    flood = Forger(address, forged_hello, per_s=1_000.0)
+    run_for(0.5, flood.pump)
+    newcomer = start("master", "--connect", path.address, "--duration", "1", "--rate", "200", "--json", *FAST)
+    while newcomer.process.poll() is None:
+        run_for(0.02, flood.pump)
+    flood.close()
+    path.close()
+    assert newcomer.process.wait(1) == 0
+    report = newcomer.report()
+    assert report["connections"] == 1
+    assert report["round_trip"]["count"] > 10
+
+
+def test_one_host_cannot_take_all_seats(start, slave, clients, tmp_path):
+    """N7: 64 ports of one host shut all others out, and a master that lost its link for 1.6 s ended."""
+    _, address = slave
+    path = OnPath(address)
+    record = tmp_path / "master.csv"
+    arguments = ("--connect", path.address, "--duration", "60", "--rate", "200", "--record", str(record), "--json")
+    master = start("master", *arguments, *FAST)
+    master.wait_for("connected to")
+    crowd = [clients(address, host=ELSEWHERE, settings=MasterSettings(rate_hz=20.0)) for _ in range(64)]
+    pump(crowd, lambda: sum(each.node.connected for each in crowd) >= 64, within_s=2.0)
+    assert sum(each.node.connected for each in crowd) >= 8
+    path.forward = path.feedback = drop
+    pump(crowd, lambda: False, within_s=1.6)
+    path.forward = path.feedback = pass_on
+    pump(crowd, lambda: False, within_s=1.5)
+    assert master.process.poll() is None, master.said()
+    newcomer = start("master", "--connect", address, "--duration", "0.5", "--rate", "200", "--json", *FAST)
+    while newcomer.process.poll() is None:
+        pump(crowd, lambda: False, within_s=0.02)
+    assert newcomer.process.wait(1) == 0, newcomer.said()
+    assert newcomer.report()["round_trip"]["count"] > 5
+    assert master.end() == 0
+    path.close()
+    assert master.report()["round_trip"]["count"] > 100
+    assert len(read_csv(record)["t_us"]) > 100
+
+
+def test_a_master_that_finds_no_seat_any_more_writes_its_report_and_recording(start, clients, tmp_path):
+    """N7: it ended without either."""
+    server = start("slave", "--listen", "127.0.0.1:0", "--most-sessions", "1", *FAST)
+    address = server.wait_for(r"listening on ([\d.]+:\d+)").group(1)
+    path = OnPath(address)
+    record, report = tmp_path / "master.csv", tmp_path / "master.json"
+    arguments = ("--connect", path.address, "--duration", "60", "--rate", "200", "--record", str(record))
+    master = start("master", *arguments, "--report", str(report), *FAST)
+    master.wait_for("connected to")
+    path.forward = path.feedback = drop
+    server.end()
+    other = start("slave", "--listen", address, "--most-sessions", "1", *FAST)
+    other.wait_for("listening on")
+    rival = clients(address, host=ELSEWHERE, settings=MasterSettings(rate_hz=50.0))
+    assert pump([rival], lambda: rival.node.session.round_trip.count > 0, within_s=5.0)
+    path.forward = path.feedback = pass_on
+    assert pump([rival], lambda: "refuses a new session" in master.said(), within_s=8.0), master.said()
+    assert master.end() == 0
+    path.close()
+    assert json.loads(report.read_text())["connections"] == 1
+    assert len(read_csv(record)["t_us"]) > 100
+
+
+def test_sessions_that_come_and_go_cost_neither_files_nor_memory_without_end(start, tmp_path):
+    """N8: 16,797 sessions of one step in 8 s, as many files, and 118 MB more."""
+    folder = tmp_path / "recordings"
+    server = start("slave", "--listen", "127.0.0.1:0", "--record", str(folder), "--json", *FAST)
+    address = server.wait_for(r"listening on ([\d.]+:\d+)").group(1)
+    before_mb = memory_mb(server)
+    came = 0
+    end_s = time.monotonic() + 3.0
+    while time.monotonic() < end_s:
+        client = Client(address, host=ELSEWHERE)
+        if pump([client], lambda: client.node.session.sent.by_kind[4] > 0, within_s=0.05):  # noqa: B023 - used at once
+            came += 1
+        client.node.close("gone", now_us())
+        client.send()
+        client.close()
+    assert came > 5
+    assert memory_mb(server) - before_mb < 15.0
+    assert server.end() == 0
+    assert len(server.report()["sessions"]) < 40
+    assert len(list(folder.iterdir())) < 40
+
+
+def test_a_master_that_sends_more_than_it_was_granted_is_not_served_more(slave, clients):
+    """N9: all of 62,500 positions a second were served of 1,000 granted."""
+    server, address = slave
+    client = clients(address, settings=MasterSettings(rate_hz=100.0))
+    assert pump([client], lambda: client.node.session.round_trip.count > 3, within_s=5.0)
+    sent = client.node.session.sent
+    before = sent.packets
+    run_for(1.0, lambda: [client.pump(period_us=0) for _ in range(5)])
+    assert sent.packets - before > 1_500
+    assert server.end() == 0
+    (session,) = server.report()["sessions"]
+    assert session["received"]["over_rate"] > 0.5 * (sent.packets - before)
+    assert session["steps"] < 600
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("slave", "--listen", "127.0.0.1:0", "--scene", "/dev/zero"),
+        ("master", "--connect", "127.0.0.1:9", "--operator", "trace:/dev/zero"),
+        ("compare", "/dev/zero"),
+    ],
+)
+def test_an_endless_file_is_refused_in_one_line(start, arguments):
+    """N10: MemoryError."""
+    process = start(*arguments)
+    assert process.process.wait(30) == 2
+    assert "Traceback" not in process.said()
+    assert process.said().count("\n") == 1
+    assert "/dev/zero" in process.said()
+
+
+def test_single_bytes_from_many_sources_do_not_shut_the_channel(start, slave):
+    """N11: 400 datagrams of one byte from 128 sources, and no place for 30 s."""
+    _, address = slave
+    channel = start("channel", "--listen", "127.0.0.1:0", "--to", address, "--json", *FAST)
+    between = channel.wait_for(r"listening on ([\d.]+:\d+)").group(1)
+    sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(200)]
+    for number in range(400):
+        sockets[number % 200].sendto(b"x", parse(between))
+        if number % 20 == 0:
+            time.sleep(0.005)
+    master = start("master", "--connect", between, "--duration", "0.5", "--rate", "200", "--json", *FAST)
+    assert master.process.wait(30) == 0
+    for sock in sockets:
+        sock.close()
+    assert master.report()["round_trip"]["count"] > 10
+    assert channel.end() == 0
+
+
+def test_no_number_of_a_slave_follows_from_its_seed(start, clients):
+    """N12: session numbers came from a generator whose outputs tell its state."""
+    numbers = []
+    for _ in range(2):
+        server = start("slave", "--listen", "127.0.0.1:0", "--seed", "7", "--json", *FAST)
+        client = clients(server.wait_for(r"listening on ([\d.]+:\d+)").group(1))
+        assert pump([client], lambda: client.node.session.round_trip.count > 0, within_s=5.0)  # noqa: B023
+        assert server.end() == 0
+        numbers.append(server.report()["sessions"][0]["session"])
+    assert numbers[0] != numbers[1]
