@@ -42,7 +42,7 @@ def demo(
     from hapticnet.codec.registry import make_codec, parse_codec
     from hapticnet.errors import UnavailableError
     from hapticnet.experiment.conditions import CONDITIONS
-    from hapticnet.experiment.demo import play_conditions, results
+    from hapticnet.experiment.demo import disturbances, play_conditions, results
     from hapticnet.experiment.figures import draw_bytes_per_penetration, draw_run
     from hapticnet.experiment.provenance import provenance
     from hapticnet.files import fresh_path
@@ -74,6 +74,9 @@ def demo(
         out, codec=codec, seed=seed, insertions=insertions, device=device, rate_hz=rate, on_progress=on_progress
     )
     console.finish()
+    disturbed = disturbances(played)
+    if disturbed is not None:
+        console.say(f"warning: delays and tracking may be worse than the system's own: {disturbed}")
     rows = results(played, paper_scene(seed).tissues)
     settings = {"seed": seed, "insertions": insertions, "rate_hz": rate, "device": device, "codec": codec}
     text = json_module.dumps({"provenance": provenance(), **settings, "conditions": rows}, indent=2)

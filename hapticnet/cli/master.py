@@ -1,15 +1,12 @@
 """``hapticnet master``: the operator's side."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from hapticnet.cli import options
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION
-
-LARGEST_MISSED_SHARE: Final = 0.01
-"""Share of missed ticks above which the operator is warned."""
 
 if TYPE_CHECKING:
     from hapticnet.node.master import MasterNode, NodeEvent
@@ -65,8 +62,9 @@ def master(
     from hapticnet.node.master import MasterNode, MasterSettings
     from hapticnet.perception import WeberLaw
     from hapticnet.runtime.entropy import SystemEntropy
+    from hapticnet.runtime.overload import Overload, signs
     from hapticnet.runtime.processes import run_master
-    from hapticnet.runtime.realtime import OTHER, prefer_realtime, run
+    from hapticnet.runtime.realtime import OTHER, policy, prefer_realtime, run
     from hapticnet.runtime.recorder import Recorder
     from hapticnet.runtime.udp import open_toward, parse_host_port
 
@@ -103,7 +101,8 @@ def master(
         collect()
 
     scheduling = prefer_realtime() if realtime else OTHER
-    console.say(f"asking {address} for {codec}, {rate:g} Hz, device {device}, {scheduling}")
+    console.say(f"asking {address} for {codec}, {rate:g} Hz, device {device}, {policy(scheduling)}")
+    overload = Overload(scheduling, console.say)
     with (
         nullcontext((None, None)) if device == "none" else devices.real_time_device(device, known, seed) as (
             fingertip,
@@ -124,16 +123,15 @@ def master(
                 connect_timeout_s=connect_timeout,
                 on_event=lambda event: console.say(_in_words(event, str(address))),
                 on_status=on_status,
+                overload=overload,
             )
         )
     console.finish()
     collect()
-    if outcome.missed_ticks > LARGEST_MISSED_SHARE * node.ticks:
-        share = outcome.missed_ticks / (node.ticks + outcome.missed_ticks)
-        console.say(
-            f"{outcome.missed_ticks} ticks ({share:.1%}) were missed: this machine was too busy for {rate:g} Hz"
-        )
-    account = {"scheduling": scheduling, **node.report(), **asdict(outcome)}
+    busy = signs(overload.report())
+    if busy:
+        console.say(f"this machine was too busy for {rate:g} Hz: {'; '.join(busy)}")
+    account = {"scheduling": scheduling, **node.report(), **asdict(outcome), "overload": overload.report()}
     if recorder is not None:
         account["recording"] = recorder.report()
     if channel is not None:

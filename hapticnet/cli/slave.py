@@ -54,8 +54,9 @@ def slave(
     from hapticnet.node.slave import MasterJoined, MasterLeft, SlaveEvent, SlaveNode
     from hapticnet.protocol.settings import SessionSettings
     from hapticnet.runtime.entropy import SystemEntropy
+    from hapticnet.runtime.overload import Overload
     from hapticnet.runtime.processes import run_slave
-    from hapticnet.runtime.realtime import OTHER, prefer_realtime, run
+    from hapticnet.runtime.realtime import OTHER, policy, prefer_realtime, run
     from hapticnet.runtime.recorder import Recorder
     from hapticnet.runtime.udp import bound_address, host_of, parse_host_port
     from hapticnet.runtime.udp import listen as listen_on
@@ -120,10 +121,21 @@ def slave(
     if address.host not in ("127.0.0.1", "::1"):
         console.say("warning: the link is not encrypted and anyone who can reach it is served; use a network you trust")
     scheduling = prefer_realtime() if realtime else OTHER
-    console.say(f"listening on {address}, scene {settings.name}, {scheduling}")
-    run(run_slave(node, sock, channel=channel, duration_s=duration, on_event=on_event, on_status=on_status))
+    console.say(f"listening on {address}, scene {settings.name}, {policy(scheduling)}")
+    overload = Overload(scheduling, console.say)
+    run(
+        run_slave(
+            node,
+            sock,
+            channel=channel,
+            duration_s=duration,
+            on_event=on_event,
+            on_status=on_status,
+            overload=overload,
+        )
+    )
     console.finish()
-    account: dict[str, Any] = {"scheduling": scheduling, **node.report()}
+    account: dict[str, Any] = {"scheduling": scheduling, **node.report(), "overload": overload.report()}
     if recorder is not None:
         account["recording"] = recorder.report()
     if channel is not None:

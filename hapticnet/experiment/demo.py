@@ -16,13 +16,15 @@ from hapticnet.experiment.conditions import Condition, conditions_with
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION, WeberLaw
 from hapticnet.recordings.tables import read_csv
 from hapticnet.runtime.children import Child
+from hapticnet.runtime.overload import signs
+from hapticnet.runtime.realtime import OTHER
 from hapticnet.scene.tissue import Tissue
 
 POLL_S: Final = 0.1
 CONNECT_TIMEOUT_S: Final = 10.0
 
 FROM_SLAVE: Final = ("packet_rate_reduction", "rmse_n", "max_error_n", "exceed_jnd_fraction")
-FROM_MASTER: Final = ("tracking_rmse_n", "round_trip", "lateness", "ticks", "missed_ticks", "scheduling")
+FROM_MASTER: Final = ("tracking_rmse_n", "round_trip", "lateness", "ticks", "missed_ticks", "scheduling", "overload")
 """Figures of a condition that the processes report themselves."""
 
 Progress = Callable[[Condition, float], None]
@@ -37,6 +39,8 @@ class Played:
     ----------
     slave, master
         The reports of the two processes on this session.
+    slave_overload
+        What the slave reports about how busy the machine was, over all conditions.
     slave_samples, master_samples
         Their recordings.
     """
@@ -44,6 +48,7 @@ class Played:
     condition: Condition
     slave: dict[str, Any]
     master: dict[str, Any]
+    slave_overload: dict[str, Any]
     slave_samples: Columns
     master_samples: Columns
 
@@ -75,8 +80,17 @@ def play_conditions(
             arguments += ["--connect-timeout", str(CONNECT_TIMEOUT_S), "--record", str(_samples(folder, condition))]
             arguments += ["--report", str(folder / f"master-{condition.slug}.json"), "--quiet"]
             _play(condition, arguments, on_progress)
-    sessions = json.loads(slave_report.read_text())["sessions"]
-    return [_played(condition, folder, sessions) for condition in conditions]
+    report = json.loads(slave_report.read_text())
+    return [_played(condition, folder, report) for condition in conditions]
+
+
+def disturbances(played: list[Played]) -> str | None:
+    """Return in words whether the machine was too busy, which makes delays and tracking worse; None if it was not."""
+    found = [f"{each.condition.name}: {sign}" for each in played for sign in signs(each.master["overload"])]
+    found += [f"slave: {sign}" for sign in signs(played[0].slave_overload)]
+    if not any(each.master["scheduling"].startswith(OTHER) for each in played):
+        return "; ".join(found) or None
+    return "; ".join(["no real-time scheduling", *found])
 
 
 def results(played: list[Played], tissues: Sequence[Tissue]) -> list[dict[str, Any]]:
@@ -119,6 +133,7 @@ def results(played: list[Played], tissues: Sequence[Tissue]) -> list[dict[str, A
                 "lost": master["received"]["lost"] + slave["received"]["lost"],
                 **{key: slave[key] for key in FROM_SLAVE},
                 **{key: master[key] for key in FROM_MASTER},
+                "slave_overload": each.slave_overload,
             }
         )
     return rows
@@ -148,8 +163,8 @@ def _play(condition: Condition, arguments: list[str], on_progress: Progress) -> 
         master.end()
 
 
-def _played(condition: Condition, folder: Path, sessions: list[dict[str, Any]]) -> Played:
-    session = next((each for each in sessions if each["master"] == condition.slug), None)
+def _played(condition: Condition, folder: Path, report: dict[str, Any]) -> Played:
+    session = next((each for each in report["sessions"] if each["master"] == condition.slug), None)
     if session is None:
         raise UnavailableError(f"the slave has no session of condition {condition.name!r}")
     slave_file = folder / "slave" / f"{condition.slug}-{session['session']:08x}.csv"
@@ -157,6 +172,7 @@ def _played(condition: Condition, folder: Path, sessions: list[dict[str, Any]]) 
         condition=condition,
         slave=session,
         master=json.loads((folder / f"master-{condition.slug}.json").read_text()),
+        slave_overload=report["overload"],
         slave_samples=read_csv(slave_file),
         master_samples=read_csv(_samples(folder, condition)),
     )

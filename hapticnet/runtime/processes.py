@@ -10,6 +10,7 @@ from typing import Final
 from hapticnet.node.master import MasterNode, NodeEvent
 from hapticnet.node.slave import SlaveEvent, SlaveNode
 from hapticnet.runtime.clock import now_us
+from hapticnet.runtime.overload import Overload
 from hapticnet.runtime.serial_port import Wire, open_wire
 from hapticnet.runtime.timer import Alarm, Ticker
 from hapticnet.runtime.udp import OutgoingChannel, SocketAddress, UdpPort
@@ -42,6 +43,7 @@ async def run_slave(
     duration_s: float | None,
     on_event: Callable[[SlaveEvent], None],
     on_status: Callable[[], None],
+    overload: Overload | None = None,
     stop: asyncio.Event | None = None,
 ) -> None:
     """Serve until `stop` is set or `duration_s` [s] have passed, then close every session.
@@ -72,7 +74,9 @@ async def run_slave(
 
     alarm = Alarm(loop, ring)
     port = UdpPort(loop, sock, receive, channel=channel)
-    status = Repeating(loop, on_status)
+    if overload is not None:
+        overload.attach(port)
+    status = Repeating(loop, on_status, overload)
     try:
         await until(stop, duration_s)
     finally:
@@ -95,6 +99,7 @@ async def run_master(
     connect_timeout_s: float | None,
     on_event: Callable[[NodeEvent], None],
     on_status: Callable[[], None],
+    overload: Overload | None = None,
     stop: asyncio.Event | None = None,
 ) -> MasterRun:
     """Run until `stop` is set, a refusal, or `duration_s` [s] after the first connection; then close the session.
@@ -144,7 +149,9 @@ async def run_master(
     serial = await open_wire(wire, stop) if wire is not None else None
     port = UdpPort(loop, sock, receive, at_once=True, peer=slave, channel=channel)
     ticker = Ticker(loop, node.period_us, tick)
-    status = Repeating(loop, on_status)
+    if overload is not None:
+        overload.attach(port, ticker)
+    status = Repeating(loop, on_status, overload)
     reason = "done"
     try:
         if not await either(connected, stop, connect_timeout_s):
@@ -204,11 +211,14 @@ async def either(one: asyncio.Event, other: asyncio.Event, timeout_s: float | No
 
 
 class Repeating:
-    """Call a function every `STATUS_INTERVAL_S` until cancelled."""
+    """Call a function, and check for overload, every `STATUS_INTERVAL_S` until cancelled."""
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
+    def __init__(
+        self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None], overload: Overload | None = None
+    ) -> None:
         self._loop = loop
         self._callback = callback
+        self._overload = overload
         self._handle = loop.call_later(STATUS_INTERVAL_S, self._fire)
 
     def cancel(self) -> None:
@@ -216,5 +226,7 @@ class Repeating:
         self._handle.cancel()
 
     def _fire(self) -> None:
+        if self._overload is not None:
+            self._overload.check(now_us())
         self._callback()
         self._handle = self._loop.call_later(STATUS_INTERVAL_S, self._fire)

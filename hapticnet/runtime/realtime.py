@@ -44,3 +44,8 @@ def prefer_realtime() -> str:
     except OSError as error:
         return f"{OTHER} (SCHED_FIFO refused: {error.strerror})"
     return f"SCHED_FIFO {FIFO_PRIORITY}"
+
+
+def policy(scheduling: str) -> str:
+    """Return the first words of what `prefer_realtime` returned, without the reason."""
+    return scheduling.partition(" (")[0]

@@ -13,6 +13,7 @@ from hapticnet.channel.emulator import Emulator
 from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.protocol.wire import MAX_DATAGRAM_BYTES
 from hapticnet.runtime.clock import now_us
+from hapticnet.runtime.receive_queue import ReceiveQueue
 from hapticnet.runtime.timer import Alarm
 
 SocketAddress: TypeAlias = Any
@@ -36,6 +37,10 @@ to find that there is none takes as long as a tenth of a round trip."""
 POLL_S: Final = 0.01
 
 BUFFER_BYTES: Final = 1 << 20
+
+SAMPLE_EVERY: Final = 16
+"""The age of the oldest queued datagram is looked up once in so many drains, and in each drain after one of more than
+so many datagrams."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,6 +127,8 @@ class UdpPort:
         Datagrams dropped because their source is not the peer.
     send_errors
         Datagrams that the system did not accept; they count as lost.
+    queue
+        How long datagrams wait until they are read, and how many are dropped.
     """
 
     def __init__(
@@ -136,6 +143,9 @@ class UdpPort:
     ) -> None:
         self.strangers = 0
         self.send_errors = 0
+        self.queue = ReceiveQueue(sock)
+        self._drains = 0
+        self._backlog = False
         self._loop = loop
         self._sock = sock
         self._receive = receive
@@ -164,6 +174,7 @@ class UdpPort:
     def close(self) -> None:
         """Stop reading and close the socket; datagrams still in the channel are lost."""
         self._loop.remove_reader(self._sock.fileno())
+        self.queue.count_drops()
         if self._alarm:
             self._alarm.stop()
         self._sock.close()
@@ -177,6 +188,8 @@ class UdpPort:
         batch: list[tuple[bytes, SocketAddress]] = []
         for number in range(DRAIN_AT_MOST):
             try:
+                if number == 0 and self._samples():
+                    self.queue.sample_age()
                 data, address = receive_from(READ_BYTES)
             except BlockingIOError:
                 break
@@ -189,9 +202,14 @@ class UdpPort:
                 receive([(data, address)], now_us())
             else:
                 batch.append((data, address))
+        self._backlog = number > SAMPLE_EVERY
         if batch:
             receive(batch, now_us())
         self._drained_us = now_us()
+
+    def _samples(self) -> bool:
+        self._drains += 1
+        return self._backlog or not self._drains % SAMPLE_EVERY
 
     def _deliver(self) -> None:
         if self._channel is None or self._alarm is None:

@@ -1,0 +1,116 @@
+"""Signs that this machine is too busy: told on the console while they last, and kept for the report."""
+
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+from hapticnet.runtime.outlet import STDERR
+from hapticnet.runtime.realtime import policy
+from hapticnet.runtime.timer import Ticker
+from hapticnet.runtime.udp import UdpPort
+
+WINDOW_US: Final = 900_000
+"""Least time [µs] over which ages and missed ticks are judged."""
+
+LARGEST_QUEUE_AGE_US: Final = 5_000
+"""Age [µs] of queued datagrams, 99th percentile, above which the user is told: five samples of 1 kHz."""
+
+LARGEST_MISSED_SHARE: Final = 0.01
+"""Share of missed ticks above which the user is told."""
+
+TELL_EVERY_US: Final = 10_000_000
+"""Time [µs] between two lines about the same sign."""
+
+
+class Overload:
+    """Watch a socket and a ticker.
+
+    Parameters
+    ----------
+    scheduling
+        The scheduling that was granted, as `prefer_realtime` describes it.
+    say
+        Called with a line for the user.
+    """
+
+    def __init__(self, scheduling: str, say: Callable[[str], None]) -> None:
+        self._scheduling = scheduling
+        self._say = say
+        self._port: UdpPort | None = None
+        self._ticker: Ticker | None = None
+        self._since_us: int | None = None
+        self._missed = self._ticks = 0
+        self._dropped = 0
+        self._told_us: dict[str, int] = {}
+        refusal = scheduling.removeprefix(policy(scheduling)).removeprefix(" (")
+        if refusal:
+            say(f"warning: no real-time scheduling, so a busy machine disturbs it: {refusal.removesuffix(')')}")
+
+    def attach(self, port: UdpPort, ticker: Ticker | None = None) -> None:
+        """Set what is watched."""
+        self._port, self._ticker = port, ticker
+
+    def check(self, now_us: int) -> None:
+        """Tell what is wrong, if anything; call this a few times a second."""
+        if self._port is None or (self._since_us is not None and now_us - self._since_us < WINDOW_US):
+            return
+        starts = self._since_us is None
+        self._since_us = now_us
+        ages = sorted(self._port.queue.take_ages())
+        missed, ticks = self._count_ticks()
+        if starts:  # what happened while the process started is no overload
+            self._dropped = self._port.queue.count_drops()
+            return
+        # A single late datagram is a hiccup, not a queue.
+        if len(ages) > 1 and (age_us := ages[-max(2, len(ages) // 100 + 1)]) > LARGEST_QUEUE_AGE_US:
+            self._tell("age", now_us, f"datagrams wait {age_us / 1000:.1f} ms until this process reads them")
+        if missed > LARGEST_MISSED_SHARE * ticks:
+            self._tell("missed", now_us, f"{missed:,} of {ticks:,} ticks were missed within a second")
+        dropped = self._port.queue.count_drops()
+        if dropped > self._dropped and self._tell(
+            "drops", now_us, f"the system dropped {dropped - self._dropped:,} datagrams that were not read in time"
+        ):
+            self._dropped = dropped
+
+    def report(self) -> dict[str, Any]:
+        """Return the account for JSON, over the whole run; None for what does not apply."""
+        ages = self._port.queue.age if self._port is not None else None
+        ticker = self._ticker
+        return {
+            "queue_age_p50_us": ages.percentile(50) if ages else None,
+            "queue_age_p99_us": ages.percentile(99) if ages else None,
+            "kernel_drops": self._port.queue.count_drops() if self._port is not None else None,
+            "missed_ticks": ticker.missed if ticker else None,
+            "missed_share": ticker.missed / max(1, ticker.missed + ticker.lateness.count) if ticker else None,
+            "scheduling": self._scheduling,
+            "lines_left_out": STDERR.left_out,
+        }
+
+    def _count_ticks(self) -> tuple[int, int]:
+        """Return missed and all ticks since the last call."""
+        if self._ticker is None:
+            return 0, 0
+        missed, ticks = self._ticker.missed, self._ticker.missed + self._ticker.lateness.count
+        since = missed - self._missed, ticks - self._ticks
+        self._missed, self._ticks = missed, ticks
+        return since
+
+    def _tell(self, sign: str, now_us: int, line: str) -> bool:
+        told_us = self._told_us.get(sign)
+        if told_us is not None and now_us - told_us < TELL_EVERY_US:
+            return False
+        self._told_us[sign] = now_us
+        self._say(f"overloaded: {line}")
+        return True
+
+
+def signs(account: Mapping[str, Any]) -> list[str]:
+    """Return what in the `report` of a whole run shows that the machine was too busy, in words."""
+    found = []
+    age_us, missed, drops = account["queue_age_p99_us"], account["missed_share"], account["kernel_drops"]
+    if missed is not None and missed > LARGEST_MISSED_SHARE:
+        found.append(f"{account['missed_ticks']:,} ticks ({missed:.1%}) were missed")
+    if age_us is not None and age_us > LARGEST_QUEUE_AGE_US:
+        found.append(f"1 % of the datagrams waited more than {age_us / 1000:.1f} ms to be read")
+    if drops:
+        found.append(f"the system dropped {drops:,} datagrams")
+    return found
