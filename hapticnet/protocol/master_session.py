@@ -125,6 +125,13 @@ class MasterSession:
 
     def tick(self, now_us: int) -> None:
         """Do what is due: ask for a session, declare the link stale, repeat CLOSE."""
+        if (  # the common case, kept short: every position waits for this
+            self.state is MasterState.ESTABLISHED
+            and 0 <= now_us - self._fresh.heard_us <= self._settings.keepalive_us
+            and not self._asking.under_way
+            and self._sequence <= LAST_SEQUENCE - RECENT
+        ):
+            return
         if self.state is MasterState.CLOSING:
             self._repeat_close(now_us)
             return
