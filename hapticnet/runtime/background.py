@@ -1,4 +1,4 @@
-"""Threads for work that no sample may wait for: output to terminals and disks."""
+"""Threads for work that must not delay a sample: output to terminals and disks."""
 
 import os
 import threading

@@ -1,4 +1,4 @@
-"""Output to a reader who may pause: a full pipe, a stopped terminal. Whoever has something to say never waits."""
+"""Output to a reader who may pause (a full pipe, a stopped terminal), without ever waiting for that reader."""
 
 import atexit
 import logging
@@ -22,7 +22,7 @@ MOST_AT_ONCE: Final = 100
 """Limits of the lines of a process; further ones are left out. A hundred masters may join at the same time."""
 
 MOST_WAITING: Final = 1000
-"""Lines that wait for the reader at most; further ones are left out."""
+"""Most lines that wait for the reader; further ones are left out."""
 
 SUMMARY_EVERY_S: Final = 1.0
 """Time [s] between two lines that tell how many were left out."""

@@ -25,10 +25,10 @@ from hapticnet.runtime.background import start_background
 SPOOL_SUFFIX: Final = ".unfinished"
 
 MOST_FILES: Final = 1000
-"""Sessions recorded in a run at most."""
+"""Most sessions recorded in a run."""
 
 MOST_WAITING_BYTES: Final = 64 * 2**20
-"""Bytes that wait for the disk at most: 19 minutes of one session of 1 kHz, 18 s of 64."""
+"""Most bytes that wait for the disk: 19 minutes of one session of 1 kHz, 18 s of 64."""
 
 BYTES_PER_NUMBER: Final = 28
 """Disk space planned for a number: 8 bytes of spool, and at most 20 characters of CSV on average."""
@@ -54,8 +54,8 @@ class _Spool:
 class Recorder:
     """Write recordings while they grow.
 
-    `collect` often enough, then `end` each recording, and `finish` the run. None of them but `finish` waits for the
-    disk. A disk that is full, slow or gone ends the recording, not the run.
+    `collect` often enough, then `end` each recording, and `finish` the run. Only `finish` waits for the disk. A disk that
+    is full, slow or gone ends the recording, not the run.
 
     Parameters
     ----------
