@@ -54,8 +54,8 @@ class _Spool:
 class Recorder:
     """Write recordings while they grow.
 
-    `collect` often enough, then `end` each recording, and `finish` the run. Only `finish` waits for the disk. A disk that
-    is full, slow or gone ends the recording, not the run.
+    `collect` often enough, then `end` each recording, and `finish` the run. Only `finish` waits for the disk. A disk
+    that is full, slow or gone ends the recording, not the run.
 
     Parameters
     ----------
