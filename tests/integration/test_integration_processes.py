@@ -30,7 +30,8 @@ def test_an_insertion_over_loopback_and_every_packet_accounted_for(start, slave,
     assert session["end_reason"] == "the master closed: done"
     assert session["breaches"] == 3
     assert session["exceed_jnd_fraction"] == 0.0
-    assert session["received"]["packets"] == account["sent"]["packets"]
+    strangers = server.report()["strangers"]["by_kind"]["hello"]  # those without a cookie, one if nothing is slow
+    assert session["received"]["packets"] == account["sent"]["packets"] - strangers
     assert account["received"]["lost"] == 0
     assert account["connections"] == 1
     assert "packet_rate_reduction" not in master.output.read_text(), "the report is for a person without --json"
@@ -64,24 +65,23 @@ def test_the_master_may_start_first_and_the_slave_may_die_and_come_back(start):
     server.process.wait()
     master.wait_for("link stale")
     start("slave", "--listen", address).wait_for("joined from")
-    master.wait_for("session lost")
     master.wait_for("connected to", count=2)
     assert master.end() == 0
     assert master.report()["connections"] == 2
 
 
-def test_the_master_may_die_and_come_back(start, slave):
+def test_the_master_may_die_and_come_back_to_its_scene(start, slave):
     server, address = slave
-    first = start("master", "--connect", address, "--duration", "60", "--name", "first", *FAST)
+    first = start("master", "--connect", address, "--duration", "60", "--name", "surgeon", *FAST)
     first.wait_for("connected to")
-    server.wait_for("'first' joined from")
+    server.wait_for("'surgeon' joined from")
     first.process.kill()
-    second = start("master", "--connect", address, "--duration", "60", "--name", "second", *FAST)
-    server.wait_for("'second' joined from")
-    server.wait_for("'first' left: nothing arrived from the master")
+    second = start("master", "--connect", address, "--duration", "60", "--name", "surgeon", *FAST)
+    server.wait_for("'surgeon' left: its master goes on in a new session")
     assert second.end() == 0
     assert server.end() == 0
-    assert [session["master"] for session in server.report()["sessions"]] == ["first", "second"]
+    before, after = server.report()["sessions"]
+    assert after["continues"] == before["session"]
 
 
 def test_one_slave_serves_several_masters_at_once(start, slave):
