@@ -32,6 +32,7 @@ def channel(
     from hapticnet.channel.spec import parse_channel
     from hapticnet.cli.console import Console, check_outputs, deliver
     from hapticnet.errors import UnavailableError
+    from hapticnet.runtime.overload import Overload
     from hapticnet.runtime.realtime import OTHER, prefer_realtime, run
     from hapticnet.runtime.relay import run_relay
     from hapticnet.runtime.udp import bound_address, open_toward, parse_host_port
@@ -52,6 +53,7 @@ def channel(
 
     scheduling = prefer_realtime() if realtime else OTHER
     console.say(f"listening on {bound_address(sock)}, to {target}: {there.describe()}; back: {back.describe()}")
+    overload = Overload(scheduling, console.say)
     account = run(
         run_relay(
             sock,
@@ -61,7 +63,10 @@ def channel(
             rng=np.random.default_rng([seed, 5]),
             duration_s=duration,
             on_status=on_status,
+            overload=overload,
         )
     )
     console.finish()
-    deliver({"scheduling": scheduling, **account}, as_json=json, file=report, real_time=True)
+    deliver(
+        {"scheduling": scheduling, **account, "overload": overload.report()}, as_json=json, file=report, real_time=True
+    )

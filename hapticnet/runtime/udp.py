@@ -92,6 +92,12 @@ def open_toward(address: HostPort) -> tuple[socket.socket, SocketAddress]:
     return _socket(family), target
 
 
+def look_up(address: HostPort) -> HostPort:
+    """Return an address with its host as a number; raise UnavailableError if there is no such host."""
+    host, port, *_ = _resolve(address)[1]
+    return HostPort(host, port)
+
+
 def bound_address(sock: socket.socket) -> HostPort:
     """Return the address a socket is bound to."""
     host, port, *_ = sock.getsockname()
