@@ -4,7 +4,7 @@ import sys
 
 import typer
 
-from hapticnet.cli import channel, codecs, compare, demo, device, encode, key, master, scene, slave
+from hapticnet.cli import channel, codecs, compare, demo, device, doctor, encode, key, master, scene, slave
 from hapticnet.cli.console import complain
 from hapticnet.errors import HapticnetError
 from hapticnet.runtime.outlet import abandon
@@ -24,6 +24,7 @@ app.command(short_help="Stand between the two as a worse network would.")(channe
 app.command(short_help="Run a codec over a recorded force.")(encode.encode)
 app.command(short_help="Compare every codec on recordings with the best possible.")(compare.compare)
 app.command(short_help="List the codecs with their rules and parameters.")(codecs.codecs)
+app.command(short_help="Check whether this machine is fit, and say what to do.")(doctor.doctor)
 app.add_typer(scene.app, name="scene")
 app.add_typer(device.app, name="device")
 app.add_typer(key.app, name="key")

@@ -77,6 +77,11 @@ def virtual_device(text: str, profile: "Profile", seed: int) -> Iterator["Device
             yield nano
 
 
+def check_device(text: str) -> None:
+    """Raise SettingsError if there is no such device."""
+    _parse(text)
+
+
 def load(path: Path | None) -> "Profile":
     """Return the profile in a file, or an empty one."""
     from hapticnet.device.profile import Profile, load_profile
