@@ -1,5 +1,6 @@
 """``hapticnet doctor``: whether this machine can do it."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -7,6 +8,7 @@ import typer
 from hapticnet.cli import options
 
 if TYPE_CHECKING:
+    from hapticnet.runtime.doctor.keys import KeyFiles
     from hapticnet.runtime.serial_port import SerialSpec
 
 
@@ -15,10 +17,13 @@ def doctor(
         str | None,
         typer.Option(
             metavar="DEVICE",
-            help="Fingertip device that will be used: serial:auto, serial:PATH, simavr or sim. If it is missing, that"
-            " is a problem.",
+            help="Fingertip device that will be used: serial:auto, serial:PATH, simavr or sim. It is a problem if it is"
+            " missing.",
         ),
     ] = None,
+    key: options.KeyOption = None,
+    peer_key: options.PeerKeyOption = None,
+    masters: options.MastersOption = None,
     quick: Annotated[bool, typer.Option("--quick", help="Leave out the 3 s of measuring.")] = False,
     json: options.Json = False,
 ) -> None:
@@ -32,9 +37,7 @@ def doctor(
 
     Exit code: 0 if there is no problem, 1 if there is one, 2 if the options are wrong.
     """
-    import json as json_module
-
-    from hapticnet.cli.console import Console
+    from hapticnet.cli.console import Console, deliver
     from hapticnet.cli.doctor_page import print_page
     from hapticnet.experiment.provenance import provenance
     from hapticnet.runtime.doctor.checkup import examine, probes
@@ -43,21 +46,39 @@ def doctor(
     from hapticnet.runtime.doctor.trial import examine_trial
 
     serial = _serial(device)
+    keys = _key_files(key, peer_key, masters)
     simavr = device is not None and device.startswith("simavr")
     console = Console("doctor")
-    looked = probes(Machine(), serial=serial, simavr=simavr)
+    looked = probes(Machine(), keys=keys, serial=serial, simavr=simavr)
     findings = list(examine(looked, lambda subject: console.status(f"looking at {subject}")))
     if not quick:
         console.status("measuring for 3 s")
         findings += examine_trial()
     console.finish()
-    report = {**as_json(findings), "provenance": provenance()}
     if json:
-        print(json_module.dumps(report, indent=2))
+        deliver(as_json(findings), as_json=True, file=None)
     else:
-        print_page(findings, report["provenance"], measured=not quick)
+        print_page(findings, provenance(), measured=not quick)
     if any(finding.verdict is Verdict.PROBLEM for finding in findings):
         raise typer.Exit(1)
+
+
+def _key_files(key: Path | None, peer_key: str | None, masters: Path | None) -> "KeyFiles":
+    """Return where keys are: named by an option or the environment, or at their usual place."""
+    from hapticnet.cli.key import default_key, default_masters
+    from hapticnet.runtime.doctor.keys import KeyFiles
+
+    try:
+        usual = key or default_key()
+    except RuntimeError:  # this account has no home
+        usual = None
+    return KeyFiles(
+        key=usual,
+        masters=masters or (usual and default_masters(usual)),
+        key_named=key is not None,
+        masters_named=masters is not None,
+        peer=peer_key,
+    )
 
 
 def _serial(device: str | None) -> "SerialSpec | None":

@@ -11,7 +11,7 @@ from rich.rule import Rule
 from rich.table import Table
 from rich.text import Text
 
-from hapticnet.runtime.doctor.finding import Finding, Verdict, count
+from hapticnet.runtime.doctor.finding import Finding, Step, Verdict, count
 
 WIDEST: Final = 100
 """Characters of a line that still reads well."""
@@ -27,6 +27,8 @@ COLOURS: Final = {
     Verdict.PROBLEM: "bold red",
     Verdict.ABSENT: "dim",
 }
+
+PLAIN: Final = str.maketrans({"µ": "u", "…": "..."})
 
 PLURALS: Final = {Verdict.WARNING: "warnings", Verdict.PROBLEM: "problems"}
 
@@ -53,8 +55,18 @@ def print_page(findings: Sequence[Finding], origin: Mapping[str, Any], *, measur
     console.width = min(console.width, WIDEST)
     with console.capture() as page:
         _draw(console, findings, origin, measured=measured)
-    sys.stdout.write("".join(f"{line.rstrip()}\n" for line in page.get().splitlines()))
+    text = "".join(f"{line.rstrip()}\n" for line in page.get().splitlines())
+    sys.stdout.write(_encodable(text, sys.stdout.encoding or "utf-8"))
     sys.stdout.flush()
+
+
+def _encodable(text: str, encoding: str) -> str:
+    """Return a text that a terminal without Unicode can show."""
+    try:
+        text.encode(encoding)
+    except UnicodeEncodeError:
+        return text.translate(PLAIN).encode(encoding, "replace").decode(encoding)
+    return text
 
 
 def _draw(console: Console, findings: Sequence[Finding], origin: Mapping[str, Any], *, measured: bool) -> None:
@@ -64,12 +76,15 @@ def _draw(console: Console, findings: Sequence[Finding], origin: Mapping[str, An
     for subject, group in groupby(findings, lambda finding: finding.topic.subject):
         console.print()
         console.print(Text(SUBJECTS.get(subject, subject), style="bold"))
+        said: tuple[Step, ...] = ()
         for finding in group:
-            _draw_finding(console, finding)
+            _draw_finding(console, finding, () if finding.to_do == said else finding.to_do)
+            said = finding.to_do or said
     _draw_summary(console, findings, measured=measured)
 
 
-def _draw_finding(console: Console, finding: Finding) -> None:
+def _draw_finding(console: Console, finding: Finding, to_do: Sequence[Step]) -> None:
+    """Print a finding, and what to do unless the finding before it has said so."""
     verdict = Text(finding.verdict.value, style=COLOURS[finding.verdict])
     row = _row((VERDICT_WIDTH, verdict), (TITLE_WIDTH, Text(finding.topic.title)), (None, Text(finding.value)))
     console.print(Padding(row, (0, 0, 0, 2)))
@@ -77,7 +92,7 @@ def _draw_finding(console: Console, finding: Finding) -> None:
         console.print(Padding(Text(finding.meaning), (0, 0, 0, INDENT)))
     if finding.scale:
         console.print(Padding(Text(finding.scale, style="dim"), (0, 0, 0, INDENT)))
-    for step in finding.to_do:
+    for step in to_do:
         console.print(Padding(_row((1, Text(">")), (None, Text(step.text))), (0, 0, 0, INDENT)))
         if step.command:  # in one piece, so that it can be copied
             console.print(Text(" " * (INDENT + 4) + step.command, style="bold"), soft_wrap=True)

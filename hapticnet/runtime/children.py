@@ -5,7 +5,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from hapticnet.errors import UnavailableError
@@ -20,9 +20,17 @@ PR_SET_PDEATHSIG: Final = 1
 
 
 class Child:
-    """A ``hapticnet`` process with its stderr on a pipe. It ends when this process ends, even if that is killed."""
+    """A ``hapticnet`` process with its stderr on a pipe. It ends when this process ends, even if that is killed.
 
-    def __init__(self, arguments: Sequence[str]) -> None:
+    Parameters
+    ----------
+    arguments
+        Command line after ``hapticnet``.
+    environment
+        Its environment variables; None for those of this process.
+    """
+
+    def __init__(self, arguments: Sequence[str], *, environment: Mapping[str, str] | None = None) -> None:
         self._arguments = arguments
         prctl, parent = ctypes.CDLL(None).prctl, os.getpid()
 
@@ -37,6 +45,7 @@ class Child:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             preexec_fn=end_with_parent,
+            env=environment,
             text=True,
             encoding="utf-8",
         )

@@ -6,6 +6,7 @@ from typing import Final, NamedTuple
 
 from hapticnet.runtime.doctor.engine import examine_engine
 from hapticnet.runtime.doctor.finding import Finding, Topic, Verdict
+from hapticnet.runtime.doctor.keys import KeyFiles, examine_keys
 from hapticnet.runtime.doctor.limits import examine_limits
 from hapticnet.runtime.doctor.machine import Machine
 from hapticnet.runtime.doctor.processor import examine_processor
@@ -29,11 +30,15 @@ class Probe(NamedTuple):
     within_s: float = SOON_S
 
 
-def probes(machine: Machine, *, serial: SerialSpec | None = None, simavr: bool = False) -> list[Probe]:
+def probes(
+    machine: Machine, *, keys: KeyFiles | None = None, serial: SerialSpec | None = None, simavr: bool = False
+) -> list[Probe]:
     """Return the probes in the order of the report.
 
     Parameters
     ----------
+    keys
+        Where keys are; None: nowhere.
     serial
         The serial device that will be used; None: it is not known.
     simavr
@@ -46,6 +51,7 @@ def probes(machine: Machine, *, serial: SerialSpec | None = None, simavr: bool =
         Probe("software", lambda: examine_software(machine), LATER_S),
         Probe("network", lambda: examine_sockets(machine)),
         Probe("serial", lambda: examine_serial(machine, serial)),
+        Probe("keys", lambda: examine_keys(keys or KeyFiles())),
         Probe("simulator", lambda: examine_simulator(machine, wanted=simavr)),
         Probe("docker", lambda: examine_engine(machine), LATER_S),
     ]

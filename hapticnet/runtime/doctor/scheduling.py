@@ -64,6 +64,7 @@ def _how_to_grant(machine: Machine, soft: float, hard: float) -> list[Step]:
         return [
             Step("Start the container with the capability SYS_NICE:", "docker run --cap-add SYS_NICE …"),
             Step("In compose.yaml:", "cap_add: [SYS_NICE]"),
+            Step("If it does not run as root, also:", f"docker run --ulimit rtprio={FIFO_PRIORITY} …"),
         ]
     if hard >= FIFO_PRIORITY:
         return [Step("Raise the limit in the shell that starts hapticnet:", f"ulimit -r {FIFO_PRIORITY}")]

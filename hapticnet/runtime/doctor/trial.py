@@ -6,8 +6,10 @@ The limits come from measurements on two shared cores (bench/measure/real_time.p
 """
 
 import json
+import os
 import tempfile
 import threading
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -36,10 +38,10 @@ GOOD_MISSED: Final = 0.01
 ACCEPTABLE_MISSED: Final = 0.05
 """Share of missed ticks: what a master warns of, and where the operator's motion has gaps all the time."""
 
-BUSY: Final = (
-    Step("See what else is busy, and end what is not needed:", "ps -eo pcpu,pid,user,comm --sort=-pcpu | head"),
-    Step("Then look again. Above, scheduling class, governor and limits say what helps for good."),
+WHO_IS_BUSY: Final = Step(
+    "See what else is busy, end what is not needed, and look again:", "ps -eo pcpu,pid,user,comm --sort=-pcpu | head"
 )
+GRANT_FIFO: Final = Step("Permit SCHED_FIFO, as said under scheduling class above: its ticks do not wait for others.")
 
 
 class Trial(NamedTuple):
@@ -96,12 +98,12 @@ def run_trial(duration_s: float = TRIAL_S, ends_within_s: float = ENDS_WITHIN_S)
     watchdog.start()
     try:
         with tempfile.TemporaryDirectory(prefix="hapticnet-doctor-") as folder:
-            report = Path(folder) / "master.json"
-            children.append(Child(["slave", "--listen", "127.0.0.1:0"]))
+            report, environment = Path(folder) / "master.json", _without_settings(folder)
+            children.append(Child(["slave", "--listen", "127.0.0.1:0"], environment=environment))
             address = children[0].address()
             arguments = ["master", "--connect", address, "--name", "doctor", "--device", "none", "--codec", "raw"]
             arguments += ["--rate", str(RATE_HZ), "--duration", str(duration_s), "--connect-timeout", "5"]
-            children.append(Child([*arguments, "--report", str(report), "--quiet"]))
+            children.append(Child([*arguments, "--report", str(report), "--quiet"], environment=environment))
             children[1].finish()
             return read_report(json.loads(report.read_text(encoding="utf-8")))
     except UnavailableError as error:
@@ -112,6 +114,12 @@ def run_trial(duration_s: float = TRIAL_S, ends_within_s: float = ENDS_WITHIN_S)
         watchdog.cancel()
         for child in children:
             child.end()
+
+
+def _without_settings(folder: str) -> dict[str, str]:
+    """Return the environment without keys and other settings of hapticnet: the trial measures the machine."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("HAPTICNET_")}
+    return {**kept, "XDG_CONFIG_HOME": folder}
 
 
 def read_report(report: dict[str, Any]) -> Trial:
@@ -138,13 +146,15 @@ def judge_trial(trial: Trial) -> list[Finding]:
     round_trip = {"p50_us": trial.round_trip_p50_us, "p99_us": trial.round_trip_p99_us, "answers": trial.answers}
     lateness = {"p50_us": trial.late_p50_us, "p99_us": trial.late_p99_us, "scheduling": trial.scheduling}
     missed: Figures = {"ticks": trial.ticks, "missed": trial.missed, "missed_share": missed_share}
+    to_do = [WHO_IS_BUSY] if trial.scheduling.startswith("SCHED_FIFO") else [GRANT_FIFO, WHO_IS_BUSY]
     return [
         _judge(
             Topic(SUBJECT, "round_trip", "Round trip", round_trip),
             grade(trial.round_trip_p99_us, GOOD_ROUND_TRIP_US, ACCEPTABLE_ROUND_TRIP_US),
             _percentiles(trial.round_trip_p50_us, trial.round_trip_p99_us),
             "Even without a network, the force for a position comes after the next positions.",
-            f"good: p99 up to {duration(GOOD_ROUND_TRIP_US / 1e6)}, before the next position;"
+            to_do,
+            scale=f"good: p99 up to {duration(GOOD_ROUND_TRIP_US / 1e6)}, before the next position;"
             f" acceptable: {duration(ACCEPTABLE_ROUND_TRIP_US / 1e6)}",
         ),
         _judge(
@@ -152,7 +162,8 @@ def judge_trial(trial: Trial) -> list[Finding]:
             grade(trial.late_p99_us, GOOD_LATE_US, ACCEPTABLE_LATE_US),
             f"{_percentiles(trial.late_p50_us, trial.late_p99_us)}, {trial.scheduling.partition(' (')[0]}",
             "Positions are sampled late, and the force loop of the fingertip device runs unevenly.",
-            f"good: p99 up to {duration(GOOD_LATE_US / 1e6)}, a quarter of a tick;"
+            to_do,
+            scale=f"good: p99 up to {duration(GOOD_LATE_US / 1e6)}, a quarter of a tick;"
             f" acceptable: {duration(ACCEPTABLE_LATE_US / 1e6)}",
         ),
         _judge(
@@ -160,7 +171,8 @@ def judge_trial(trial: Trial) -> list[Finding]:
             grade(missed_share, GOOD_MISSED, ACCEPTABLE_MISSED),
             f"{trial.missed} of {due} ({missed_share:.2%})",
             "In a missed tick no position is sent, and the platform at the finger does not move.",
-            f"good: up to {GOOD_MISSED:.0%}; acceptable: {ACCEPTABLE_MISSED:.0%}",
+            to_do,
+            scale=f"good: up to {GOOD_MISSED:.0%}; acceptable: {ACCEPTABLE_MISSED:.0%}",
         ),
     ]
 
@@ -176,10 +188,10 @@ def judge_failure(reason: str) -> Finding:
     )
 
 
-def _judge(topic: Topic, verdict: Verdict, value: str, meaning: str, scale: str) -> Finding:
+def _judge(topic: Topic, verdict: Verdict, value: str, meaning: str, to_do: Sequence[Step], *, scale: str) -> Finding:
     if verdict is Verdict.OK:
         return topic.ok(value, scale=scale)
-    return topic.find(verdict, value, meaning, *BUSY, scale=scale)
+    return topic.find(verdict, value, meaning, *to_do, scale=scale)
 
 
 def _percentiles(p50_us: float | None, p99_us: float | None) -> str:
