@@ -84,6 +84,8 @@ class Child:
             except subprocess.TimeoutExpired:
                 self._process.kill()
                 self._process.communicate()
+        if self._process.stderr is not None:
+            self._process.stderr.close()
 
     @property
     def _command(self) -> str:

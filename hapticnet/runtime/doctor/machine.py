@@ -14,9 +14,9 @@ MOST_BYTES: Final = 256 * 1024
 """Largest part of a file that is read [B]; /proc/cpuinfo of a hundred CPUs is smaller."""
 
 CONTAINER_MARKS: Final = {
+    "kubepods": "kubernetes",
     "docker": "docker",
     "containerd": "containerd",
-    "kubepods": "kubernetes",
     "libpod": "podman",
     "lxc": "lxc",
 }

@@ -4,7 +4,9 @@ import json
 import platform
 import shlex
 import sys
+import tempfile
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 from hapticnet.runtime.doctor.finding import Finding, Step, Topic, Verdict
@@ -67,7 +69,10 @@ def examine_software(machine: Machine) -> list[Finding]:
     """Return the findings about Python and packages."""
     wanted = {**PACKAGES, LOOP: LOOP, **{package: package for package, _ in EXTRAS.values()}}
     arguments = [f"{package}={module}" for package, module in wanted.items()]
-    packages = parse_imports(machine.run([sys.executable, "-P", "-c", IMPORT, *arguments], IMPORT_WITHIN_S))
+    with tempfile.TemporaryDirectory(prefix="hapticnet-doctor-") as folder:
+        # Importing matplotlib writes settings and a cache into the home folder.
+        trial = replace(machine, environ={**machine.environ, "MPLCONFIGDIR": folder, "PYTHONDONTWRITEBYTECODE": "1"})
+        packages = parse_imports(trial.run([sys.executable, "-P", "-c", IMPORT, *arguments], IMPORT_WITHIN_S))
     debug = hasattr(sys, "gettotalrefcount")
     return [
         judge_python(sys.version_info[:3], platform.python_implementation(), debug=debug),

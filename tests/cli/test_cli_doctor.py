@@ -1,0 +1,118 @@
+"""``hapticnet doctor`` as a person and as a program see it."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+from hapticnet.cli.doctor_page import COLOURS, SUBJECTS, print_page
+from hapticnet.experiment.provenance import provenance
+from hapticnet.runtime.doctor.checkup import probes
+from hapticnet.runtime.doctor.finding import Step, Topic, Verdict
+from hapticnet.runtime.doctor.machine import Machine
+from tests.cli.test_cli_errors import ROOT, assert_one_line, hapticnet
+
+KEYS = {"id", "subject", "title", "verdict", "value", "meaning", "scale", "to_do", "figures"}
+COMMAND = "echo " + 90 * "x"
+
+
+def topic(name, subject="timing"):
+    return Topic(subject, name, name.capitalize(), {})
+
+
+FINDINGS = [
+    topic("timer").ok("fine, " + "and a long explanation of why " * 3, scale="good: up to 1 µs"),
+    topic("clock").find(Verdict.WARNING, "slow", "It is slow.", Step("Change it:", COMMAND)),
+    topic("budget").find(Verdict.WARNING, "low", "It is low.", Step("Change it:", COMMAND)),
+    topic("port", "serial").find(Verdict.PROBLEM, "denied", "", Step("Join " + "the group " * 9)),
+    topic("engine", "docker").absent("not installed"),
+]
+
+
+def printed(capsys, monkeypatch, findings=FINDINGS, columns=80):
+    monkeypatch.setenv("COLUMNS", str(columns))
+    print_page(findings, provenance(), measured=True)
+    return capsys.readouterr().out
+
+
+def test_every_verdict_is_a_word_and_every_command_is_in_one_piece(capsys, monkeypatch):
+    page = printed(capsys, monkeypatch)
+    assert all(f"  {verdict.value} " in page for verdict in Verdict)
+    assert set(COLOURS) == set(Verdict)
+    assert page.count(COMMAND) == 1  # the second finding says the same
+    assert "\x1b" not in page
+
+
+@pytest.mark.parametrize("columns", [40, 80, 120, 300])
+def test_the_page_keeps_to_the_width_of_the_terminal_but_for_commands(capsys, monkeypatch, columns):
+    lines = printed(capsys, monkeypatch, columns=columns).splitlines()
+    assert all(len(line) <= min(columns, 100) for line in lines if COMMAND not in line)
+    assert all(line == line.rstrip() for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("findings", "answer"),
+    [
+        (FINDINGS, "This machine is not ready. Solve first: Port."),
+        (FINDINGS[:3], "This machine can run hapticnet; the warnings above say what would help."),
+        (FINDINGS[:1], "This machine can run hapticnet.\n1 ok, 0 warnings, 0 problems, 0 not present."),
+    ],
+)
+def test_the_page_ends_with_the_answer(capsys, monkeypatch, findings, answer):
+    assert answer in printed(capsys, monkeypatch, findings)
+
+
+def test_every_subject_has_a_heading():
+    assert {*(probe.subject for probe in probes(Machine())), "measured"} == set(SUBJECTS)
+
+
+def test_a_real_check_up_measures_and_reports_in_the_documented_form(tmp_path):
+    done = hapticnet("doctor", "--json", cwd=tmp_path)
+    report = json.loads(done.stdout)
+    assert set(report) == {"schema", "ready", "counts", "findings", "provenance"}
+    assert all(set(finding) == KEYS for finding in report["findings"])
+    verdicts = [finding["verdict"] for finding in report["findings"]]
+    assert {name: verdicts.count(name) for name in report["counts"]} == report["counts"]
+    assert done.returncode == (1 if "problem" in verdicts else 0)
+    assert report["ready"] is (done.returncode == 0)
+    found = {finding["id"]: finding for finding in report["findings"]}
+    assert len(found) == len(report["findings"])
+    assert not [name for name in found if name.endswith(".probe")], "a probe failed"
+    assert found["measured.round_trip"]["figures"]["answers"] > 0
+    assert found["timing.timer"]["figures"]["late_p50_us"] > 0
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_quick_check_up_measures_nothing_and_says_so():
+    done = hapticnet("doctor", "--quick")
+    assert done.returncode in (0, 1)
+    assert "nothing was measured (--quick)" in done.stdout
+    assert "Traceback" not in done.stderr
+    assert done.stderr == ""
+
+
+def test_a_device_that_is_asked_for_and_missing_is_a_problem():
+    done = hapticnet("doctor", "--quick", "--device", "serial:/dev/nowhere")
+    assert done.returncode == 1
+    assert "Solve first: " in done.stdout
+    assert_one_line(hapticnet("doctor", "--device", "robot"), "unknown device 'robot'")
+    assert_one_line(hapticnet("doctor", "--device", "serial:nowhere"), "absolute path")
+
+
+@pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
+def test_closed_standard_streams_are_no_error(closed):
+    command = f"exec {sys.executable} -m hapticnet doctor --quick {closed}"
+    done = subprocess.run(["sh", "-c", command], cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert done.returncode in (0, 1)
+    assert done.stderr == ""
+
+
+def test_a_terminal_without_unicode_and_an_account_without_a_home_get_a_page(tmp_path):
+    environment = os.environ | {"PYTHONIOENCODING": "ascii", "HOME": str(tmp_path / "none"), "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-m", "hapticnet", "doctor", "--quick"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode in (0, 1)
+    assert " us late" in done.stdout
+    assert list(tmp_path.iterdir()) == []
