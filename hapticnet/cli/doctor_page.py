@@ -56,12 +56,12 @@ def print_page(findings: Sequence[Finding], origin: Mapping[str, Any], *, measur
     with console.capture() as page:
         _draw(console, findings, origin, measured=measured)
     text = "".join(f"{line.rstrip()}\n" for line in page.get().splitlines())
-    sys.stdout.write(_encodable(text, sys.stdout.encoding or "utf-8"))
+    sys.stdout.write(in_encoding(text, sys.stdout.encoding or "utf-8"))
     sys.stdout.flush()
 
 
-def _encodable(text: str, encoding: str) -> str:
-    """Return a text that a terminal without Unicode can show."""
+def in_encoding(text: str, encoding: str) -> str:
+    """Return a text as a terminal can show it that has no Unicode."""
     try:
         text.encode(encoding)
     except UnicodeEncodeError:
