@@ -16,6 +16,7 @@ from typing import Any, Final, NamedTuple
 from hapticnet.errors import UnavailableError
 from hapticnet.runtime.children import Child
 from hapticnet.runtime.doctor.finding import Figures, Finding, Step, Topic, Verdict, duration, grade
+from hapticnet.runtime.overload import LARGEST_MISSED_SHARE
 
 SUBJECT: Final = "measured"
 
@@ -34,7 +35,7 @@ GOOD_ROUND_TRIP_US: Final = 1000.0
 ACCEPTABLE_ROUND_TRIP_US: Final = 5000.0
 """Round trip [µs] at the 99th percentile: the force is there before the next position, and five ticks."""
 
-GOOD_MISSED: Final = 0.01
+GOOD_MISSED: Final = LARGEST_MISSED_SHARE
 ACCEPTABLE_MISSED: Final = 0.05
 """Share of missed ticks: what a master warns of, and where the operator's motion has gaps all the time."""
 
