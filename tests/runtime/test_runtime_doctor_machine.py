@@ -1,10 +1,13 @@
 """What the doctor says of a machine, on folders that stand for /proc and /sys."""
 
+import tempfile
+
 import pytest
 
+from hapticnet.errors import UnavailableError
 from hapticnet.runtime.doctor.finding import Verdict
 from hapticnet.runtime.doctor.limits import examine_limits
-from hapticnet.runtime.doctor.machine import Machine
+from hapticnet.runtime.doctor.machine import MEMORY_FOLDER, Machine, scratch_folder
 from hapticnet.runtime.doctor.processor import judge_count, judge_governor, judge_idle, judge_load, judge_stolen
 from hapticnet.runtime.doctor.scheduling import judge_budget, judge_scheduling, try_fifo
 from hapticnet.runtime.doctor.sockets import judge_buffer, judge_drops
@@ -63,6 +66,24 @@ def test_files_with_something_else_in_them_are_no_error(machine, text):
     ):  # fmt: skip
         assert isinstance(finding.verdict, Verdict)
         assert finding.value
+
+
+def test_a_scratch_folder_is_found_and_removed_or_missed_in_words(monkeypatch, tmp_path):
+    def usual(**keywords):
+        if keywords.get("dir") not in writable:
+            raise FileNotFoundError("no usable temporary folder")
+        return real(prefix="doctor-", dir=tmp_path)
+
+    real = tempfile.TemporaryDirectory
+    monkeypatch.setattr(tempfile, "TemporaryDirectory", usual)
+    for place in (None, MEMORY_FOLDER):
+        writable = [place]
+        with scratch_folder() as folder:
+            assert folder.parent == tmp_path
+        assert not folder.exists()
+    writable = []
+    with pytest.raises(UnavailableError, match="TMPDIR=FOLDER"), scratch_folder():
+        pass
 
 
 def test_reading_stops_at_a_bound(machine):

@@ -4,6 +4,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final, NamedTuple
 
+from hapticnet.errors import HapticnetError
 from hapticnet.runtime.doctor.engine import examine_engine
 from hapticnet.runtime.doctor.finding import Finding, Topic, Verdict
 from hapticnet.runtime.doctor.keys import KeyFiles, examine_keys
@@ -72,6 +73,8 @@ def _bounded(probe: Probe) -> list[Finding]:
     def look() -> None:
         try:
             findings.extend(probe.examine())
+        except HapticnetError as error:
+            failures.append(str(error))
         except Exception as error:
             failures.append(f"{type(error).__name__}: {error}" if str(error) else type(error).__name__)
 

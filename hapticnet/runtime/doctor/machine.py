@@ -5,13 +5,20 @@ import os
 import shutil
 import signal
 import subprocess
-from collections.abc import Callable, Mapping, Sequence
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from hapticnet.errors import UnavailableError
+
 MOST_BYTES: Final = 256 * 1024
 """Largest part of a file that is read [B]; /proc/cpuinfo of a hundred CPUs is smaller."""
+
+SCRATCH: Final = "hapticnet-doctor-"
+MEMORY_FOLDER: Final = "/dev/shm"  # noqa: S108 - a folder of our own is made in it
+"""Where temporary files can be written on most machines with read-only disks."""
 
 CONTAINER_MARKS: Final = {
     "kubepods": "kubernetes",
@@ -130,3 +137,25 @@ class Machine:
             return self.environ["container"]
         groups = self.text("/proc/self/cgroup") or ""
         return next((kind for mark, kind in CONTAINER_MARKS.items() if mark in groups), None)
+
+
+@contextlib.contextmanager
+def scratch_folder() -> Iterator[Path]:
+    """Yield a folder that is removed at the end, even where the usual ones cannot be written.
+
+    Raises
+    ------
+    UnavailableError
+        If no folder can be written.
+    """
+    try:
+        folder = tempfile.TemporaryDirectory(prefix=SCRATCH)
+    except OSError:
+        try:
+            folder = tempfile.TemporaryDirectory(prefix=SCRATCH, dir=MEMORY_FOLDER)
+        except OSError:
+            raise UnavailableError(
+                "no temporary folder can be written; name one: TMPDIR=FOLDER hapticnet doctor"
+            ) from None
+    with folder as path:
+        yield Path(path)

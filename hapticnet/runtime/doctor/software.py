@@ -4,13 +4,12 @@ import json
 import platform
 import shlex
 import sys
-import tempfile
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final, NamedTuple
 
 from hapticnet.runtime.doctor.finding import Finding, Step, Topic, Verdict
-from hapticnet.runtime.doctor.machine import Machine, Ran
+from hapticnet.runtime.doctor.machine import Machine, Ran, scratch_folder
 
 SUBJECT: Final = "software"
 
@@ -69,9 +68,11 @@ def examine_software(machine: Machine) -> list[Finding]:
     """Return the findings about Python and packages."""
     wanted = {**PACKAGES, LOOP: LOOP, **{package: package for package, _ in EXTRAS.values()}}
     arguments = [f"{package}={module}" for package, module in wanted.items()]
-    with tempfile.TemporaryDirectory(prefix="hapticnet-doctor-") as folder:
+    with scratch_folder() as folder:
         # Importing matplotlib writes settings and a cache into the home folder.
-        trial = replace(machine, environ={**machine.environ, "MPLCONFIGDIR": folder, "PYTHONDONTWRITEBYTECODE": "1"})
+        trial = replace(
+            machine, environ={**machine.environ, "MPLCONFIGDIR": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
+        )
         packages = parse_imports(trial.run([sys.executable, "-P", "-c", IMPORT, *arguments], IMPORT_WITHIN_S))
     debug = hasattr(sys, "gettotalrefcount")
     return [

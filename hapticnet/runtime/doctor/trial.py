@@ -7,7 +7,6 @@ The limits come from measurements on two shared cores (bench/measure/real_time.p
 
 import json
 import os
-import tempfile
 import threading
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import Any, Final, NamedTuple
 from hapticnet.errors import UnavailableError
 from hapticnet.runtime.children import Child
 from hapticnet.runtime.doctor.finding import Figures, Finding, Step, Topic, Verdict, duration, grade
+from hapticnet.runtime.doctor.machine import scratch_folder
 from hapticnet.runtime.overload import LARGEST_MISSED_SHARE
 
 SUBJECT: Final = "measured"
@@ -82,9 +82,9 @@ def run_trial(duration_s: float = TRIAL_S, ends_within_s: float = ENDS_WITHIN_S)
     Raises
     ------
     UnavailableError
-        If a process fails or does not end in time.
+        If a process fails or does not end in time, or there is no folder for their reports.
     OSError
-        If there is no folder for their reports or they cannot be started.
+        If they cannot be started.
     """
     children: list[Child] = []
     late = threading.Event()
@@ -98,8 +98,8 @@ def run_trial(duration_s: float = TRIAL_S, ends_within_s: float = ENDS_WITHIN_S)
     watchdog.daemon = True
     watchdog.start()
     try:
-        with tempfile.TemporaryDirectory(prefix="hapticnet-doctor-") as folder:
-            report, environment = Path(folder) / "master.json", _without_settings(folder)
+        with scratch_folder() as folder:
+            report, environment = folder / "master.json", _without_settings(folder)
             children.append(Child(["slave", "--listen", "127.0.0.1:0"], environment=environment))
             address = children[0].address()
             arguments = ["master", "--connect", address, "--name", "doctor", "--device", "none", "--codec", "raw"]
@@ -117,10 +117,10 @@ def run_trial(duration_s: float = TRIAL_S, ends_within_s: float = ENDS_WITHIN_S)
             child.end()
 
 
-def _without_settings(folder: str) -> dict[str, str]:
+def _without_settings(folder: Path) -> dict[str, str]:
     """Return the environment without keys and other settings of hapticnet: the trial measures the machine."""
     kept = {name: value for name, value in os.environ.items() if not name.startswith("HAPTICNET_")}
-    return {**kept, "XDG_CONFIG_HOME": folder}
+    return {**kept, "XDG_CONFIG_HOME": str(folder)}
 
 
 def read_report(report: dict[str, Any]) -> Trial:
@@ -183,7 +183,7 @@ def judge_failure(reason: str) -> Finding:
     return Topic(SUBJECT, "trial", "Slave and master", {"error": reason}).find(
         Verdict.PROBLEM,
         f"no session over loopback: {reason}",
-        "A session between two hosts will fail in the same way.",
+        "Unless the reason lies in this trial, a session between two hosts fails in the same way.",
         Step("See what the slave says:", "hapticnet slave --listen 127.0.0.1:0 --duration 5"),
         Step("See whether loopback is up:", "ip address show lo"),
     )
