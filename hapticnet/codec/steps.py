@@ -142,6 +142,8 @@ class Scheme:
     __slots__ = ()
     name: ClassVar[str]
     needs_position: ClassVar[bool] = False
+    builds_on_earlier: ClassVar[bool] = False
+    """Whether a receiver that missed an update must refuse those after it."""
     steps: ClassVar[Steps]
     law: WeberLaw
 

@@ -85,6 +85,9 @@ class Station:
         self._encoder = codec.encoder(scene.axes)
         # A decoder of what is sent: it holds what the master holds if nothing is lost.
         self._mirror = codec.decoder(scene.axes)
+        self._held_n: Vector = (0.0,) * scene.axes
+        # A user's codec need not say so; completing an update that is complete does no harm.
+        self._builds_on_earlier: bool = getattr(codec, "builds_on_earlier", True)
         self._error = RunningError(codec.law)
 
     def take_in(self, datagram: Datagram, data: bytes, address: Hashable, now_us: int) -> bool:
@@ -136,22 +139,22 @@ class Station:
             self.steps += 1
             raise SceneFailedError(f"the scene failed: {in_words(error)}") from error
         answer: bytes | None = None
-        if self.session.expire_update(now_us):
+        if self.session.repair_is_due(now_us, force.force_n):
             self._encoder.refresh()
         try:
             payload = self._encoder.encode(t_us, force.force_n, sample.position_m)
-            if payload is not None and self.session.recovering:
+            if payload is not None and self._builds_on_earlier and self.session.complete:
                 self._encoder.refresh()  # so that this payload builds on no earlier one
                 payload = self._encoder.encode(t_us, force.force_n, sample.position_m)
         except Exception as error:  # a force that is not finite, or a user's codec
             self.steps += 1
             raise SceneFailedError(f"the force cannot be encoded: {in_words(error)}") from error
         if payload is not None:
-            answer = self.session.force(t_us, payload, now_us)
+            answer = self.session.force(t_us, payload, now_us, before=self._held_n)
         self.steps += 1
         self._stepped_us = now_us
         if answer is None and self.session.keepalive_is_due(now_us):
-            answer = self.session.keepalive(t_us, now_us)
+            answer = self.session.keepalive(t_us, now_us, held=self._held_n)
         self._answered = _Answered(sample, force.force_n, payload, len(answer or b""))
         return answer
 
@@ -173,6 +176,7 @@ class Station:
             held_n = self._mirror.reconstruct(sample.t_us, sample.position_m)
         except Exception as error:  # a user's codec
             raise SceneFailedError(f"the force cannot be decoded: {in_words(error)}") from error
+        self._held_n = held_n
         self._error.add(force_n, held_n)
         if self.recording is not None:
             first_axis = sample.position_m[0], force_n[0], held_n[0]

@@ -20,6 +20,7 @@ from hapticnet.protocol.events import (
 )
 from hapticnet.protocol.freshness import Freshness
 from hapticnet.protocol.keys import MasterKey
+from hapticnet.protocol.loss import REPORT_EVERY, LossEstimate
 from hapticnet.protocol.messages import (
     REASON_BYTES,
     Close,
@@ -28,6 +29,7 @@ from hapticnet.protocol.messages import (
     Position,
     Request,
     clipped,
+    pack_position,
     unpack_close,
     unpack_force,
     unpack_keepalive,
@@ -76,6 +78,9 @@ class MasterSession:
         self._seal: Seal | None = None
         self._sequence = settings.first_sequence
         self._newest_force: int | None = None
+        self._confirmed: int | None = None  # the newest force, or a KEEPALIVE since that confirmed it
+        self._loss = LossEstimate(settings.first_sequence)
+        self._positions = 0
         self._fresh = Freshness(settings.max_age_us)
         self._doubted = False  # a RESET arrived, and nothing fresh since
         self._stale_us = 0
@@ -108,7 +113,9 @@ class MasterSession:
         elif self.state is not MasterState.ESTABLISHED:
             return
         self._fresh.sent(t_us)
-        self._send(Kind.POSITION, Position(wrap(t_us), self._newest_force, payload))
+        self._positions += 1
+        loss = None if self._positions % REPORT_EVERY else self._loss.estimate()
+        self._send(Kind.POSITION, pack_position(Position(wrap(t_us), self._confirmed, payload, loss)))
 
     def close(self, reason: str, now_us: int) -> None:
         """End the session: send CLOSE until the slave answers or the tries are used up."""
@@ -173,7 +180,7 @@ class MasterSession:
 
     def applied(self, force: ForceArrived) -> None:
         """Acknowledge a force from now on, because it is applied."""
-        self._newest_force = force.sequence
+        self._newest_force = self._confirmed = force.sequence
 
     def payload_was_malformed(self) -> None:
         """Count a payload that the codec refused. The force is not acknowledged, so the slave repairs it."""
@@ -184,7 +191,7 @@ class MasterSession:
         if kind is Kind.FORCE:
             force = unpack_force(body)
             self.received.add(kind, size)
-            arrival = self.received.arrive(datagram.sequence)
+            arrival = self._arrive(datagram.sequence)
             t_us = self._fresh_t_us(force.t_us, arrival, now_us)
             if t_us is None or arrival is Arrival.ASTRAY or arrival is Arrival.DUPLICATE:
                 return
@@ -194,11 +201,12 @@ class MasterSession:
         elif kind is Kind.KEEPALIVE:
             keepalive = unpack_keepalive(body)
             self.received.add(kind, size)
-            arrival = self.received.arrive(datagram.sequence)
+            arrival = self._arrive(datagram.sequence)
             t_us = self._fresh_t_us(keepalive.t_us, arrival, now_us)
             if t_us is not None and arrival is Arrival.NEW:
                 self._hear(arrival, t_us, now_us)
                 if keepalive.newest_force == self._newest_force:
+                    self._confirmed = datagram.sequence
                     self._events.append(HoldConfirmed(t_us))
         elif kind is Kind.CLOSE:
             close = unpack_close(body)
@@ -254,7 +262,8 @@ class MasterSession:
         self._session = grant.session
         self._seal = seal
         self._sequence = wrap(self._settings.first_sequence + 1)
-        self._newest_force = None
+        self._newest_force = self._confirmed = None
+        self._loss = LossEstimate(sequence)
         self._fresh.heard(now_us)
         self._doubted = False
         self.received.open_window(sequence, authentic=seal is not None)
@@ -275,6 +284,13 @@ class MasterSession:
         ):
             return True
         return self._seal is not None and self._sequence > LAST_SEQUENCE - RECENT
+
+    def _arrive(self, sequence: int) -> Arrival:
+        """Account for a sequence number."""
+        arrival = self.received.arrive(sequence)
+        if arrival is Arrival.NEW or arrival is Arrival.LATE:
+            self._loss.arrived(sequence)
+        return arrival
 
     def _is_news(self, sequence: int) -> bool:
         """Return whether a late FORCE is newer than the one applied: only KEEPALIVEs or refused FORCEs overtook it."""
@@ -321,7 +337,7 @@ class MasterSession:
         self._next_close_us = now_us + interval_us
         if self._tries_left:
             self._tries_left -= 1
-            self._send(Kind.CLOSE, Close(self._close_reason))
+            self._send(Kind.CLOSE, pack_body(Close(self._close_reason)))
         else:
             self._end(Trigger.GAVE_UP, self._close_reason)
 
@@ -338,8 +354,7 @@ class MasterSession:
         self.sent.add(Kind.HELLO, len(hello))
         self._outbox.append(hello)
 
-    def _send(self, kind: Kind, message: Position | Close) -> None:
-        body = pack_body(message)
+    def _send(self, kind: Kind, body: bytes) -> None:
         if self._seal is None:
             datagram = pack(kind, self._session, self._sequence, body)
         elif self._sequence > LAST_SEQUENCE:  # no new session in time: a number must not come twice under one key

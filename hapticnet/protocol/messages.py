@@ -5,6 +5,7 @@ import math
 from typing import Any, Final, NamedTuple
 
 from hapticnet.errors import PeerError
+from hapticnet.protocol.loss import REPORT_STEPS, Loss
 from hapticnet.protocol.wire import OPEN, Kind, is_uint32, pack, pack_body, unpack_body
 
 HELLO_BYTES: Final = 400
@@ -131,11 +132,24 @@ class Refusal(NamedTuple):
 
 
 class Position(NamedTuple):
-    """Master to slave: where the tool tip is, and the sequence of the newest FORCE applied (None: none yet)."""
+    """Master to slave: where the tool tip is.
+
+    Attributes
+    ----------
+    t_us
+        Time of the position on the master's clock.
+    newest
+        Sequence of the newest FORCE applied, or of the newest KEEPALIVE after it that confirmed it; None: none yet.
+    payload
+        The position.
+    loss
+        How many of the slave's datagrams the master misses; None: not reported.
+    """
 
     t_us: int
-    newest_force: int | None
+    newest: int | None
     payload: bytes
+    loss: Loss | None = None
 
 
 class Force(NamedTuple):
@@ -243,12 +257,25 @@ def unpack_refuse(body: bytes) -> Refuse:
     return Refuse(nonce, reason, Code(code))
 
 
+def pack_position(position: Position) -> bytes:
+    """Return the body of a POSITION; a report of loss adds two fields of a byte each."""
+    t_us, newest, payload, loss = position
+    if loss is None:
+        return pack_body((t_us, newest, payload))
+    return pack_body((t_us, newest, payload, *(round(REPORT_STEPS * share) for share in loss)))
+
+
 def unpack_position(body: bytes) -> Position:
     """Return the POSITION in a body; raise PeerError if it is invalid."""
-    t_us, newest_force, payload = unpack_body(body, 3)
-    if not (is_uint32(t_us) and (newest_force is None or is_uint32(newest_force)) and type(payload) is bytes):
+    t_us, newest, payload, *loss = unpack_body(body, 3, optional=2)
+    if not (is_uint32(t_us) and (newest is None or is_uint32(newest)) and type(payload) is bytes):
         raise PeerError("POSITION of the wrong types")
-    return Position(t_us, newest_force, payload)
+    if len(loss) < 2:
+        return Position(t_us, newest, payload)
+    for percent in loss:
+        _require(type(percent) is int and 0 <= percent <= REPORT_STEPS, "loss in per cent", percent)
+    share, again = loss
+    return Position(t_us, newest, payload, Loss(share / REPORT_STEPS, again / REPORT_STEPS))
 
 
 def unpack_force(body: bytes) -> Force:

@@ -1,9 +1,28 @@
-"""When an update is believed lost, so that the current stimulus is sent in its place."""
+"""When the slave sends although the codec is silent.
 
+An update is lost or may be, or silence would pass for a dead link. Three ways, all with the *present* stimulus in an
+update that needs no earlier one:
+
+- Replace: an update whose acknowledgement is overdue is lost. This takes a round trip.
+- Repeat: while the master reports loss, the present stimulus is sent again soon after an update, as long as the
+  probability that the master holds something that can be told apart from it is too high.
+- Pace: while the master reports loss, the longest silence is shortened until a run of losses hardly ever lasts as long
+  as the master waits before it lets go of the force.
+
+Without reported loss only the first is active, and costs nothing unless an update is lost.
+"""
+
+import math
 from collections import deque
-from typing import Final
+from dataclasses import dataclass
+from typing import Final, NamedTuple
 
+from hapticnet.perception import WeberLaw
+from hapticnet.protocol.loss import NO_LOSS, Loss, datagrams_needed
 from hapticnet.protocol.serial_number import distance
+from hapticnet.samples import Vector
+from hapticnet.vectors import distance as apart
+from hapticnet.vectors import magnitude
 
 INITIAL_TIMEOUT_US: Final = 100_000
 SHORTEST_TIMEOUT_US: Final = 5_000
@@ -14,67 +33,271 @@ GRANULARITY_US: Final = 5_000
 jitter by a sampling period even where the network does not."""
 
 MOST_REMEMBERED: Final = 1024
-"""Unacknowledged updates whose time of sending is remembered, for the round trip: a second at 1 kHz."""
+"""Unacknowledged datagrams that are remembered: a second at 1 kHz."""
+
+REPORT_LASTS_US: Final = 1_000_000
+"""How long a report of loss counts. A master that has nothing to report sends none."""
+
+MOST_CREDIT: Final = 24.0
+"""Repeats that can be saved up: those of 200 ms at 1 kHz."""
+
+PACE_STEP_US: Final = 500
+SCHEDULING_US: Final = 5_000
+"""Part of the master's age limit that is left for the spacing of positions and ticks."""
 
 
-class Repair:
-    """Times the oldest FORCE that no POSITION has acknowledged yet.
-
-    An acknowledgement covers every FORCE up to the one it names, because a master acknowledges only what it applied.
-    The oldest counts, not the newest: a FORCE may build on earlier ones, so while one is missing the master refuses
-    those after it, and a timer that every new FORCE restarts would never expire. When the timeout expires, the current
-    stimulus is sent, and the timer starts again from there. From then until a FORCE sent since is acknowledged, no
-    FORCE may build on earlier ones, so that the first to arrive ends the loss.
-
-    The timeout is that of RFC 6298: smoothed round trip plus four mean deviations, doubled at each expiry, within
-    bounds that suit a stream that is acknowledged a thousand times a second.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RepairSettings:
+    """What the slave does against loss. The defaults come from bench/measure/repair.py (docs/adr/0011).
 
     Attributes
     ----------
-    recovering
-        Whether FORCEs must need no earlier one.
+    replaces, repeats, paces
+        Whether each of the three ways is used.
+    doubt_limit
+        Probability that the master holds a stimulus more than a JND from the present one, above which it is repeated.
+    shortest_wait_us, longest_wait_us
+        Time [µs] from a datagram to its repetition. A miss of m JNDs is repeated after the longest time over m: large
+        changes first. A wait lets short bursts pass.
+    repeats_per_position
+        Repeats for each position that arrives, at most; bounds the bytes.
+    shortest_keepalive_us
+        Shortest longest silence [µs].
+    silences_per_s
+        How often losses may make the master believe that the link is dead: once in a quarter of an hour.
+    complete_above
+        Share of lost datagrams above which no update builds on earlier ones.
     """
 
-    __slots__ = ("_deviation_us", "_expired_us", "_sent", "_since_us", "_smoothed_us", "_timeout_us", "recovering")
+    replaces: bool = True
+    repeats: bool = True
+    paces: bool = True
+    doubt_limit: float = 0.02
+    shortest_wait_us: int = 2_000
+    longest_wait_us: int = 6_000
+    repeats_per_position: float = 0.12
+    shortest_keepalive_us: int = 2_000
+    silences_per_s: float = 1.0 / 900.0
+    complete_above: float = 0.005
 
-    def __init__(self) -> None:
-        self.recovering = False
-        self._sent: deque[tuple[int, int]] = deque(maxlen=MOST_REMEMBERED)  # sequence and time, oldest first
-        self._since_us = 0  # since when the oldest of them is waited for
+
+class _Sent(NamedTuple):
+    """A datagram without acknowledgement: its number, its time, and what is held where it did not arrive."""
+
+    sequence: int
+    sent_us: int
+    before: Vector
+
+
+class Repair:
+    """Decides when the present stimulus must be sent.
+
+    An acknowledgement covers every datagram up to the one it names, because a master acknowledges only what it applied
+    or confirmed. The oldest one without acknowledgement counts, not the newest: a FORCE may build on earlier ones, so
+    while one is missing the master refuses those after it, and a timer that every new FORCE restarts would never
+    expire. The timeout is that of RFC 6298: smoothed round trip plus four mean deviations, doubled at each expiry,
+    within bounds that suit a stream that is acknowledged a thousand times a second.
+
+    Parameters
+    ----------
+    law
+        The perceptual law of the person at the master.
+    age_limit_us, keepalive_us
+        Silence [µs] after which the master lets go, and the longest silence without loss.
+    now_us
+        The time at which the session begins.
+
+    Attributes
+    ----------
+    keepalive_us
+        The longest silence at present [µs].
+    """
+
+    __slots__ = (
+        "_age_limit_us",
+        "_credit",
+        "_deviation_us",
+        "_expired_us",
+        "_late_us",
+        "_law",
+        "_longest_us",
+        "_loss",
+        "_needed",
+        "_overdue_us",
+        "_recovering",
+        "_reported_us",
+        "_sent",
+        "_settings",
+        "_since_us",
+        "_smoothed_us",
+        "_spoke_us",
+        "_timeout_us",
+        "keepalive_us",
+    )  # fmt: skip
+
+    def __init__(
+        self, settings: RepairSettings, law: WeberLaw, *, age_limit_us: int, keepalive_us: int, now_us: int
+    ) -> None:
+        self.keepalive_us = keepalive_us
+        self._settings = settings
+        self._law = law
+        self._age_limit_us = age_limit_us
+        self._longest_us = keepalive_us
+        self._recovering = False
+        self._sent: deque[_Sent] = deque(maxlen=MOST_REMEMBERED)  # the oldest first
+        self._since_us = 0  # since when the oldest is waited for
         self._expired_us = 0
+        self._spoke_us = now_us
         self._smoothed_us: float | None = None
         self._deviation_us = 0.0
-        self._timeout_us = float(INITIAL_TIMEOUT_US)
+        self._overdue_us = float(INITIAL_TIMEOUT_US)  # age at which a datagram is known to be lost
+        self._timeout_us = self._overdue_us
+        self._loss = NO_LOSS
+        self._reported_us = 0
+        self._late_us = 0.0  # by how much more than the longest silence the slave is silent, on average
+        self._needed = 1  # datagrams of which one has to arrive within the age limit
+        self._credit = MOST_CREDIT
 
-    def sent(self, sequence: int, now_us: int) -> None:
-        """Record that FORCE `sequence` was sent."""
+    @property
+    def complete(self) -> bool:
+        """Whether each FORCE must need no earlier one, so that the first to arrive ends a loss."""
+        return self._recovering or self._loss.share > self._settings.complete_above
+
+    def sent(self, sequence: int, now_us: int, before: Vector) -> None:
+        """Record a FORCE; `before` is what is held where it does not arrive."""
         if not self._sent:
             self._since_us = now_us
-        self._sent.append((sequence, now_us))
+        self._sent.append(_Sent(sequence, now_us, before))
+
+    def kept_alive(self, sequence: int, now_us: int, held: Vector) -> None:
+        """Record a KEEPALIVE, which confirms what is held; it is waited for only while there is loss."""
+        if self._settings.paces and self._loss.share:
+            self.sent(sequence, now_us, held)
+
+    def spoke(self, now_us: int) -> None:
+        """Record that a datagram was sent, of any kind."""
+        self._spoke_us = now_us
 
     def acknowledged(self, sequence: int, now_us: int) -> None:
-        """Record that the master has applied FORCE `sequence`; a number that was never sent is ignored."""
+        """Record that the master has applied or confirmed `sequence`; a number that was never sent is ignored."""
         sent = self._sent
-        if not sent or distance(sequence, sent[0][0]) < 0 or distance(sequence, sent[-1][0]) > 0:
+        if not sent or distance(sequence, sent[0].sequence) < 0 or distance(sequence, sent[-1].sequence) > 0:
             return
         sent_us = now_us
-        while sent and distance(sequence, sent[0][0]) >= 0:
-            _, sent_us = sent.popleft()
+        while sent and distance(sequence, sent[0].sequence) >= 0:
+            sent_us = sent.popleft().sent_us
         if sent:
-            self._since_us = max(self._since_us, sent[0][1])
+            self._since_us = max(self._since_us, sent[0].sent_us)
         if sent_us >= self._expired_us:
-            self.recovering = False
+            self._recovering = False
         self._measure(max(0, now_us - sent_us))
 
-    def expire(self, now_us: int) -> bool:
-        """Return whether the current stimulus must be sent now; each time it must, the timeout doubles."""
-        # A clock that went back does not tell how long it has been: better once too often.
-        if not self._sent or 0 <= now_us - self._since_us <= self._timeout_us:
+    def reported(self, loss: Loss, now_us: int) -> None:
+        """Take in how many of the slave's datagrams the master misses."""
+        self._reported_us = now_us
+        if self._settings.repeats or self._settings.paces:
+            self._loss = loss
+            if self._settings.paces:
+                self._pace()
+
+    def is_due(self, now_us: int, stimulus: Vector) -> bool:
+        """Return whether the present stimulus must be sent now. Call it once for each position that arrives."""
+        if not self._sent:
             return False
-        self._since_us = self._expired_us = now_us
-        self.recovering = True
-        self._timeout_us = max(self._timeout_us, min(2 * self._timeout_us, LONGEST_TIMEOUT_US))
+        # A clock that went back does not tell how long it has been: better once too often.
+        if self._settings.replaces and not 0 <= now_us - self._since_us <= self._timeout_us:
+            self._since_us = self._expired_us = now_us
+            self._recovering = True
+            self._timeout_us = max(self._timeout_us, min(2 * self._timeout_us, LONGEST_TIMEOUT_US))
+            return True
+        if not self._loss.share:
+            return False
+        if now_us - self._reported_us > REPORT_LASTS_US:
+            self.reported(NO_LOSS, now_us)
+            return False
+        self._credit = min(self._credit + self._settings.repeats_per_position, MOST_CREDIT)
+        silent_us = now_us - self._spoke_us
+        if silent_us < self._settings.shortest_wait_us:
+            return False
+        # A FORCE in place of a KEEPALIVE costs a few bytes, and repairs.
+        if (
+            self._keeps_alive(silent_us)
+            or self._may_be_silent(now_us)
+            or (self._settings.repeats and self._credit >= 1.0 and silent_us >= self._wait_us(stimulus))
+        ):
+            self._credit = max(self._credit - 1.0, 0.0)
+            return True
+        return False
+
+    def keepalive_is_due(self, now_us: int) -> bool:
+        """Return whether nothing was sent for the longest silence."""
+        silent_us = now_us - self._spoke_us
+        # A clock that went back must not silence the slave until it has caught up.
+        return silent_us < 0 or self._keeps_alive(silent_us)
+
+    def _keeps_alive(self, silent_us: int) -> bool:
+        if silent_us < self.keepalive_us:
+            return False
+        # Datagrams are sent when positions arrive, and these come unevenly.
+        late_us = min(silent_us - self.keepalive_us, self._longest_us)
+        self._late_us += (late_us - self._late_us) / 32
         return True
+
+    def _may_be_silent(self, now_us: int) -> bool:
+        """Return whether a datagram is known to be lost, and too few were sent since to be sure that one arrived."""
+        if not self._settings.paces or now_us - self._sent[0].sent_us <= self._overdue_us:
+            return False
+        for since, entry in enumerate(reversed(self._sent)):
+            if since >= self._needed:
+                return False
+            if now_us - entry.sent_us > self._overdue_us:
+                return True
+        return False
+
+    def _wait_us(self, x: Vector) -> float:
+        """Return how long after the newest datagram [µs] it is worth repeating x; infinity if there is no need.
+
+        If the newest n datagrams are all lost, the master holds what was held before the first of these.
+        """
+        share, again = self._loss
+        limit = self._settings.doubt_limit
+        all_lost, doubt, newest_miss, miss = share, 0.0, 0.0, 0.0
+        for entry in reversed(self._sent):
+            if doubt + all_lost <= limit:
+                break
+            # A Weber law without floor has no JND at 0: any miss is then infinite.
+            jnd_n = self._law.jnd_n(magnitude(entry.before))
+            away_n = apart(x, entry.before)
+            miss = away_n / jnd_n if jnd_n else (math.inf if away_n else 0.0)
+            if miss > 1.0:
+                doubt += all_lost * (1.0 - again)
+                newest_miss = newest_miss or miss
+            all_lost *= again
+        else:
+            if miss > 1.0:  # nothing without acknowledgement has arrived
+                doubt += all_lost
+        if doubt <= limit:
+            return math.inf
+        return max(self._settings.shortest_wait_us, self._settings.longest_wait_us / newest_miss)
+
+    def _pace(self) -> None:
+        """Choose the longest silence: the largest that leaves enough chances for a datagram within the age limit."""
+        self.keepalive_us, self._needed = self._longest_us, 1
+        if not self._loss.share:
+            return
+        settings = self._settings
+        window_us = max(self._age_limit_us - SCHEDULING_US - 4.0 * self._deviation_us, 0.5 * self._age_limit_us)
+        self._needed = datagrams_needed(self._loss, window_us, settings.silences_per_s)
+        while self.keepalive_us > settings.shortest_keepalive_us:
+            spacing_us = self.keepalive_us + self._late_us
+            chances = window_us / spacing_us
+            left_us = window_us - spacing_us - self._overdue_us
+            if left_us > 0.0:  # the first loss is noticed in time to send more often
+                chances = 1.0 + self._overdue_us / spacing_us
+                chances += left_us / (settings.shortest_wait_us + 2.0 * self._late_us)
+            if chances >= self._needed:
+                return
+            self.keepalive_us -= PACE_STEP_US
 
     def _measure(self, round_trip_us: int) -> None:
         if self._smoothed_us is None:
@@ -83,4 +306,4 @@ class Repair:
             self._deviation_us += (abs(round_trip_us - self._smoothed_us) - self._deviation_us) / 4
             self._smoothed_us += (round_trip_us - self._smoothed_us) / 8
         margin_us = max(GRANULARITY_US, 4 * self._deviation_us)
-        self._timeout_us = max(SHORTEST_TIMEOUT_US, self._smoothed_us + margin_us)
+        self._overdue_us = self._timeout_us = max(SHORTEST_TIMEOUT_US, self._smoothed_us + margin_us)

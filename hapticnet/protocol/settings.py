@@ -1,9 +1,10 @@
 """Timings of a session, shared by both ends."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from hapticnet.errors import SettingsError
+from hapticnet.protocol.repair import RepairSettings
 
 
 class Entropy(Protocol):
@@ -42,8 +43,8 @@ class SessionSettings:
     max_age_us
         Age of the position that a force answers, on the master's clock, beyond which the force is not applied.
     keepalive_us
-        How long a slave sends nothing to a master while positions arrive. Three keepalives in a row may be lost; the
-        fourth still comes before the link goes stale.
+        How long a slave sends nothing to a master while positions arrive and there is no loss; with loss, `repair`
+        shortens it. Three keepalives in a row may be lost; the fourth still comes before the link goes stale.
     close_interval_us, close_tries
         How often, and how many times, a master sends CLOSE before it gives up.
     keep_us
@@ -56,6 +57,8 @@ class SessionSettings:
         Sessions a slave holds at once, and of these for one key or, without keys, one host.
     first_sequence
         Sequence number of the first datagram of a session.
+    repair
+        What the slave does against loss.
     """
 
     hello_interval_us: int = 100_000
@@ -76,6 +79,7 @@ class SessionSettings:
     most_sessions: int = 64
     most_per_identity: int = 16
     first_sequence: int = 0
+    repair: RepairSettings = field(default_factory=RepairSettings)
 
     @property
     def slowest_hz(self) -> float:

@@ -2,6 +2,7 @@
 
 from typing import Final
 
+from hapticnet.perception import WeberLaw
 from hapticnet.protocol.arrivals import Arrival
 from hapticnet.protocol.buckets import TokenBucket
 from hapticnet.protocol.messages import (
@@ -24,6 +25,7 @@ from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.states import SLAVE_TRANSITIONS, SlaveState, Trigger
 from hapticnet.protocol.stats import Traffic
 from hapticnet.protocol.wire import OPEN, SEALED, Datagram, Kind, pack, pack_body
+from hapticnet.samples import Vector
 
 POLICED_SHARE: Final = 1.2
 """Positions a second that are served, over the granted rate: room for clocks that differ."""
@@ -71,8 +73,14 @@ class SlaveSession:
         self._newest_force: int | None = None
         self.position_t_us = near_us
         self._heard_us = now_us
-        self._spoke_us = now_us
-        self._repair = Repair()
+        law = WeberLaw(weber_fraction=request.weber_fraction, floor_n=request.floor_n, multiplier=request.multiplier)
+        self._repair = Repair(
+            settings.repair,
+            law,
+            age_limit_us=settings.stale_after_us,
+            keepalive_us=settings.keepalive_us,
+            now_us=now_us,
+        )
         self._policed = TokenBucket(POLICED_SHARE * rate_hz, max(32.0, POLICED_BURST_S * rate_hz))
 
     @property
@@ -113,11 +121,13 @@ class SlaveSession:
             self._heard_us = now_us
             if self.state is SlaveState.HALF_OPEN:
                 self._move(Trigger.POSITION)
-            if position.newest_force is not None:
-                self._repair.acknowledged(position.newest_force, now_us)
+            if position.newest is not None:
+                self._repair.acknowledged(position.newest, now_us)
+            if position.loss is not None:
+                self._repair.reported(position.loss, now_us)
             near = position.t_us if self.position_t_us is None else self.position_t_us
             self.position_t_us = unwrap(position.t_us, near)
-            return Position(self.position_t_us, position.newest_force, position.payload)
+            return position._replace(t_us=self.position_t_us)
         if datagram.kind is Kind.CLOSE:
             close = unpack_close(body)
             self.received.add(datagram.kind, len(data))
@@ -135,28 +145,28 @@ class SlaveSession:
         if self.state is SlaveState.HALF_OPEN:
             self._heard_us = now_us
 
-    def expire_update(self, now_us: int) -> bool:
-        """Return whether a force is believed lost, so that the current one must be sent now."""
-        return self._repair.expire(now_us)
+    def repair_is_due(self, now_us: int, stimulus: Vector) -> bool:
+        """Return whether the present stimulus must be sent although the codec is silent (`protocol.repair`)."""
+        return self._repair.is_due(now_us, stimulus)
 
     @property
-    def recovering(self) -> bool:
-        """Whether a force is believed lost and none sent since is acknowledged: each must then need no earlier one."""
-        return self._repair.recovering
+    def complete(self) -> bool:
+        """Whether each force must need no earlier one, because one may be lost."""
+        return self._repair.complete
 
-    def force(self, t_us: int, payload: bytes, now_us: int) -> bytes:
-        """Return a FORCE that answers the position of time `t_us`."""
+    def force(self, t_us: int, payload: bytes, now_us: int, *, before: Vector) -> bytes:
+        """Return a FORCE that answers the position of time `t_us`; `before` is what is held if it is lost."""
         self._newest_force = self._sequence
-        self._repair.sent(self._sequence, now_us)
+        self._repair.sent(self._sequence, now_us, before)
         return self._datagram(Kind.FORCE, Force(wrap(t_us), payload), now_us)
 
     def keepalive_is_due(self, now_us: int) -> bool:
         """Return whether the master has gone without a datagram for the keepalive interval."""
-        # A clock that went back must not silence the slave until it has caught up.
-        return not 0 <= now_us - self._spoke_us < self._settings.keepalive_us
+        return self._repair.keepalive_is_due(now_us)
 
-    def keepalive(self, t_us: int, now_us: int) -> bytes:
-        """Return a KEEPALIVE that answers the position of time `t_us`."""
+    def keepalive(self, t_us: int, now_us: int, *, held: Vector) -> bytes:
+        """Return a KEEPALIVE that answers the position of time `t_us` and confirms what is held."""
+        self._repair.kept_alive(self._sequence, now_us, held)
         return self._datagram(Kind.KEEPALIVE, Keepalive(wrap(t_us), self._newest_force), now_us)
 
     def close(self, reason: str, now_us: int, code: Code = Code.OTHER) -> bytes:
@@ -184,7 +194,7 @@ class SlaveSession:
         else:
             datagram = self.seal.pack(kind, self.number, self._sequence, body)
         self._sequence = wrap(self._sequence + 1)
-        self._spoke_us = now_us
+        self._repair.spoke(now_us)
         self.sent.add(kind, len(datagram))
         return datagram
 

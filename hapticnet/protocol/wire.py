@@ -113,15 +113,15 @@ def unpack(data: bytes) -> Datagram:
     return Datagram(version, kind, session, sequence, body)
 
 
-def unpack_body(body: bytes, length: int) -> tuple[Any, ...]:
-    """Return the first `length` fields of a body; raise PeerError if it is invalid.
+def unpack_body(body: bytes, length: int, *, optional: int = 0) -> tuple[Any, ...]:
+    """Return the first `length` fields of a body, and up to `optional` more; raise PeerError if it is invalid.
 
     Fields after those are ignored: they are how a later revision adds to a message.
     """
     fields = _decode(body)
     if len(fields) < length:
         raise PeerError(f"body of {len(fields)} fields; expected at least {length}")
-    return fields[:length]
+    return fields[: length + optional]
 
 
 def unpack_nonce(body: bytes) -> int:

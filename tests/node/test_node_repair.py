@@ -1,14 +1,18 @@
-"""A lost update is replaced about a round trip later, whatever is sent meanwhile."""
+"""Losses are repaired within two round trips, seldom release the finger, and cost bytes only while there are any."""
 
 import numpy as np
 import pytest
 
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
+from hapticnet.codec.registry import CODECS
 from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode, MasterSettings
 from hapticnet.node.slave import SlaveNode
+from hapticnet.protocol.events import LinkStale
+from hapticnet.protocol.repair import RepairSettings
+from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.wire import Kind, unpack
 from hapticnet.samples import ForceSample, PositionSample
 
@@ -45,6 +49,17 @@ class Stepping:
         return ForceSample(sample.t_us, (self.force_n,))
 
 
+class Constant:
+    """A scene that presses with 1 N, so that only keepalives tell the link from a dead one."""
+
+    name = "constant"
+    axes = 1
+    breaches = 0
+
+    def step(self, sample):
+        return ForceSample(sample.t_us, (1.0,))
+
+
 class Losing(Emulator):
     """A channel that also loses the FORCEs it is told to lose, and keeps all of them."""
 
@@ -60,17 +75,28 @@ class Losing(Emulator):
         super().push(packet, size, now_us)
 
 
-def link_with(codec, feedback="", forward="", **parameters):
+def link_with(codec, feedback="", forward="", *, scene=Stepping, delay_us=DELAY_US, repair=None, seed=4, **parameters):
     def channel(more, seed, kind=Emulator):
-        return kind(parse_channel(f"delay={DELAY_US // 1000}ms{more}"), np.random.default_rng(seed))
+        return kind(parse_channel(f"delay={delay_us // 1000}ms{more}"), np.random.default_rng(seed))
 
-    settings = MasterSettings(codec=codec, parameters=parameters)
+    session = SessionSettings(repair=repair or RepairSettings())
+    settings = MasterSettings(codec=codec, parameters=parameters, session=session)
     return Loopback(
         MasterNode(Resting(), None, settings, np.random.default_rng(1)),
-        SlaveNode(lambda _: Stepping(), SlaveSettings(), np.random.default_rng(2)),
-        forward=channel(forward, 4),
-        feedback=channel(feedback, 5, Losing),
+        SlaveNode(lambda _: scene(), SlaveSettings(session=session), np.random.default_rng(2)),
+        forward=channel(forward, seed),
+        feedback=channel(feedback, seed + 1, Losing),
     )
+
+
+def bursts(share, packets):
+    """Return the loss of a channel as text: a mean share, in bursts of a mean length."""
+    return f",loss=gilbert:{100 * share / (1 - share) / packets}%,{100 / packets}%"
+
+
+def sent_bytes(link):
+    """Return the bytes of both directions, with UDP and IPv4 headers."""
+    return link.master.session.sent.wire_bytes + link.slave.stations[0].session.sent.wire_bytes
 
 
 def time_to_next_applied(link, limit_us=3_000_000):
@@ -81,19 +107,29 @@ def time_to_next_applied(link, limit_us=3_000_000):
     return link.now_us - start_us
 
 
-@pytest.mark.parametrize("absolute_every", [16, 127])
-def test_one_lost_residual_is_repaired_within_two_round_trips_while_updates_go_on(absolute_every):
-    link = link_with("least-squares", absolute_every=absolute_every)
+def recovery_times_us(link, losses, *, run=1):
+    """Lose FORCEs at times, `run` in a row; return how long after each it takes until the master is right again."""
     link.run(5_000_000)
     waits = []
-    for _ in range(20):
-        link.feedback.lose_next, before = 1, link.feedback.forces
-        while link.feedback.lose_next:
+    for _ in range(losses):
+        link.feedback.lose_next, before = run, link.feedback.forces
+        while link.feedback.forces == before:
             link.run(500)
-        assert link.feedback.forces == before + 1
         link.run(DELAY_US)  # what was sent before the loss has arrived
         waits.append(DELAY_US + time_to_next_applied(link))
         link.run(1_000_000)
+    return waits
+
+
+@pytest.mark.parametrize("run", [1, 3])
+@pytest.mark.parametrize("codec", CODECS)
+def test_a_lost_update_of_any_codec_is_made_good_within_two_round_trips(codec, run):
+    assert max(recovery_times_us(link_with(codec), 5, run=run)) <= 2 * ROUND_TRIP_US
+
+
+@pytest.mark.parametrize("absolute_every", [16, 127])
+def test_one_lost_residual_is_repaired_within_two_round_trips_while_updates_go_on(absolute_every):
+    waits = recovery_times_us(link_with("least-squares", absolute_every=absolute_every), 20)
     assert max(waits) <= 2 * ROUND_TRIP_US
 
 
@@ -101,24 +137,62 @@ def test_residuals_get_through_a_fifth_of_loss():
     link = link_with("least-squares", ",loss=20%", ",loss=20%", absolute_every=127)
     link.run(20_000_000)
     received = link.master.report()["received"]
-    assert received["malformed"] <= 0.45 * received["by_kind"]["force"], "refused, of those that arrived"
+    assert received["malformed"] <= 0.02 * received["by_kind"]["force"], "refused, of those that arrived"
 
 
-@pytest.mark.parametrize(("jitter", "most"), [("", 0.0), (",jitter=uniform:5ms", 0.005)])
+@pytest.mark.parametrize("codec", ["deadband", "least-squares", "adaptive-predictive"])
+def test_without_loss_not_a_byte_more_is_sent(codec):
+    never = RepairSettings(replaces=False, repeats=False, paces=False)
+    # Before the first acknowledgement a round trip of at most 100 ms is assumed.
+    links = [link_with(codec, repair=repair, delay_us=20_000) for repair in (None, never)]
+    for link in links:
+        link.run(10_000_000)
+    assert sent_bytes(links[0]) == sent_bytes(links[1])
+
+
 @pytest.mark.parametrize("codec", ["deadband", "least-squares"])
-def test_without_loss_next_to_nothing_is_repaired(codec, jitter, most):
-    link = link_with(codec, jitter, jitter)
-    link.run(1_000_000)
-    session = link.slave.stations[0].session
-    expire, expired = session.expire_update, []
-    session.expire_update = lambda now_us: expired.append(expire(now_us)) or expired[-1]
-    link.run(10_000_000)
-    assert len(expired) > 9_000
-    assert sum(expired) <= most * link.feedback.forces
+def test_jitter_causes_next_to_no_repairs(codec):
+    never = RepairSettings(replaces=False, repeats=False, paces=False)
+    links = [link_with(codec, ",jitter=uniform:5ms", ",jitter=uniform:5ms", repair=repair) for repair in (None, never)]
+    for link in links:
+        link.run(10_000_000)
+    assert links[0].feedback.forces <= 1.01 * links[1].feedback.forces
 
 
-def test_a_force_that_whole_updates_follow_costs_at_most_one_more_for_each_that_is_lost():
-    perfect, lossy = link_with("deadband"), link_with("deadband", ",loss=20%")
+@pytest.mark.parametrize("burst", [1.2, 5.0])
+def test_with_a_tenth_of_loss_at_most_15_percent_more_bytes_are_sent_in_both_directions(burst):
+    loss = bursts(0.1, burst)
+    perfect, lossy = link_with("deadband", delay_us=100_000), link_with("deadband", loss, loss, delay_us=100_000)
     for link in (perfect, lossy):
-        link.run(20_000_000)
-    assert lossy.feedback.forces <= 1.2 * perfect.feedback.forces
+        link.run(30_000_000)
+    assert sent_bytes(lossy) <= 1.15 * sent_bytes(perfect)
+
+
+def test_whatever_is_lost_the_slave_sends_at_most_every_second_millisecond():
+    loss = bursts(0.6, 20.0)
+    link = link_with("deadband", loss, loss, delay_us=100_000)
+    link.run(10_000_000)
+    station = link.slave.stations[0]
+    assert station.session.sent.packets <= 0.5 * 10_000
+
+
+@pytest.mark.parametrize("seed", [4, 14, 24])
+@pytest.mark.parametrize(
+    ("delay_ms", "burst", "jitter"), [(100, 5.0, ""), (20, 5.0, ""), (50, 2.0, ",jitter=normal:5ms")]
+)
+def test_three_tenths_of_loss_release_the_finger_less_than_once_in_ten_minutes(delay_ms, burst, jitter, seed):
+    loss = jitter + bursts(0.3, burst)
+    link = link_with("deadband", loss, loss, scene=Constant, delay_us=1000 * delay_ms, seed=seed)
+    link.run(5_000_000)  # the first losses are not known in advance
+    drain(link)
+    released = 0
+    for _ in range(200 * 1000 // 20):
+        link.run(20_000)
+        released += link.master.held_force_n(link.now_us) < 1.0
+    stale = sum(isinstance(event, LinkStale) for event in drain(link))
+    assert (released, stale) == (0, 0)
+
+
+def drain(link):
+    """Return the events of the master so far."""
+    return list(iter(link.master.next_event, None))

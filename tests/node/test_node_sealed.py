@@ -72,8 +72,8 @@ def join(slave, *, psk=NO_PSK, nonce=7, address="a"):
     return peer
 
 
-def position(t_us, position_m, newest_force=None):
-    return [t_us, newest_force, struct.pack(">f", position_m)]
+def position(t_us, position_m, newest=None):
+    return [t_us, newest, struct.pack(">f", position_m)]
 
 
 @pytest.mark.parametrize("psk", [NO_PSK, PSK], ids=["without psk", "with psk"])
@@ -113,12 +113,12 @@ def test_a_slave_written_from_the_document_plays_with_this_master(psk):
             kind, fields, answer = peer.receive(data)
             heard.append(kind)
             if kind == POSITION:
-                t_us, newest_force, _ = fields
-                assert newest_force == (None if now_us <= 10_000 else 1)
+                t_us, newest, _ = fields
+                assert newest == (None if now_us <= 10_000 else 1 + (now_us - 1) // 40_000)
                 if t_us == 10_000:
                     answer = peer.send(FORCE, [t_us, struct.pack(">f", 1.25)])
                 elif t_us % 40_000 == 0:
-                    answer = peer.send(KEEPALIVE, [t_us, newest_force])
+                    answer = peer.send(KEEPALIVE, [t_us, 1])
             elif kind == CLOSE:
                 assert fields == ("enough", 0)
                 answer = peer.send(CLOSE, ["as asked", 0])

@@ -50,7 +50,30 @@ def test_positions_acknowledge_the_newest_force_that_was_applied_and_no_other(se
     session.payload_was_malformed()
     slave.say(Kind.KEEPALIVE, 3, Keepalive(0, 2), 1600)
     assert not any(isinstance(event, HoldConfirmed) for event in events_of(session)), "not what the slave sent last"
-    assert send_position(session, slave, 2000) == (2000, 1, b"abcd")
+    assert send_position(session, slave, 2000) == (2000, 1, b"abcd", None)
+
+
+def test_a_keepalive_that_confirms_the_newest_force_is_acknowledged_in_its_place(sealed):
+    session, slave = connected(sealed)
+    slave.say(Kind.FORCE, 1, Force(0, b"good"), 1500)
+    apply_forces(session)
+    slave.say(Kind.KEEPALIVE, 2, Keepalive(0, 1), 1600)
+    assert send_position(session, slave, 2000).newest == 2
+    slave.say(Kind.KEEPALIVE, 4, Keepalive(0, 3), 2100)
+    assert send_position(session, slave, 3000).newest == 2, "it names a force that did not arrive"
+
+
+def test_positions_report_loss_only_while_there_is_some(sealed):
+    session, slave = connected(sealed)
+    sequence, reports = 0, []
+    for tick in range(4000):
+        sequence += 2 if 1000 <= tick < 1400 else 1
+        slave.say(Kind.KEEPALIVE, sequence, Keepalive(1000 * tick, None), 1000 * tick)
+        reports.append(send_position(session, slave, 1000 * tick).loss)
+    assert not any(reports[:1000])
+    assert sum(report is not None for report in reports) < len(reports) / 16 + 1
+    assert max(report.share for report in reports if report) == pytest.approx(0.36, abs=0.1)
+    assert max(report.again for report in reports[1300:1400] if report) < 0.1, "no two in a row"
 
 
 def test_a_force_older_than_the_newest_is_dropped_and_counted(sealed):
@@ -176,7 +199,7 @@ def test_in_a_new_session_no_force_of_the_old_one_is_acknowledged_or_applied(sea
     session.receive_datagram(pack(Kind.RESET, SESSION, 1, b"", slave.version), 100_200)
     assert session.received.stray == 2
     assert session.streaming
-    assert send_position(session, slave, 101_000).newest_force is None
+    assert send_position(session, slave, 101_000).newest is None
 
 
 @pytest.mark.parametrize("kind", [Kind.CLOSE, Kind.RESET, Kind.FORCE, Kind.KEEPALIVE])

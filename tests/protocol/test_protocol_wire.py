@@ -76,6 +76,10 @@ def test_golden_datagrams_are_read_and_written_to_the_byte(vector):
         assert datagram.body == b""
         return
     message = READERS[kind](datagram.body)
+    if kind is Kind.POSITION:
+        assert (*message[:3], *(round(100 * share) for share in message.loss or ())) == fields
+        assert messages.pack_position(message) == datagram.body
+        return
     assert message == fields
     if kind in CONTENTS:
         contents = CONTENTS[kind](message[-1] if kind is Kind.WELCOME else message.request)
@@ -142,9 +146,20 @@ def test_fields_that_a_later_revision_appends_are_ignored_and_missing_ones_are_n
     kind = Kind[vector["kind"]]
     body = unpack(bytes.fromhex(vector["hex"])).body
     fields = msgpack.unpackb(body, use_list=False)
+    if kind is Kind.POSITION:  # whose last two fields may be missing
+        fields, least = (*fields[:3], 10, 80), 3
+        body = pack_body(fields)
+    else:
+        least = len(fields)
     assert READERS[kind](pack_body((*fields, "later", 5))) == READERS[kind](body)
-    with pytest.raises(PeerError, match=f"body of {len(fields) - 1} fields; expected at least {len(fields)}"):
-        READERS[kind](pack_body(fields[:-1]))
+    with pytest.raises(PeerError, match=f"body of {least - 1} fields; expected at least {least}"):
+        READERS[kind](pack_body(fields[: least - 1]))
+
+
+@pytest.mark.parametrize("loss", [(101, 0), (0, -1), (0.5, 0), ("later", 5), (True, 0)])
+def test_a_loss_that_is_not_in_per_cent_is_refused(loss):
+    with pytest.raises(PeerError, match="loss in per cent"):
+        messages.unpack_position(pack_body((1000, None, b"", *loss)))
 
 
 @pytest.mark.parametrize("vector", [v for v in VECTORS["datagrams"] if "contents" in v], ids=lambda v: v["name"])

@@ -80,6 +80,15 @@ DATAGRAMS = [
         [2000, 1, number("3cac0831")],
         None,
     ),
+    (
+        "position that reports loss",
+        "0.021 m; KEEPALIVE 2 confirmed FORCE 1; 10 % are lost, and after 80 % of these the next one, too",
+        POSITION,
+        SESSION,
+        3,
+        [3000, 2, number("3cac0831"), 10, 80],
+        None,
+    ),
     ("keepalive", "FORCE 1 still holds", KEEPALIVE, SESSION, 2, [46_000, 1], None),
     (
         "numbers about to wrap",

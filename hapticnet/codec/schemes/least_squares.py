@@ -256,6 +256,7 @@ class LeastSquares(Scheme):
     """
 
     name: ClassVar[str] = "least-squares"
+    builds_on_earlier: ClassVar[bool] = True
     steps: ClassVar[Steps] = Steps(
         start_sender=start,
         is_silent=is_silent,
