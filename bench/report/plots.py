@@ -19,6 +19,7 @@ CODECS: Final = (
     "deadband", "adaptive-predictive", "linear-predictive", "least-squares", "level-crossing", "velocity-adaptive"
 )  # fmt: skip
 CONDITIONS: Final = {"none": (GREY, "."), "1 JND": (BLUE, "o"), "2 JND": (ORANGE, "s"), "4 JND": (GREEN, "^")}
+REPAIRS: Final = {"no repair": (GREY, "."), "replace": (ORANGE, "s"), "all": (BLUE, "o")}
 REDUCTIONS: Final = (0.0, 0.5, 0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 0.998)
 
 
@@ -170,6 +171,32 @@ def force_loop(results: Row) -> Figure:
     return figure
 
 
+def repair(results: Row) -> Figure:
+    """Draw exceedance that loss causes over extra bytes, a point for each loss, on three links."""
+    links = (("datagrams", 100_000), ("ms", 100_000), ("datagrams", 20_000))
+    figure, columns = plt.subplots(1, len(links), figsize=(4.2 * len(links), 4.4), sharey=True, layout="constrained")
+    own = [row for row in results["rows"] if row["signal"] == "paper's scene" and row["codec"] == "deadband"]
+    for axes, (clock, delay_us) in zip(columns, links, strict=True):
+        for way, (colour, marker) in REPAIRS.items():
+            key = (way, clock, delay_us, 5.0, 0)
+            rows = [
+                {"bytes": 100 * row["more_bytes"], "exceed": 100 * row["exceed_by_loss"]} | {"loss": row["loss"]}
+                for row in own
+                if (row["repair"], row["clock"], row["delay_us"], row["burst"], row["jitter_us"]) == key and row["loss"]
+            ]
+            rows.sort(key=lambda row: row["loss"])
+            _line(axes, rows, "bytes", "exceed", colour, marker, label=way)
+            for row in rows:
+                axes.annotate(f"{row['loss']:.0%}", (row["bytes"], row["exceed"]), fontsize=7, color=colour,
+                              textcoords="offset points", xytext=(4, 4))  # fmt: skip
+        axes.set_title(f"bursts of 5 {clock}, {delay_us // 1000} ms each way", fontsize=10)
+        axes.set_xlabel("more bytes, both directions [%]")
+    columns[0].set_ylabel("samples that loss puts above 1 JND [%]")
+    columns[0].set_ylim(bottom=0.0)
+    columns[0].legend(frameon=False)
+    return figure
+
+
 def _line(
     axes: Axes,
     rows: Sequence[Row],
@@ -197,5 +224,6 @@ FIGURES: Final[tuple[tuple[str, Callable[[Row], Figure]], ...]] = (
     ("packet_rate", packet_rate),
     ("scene_accuracy", scene_accuracy),
     ("force_loop", force_loop),
+    ("repair", repair),
 )
 """Benchmark and the function that draws from its results."""

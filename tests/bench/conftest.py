@@ -15,6 +15,7 @@ QUICK = {
     "packet_rate": ("--seeds", 1, "--insertions", 1),
     "rate_distortion": ("--quick",),
     "real_time": ("--seconds", 0.3, "--repetitions", 1),
+    "repair": ("--quick",),
     "scene_accuracy": ("--quick",),
     "scene_cost": ("--repetitions", 1),
     "virtual_time": ("--insertions", 1, "--repetitions", 2),

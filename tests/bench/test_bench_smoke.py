@@ -179,3 +179,15 @@ def test_scene_accuracy_approaches_the_exact_breach_as_the_rate_grows(measured):
     late_ms = [row["late_mean_ms"] for row in results["breaches"]]
     assert late_ms == sorted(late_ms, reverse=True)
     assert all(row["largest_force_n"] <= results["breach_force_n"] for row in results["breaches"])
+
+
+def test_repair_is_compared_with_the_same_link_without_loss(measured):
+    rows = {(row["repair"], row["loss"], row["clock"], row["delay_us"]): row for row in measured("repair")["rows"]}
+    for delay_us in (0, 100_000):
+        without = rows["no repair", 0.0, "datagrams", delay_us]
+        assert (without["exceed_by_loss"], without["more_bytes"], without["lost_updates"]) == (0.0, 0.0, 0)
+        for clock in ("datagrams", "ms"):
+            lossy = rows["no repair", 0.1, clock, delay_us]
+            assert lossy["exceed_by_loss"] > 0.0
+            assert lossy["more_feedback_bytes"] < 0.0
+            assert rows["all", 0.1, clock, delay_us]["exceed_by_loss"] <= lossy["exceed_by_loss"]
