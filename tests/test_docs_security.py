@@ -22,6 +22,7 @@ def test_every_test_named_exists():
     assert named
     assert [name for file, name in named if f"def {name}(" not in texts.get(file, "")] == []
     assert TESTS.count("::") == len(named)
+    assert "| – |" not in TESTS
 
 
 def test_every_link_inside_the_page_leads_to_a_section():
