@@ -127,6 +127,16 @@ def test_a_scene_that_raises_ends_its_session_once_and_no_other(loopback, steps)
     assert link.master.report()["connections"] == 1
 
 
+def test_a_codec_that_cannot_read_what_it_wrote_ends_its_session_once(loopback):
+    link = loopback(1)
+    link.run(SECOND // 2)
+    (station,) = link.slave.stations
+    station._mirror = BreaksDown(station._mirror, 0)
+    link.run(SECOND)
+    assert "the force cannot be decoded: ValueError: no hand at all" in link.master.end_reason
+    assert link.slave.stations == ()
+
+
 def test_a_scene_whose_force_is_not_a_number_ends_its_session(loopback):
     link = loopback(1)
     link.run(SECOND // 2)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from hapticnet.protocol import master_session
 from hapticnet.protocol.arrivals import BEHIND_IN_A_ROW, MISORDER
 from hapticnet.protocol.events import (
     Connected,
@@ -243,6 +244,34 @@ def test_close_is_answered_or_given_up(answer, sealed):
     assert [datagram.kind for datagram in closes] == [Kind.CLOSE] * (3 if answer == "nothing" else 1)
     assert session.state is MasterState.CLOSED
     assert events_of(session)[-1] == Ended("done", refused=False)
+
+
+def test_a_master_that_closes_before_it_is_connected_sends_nothing_more(sealed):
+    session = new_session(sealed)
+    session.tick(0)
+    session.datagrams_to_send()
+    session.close("never mind", 10)
+    assert events_of(session) == [Ended("never mind", refused=False)]
+    session.tick(1_000_000)
+    assert session.datagrams_to_send() == []
+
+
+def test_a_sealed_master_without_numbers_left_sends_nothing_under_the_old_key(monkeypatch):
+    last = master_session.RECENT + 5
+    monkeypatch.setattr(master_session, "LAST_SEQUENCE", last)
+    session, slave = connected(sealed=True)
+    session._sequence = last - 1
+    for now in range(1000, 9000, 1000):
+        session.send_position(now, b"abcd")
+    assert [datagram.sequence for datagram in slave.said()] == [
+        master_session.LAST_SEQUENCE - 1,
+        master_session.LAST_SEQUENCE,
+    ]
+    session.close("done", 9000)
+    assert slave.said() == []
+    for now in range(9000, 1_000_000, 1000):
+        session.tick(now)
+    assert session.state is MasterState.CLOSED
 
 
 @pytest.mark.parametrize("state", ["new", "connected", "closed"])
