@@ -180,7 +180,7 @@ class SlaveNode:
                     self._receive_stray(datagram, len(data), address)
                 return
             session = station.session
-            if datagram.version != session.version or (session.seal is None and station.address != address):
+            if datagram.version != session.version or (station.address != address and session.seal is None):
                 self._receive_stray(datagram, len(data), address)
                 return
             account = session.received

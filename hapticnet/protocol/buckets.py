@@ -1,5 +1,6 @@
 """Token buckets: how often something may happen, with a reserve for bursts."""
 
+import math
 from collections import OrderedDict
 from collections.abc import Hashable
 from typing import Final
@@ -14,21 +15,21 @@ class TokenBucket:
     The bucket is full at first.
     """
 
-    __slots__ = ("_at_us", "_depth", "_per_us", "_tokens")
+    __slots__ = ("_each_us", "_empty_us", "_full_us")
 
     def __init__(self, per_second: float, depth: float) -> None:
-        self._per_us = per_second * 1e-6
-        self._depth = self._tokens = depth
-        self._at_us: int | None = None
+        self._each_us = 1e6 / per_second
+        self._empty_us = depth * self._each_us
+        self._full_us = -math.inf  # when the bucket is full again
 
     def take(self, now_us: int) -> bool:
         """Take a token; return whether there was one."""
-        if self._at_us is not None and now_us > self._at_us:
-            self._tokens = min(self._depth, self._tokens + (now_us - self._at_us) * self._per_us)
-        self._at_us = now_us
-        if self._tokens < 1.0:
+        full_us = (self._full_us if self._full_us > now_us else now_us) + self._each_us
+        if full_us - now_us > self._empty_us:
+            if full_us - now_us > self._empty_us + self._each_us + 1.0:  # the clock went back: begin again, empty
+                self._full_us = now_us + self._empty_us
             return False
-        self._tokens -= 1.0
+        self._full_us = full_us
         return True
 
 

@@ -11,6 +11,8 @@ class Freshness:
 
     Attributes
     ----------
+    newest_t_us
+        Time [µs] of the newest position that was sent.
     heard_us
         When the last fresh answer arrived that is newer than all before it.
     too_old_us
@@ -19,18 +21,14 @@ class Freshness:
         When the last such answer arrived.
     """
 
-    __slots__ = ("_max_age_us", "_newest_t_us", "heard_us", "too_old_at_us", "too_old_us")
+    __slots__ = ("_max_age_us", "heard_us", "newest_t_us", "too_old_at_us", "too_old_us")
 
     def __init__(self, max_age_us: int) -> None:
         self.heard_us = 0
         self.too_old_us: int | None = None
         self.too_old_at_us: int | None = None
         self._max_age_us = max_age_us
-        self._newest_t_us = 0
-
-    def sent(self, t_us: int) -> None:
-        """Note that the position of time `t_us` was sent."""
-        self._newest_t_us = t_us
+        self.newest_t_us = 0
 
     def fresh_t_us(self, echoed_t_us: int, now_us: int, *, is_new: bool) -> int | None:
         """Return the unwrapped time [µs] of the position that is answered; None if the answer is not fresh.
@@ -38,7 +36,7 @@ class Freshness:
         `is_new` tells whether the answer is newer than all before it. Copies of old answers say nothing about the link.
         """
         t_us = unwrap(echoed_t_us, now_us)
-        if t_us > self._newest_t_us:  # no such position was sent
+        if t_us > self.newest_t_us:  # no such position was sent
             return None
         age_us = now_us - t_us
         if age_us <= self._max_age_us:

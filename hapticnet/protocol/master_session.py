@@ -112,7 +112,7 @@ class MasterSession:
             self._next_stale_us = t_us + round(self._stale_interval_us)
         elif self.state is not MasterState.ESTABLISHED:
             return
-        self._fresh.sent(t_us)
+        self._fresh.newest_t_us = t_us
         self._positions += 1
         loss = None if self._positions % REPORT_EVERY else self._loss.estimate()
         self._send(Kind.POSITION, pack_position(Position(wrap(t_us), self._confirmed, payload, loss)))

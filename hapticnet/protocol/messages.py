@@ -6,6 +6,7 @@ from typing import Any, Final, NamedTuple
 
 from hapticnet.errors import PeerError
 from hapticnet.protocol.loss import REPORT_STEPS, Loss
+from hapticnet.protocol.serial_number import MODULUS
 from hapticnet.protocol.wire import OPEN, Kind, is_uint32, pack, pack_body, unpack_body
 
 HELLO_BYTES: Final = 400
@@ -259,22 +260,29 @@ def unpack_refuse(body: bytes) -> Refuse:
 
 def pack_position(position: Position) -> bytes:
     """Return the body of a POSITION; a report of loss adds two fields of a byte each."""
-    t_us, newest, payload, loss = position
+    loss = position.loss
     if loss is None:
-        return pack_body((t_us, newest, payload))
-    return pack_body((t_us, newest, payload, *(round(REPORT_STEPS * share) for share in loss)))
+        return pack_body(position[:3])
+    return pack_body((*position[:3], *(round(REPORT_STEPS * share) for share in loss)))
 
 
 def unpack_position(body: bytes) -> Position:
     """Return the POSITION in a body; raise PeerError if it is invalid."""
-    t_us, newest, payload, *loss = unpack_body(body, 3, optional=2)
-    if not (is_uint32(t_us) and (newest is None or is_uint32(newest)) and type(payload) is bytes):
+    fields = unpack_body(body, 3, optional=2)
+    t_us, newest, payload = fields[:3]
+    # Written out instead of calling `is_uint32`: every force waits for this.
+    if not (
+        type(t_us) is int
+        and 0 <= t_us < MODULUS
+        and (newest is None or (type(newest) is int and 0 <= newest < MODULUS))
+        and type(payload) is bytes
+    ):
         raise PeerError("POSITION of the wrong types")
-    if len(loss) < 2:
+    if len(fields) < 5:
         return Position(t_us, newest, payload)
-    for percent in loss:
+    share, again = fields[3:]
+    for percent in share, again:
         _require(type(percent) is int and 0 <= percent <= REPORT_STEPS, "loss in per cent", percent)
-    share, again = loss
     return Position(t_us, newest, payload, Loss(share / REPORT_STEPS, again / REPORT_STEPS))
 
 

@@ -181,16 +181,20 @@ class Repair:
     def acknowledged(self, sequence: int, now_us: int) -> None:
         """Record that the master has applied or confirmed `sequence`; a number that was never sent is ignored."""
         sent = self._sent
-        if not sent or distance(sequence, sent[0].sequence) < 0 or distance(sequence, sent[-1].sequence) > 0:
+        if not sent:
             return
-        sent_us = now_us
-        while sent and distance(sequence, sent[0].sequence) >= 0:
+        if sent[0].sequence == sequence:  # the common case, kept short: every force waits for this
             sent_us = sent.popleft().sent_us
+        elif distance(sequence, sent[0].sequence) < 0 or distance(sequence, sent[-1].sequence) > 0:
+            return
+        else:
+            while sent and distance(sequence, sent[0].sequence) >= 0:
+                sent_us = sent.popleft().sent_us
         if sent:
             self._since_us = max(self._since_us, sent[0].sent_us)
         if sent_us >= self._expired_us:
             self._recovering = False
-        self._measure(max(0, now_us - sent_us))
+        self._measure(now_us - sent_us if now_us > sent_us else 0)
 
     def reported(self, loss: Loss, now_us: int) -> None:
         """Take in how many of the slave's datagrams the master misses."""
@@ -305,5 +309,6 @@ class Repair:
         else:
             self._deviation_us += (abs(round_trip_us - self._smoothed_us) - self._deviation_us) / 4
             self._smoothed_us += (round_trip_us - self._smoothed_us) / 8
-        margin_us = max(GRANULARITY_US, 4 * self._deviation_us)
-        self._overdue_us = self._timeout_us = max(SHORTEST_TIMEOUT_US, self._smoothed_us + margin_us)
+        margin_us = 4 * self._deviation_us
+        timeout_us = self._smoothed_us + (margin_us if margin_us > GRANULARITY_US else GRANULARITY_US)
+        self._overdue_us = self._timeout_us = timeout_us if timeout_us > SHORTEST_TIMEOUT_US else SHORTEST_TIMEOUT_US

@@ -63,6 +63,7 @@ class SlaveSession:
         self.number = number
         self.request = request
         self.seal: Seal | None = None
+        self.version = OPEN
         self.state = SlaveState.HALF_OPEN
         self.sent = Traffic()
         self.received = Traffic()
@@ -83,14 +84,10 @@ class SlaveSession:
         )
         self._policed = TokenBucket(POLICED_SHARE * rate_hz, max(32.0, POLICED_BURST_S * rate_hz))
 
-    @property
-    def version(self) -> int:
-        """Protocol version of this session."""
-        return OPEN if self.seal is None else SEALED
-
     def welcome(self, nonce: int, answer: bytes, seal: Seal | None) -> bytes:
         """Return the WELCOME with a grant, open or sealed, and use `seal` from now on."""
         self.seal = seal
+        self.version = OPEN if seal is None else SEALED
         self.received.open_window(self._first_sequence, authentic=seal is not None)
         body = pack_body(Welcome(nonce, answer))
         return pack(Kind.WELCOME, self.number, self._settings.first_sequence, body, self.version)
@@ -105,29 +102,32 @@ class SlaveSession:
         PeerError
             If the body cannot be opened or is malformed; the caller counts it.
         """
-        body = datagram.body if self.seal is None else self.seal.open(data, datagram)
-        if self.seal is not None and self._sequence > LAST_SEQUENCE - 2:  # no numbers left to answer with
-            self.received.add(datagram.kind, len(data))
-            self.received.stray += 1
-            return None
+        body = datagram.body
+        received = self.received
+        if self.seal is not None:
+            body = self.seal.open(data, datagram)
+            if self._sequence > LAST_SEQUENCE - 2:  # no numbers left to answer with
+                received.add(datagram.kind, len(data))
+                received.stray += 1
+                return None
         if datagram.kind is Kind.POSITION:
             position = unpack_position(body)
-            self.received.add(datagram.kind, len(data))
-            if self.received.arrive(datagram.sequence) is not Arrival.NEW:
+            received.add(Kind.POSITION, len(data))
+            if received.arrive(datagram.sequence) is not Arrival.NEW:
                 return None
             if not self._policed.take(now_us):  # after the copies are sorted out: a replay must not use up the rate
-                self.received.over_rate += 1
+                received.over_rate += 1
                 return None
             self._heard_us = now_us
             if self.state is SlaveState.HALF_OPEN:
                 self._move(Trigger.POSITION)
-            if position.newest is not None:
-                self._repair.acknowledged(position.newest, now_us)
-            if position.loss is not None:
-                self._repair.reported(position.loss, now_us)
-            near = position.t_us if self.position_t_us is None else self.position_t_us
-            self.position_t_us = unwrap(position.t_us, near)
-            return position._replace(t_us=self.position_t_us)
+            t_us, newest, payload, loss = position
+            if newest is not None:
+                self._repair.acknowledged(newest, now_us)
+            if loss is not None:
+                self._repair.reported(loss, now_us)
+            self.position_t_us = t_us = unwrap(t_us, t_us if self.position_t_us is None else self.position_t_us)
+            return Position(t_us, newest, payload)
         if datagram.kind is Kind.CLOSE:
             close = unpack_close(body)
             self.received.add(datagram.kind, len(data))
@@ -156,9 +156,10 @@ class SlaveSession:
 
     def force(self, t_us: int, payload: bytes, now_us: int, *, before: Vector) -> bytes:
         """Return a FORCE that answers the position of time `t_us`; `before` is what is held if it is lost."""
-        self._newest_force = self._sequence
-        self._repair.sent(self._sequence, now_us, before)
-        return self._datagram(Kind.FORCE, Force(wrap(t_us), payload), now_us)
+        self._newest_force = sequence = self._sequence
+        datagram = self._datagram(Kind.FORCE, Force(wrap(t_us), payload), now_us)
+        self._repair.sent(sequence, now_us, before)
+        return datagram
 
     def keepalive_is_due(self, now_us: int) -> bool:
         """Return whether the master has gone without a datagram for the keepalive interval."""

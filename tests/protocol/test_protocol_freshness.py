@@ -19,7 +19,7 @@ MAX_AGE_US = 1_000_000
 @given(st.integers(0, 1 << 50), st.integers(-(10**7), 10**7))
 def test_an_answer_is_fresh_if_its_position_was_sent_and_is_no_older_than_the_limit(sent_us, age_us):
     fresh = Freshness(MAX_AGE_US)
-    fresh.sent(sent_us)
+    fresh.newest_t_us = sent_us
     now_us = sent_us + age_us
     answered = fresh.fresh_t_us(wrap(sent_us), now_us, is_new=True)
     assert answered == (sent_us if age_us <= MAX_AGE_US else None)
@@ -30,7 +30,7 @@ def test_an_answer_is_fresh_if_its_position_was_sent_and_is_no_older_than_the_li
 
 def test_the_age_told_is_that_of_the_least_old_since_the_last_fresh_one():
     fresh = Freshness(MAX_AGE_US)
-    fresh.sent(0)
+    fresh.newest_t_us = 0
     for now_us in (3_000_000, 2_000_000, 4_000_000):
         fresh.fresh_t_us(0, now_us, is_new=True)
     fresh.fresh_t_us(0, 1_500_000, is_new=False)
