@@ -1,20 +1,27 @@
 """``hapticnet master``: the operator's side."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
 from hapticnet.cli import options
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION
 
+ADVISE_AFTER: Final = 6
+"""Status intervals without a session after which the operator is told what to check: 3 s."""
+
 if TYPE_CHECKING:
     from hapticnet.node.master import MasterNode, NodeEvent
     from hapticnet.operator.base import Operator
+    from hapticnet.protocol.messages import Code
 
 
 def master(
     connect: Annotated[str, typer.Option(metavar="HOST:PORT", help="Where the slave listens.")] = "127.0.0.1:47800",
+    key: options.KeyOption = None,
+    peer_key: options.PeerKeyOption = None,
+    insecure: options.Insecure = False,
     operator: Annotated[
         str, typer.Option(help="Source of positions: scripted, or a recording as trace:FILE or trace:FILE:COLUMN,….")
     ] = "scripted",
@@ -31,6 +38,10 @@ def master(
     multiplier: options.Multiplier = 1.0,
     rate: Annotated[float, typer.Option(help="Positions a second.")] = 1000.0,
     name: Annotated[str, typer.Option(help="What the slave's report calls this master.")] = "master",
+    max_age: Annotated[
+        float,
+        typer.Option(metavar="SECONDS", help="Drop forces that answer a position older than this, by the own clock."),
+    ] = 1.0,
     channel_out: options.ChannelOut = "perfect",
     seed: options.Seed = 0,
     connect_timeout: Annotated[
@@ -45,6 +56,8 @@ def master(
 ) -> None:
     """Stream the operator's position to a slave and drive the fingertip device with the force that comes back.
 
+    Sessions with other hosts need --peer-key, and --key or ~/.config/hapticnet/key.toml.
+
     Waits for the slave when it is not there yet, and again when it goes away. Ends on Ctrl-C, SIGTERM or when the
     operator is done, and then prints its report.
     """
@@ -55,21 +68,30 @@ def master(
 
     from hapticnet.channel.emulator import Emulator
     from hapticnet.channel.spec import parse_channel
+    from hapticnet.checks import check_parameter
     from hapticnet.cli import devices
     from hapticnet.cli.console import Console, channel_account, check_outputs, deliver
+    from hapticnet.cli.key import default_key
+    from hapticnet.cli.trust import master_key, refusal_advice, silence_advice
     from hapticnet.codec.registry import parse_codec
     from hapticnet.errors import RefusedError, UnavailableError
-    from hapticnet.node.master import MasterNode, MasterSettings
+    from hapticnet.node.master import MasterNode, MasterSettings, NodeEvent
     from hapticnet.perception import WeberLaw
+    from hapticnet.protocol.events import Connected, Ended
+    from hapticnet.protocol.settings import SessionSettings
     from hapticnet.runtime.entropy import SystemEntropy
     from hapticnet.runtime.overload import Overload, signs
     from hapticnet.runtime.processes import run_master
     from hapticnet.runtime.realtime import OTHER, policy, prefer_realtime, run
     from hapticnet.runtime.recorder import Recorder
-    from hapticnet.runtime.udp import open_toward, parse_host_port
+    from hapticnet.runtime.udp import is_loopback, open_toward, parse_host_port
 
     law = WeberLaw(weber_fraction=weber, floor_n=floor, multiplier=multiplier)
+    check_parameter("--max-age", max_age, 0.01, 60.0, "s")
     known = devices.load(profile)
+    address = parse_host_port(connect)
+    sock, slave = open_toward(address)
+    keys = master_key(address, is_loopback(slave), key, peer_key, insecure)
     codec_name, parameters = parse_codec(codec)
     settings = MasterSettings(
         codec=codec_name,
@@ -77,6 +99,8 @@ def master(
         law=law,
         rate_hz=rate,
         name=name,
+        key=keys,
+        session=SessionSettings(max_age_us=round(max_age * 1e6)),
         record=record is not None,
         control=devices.control_settings(known),
     )
@@ -86,9 +110,7 @@ def master(
     channel = None if out.is_perfect else Emulator[Any](out, np.random.default_rng([seed, 2]))
     if duration is None and hand.duration_us is not None:
         duration = hand.duration_us / 1e6
-    address = parse_host_port(connect)
-    sock, slave = open_toward(address)
-    check_outputs(record, report, inputs=[profile, trace])
+    check_outputs(record, report, inputs=[profile, trace, None if keys is None else key or default_key()])
     console = Console(name, quiet=quiet, real_time=True)
     recorder = Recorder(console.say, limit_bytes=record_limit) if record is not None else None
 
@@ -96,13 +118,29 @@ def master(
         if record is not None and recorder is not None and node.recording is not None:
             recorder.collect(node.recording, record)
 
+    scheduling = prefer_realtime() if realtime else OTHER
+    kind = "an open session" if keys is None else "a sealed session"
+    console.say(f"asking {address} for {kind}, {codec}, {rate:g} Hz, device {device}, {policy(scheduling)}")
+    overload = Overload(scheduling, console.say)
+    refusal: Code | None = None
+    intervals = 0
+
+    def on_event(event: NodeEvent) -> None:
+        nonlocal refusal, intervals
+        if isinstance(event, Connected):
+            intervals = ADVISE_AFTER
+        elif isinstance(event, Ended) and event.refused:
+            refusal = event.code
+        console.say(_in_words(event, str(address)))
+
     def on_status() -> None:
+        nonlocal intervals
+        intervals += 1
+        if intervals == ADVISE_AFTER:
+            console.say(f"no session with {address} yet: {silence_advice(keys, node.session.received.malformed)}")
         console.status(_status(node))
         collect()
 
-    scheduling = prefer_realtime() if realtime else OTHER
-    console.say(f"asking {address} for {codec}, {rate:g} Hz, device {device}, {policy(scheduling)}")
-    overload = Overload(scheduling, console.say)
     with (
         nullcontext((None, None)) if device == "none" else devices.real_time_device(device, known, seed) as (
             fingertip,
@@ -121,7 +159,7 @@ def master(
                 channel=channel,
                 duration_s=duration,
                 connect_timeout_s=connect_timeout,
-                on_event=lambda event: console.say(_in_words(event, str(address))),
+                on_event=on_event,
                 on_status=on_status,
                 overload=overload,
             )
@@ -142,12 +180,14 @@ def master(
         if recorder is not None:
             recorder.finish()
     if node.refused:
-        raise RefusedError(f"{address} refused the session: {node.end_reason}")
+        raise RefusedError(f"{address} refused the session: {node.end_reason}{refusal_advice(keys, refusal)}")
     if node.failure is not None:
         raise UnavailableError(node.failure)
     if not outcome.connected and connect_timeout is not None:
-        hint = ", though datagrams came from another address: name the one it answers from" if outcome.strangers else ""
-        raise UnavailableError(f"no slave answered at {address} within {connect_timeout:g} s{hint}")
+        advice = silence_advice(keys, node.session.received.malformed)
+        if outcome.strangers:
+            advice = "datagrams came from another address: name the one it answers from"
+        raise UnavailableError(f"no session with {address} within {connect_timeout:g} s: {advice}")
 
 
 def _operator(spec: str, insertions: int, seed: int) -> "Operator":

@@ -117,6 +117,10 @@ MastersOption: TypeAlias = Annotated[
         help="The masters that are admitted, as [[master]] tables of a TOML file; read again on SIGHUP.",
     ),
 ]
+Insecure: TypeAlias = Annotated[
+    bool,
+    typer.Option("--insecure", help="Allow open sessions with other hosts: neither encrypted nor authenticated."),
+]
 KeyArgument: TypeAlias = Annotated[
     Path | None,
     typer.Argument(

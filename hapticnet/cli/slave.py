@@ -17,8 +17,17 @@ def slave(
     ),
     scene: Annotated[str, typer.Option(help="Scene: paper, paper:SEED, a preset, or a TOML file.")] = "paper",
     duration: Annotated[float | None, typer.Option(min=0.0, help="Stop after this many seconds.")] = None,
+    key: options.KeyOption = None,
+    masters: options.MastersOption = None,
+    insecure: options.Insecure = False,
+    keep: Annotated[
+        float, typer.Option(metavar="SECONDS", help="Keep the scene of a silent master this long for its return.")
+    ] = 30.0,
     fastest_rate: Annotated[float, typer.Option(help="Highest sample rate granted to a master [Hz].")] = 10_000.0,
-    most_sessions: Annotated[int, typer.Option(min=1, help="Masters served at once.")] = 64,
+    most_sessions: Annotated[int, typer.Option(min=1, help="Sessions served at once.")] = 64,
+    seats: Annotated[
+        int, typer.Option(min=1, help="Sessions of one key at once (without keys, of one host), unless the list says.")
+    ] = 16,
     codec: Annotated[
         list[str] | None,
         typer.Option(
@@ -40,25 +49,37 @@ def slave(
 ) -> None:
     """Host the virtual tissues: each master touches its own scene.
 
+    On loopback, anyone is served unless --key or --masters is given. Elsewhere, only the masters of the list are
+    served: --key and --masters, by default key.toml and masters.toml in ~/.config/hapticnet.
+
     Ends on Ctrl-C, SIGTERM or after --duration, and then prints its report.
     """
+    import os
+    import signal
+
     import numpy as np
 
     from hapticnet.channel.emulator import Emulator
     from hapticnet.channel.spec import parse_channel
+    from hapticnet.checks import check_parameter
     from hapticnet.cli.console import Console, channel_account, check_outputs, deliver
+    from hapticnet.cli.trust import slave_trust
     from hapticnet.codec.registry import parse_codec, register_installed_codecs
-    from hapticnet.errors import SettingsError
+    from hapticnet.errors import FileError, SettingsError
     from hapticnet.files import check_folder
     from hapticnet.node.admission import SlaveSettings
-    from hapticnet.node.slave import MasterJoined, MasterLeft, SlaveEvent, SlaveNode
+    from hapticnet.node.slave import MasterJoined, MasterLeft, MasterRefused, SlaveEvent, SlaveNode
+    from hapticnet.protocol.handshake import Door, OpenDoor, SealedDoor
+    from hapticnet.protocol.keys import MasterEntry, format_key
     from hapticnet.protocol.settings import SessionSettings
+    from hapticnet.protocol.wire import OPEN, SEALED
+    from hapticnet.runtime.clock import now_us
     from hapticnet.runtime.entropy import SystemEntropy
     from hapticnet.runtime.overload import Overload
     from hapticnet.runtime.processes import run_slave
     from hapticnet.runtime.realtime import OTHER, policy, prefer_realtime, run
     from hapticnet.runtime.recorder import Recorder
-    from hapticnet.runtime.udp import bound_address, host_of, parse_host_port
+    from hapticnet.runtime.udp import bound_address, host_of, is_loopback, parse_host_port
     from hapticnet.runtime.udp import listen as listen_on
     from hapticnet.scene.presets import find_scene, scene_file
     from hapticnet.scene.scene import Scene
@@ -69,35 +90,52 @@ def slave(
             raise SettingsError(f"--codec {text}: omit the parameters; each master sends its own")
     for fault in register_installed_codecs():
         console.say(f"not served: {fault}")
+    check_parameter("--keep", keep, 1.0, 86_400.0, "s")
     settings = find_scene(scene)
     out = parse_channel(channel_out)
     sock = listen_on(parse_host_port(listen, lowest_port=0))
     address = bound_address(sock)
+    loopback = is_loopback(sock.getsockname())
+    trust = slave_trust(address, loopback, key, masters, insecure)
+    guests, entropy = trust.guests, SystemEntropy()
+    doors: dict[int, Door] = {OPEN: OpenDoor()} if trust.serves_open else {}
+    if guests is not None:
+        doors[SEALED] = SealedDoor(guests.own.private, guests.roster, entropy)
+
+    def make_scene(entry: MasterEntry | None) -> Scene:
+        chosen = settings if guests is None else guests.scene_of(entry, settings)
+        return Scene(chosen.tissues, name=chosen.name)
+
     node = SlaveNode(
-        lambda _: Scene(settings.tissues, name=settings.name),
+        make_scene,
         SlaveSettings(
             fastest_rate_hz=fastest_rate,
             record=record is not None,
-            session=SessionSettings(most_sessions=most_sessions),
+            session=SessionSettings(most_sessions=most_sessions, most_per_identity=seats, keep_us=round(keep * 1e6)),
         ),
-        SystemEntropy(),
+        entropy,
+        doors=doors,
         write_address=_place,
         host_of=host_of,
     )
     channel = None if out.is_perfect else Emulator[Any](out, np.random.default_rng([seed, 1]))
     if record is not None:
         check_folder(record)
-    check_outputs(report, inputs=[scene_file(scene)])
+    check_outputs(report, inputs=[scene_file(scene), *trust.files])
     recorder = Recorder(console.say, limit_bytes=record_limit) if record is not None else None
 
     def on_event(event: SlaveEvent) -> None:
+        if isinstance(event, MasterRefused):
+            whose = "" if event.public is None else f", public key {format_key(event.public)}"
+            console.say(f"{event.name!r} from {_place(event.address)}{whose}, was refused: {event.reason}")
+            return
         session = event.station.session
         if isinstance(event, MasterJoined):
             request = session.request
             place = _place(event.station.address)
-            console.say(f"{request.name!r} joined from {place}: {request.codec}, asks for {request.rate_hz:g} Hz")
+            console.say(f"{_who(event.station)} joined from {place}: {request.codec}, asks for {request.rate_hz:g} Hz")
         elif isinstance(event, MasterLeft):
-            console.say(f"{session.request.name!r} left: {session.end_reason} ({event.station.steps} steps)")
+            console.say(f"{_who(event.station)} left: {session.end_reason} ({event.station.steps} steps)")
             collect(event.station, ended=True)
         if recorder is not None:
             recorder.set_idle(not node.stations)
@@ -111,17 +149,40 @@ def slave(
         if ended:
             recorder.end(file)
 
+    said_unkeyed = False
+
     def on_status() -> None:
+        nonlocal said_unkeyed
+        if guests is not None and node.unkeyed and not said_unkeyed:
+            said_unkeyed = True
+            public = format_key(guests.own.public)
+            console.say(f"somebody asks for a session with another slave's key; this slave's is {public}")
         packets = sum(station.session.sent.packets for station in node.stations)
         steps = sum(station.steps for station in node.stations)
         console.status(f"{len(node.stations)} masters, {steps} steps, {packets} packets sent")
         for station in node.stations:
             collect(station)
 
-    if address.host not in ("127.0.0.1", "::1"):
-        console.say("warning: the link is not encrypted and anyone who can reach it is served; use a network you trust")
+    terminals = [descriptor for descriptor in (0, 1, 2) if os.isatty(descriptor)]
+
+    def on_hangup() -> None:
+        if terminals and not any(os.isatty(descriptor) for descriptor in terminals):  # the terminal was closed
+            signal.raise_signal(signal.SIGTERM)
+            return
+        if guests is None:
+            console.say("this slave has no list of masters to read again")
+            return
+        try:
+            guests.read()
+        except (FileError, SettingsError) as error:
+            console.say(f"the list of masters is unchanged: {error}")
+            return
+        node.serve_only(guests.roster, now_us())
+        console.say(f"read {guests.file} again: {len(guests.roster)} masters")
+
+    for line in trust.lines(loopback):
+        console.say(line)
     scheduling = prefer_realtime() if realtime else OTHER
-    console.say(f"listening on {address}, scene {settings.name}, {policy(scheduling)}")
     overload = Overload(scheduling, console.say)
     run(
         run_slave(
@@ -132,6 +193,8 @@ def slave(
             on_event=on_event,
             on_status=on_status,
             overload=overload,
+            on_listening=lambda: console.say(f"listening on {address}, scene {settings.name}, {policy(scheduling)}"),
+            on_hangup=on_hangup,
         )
     )
     console.finish()
@@ -145,6 +208,12 @@ def slave(
     finally:  # the reader of stdout may have gone
         if recorder is not None:
             recorder.finish()
+
+
+def _who(station: "Station") -> str:
+    """Return what to call a master: its name in the list, and what it calls itself."""
+    own = repr(station.session.request.name)
+    return own if station.listed is None else f"{station.listed!r} ({own})"
 
 
 def _place(address: Any) -> str:

@@ -145,6 +145,7 @@ class Admission:
             scene,
             codec,
             seats=seats,
+            listed=None if entry is None else entry.name,
             record=self._settings.record,
             now_us=now_us,
             continues=old,

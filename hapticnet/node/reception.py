@@ -102,7 +102,7 @@ class Reception:
 
     def _refusal(self, nonce: int, version: int) -> bytes:
         if version == OPEN:
-            reason, code = "this slave serves sealed sessions only: give the master a key (docs/security.md)", Code.KEY
+            reason, code = "this slave serves sealed sessions only: give the master a key, with --peer-key", Code.KEY
         elif version == SEALED:
             reason, code = "this slave has no key and serves open sessions only", Code.KEY
         else:

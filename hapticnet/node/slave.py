@@ -36,7 +36,21 @@ class MasterLeft:
     station: Station
 
 
-SlaveEvent: TypeAlias = MasterJoined | MasterLeft
+@dataclass(frozen=True, slots=True)
+class MasterRefused:
+    """A master that has proved its address was refused a session, for `reason`.
+
+    `public` is the public key it proved to have; None for an open session.
+    """
+
+    name: str
+    address: Address
+    public: bytes | None
+    code: Code
+    reason: str
+
+
+SlaveEvent: TypeAlias = MasterJoined | MasterLeft | MasterRefused
 
 
 class SlaveNode:
@@ -88,6 +102,11 @@ class SlaveNode:
     def stations(self) -> tuple[Station, ...]:
         """The present sessions."""
         return tuple(self._stations.values())
+
+    @property
+    def unkeyed(self) -> int:
+        """HELLOs whose senders use the public key of another slave."""
+        return self._reception.unkeyed
 
     def receive_datagram(self, data: bytes, address: Address, now_us: int) -> None:
         """Process a datagram and answer it. Never raises: malformed and stray datagrams are counted."""
@@ -160,7 +179,7 @@ class SlaveNode:
             "sessions": [*self._ended, *(self._report(station) for station in self.stations if station.steps)],
             "never_used": self.never_used,
             "throttled": self._reception.throttled,
-            "unkeyed": self._reception.unkeyed,
+            "unkeyed": self.unkeyed,
             "strangers": self.strangers.report(),
             "to_strangers": self.to_strangers.report(),
         }
@@ -259,6 +278,8 @@ class SlaveNode:
             station = self._admission.admit(visitor, datagram.sequence, address, host, self.stations, now_us)
         except RefusalError as refusal:
             self._answer_stranger(refusal.datagram(visitor, hello.nonce), address)
+            name, public = visitor.request.name, visitor.public
+            self._events.append(MasterRefused(name, address, public, refusal.code, str(refusal)))
             return None
         surplus = surplus_half_open(self.stations, station.identity)
         if surplus is not None:

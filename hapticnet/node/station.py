@@ -41,6 +41,8 @@ class Station:
         Whom the session counts for: a public key, or the host of an open session.
     seats
         Sessions that this identity may have.
+    listed
+        What the list of masters calls it; None for an open session.
     continues
         The station whose scene this one goes on with. A restarted master has another clock; `same_clock` tells whether
         this one's time stamps go on from the old ones.
@@ -56,6 +58,7 @@ class Station:
         codec: Codec,
         *,
         seats: int,
+        listed: str | None,
         record: bool,
         now_us: int,
         continues: "Station | None" = None,
@@ -66,6 +69,7 @@ class Station:
         self.address = address
         self.identity = identity
         self.seats = seats
+        self.listed = listed
         self.greeting: tuple[Hashable, int] | None = None  # address and nonce of the HELLO
         self.scene = scene
         self.codec = codec
@@ -197,6 +201,7 @@ class Station:
         return {
             "session": self.session.number,
             "master": self.session.request.name,
+            "listed": self.listed,
             "scene": self.scene.name,
             "codec": self.codec.name,
             "parameters": codec_parameters(self.codec),

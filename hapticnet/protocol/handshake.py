@@ -99,6 +99,8 @@ class Visitor:
     ----------
     request
         The session it asks for.
+    public
+        Its public key, whether it is in the list of masters or not; None for an open session.
     entry
         Who it is, according to the list of masters; None if it is not in the list, or the session is open.
     responder
@@ -106,6 +108,7 @@ class Visitor:
     """
 
     request: Request
+    public: bytes | None
     entry: MasterEntry | None
     responder: Responder | None
 
@@ -139,7 +142,7 @@ class OpenDoor:
 
     def read(self, hello: Hello, sequence: int) -> Visitor:  # noqa: ARG002 - nothing is bound to it
         """Read the request; PeerError if it is invalid."""
-        return Visitor(unpack_request(hello.request), None, None)
+        return Visitor(unpack_request(hello.request), None, None, None)
 
 
 class SealedDoor:
@@ -167,7 +170,7 @@ class SealedDoor:
         """Do the slave's first half of the key exchange; PeerError if the HELLO cannot be opened."""
         responder = Responder(self._private, prologue(hello.nonce, sequence), self._rng)
         public, payload = responder.read(hello.request)
-        return Visitor(unpack_request(payload), self.roster.find(public), responder)
+        return Visitor(unpack_request(payload), public, self.roster.find(public), responder)
 
 
 def prologue(nonce: int, sequence: int) -> bytes:

@@ -27,7 +27,8 @@ class Child:
     arguments
         Command line after ``hapticnet``.
     environment
-        Its environment variables; None for those of this process.
+        Its environment variables; None for those of this process without HAPTICNET_…: keys that these name are for
+        other hosts.
     """
 
     def __init__(self, arguments: Sequence[str], *, environment: Mapping[str, str] | None = None) -> None:
@@ -45,7 +46,7 @@ class Child:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             preexec_fn=end_with_parent,
-            env=environment,
+            env=_without_options(os.environ) if environment is None else environment,
             text=True,
             encoding="utf-8",
         )
@@ -90,3 +91,7 @@ class Child:
     @property
     def _command(self) -> str:
         return f"hapticnet {self._arguments[0]}"
+
+
+def _without_options(environment: Mapping[str, str]) -> dict[str, str]:
+    return {name: value for name, value in environment.items() if not name.startswith("HAPTICNET_")}

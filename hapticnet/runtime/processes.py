@@ -44,22 +44,29 @@ async def run_slave(
     on_event: Callable[[SlaveEvent], None],
     on_status: Callable[[], None],
     overload: Overload | None = None,
+    on_listening: Callable[[], None] | None = None,
+    on_hangup: Callable[[], None] | None = None,
     stop: asyncio.Event | None = None,
 ) -> None:
     """Serve until `stop` is set or `duration_s` [s] have passed, then close every session.
 
-    Without a `stop`, SIGINT and SIGTERM end the run; with one, signals are left to the host program.
+    Without a `stop`, SIGINT and SIGTERM end the run, and `on_hangup` is called at each SIGHUP; with one, signals are
+    left to the host program. `on_listening` is called when datagrams and signals are answered.
 
     The slave has no tick: it steps a scene when a position arrives, so that the answer is not delayed.
     """
     loop = asyncio.get_running_loop()
-    stop = stop or stop_on_signals(loop)
 
     def receive(batch: list[tuple[bytes, SocketAddress]], now: int) -> None:
         node.receive_datagrams(batch, now)
         flush()
         node.settle(now)
         flush()
+
+    def hang_up() -> None:
+        if on_hangup is not None:
+            on_hangup()
+            flush()
 
     def flush() -> None:
         for data, address in node.datagrams_to_send():
@@ -77,6 +84,12 @@ async def run_slave(
     if overload is not None:
         overload.attach(port)
     status = Repeating(loop, on_status, overload)
+    if stop is None:
+        stop = stop_on_signals(loop)
+        if on_hangup is not None:
+            loop.add_signal_handler(signal.SIGHUP, hang_up)
+    if on_listening is not None:
+        on_listening()
     try:
         await until(stop, duration_s)
     finally:

@@ -112,6 +112,13 @@ def host_of(address: SocketAddress) -> str:
     return str(ipaddress.IPv6Network((host.partition("%")[0], 64), strict=False))
 
 
+def is_loopback(address: SocketAddress) -> bool:
+    """Return whether an address can be reached from this host only."""
+    host = ipaddress.ip_address(address[0].partition("%")[0])
+    mapped = getattr(host, "ipv4_mapped", None)  # ::ffff:127.0.0.1
+    return (mapped or host).is_loopback
+
+
 class UdpPort:
     """A socket on an event loop: receives datagrams, and sends directly or through an emulated channel.
 

@@ -183,7 +183,9 @@ def test_a_master_that_finds_no_slave_says_so_and_fails(start):
         address = f"127.0.0.1:{probe.getsockname()[1]}"
     master = start("master", "--connect", address, "--connect-timeout", "0.5", *FAST)
     assert master.process.wait(30) == 2
-    assert master.said().splitlines()[-1] == f"hapticnet: no slave answered at {address} within 0.5 s"
+    assert master.said().splitlines()[-1] == (
+        f"hapticnet: no session with {address} within 0.5 s: is the slave running there?"
+    )
 
 
 def test_a_slave_behind_a_delay_still_says_that_it_closes(start):

@@ -1,0 +1,161 @@
+"""Whether sessions are sealed or open, and with which keys: what the options of master and slave amount to.
+
+Open sessions are neither encrypted nor authenticated, so they take loopback or ``--insecure``.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from hapticnet.cli.key import default_key, default_masters
+from hapticnet.errors import FileError, SettingsError
+from hapticnet.protocol.key_files import load_key, load_roster
+from hapticnet.protocol.keys import NO_PSK, MasterEntry, MasterKey, Roster, format_key, parse_key
+from hapticnet.protocol.messages import Code
+from hapticnet.scene.presets import find_scene, scene_file
+from hapticnet.scene.tissue import SceneSettings
+
+
+class Guests:
+    """The masters that a slave with a key admits, each with its scene.
+
+    Parameters
+    ----------
+    file
+        The list of masters.
+    key_file
+        The slave's key.
+
+    Raises
+    ------
+    FileError, SettingsError
+        If the list cannot be used.
+    """
+
+    def __init__(self, file: Path, key_file: Path) -> None:
+        self.file = file
+        self.key_file = key_file
+        self.own = load_key(key_file)
+        self.roster = Roster()
+        self._scenes: dict[str, SceneSettings] = {}
+        self.read()
+
+    def read(self) -> None:
+        """Read the list again; if it cannot be used, raise FileError or SettingsError and keep the present one."""
+        roster = load_roster(self.file)
+        scenes: dict[str, SceneSettings] = {}
+        for number, entry in enumerate(roster, start=1):
+            where = f"{self.file}: master {number}"
+            if entry.public == self.own.public:
+                raise SettingsError(f"{where}: public is the slave's own; use what 'hapticnet key public' prints there")
+            if entry.scene is not None and entry.scene not in scenes:
+                try:
+                    scenes[entry.scene] = find_scene(self._place(entry.scene))
+                except (FileError, SettingsError) as error:
+                    raise type(error)(f"{where}: {error}") from error
+        self.roster, self._scenes = roster, scenes
+
+    def scene_of(self, entry: MasterEntry | None, otherwise: SceneSettings) -> SceneSettings:
+        """Return the scene of a master; `otherwise` if the list does not name one."""
+        return otherwise if entry is None or entry.scene is None else self._scenes[entry.scene]
+
+    def _place(self, scene: str) -> str:
+        """Return the scene, with the path of a file relative to the list's folder."""
+        return scene if scene_file(scene) is None else str(self.file.parent / scene)
+
+
+@dataclass(frozen=True, slots=True)
+class SlaveTrust:
+    """Whom a slave serves.
+
+    Attributes
+    ----------
+    guests
+        The masters with keys; None if there are no sealed sessions.
+    serves_open
+        Whether open sessions are served.
+    """
+
+    guests: Guests | None
+    serves_open: bool
+
+    @property
+    def files(self) -> list[Path]:
+        """The files that are read."""
+        return [] if self.guests is None else [self.guests.key_file, self.guests.file]
+
+    def lines(self, loopback: bool) -> list[str]:
+        """Return what the person who starts the slave must know."""
+        lines = []
+        if self.guests is not None:
+            count = len(self.guests.roster)
+            lines.append(
+                f"sealed sessions for {count} {'master' if count == 1 else 'masters'} of {self.guests.file};"
+                f" they need --peer-key {format_key(self.guests.own.public)}"
+            )
+            if self.guests.own.psk != NO_PSK:
+                lines.append("the psk in this key file is not used: a slave takes it from the [[master]] tables")
+        if self.serves_open and not loopback:
+            lines.append("warning: open sessions are not encrypted, and anyone who can reach this port is served")
+        return lines
+
+
+def slave_trust(address: object, loopback: bool, key: Path | None, masters: Path | None, insecure: bool) -> SlaveTrust:
+    """Return whom a slave serves at `address`.
+
+    Raises
+    ------
+    FileError, SettingsError
+        If keys are needed and cannot be used; the message says what to do.
+    """
+    if key is None and masters is None and (loopback or insecure):
+        return SlaveTrust(None, serves_open=True)
+    key_file = key or default_key()
+    masters = masters or default_masters(key_file)
+    if key is None and not key_file.exists():
+        raise SettingsError(
+            f"{address} can be reached from other hosts, so sessions need keys: make this host's with"
+            f" 'hapticnet key new' and list the masters in {masters}, or serve anyone with --insecure"
+        )
+    return SlaveTrust(Guests(masters, key_file), serves_open=insecure)
+
+
+def master_key(
+    address: object, loopback: bool, key: Path | None, peer_key: str | None, insecure: bool
+) -> MasterKey | None:
+    """Return the keys for sessions with the slave at `address`; None for open sessions.
+
+    Raises
+    ------
+    FileError, SettingsError
+        If keys are needed and cannot be used; the message says what to do.
+    """
+    if key is None and peer_key is None:
+        if loopback or insecure:
+            return None
+        raise SettingsError(
+            f"{address} is another host, so the session needs keys: add --peer-key with the slave's public key, which"
+            " 'hapticnet key public' prints there, or --insecure for a session that is not encrypted"
+        )
+    if insecure:
+        given = "--key" if peer_key is None else "--peer-key"
+        raise SettingsError(f"--insecure asks for an open session, and {given} for a sealed one; omit one of them")
+    if peer_key is None:
+        raise SettingsError(
+            "--key needs --peer-key: the slave's public key, which 'hapticnet key public' prints on its host"
+        )
+    peer = parse_key(peer_key, "--peer-key")
+    return MasterKey(load_key(key or default_key()), peer)
+
+
+def refusal_advice(key: MasterKey | None, code: Code | None) -> str:
+    """Return what the slave's list lacks, if that is why the slave refused a session with this key."""
+    return f'; there, public = "{format_key(key.own.public)}"' if key is not None and code is Code.KEY else ""
+
+
+def silence_advice(key: MasterKey | None, unreadable: int) -> str:
+    """Return what to check while no session begins; `unreadable` answers could not be opened with the key."""
+    if key is None:
+        return "is the slave running there?"
+    if unreadable:
+        return "its answers cannot be opened: do this key file and the slave's list of masters have the same psk?"
+    return "is the slave running there, and is --peer-key what 'hapticnet key public' prints on its host?"
