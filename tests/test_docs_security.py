@@ -31,3 +31,15 @@ def test_every_link_inside_the_page_leads_to_a_section():
         for title in re.findall(r"^#+ (.*)$", DOCUMENT, re.MULTILINE)
     }
     assert [link for link in re.findall(r"\]\(#([^)]+)\)", DOCUMENT) if link not in sections] == []
+
+
+def test_every_command_shown_has_the_verbs_and_options_it_shows():
+    commands = re.findall(r"^    hapticnet (.*?)(?:\s+#.*)?$", DOCUMENT, re.MULTILINE)
+    assert len(commands) >= 5
+    for command in commands:
+        words = command.split()
+        verb = [word for word in words[:2] if re.fullmatch("[a-z]+", word)]
+        done = subprocess.run([sys.executable, "-m", "hapticnet", *verb, "--help"], capture_output=True, text=True)
+        assert done.returncode == 0, command
+        for option in re.findall(r"(--[a-z-]+)", command):
+            assert option in done.stdout, command

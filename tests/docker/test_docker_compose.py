@@ -51,6 +51,8 @@ def test_every_scenario_plays_an_insertion_and_reports_on_stdout_and_in_the_fold
             json.loads((RESULTS / f"{name}.json").read_text()) for name in ("master", "slave", "channel")
         )
         assert master["end_reason"] == "done"
+        assert master["sealed"]
+        assert slave["sessions"][-1]["sealed"]
         assert channel["forward"]["accepted"] >= slave["sessions"][-1]["steps"]
         assert slave["sessions"][-1]["breaches"] == 3
         reductions[scenario] = slave["sessions"][-1]["packet_rate_reduction"]

@@ -7,7 +7,10 @@ import uuid
 
 import pytest
 
+from hapticnet.protocol.key_files import dump_master, write_key
+from hapticnet.protocol.keys import MasterEntry, format_key, new_key
 from hapticnet.recordings.tables import read_csv
+from hapticnet.runtime.entropy import SystemEntropy
 
 SLAVE_IP, MASTER_IP = "10.231.47.1", "10.231.47.2"
 
@@ -42,17 +45,30 @@ def hosts(tool_is_missing):
             subprocess.run(["ip", "netns", "del", name], check=False, capture_output=True)
 
 
+def write_keys(folder):
+    """Make both hosts' keys and the slave's list; return the options of slave and master."""
+    own, other = new_key(SystemEntropy()), new_key(SystemEntropy())
+    write_key(folder / "slave.toml", own)
+    write_key(folder / "master.toml", other)
+    (folder / "masters.toml").write_text(dump_master(MasterEntry(name="finger", public=other.public)))
+    return (
+        ("--key", str(folder / "slave.toml"), "--masters", str(folder / "masters.toml")),
+        ("--key", str(folder / "master.toml"), "--peer-key", format_key(own.public)),
+    )
+
+
 def test_a_killed_slave_comes_back_and_the_held_force_never_outlives_its_age_limit(hosts, start, tmp_path):
+    of_slave, of_master = write_keys(tmp_path)
     slave_host, master_host = hosts
     in_slave, in_master = ("ip", "netns", "exec", slave_host), ("ip", "netns", "exec", master_host)
     address, record = f"{SLAVE_IP}:47800", tmp_path / "master.csv"
-    first = start("slave", "--listen", address, prefix=in_slave)
+    first = start("slave", "--listen", address, *of_slave, prefix=in_slave)
     first.wait_for("listening on")
-    assert "not encrypted" in first.said()
     master = start(
         "master",
         "--connect",
         address,
+        *of_master,
         "--duration",
         "60",
         "--insertions",
@@ -66,13 +82,14 @@ def test_a_killed_slave_comes_back_and_the_held_force_never_outlives_its_age_lim
     first.process.kill()
     first.process.wait()
     master.wait_for("link stale")
-    second = start("slave", "--listen", address, "--json", prefix=in_slave)
+    second = start("slave", "--listen", address, *of_slave, "--json", prefix=in_slave)
     master.wait_for("connected to", count=2)
     second.wait_for("joined from")
     assert master.end() == 0, master.said()
     assert second.end() == 0
     report = master.report()
     assert report["connections"] == 2
+    assert report["sealed"]
     assert second.report()["sessions"][0]["steps"] > 0
     table = read_csv(record)
     assert table["held_n"].max() <= 5.0
