@@ -1,6 +1,8 @@
 """docs/security.md names a test for each attack, and each of them exists."""
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
