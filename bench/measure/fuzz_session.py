@@ -24,7 +24,7 @@ Source = tuple[str, int]
 TICK_US: Final = 1_000
 MASTER: Final[Source] = ("192.0.2.1", 40_000)
 STRANGERS: Final = 1_000
-RENEWED_EVERY: Final = 2_003
+RENEWED_EVERY: Final = 701
 """Ticks after which another master asks for a session."""
 
 UNANSWERED: Final = 5
@@ -186,7 +186,8 @@ class Session:
         t_us = self._now_us & 0xFFFFFFFF
         payload = self.fuzz.random.randbytes(self.fuzz.random.choice((0, 1, 4, 4, 8, 12, 24, 40)))
         if kind is Kind.POSITION:
-            return t_us, self.fuzz.random.randrange(100), payload
+            loss = (self.fuzz.random.randrange(120), self.fuzz.random.randrange(120)) if self.fuzz.one_in(2) else ()
+            return t_us, self.fuzz.random.randrange(100), payload, *loss
         if kind is Kind.FORCE:
             return t_us, payload
         return (t_us, None) if kind is Kind.KEEPALIVE else ("reason", self.fuzz.random.randrange(9))

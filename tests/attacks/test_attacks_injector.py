@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import pytest
 
@@ -39,13 +40,13 @@ def watch(monkeypatch: pytest.MonkeyPatch, network: Network) -> Witness:
     true_force, true_keepalive, true_digest = SlaveSession.force, SlaveSession.keepalive, MasterNode._digest
     newest: dict[int, int] = {}
 
-    def force(self: SlaveSession, t_us: int, payload: bytes, now_us: int) -> bytes:
+    def force(self: SlaveSession, t_us: int, payload: bytes, now_us: int, **more: Any) -> bytes:
         witness.forces.add((self.number, self._sequence, t_us, payload))
-        return true_force(self, t_us, payload, now_us)
+        return true_force(self, t_us, payload, now_us, **more)
 
-    def keepalive(self: SlaveSession, t_us: int, now_us: int) -> bytes:
+    def keepalive(self: SlaveSession, t_us: int, now_us: int, **more: Any) -> bytes:
         witness.keepalives.add((self.number, t_us))
-        return true_keepalive(self, t_us, now_us)
+        return true_keepalive(self, t_us, now_us, **more)
 
     def digest(self: MasterNode, event: object, now_us: int) -> None:
         number = self.session._session
@@ -111,7 +112,7 @@ def test_the_force_applied_is_one_the_slave_sent_fresh_and_in_order_or_decays_as
     witness = watch(monkeypatch, network)
     run_watched(network, line, witness, 8 * SECOND)
     assert witness.wrong == []
-    assert injector.sent > 100
+    assert injector.sent > 20
     assert witness.applied > 100
     assert line.master.failure is None
 

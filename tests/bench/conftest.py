@@ -11,7 +11,9 @@ REPOSITORY = Path(__file__).parents[2]
 QUICK = {
     "codec_speed": ("--samples", 20_000, "--repetitions", 1),
     "codec_stability": ("--quick",),
+    "floods": ("--quick", "--seconds", 0.3, "--repetitions", 1),
     "force_loop": ("--quick", "--seeds", 1),
+    "fuzz": ("--datagrams", 20_000),
     "packet_rate": ("--seeds", 1, "--insertions", 1),
     "rate_distortion": ("--quick",),
     "real_time": ("--seconds", 0.3, "--repetitions", 1),
@@ -48,7 +50,7 @@ def measured(bench, folder, tool_is_missing):
     def results(name):
         file = folder / f"{name}.json"
         if not file.exists():
-            if name in ("codec_speed", "real_time") and shutil.which("gcc") is None:
+            if name in ("codec_speed", "floods", "real_time") and shutil.which("gcc") is None:
                 tool_is_missing("gcc is missing: the C loops cannot be compiled")
             done = bench(f"measure/{name}.py", *QUICK[name], "--json", file)
             assert done.returncode == 0, done.stderr

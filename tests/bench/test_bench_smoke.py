@@ -191,3 +191,29 @@ def test_repair_is_compared_with_the_same_link_without_loss(measured):
             assert lossy["exceed_by_loss"] > 0.0
             assert lossy["more_feedback_bytes"] < 0.0
             assert rows["all", 0.1, clock, delay_us]["exceed_by_loss"] <= lossy["exceed_by_loss"]
+
+
+def test_hostile_datagrams_raise_nothing_and_leave_no_memory_behind(measured):
+    rows = measured("fuzz")["rows"]
+    assert [(row["node"], row["sealed"]) for row in rows] == [
+        ("slave", False),
+        ("slave", True),
+        ("master", False),
+        ("master", True),
+    ]
+    for row in rows:
+        assert row["first_exceptions"] == []
+        assert row["exceptions"] == row["failures"] == 0
+        assert row["sessions_lost"] in (None, 0)
+        assert row["memory_growth_mb"] < 20.0
+        assert (row["insiders"] > 0) == row["sealed"]
+        assert (row["requests"] > 0) == (row["node"] == "slave")
+
+
+def test_floods_are_measured_beside_a_session_at_work_and_newcomers(measured):
+    for row in measured("floods")["rows"]:
+        assert row["connections"] == 1
+        assert 0.0 < row["quiet_p50_us"] <= row["quiet_p99_us"]
+        assert 0.0 < row["flooded_p50_us"] <= row["flooded_p99_us"]
+        assert row["newcomers"] >= 1
+        assert row["newcomers_shut_out"] == 0
