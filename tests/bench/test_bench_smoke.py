@@ -98,11 +98,16 @@ def test_codec_speed_measures_every_way_on_the_same_signal(measured):
 def test_real_time_measures_hapticnet_beside_its_limits(measured):
     results = measured("real_time")
     for measure, limit in (("tick lateness", "C clock_nanosleep"), ("position to force", "bare UDP echo")):
-        assert list(results[measure]) == [limit, "hapticnet, raw", "hapticnet, deadband"]
+        cases = ["raw", "raw, sealed", "deadband", "deadband, sealed"]
+        assert list(results[measure]) == [limit, *(f"hapticnet, {case}" for case in cases)]
         for percentiles_us in results[measure].values():
             assert len(percentiles_us) == 3
             assert percentiles_us == sorted(percentiles_us)
             assert percentiles_us[-1] > 0.0
+    assert list(results["sealed over open"]) == ["raw", "deadband"]
+    for plain, sealed in (("raw", "raw, sealed"), ("deadband", "deadband, sealed")):
+        for one, other in zip(results["bytes a datagram"][plain], results["bytes a datagram"][sealed], strict=True):
+            assert other - one == pytest.approx(16.0, abs=8.0)
 
 
 def test_codec_stability_finds_every_codec_in_step_and_repaired(measured):
