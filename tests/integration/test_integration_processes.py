@@ -84,6 +84,15 @@ def test_the_master_may_die_and_come_back_to_its_scene(start, slave):
     assert after["continues"] == before["session"]
 
 
+def test_a_scene_is_kept_for_as_long_as_asked(start):
+    server = start("slave", "--listen", "127.0.0.1:0", "--keep", "1")
+    address = server.wait_for(r"listening on ([\d.]+:\d+)").group(1)
+    master = start("master", "--connect", address, "--duration", "60", *FAST)
+    server.wait_for("joined from")
+    master.process.kill()
+    server.wait_for("left: nothing arrived from the master")
+
+
 def test_one_slave_serves_several_masters_at_once(start, slave):
     server, address = slave
     masters = [

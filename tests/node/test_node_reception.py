@@ -106,7 +106,7 @@ def test_a_short_hello_is_malformed_and_gets_no_answer(sealed):
 @pytest.mark.parametrize(
     ("version", "code", "reason"),
     [
-        (OPEN, Code.KEY, "this slave serves sealed sessions only: give the master a key (docs/security.md)"),
+        (OPEN, Code.KEY, "this slave serves sealed sessions only: give the master a key, with --peer-key"),
         (SEALED, Code.KEY, "this slave has no key and serves open sessions only"),
         (3, Code.VERSION, "this slave speaks protocol versions 1 and 2 only"),
     ],
