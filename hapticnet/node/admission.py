@@ -114,7 +114,8 @@ class Admission:
         identity = host if entry is None else entry.public
         codec = _codec(request)
         timings = self._settings.session
-        old = to_continue(stations, identity, request.name, request.ticket, timings.stale_after_us, now_us)
+        found = to_continue(stations, identity, request.name, request.ticket, timings.stale_after_us, now_us)
+        old, same_clock = (None, False) if found is None else found
         seats = timings.most_per_identity if entry is None or entry.most_sessions is None else entry.most_sessions
         try:
             who_gives_way([each for each in stations if each is not old], identity, seats, timings, now_us)
@@ -126,7 +127,6 @@ class Admission:
         rate_hz = min(request.rate_hz, self._settings.fastest_rate_hz)
         if entry is not None and entry.fastest_rate_hz is not None:
             rate_hz = min(rate_hz, entry.fastest_rate_hz)
-        same_clock = request.ticket is not None
         session = SlaveSession(
             self._number(stations),
             request,
@@ -137,7 +137,7 @@ class Admission:
             near_us=old.session.position_t_us if old is not None and same_clock else None,
         )
         ticket = random_bytes(self._rng, TICKET_BYTES)
-        return Station(
+        station = Station(
             session,
             Grant(session.number, rate_hz, timings.keepalive_us, scene.name, ticket, old is not None),
             address,
@@ -151,6 +151,9 @@ class Admission:
             continues=old,
             same_clock=same_clock,
         )
+        if old is not None:
+            old.add_heir(station)
+        return station
 
     def _number(self, stations: Collection[Station]) -> int:
         taken = {station.session.number for station in stations}

@@ -73,18 +73,20 @@ def surplus_half_open(stations: Collection[Station], identity: Hashable) -> Stat
 
 def to_continue(
     stations: Collection[Station], identity: Hashable, name: str, ticket: bytes | None, silent_us: int, now_us: int
-) -> Station | None:
-    """Return the session whose scene a new one goes on with, or None.
+) -> tuple[Station, bool] | None:
+    """Return the session whose scene a new one goes on with, and whether its own master asks; None if there is none.
 
-    That is the session of the ticket; without a ticket, a session of the same identity and name that has been silent
-    for longer than `silent_us`: its master was restarted.
+    That is the session of the ticket, or the one that the session of the ticket was to continue; without a ticket, one
+    of the same identity and name. Another master than its own (one that was restarted) gets only the scene of a session
+    that has been silent for longer than `silent_us`.
     """
     for station in stations:
         if station.identity != identity or station.session.state is not SlaveState.OPEN:
             continue
         if ticket is not None:
-            if station.grant.ticket == ticket:
-                return station
-        elif station.session.request.name == name and station.session.silent_us(now_us) > silent_us:
-            return station
+            is_own = station.is_own(ticket)
+        else:
+            is_own = False if station.session.request.name == name else None
+        if is_own or (is_own is not None and station.session.silent_us(now_us) > silent_us):
+            return station, is_own
     return None

@@ -239,6 +239,7 @@ class SlaveNode:
         if gives_way is not None:
             self._forget(gives_way, Trigger.REPLACED, "its place was needed")
         if station.continues is not None and station.continues.session.state is SlaveState.OPEN:
+            station.inherit(station.continues)
             self._forget(station.continues, Trigger.CONTINUED, "its master goes on in a new session")
         self._events.append(MasterJoined(station))
         return True
@@ -249,7 +250,7 @@ class SlaveNode:
             if other is station or other.scene is not station.scene or other.session.state is not SlaveState.OPEN:
                 continue
             silent = other.session.silent_us(now_us) > self._settings.session.stale_after_us
-            if other is not station.continues or not (silent or station.session.request.ticket):
+            if other is not station.continues or not (silent or station.same_clock):
                 return True
         return False
 

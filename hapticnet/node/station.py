@@ -2,7 +2,7 @@
 
 from collections.abc import Hashable
 from dataclasses import asdict
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from hapticnet.codec.base import Codec
 from hapticnet.codec.registry import codec_parameters
@@ -15,6 +15,9 @@ from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import Datagram, Kind
 from hapticnet.samples import PositionSample, Vector
 from hapticnet.scene.scene import Scene
+
+MOST_HEIRS: Final = 16
+"""Sessions that are to continue one that are remembered: a master whose link is bad may need several tries."""
 
 
 class SceneFailedError(HapticnetError):
@@ -74,11 +77,12 @@ class Station:
         self.scene = scene
         self.codec = codec
         self.continues = continues
+        self.same_clock = same_clock
+        self._heirs: dict[bytes, bool] = {}
         self._continued = continues.session.number if continues is not None else None
         self.steps = 0
         self.superseded = 0
         self.recording = Recording(SLAVE_COLUMNS) if record else None
-        self._same_clock = same_clock
         self._shift_us: int | None = None  # scene's time minus master's time
         self._scene_us = 0
         self._opened_us = now_us
@@ -93,6 +97,26 @@ class Station:
         # A user's codec need not say so; completing an update that is complete does no harm.
         self._builds_on_earlier: bool = getattr(codec, "builds_on_earlier", True)
         self._error = RunningError(codec.law)
+
+    def is_own(self, ticket: bytes) -> bool | None:
+        """Return whether the holder of a ticket is this station's own master; None if the ticket is of another scene.
+
+        Tickets of sessions that were to continue this one count, too: their masters may have got the WELCOME, although
+        no position of theirs arrived here.
+        """
+        return True if ticket == self.grant.ticket else self._heirs.get(ticket)
+
+    def add_heir(self, heir: "Station") -> None:
+        """Note a session that is to continue this one, when its first position arrives."""
+        self._heirs[heir.grant.ticket] = heir.same_clock
+        if len(self._heirs) > MOST_HEIRS:
+            del self._heirs[next(iter(self._heirs))]
+
+    def inherit(self, old: "Station") -> None:
+        """Take over the heirs of the session that this one continues."""
+        own = {ticket: is_own and self.same_clock for ticket, is_own in old._heirs.items()}
+        self._heirs = own | self._heirs
+        self._heirs.pop(self.grant.ticket, None)
 
     def take_in(self, datagram: Datagram, data: bytes, address: Hashable, now_us: int) -> bool:
         """Process a datagram of this session; return whether there is now a position to `answer`.
@@ -191,7 +215,7 @@ class Station:
         old, self.continues = self.continues, None  # so that a chain of sessions does not stay in memory
         if old is None or old._shift_us is None:
             return 0
-        if self._same_clock:
+        if self.same_clock:
             return old._shift_us
         return old._scene_us + max(0, now_us - old._stepped_us) - t_us
 

@@ -57,7 +57,7 @@ def host_of(address: Hashable) -> Hashable:
 
 def master_key(number: int) -> PrivateKey:
     """Return the key of a master by its number."""
-    return PrivateKey(bytes([number % 256, number // 256, *range(30)]))
+    return PrivateKey(bytes([0, number % 256, number // 256, *range(29)]))
 
 
 def make_slave(

@@ -95,6 +95,67 @@ def test_a_ticket_is_spent_with_its_session(slave, sealed):
     assert [station.session.number for station in slave.stations] == [second.session, third.session]
 
 
+def test_a_master_that_was_welcomed_and_lost_its_link_at_once_continues_all_the_same(slave, sealed):
+    """Its ticket is that of a session of which no position arrived, and which the slave has forgotten."""
+    with_clock(slave)
+    first = master(slave, sealed, 1).join(0)
+    play(first, 1000, 20, offset_us=777)
+    scene = slave.stations[0].scene
+    last = first
+    for port in range(2, 40):  # again and again
+        now_us = 6 * SECOND * port
+        last = master(slave, sealed, port, ticket=last.grant.ticket).join(now_us)
+        assert last.grant.resumed, port
+        play(first, now_us, 20, first=100 * port, offset_us=777)  # so that the scene is kept
+        slave.tick(now_us + 5_500_000)
+        assert len(slave.stations) == 1
+    last = master(slave, sealed, 99, ticket=last.grant.ticket).join(now_us + 1000)
+    play(last, now_us + 2000, 20, offset_us=777)
+    (station,) = slave.stations
+    assert station.scene is scene
+    assert scene.t_us[-1] - scene.t_us[0] == now_us + 2000 + 19_000 - 1000
+
+
+def test_a_restarted_master_that_lost_its_link_at_once_continues_on_its_own_clock(slave, sealed):
+    with_clock(slave)
+    start_us = 20 * SECOND
+    play(master(slave, sealed, 1).join(start_us), start_us, 1000, offset_us=12_345)
+    second = master(slave, sealed, 2).join(start_us + 3 * SECOND)
+    slave.tick(start_us + 9 * SECOND)
+    assert len(slave.stations) == 1
+    third = master(slave, sealed, 3, ticket=second.grant.ticket).join(start_us + 10 * SECOND)
+    play(third, start_us + 10 * SECOND, 1000, offset_us=-(10**7))
+    (station,) = slave.stations
+    steps = np.diff(station.scene.t_us)
+    assert (np.delete(steps, 999) == 1000).all()
+    assert steps[999] == 10 * SECOND - 999_000, "the time that went by at the slave"
+
+
+def test_the_ticket_of_a_restarted_master_takes_no_scene_from_the_one_that_works_again(slave, sealed):
+    first = master(slave, sealed, 1).work(0)
+    second = master(slave, sealed, 2).join(SECOND)
+    assert second.grant.resumed
+    play(first, SECOND, 20, first=2)
+    third = master(slave, sealed, 3, ticket=second.grant.ticket).work(SECOND + 20_000)
+    assert not third.grant.resumed
+    assert len(slave.stations) == 3
+    steps = slave.stations[0].steps
+    first.position(100, SECOND + 30_000)
+    assert slave.stations[0].steps == steps + 1
+
+
+def test_tickets_that_were_given_out_beside_each_other_are_known_to_the_session_that_continues(slave, sealed):
+    first = master(slave, sealed, 1).work(0)
+    second = master(slave, sealed, 2, ticket=first.grant.ticket).join(1000)
+    third = master(slave, sealed, 3, ticket=first.grant.ticket).join(2000)
+    second.position(1, 3000)
+    assert len(slave.stations) == 2
+    assert [answer.kind for answer in third.position(1, 4000)] == [Kind.CLOSE]
+    fourth = master(slave, sealed, 4, ticket=third.grant.ticket).work(5000)
+    assert fourth.grant.resumed
+    assert [station.session.number for station in slave.stations] == [fourth.session]
+
+
 def test_after_a_close_there_is_nothing_to_continue(slave, sealed):
     first = master(slave, sealed, 1).work()
     first.say(Kind.CLOSE, 2, Close("done"), 0)
