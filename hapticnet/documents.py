@@ -74,6 +74,9 @@ def _first_mistake(error: ValidationError, model: type[BaseModel]) -> str:
     # A misspelt key is both unknown and missing; "unknown" is more useful.
     mistake = min(error.errors(include_url=False), key=lambda each: each["type"] != "extra_forbidden")
     table, where, key = _place(model, mistake["loc"])
+    # _place() went into the table's model, so the list is one of tables.
+    if mistake["type"] == "list_type" and isinstance(mistake["input"], dict) and table is not model:
+        return f"{where}[{key}] is one table; write [[{key}]], with two brackets, above each"
     if mistake["type"] == "extra_forbidden":
         return f"{where}unknown key {key!r}; the keys are {', '.join(table.model_fields)}"
     if mistake["type"] == "missing":

@@ -57,14 +57,16 @@ def public(file: options.KeyArgument = None) -> None:
 
 @app.command("list", short_help="List the masters that the slave admits.")
 def list_masters(file: options.MastersArgument = None, json: options.Json = False) -> None:
-    """List the masters that the slave admits, with their limits."""
+    """List the masters that the slave admits, with their limits, after the checks that the slave makes at its start."""
     import os
 
     from hapticnet.cli.console import deliver
-    from hapticnet.protocol.key_files import load_roster
+    from hapticnet.cli.trust import read_guests
+    from hapticnet.protocol.key_files import load_key
 
-    path = file or default_masters(Path(os.environ.get("HAPTICNET_KEY") or default_key()))
-    roster = load_roster(path)
+    key = Path(os.environ.get("HAPTICNET_KEY") or default_key())
+    path = file or default_masters(key)
+    roster, _ = read_guests(path, load_key(key).public if key.exists() else None)
     if json:
         deliver({"file": str(path), "masters": [_as_json(entry) for entry in roster]}, as_json=True, file=None)
     elif len(roster):

@@ -77,7 +77,7 @@ def master(
     from hapticnet.errors import RefusedError, UnavailableError
     from hapticnet.node.master import MasterNode, MasterSettings, NodeEvent
     from hapticnet.perception import WeberLaw
-    from hapticnet.protocol.events import Connected, Ended
+    from hapticnet.protocol.events import Connected, Ended, Hinted
     from hapticnet.protocol.settings import SessionSettings
     from hapticnet.runtime.entropy import SystemEntropy
     from hapticnet.runtime.overload import Overload, signs
@@ -123,21 +123,25 @@ def master(
     console.say(f"asking {address} for {kind}, {codec}, {rate:g} Hz, device {device}, {policy(scheduling)}")
     overload = Overload(scheduling, console.say)
     refusal: Code | None = None
+    hint: str | None = None
     intervals = 0
 
     def on_event(event: NodeEvent) -> None:
-        nonlocal refusal, intervals
+        nonlocal refusal, hint, intervals
         if isinstance(event, Connected):
             intervals = ADVISE_AFTER
         elif isinstance(event, Ended) and event.refused:
             refusal = event.code
+        elif isinstance(event, Hinted):
+            hint = event.reason
         console.say(_in_words(event, str(address)))
 
     def on_status() -> None:
         nonlocal intervals
         intervals += 1
         if intervals == ADVISE_AFTER:
-            console.say(f"no session with {address} yet: {silence_advice(keys, node.session.received.malformed)}")
+            advice = silence_advice(keys, node.session.received.malformed, hint)
+            console.say(f"no session with {address} yet: {advice}")
         console.status(_status(node))
         collect()
 
@@ -184,7 +188,7 @@ def master(
     if node.failure is not None:
         raise UnavailableError(node.failure)
     if not outcome.connected and connect_timeout is not None:
-        advice = silence_advice(keys, node.session.received.malformed)
+        advice = silence_advice(keys, node.session.received.malformed, hint)
         if outcome.strangers:
             advice = "datagrams came from another address: name the one it answers from"
         raise UnavailableError(f"no session with {address} within {connect_timeout:g} s: {advice}")

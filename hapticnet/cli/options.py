@@ -66,7 +66,10 @@ MaxSize: TypeAlias = Annotated[
 RecordLimit: TypeAlias = Annotated[
     int,
     typer.Option(
-        metavar="SIZE", parser=parse_bytes, help="Disk space that recordings may take, such as 500MB or 8GiB."
+        metavar="SIZE",
+        parser=parse_bytes,
+        show_default="2GiB",
+        help="Disk space that recordings may take, such as 500MB or 8GiB.",
     ),
 ]
 Json: TypeAlias = Annotated[bool, typer.Option("--json", help="Print the report as JSON on stdout.")]

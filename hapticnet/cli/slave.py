@@ -178,7 +178,8 @@ def slave(
             console.say(f"the list of masters is unchanged: {error}")
             return
         node.serve_only(guests.roster, now_us())
-        console.say(f"read {guests.file} again: {len(guests.roster)} masters")
+        count = len(guests.roster)
+        console.say(f"read {guests.file} again: {count} {'master' if count == 1 else 'masters'}")
 
     for line in trust.lines(loopback):
         console.say(line)

@@ -41,26 +41,38 @@ class Guests:
 
     def read(self) -> None:
         """Read the list again; if it cannot be used, raise FileError or SettingsError and keep the present one."""
-        roster = load_roster(self.file)
-        scenes: dict[str, SceneSettings] = {}
-        for number, entry in enumerate(roster, start=1):
-            where = f"{self.file}: master {number}"
-            if entry.public == self.own.public:
-                raise SettingsError(f"{where}: public is the slave's own; use what 'hapticnet key public' prints there")
-            if entry.scene is not None and entry.scene not in scenes:
-                try:
-                    scenes[entry.scene] = find_scene(self._place(entry.scene))
-                except (FileError, SettingsError) as error:
-                    raise type(error)(f"{where}: {error}") from error
-        self.roster, self._scenes = roster, scenes
+        self.roster, self._scenes = read_guests(self.file, self.own.public)
 
     def scene_of(self, entry: MasterEntry | None, otherwise: SceneSettings) -> SceneSettings:
         """Return the scene of a master; `otherwise` if the list does not name one."""
         return otherwise if entry is None or entry.scene is None else self._scenes[entry.scene]
 
-    def _place(self, scene: str) -> str:
-        """Return the scene, with the path of a file relative to the list's folder."""
-        return scene if scene_file(scene) is None else str(self.file.parent / scene)
+
+def read_guests(file: Path, own: bytes | None) -> tuple[Roster, dict[str, SceneSettings]]:
+    """Return a list of masters and the scenes that it names; `own` is the slave's public key, None if unknown.
+
+    Paths of scenes are relative to the folder of the list.
+
+    Raises
+    ------
+    FileError, SettingsError
+        If the list or one of its scenes cannot be used, or a master has the slave's key.
+    """
+    roster = load_roster(file)
+    scenes: dict[str, SceneSettings] = {}
+    for number, entry in enumerate(roster, start=1):
+        where = f"{file}: master {number}"
+        if entry.public == own:
+            raise SettingsError(
+                f"{where}: public is the slave's own; use what 'hapticnet key public' prints on the master's host"
+            )
+        if entry.scene is not None and entry.scene not in scenes:
+            place = entry.scene if scene_file(entry.scene) is None else str(file.parent / entry.scene)
+            try:
+                scenes[entry.scene] = find_scene(place)
+            except (FileError, SettingsError) as error:
+                raise type(error)(f"{where}: {error}") from error
+    return roster, scenes
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +146,7 @@ def master_key(
             return None
         raise SettingsError(
             f"{address} is another host, so the session needs keys: add --peer-key with the slave's public key, which"
-            " 'hapticnet key public' prints there, or --insecure for a session that is not encrypted"
+            " 'hapticnet key public' prints on the slave's host, or --insecure for a session that is not encrypted"
         )
     if insecure:
         given = "--key" if peer_key is None else "--peer-key"
@@ -152,10 +164,15 @@ def refusal_advice(key: MasterKey | None, code: Code | None) -> str:
     return f'; there, public = "{format_key(key.own.public)}"' if key is not None and code is Code.KEY else ""
 
 
-def silence_advice(key: MasterKey | None, unreadable: int) -> str:
-    """Return what to check while no session begins; `unreadable` answers could not be opened with the key."""
+def silence_advice(key: MasterKey | None, unreadable: int, hint: str | None = None) -> str:
+    """Return what to check while no session begins.
+
+    `unreadable` answers could not be opened with the key; `hint` is the reason of an unauthenticated refusal.
+    """
     if key is None:
         return "is the slave running there?"
+    if hint is not None:
+        return f"an unauthenticated answer says: {hint}"
     if unreadable:
         return "its answers cannot be opened: do this key file and the slave's list of masters have the same psk?"
     return "is the slave running there, and is --peer-key what 'hapticnet key public' prints on its host?"

@@ -110,6 +110,7 @@ def test_a_master_with_keys_never_falls_back_to_an_open_session(start, slave, ke
     master.wait_for("serves open sessions only")
     assert master.process.wait(20) == 2
     assert "connected to" not in master.said()
+    assert "serves open sessions only" in master.said().splitlines()[-1]
 
 
 def test_a_wrong_peer_key_is_noticed_at_both_ends(start, sealed, keys):
@@ -132,7 +133,7 @@ def test_a_psk_must_be_the_same_at_both_ends(start, sealed, keys):
     keys.list.write_text(keys.first_table + psk)
     keys.list.chmod(0o600)
     server.process.send_signal(signal.SIGHUP)
-    server.wait_for("again: 1 masters")
+    server.wait_for(r"again: 1 master\b")
     master = start("master", "--connect", address, *keys.of("first"), *FAST)
     master.wait_for("connected to")
 

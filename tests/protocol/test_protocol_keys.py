@@ -284,6 +284,8 @@ def test_a_list_may_be_read_by_others_unless_it_holds_a_secret(tmp_path):
         (ENTRY + ENTRY, "master 2: public is that of 'finger' too"),
         (ENTRY.replace(PUBLIC_TEXT, format_key(bytes(32))), "is not a public key"),
         ("master = 5", "master is 5; it must be a list"),
+        (ENTRY.replace("[[master]]", "[master]"), "[master] is one table; write [[master]], with two brackets"),
+        (ENTRY.replace("[[master]]", "[[masters]]"), "unknown key 'masters'; the keys are master"),
         (f'private = "{ALICE_TEXT}"', "unknown key 'private'"),
     ],
 )
