@@ -154,6 +154,7 @@ class Station:
         sample, self._pending = self._pending, None
         if sample is None:
             return None
+        self.settle()
         t_us = sample.t_us
         if self._shift_us is None:
             self._shift_us = self._begin(t_us, now_us)
