@@ -134,7 +134,7 @@ class Admission:
             rate_hz=rate_hz,
             first_sequence=sequence,
             now_us=now_us,
-            near_us=old.session.position_t_us if old is not None and same_clock else None,
+            near_us=old.session.masters_clock_us(now_us) if old is not None and same_clock else None,
         )
         ticket = random_bytes(self._rng, TICKET_BYTES)
         station = Station(

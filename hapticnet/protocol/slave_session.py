@@ -46,7 +46,7 @@ class SlaveSession:
     first_sequence
         The sequence number of its HELLO.
     near_us
-        Unwrapped time [µs] of the newest position of the session that this one continues, if any.
+        Present time [µs] of the master's clock, as the session that this one continues knows it, if any.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class SlaveSession:
         self._settings = settings
         self._sequence = wrap(settings.first_sequence + 1)
         self._newest_force: int | None = None
-        self.position_t_us = near_us
+        self._position_t_us = near_us
         self._heard_us = now_us
         law = WeberLaw(weber_fraction=request.weber_fraction, floor_n=request.floor_n, multiplier=request.multiplier)
         self._repair = Repair(
@@ -118,6 +118,7 @@ class SlaveSession:
             if not self._policed.take(now_us):  # after the copies are sorted out: a replay must not use up the rate
                 received.over_rate += 1
                 return None
+            clock_us = self.masters_clock_us(now_us)
             self._heard_us = now_us
             if self.state is SlaveState.HALF_OPEN:
                 self._move(Trigger.POSITION)
@@ -126,7 +127,7 @@ class SlaveSession:
                 self._repair.acknowledged(newest, now_us)
             if loss is not None:
                 self._repair.reported(loss, now_us)
-            self.position_t_us = t_us = unwrap(t_us, t_us if self.position_t_us is None else self.position_t_us)
+            self._position_t_us = t_us = unwrap(t_us, t_us if clock_us is None else clock_us)
             return Position(t_us, newest, payload)
         if datagram.kind is Kind.CLOSE:
             close = unpack_close(body)
@@ -173,6 +174,11 @@ class SlaveSession:
     def close(self, reason: str, now_us: int, code: Code = Code.OTHER) -> bytes:
         """Return a CLOSE."""
         return self._datagram(Kind.CLOSE, Close(clipped(reason, REASON_BYTES), code), now_us)
+
+    def masters_clock_us(self, now_us: int) -> int | None:
+        """Return about what the master's clock shows now [µs], unwrapped; None before the first position."""
+        # Time stamps wrap after 71 minutes, and a silent session may be kept for longer.
+        return None if self._position_t_us is None else self._position_t_us + self.silent_us(now_us)
 
     def silent_us(self, now_us: int) -> int:
         """Return how long nothing has arrived [µs]."""

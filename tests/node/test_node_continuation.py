@@ -205,6 +205,17 @@ def test_with_a_ticket_the_time_of_the_scene_goes_on_with_the_clock_of_its_maste
     assert (times - times[0]).tolist() == [each - 1000 for each in expected]
 
 
+@pytest.mark.parametrize("again", [False, True], ids=["goes on", "asks again"])
+def test_the_time_of_the_scene_goes_on_after_a_silence_in_which_time_stamps_wrapped(slave, sealed, again):
+    with_clock(slave)
+    old = master(slave, sealed, 1).work(SECOND)
+    late_us = 3001 * SECOND
+    if again:
+        old = master(slave, sealed, 2, ticket=old.grant.ticket).join(late_us)
+    old.position(2, late_us)
+    assert slave.stations[0].scene.t_us == [SECOND, late_us]
+
+
 @pytest.mark.parametrize("offset_us", [-(10**7), 0, 10**9, 3 * (1 << 31), (1 << 32) - 3_000_000])
 def test_over_a_restart_with_another_clock_the_time_of_the_scene_goes_on_evenly(slave, sealed, offset_us):
     with_clock(slave)
