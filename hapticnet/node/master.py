@@ -262,6 +262,8 @@ class MasterNode:
                 self._valid_t_us = event.t_us
             return
         if isinstance(event, HoldConfirmed):
+            if self._heard_us is None:  # what is held is of an earlier session, and nobody confirms that
+                return
             self._hold.confirm(now_us)
             self._valid_t_us = event.t_us
             return

@@ -11,7 +11,7 @@ from hapticnet.device.plant import PlantSettings
 from hapticnet.device.simulated import SimulatedDevice
 from hapticnet.node.master import MasterNode, MasterSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
-from hapticnet.protocol.messages import Force, Keepalive
+from hapticnet.protocol.messages import Close, Force, Keepalive
 from hapticnet.protocol.wire import Kind
 from tests.peers import HandSlave
 
@@ -69,3 +69,19 @@ def test_no_payload_brings_a_master_down_or_presses_harder_than_the_device_may(c
     assert largest_n <= 5.0
     assert all(map(math.isfinite, held_n))
     assert len(held_n) > 1
+
+
+def test_a_keepalive_of_a_new_session_does_not_confirm_the_force_of_an_earlier_one():
+    rng = np.random.default_rng(2)
+    master = MasterNode(ScriptedOperator(InsertionSettings(), rng), None, MasterSettings(), rng)
+    slave = HandSlave(master).connect()
+    master.tick(0)
+    slave.say(Kind.FORCE, 1, Force(0, struct.pack(">f", 1.0)), 1000)
+    slave.say(Kind.CLOSE, 2, Close("restarts"), 2000)
+    master.session.datagrams_to_send()
+    slave.connect(200_000)
+    for number, now_us in enumerate(range(200_000, 800_000, 10_000), start=1):
+        master.tick(now_us)
+        slave.say(Kind.KEEPALIVE, number, Keepalive(now_us, None), now_us)
+        master.drive(now_us)
+    assert master.held_force_n(800_000) == 0.0
