@@ -66,9 +66,15 @@ class LossEstimate:
         self._lost_again = 0.5 * ASSUMED_LOST
         self._was_lost = False
 
-    def arrived(self, sequence: int) -> None:
-        """Record the arrival of a sequence number that is believed, for the first time."""
+    def arrived(self, sequence: int, *, is_new: bool = False) -> None:
+        """Record the arrival of a sequence number that is believed, for the first time.
+
+        `is_new`: whether the numbers go on from it (`ArrivalWindow`).
+        """
         ahead = distance(sequence, self._newest)
+        if is_new and ahead <= 0:  # the newest was wrong
+            self._newest, self._arrived = sequence, _ALL_ARRIVED
+            return
         if ahead <= 0:
             if -ahead < REORDERED:
                 self._arrived |= 1 << -ahead

@@ -289,7 +289,7 @@ class MasterSession:
         """Account for a sequence number."""
         arrival = self.received.arrive(sequence)
         if arrival is Arrival.NEW or arrival is Arrival.LATE:
-            self._loss.arrived(sequence)
+            self._loss.arrived(sequence, is_new=arrival is Arrival.NEW)
         return arrival
 
     def _is_news(self, sequence: int) -> bool:

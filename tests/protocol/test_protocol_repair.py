@@ -277,6 +277,20 @@ def test_datagrams_that_change_places_are_not_lost():
     assert estimate.estimate() is None
 
 
+def test_the_estimate_goes_on_after_a_number_that_was_wrong():
+    estimate = LossEstimate(0)
+    for number in range(1, 100):
+        estimate.arrived(number)
+    estimate.arrived(100 + 2000)
+    estimate.arrived(100, is_new=True)
+    for number in range(101, 104):
+        estimate.arrived(number)
+    assert estimate.estimate().share > 0.5
+    for number in range(104, 104 + 8 * MEMORY):
+        estimate.arrived(number)
+    assert estimate.estimate() is None
+
+
 def test_a_leap_of_numbers_takes_bounded_work():
     estimate = LossEstimate(0)
     estimate.arrived(2**30)
