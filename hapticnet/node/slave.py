@@ -173,10 +173,10 @@ class SlaveNode:
     def report(self) -> dict[str, Any]:
         """Return the account of the sessions for JSON: the present ones and the newest that have ended.
 
-        Sessions without a position count among the strangers.
+        Sessions that never took a seat count among the strangers.
         """
         return {
-            "sessions": [*self._ended, *(self._report(station) for station in self.stations if station.steps)],
+            "sessions": [*self._ended, *(self._report(station) for station in self.stations if station.seated)],
             "never_used": self.never_used,
             "throttled": self._reception.throttled,
             "unkeyed": self.unkeyed,
@@ -241,6 +241,7 @@ class SlaveNode:
         if station.continues is not None and station.continues.session.state is SlaveState.OPEN:
             station.inherit(station.continues)
             self._forget(station.continues, Trigger.CONTINUED, "its master goes on in a new session")
+        station.seated = True
         self._events.append(MasterJoined(station))
         return True
 
@@ -319,7 +320,7 @@ class SlaveNode:
         del self._stations[station.session.number]
         if station.greeting is not None:
             self._welcomes.pop(station.greeting, None)
-        if station.steps:
+        if station.seated:
             self._ended.append(self._report(station))
             self._events.append(MasterLeft(station))
         else:

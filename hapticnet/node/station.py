@@ -80,6 +80,7 @@ class Station:
         self.same_clock = same_clock
         self._heirs: dict[bytes, bool] = {}
         self._continued = continues.session.number if continues is not None else None
+        self.seated = False
         self.steps = 0
         self.superseded = 0
         self.recording = Recording(SLAVE_COLUMNS) if record else None

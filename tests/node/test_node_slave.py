@@ -5,7 +5,7 @@ import pytest
 
 from hapticnet.node.slave import MasterJoined, MasterLeft
 from hapticnet.protocol.arrivals import BEHIND_IN_A_ROW, MISORDER
-from hapticnet.protocol.messages import Close
+from hapticnet.protocol.messages import Close, Position
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.slave_session import POLICED_BURST_S, POLICED_SHARE
 from hapticnet.protocol.states import SlaveState
@@ -228,3 +228,19 @@ def test_what_the_slave_knew_of_ended_sessions_is_gone(sealed):
         master = HandMaster(slave, sealed=sealed, nonce=number).work(SECOND * number)
         master.say(Kind.CLOSE, 2, Close("done"), SECOND * number)
     assert (slave._stations, slave._welcomes, slave._to_answer) == ({}, {}, [])
+
+
+@pytest.mark.parametrize("payload", [None, b"no position"])
+def test_a_master_that_joined_is_said_to_leave_even_if_no_position_was_answered(sealed, payload):
+    slave = make_slave(sealed=sealed)
+    master = HandMaster(slave, sealed=sealed).join()
+    both = [
+        master.pack(Kind.POSITION, 1, Position(0, None, payload or bytes(4))),
+        master.pack(Kind.CLOSE, 2, Close("done")),
+    ]
+    slave.receive_datagrams([(data, "a") for data in both], 0)
+    slave.settle(0)
+    assert [type(event) for event in events_of(slave)] == [MasterJoined, MasterLeft]
+    assert slave.report()["never_used"] == 0
+    (session,) = slave.report()["sessions"]
+    assert session["end_reason"] == "the master closed: done"
