@@ -8,7 +8,7 @@ from pathlib import Path
 
 from hapticnet.cli.key import default_key, default_masters
 from hapticnet.errors import FileError, SettingsError
-from hapticnet.protocol.key_files import load_key, load_roster
+from hapticnet.protocol.key_files import is_missing, load_key, load_roster
 from hapticnet.protocol.keys import NO_PSK, MasterEntry, MasterKey, Roster, format_key, parse_key
 from hapticnet.protocol.messages import Code
 from hapticnet.scene.presets import find_scene, scene_file
@@ -123,7 +123,7 @@ def slave_trust(address: object, loopback: bool, key: Path | None, masters: Path
         return SlaveTrust(None, serves_open=True)
     key_file = key or default_key()
     masters = masters or default_masters(key_file)
-    if key is None and not key_file.exists():
+    if key is None and is_missing(key_file):
         raise SettingsError(
             f"{address} can be reached from other hosts, so sessions need keys: make this host's with"
             f" 'hapticnet key new' and list the masters in {masters}, or serve anyone with --insecure"

@@ -77,7 +77,7 @@ def load_key(path: Path) -> PrivateKey:
     SettingsError
         If a key is unknown or missing, or is not a key.
     """
-    if not path.exists():
+    if is_missing(path):
         raise FileError(f"{path} does not exist; make it with: hapticnet key new {shlex.quote(str(path))}")
     text = read_document(path)
     _check_private(path)
@@ -99,7 +99,7 @@ def load_roster(path: Path) -> Roster:
     SettingsError
         If a key is unknown or missing, a value is invalid, or a master is listed twice.
     """
-    if not path.exists():
+    if is_missing(path):
         raise FileError(
             f"{path} does not exist; it has a [[master]] table for each master, which 'hapticnet key new' prints on the"
             " master's host"
@@ -119,6 +119,17 @@ def load_roster(path: Path) -> Roster:
         return Roster(masters)
     except SettingsError as error:
         raise SettingsError(f"{path}: {error}") from None
+
+
+def is_missing(path: Path) -> bool:
+    """Return whether there is no such file; one that cannot be looked at may be there."""
+    try:
+        path.stat()
+    except FileNotFoundError:
+        return True
+    except (OSError, ValueError):  # reading it gives the reason
+        return False
+    return False
 
 
 def write_key(path: Path, key: PrivateKey) -> None:

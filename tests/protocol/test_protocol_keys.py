@@ -302,3 +302,8 @@ def test_a_master_is_written_as_the_table_it_is_read_from(tmp_path):
     assert list(load_roster(private_file(tmp_path / "masters.toml", text))) == [entry]
     secret = MasterEntry(name="finger", public=ALICE_PUBLIC, psk=PSK)
     assert "psk" not in tomllib.loads(dump_master(secret))["master"][0]
+
+
+@pytest.mark.parametrize("load", [load_key, load_roster])
+def test_a_name_that_no_file_can_have_is_refused_in_one_line(tmp_path, load):
+    assert message_of(FileError, load, tmp_path / ("x" * 300)).endswith("File name too long")
