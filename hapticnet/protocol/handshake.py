@@ -5,12 +5,11 @@ sides do the same with either: an open attempt sends its request as it is, a sea
 handshake, and the answer comes back in the second.
 """
 
-import hmac
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 from hapticnet.protocol.keys import NO_PSK, MasterEntry, MasterKey, Roster
-from hapticnet.protocol.mac import hello_mac
+from hapticnet.protocol.mac import hello_mac, is_hello_mac
 from hapticnet.protocol.messages import (
     Grant,
     Hello,
@@ -164,7 +163,7 @@ class SealedDoor:
 
     def is_for_us(self, hello: Hello, sequence: int) -> bool:
         """Return whether the sender knows this slave's public key."""
-        return hmac.compare_digest(hello.mac, hello_mac(self._public, hello.nonce, sequence, hello.request))
+        return is_hello_mac(hello.mac, self._public, hello.nonce, sequence, hello.request)
 
     def read(self, hello: Hello, sequence: int) -> Visitor:
         """Do the slave's first half of the key exchange; PeerError if the HELLO cannot be opened."""

@@ -17,7 +17,6 @@ NAME_BYTES: Final = 64
 REASON_BYTES: Final = 200
 COOKIE_BYTES: Final = 16
 TICKET_BYTES: Final = 16
-MAC_BYTES: Final = 16
 
 
 class Code(enum.IntEnum):
