@@ -32,7 +32,7 @@ UNPROVED_AFTER_US: Final = 5_000_000
 """Silence [µs] after which a client that has no session is forgotten."""
 
 IDLE_AFTER_US: Final = 30_000_000
-"""Silence [µs] after which a client is forgotten; longer than any session survives."""
+"""Silence [µs] after which a client is forgotten: as long as a slave keeps a scene by default."""
 
 RETRY_US: Final = 1_000_000
 """Time [µs] after which opening a client is tried again when it has failed."""
