@@ -10,8 +10,12 @@ case $role in
     *) echo "with-keys: the first argument is '$role'; it must be slave or master" >&2; exit 2 ;;
 esac
 
+trap 'exit 143' TERM  # process 1 ignores it otherwise, and "docker stop" would wait while the peer is awaited
+
 export HAPTICNET_KEY=/keys/key.toml
-[ -e "$HAPTICNET_KEY" ] || hapticnet key new "$HAPTICNET_KEY" >/dev/null 2>&1
+if ! [ -e "$HAPTICNET_KEY" ]; then
+    said=$(hapticnet key new "$HAPTICNET_KEY" 2>&1) || { echo "$said" >&2; exit 2; }
+fi
 hapticnet key public "$HAPTICNET_KEY" >"/public/.$role"
 mv "/public/.$role" "/public/$role"
 until [ -s "/public/$peer" ]; do sleep 0.2; done

@@ -12,6 +12,7 @@ pytestmark = [pytest.mark.docker, pytest.mark.timeout(900)]
 
 DOCKER = Path(__file__).parents[2] / "docker"
 RESULTS = DOCKER / "results"
+LIST_KEYS = "find /keys /public -type f -printf '%p:%m\\n'"
 
 
 def succeeds(*command):
@@ -59,5 +60,17 @@ def test_every_scenario_plays_an_insertion_and_reports_on_stdout_and_in_the_fold
         if scenario == "transatlantic":
             assert master["round_trip"]["p50_us"] > 70_000
             assert channel["forward"]["lost"] > 0
+    # Each side has its own private key, readable by its owner alone, and of the other only the public key.
+    files = {
+        role: compose("loopback", "run", "--rm", "--no-deps", "--entrypoint", LIST_KEYS, role).stdout.split()
+        for role in ("slave", "master")
+    }
+    public = ["/public/master", "/public/slave"]
+    assert sorted(files["slave"]) == [
+        "/keys/key.toml:600",
+        "/keys/masters.toml:644",
+        *(f"{each}:644" for each in public),
+    ]
+    assert sorted(files["master"]) == ["/keys/key.toml:600", *(f"{each}:644" for each in public)]
     assert reductions["uncompressed"] == 0.0
     assert reductions["loopback"] > 0.8
