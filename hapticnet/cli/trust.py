@@ -11,7 +11,7 @@ from hapticnet.errors import FileError, SettingsError
 from hapticnet.protocol.key_files import is_missing, load_key, load_roster
 from hapticnet.protocol.keys import NO_PSK, MasterEntry, MasterKey, Roster, format_key, parse_key
 from hapticnet.protocol.messages import Code
-from hapticnet.scene.presets import find_scene, scene_file
+from hapticnet.scene.presets import find_scene
 from hapticnet.scene.tissue import SceneSettings
 
 
@@ -67,9 +67,8 @@ def read_guests(file: Path, own: bytes | None) -> tuple[Roster, dict[str, SceneS
                 f"{where}: public is the slave's own; use what 'hapticnet key public' prints on the master's host"
             )
         if entry.scene is not None and entry.scene not in scenes:
-            place = entry.scene if scene_file(entry.scene) is None else str(file.parent / entry.scene)
             try:
-                scenes[entry.scene] = find_scene(place)
+                scenes[entry.scene] = find_scene(entry.scene, file.parent)
             except (FileError, SettingsError) as error:
                 raise type(error)(f"{where}: {error}") from error
     return roster, scenes

@@ -53,10 +53,10 @@ def scene_file(spec: str) -> Path | None:
     return path if path.suffix == ".toml" and spec not in scene_names() else None
 
 
-def find_scene(spec: str) -> SceneSettings:
+def find_scene(spec: str, folder: Path = Path()) -> SceneSettings:
     """Return the scene named by ``paper``, ``paper:SEED``, a preset's name or the path of a TOML file.
 
-    ``paper`` alone is ``paper:0``.
+    ``paper`` alone is ``paper:0``. A path is relative to `folder`.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def find_scene(spec: str) -> SceneSettings:
             f"unknown scene {spec!r}; choose from paper, paper:SEED, {', '.join(scene_names())}, "
             "or the path of a .toml file"
         )
-    return load_scene(path)
+    return load_scene(folder / path)
 
 
 def scene_names() -> list[str]:

@@ -5,6 +5,7 @@ import json
 import os
 import sys
 import tomllib
+from importlib.resources import files
 from pathlib import Path
 
 import pytest
@@ -218,6 +219,9 @@ def test_the_list_of_masters_is_read(keys, tmp_path):
     assert keys(masters=path)["masters"].verdict is WARNING
     path.write_text(dump_master(MasterEntry(name="theatre 2", public=OTHER.public, scene="paper:1")))
     assert keys(masters=path)["masters"].value == f"1 in {path}: theatre 2"
+    (tmp_path / "own.toml").write_bytes((files("hapticnet.scene") / "presets" / "example-viscous.toml").read_bytes())
+    path.write_text(dump_master(MasterEntry(name="theatre 2", public=OTHER.public, scene="own.toml")))
+    assert keys(masters=path)["masters"].verdict is OK, "relative to the list"
     path.write_text(dump_master(MasterEntry(name="theatre 2", public=OTHER.public, scene="nowhere.toml")))
     lost = keys(masters=path)["masters"]
     assert lost.verdict is PROBLEM

@@ -117,7 +117,7 @@ def _check_scenes(path: Path, roster: Roster) -> None:
     for master in roster:
         if master.scene is not None:
             try:
-                find_scene(master.scene)
+                find_scene(master.scene, path.parent)
             except HapticnetError as error:
                 raise SettingsError(f"{path}: scene of master {master.name!r}: {error}") from None
 
