@@ -1,5 +1,6 @@
-"""Two hosts: network namespaces joined by a veth pair, the slave killed and started again mid-run."""
+"""Two hosts: network namespaces joined by a veth pair; the slave is killed and comes back, the master changes its address."""
 
+import json
 import os
 import shutil
 import subprocess
@@ -12,7 +13,7 @@ from hapticnet.protocol.keys import MasterEntry, format_key, new_key
 from hapticnet.recordings.tables import read_csv
 from hapticnet.runtime.entropy import SystemEntropy
 
-SLAVE_IP, MASTER_IP = "10.231.47.1", "10.231.47.2"
+SLAVE_IP, MASTER_IP, OTHER_MASTER_IP = "10.231.47.1", "10.231.47.2", "10.231.47.3"
 
 
 def ip(*arguments):
@@ -93,3 +94,26 @@ def test_a_killed_slave_comes_back_and_the_held_force_never_outlives_its_age_lim
     assert second.report()["sessions"][0]["steps"] > 0
     table = read_csv(record)
     assert table["held_n"].max() <= 5.0
+
+
+def test_a_master_that_gets_another_address_goes_on_in_its_session(hosts, start, tmp_path):
+    of_slave, of_master = write_keys(tmp_path)
+    slave_host, master_host = hosts
+    server = start(
+        "slave", "--listen", "0.0.0.0:47800", *of_slave, "--json", prefix=("ip", "netns", "exec", slave_host)
+    )
+    server.wait_for("listening on")
+    arguments = ("--connect", f"{SLAVE_IP}:47800", *of_master, "--insertions", "1", "--device", "none", "--json")
+    master = start("master", *arguments, prefix=("ip", "netns", "exec", master_host))
+    server.wait_for(f"'finger' .* joined from {MASTER_IP}")
+    link = json.loads(subprocess.run(["ip", "-n", master_host, "-j", "link"], check=True, capture_output=True).stdout)
+    device = next(each["ifname"] for each in link if each["ifname"] != "lo")
+    ip("-n", master_host, "addr", "del", f"{MASTER_IP}/24", "dev", device)
+    ip("-n", master_host, "addr", "add", f"{OTHER_MASTER_IP}/24", "dev", device)
+    assert master.process.wait(30) == 0, master.said()
+    assert server.end() == 0
+    assert master.report()["connections"] == 1
+    (session,) = server.report()["sessions"]
+    assert session["address"].startswith(f"{OTHER_MASTER_IP}:")
+    assert session["end_reason"] == "the master closed: done"
+    assert session["breaches"] == 3
