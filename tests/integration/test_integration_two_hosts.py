@@ -1,4 +1,4 @@
-"""Two hosts: network namespaces joined by a veth pair; the slave is killed and comes back, the master changes its address."""
+"""Two hosts: network namespaces joined by a veth pair; the slave is restarted, the master gets a new address."""
 
 import json
 import os
