@@ -182,6 +182,7 @@ class SlaveSession:
 
     def silent_us(self, now_us: int) -> int:
         """Return how long nothing has arrived [µs]."""
+        self._heard_us = min(self._heard_us, now_us)  # after a clock went back, silence counts from there
         return now_us - self._heard_us
 
     def expires_us(self) -> int:

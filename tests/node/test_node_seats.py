@@ -74,6 +74,15 @@ def test_the_longest_silent_session_of_an_identity_gives_way_to_another_of_its_o
     assert [(each.number, each.end_reason) for each in left] == [(second.session, "its place was needed")]
 
 
+def test_a_clock_that_went_back_keeps_no_place_for_the_silent(house):
+    for identity in "aa":
+        house.works(identity, 1000 * SECOND)
+    for now_us in (SECOND, 2 * SECOND, 3 * SECOND):  # requests begin anew, too
+        house.visitor("a").refused(now_us)
+    house.works("a", 5 * SECOND)
+    assert house.open() == ["a2", "a6"]
+
+
 def test_a_silent_session_gives_way_only_to_an_identity_that_holds_fewer(house):
     for name in "aabb":
         house.works(name, 0)
