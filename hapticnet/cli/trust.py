@@ -140,9 +140,9 @@ def master_key(
     FileError, SettingsError
         If keys are needed and cannot be used; the message says what to do.
     """
+    if peer_key is None and (loopback or insecure):  # HAPTICNET_KEY may name a key that is for other slaves
+        return None
     if key is None and peer_key is None:
-        if loopback or insecure:
-            return None
         raise SettingsError(
             f"{address} is another host, so the session needs keys: add --peer-key with the slave's public key, which"
             " 'hapticnet key public' prints on the slave's host, or --insecure for a session that is not encrypted"

@@ -5,6 +5,7 @@ from dataclasses import asdict
 from typing import Any, Final, NamedTuple
 
 from hapticnet.codec.base import Codec
+from hapticnet.codec.plugins import LARGEST_PAYLOAD
 from hapticnet.codec.registry import codec_parameters
 from hapticnet.codec.schemes.raw import Raw
 from hapticnet.errors import HapticnetError, PeerError, SampleError, in_words
@@ -176,6 +177,8 @@ class Station:
             if payload is not None and self._builds_on_earlier and self.session.complete:
                 self._encoder.refresh()  # so that this payload builds on no earlier one
                 payload = self._encoder.encode(t_us, force.force_n, sample.position_m)
+            if payload is not None and len(payload) > LARGEST_PAYLOAD:
+                raise ValueError(f"a payload of {len(payload)} bytes; at most {LARGEST_PAYLOAD} fit into a datagram")
         except Exception as error:  # a force that is not finite, or a user's codec
             self.steps += 1
             raise SceneFailedError(f"the force cannot be encoded: {in_words(error)}") from error

@@ -49,7 +49,7 @@ def test_a_master_of_another_host_needs_keys_or_a_word():
 
 def test_a_master_with_half_of_the_keys_is_told_the_other_half(home, tmp_path):
     public = make_key(tmp_path / "other.toml")
-    assert_one_line(hapticnet("master", "--key", tmp_path / "other.toml"), "--key needs --peer-key")
+    assert_one_line(hapticnet("master", *ELSEWHERE, "--key", tmp_path / "other.toml"), "--key needs --peer-key")
     assert_one_line(hapticnet("master", *ELSEWHERE, "--peer-key", public), f"hapticnet key new {home / 'key.toml'}")
 
 

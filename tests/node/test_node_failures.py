@@ -137,6 +137,16 @@ def test_a_codec_that_cannot_read_what_it_wrote_ends_its_session_once(loopback):
     assert link.slave.stations == ()
 
 
+@pytest.mark.parametrize("sealed", [False, True])
+def test_a_codec_whose_payload_fits_into_no_datagram_ends_its_session(loopback, sealed):
+    link = loopback(1, sealed=sealed)
+    link.run(SECOND // 2)
+    link.slave.stations[0]._encoder.encode = lambda *_: bytes(1_200)
+    link.run(SECOND)
+    assert "a payload of 1200 bytes; at most 1024 fit into a datagram" in link.master.end_reason
+    assert link.slave.stations == ()
+
+
 def test_a_scene_whose_force_is_not_a_number_ends_its_session(loopback):
     link = loopback(1)
     link.run(SECOND // 2)
