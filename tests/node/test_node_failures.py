@@ -137,11 +137,21 @@ def test_a_codec_that_cannot_read_what_it_wrote_ends_its_session_once(loopback):
     assert link.slave.stations == ()
 
 
+class Verbose:
+    """An encoder whose payloads are too large."""
+
+    def encode(self, *_):
+        return bytes(1_200)
+
+    def refresh(self):
+        """Need nothing."""
+
+
 @pytest.mark.parametrize("sealed", [False, True])
 def test_a_codec_whose_payload_fits_into_no_datagram_ends_its_session(loopback, sealed):
     link = loopback(1, sealed=sealed)
     link.run(SECOND // 2)
-    link.slave.stations[0]._encoder.encode = lambda *_: bytes(1_200)
+    link.slave.stations[0]._encoder = Verbose()
     link.run(SECOND)
     assert "a payload of 1200 bytes; at most 1024 fit into a datagram" in link.master.end_reason
     assert link.slave.stations == ()
