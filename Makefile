@@ -13,7 +13,7 @@ help:
 	@echo 'make test           install everything the tests need, and run them all'
 	@echo 'make check          linters, types, layers'
 	@echo 'make docker-check   build the image and play every scenario of docker/ (needs a Docker engine)'
-	@echo 'make bench          run every benchmark (20 minutes) and write docs/benchmarks*.md; results in results/bench'
+	@echo 'make bench          run every benchmark (an hour) and write docs/benchmarks*.md; results in results/bench'
 	@echo 'make run-figure     draw docs/figures/run.png, the run in the README'
 	@echo 'make simulator      build the firmware and the simulator that runs it (--device simavr)'
 	@echo 'make clean          remove the virtual environment and all results'
@@ -36,7 +36,7 @@ docker-check: $(VENV)/installed-dev
 # Recordings to try every codec on, as FILE[:FORCE[:POSITION[:SCALE]]]; the repository has none.
 RECORDINGS ?=
 
-BENCHMARKS := codec_speed codec_stability packet_rate scene_accuracy scene_cost force_loop virtual_time real_time fuzz floods
+BENCHMARKS := codec_speed codec_stability packet_rate scene_accuracy scene_cost force_loop virtual_time real_time fuzz floods endurance
 
 bench: system-packages $(VENV)/installed-dev
 	$(BIN)/python bench/measure/rate_distortion.py $(RECORDINGS) --json results/bench/rate_distortion.json

@@ -11,6 +11,7 @@ REPOSITORY = Path(__file__).parents[2]
 QUICK = {
     "codec_speed": ("--samples", 20_000, "--repetitions", 1),
     "codec_stability": ("--quick",),
+    "endurance": ("--hours", 0.05, "--wrap-hours", 0.011),
     "floods": ("--quick", "--seconds", 0.3, "--repetitions", 1),
     "force_loop": ("--quick", "--seeds", 1),
     "fuzz": ("--datagrams", 20_000),

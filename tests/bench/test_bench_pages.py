@@ -103,7 +103,7 @@ def test_a_mistake_in_the_targets_is_named(write):
 def records(measured, folder):
     """Return the record of every benchmark, from quick runs."""
     scripts = ("codec_speed", "codec_stability", "force_loop", "packet_rate", "rate_distortion", "repair")
-    for name in (*scripts, "floods", "fuzz", "real_time", "scene_accuracy", "scene_cost", "virtual_time"):
+    for name in (*scripts, "endurance", "floods", "fuzz", "real_time", "scene_accuracy", "scene_cost", "virtual_time"):
         measured(name)
     return {file.stem: json.loads(file.read_text()) for file in folder.glob("*.json")}
 

@@ -222,3 +222,22 @@ def test_floods_are_measured_beside_a_session_at_work_and_newcomers(measured):
         assert 0.0 < row["flooded_p50_us"] <= row["flooded_p99_us"]
         assert row["newcomers"] >= 1
         assert row["newcomers_shut_out"] == 0
+
+
+def test_a_long_session_ends_as_it_began(measured):
+    rows = measured("endurance")["rows"]
+    assert [(row["sealed"], row["rate_hz"]) for row in rows] == [
+        (False, 50.0),
+        (False, 1000.0),
+        (True, 50.0),
+        (True, 1000.0),
+    ]
+    assert [row["time_stamp_wraps"] for row in rows] == [0, 1, 0, 1]
+    assert [row["sequence_wraps"] for row in rows] == [0, 1, 0, 0]
+    for row in rows:
+        assert row["connections"] == 1
+        assert row["malformed"] == row["stray"] == 0
+        assert row["largest_force_n"] > 1.0
+        assert row["force_difference_n"] < 1e-6
+        assert 20_000 <= row["lag_us"] <= 20_000 + 2e6 / row["rate_hz"], "the delay, and less than two periods"
+        assert row["memory_growth_mb"] < 5.0
