@@ -7,7 +7,7 @@ from fuzz_datagrams import Fuzz
 
 from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.master import Failed, MasterNode, MasterSettings
-from hapticnet.node.slave import SlaveNode
+from hapticnet.node.slave import MasterLeft, SlaveNode
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.protocol.events import Connected
 from hapticnet.protocol.handshake import Door, OpenDoor, SealedDoor, prologue
@@ -153,7 +153,7 @@ class Session:
             self.failures += isinstance(event, Failed)
             self._connections += isinstance(event, Connected)
         while left := self._slave.next_event():
-            self.failures += "failed" in (left.station.session.end_reason or "")
+            self.failures += isinstance(left, MasterLeft) and "failed" in (left.station.session.end_reason or "")
 
     def _stranger(self) -> Source:
         number = self.fuzz.random.randrange(STRANGERS)
