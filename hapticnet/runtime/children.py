@@ -15,6 +15,9 @@ LISTENING: Final = "listening on "
 
 END_WITHIN_S: Final = 5.0
 
+KEY_VARIABLES: Final = ("HAPTICNET_KEY", "HAPTICNET_PEER_KEY", "HAPTICNET_MASTERS")
+"""Environment variables that name keys. They are for sessions with other hosts; children serve this one."""
+
 PR_SET_PDEATHSIG: Final = 1
 """Option of prctl(2) on Linux: receive a signal when the parent dies, for whatever reason."""
 
@@ -27,8 +30,7 @@ class Child:
     arguments
         Command line after ``hapticnet``.
     environment
-        Its environment variables; None for those of this process without HAPTICNET_…: keys that these name are for
-        other hosts.
+        Its environment variables; None for those of this process without `KEY_VARIABLES`.
     """
 
     def __init__(self, arguments: Sequence[str], *, environment: Mapping[str, str] | None = None) -> None:
@@ -46,7 +48,7 @@ class Child:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             preexec_fn=end_with_parent,
-            env=_without_options(os.environ) if environment is None else environment,
+            env=_without_keys(os.environ) if environment is None else environment,
             text=True,
             encoding="utf-8",
         )
@@ -93,5 +95,5 @@ class Child:
         return f"hapticnet {self._arguments[0]}"
 
 
-def _without_options(environment: Mapping[str, str]) -> dict[str, str]:
-    return {name: value for name, value in environment.items() if not name.startswith("HAPTICNET_")}
+def _without_keys(environment: Mapping[str, str]) -> dict[str, str]:
+    return {name: value for name, value in environment.items() if name not in KEY_VARIABLES}

@@ -201,28 +201,27 @@ class UdpPort:
         batch: list[tuple[bytes, SocketAddress]] = []
         for number in range(DRAIN_AT_MOST):
             try:
-                if number == 0 and self._samples():
-                    self.queue.sample_age()
+                if number == 0:
+                    self._drains += 1
+                    if self._backlog or not self._drains % SAMPLE_EVERY:
+                        self.queue.sample_age()
                 data, address = receive_from(READ_BYTES)
             except BlockingIOError:
                 break
             except OSError:  # an earlier datagram could not be delivered; it counts as lost
                 self.send_errors += 1
                 continue
+            now = now_us()
             if self._peer is not None and address != self._peer:
                 self.strangers += 1
-            elif at_once or (number == 0 and now_us() - self._drained_us < PROMPT_US):
-                receive([(data, address)], now_us())
+            elif at_once or (number == 0 and now - self._drained_us < PROMPT_US):
+                receive([(data, address)], now)
             else:
                 batch.append((data, address))
         self._backlog = number > SAMPLE_EVERY
         if batch:
             receive(batch, now_us())
         self._drained_us = now_us()
-
-    def _samples(self) -> bool:
-        self._drains += 1
-        return self._backlog or not self._drains % SAMPLE_EVERY
 
     def _deliver(self) -> None:
         if self._channel is None or self._alarm is None:
