@@ -1,4 +1,4 @@
-"""The processes of a measurement under a flood: a slave, a master at work, and masters that come anew.
+"""The processes of a measurement under a flood: a slave, a master at work, and masters that join.
 
 ``slave`` prints its port. ``work PORT`` keeps one session and, for each line on its standard input, prints the round
 trips since the last one. ``come PORT SECONDS`` connects again and again and prints how long each took.

@@ -42,7 +42,7 @@ LAW: Final = WeberLaw()
 PERIOD_US: Final = 1000
 SHORTEST_INSERTION_S: Final = 4.5
 WARM_UP_US: Final = 2_000_000
-"""Time from which errors, bytes and releases count: nobody knows the loss of a link before there is one."""
+"""Time from which errors, bytes and releases count: the loss of a link is unknown before the first one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
