@@ -1,0 +1,368 @@
+"""Messages between the server and the pages it serves. This is their specification; bytes and JSON are made here.
+
+Addresses
+---------
+==============================  =====================================================================================
+``/watch?token=T``              the watch view (``watch.html``): everything, and the controls
+``/operator?token=T``           the operator view (``operator.html``): the scene only
+``/socket/watch?token=T``       WebSocket of the watch view
+``/socket/operator?token=T``    WebSocket of the operator view
+``/static/NAME``                a file of ``hapticnet/web/static``; needs no token and contains no data
+==============================  =====================================================================================
+
+Each view has a token of its own, so a person at the operator view cannot change the address and see the rest. A page
+takes its view from the last part of its path and its token from its own address, and opens
+``ws://HOST/socket/VIEW?token=T``. The server closes the socket with one of `CloseCode`, and a reason for a person;
+after any other code (1001 and 1006 are usual) the page tries again after 0.5 s, and after at most 5 s.
+
+A trial must not reveal the condition, and neither may the data that is sent to it: the operator view gets the
+needle, the surfaces, the hand, and whether the scene can be touched. It gets no force, no stiffness, no breach force,
+no name, no codec, no counter and no event. Its messages have the same sizes and come at the same times whatever is
+transmitted.
+
+Binary messages are little-endian, with each number aligned to its size. JSON messages are text, one object each, with
+the key ``type``. Positions are in metres and increase into the tissue; forces are in newtons and positive when they
+push out of it.
+
+From the server, binary, `MESSAGES_PER_S` times a second
+--------------------------------------------------------
+``FRAME``, to both views: the scene now.
+
+======  ========  ===================================================================================================
+offset  type      meaning
+======  ========  ===================================================================================================
+0       u8        1
+1       u8        state of the hand: `HandState`
+2       u16       number of surfaces n; 0 while the scene is not known
+4       u32       number of this frame, counted by the server; a gap shows that frames were left out
+8       f64       ``time_ms`` of the newest HAND message of this page; 0 if there was none
+16      f32       position of the needle's tip [m]
+20      n × f32   position of each surface [m], front to back; it follows the tip while the tissue is indented
+20+4n   n × u8    contact with each tissue: 0 none, 1 indented, 2 penetrated
+======  ========  ===================================================================================================
+
+``SAMPLES``, to the watch view only: each tick of the master since the last message. The first one after the hello holds
+up to `HISTORY_S` of the past.
+
+======  ============  ===============================================================================================
+offset  type          meaning
+======  ============  ===============================================================================================
+0       u8            2
+1       u8            number of columns c, at most 255
+2       u16           number of rows r
+4       u32           number of the first row, modulo 2³²; rows are numbered without gaps, so a gap shows that messages
+                      were left out for this page (it reads too slowly)
+8       f64           time of the first row [s] since the server began
+16      c × r × f32   column by column, in the order of ``columns`` in the hello
+======  ============  ===============================================================================================
+
+Columns, `COLUMNS`. A page must find a column by its name, and ignore names that it does not know.
+
+=============  ========================================================================================================
+``t``          time [s] since the first row of this message
+``position``   position of the tool's tip [m]; the first axis if there are several
+``true``       force of the scene at that position [N], from the server's copy of the scene; NaN while it is not known
+``received``   force that the decoder reconstructs [N]
+``held``       force being held [N]: ``received``, decayed where the link is stale
+``target``     force requested of the device, after all limits [N]
+``sensed``     force that the device senses [N]
+``platform``   displacement of the device's platform [m]
+``packets``    FORCE datagrams that arrived since the row before
+=============  ========================================================================================================
+
+With several axes, ``true``, ``received`` and ``held`` are Euclidean norms. Without a device, ``target``, ``sensed`` and
+``platform`` are 0.
+
+From the server, JSON
+---------------------
+``hello``, first, to both views::
+
+    {"type": "hello", "version": 1, "view": "operator",
+     "messages_per_s": 60,
+     "hand": {"source": "page",          // or "scripted", "trace", …: then nobody can take it
+              "speed_m_per_s": 0.06,     // fastest motion of the needle
+              "delay_ms": 50,            // how far the needle trails a steadily moving hand
+              "repeat_ms": 100}}         // longest pause between HAND messages while the page has the hand
+
+The hello of the watch view has, besides::
+
+     "rate_hz": 1000, "axes": 1, "device": "…" or null, "master": "…", "hapticnet": "0.1.0",
+     "columns": ["t", "position", …], "history_s": 5,
+     "codecs": [{"name": "deadband", "summary": "…"}, …],
+     "limits": {"multiplier": [0, 8], "delay_ms": [0, 250], "loss_percent": [0, 50]},
+     "adjustable": ["multiplier", "codec", "delay_ms", "loss_percent"],   // what this server lets a page change
+     "operator_url": "http://…"                                           // of the operator view, to open elsewhere
+
+``scene``, to both, after the hello and when the scene changes::
+
+    {"type": "scene", "known": true, "range_m": [0.0, 0.085],   // where the needle can be
+     "tissues": [{"rest_m": 0.02}, …]}                          // front to back; empty if not known
+
+To the watch view it has a ``name``, and each tissue ``name``, ``stiffness_n_per_m`` and ``breach_force_n``.
+
+``hand``, to both, after the hello and when it changes::
+
+    {"type": "hand", "holder": "you" | "another" | "nobody", "state": "free"}
+
+``state`` is the name of a `HandState` in lower case. The holder changes to ``"nobody"`` when the needle is withdrawn
+because the page fell silent; the page must then take the hand again.
+
+``ready``, to both, after the hello and when it changes: whether there is a slave whose scene can be touched. A change
+of codec is not a change of this::
+
+    {"type": "ready", "ready": true}
+
+``state``, to the watch view, `STATES_PER_S` times a second::
+
+    {"type": "state", "t_s": 12.4, "link": "streaming", "connections": 1, "sealed": false,
+     "codec": "deadband", "parameters": {"step_n": 0}, "multiplier": 1.0, "weber_fraction": 0.05, "floor_n": 0.025,
+     "delay_ms": 0, "loss_percent": 0,              // of the emulated channel, in each direction
+     "round_trip_ms": 0.41 or null,                 // median
+     "feedback": TRAFFIC, "forward": TRAFFIC,
+     "lost": 0,                                     // datagrams of the slave that did not arrive
+     "device": "ready" or null,                     // its status in words
+     "pages": {"watch": 2, "operator": 1, "left_out": 0}}   // left_out: messages that slow pages did not get
+
+    TRAFFIC = {"packets_per_s": 21, "bytes_per_s": 1344,                  // over the last second, UDP and IP headers
+               "raw_packets_per_s": 1000, "raw_bytes_per_s": 49000,       // the same if every sample were sent raw
+               "packets": 812, "bytes": 51968, "raw_packets": 12400, "raw_bytes": 607600}   // since ``since_s``
+
+It also has ``since_s``, the time when codec, multiplier, delay or loss last changed (0 at first). The threshold of the
+deadband around a force F is ``multiplier · max(weber_fraction · |F|, floor_n)``.
+
+``event``, to the watch view: something to tell a person::
+
+    {"type": "event", "t_s": 3.2, "text": "link stale: nothing arrived from the slave; …"}
+
+The newest `EVENTS_KEPT` come after the hello.
+
+``error``, to the page whose message was refused::
+
+    {"type": "error", "message": "delay_ms is 900; it must be between 0 and 250"}
+
+``task``, to the operator view: reserved for experiments (instructions and questions). Nothing sends it yet; a page must
+leave a place for it and ignore messages of unknown type.
+
+From the page, binary
+---------------------
+``HAND``, `HAND_BYTES` bytes, while the page has the hand: for each motion, at most `HANDS_PER_S` a second, and again
+every ``repeat_ms`` while nothing moves.
+
+======  ====  =======================================================================================================
+offset  type  meaning
+======  ====  =======================================================================================================
+0       u8    1
+1       u8    0, reserved
+2       u16   0, reserved
+4       f32   position wanted of the needle's tip [m]; the server limits it to ``range_m`` and limits the speed
+8       f64   ``time_ms``: ``event.timeStamp`` of the motion; FRAME returns it
+======  ====  =======================================================================================================
+
+If none comes for `HOLD_AFTER_US`, the needle stops where it is; after `WITHDRAW_AFTER_US`, and when the socket closes,
+it is withdrawn at the speed limit and the hand is free.
+
+From the page, JSON
+-------------------
+==========================================  =========================================================================
+``{"type": "take"}``                        take the hand; refused with ``error`` while another page has it
+``{"type": "release"}``                     give the hand back: the needle is withdrawn; sent when the page is hidden
+``{"type": "let_go"}``                      watch view: withdraw the needle and free the hand, whoever has it
+``{"type": "set", "multiplier": 2.0}``      watch view: change what ``adjustable`` lists, one or several keys;
+                                            ``"codec"`` is the name of one in ``codecs``
+==========================================  =========================================================================
+
+The answer to ``set`` is the next ``state``, or an ``error`` and no change at all. A message that is not of this
+specification is counted and answered with ``error``; after `MOST_MISTAKES` the server closes the socket.
+"""
+
+import enum
+import json
+import math
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final, Literal, TypeAlias, get_args
+
+from hapticnet.arrays import FloatArray
+from hapticnet.errors import PeerError
+from hapticnet.samples import LARGEST_COMPONENT
+
+VERSION: Final = 1
+
+View: TypeAlias = Literal["operator", "watch"]
+VIEWS: Final[tuple[View, ...]] = get_args(View)
+
+MESSAGES_PER_S: Final = 60
+STATES_PER_S: Final = 5
+HISTORY_S: Final = 5.0
+EVENTS_KEPT: Final = 20
+
+HANDS_PER_S: Final = 250
+REPEAT_MS: Final = 100
+
+MOST_MISTAKES: Final = 20
+LARGEST_MESSAGE: Final = 4096
+"""Limit of a message from a page [B]."""
+
+COLUMNS: Final = ("t", "position", "true", "received", "held", "target", "sensed", "platform", "packets")
+
+FRAME: Final = 1
+SAMPLES: Final = 2
+HAND: Final = 1
+
+_FRAME_HEAD: Final = struct.Struct("<BBHIdf")
+_SAMPLES_HEAD: Final = struct.Struct("<BBHId")
+_HAND: Final = struct.Struct("<BBHfd")
+
+HAND_BYTES: Final = _HAND.size
+MOST_ROWS: Final = 0xFFFF
+
+
+class HandState(enum.IntEnum):
+    """What the hand of the page is doing."""
+
+    FREE = 0
+    """Nobody has it; the needle is at rest."""
+    LIVE = 1
+    """The needle follows a page."""
+    HOLDING = 2
+    """The page fell silent; the needle stays where it is."""
+    WITHDRAWING = 3
+    """Nobody has it; the needle is on its way to its rest position."""
+    SCRIPTED = 4
+    """The positions come from elsewhere: a script, a recording, a program."""
+
+
+class CloseCode(enum.IntEnum):
+    """Why the server closes a socket; after one of these a page does not try again by itself."""
+
+    WRONG_TOKEN = 4401
+    TOO_MANY_MISTAKES = 4400
+    TOO_MANY_MESSAGES = 4429
+    TOO_MANY_PAGES = 4503
+    MASTER_ENDED = 4410
+
+
+@dataclass(frozen=True, slots=True)
+class Hand:
+    """A position of the hand from a page."""
+
+    position_m: float
+    time_ms: float
+
+
+@dataclass(frozen=True, slots=True)
+class Take:
+    """Take the hand."""
+
+
+@dataclass(frozen=True, slots=True)
+class Release:
+    """Give the hand back."""
+
+
+@dataclass(frozen=True, slots=True)
+class LetGo:
+    """Withdraw the needle and free the hand, whoever has it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Change:
+    """Settings to change while it runs; None leaves one as it is."""
+
+    multiplier: float | None = None
+    codec: str | None = None
+    delay_ms: float | None = None
+    loss_percent: float | None = None
+
+
+PageMessage: TypeAlias = Hand | Take | Release | LetGo | Change
+
+LIMITS: Final[dict[str, tuple[float, float]]] = {
+    "multiplier": (0.0, 8.0),
+    "delay_ms": (0.0, 250.0),
+    "loss_percent": (0.0, 50.0),
+}
+"""Ranges of the settings that a page may change.
+
+The delay applies in each direction, so that the largest one stays well below the age limit of a force, 1 s.
+"""
+
+_ORDERS: Final[dict[str, PageMessage]] = {"take": Take(), "release": Release(), "let_go": LetGo()}
+
+
+def frame(
+    state: HandState, number: int, time_ms: float, tip_m: float, surfaces_m: Sequence[float], contacts: Sequence[int]
+) -> bytes:
+    """Return a FRAME message."""
+    count = len(surfaces_m)
+    head = _FRAME_HEAD.pack(FRAME, state, count, number & 0xFFFFFFFF, time_ms, tip_m)
+    return head + struct.pack(f"<{count}f{count}B", *surfaces_m, *contacts)
+
+
+def samples(first_row: int, start_s: float, columns: FloatArray) -> bytes:
+    """Return a SAMPLES message for columns of shape (columns, rows), with at most `MOST_ROWS` rows."""
+    count, rows = columns.shape
+    return _SAMPLES_HEAD.pack(SAMPLES, count, rows, first_row & 0xFFFFFFFF, start_s) + columns.astype("<f4").tobytes()
+
+
+def text(kind: str, **content: Any) -> str:
+    """Return a JSON message. JSON has no NaN and no infinity; they are a mistake of the caller."""
+    return json.dumps({"type": kind, **content}, allow_nan=False)
+
+
+def parse_binary(data: bytes) -> Hand:
+    """Return the HAND message in `data`.
+
+    Raises
+    ------
+    PeerError
+        If it is none, or its numbers are not finite.
+    """
+    if len(data) != HAND_BYTES or data[0] != HAND:
+        kind = data[0] if data else "none"
+        raise PeerError(f"binary message of {len(data)} bytes and kind {kind}; expected {HAND_BYTES} and kind {HAND}")
+    _, _, _, position_m, time_ms = _HAND.unpack(data)
+    if not abs(position_m) <= LARGEST_COMPONENT or not math.isfinite(time_ms):
+        raise PeerError(f"the hand is at {position_m} m at {time_ms} ms; both must be finite")
+    return Hand(position_m, time_ms)
+
+
+def parse_text(data: str) -> PageMessage:
+    """Return the JSON message in `data`.
+
+    Raises
+    ------
+    PeerError
+        If it is not JSON, not of a known type, or a value is out of range.
+    """
+    try:
+        content = json.loads(data)
+    except (ValueError, RecursionError):
+        raise PeerError(f"{data[:40]!r} is not JSON") from None
+    if not isinstance(content, dict) or not isinstance(kind := content.pop("type", None), str):
+        raise PeerError("a message must be an object with a 'type'")
+    if kind == "set":
+        return _change(content)
+    if kind not in _ORDERS:
+        raise PeerError(f"unknown message {kind[:40]!r}; there are: {', '.join(_ORDERS)}, set")
+    if content:
+        raise PeerError(f"message {kind!r} has no key {next(iter(content))[:40]!r}")
+    return _ORDERS[kind]
+
+
+def _change(content: dict[str, Any]) -> Change:
+    if not content:
+        raise PeerError(f"message 'set' changes nothing; it takes: {', '.join(Change.__dataclass_fields__)}")
+    for key, value in content.items():
+        if key == "codec":
+            if not isinstance(value, str):
+                raise PeerError("codec must be a name")
+        elif key not in LIMITS:
+            raise PeerError(f"cannot set {key[:40]!r}; only: {', '.join(Change.__dataclass_fields__)}")
+        elif isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise PeerError(f"{key} must be a number")
+        elif not LIMITS[key][0] <= value <= LIMITS[key][1]:
+            low, high = LIMITS[key]
+            raise PeerError(f"{key} is {value:.6g}; it must be between {low:g} and {high:g}")
+    return Change(**content)
