@@ -35,11 +35,17 @@ class UnavailableError(HapticnetError):
     """A resource is unavailable: a port in use, an address of another host, an extra that is not installed."""
 
 
+class UserCodeError(HapticnetError):
+    """A scene, an operator or a device of the user raised an exception or returned something that cannot be used."""
+
+
 def in_words(error: BaseException) -> str:
     """Return kind and message of an error, and the line of a user's code it comes from, on one line."""
     kind = type(error)
     name = kind.__name__ if kind.__module__ in ("builtins", __name__) else f"{kind.__module__}.{kind.__name__}"
     message = " ".join(str(error).split())
+    if isinstance(error, UserCodeError):  # it names the class and says what happened
+        return message
     text = f"{name}: {message}" if message else name
     if isinstance(error, (SyntaxError, HapticnetError)):
         return text

@@ -1,7 +1,5 @@
 """Codecs of users: loaded from a file, a module or an entry point, and tested on a few samples before use."""
 
-import importlib
-import importlib.util
 import math
 import re
 import sys
@@ -13,6 +11,7 @@ from typing import Any, Final
 from hapticnet.codec.base import Codec, Decoder, Encoder
 from hapticnet.errors import PeerError, SampleError, SettingsError, in_words
 from hapticnet.samples import MAX_AXES, Vector
+from hapticnet.user_code import load_user_code, short
 
 ENTRY_POINT_GROUP: Final = "hapticnet.codecs"
 
@@ -38,22 +37,11 @@ def user_class(source: str) -> type[Any]:
     file = Path(source.rpartition(":")[0])
     key = source, file.stat().st_mtime_ns if file.is_file() else 0
     if key not in _loaded:
-        _loaded[key] = checked_class(_load(source), source)
+        found = load_user_code(source, "codec")
+        if not isinstance(found, type):
+            raise SettingsError(f"codec {source}: {short(found)} is not a class")
+        _loaded[key] = checked_class(found, source)
     return _loaded[key]
-
-
-def _load(source: str) -> type[Any]:
-    place, _, name = source.rpartition(":")
-    try:
-        module = _run_file(Path(place)) if place.endswith(".py") else _import(place)
-    except (Exception, SystemExit) as error:
-        raise SettingsError(f"codec {source}: importing {place} raised {in_words(error)}") from error
-    if module is None:
-        raise SettingsError(f"codec {source}: cannot find {place}")
-    found = getattr(module, name, None)
-    if not isinstance(found, type):
-        raise SettingsError(f"codec {source}: {place} defines no class {name!r}")
-    return found
 
 
 def installed_codecs() -> dict[str, EntryPoint]:
@@ -158,7 +146,7 @@ def _rehearse(codec: Codec, axes: int, moving: bool) -> None:
 
 def _check_payload(payload: Any) -> None:
     if payload is not None and type(payload) is not bytes:
-        raise _Fault(f"encode returned {_short(payload)}; it must return bytes or None")
+        raise _Fault(f"encode returned {short(payload)}; it must return bytes or None")
     if payload is not None and len(payload) > LARGEST_PAYLOAD:
         raise _Fault(f"encode returned {len(payload)} bytes; a payload has at most {LARGEST_PAYLOAD}")
 
@@ -166,7 +154,7 @@ def _check_payload(payload: Any) -> None:
 def _check_applied(applied: Any, axes: int) -> None:
     good = type(applied) is tuple and len(applied) == axes
     if not good or not all(isinstance(each, (int, float)) and math.isfinite(each) for each in applied):
-        raise _Fault(f"reconstruct returned {_short(applied)}; it must return {axes} finite floats as a tuple")
+        raise _Fault(f"reconstruct returned {short(applied)}; it must return {axes} finite floats as a tuple")
 
 
 def _guarded(found: type[Any], source: str) -> type[Any]:
@@ -247,38 +235,3 @@ class _Decoder:
         except Exception as error:
             raise SampleError(f"codec {self._source}: reconstruct failed: {in_words(error)}") from error
         return applied
-
-
-def _run_file(file: Path) -> Any:
-    if not file.is_file():
-        return None
-    name = f"hapticnet_codec_{file.stem}"
-    spec = importlib.util.spec_from_file_location(name, file)
-    if spec is None or spec.loader is None:
-        return None
-    _look_in(file.parent)  # as Python does for a script, so that it can import its neighbours
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
-
-
-def _import(name: str) -> Any:
-    _look_in(Path.cwd())  # which a console script does not search by itself
-    try:
-        return importlib.import_module(name)
-    except ModuleNotFoundError as error:
-        if error.name is not None and name.startswith(error.name):
-            return None
-        raise
-
-
-def _look_in(folder: Path) -> None:
-    path = str(folder.resolve())
-    if path not in sys.path:
-        sys.path.append(path)
-
-
-def _short(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."

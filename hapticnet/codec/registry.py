@@ -2,7 +2,6 @@
 
 import dataclasses
 import inspect
-import re
 from collections.abc import Mapping
 from typing import Any, Final
 
@@ -20,6 +19,7 @@ from hapticnet.codec.schemes.raw import Raw
 from hapticnet.codec.schemes.velocity_adaptive import VelocityAdaptive
 from hapticnet.errors import HapticnetError, SettingsError, in_words
 from hapticnet.perception import WeberLaw
+from hapticnet.user_code import split_user_code
 
 CODECS: Final[Mapping[str, type[Any]]] = {
     codec.name: codec
@@ -38,8 +38,6 @@ CODECS: Final[Mapping[str, type[Any]]] = {
     )
 }
 
-
-_SOURCE = re.compile(r"(?P<source>(?:.+\.py|[A-Za-z_][\w.]*):[A-Za-z_]\w*)(?::(?P<parameters>.*))?")
 
 _user_codecs: dict[str, type[Any]] = {}
 
@@ -110,9 +108,9 @@ def parse_codec(text: str) -> tuple[str, dict[str, float]]:
 
 def split_codec(text: str) -> tuple[str, str]:
     """Return what names the codec in ``CODEC[:KEY=VALUE,…]``, and its parameters as text."""
-    source = _SOURCE.fullmatch(text.strip())
-    if source and text.partition(":")[0].strip() not in CODECS:
-        return source["source"], source["parameters"] or ""
+    parts = split_user_code(text)
+    if parts is not None and text.partition(":")[0].strip() not in CODECS:
+        return parts
     name, _, parameters = text.partition(":")
     if name.strip().endswith(".py"):
         raise SettingsError(f"codec {text!r}: name the class in the file too, as in {name.strip()}:MyCodec")

@@ -1,0 +1,66 @@
+"""What a master touches if it is an object of the user's: anything with a method ``step``."""
+
+from typing import TYPE_CHECKING, Any, Final
+
+from hapticnet.errors import SettingsError
+from hapticnet.samples import ForceSample, PositionSample
+from hapticnet.user_code import axes_of, failure, method_of, short, vector_from
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+LONGEST_NAME: Final = 64
+"""Most bytes of a scene's name, which travels to the master."""
+
+
+class UserScene:
+    """An object of the user's, with its results checked. Satisfies `scene.base.Touchable`.
+
+    Parameters
+    ----------
+    touched
+        Its ``step(sample)`` is called with a `PositionSample` and returns a `ForceSample`, a number, or a sequence of
+        numbers, one for each axis [N]. Optional attributes: ``axes`` (1 to 3; default 1), ``name`` and ``breaches``.
+    what
+        What messages call the object, such as "scene own.py:Mine".
+
+    Raises
+    ------
+    SettingsError
+        If ``step`` is missing or cannot be called with one argument, or an attribute cannot be used.
+    """
+
+    __slots__ = ("_method", "_step", "axes", "name", "touched")
+
+    def __init__(self, touched: Any, what: str = "the scene") -> None:
+        self.touched = touched
+        self._step: Callable[[PositionSample], Any] = method_of(touched, "step(sample)", what)
+        self._method = f"{type(touched).__name__}.step"
+        self.axes = axes_of(touched, what)
+        name = getattr(touched, "name", type(touched).__name__)
+        if not isinstance(name, str) or not name.isprintable() or not 0 < len(name.encode()) <= LONGEST_NAME:
+            raise SettingsError(f"{what}: name is {short(name)}; it must be text, 1 to {LONGEST_NAME} printable bytes")
+        self.name = name
+
+    @property
+    def breaches(self) -> int:
+        """Number of breaches that the object counts; 0 if it does not."""
+        breaches = getattr(self.touched, "breaches", 0)
+        return breaches if isinstance(breaches, int) else 0
+
+    def step(self, sample: PositionSample) -> ForceSample:
+        """Return the force at a position.
+
+        Raises
+        ------
+        UserCodeError
+            If the object raises, or returns something else than a force of as many axes as it declares.
+        """
+        try:
+            result = self._step(sample)
+            if type(result) is ForceSample:
+                result = result.force_n
+            force_n = vector_from(result, self.axes, self._method, "N")
+        except BaseException as error:
+            raise failure(self._method, error) from error
+        return ForceSample(sample.t_us, force_n)

@@ -1,0 +1,273 @@
+"""Classes of users, named on the command line as ``FILE.py:Class`` or ``package.module:Class``: import, find, make.
+
+Whatever is wrong with them becomes one SettingsError. A text of this kind is code to run: never take it from the
+network.
+"""
+
+import importlib
+import importlib.util
+import inspect
+import re
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from numbers import Real
+from operator import index
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Final, TypeAlias, cast
+
+from hapticnet.errors import SettingsError, UserCodeError, in_words
+from hapticnet.samples import LARGEST_COMPONENT, MAX_AXES, Vector
+
+Option: TypeAlias = int | float | bool | str
+
+_SOURCE = re.compile(r"(?P<source>(?:.+?\.py|[A-Za-z_][\w.]*):[A-Za-z_]\w*)(?::(?P<options>.*))?", re.DOTALL)
+
+_BOOLS: Final = {"true": True, "false": False}
+
+_files: dict[Path, tuple[int, ModuleType]] = {}
+"""Modules made from files, with the time at which each file was changed last."""
+
+
+@dataclass(frozen=True, slots=True)
+class UserClass:
+    """A class of a user, and the arguments with which to make objects of it.
+
+    Attributes
+    ----------
+    kind
+        What it is used as, such as "scene"; starts each message.
+    source
+        ``FILE.py:Class`` or ``package.module:Class``, as the user wrote it.
+    found
+        The class, or a function that returns an object.
+    options
+        Keyword arguments.
+    """
+
+    kind: str
+    source: str
+    found: Callable[..., Any]
+    options: Mapping[str, Option] = field(default_factory=dict)
+
+    @property
+    def file(self) -> Path | None:
+        """The file that the user named, if it was not a module."""
+        place = self.source.rpartition(":")[0]
+        return Path(place) if place.endswith(".py") else None
+
+    @property
+    def label(self) -> str:
+        """Kind and source: how messages call it."""
+        return f"{self.kind} {self.source}"
+
+    def make(self) -> Any:
+        """Return a new object; raise SettingsError if that fails."""
+        try:
+            return self.found(**self.options)
+        except (Exception, SystemExit) as error:
+            raise SettingsError(f"{self.label}: making it raised {in_words(error)}") from error
+
+
+def split_user_code(text: str) -> tuple[str, str] | None:
+    """Return source and options of ``SOURCE[:KEY=VALUE,…]``; None if `text` does not have this form."""
+    found = _SOURCE.fullmatch(text.strip())
+    return (found["source"], found["options"] or "") if found else None
+
+
+def find_user_class(text: str, kind: str) -> UserClass | None:
+    """Import what ``SOURCE[:KEY=VALUE,…]`` names; return None if `text` does not have this form.
+
+    A value is a whole number, a number, true, false, or else text.
+
+    Raises
+    ------
+    SettingsError
+        If it cannot be imported or found, or an option is malformed.
+    """
+    parts = split_user_code(text)
+    if parts is None:
+        if text.strip().endswith(".py"):
+            raise SettingsError(f"{kind} {text!r}: name the class in the file too, as in {text.strip()}:MyClass")
+        return None
+    source, rest = parts
+    options: dict[str, Option] = {}
+    for part in rest.split(",") if rest else ():
+        key, equals, value = part.partition("=")
+        key = key.strip()
+        if not equals or not key.isidentifier() or key in options:
+            raise SettingsError(f"{kind} {text!r}: {part!r} must be KEY=VALUE, each key once, as in stiffness=200")
+        options[key] = _option(value.strip())
+    return UserClass(kind, source, load_user_code(source, kind), options)
+
+
+def load_user_code(source: str, kind: str) -> Callable[..., Any]:
+    """Return the class (or function) at ``FILE.py:Class`` or ``package.module:Class``; a file is reread if it changed.
+
+    Raises
+    ------
+    SettingsError
+        If the file or module cannot be imported, or defines no such class.
+    """
+    place, _, name = source.rpartition(":")
+    try:
+        module = _run_file(Path(place)) if place.endswith(".py") else _import(place)
+    except (Exception, SystemExit) as error:
+        raise SettingsError(f"{kind} {source}: importing {place} raised {in_words(error)}") from error
+    if module is None:
+        raise SettingsError(f"{kind} {source}: cannot find {place}")
+    found = getattr(module, name, None)
+    if not callable(found):
+        raise SettingsError(f"{kind} {source}: {place} defines no class {name!r}{_choices(module)}")
+    return cast("Callable[..., Any]", found)
+
+
+def method_of(made: Any, signature: str, what: str) -> Callable[..., Any]:
+    """Return a method of a user's object, given as "name(argument, …)".
+
+    Raises
+    ------
+    SettingsError
+        If there is no such method, it is a coroutine, or it does not accept these arguments; `what` starts the message.
+    """
+    name, _, arguments = signature.rstrip(")").partition("(")
+    method: Any = getattr(made, name, None)
+    if not callable(method):
+        raise SettingsError(f"{what}: has no method {signature}")
+    if inspect.iscoroutinefunction(method) or inspect.isgeneratorfunction(method):
+        raise SettingsError(f"{what}: {name} is a coroutine or generator; it must be a plain method")
+    try:
+        inspect.signature(method).bind(*arguments.split(", "))
+    except TypeError as error:
+        raise SettingsError(f"{what}: cannot call {signature}: {error}") from error
+    except ValueError:  # a method written in C, which does not tell
+        pass
+    return cast("Callable[..., Any]", method)
+
+
+def axes_of(made: Any, what: str) -> int:
+    """Return the number of axes that a user's object declares, 1 if it does not; raise SettingsError if it is wrong."""
+    declared = getattr(made, "axes", 1)
+    try:
+        axes = index(declared)
+    except TypeError:
+        axes = 0
+    if isinstance(declared, bool) or not 1 <= axes <= MAX_AXES:
+        raise SettingsError(f"{what}: axes is {short(declared)}; it must be a whole number from 1 to {MAX_AXES}")
+    return axes
+
+
+def vector_from(result: Any, axes: int, method: str, unit: str) -> Vector:
+    """Return what a method of a user returned, a number or a sequence of numbers, as a vector.
+
+    Raises
+    ------
+    UserCodeError
+        If it is something else, not finite or out of range, or has another number of axes.
+    """
+    try:
+        if isinstance(result, Real):
+            vector: Vector = (float(result),)
+        elif isinstance(result, (str, bytes, Mapping)):
+            raise TypeError
+        elif getattr(result, "ndim", None) == 0:  # an array of no dimension
+            vector = (float(result),)
+        else:
+            vector = tuple([float(each) for each in result])
+    except (TypeError, ValueError, OverflowError):
+        raise _unusable(result, axes, method, unit) from None
+    if len(vector) != axes:
+        raise _unusable(result, axes, method, unit)
+    for component in vector:
+        # Written so that NaN, which compares false with everything, is refused too.
+        if not -LARGEST_COMPONENT <= component <= LARGEST_COMPONENT:
+            raise _unusable(result, axes, method, unit)
+    return vector
+
+
+def failure(method: str, error: BaseException) -> UserCodeError:
+    """Return what an exception in a method of a user is reported as; a KeyboardInterrupt is raised again."""
+    if isinstance(error, KeyboardInterrupt):
+        raise error
+    return error if isinstance(error, UserCodeError) else UserCodeError(f"{method} raised {in_words(error)}")
+
+
+def short(value: object) -> str:
+    """Return a value for a message: one line of at most 60 characters."""
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:
+        text = f"an object of type {type(value).__name__}"
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _unusable(result: Any, axes: int, method: str, unit: str) -> UserCodeError:
+    right = f"a finite number [{unit}]" if axes == 1 else f"{axes} finite numbers [{unit}]"
+    return UserCodeError(f"{method} returned {short(result)}; it must return {right}")
+
+
+def _option(text: str) -> Option:
+    if text.lower() in _BOOLS:
+        return _BOOLS[text.lower()]
+    for number in (int, float):
+        try:
+            return number(text)
+        except ValueError:
+            continue
+    return text
+
+
+def _choices(module: ModuleType) -> str:
+    """Return a hint at the classes that a module defines."""
+    own = [name for name, each in vars(module).items() if isinstance(each, type) and each.__module__ == module.__name__]
+    return f"; it defines {', '.join(own[:8])}" if own else ""
+
+
+def _run_file(file: Path) -> ModuleType | None:
+    if not file.is_file():
+        return None
+    path = file.resolve()
+    changed = path.stat().st_mtime_ns
+    if path in _files and _files[path][0] == changed:
+        return _files[path][1]
+    # The prefix keeps a user's serial.py from being taken for the module of that name.
+    name = free = f"hapticnet_user_{file.stem}"
+    number = 1
+    while free in sys.modules and getattr(sys.modules[free], "__file__", None) != str(path):
+        number += 1
+        free = f"{name}_{number}"
+    spec = importlib.util.spec_from_file_location(free, path)
+    if spec is None or spec.loader is None:
+        return None
+    look_in(file.parent)  # as Python does for a script, so that it can import its neighbours
+    module = importlib.util.module_from_spec(spec)
+    before = sys.modules.get(free)
+    sys.modules[free] = module  # dataclasses look their module up
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        if before is None:
+            del sys.modules[free]
+        else:
+            sys.modules[free] = before
+        raise
+    _files[path] = changed, module
+    return module
+
+
+def _import(name: str) -> ModuleType | None:
+    look_in(Path.cwd())  # which a console script does not search by itself
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name is not None and (name == error.name or name.startswith(f"{error.name}.")):
+            return None
+        raise
+
+
+def look_in(folder: Path) -> None:
+    """Let Python search a folder for modules, after all others."""
+    path = str(folder.resolve())
+    if path not in sys.path:
+        sys.path.append(path)
