@@ -32,7 +32,7 @@ From the server, binary, `MESSAGES_PER_S` times a second
 offset  type      meaning
 ======  ========  ===================================================================================================
 0       u8        1
-1       u8        state of the hand: `HandState`
+1       u8        state of the hand: 0 free, 1 live, 2 holding, 3 withdrawing (`operator.live.HandState`)
 2       u16       number of surfaces n; 0 while the scene is not known
 4       u32       number of this frame, counted by the server; a gap shows that frames were left out
 8       f64       ``time_ms`` of the newest HAND message of this page; 0 if there was none
@@ -104,8 +104,8 @@ To the watch view it has a ``name``, and each tissue ``name``, ``stiffness_n_per
 
     {"type": "hand", "holder": "you" | "another" | "nobody", "state": "free"}
 
-``state`` is the name of a `HandState` in lower case. The holder changes to ``"nobody"`` when the needle is withdrawn
-because the page fell silent; the page must then take the hand again.
+``state`` is ``"free"``, ``"live"``, ``"holding"`` or ``"withdrawing"``. The holder changes to ``"nobody"`` when the needle
+is withdrawn because the page fell silent; the page must then take the hand again.
 
 ``ready``, to both, after the hello and when it changes: whether there is a slave whose scene can be touched. A change
 of codec is not a change of this::
@@ -185,6 +185,7 @@ from typing import Any, Final, Literal, TypeAlias, get_args
 
 from hapticnet.arrays import FloatArray
 from hapticnet.errors import PeerError
+from hapticnet.operator.live import HandState
 from hapticnet.samples import LARGEST_COMPONENT
 
 VERSION: Final = 1
@@ -216,21 +217,6 @@ _HAND: Final = struct.Struct("<BBHfd")
 
 HAND_BYTES: Final = _HAND.size
 MOST_ROWS: Final = 0xFFFF
-
-
-class HandState(enum.IntEnum):
-    """What the hand of the page is doing."""
-
-    FREE = 0
-    """Nobody has it; the needle is at rest."""
-    LIVE = 1
-    """The needle follows a page."""
-    HOLDING = 2
-    """The page fell silent; the needle stays where it is."""
-    WITHDRAWING = 3
-    """Nobody has it; the needle is on its way to its rest position."""
-    SCRIPTED = 4
-    """The positions come from elsewhere: a script, a recording, a program."""
 
 
 class CloseCode(enum.IntEnum):

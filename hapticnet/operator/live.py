@@ -1,0 +1,208 @@
+"""A person's hand: positions that arrive irregularly, made into a smooth motion of bounded speed.
+
+A pointer moves in steps, about 60 a second. Sent as they are, the steps would be felt as a vibration that is not there:
+at 40 mm/s in a tissue of 500 N/m, 0.3 N each. The needle therefore follows the hand like a critically damped
+mass on a spring: x'' = (target − x)/τ² − 2·x'/τ, solved exactly for each tick. It trails a hand that moves at constant
+speed by 2τ and never overshoots.
+"""
+
+import enum
+import math
+from dataclasses import dataclass
+from typing import Final
+
+from hapticnet.checks import check_parameter
+from hapticnet.errors import SampleError, SettingsError
+from hapticnet.samples import PositionSample
+
+LONGEST_STEP_US: Final = 20_000
+"""Longest time [µs] by which one sample advances the needle; after a pause it goes on from where it was."""
+
+AT_REST_M: Final = 10e-6
+"""Distance [m] from its rest position within which a needle that is withdrawn counts as at rest."""
+
+
+class HandState(enum.IntEnum):
+    """What the hand is doing."""
+
+    FREE = 0
+    """Nobody has it; the needle is at rest."""
+    LIVE = 1
+    """The needle follows the person who has it."""
+    HOLDING = 2
+    """That person fell silent; the needle stops where it is."""
+    WITHDRAWING = 3
+    """Nobody has it; the needle is on its way to its rest position."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LiveHandSettings:
+    """How the needle follows a hand.
+
+    Attributes
+    ----------
+    rest_m
+        Position [m] of the needle while nobody has the hand.
+    deepest_m
+        Largest position [m].
+    time_constant_us
+        τ of the follower [µs]; the needle is 2τ late. The default lets 1 % of a 60 Hz staircase through.
+    speed_m_per_s
+        Largest speed of the needle [m/s]. Faster, the platform of the fingertip device cannot follow the force.
+    hold_after_us
+        Silence [µs] after which the needle stops where it is.
+    withdraw_after_us
+        Silence [µs] after which it is withdrawn and the hand is free.
+
+    Raises
+    ------
+    SettingsError
+        If a value is out of range.
+    """
+
+    rest_m: float = 0.0
+    deepest_m: float = 0.1
+    time_constant_us: int = 25_000
+    speed_m_per_s: float = 0.06
+    hold_after_us: int = 300_000
+    withdraw_after_us: int = 1_000_000
+
+    def __post_init__(self) -> None:
+        check_parameter("rest position of the hand", self.rest_m, -10.0, 10.0, "m")
+        check_parameter("deepest position of the hand", self.deepest_m, self.rest_m, 10.0, "m")
+        check_parameter("time constant of the hand", self.time_constant_us, 1_000, 1_000_000, "µs")
+        check_parameter("speed of the hand", self.speed_m_per_s, 0.001, 1.0, "m/s")
+        check_parameter("silence before the hand holds", self.hold_after_us, 10_000, 10_000_000, "µs")
+        check_parameter(
+            "silence before the hand is withdrawn", self.withdraw_after_us, self.hold_after_us, 60_000_000, "µs"
+        )
+
+    @property
+    def delay_us(self) -> int:
+        """How long [µs] the needle trails a hand that moves at constant speed."""
+        return 2 * self.time_constant_us
+
+
+class LiveHand:
+    """An operator whose positions come from a person.
+
+    `take`, `move` and `release` may be called at any time between two samples; they need no clock, because the next
+    sample tells the time.
+
+    Attributes
+    ----------
+    axes
+        1: the needle's axis.
+    duration_us
+        None: endless.
+    state
+        What the hand is doing.
+    position_m
+        Position of the needle [m] at the newest sample.
+    range_m
+        Smallest and largest position [m]; the smallest is the rest position.
+    """
+
+    __slots__ = (
+        "_heard_us", "_moved", "_now_us", "_target_m", "_velocity_m_per_s", "axes", "duration_us",
+        "position_m", "range_m", "settings", "state",
+    )  # fmt: skip
+
+    def __init__(self, settings: LiveHandSettings | None = None) -> None:
+        self.settings = settings = settings or LiveHandSettings()
+        self.axes = 1
+        self.duration_us = None
+        self.state = HandState.FREE
+        self.range_m = (settings.rest_m, settings.deepest_m)
+        self.position_m = settings.rest_m
+        self._target_m = settings.rest_m
+        self._velocity_m_per_s = 0.0
+        self._now_us = 0
+        self._heard_us = 0
+        self._moved = False
+
+    def set_range(self, rest_m: float, deepest_m: float) -> None:
+        """Set where the needle may be; it moves there no faster than at any other time.
+
+        Raises
+        ------
+        SettingsError
+            If the range is empty or not finite.
+        """
+        if not (math.isfinite(rest_m) and math.isfinite(deepest_m) and rest_m < deepest_m):
+            raise SettingsError(f"the hand's range is {rest_m} to {deepest_m} m; it must not be empty")
+        self.range_m = (rest_m, deepest_m)
+        if self.state in (HandState.FREE, HandState.WITHDRAWING):
+            self.release()
+        else:
+            self._target_m = min(max(self._target_m, rest_m), deepest_m)
+
+    def take(self) -> None:
+        """Follow a person from now on, from where the needle is."""
+        self._target_m = self._stop_m()
+        self.state = HandState.LIVE
+        self._moved = True
+
+    def move(self, position_m: float) -> None:
+        """Set where the person's hand is [m], if somebody has taken it; limited to the range.
+
+        Raises
+        ------
+        SampleError
+            If the position is NaN.
+        """
+        if math.isnan(position_m):
+            raise SampleError("the position of the hand is NaN; it must be a number")
+        if self.state is HandState.LIVE or self.state is HandState.HOLDING:
+            lowest_m, highest_m = self.range_m
+            self._target_m = min(max(position_m, lowest_m), highest_m)
+            self.state = HandState.LIVE
+            self._moved = True
+
+    def release(self) -> None:
+        """Withdraw the needle to its rest position; the hand is free."""
+        self._target_m = self.range_m[0]
+        self.state = HandState.WITHDRAWING
+
+    def sample(self, t_us: int) -> PositionSample:
+        """Return the position of the needle at `t_us` [µs] from the start."""
+        elapsed_us = min(max(t_us - self._now_us, 0), LONGEST_STEP_US)
+        self._now_us = t_us
+        if self.state is not HandState.FREE:
+            if self._moved:
+                self._moved = False
+                self._heard_us = t_us
+            elif self.state is not HandState.WITHDRAWING:
+                self._watch(t_us - self._heard_us)
+            self._follow(elapsed_us * 1e-6)
+        return PositionSample(t_us, (self.position_m,))
+
+    def _watch(self, silent_us: int) -> None:
+        """Hold, and later withdraw, if the person has been silent for so long."""
+        if silent_us > self.settings.withdraw_after_us:
+            self.release()
+        elif silent_us > self.settings.hold_after_us and self.state is HandState.LIVE:
+            self._target_m = self._stop_m()
+            self.state = HandState.HOLDING
+
+    def _stop_m(self) -> float:
+        """Return the nearest position [m] at which the needle can stop without coming back."""
+        lowest_m, highest_m = self.range_m
+        stop_m = self.position_m + self._velocity_m_per_s * self.settings.time_constant_us * 1e-6
+        return min(max(stop_m, lowest_m), highest_m)
+
+    def _follow(self, elapsed_s: float) -> None:
+        rate_per_s = 1e6 / self.settings.time_constant_us
+        fastest_m_per_s = self.settings.speed_m_per_s
+        away_m = self.position_m - self._target_m
+        drive_m_per_s = self._velocity_m_per_s + rate_per_s * away_m
+        decay = math.exp(-rate_per_s * elapsed_s)
+        step_m = (away_m + drive_m_per_s * elapsed_s) * decay - away_m
+        velocity_m_per_s = (self._velocity_m_per_s - rate_per_s * drive_m_per_s * elapsed_s) * decay
+        longest_m = fastest_m_per_s * elapsed_s
+        self.position_m += min(max(step_m, -longest_m), longest_m)
+        self._velocity_m_per_s = min(max(velocity_m_per_s, -fastest_m_per_s), fastest_m_per_s)
+        if self.state is HandState.WITHDRAWING and abs(self.position_m - self._target_m) < AT_REST_M:
+            self.position_m = self._target_m
+            self._velocity_m_per_s = 0.0
+            self.state = HandState.FREE
