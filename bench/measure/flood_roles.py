@@ -10,23 +10,27 @@ import json
 import socket
 import sys
 import time
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 
 from hapticnet.node.admission import SlaveSettings
-from hapticnet.node.master import MasterNode, MasterSettings
+from hapticnet.node.master import MasterNode, MasterSettings, NodeEvent
 from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
+from hapticnet.protocol.events import Connected
 from hapticnet.protocol.handshake import Door, OpenDoor, SealedDoor
 from hapticnet.protocol.keys import MasterEntry, MasterKey, PrivateKey, Roster
 from hapticnet.protocol.stats import Distribution
 from hapticnet.protocol.wire import OPEN, SEALED
 from hapticnet.runtime.clock import now_us
 from hapticnet.runtime.entropy import SystemEntropy
-from hapticnet.runtime.processes import run_master, run_slave
+from hapticnet.runtime.master_run import run_master
 from hapticnet.runtime.realtime import prefer_realtime, run
+from hapticnet.runtime.slave_run import run_slave
 from hapticnet.runtime.udp import HostPort, bound_address, host_of, listen
+from hapticnet.runtime.watching import Watcher
 from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
 
@@ -50,7 +54,7 @@ async def slave(*, sealed: bool) -> None:
         lambda _: Scene(scene.tissues, name=scene.name), SlaveSettings(), rng, doors=doors, host_of=host_of
     )
     print(bound_address(sock).port, flush=True)
-    await run_slave(node, sock, channel=None, duration_s=None, on_event=lambda _: None, on_status=lambda: None)
+    await run_slave(node, sock)
 
 
 def make_master(*, sealed: bool, rate_hz: float) -> MasterNode:
@@ -65,7 +69,6 @@ async def work(port: int, *, sealed: bool) -> None:
     node = make_master(sealed=sealed, rate_hz=1000.0)
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
-    connections = 0
 
     def mark() -> None:
         if not sys.stdin.readline():
@@ -73,15 +76,22 @@ async def work(port: int, *, sealed: bool) -> None:
             return
         trips = node.session.round_trip
         values = {f"p{percent}": trips.percentile(percent) for percent in PERCENTILES}
-        print(json.dumps({**values, "count": trips.count, "connections": connections}), flush=True)
+        print(json.dumps({**values, "count": trips.count, "connections": counting.connections}), flush=True)
         node.session.round_trip = Distribution()
 
-    def on_event(event: object) -> None:
-        nonlocal connections
-        connections += type(event).__name__ == "Connected"
-
+    counting = Counting()
     loop.add_reader(sys.stdin.fileno(), mark)
-    await play(node, port, stop, None, on_event)
+    await play(node, port, stop, None, [counting])
+
+
+class Counting(Watcher[NodeEvent]):
+    """Count the sessions."""
+
+    def __init__(self) -> None:
+        self.connections = 0
+
+    def note(self, event: NodeEvent, now_us: int) -> None:  # noqa: ARG002
+        self.connections += isinstance(event, Connected)
 
 
 async def come(port: int, seconds: float, *, sealed: bool) -> None:
@@ -99,7 +109,7 @@ async def come(port: int, seconds: float, *, sealed: bool) -> None:
                 stop.set()
 
         poll = asyncio.ensure_future(polling(check))
-        await play(node, port, stop, PATIENCE_S, lambda _: None, host=f"127.0.1.{number % 250 + 1}")
+        await play(node, port, stop, PATIENCE_S, (), host=f"127.0.1.{number % 250 + 1}")
         poll.cancel()
         took_s = (now_us() - started_us) / 1e6 if node.session.round_trip.count else None
         print(json.dumps(took_s), flush=True)
@@ -117,7 +127,7 @@ async def play(
     port: int,
     stop: asyncio.Event,
     duration_s: float | None,
-    on_event: Any,
+    watchers: Sequence[Watcher[NodeEvent]],
     *,
     host: str = "127.0.0.1",
 ) -> None:
@@ -129,12 +139,9 @@ async def play(
         node,
         sock,
         ("127.0.0.1", port),
-        wire=None,
-        channel=None,
         duration_s=duration_s,
         connect_timeout_s=duration_s,
-        on_event=on_event,
-        on_status=lambda: None,
+        watchers=watchers,
         stop=stop,
     )
 

@@ -114,7 +114,7 @@ class VirtualLink:
     def slave_samples(self) -> dict[str, FloatArray]:
         """Return, for every position the slave answered: t_us, position_m, force_n, held_n, transmitted and more.
 
-        `node.recording.SLAVE_COLUMNS` describes the columns; each has shape (n,).
+        `node.recording.slave_columns(1)` describes the columns; each has shape (n,).
 
         Raises
         ------
@@ -131,7 +131,7 @@ class VirtualLink:
     def master_samples(self) -> dict[str, FloatArray]:
         """Return, for every tick of the master: t_us, position_m, held_n and more, shape (n,) each.
 
-        `node.recording.MASTER_COLUMNS` describes the columns.
+        `node.recording.master_columns(1)` describes the columns.
         """
         recording = self._loopback.master.recording
         return recording.table() if recording is not None else {}

@@ -79,10 +79,32 @@ class Emulator(Generic[T]):
         "_duplicated_bytes", "_duplicates", "_fifo", "_heap", "_hold_back_us", "_hold_backs", "_jitter_us",
         "_keeps_order", "_last_due_us", "_link_free_ns", "_losses", "_lost", "_lost_bytes", "_newest_delivered",
         "_plain", "_queue_dropped", "_queue_dropped_bytes", "_queue_ns", "_rate_bit_per_s", "_reordered", "_reorders",
+        "_rngs",
     )  # fmt: skip
 
     def __init__(self, settings: ChannelSettings, rng: np.random.Generator) -> None:
-        loss_rng, duplicate_rng, jitter_rng, reorder_rng = rng.spawn(4)
+        self._rngs = rng.spawn(4)
+        self._link_free_ns = 0
+        # Packets in flight are in one of these. The queue is used if packets keep their order: each waits for the one
+        # before it. Otherwise the heap holds (due, number, copy, item, size), so that no two entries compare equal
+        # before their items.
+        self._fifo: deque[tuple[int, T, int]] = deque()
+        self._heap: list[tuple[int, int, bool, T, int]] = []
+        self._reorders = False
+        self._last_due_us = 0
+        self._newest_delivered = 0
+
+        self._accepted = self._accepted_bytes = 0
+        self._delivered = self._delivered_bytes = 0
+        self._lost = self._lost_bytes = 0
+        self._queue_dropped = self._queue_dropped_bytes = 0
+        self._duplicated = self._duplicated_bytes = 0
+        self._reordered = 0
+        self.change(settings)
+
+    def change(self, settings: ChannelSettings) -> None:
+        """Use other settings for the packets pushed from now on; those in flight arrive as planned."""
+        loss_rng, duplicate_rng, jitter_rng, reorder_rng = self._rngs
         loss, jitter = settings.loss, settings.jitter
         self._losses = loss.fates(loss_rng) if loss is not None and loss.mean > 0.0 else None
         self._duplicates = _chances(settings.duplicate_probability, duplicate_rng)
@@ -93,26 +115,17 @@ class Emulator(Generic[T]):
         self._delay_us = settings.delay_us
         self._rate_bit_per_s = settings.rate_bit_per_s
         self._queue_ns = settings.queue_us * _NS_PER_US
-        self._link_free_ns = 0
-
-        self._reorders = self._hold_backs is not None or (self._jitter_us is not None and not self._keeps_order)
+        reorders = self._hold_backs is not None or (self._jitter_us is not None and not self._keeps_order)
+        if reorders and not self._reorders:  # from now on the heap is used, which keeps order too where it is asked to
+            self._reorders = True
+            oldest = self._accepted - len(self._fifo) + 1
+            self._heap = [(due, oldest + n, False, item, size) for n, (due, item, size) in enumerate(self._fifo)]
+            self._last_due_us = max((due for due, _, _ in self._fifo), default=0)
+            self._fifo.clear()
+            heapq.heapify(self._heap)
         self._plain = not self._reorders and all(
             part is None for part in (self._losses, self._duplicates, self._jitter_us, self._rate_bit_per_s)
         )
-        # Packets in flight are in one of these. The queue is used if packets keep their order: each waits for the one
-        # before it. Otherwise the heap holds (due, number, copy, item, size), so that no two entries compare equal
-        # before their items.
-        self._fifo: deque[tuple[int, T, int]] = deque()
-        self._heap: list[tuple[int, int, bool, T, int]] = []
-        self._last_due_us = 0
-        self._newest_delivered = 0
-
-        self._accepted = self._accepted_bytes = 0
-        self._delivered = self._delivered_bytes = 0
-        self._lost = self._lost_bytes = 0
-        self._queue_dropped = self._queue_dropped_bytes = 0
-        self._duplicated = self._duplicated_bytes = 0
-        self._reordered = 0
 
     @property
     def in_flight(self) -> int:

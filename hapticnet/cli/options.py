@@ -84,6 +84,11 @@ ChannelOut: TypeAlias = Annotated[
         " such as delay=20ms,jitter=normal:5ms,loss=2%.",
     ),
 ]
+ChannelIn: TypeAlias = Annotated[
+    str,
+    typer.Option(metavar="SPEC", help="The same for arriving datagrams; together they emulate both directions."),
+]
+DeviceTakes: TypeAlias = Literal["x", "y", "z", "norm"]
 Realtime: TypeAlias = Annotated[bool, typer.Option(help="Use real-time scheduling (SCHED_FIFO) if permitted.")]
 DeviceOption: TypeAlias = Annotated[
     str,

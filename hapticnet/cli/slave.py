@@ -8,7 +8,7 @@ import typer
 from hapticnet.cli import options
 
 if TYPE_CHECKING:
-    from hapticnet.node.station import Station
+    from hapticnet.runtime.watching import Watcher
 
 
 def slave(
@@ -63,22 +63,23 @@ def slave(
     from hapticnet.channel.spec import parse_channel
     from hapticnet.checks import check_parameter
     from hapticnet.cli.console import Console, channel_account, check_outputs, deliver
+    from hapticnet.cli.recording import SlaveRecording
+    from hapticnet.cli.slave_messages import SlaveMessages, place
     from hapticnet.cli.trust import slave_trust
     from hapticnet.codec.registry import parse_codec, register_installed_codecs
     from hapticnet.errors import FileError, SettingsError
     from hapticnet.files import check_folder
     from hapticnet.node.admission import SlaveSettings
-    from hapticnet.node.slave import MasterJoined, MasterLeft, MasterRefused, SlaveEvent, SlaveNode
+    from hapticnet.node.slave import SlaveEvent, SlaveNode
     from hapticnet.protocol.handshake import Door, OpenDoor, SealedDoor
-    from hapticnet.protocol.keys import MasterEntry, format_key
+    from hapticnet.protocol.keys import MasterEntry
     from hapticnet.protocol.settings import SessionSettings
     from hapticnet.protocol.wire import OPEN, SEALED
     from hapticnet.runtime.clock import now_us
     from hapticnet.runtime.entropy import SystemEntropy
     from hapticnet.runtime.overload import Overload
-    from hapticnet.runtime.processes import run_slave
     from hapticnet.runtime.realtime import OTHER, policy, prefer_realtime, run
-    from hapticnet.runtime.recorder import Recorder
+    from hapticnet.runtime.slave_run import run_slave
     from hapticnet.runtime.udp import bound_address, host_of, is_loopback, parse_host_port
     from hapticnet.runtime.udp import listen as listen_on
     from hapticnet.scene.presets import find_scene, scene_file
@@ -115,54 +116,18 @@ def slave(
         ),
         entropy,
         doors=doors,
-        write_address=_place,
+        write_address=place,
         host_of=host_of,
     )
     channel = None if out.is_perfect else Emulator[Any](out, np.random.default_rng([seed, 1]))
     if record is not None:
         check_folder(record)
     check_outputs(report, inputs=[scene_file(scene), *trust.files])
-    recorder = Recorder(console.say, limit_bytes=record_limit) if record is not None else None
-
-    def on_event(event: SlaveEvent) -> None:
-        if isinstance(event, MasterRefused):
-            whose = "" if event.public is None else f", public key {format_key(event.public)}"
-            console.say(f"{event.name!r} from {_place(event.address)}{whose}, was refused: {event.reason}")
-            return
-        session = event.station.session
-        if isinstance(event, MasterJoined):
-            request = session.request
-            place = _place(event.station.address)
-            console.say(f"{_who(event.station)} joined from {place}: {request.codec}, asks for {request.rate_hz:g} Hz")
-        elif isinstance(event, MasterLeft):
-            console.say(f"{_who(event.station)} left: {session.end_reason} ({event.station.steps} steps)")
-            collect(event.station, ended=True)
-        if recorder is not None:
-            recorder.set_idle(not node.stations)
-
-    def collect(station: "Station", *, ended: bool = False) -> None:
-        if record is None or recorder is None or station.recording is None:
-            return
-        name = "".join(c if c.isalnum() or c in "-_" else "_" for c in station.session.request.name)
-        file = record / f"{name}-{station.session.number:08x}.csv"
-        recorder.collect(station.recording, file)
-        if ended:
-            recorder.end(file)
-
-    said_unkeyed = False
-
-    def on_status() -> None:
-        nonlocal said_unkeyed
-        if guests is not None and node.unkeyed and not said_unkeyed:
-            said_unkeyed = True
-            public = format_key(guests.own.public)
-            console.say(f"somebody asks for a session with another slave's key; this slave's is {public}")
-        packets = sum(station.session.sent.packets for station in node.stations)
-        steps = sum(station.steps for station in node.stations)
-        console.status(f"{len(node.stations)} masters, {steps} steps, {packets} packets sent")
-        for station in node.stations:
-            collect(station)
-
+    watchers: list[Watcher[SlaveEvent]] = [SlaveMessages(console, node, guests)]
+    recording = None
+    if record is not None:
+        recording = SlaveRecording(node, record, console.say, limit_bytes=record_limit)
+        watchers.append(recording)
     terminals = [descriptor for descriptor in (0, 1, 2) if os.isatty(descriptor)]
 
     def on_hangup() -> None:
@@ -191,33 +156,21 @@ def slave(
             sock,
             channel=channel,
             duration_s=duration,
-            on_event=on_event,
-            on_status=on_status,
+            watchers=watchers,
             overload=overload,
+            tell=console.say,
             on_listening=lambda: console.say(f"listening on {address}, scene {settings.name}, {policy(scheduling)}"),
             on_hangup=on_hangup,
         )
     )
     console.finish()
     account: dict[str, Any] = {"scheduling": scheduling, **node.report(), "overload": overload.report()}
-    if recorder is not None:
-        account["recording"] = recorder.report()
+    if recording is not None:
+        account["recording"] = recording.recorder.report()
     if channel is not None:
         account["channel_out"] = channel_account(out, channel)
     try:
         deliver(account, as_json=json, file=report, real_time=True)
     finally:  # the reader of stdout may have gone
-        if recorder is not None:
-            recorder.finish()
-
-
-def _who(station: "Station") -> str:
-    """Return what to call a master: its name in the list, and what it calls itself."""
-    own = repr(station.session.request.name)
-    return own if station.listed is None else f"{station.listed!r} ({own})"
-
-
-def _place(address: Any) -> str:
-    from hapticnet.runtime.udp import HostPort
-
-    return str(HostPort(address[0], address[1]))
+        if recording is not None:
+            recording.recorder.finish()

@@ -114,6 +114,10 @@ class Hold:
         """Let the next stimulus rise from what is applied now; call this when a new session begins."""
         self._new = True
 
+    def release(self) -> None:
+        """Apply nothing from now on; the force rises from zero when `value` is called again."""
+        self._note_share(0.0)
+
     def follow(self, force_n: Vector) -> None:
         """Set the stimulus [N] to the decoder's current reconstruction, without resetting its age."""
         self._force_n = force_n

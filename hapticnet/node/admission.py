@@ -10,7 +10,7 @@ from hapticnet.codec.registry import all_codecs, make_codec
 from hapticnet.errors import HapticnetError, SampleError, SettingsError, in_words
 from hapticnet.node.reception import Address
 from hapticnet.node.seats import NoSeatError, to_continue, who_gives_way
-from hapticnet.node.station import Station
+from hapticnet.node.station import Station, StationSettings
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.handshake import Visitor
 from hapticnet.protocol.keys import MasterEntry
@@ -28,29 +28,26 @@ from hapticnet.protocol.messages import (
 from hapticnet.protocol.settings import Entropy, SessionSettings, random_bytes
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import SEALED, Kind, pack, pack_body
-from hapticnet.scene.scene import Scene
+from hapticnet.scene.base import Touchable
 
 SMALLEST_SESSION: Final = 1 << 16
 """Smallest session number: from here on all take five bytes, so datagram sizes do not depend on chance."""
 
-MakeScene: TypeAlias = Callable[[MasterEntry | None], Scene]
+MakeScene: TypeAlias = Callable[[MasterEntry | None], Touchable]
 """Makes a scene, for a master of the list or an open session."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SlaveSettings:
+class SlaveSettings(StationSettings):
     """What a slave grants.
 
     Attributes
     ----------
     fastest_rate_hz
         Highest sample rate granted to a master [Hz].
-    record
-        Whether each session remembers every sample.
     """
 
     fastest_rate_hz: float = 10_000.0
-    record: bool = False
     session: SessionSettings = field(default_factory=SessionSettings)
 
     def __post_init__(self) -> None:
@@ -134,7 +131,6 @@ class Admission:
             rate_hz=rate_hz,
             first_sequence=sequence,
             now_us=now_us,
-            near_us=old.session.masters_clock_us(now_us) if old is not None and same_clock else None,
         )
         ticket = random_bytes(self._rng, TICKET_BYTES)
         station = Station(
@@ -146,7 +142,7 @@ class Admission:
             codec,
             seats=seats,
             listed=None if entry is None else entry.name,
-            record=self._settings.record,
+            settings=self._settings,
             now_us=now_us,
             continues=old,
             same_clock=same_clock,
@@ -161,7 +157,7 @@ class Admission:
             pass
         return number
 
-    def _scene(self, entry: MasterEntry | None) -> Scene:
+    def _scene(self, entry: MasterEntry | None) -> Touchable:
         try:
             return self._make_scene(entry)
         except Exception as error:  # a scene of the user's own may raise anything

@@ -1,23 +1,26 @@
 """The master: streams the operator's position, holds the last force, and drives the fingertip device with it."""
 
+import math
 from collections import deque
 from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
 from hapticnet.checks import check_parameter
+from hapticnet.codec.base import Codec
 from hapticnet.codec.registry import codec_parameters, make_codec
 from hapticnet.codec.schemes.raw import Raw
 from hapticnet.control.force import ForceControlSettings
 from hapticnet.control.hold import Hold, HoldSettings
 from hapticnet.control.limits import LimitSettings
 from hapticnet.device.base import Device
-from hapticnet.errors import PeerError, in_words
+from hapticnet.errors import PeerError, SampleError, SettingsError, in_words
 from hapticnet.measure.metrics import RunningError
 from hapticnet.node.fingertip import Fingertip, FingertipEvent
-from hapticnet.node.recording import MASTER_COLUMNS, Recording
+from hapticnet.node.recording import DATAGRAM_COLUMNS, IN, OUT, Recording, frame_kind, master_columns
 from hapticnet.operator.base import Operator
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.events import (
+    ChangeRefused,
     Connected,
     Ended,
     ForceArrived,
@@ -34,9 +37,15 @@ from hapticnet.protocol.master_session import MasterSession
 from hapticnet.protocol.messages import NAME_BYTES, Code, Request, clipped
 from hapticnet.protocol.settings import Entropy, SessionSettings
 from hapticnet.protocol.stats import Distribution
+from hapticnet.samples import Vector, checked_vector
 
 if TYPE_CHECKING:
-    from hapticnet.samples import Vector
+    from collections.abc import Callable
+
+OnError: TypeAlias = Literal["end", "pause"]
+
+DeviceTakes: TypeAlias = Literal["x", "y", "z", "norm"]
+"""The part of the force that a device with one axis renders."""
 
 FASTEST_HZ: Final = 100_000.0
 
@@ -48,8 +57,25 @@ class Failed:
     reason: str
 
 
+@dataclass(frozen=True, slots=True)
+class Paused:
+    """The operator raised an exception: the force goes to zero and the operator is not asked until `resume`."""
+
+    reason: str
+
+
 NodeEvent: TypeAlias = (
-    Connected | LinkStale | LinkRecovered | SessionLost | Refused | Hinted | Failed | Ended | FingertipEvent
+    Connected
+    | LinkStale
+    | LinkRecovered
+    | SessionLost
+    | Refused
+    | ChangeRefused
+    | Hinted
+    | Paused
+    | Failed
+    | Ended
+    | FingertipEvent
 )
 """Events that a master reports; forces and confirmations stay inside."""
 
@@ -70,6 +96,13 @@ class MasterSettings:
         This master's key and the slave's public key; None for an open session.
     record
         Whether every tick is recorded.
+    record_datagrams
+        Whether every datagram is recorded.
+    on_error
+        What an exception of the operator does: end the session, or pause until `MasterNode.resume`. The force goes to
+        zero in either case. An exception of the codec or the device always ends the session.
+    device_takes
+        The axis of the force that the device renders, or its norm.
     """
 
     codec: str = "deadband"
@@ -79,6 +112,9 @@ class MasterSettings:
     name: str = "master"
     key: MasterKey | None = None
     record: bool = False
+    record_datagrams: bool = False
+    on_error: OnError = "end"
+    device_takes: DeviceTakes = "x"
     session: SessionSettings = field(default_factory=SessionSettings)
     hold: HoldSettings = field(default_factory=HoldSettings)
     limits: LimitSettings = field(default_factory=LimitSettings)
@@ -97,6 +133,22 @@ class MasterNode:
         The fingertip device, or None to run without one.
     rng
         Source of nonces.
+
+    Attributes
+    ----------
+    position_m
+        Position [m] of the newest tick; None before there is a session.
+    received_n, held_n
+        Force [N] of all axes as the decoder reconstructs it, and as it is held: decayed where the link is stale, zero
+        after a failure.
+    target_n, sensed_n, displacement_m
+        Force [N] requested of the device and sensed by it, and the displacement [m] of its platform.
+    scene_name
+        What the slave calls the scene; None before there is a session.
+    paused
+        Why the operator is not asked for positions; None if it is.
+    recording, datagrams
+        Rows of every tick and of every datagram, if they are recorded.
     """
 
     def __init__(self, operator: Operator, device: Device | None, settings: MasterSettings, rng: Entropy) -> None:
@@ -106,33 +158,33 @@ class MasterNode:
         self.end_reason: str | None = None
         self.refused = False
         self.failure: str | None = None
-        self.recording = Recording(MASTER_COLUMNS) if settings.record else None
+        self.paused: str | None = None
+        self.recording = Recording(master_columns(operator.axes)) if settings.record else None
+        self.datagrams = Recording(DATAGRAM_COLUMNS) if settings.record_datagrams else None
         self._operator = operator
+        self._feel: Callable[[int, Vector], None] | None = getattr(operator, "feel", None)
         self._codec = make_codec(settings.codec, settings.law, settings.parameters)
-        request = Request(
-            codec=settings.codec,
-            parameters=codec_parameters(self._codec),
-            **asdict(settings.law),
-            rate_hz=settings.rate_hz,
-            axes=operator.axes,
-            name=clipped(settings.name, NAME_BYTES),
-        )
-        self.session = MasterSession(request, settings.session, rng, settings.key)
+        self._next_codec = self._codec
+        self.session = MasterSession(self._request(self._codec), settings.session, rng, settings.key)
         self._positions = Raw().encoder(operator.axes)
         self._decoder = self._codec.decoder(operator.axes)
         self._hold = Hold(settings.hold, axes=operator.axes)
         self._fingertip = Fingertip(device, settings.limits, settings.control) if device is not None else None
         self._script_start_us: int | None = None
-        self._at_m: Vector | None = None
+        self.position_m: Vector | None = None
+        self._zero_n: Vector = (0.0,) * operator.axes
+        self.received_n = self.held_n = self._zero_n
+        self.target_n = self.sensed_n = self.displacement_m = 0.0
+        self._device_axis = _device_axis(settings.device_takes, operator.axes) if device is not None else None
         self._heard_us: int | None = None  # when the newest force arrived, on the master's clock
         self._heard_t_us = 0  # and its time stamp
         self._valid_t_us = 0  # time of the newest position for which what is applied is known to be right
         self._age = Distribution()
-        self._felt = (0.0, 0.0, 0.0, 0.0)
         self._connections = 0
         self._tracking = RunningError(settings.law)
-        self._scene: str | None = None
+        self.scene_name: str | None = None
         self._events: deque[NodeEvent] = deque()
+        self._ticked_us = 0
 
     @property
     def connected(self) -> bool:
@@ -146,26 +198,28 @@ class MasterNode:
 
     def receive_datagram(self, data: bytes, now_us: int) -> None:
         """Process a datagram from the slave. Never raises."""
+        if self.datagrams is not None:
+            self.datagrams.add((now_us, IN, frame_kind(data), len(data)))
         self.session.receive_datagram(data, now_us)
         self._digest_events(now_us)
 
     def tick(self, now_us: int) -> None:
         """Send the operator's position. Call `drive` before it in the same tick, so that nothing delays the answer."""
         self.ticks += 1
+        self._ticked_us = now_us
         self.session.tick(now_us)
         self._digest_events(now_us)
         if self._script_start_us is not None and self.session.streaming:
-            try:
-                sample = self._operator.sample(now_us - self._script_start_us)
-                payload = self._positions.encode(now_us, sample.position_m)
-            except Exception as error:  # a user's operator may raise anything
-                self._fail(f"the operator failed: {in_words(error)}", now_us)
-                return
-            self._at_m = sample.position_m
-            if payload is not None:
-                self.session.send_position(now_us, payload)
+            if self.paused is None:
+                self._ask_operator(now_us - self._script_start_us, now_us)
+            if self.position_m is not None:
+                payload = self._positions.encode(now_us, self.position_m)
+                if payload is not None:
+                    self.session.send_position(now_us, payload)
         if self.recording is not None:
-            self.recording.add((now_us, self._at_m[0] if self._at_m else 0.0, *self._felt))
+            at_m = self.position_m or self._zero_n
+            felt = self.target_n, self.sensed_n, self.displacement_m
+            self.recording.add((now_us, *at_m, *self.received_n, *self.held_n, *felt))
 
     def drive(self, now_us: int) -> None:
         """Move the device one step toward the held force."""
@@ -174,39 +228,75 @@ class MasterNode:
             # not contradicted; the answer to the next position comes within this period.
             at_us = self._heard_t_us + max(0, now_us - self._heard_us - self.period_us)
             try:
-                self._hold.follow(self._decoder.reconstruct(at_us, self._at_m))
+                self.received_n = self._decoder.reconstruct(at_us, self.position_m)
+                self._hold.follow(self.received_n)
             except Exception as error:  # a user's codec may raise anything
                 self._fail(f"the codec failed: {in_words(error)}", now_us)
             if not self._hold.is_released(now_us):
                 self._age.add(now_us - self._valid_t_us)
-        held_n = self.held_force_n(now_us)
+        self.held_n = held_n = self.held_force_n(now_us)
         fingertip = self._fingertip
         if fingertip is None:
-            if self.recording is not None:
-                self._felt = held_n, 0.0, 0.0, 0.0
             return
+        axis = self._device_axis
         try:
-            fingertip.press(held_n, now_us)
+            fingertip.press(math.hypot(*held_n) if axis is None else held_n[axis], now_us)
         except Exception as error:  # what drives a device may raise anything; it is asked for no force from now on
             self._fail(f"the device failed: {in_words(error)}", now_us)
             return
         if self.connected and fingertip.reading is not None:
             self._tracking.add((fingertip.target_n,), (fingertip.sensed_n,))
-        if self.recording is not None:
-            self._felt = held_n, fingertip.target_n, fingertip.sensed_n, fingertip.displacement_m
+        self.target_n, self.sensed_n = fingertip.target_n, fingertip.sensed_n
+        self.displacement_m = fingertip.displacement_m
+
+    def change(
+        self,
+        *,
+        codec: str | None = None,
+        parameters: dict[str, float] | None = None,
+        law: WeberLaw | None = None,
+    ) -> None:
+        """Ask for a session with another codec or JND; the present one goes on until the slave grants it.
+
+        The new session goes on with the scene. `Connected` or `ChangeRefused` follows. What is not given stays, but
+        another codec starts from its own default parameters.
+
+        Raises
+        ------
+        SettingsError
+            If there is no such codec, or a parameter is invalid.
+        """
+        now = self._next_codec
+        if parameters is None:
+            parameters = codec_parameters(now) if codec is None or codec == now.name else {}
+        chosen = make_codec(codec or now.name, law or now.law, parameters)
+        chosen.decoder(self._operator.axes)  # refuse a codec for fewer axes now
+        self._next_codec = chosen
+        self.session.change(self._request(chosen))
+
+    def resume(self) -> None:
+        """Ask the operator for positions again after `Paused`; the force rises from zero."""
+        self.paused = None
 
     def close(self, reason: str, now_us: int) -> None:
         """End the session; `finished` turns true once the slave has answered or the tries are used up."""
         self.session.close(reason, now_us)
         self._digest_events(now_us)
 
-    def held_force_n(self, now_us: int) -> float:
-        """Return the force being held [N]: decayed where the link is stale, 0 after a failure."""
-        return 0.0 if self.failure is not None else self._hold.value(now_us)[0]
+    def held_force_n(self, now_us: int) -> Vector:
+        """Return the force being held [N]: decayed where the link is stale, zero after a failure and while paused."""
+        if self.failure is not None or self.paused is not None:
+            self._hold.release()
+            return self._zero_n
+        return self._hold.value(now_us)
 
     def datagrams_to_send(self) -> list[bytes]:
         """Return the datagrams to send to the slave now."""
-        return self.session.datagrams_to_send()
+        outbox = self.session.datagrams_to_send()
+        if self.datagrams is not None:
+            for data in outbox:
+                self.datagrams.add((self._ticked_us, OUT, frame_kind(data), len(data)))
+        return outbox
 
     def next_event(self) -> NodeEvent | None:
         """Return the next event, or None."""
@@ -219,7 +309,7 @@ class MasterNode:
         tracking = self._tracking.report() if self._tracking.samples else None
         return {
             "master": self.settings.name,
-            "scene": self._scene,
+            "scene": self.scene_name,
             "codec": self._codec.name,
             "parameters": codec_parameters(self._codec),
             **asdict(self.settings.law),
@@ -236,6 +326,34 @@ class MasterNode:
             "received": self.session.received.report(),
         }
 
+    def _request(self, codec: Codec) -> Request:
+        return Request(
+            codec=codec.name,
+            parameters=codec_parameters(codec),
+            **asdict(codec.law),
+            rate_hz=self.settings.rate_hz,
+            axes=self._operator.axes,
+            name=clipped(self.settings.name, NAME_BYTES),
+        )
+
+    def _ask_operator(self, t_us: int, now_us: int) -> None:
+        """Let the operator feel the held force, and ask it for its position."""
+        try:
+            if self._feel is not None:
+                self._feel(t_us, self.held_n)
+            position_m = checked_vector(self._operator.sample(t_us).position_m, "position")
+            if len(position_m) != len(self._zero_n):
+                raise SampleError(f"position has {len(position_m)} axes; the operator has {len(self._zero_n)}")
+        except Exception as error:  # a user's operator may raise anything
+            reason = f"the operator failed: {in_words(error)}"
+            if self.settings.on_error == "end":
+                self._fail(reason, now_us)
+            else:
+                self.paused = reason
+                self._events.append(Paused(reason))
+        else:
+            self.position_m = position_m
+
     def _fail(self, reason: str, now_us: int) -> None:
         if self.failure is None:
             self.failure = reason
@@ -250,7 +368,7 @@ class MasterNode:
         if isinstance(event, ForceArrived):
             try:
                 self._decoder.decode(event.t_us, event.payload)
-                force_n = self._decoder.reconstruct(event.t_us, self._at_m)
+                force_n = self._decoder.reconstruct(event.t_us, self.position_m)
                 self._hold.receive(force_n, now_us)
             except PeerError:
                 self.session.payload_was_malformed()
@@ -269,16 +387,30 @@ class MasterNode:
             return
         if isinstance(event, Connected):
             self._connections += 1
-            self._scene = event.grant.scene
+            self.scene_name = event.grant.scene
             rate_hz = max(self.settings.session.slowest_hz, min(self.settings.rate_hz, event.grant.rate_hz))
             self.period_us = round(1e6 / rate_hz)
+            self._codec = self._next_codec
             self._decoder = self._codec.decoder(self._operator.axes)
             self._heard_us = None
             self._hold.restart()
             if self._script_start_us is None:
                 self._script_start_us = now_us
+        elif isinstance(event, ChangeRefused):
+            self._next_codec = self._codec
         elif isinstance(event, Ended):
             self.end_reason, self.refused = event.reason, event.refused
             if event.code is Code.FAILED and not event.refused:
                 self.failure = event.reason
         self._events.append(event)
+
+
+def _device_axis(takes: DeviceTakes, axes: int) -> int | None:
+    """Return the number of the axis that the device renders; None for the norm."""
+    if takes == "norm":
+        return None
+    axis = "xyz".index(takes)
+    if axis >= axes:
+        of = "one axis" if axes == 1 else f"{axes} axes"
+        raise SettingsError(f"the device is to render the force along {takes}, but positions have {of}")
+    return axis

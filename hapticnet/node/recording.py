@@ -1,19 +1,64 @@
-"""Recording of every sample by a node, for tables and figures."""
+"""Recording of every sample and datagram by a node, for tables and figures."""
 
 from array import array
+from typing import Final
 
 import numpy as np
 
 from hapticnet.arrays import FloatArray
 
-SLAVE_COLUMNS = ("t_us", "position_m", "force_n", "held_n", "transmitted", "datagram_bytes", "breaches")
-"""For each position answered: its time stamp (the master's clock), the position, the true force, the force that the
-master applies if nothing is lost, whether a FORCE was transmitted, UDP payload bytes of the FORCE or KEEPALIVE sent
-(0: neither), and surfaces breached so far."""
+AXIS_NAMES: Final = ("x", "y", "z")
 
-MASTER_COLUMNS = ("t_us", "position_m", "held_n", "target_n", "sensed_n", "displacement_m")
-"""For each tick: time stamp of the position on the master's clock, position sent, and at that time: held force, force
-requested of the device after all limits, sensed force, and displacement of the platform."""
+IN: Final = 0.0
+OUT: Final = 1.0
+
+DATAGRAM_COLUMNS: Final = ("t_us", "direction", "kind", "datagram_bytes")
+"""For each datagram: when it was sent or received, on the node's own clock; direction, 0 in or 1 out; `wire.Kind` as a
+number, as the frame says; UDP payload bytes."""
+
+
+def axis_columns(quantity: str, unit: str, axes: int) -> tuple[str, ...]:
+    """Return the names of a vector's columns: ``force_n`` for one axis, ``force_x_n, force_y_n, …`` for more."""
+    if axes == 1:
+        return (f"{quantity}_{unit}",)
+    return tuple(f"{quantity}_{axis}_{unit}" for axis in AXIS_NAMES[:axes])
+
+
+def slave_columns(axes: int) -> tuple[str, ...]:
+    """Return the columns of a slave's recording, one row for each position answered.
+
+    Its time stamp (the master's clock), the position, the true force, the force that the master applies if nothing is
+    lost, whether a FORCE was transmitted, UDP payload bytes of the FORCE or KEEPALIVE sent (0: neither), surfaces
+    breached so far, and when it was answered (the slave's clock).
+    """
+    return (
+        "t_us",
+        *axis_columns("position", "m", axes),
+        *axis_columns("force", "n", axes),
+        *axis_columns("held", "n", axes),
+        "transmitted",
+        "datagram_bytes",
+        "breaches",
+        "answered_us",
+    )
+
+
+def master_columns(axes: int) -> tuple[str, ...]:
+    """Return the columns of a master's recording, one row for each tick.
+
+    Time of the tick on the master's clock (a position of this tick has it as its time stamp), position, and at that
+    time: force received (what the decoder reconstructs), held force, force requested of the device after all limits,
+    sensed force, and displacement of the platform.
+    """
+    return (
+        "t_us",
+        *axis_columns("position", "m", axes),
+        *axis_columns("received", "n", axes),
+        *axis_columns("held", "n", axes),
+        "target_n",
+        "sensed_n",
+        "displacement_m",
+    )
 
 
 class Recording:
@@ -39,3 +84,8 @@ class Recording:
         """Return the columns by name, shape (n,)."""
         rows = np.array(self._numbers, dtype=np.float64).reshape(-1, len(self.columns))
         return {name: rows[:, index] for index, name in enumerate(self.columns)}
+
+
+def frame_kind(data: bytes) -> float:
+    """Return the kind that a datagram's frame names (the third byte of every datagram, docs/protocol.md)."""
+    return float(data[2]) if len(data) > 2 else -1.0

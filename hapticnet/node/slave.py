@@ -37,6 +37,14 @@ class MasterLeft:
 
 
 @dataclass(frozen=True, slots=True)
+class ScenePaused:
+    """The scene of a session raised an exception; its master feels nothing until `SlaveNode.resume`."""
+
+    station: Station
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
 class MasterRefused:
     """A master that has proved its address was refused a session, for `reason`.
 
@@ -50,7 +58,7 @@ class MasterRefused:
     reason: str
 
 
-SlaveEvent: TypeAlias = MasterJoined | MasterLeft | MasterRefused
+SlaveEvent: TypeAlias = MasterJoined | MasterLeft | MasterRefused | ScenePaused
 
 
 class SlaveNode:
@@ -161,6 +169,11 @@ class SlaveNode:
         for station in self.stations:
             self._end(station, reason, now_us)
 
+    def resume(self) -> None:
+        """Step the scenes again that have failed and are paused."""
+        for station in self.stations:
+            station.resume()
+
     def serve_only(self, roster: Roster, now_us: int) -> None:
         """Use another list of masters; end the sessions of those who are no longer in it."""
         door = self._doors[SEALED]
@@ -217,6 +230,7 @@ class SlaveNode:
             self._to_answer.append(station)
 
     def _answer(self, station: Station, now_us: int) -> None:
+        was_paused = station.paused
         try:
             answer = station.answer(now_us)
         except SceneFailedError as failure:
@@ -224,6 +238,8 @@ class SlaveNode:
             return
         if answer is not None:
             self._outbox.append((answer, station.address))
+        if station.paused is not None and was_paused is None:
+            self._events.append(ScenePaused(station, station.paused))
 
     def _seat(self, station: Station, now_us: int) -> bool:
         """Give a session whose master has proved itself its seat; return False if there is none."""

@@ -1,8 +1,8 @@
 """One master's place at the slave: session, scene, codec and account."""
 
 from collections.abc import Hashable
-from dataclasses import asdict
-from typing import Any, Final, NamedTuple
+from dataclasses import asdict, dataclass
+from typing import Any, Final, Literal, NamedTuple
 
 from hapticnet.codec.base import Codec
 from hapticnet.codec.plugins import LARGEST_PAYLOAD
@@ -10,15 +10,34 @@ from hapticnet.codec.registry import codec_parameters
 from hapticnet.codec.schemes.raw import Raw
 from hapticnet.errors import HapticnetError, PeerError, SampleError, in_words
 from hapticnet.measure.metrics import RunningError
-from hapticnet.node.recording import SLAVE_COLUMNS, Recording
+from hapticnet.node.recording import DATAGRAM_COLUMNS, IN, OUT, Recording, frame_kind, slave_columns
 from hapticnet.protocol.messages import Grant
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import Datagram, Kind
 from hapticnet.samples import PositionSample, Vector
-from hapticnet.scene.scene import Scene
+from hapticnet.scene.base import Touchable, breaches_of
 
 MOST_HEIRS: Final = 16
 """Sessions that are to continue one that are remembered: a master whose link is bad may need several tries."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StationSettings:
+    """How a slave keeps each of its sessions.
+
+    Attributes
+    ----------
+    record
+        Whether every sample is recorded.
+    record_datagrams
+        Whether every datagram is recorded.
+    on_error
+        What an exception of the scene does: end the session, or answer with zero force until `resume`.
+    """
+
+    record: bool = False
+    record_datagrams: bool = False
+    on_error: Literal["end", "pause"] = "end"
 
 
 class SceneFailedError(HapticnetError):
@@ -26,12 +45,13 @@ class SceneFailedError(HapticnetError):
 
 
 class _Answered(NamedTuple):
-    """An answer that is not accounted for yet: position, force, payload of the FORCE if any, bytes sent."""
+    """An answer that is not accounted for yet: position, force, payload of the FORCE if any, datagram, and when."""
 
     sample: PositionSample
     force_n: Vector
     payload: bytes | None
-    size: int
+    datagram: bytes | None
+    now_us: int
 
 
 class Station:
@@ -58,12 +78,12 @@ class Station:
         grant: Grant,
         address: Hashable,
         identity: Hashable,
-        scene: Scene,
+        scene: Touchable,
         codec: Codec,
         *,
         seats: int,
         listed: str | None,
-        record: bool,
+        settings: StationSettings,
         now_us: int,
         continues: "Station | None" = None,
         same_clock: bool = True,
@@ -84,7 +104,10 @@ class Station:
         self.seated = False
         self.steps = 0
         self.superseded = 0
-        self.recording = Recording(SLAVE_COLUMNS) if record else None
+        self.paused: str | None = None
+        self.recording = Recording(slave_columns(scene.axes)) if settings.record else None
+        self.datagrams = Recording(DATAGRAM_COLUMNS) if settings.record_datagrams else None
+        self._on_error = settings.on_error
         self._shift_us: int | None = None  # scene's time minus master's time
         self._scene_us = 0
         self._opened_us = now_us
@@ -95,7 +118,7 @@ class Station:
         self._encoder = codec.encoder(scene.axes)
         # A decoder of what is sent: it holds what the master holds if nothing is lost.
         self._mirror = codec.decoder(scene.axes)
-        self._held_n: Vector = (0.0,) * scene.axes
+        self._held_n = self._zero_n = (0.0,) * scene.axes
         # A user's codec need not say so; completing an update that is complete does no harm.
         self._builds_on_earlier: bool = getattr(codec, "builds_on_earlier", True)
         self._error = RunningError(codec.law)
@@ -130,6 +153,8 @@ class Station:
         PeerError
             If it cannot be opened or is malformed; the caller counts it.
         """
+        if self.datagrams is not None:
+            self.datagrams.add((now_us, IN, frame_kind(data), len(data)))
         position = self.session.receive(datagram, data, now_us)
         if position is None:
             return False
@@ -162,21 +187,18 @@ class Station:
             self._shift_us = self._begin(t_us, now_us)
         self._scene_us = t_us + self._shift_us
         try:
-            force = self.scene.step(PositionSample(self._scene_us, sample.position_m) if self._shift_us else sample)
+            force_n = self._step(sample)
         except SampleError:
             self.session.received.malformed += 1
             return None
-        except Exception as error:  # a user's scene may raise anything
-            self.steps += 1
-            raise SceneFailedError(f"the scene failed: {in_words(error)}") from error
         answer: bytes | None = None
-        if self.session.repair_is_due(now_us, force.force_n):
+        if self.session.repair_is_due(now_us, force_n):
             self._encoder.refresh()
         try:
-            payload = self._encoder.encode(t_us, force.force_n, sample.position_m)
+            payload = self._encoder.encode(t_us, force_n, sample.position_m)
             if payload is not None and self._builds_on_earlier and self.session.complete:
                 self._encoder.refresh()  # so that this payload builds on no earlier one
-                payload = self._encoder.encode(t_us, force.force_n, sample.position_m)
+                payload = self._encoder.encode(t_us, force_n, sample.position_m)
             if payload is not None and len(payload) > LARGEST_PAYLOAD:
                 raise ValueError(f"a payload of {len(payload)} bytes; at most {LARGEST_PAYLOAD} fit into a datagram")
         except Exception as error:  # a force that is not finite, or a user's codec
@@ -188,7 +210,7 @@ class Station:
         self._stepped_us = now_us
         if answer is None and self.session.keepalive_is_due(now_us):
             answer = self.session.keepalive(t_us, now_us, held=self._held_n)
-        self._answered = _Answered(sample, force.force_n, payload, len(answer or b""))
+        self._answered = _Answered(sample, force_n, payload, answer, now_us)
         return answer
 
     def settle(self) -> None:
@@ -202,7 +224,7 @@ class Station:
         answered, self._answered = self._answered, None
         if answered is None:
             return
-        sample, force_n, payload, size = answered
+        sample, force_n, payload, datagram, now_us = answered
         try:
             if payload is not None:
                 self._mirror.decode(sample.t_us, payload)
@@ -211,9 +233,34 @@ class Station:
             raise SceneFailedError(f"the force cannot be decoded: {in_words(error)}") from error
         self._held_n = held_n
         self._error.add(force_n, held_n)
+        size = 0 if datagram is None else len(datagram)
         if self.recording is not None:
-            first_axis = sample.position_m[0], force_n[0], held_n[0]
-            self.recording.add((sample.t_us, *first_axis, payload is not None, size, self.scene.breaches))
+            vectors = *sample.position_m, *force_n, *held_n
+            sent = payload is not None, size, breaches_of(self.scene), now_us
+            self.recording.add((sample.t_us, *vectors, *sent))
+        if self.datagrams is not None and datagram is not None:
+            self.datagrams.add((now_us, OUT, frame_kind(datagram), size))
+
+    def resume(self) -> None:
+        """Step the scene again after it has failed."""
+        self.paused = None
+
+    def _step(self, sample: PositionSample) -> Vector:
+        """Return the force of the scene at a position; zero while paused."""
+        if self.paused is not None:
+            return self._zero_n
+        try:
+            at_scene_time = PositionSample(self._scene_us, sample.position_m) if self._shift_us else sample
+            return self.scene.step(at_scene_time).force_n
+        except SampleError:
+            raise
+        except Exception as error:  # a user's scene may raise anything
+            reason = f"the scene failed: {in_words(error)}"
+            if self._on_error == "end":
+                self.steps += 1
+                raise SceneFailedError(reason) from error
+            self.paused = reason
+            return self._zero_n
 
     def _begin(self, t_us: int, now_us: int) -> int:
         """Return what to add to the master's time [µs] so that the time of a continued scene goes on evenly."""
@@ -242,7 +289,7 @@ class Station:
             "duration_s": (self._stepped_us - self._opened_us) / 1e6,
             "steps": self.steps,
             "superseded": self.superseded,
-            "breaches": self.scene.breaches,
+            "breaches": breaches_of(self.scene),
             "packet_rate_reduction": 1.0 - forces / self.steps if self.steps else None,
             **asdict(self._error.report()),
             "sent": self.session.sent.report(),

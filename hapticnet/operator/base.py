@@ -2,11 +2,15 @@
 
 from typing import Protocol
 
-from hapticnet.samples import PositionSample
+from hapticnet.samples import PositionSample, Vector
 
 
 class Operator(Protocol):
-    """A source of tool positions: a script, a recording or a person."""
+    """A source of tool positions: a script, a recording, a person, or a program.
+
+    An operator that is to know the force also defines ``feel(t_us: int, force_n: Vector) -> None``. It is called in
+    every tick before `sample`, with the held force [N] of all axes.
+    """
 
     @property
     def axes(self) -> int:
@@ -20,4 +24,12 @@ class Operator(Protocol):
 
     def sample(self, t_us: int) -> PositionSample:
         """Return the position of the tool at `t_us` [µs] from the start of the motion."""
+        ...
+
+
+class FeelingOperator(Operator, Protocol):
+    """An operator that is told the force."""
+
+    def feel(self, t_us: int, force_n: Vector) -> None:
+        """Take the force [N] that is held at `t_us` [µs] from the start of the motion."""
         ...

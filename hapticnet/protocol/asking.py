@@ -65,6 +65,13 @@ class Asking:
         self._tries = 0
         self._interval_us = self._settings.hello_interval_us
 
+    def ask_for(self, request: Request) -> Request:
+        """Ask for another session from now on; return what was asked for before. Answers to earlier HELLOs are void."""
+        before, self._request = self._request, request._replace(ticket=self._request.ticket)
+        self._attempt = None
+        self._tried_us = None
+        return before
+
     def stop(self) -> None:
         """Stop asking."""
         self.under_way = False
@@ -76,7 +83,7 @@ class Asking:
             return None
         attempt = self._attempt
         if attempt is None or (self._cookie and now_us - self._cookie_us > FRESH_AFTER_US):
-            attempt = self._attempt = self._new_attempt()
+            attempt = self._attempt = self._new_attempt(now_us)
             self._cookie = b""
             self._hinted = False
             if not self._tries:
@@ -141,12 +148,13 @@ class Asking:
         # A clock that went back does not tell how long it has been.
         return self._tried_us is None or not 0 <= now_us - self._tried_us < self._interval_us
 
-    def _new_attempt(self) -> Attempt:
+    def _new_attempt(self, now_us: int) -> Attempt:
         nonce = int(self._rng.integers(0, MODULUS))
         sequence = self._settings.first_sequence
+        request = self._request._replace(clock_us=now_us)
         if self._key is None:
-            return OpenAttempt(self._request, nonce, sequence)
-        return SealedAttempt(self._request, nonce, sequence, self._key, self._rng)
+            return OpenAttempt(request, nonce, sequence)
+        return SealedAttempt(request, nonce, sequence, self._key, self._rng)
 
     def _attempt_of(self, nonce: int) -> Attempt | None:
         return self._attempt if self._attempt is not None and self._attempt.nonce == nonce else None

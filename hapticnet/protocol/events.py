@@ -62,6 +62,14 @@ class Refused:
 
 
 @dataclass(frozen=True, slots=True)
+class ChangeRefused:
+    """The slave refused the other session that was asked for with `MasterSession.change`; the present one goes on."""
+
+    reason: str
+    code: Code
+
+
+@dataclass(frozen=True, slots=True)
 class Hinted:
     """An unauthenticated answer says that the slave refuses the session. The master goes on asking."""
 
@@ -78,5 +86,14 @@ class Ended:
 
 
 MasterEvent: TypeAlias = (
-    Connected | ForceArrived | HoldConfirmed | LinkStale | LinkRecovered | SessionLost | Refused | Hinted | Ended
+    Connected
+    | ForceArrived
+    | HoldConfirmed
+    | LinkStale
+    | LinkRecovered
+    | SessionLost
+    | Refused
+    | ChangeRefused
+    | Hinted
+    | Ended
 )

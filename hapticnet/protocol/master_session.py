@@ -7,6 +7,7 @@ from hapticnet.errors import PeerError
 from hapticnet.protocol.arrivals import Arrival
 from hapticnet.protocol.asking import Asking, Granted
 from hapticnet.protocol.events import (
+    ChangeRefused,
     Connected,
     Ended,
     ForceArrived,
@@ -74,6 +75,7 @@ class MasterSession:
         self._asking = Asking(request, settings, rng, key)
         self._asking.begin(None)
         self._grant: Grant | None = None
+        self._replaced: Request | None = None  # what was asked for before a change that is not granted yet
         self._session = 0
         self._seal: Seal | None = None
         self._sequence = settings.first_sequence
@@ -116,6 +118,18 @@ class MasterSession:
         self._positions += 1
         loss = None if self._positions % REPORT_EVERY else self._loss.estimate()
         self._send(Kind.POSITION, pack_position(Position(wrap(t_us), self._confirmed, payload, loss)))
+
+    def change(self, request: Request) -> None:
+        """Ask for a session with another codec, JND or rate. The present one goes on until that is granted.
+
+        The new session goes on with the scene. If it is refused, `ChangeRefused` says why.
+        """
+        if self.state in (MasterState.CLOSING, MasterState.CLOSED):
+            return
+        before = self._asking.ask_for(request)
+        if self._grant is not None:
+            self._replaced = self._replaced or before
+            self._asking.begin(self._grant.ticket)
 
     def close(self, reason: str, now_us: int) -> None:
         """End the session: send CLOSE until the slave answers or the tries are used up."""
@@ -249,6 +263,12 @@ class MasterSession:
             self._begin(answer, now_us)
         elif isinstance(answer, Hinted):
             self._events.append(answer)
+        elif self._replaced is not None:
+            self._asking.ask_for(self._replaced)
+            self._replaced = None
+            if self.streaming:
+                self._asking.stop()
+            self._events.append(ChangeRefused(answer.reason, answer.code))
         elif self._grant is None:
             self._end(Trigger.REFUSED, answer.reason, refused=True, code=answer.code)
         else:
@@ -259,6 +279,7 @@ class MasterSession:
         grant, seal, sequence = granted
         self._asking.granted()
         self._grant = grant
+        self._replaced = None
         self._session = grant.session
         self._seal = seal
         self._sequence = wrap(self._settings.first_sequence + 1)
@@ -272,6 +293,8 @@ class MasterSession:
 
     def _needs_another(self, now_us: int) -> bool:
         """Return whether a new session must be asked for while the present one goes on."""
+        if self._replaced is not None:
+            return True
         silent_us = self._fresh.silent_us(now_us)
         if self._doubted and silent_us > self._settings.keepalive_us + DOUBT_MARGIN_US:
             return True

@@ -16,6 +16,10 @@ cannot be used to amplify a flood of forged HELLOs."""
 NAME_BYTES: Final = 64
 REASON_BYTES: Final = 200
 COOKIE_BYTES: Final = 16
+
+LATEST_US: Final = 1 << 53
+"""Times [µs] are below this, 285 years: recordings hold them as float64 without rounding."""
+
 TICKET_BYTES: Final = 16
 
 
@@ -60,7 +64,9 @@ class Hello(NamedTuple):
 class Request(NamedTuple):
     """The session that a master asks for. The JND belongs to the person at the master.
 
-    `ticket` is that of a session whose scene it wants to go on with, or None.
+    `ticket` is that of a session whose scene it wants to go on with, or None. `clock_us` is what the master's clock
+    shows when it asks [µs]: time stamps of positions are its lower 32 bits, so that with it both sides record the same
+    times.
     """
 
     codec: str
@@ -72,6 +78,7 @@ class Request(NamedTuple):
     axes: int
     name: str
     ticket: bytes | None = None
+    clock_us: int = 0
 
 
 class Cookie(NamedTuple):
@@ -190,23 +197,20 @@ def unpack_hello(body: bytes) -> Hello:
 
 def unpack_request(packed: bytes) -> Request:
     """Return the request of a HELLO; raise PeerError if it is invalid."""
-    codec, parameters, weber_fraction, floor_n, multiplier, rate_hz, axes, name, ticket = unpack_body(packed, 9)
+    codec, parameters, *law, rate_hz, axes, name, ticket, clock_us = unpack_body(packed, 10)
     _require(_is_text(codec, NAME_BYTES), "codec", codec)
     _require(type(parameters) is dict, "parameters", parameters)
     for key, value in parameters.items():
         _require(_is_text(key, NAME_BYTES) and _is_number(value), "parameter", key)
-    _require(
-        _is_number(weber_fraction) and _is_number(floor_n) and _is_number(multiplier),
-        "JND",
-        (weber_fraction, floor_n, multiplier),
-    )
+    _require(all(map(_is_number, law)), "JND", law)
     _require(_is_number(rate_hz) and 0.0 < rate_hz <= 1e6, "rate", rate_hz)
     _require(type(axes) is int and 1 <= axes <= 3, "axes", axes)
     _require(_is_text(name, NAME_BYTES), "name", name)
     _require(ticket is None or _is_bytes(ticket, TICKET_BYTES), "ticket", ticket)
+    _require(type(clock_us) is int and 0 <= clock_us < LATEST_US, "clock", clock_us)
     numbers = {key: float(value) for key, value in parameters.items()}
-    jnd = float(weber_fraction), float(floor_n), float(multiplier)
-    return Request(codec, numbers, *jnd, float(rate_hz), axes, name, ticket)
+    weber_fraction, floor_n, multiplier = map(float, law)
+    return Request(codec, numbers, weber_fraction, floor_n, multiplier, float(rate_hz), axes, name, ticket, clock_us)
 
 
 def unpack_cookie(body: bytes) -> Cookie:

@@ -45,8 +45,6 @@ class SlaveSession:
         What the master asked for, and the rate it was granted.
     first_sequence
         The sequence number of its HELLO.
-    near_us
-        Present time [µs] of the master's clock, as the session that this one continues knows it, if any.
     """
 
     def __init__(
@@ -58,7 +56,6 @@ class SlaveSession:
         rate_hz: float,
         first_sequence: int,
         now_us: int,
-        near_us: int | None = None,
     ) -> None:
         self.number = number
         self.request = request
@@ -72,7 +69,7 @@ class SlaveSession:
         self._settings = settings
         self._sequence = wrap(settings.first_sequence + 1)
         self._newest_force: int | None = None
-        self._position_t_us = near_us
+        self._position_t_us = request.clock_us
         self._heard_us = now_us
         law = WeberLaw(weber_fraction=request.weber_fraction, floor_n=request.floor_n, multiplier=request.multiplier)
         self._repair = Repair(
@@ -127,7 +124,7 @@ class SlaveSession:
                 self._repair.acknowledged(newest, now_us)
             if loss is not None:
                 self._repair.reported(loss, now_us)
-            self._position_t_us = t_us = unwrap(t_us, t_us if clock_us is None else clock_us)
+            self._position_t_us = t_us = unwrap(t_us, clock_us)
             return Position(t_us, newest, payload)
         if datagram.kind is Kind.CLOSE:
             close = unpack_close(body)
@@ -175,10 +172,10 @@ class SlaveSession:
         """Return a CLOSE."""
         return self._datagram(Kind.CLOSE, Close(clipped(reason, REASON_BYTES), code), now_us)
 
-    def masters_clock_us(self, now_us: int) -> int | None:
-        """Return about what the master's clock shows now [µs], unwrapped; None before the first position."""
+    def masters_clock_us(self, now_us: int) -> int:
+        """Return about what the master's clock shows now [µs], unwrapped."""
         # Time stamps wrap after 71 minutes, and a silent session may be kept for longer.
-        return None if self._position_t_us is None else self._position_t_us + self.silent_us(now_us)
+        return self._position_t_us + self.silent_us(now_us)
 
     def silent_us(self, now_us: int) -> int:
         """Return how long nothing has arrived [µs]."""

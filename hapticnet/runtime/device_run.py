@@ -4,9 +4,9 @@ import asyncio
 from collections.abc import Callable
 from typing import Final
 
-from hapticnet.runtime.processes import either, stop_on_signals
 from hapticnet.runtime.serial_port import Wire, open_wire
 from hapticnet.runtime.timer import Ticker
+from hapticnet.runtime.waiting import either, stop_on_signals
 
 TICK_US: Final = 1000
 

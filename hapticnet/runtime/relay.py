@@ -17,9 +17,9 @@ from hapticnet.protocol.settings import Entropy
 from hapticnet.runtime.clock import now_us
 from hapticnet.runtime.entropy import SystemEntropy
 from hapticnet.runtime.overload import Overload
-from hapticnet.runtime.processes import Repeating, stop_on_signals, until
 from hapticnet.runtime.relay_reception import RelayReception, proves_session
 from hapticnet.runtime.udp import HostPort, SocketAddress, UdpPort, host_of, look_up, open_toward
+from hapticnet.runtime.waiting import Repeating, stop_on_signals, until
 
 MOST_CLIENTS: Final = 128
 """Each uses up to four file descriptors; a process usually has 1024."""

@@ -22,6 +22,9 @@ SocketAddress: TypeAlias = Any
 OutgoingChannel: TypeAlias = Emulator[tuple[bytes, SocketAddress]]
 """A channel for outgoing datagrams, each with its destination."""
 
+IncomingChannel: TypeAlias = Emulator[tuple[bytes, SocketAddress]]
+"""A channel for arriving datagrams, each with its source."""
+
 Receive: TypeAlias = Callable[[list[tuple[bytes, SocketAddress]], int], None]
 
 READ_BYTES: Final = MAX_DATAGRAM_BYTES + 1
@@ -131,8 +134,8 @@ class UdpPort:
         Hand each datagram over by itself, as soon as it is read.
     peer
         The only address whose datagrams are accepted; None: all are.
-    channel
-        Channel that outgoing datagrams pass first, or None.
+    channel, channel_in
+        Channels that outgoing datagrams pass first, and that arriving ones pass before they are handed over; or None.
 
     Attributes
     ----------
@@ -153,6 +156,7 @@ class UdpPort:
         at_once: bool = False,
         peer: SocketAddress | None = None,
         channel: OutgoingChannel | None = None,
+        channel_in: IncomingChannel | None = None,
     ) -> None:
         self.strangers = 0
         self.send_errors = 0
@@ -167,6 +171,8 @@ class UdpPort:
         self._peer = peer
         self._channel = channel
         self._alarm = Alarm(loop, self._deliver) if channel else None
+        self._channel_in = channel_in
+        self._alarm_in = Alarm(loop, self._hand_over) if channel_in else None
         if receive is not None:
             loop.add_reader(sock.fileno(), self._drain)
 
@@ -188,8 +194,9 @@ class UdpPort:
         """Stop reading and close the socket; datagrams still in the channel are lost."""
         self._loop.remove_reader(self._sock.fileno())
         self.queue.count_drops()
-        if self._alarm:
-            self._alarm.stop()
+        for alarm in (self._alarm, self._alarm_in):
+            if alarm is not None:
+                alarm.stop()
         self._sock.close()
 
     def _drain(self) -> None:
@@ -214,6 +221,8 @@ class UdpPort:
             now = now_us()
             if self._peer is not None and address != self._peer:
                 self.strangers += 1
+            elif self._channel_in is not None:
+                self._channel_in.push((data, address), len(data), now)
             elif at_once or (number == 0 and now - self._drained_us < PROMPT_US):
                 receive([(data, address)], now)
             else:
@@ -221,7 +230,17 @@ class UdpPort:
         self._backlog = number > SAMPLE_EVERY
         if batch:
             receive(batch, now_us())
+        if self._channel_in is not None:
+            self._hand_over()
         self._drained_us = now_us()
+
+    def _hand_over(self) -> None:
+        if self._channel_in is None or self._alarm_in is None or self._receive is None:
+            return
+        now = now_us()
+        if due := self._channel_in.due(now):
+            self._receive(due, now)
+        self._alarm_in.set(self._channel_in.next_timer_us())
 
     def _deliver(self) -> None:
         if self._channel is None or self._alarm is None:

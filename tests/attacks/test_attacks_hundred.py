@@ -68,6 +68,6 @@ def test_a_hundred_sessions_that_lose_repeat_reorder_and_roam_keep_their_scenes(
     for line in network.lines:
         station = stations[line.master.session._session]
         true_n = station.scene.force_n
-        held_n = line.master.held_force_n(network.now_us)
+        held_n = line.master.held_force_n(network.now_us)[0]
         # 40 ms of delay at up to 1.5 N/s, and a deadband of 10 % or 0.1 N.
         assert held_n == pytest.approx(true_n, rel=0.12, abs=0.2)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hapticnet.node.recording import MASTER_COLUMNS, SLAVE_COLUMNS
+from hapticnet.node.recording import master_columns, slave_columns
 from hapticnet.recordings.tables import read_csv
 
 FAST = ("--no-realtime",)
@@ -41,13 +41,13 @@ def test_processes_that_are_killed_leave_their_rows(start, tmp_path):
     for process in (server, master):
         assert process.end(signal.SIGKILL) == -signal.SIGKILL
     names, rows = rows_of(spool)
-    assert names == MASTER_COLUMNS
+    assert names == master_columns(1)
     assert (np.diff(rows[:, 0]) > 0).all()
     (left,) = folder.iterdir()
     assert left.name.startswith("one-")
     assert left.name.endswith(".csv.unfinished")
     names, rows = rows_of(left)
-    assert names == SLAVE_COLUMNS
+    assert names == slave_columns(1)
     assert (np.diff(rows[:, 0]) > 0).all()
 
 

@@ -211,7 +211,7 @@ def test_the_time_of_the_scene_goes_on_after_a_silence_in_which_time_stamps_wrap
     old = master(slave, sealed, 1).work(SECOND)
     late_us = 3001 * SECOND
     if again:
-        old = master(slave, sealed, 2, ticket=old.grant.ticket).join(late_us)
+        old = master(slave, sealed, 2, ticket=old.grant.ticket, clock_us=late_us).join(late_us)
     old.position(2, late_us)
     assert slave.stations[0].scene.t_us == [SECOND, late_us]
 

@@ -45,7 +45,7 @@ def events(node):
 
 def test_an_operator_that_raises_is_told_once_the_force_goes_to_zero_and_the_session_ends(loopback):
     link = loopback(1, device=True, feedback="delay=20ms", forward="delay=20ms")
-    while link.master.held_force_n(link.now_us) < 1.0:
+    while link.master.held_force_n(link.now_us)[0] < 1.0:
         link.run(5_000)
     events(link.master)
     link.master._operator = BreaksDown(link.master._operator, 0)
@@ -75,7 +75,7 @@ def test_an_operator_whose_position_cannot_be_sent_has_failed(loopback, position
     link.master._operator = Lost()
     link.run(SECOND)
     assert link.master.failure.startswith("the operator failed: ")
-    assert link.master.held_force_n(link.now_us) == 0.0
+    assert link.master.held_force_n(link.now_us)[0] == 0.0
 
 
 @pytest.mark.parametrize("calls", [0, 2])
@@ -88,7 +88,7 @@ def test_a_decoder_that_raises_ends_the_session_once(loopback, calls):
     failure, end = events(link.master)
     assert failure.reason.startswith("the codec failed: ValueError: no hand at all (test_node_failures.py, line")
     assert end == Ended(failure.reason, refused=False)
-    assert link.master.held_force_n(link.now_us) == 0.0
+    assert link.master.held_force_n(link.now_us)[0] == 0.0
 
 
 def test_a_device_that_raises_ends_the_session_once_and_is_still_asked_for_no_force(loopback):

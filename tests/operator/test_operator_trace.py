@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticnet.errors import FileError, SampleError, SettingsError
-from hapticnet.node.recording import MASTER_COLUMNS, SLAVE_COLUMNS, Recording
+from hapticnet.node.recording import Recording, master_columns, slave_columns
 from hapticnet.operator.trace import TraceOperator, load_trace
 from hapticnet.recordings.tables import write_csv
 
@@ -107,7 +107,7 @@ def test_a_file_is_loaded_by_column_names(trace_file):
     assert notes == ()
 
 
-@pytest.mark.parametrize("columns", [SLAVE_COLUMNS, MASTER_COLUMNS])
+@pytest.mark.parametrize("columns", [slave_columns(1), master_columns(1)])
 def test_hapticnets_own_recordings_are_played(tmp_path, columns):
     recording = Recording(columns)
     for step in range(3):

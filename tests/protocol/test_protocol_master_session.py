@@ -186,7 +186,7 @@ def test_when_the_slave_closes_the_master_asks_at_once_to_go_on_with_its_scene(s
     hello = slave.hello()
     slave.cookie(hello, 100_000)
     slave.welcome(slave.hello(), 100_000, GRANT._replace(session=SESSION + 1))
-    assert slave.request == REQUEST._replace(ticket=TICKET)
+    assert slave.request == REQUEST._replace(ticket=TICKET, clock_us=100_000)
     assert events_of(session) == [Connected(GRANT._replace(session=SESSION + 1))]
 
 

@@ -4,7 +4,8 @@ import asyncio
 import signal
 import threading
 
-from hapticnet.runtime.processes import run_master, run_slave
+from hapticnet.runtime.master_run import run_master
+from hapticnet.runtime.slave_run import run_slave
 from hapticnet.runtime.udp import HostPort, bound_address, listen, open_toward
 from tests.conftest import make_master, make_slave
 
@@ -18,10 +19,9 @@ def test_a_thread_runs_both_until_its_host_stops_them():
         slave, master = make_slave(), make_master()
         listening = listen(HostPort("127.0.0.1", 0))
         sock, address = open_toward(bound_address(listening))
-        calls = {"channel": None, "on_event": lambda _: None, "on_status": lambda: None, "stop": stop}
-        serving = asyncio.create_task(run_slave(slave, listening, duration_s=None, **calls))
+        serving = asyncio.create_task(run_slave(slave, listening, stop=stop))
         asyncio.get_running_loop().call_later(0.5, stop.set)
-        outcome = await run_master(master, sock, address, wire=None, duration_s=None, connect_timeout_s=None, **calls)
+        outcome = await run_master(master, sock, address, stop=stop)
         await serving
         ran.update(outcome=outcome, steps=slave.report()["sessions"][0]["steps"])
 

@@ -1,0 +1,123 @@
+"""What a master tells the person who watches it."""
+
+from typing import TYPE_CHECKING, Final
+
+from hapticnet.cli.trust import silence_advice
+from hapticnet.node.fingertip import DeviceFound, DeviceLost, ForceFault
+from hapticnet.node.master import Failed, MasterNode, NodeEvent, Paused
+from hapticnet.protocol.events import (
+    ChangeRefused,
+    Connected,
+    Ended,
+    Hinted,
+    LinkRecovered,
+    LinkStale,
+    Refused,
+    SessionLost,
+)
+from hapticnet.runtime.watching import Watcher
+
+if TYPE_CHECKING:
+    from hapticnet.cli.console import Console
+    from hapticnet.protocol.keys import MasterKey
+    from hapticnet.protocol.messages import Code
+
+ADVISE_AFTER: Final = 6
+"""Status intervals without a session after which the operator is told what to check: 3 s."""
+
+
+class MasterMessages(Watcher[NodeEvent]):
+    """Messages about events, advice while there is no session, and the status line.
+
+    Parameters
+    ----------
+    address
+        The slave's address as written.
+    keys
+        The keys of a sealed session; None for an open one.
+
+    Attributes
+    ----------
+    refusal
+        Why the slave refused the first session, if it did.
+    """
+
+    name = "messages"
+
+    def __init__(self, console: "Console", node: MasterNode, address: str, keys: "MasterKey | None") -> None:
+        self.refusal: Code | None = None
+        self._console = console
+        self._node = node
+        self._address = address
+        self._keys = keys
+        self._hint: str | None = None
+        self._intervals = 0
+
+    def note(self, event: NodeEvent, now_us: int) -> None:  # noqa: ARG002 - messages have their own time
+        """Tell what has happened."""
+        if isinstance(event, Connected):
+            self._intervals = ADVISE_AFTER
+        elif isinstance(event, Ended) and event.refused:
+            self.refusal = event.code
+        elif isinstance(event, Hinted):
+            self._hint = event.reason
+        self._console.say(in_words(event, self._address))
+
+    def check(self, now_us: int) -> None:  # noqa: ARG002 - the interval is fixed
+        """Give advice if there is no session yet, and renew the status line."""
+        self._intervals += 1
+        if self._intervals == ADVISE_AFTER:
+            self._console.say(f"no session with {self._address} yet: {self.advice()}")
+        self._console.status(status(self._node))
+
+    def advice(self) -> str:
+        """Return what to check while no slave answers."""
+        return silence_advice(self._keys, self._node.session.received.malformed, self._hint)
+
+
+def in_words(event: NodeEvent, address: str) -> str:
+    """Return an event in words for a person; `address` is the slave's."""
+    if isinstance(event, Connected):
+        grant = event.grant
+        resumed = ", as it was left" if grant.resumed else ""
+        return f"connected to {address}, scene {grant.scene}{resumed}, {grant.rate_hz:g} Hz granted"
+    if isinstance(event, LinkStale):
+        if event.too_old_us is not None:
+            return (
+                f"link too slow: forces answer positions {event.too_old_us / 1e6:.2f} s old, which is above --max-age;"
+                " the held force decays to zero"
+            )
+        return "link stale: nothing arrived from the slave; the held force decays to zero"
+    if isinstance(event, LinkRecovered):
+        return "link recovered"
+    if isinstance(event, SessionLost):
+        return f"session lost ({event.reason}); asking for a new one"
+    if isinstance(event, Refused):
+        return f"the slave refuses a new session ({event.reason}); asking again in {event.retry_us / 1e6:g} s"
+    if isinstance(event, ChangeRefused):
+        return f"the slave refuses the change ({event.reason}); the session goes on as it was"
+    if isinstance(event, Hinted):
+        return f"unauthenticated refusal ({event.reason}); asking again"
+    if isinstance(event, DeviceFound):
+        return f"device ready: {event.description}"
+    if isinstance(event, DeviceLost):
+        return f"device lost ({event.reason}); the session goes on, the finger feels nothing"
+    if isinstance(event, Paused):
+        return f"{event.reason}; the force goes to zero until the operator is resumed"
+    if isinstance(event, Failed):
+        return f"{event.reason}; the force goes to zero and the session is closed"
+    if isinstance(event, ForceFault):
+        return f"platform retracted: {event.reason}"
+    return f"session ended: {event.reason}"
+
+
+def status(node: MasterNode) -> str:
+    """Return the status line of a master."""
+    session = node.session
+    round_trip_us = session.round_trip.percentile(50)
+    held_n = ", ".join(f"{component:.2f}" for component in node.held_n)
+    return (
+        f"{session.state.value}, holding {held_n} N, {session.sent.packets} packets out,"
+        f" {session.received.packets} in, {session.received.lost} lost"
+        + (f", round trip {round_trip_us / 1000:.2f} ms" if round_trip_us else "")
+    )

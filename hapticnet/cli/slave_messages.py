@@ -1,0 +1,74 @@
+"""What a slave tells the person who watches it."""
+
+from typing import TYPE_CHECKING, Any
+
+from hapticnet.node.slave import MasterJoined, MasterLeft, MasterRefused, ScenePaused, SlaveEvent, SlaveNode
+from hapticnet.protocol.keys import format_key
+from hapticnet.runtime.udp import HostPort
+from hapticnet.runtime.watching import Watcher
+
+if TYPE_CHECKING:
+    from hapticnet.cli.console import Console
+    from hapticnet.cli.trust import Guests
+    from hapticnet.node.station import Station
+
+
+class SlaveMessages(Watcher[SlaveEvent]):
+    """Messages about masters that come and go, and the status line.
+
+    Parameters
+    ----------
+    guests
+        The masters with keys; None if there are no sealed sessions.
+    """
+
+    name = "messages"
+
+    def __init__(self, console: "Console", node: SlaveNode, guests: "Guests | None") -> None:
+        self._console = console
+        self._node = node
+        self._guests = guests
+        self._said_unkeyed = False
+
+    def note(self, event: SlaveEvent, now_us: int) -> None:  # noqa: ARG002 - messages have their own time
+        """Tell what has happened."""
+        self._console.say(in_words(event))
+
+    def check(self, now_us: int) -> None:  # noqa: ARG002 - the interval is fixed
+        """Renew the status line."""
+        node = self._node
+        if self._guests is not None and node.unkeyed and not self._said_unkeyed:
+            self._said_unkeyed = True
+            public = format_key(self._guests.own.public)
+            self._console.say(f"somebody asks for a session with another slave's key; this slave's is {public}")
+        packets = sum(station.session.sent.packets for station in node.stations)
+        steps = sum(station.steps for station in node.stations)
+        self._console.status(f"{len(node.stations)} masters, {steps} steps, {packets} packets sent")
+
+
+def in_words(event: SlaveEvent) -> str:
+    """Return an event in words for a person."""
+    if isinstance(event, MasterRefused):
+        whose = "" if event.public is None else f", public key {format_key(event.public)}"
+        return f"{event.name!r} from {place(event.address)}{whose}, was refused: {event.reason}"
+    session = event.station.session
+    if isinstance(event, MasterJoined):
+        request = session.request
+        where = place(event.station.address)
+        return f"{who(event.station)} joined from {where}: {request.codec}, asks for {request.rate_hz:g} Hz"
+    if isinstance(event, ScenePaused):
+        return f"{who(event.station)} feels nothing from now on: {event.reason}"
+    if isinstance(event, MasterLeft):
+        return f"{who(event.station)} left: {session.end_reason} ({event.station.steps} steps)"
+    raise TypeError(event)
+
+
+def who(station: "Station") -> str:
+    """Return what to call a master: its name in the list, and what it calls itself."""
+    own = repr(station.session.request.name)
+    return own if station.listed is None else f"{station.listed!r} ({own})"
+
+
+def place(address: Any) -> str:
+    """Return a socket's address as text."""
+    return str(HostPort(address[0], address[1]))

@@ -1,0 +1,124 @@
+"""A slave in real time: its node on an event loop, with socket, alarm and watchers."""
+
+import asyncio
+import signal
+from collections.abc import Callable, Sequence
+from socket import socket
+
+from hapticnet.node.slave import SlaveEvent, SlaveNode
+from hapticnet.runtime.clock import now_us
+from hapticnet.runtime.master_run import PARTING_S
+from hapticnet.runtime.overload import Overload
+from hapticnet.runtime.timer import Alarm
+from hapticnet.runtime.udp import OutgoingChannel, SocketAddress, UdpPort
+from hapticnet.runtime.waiting import Repeating, stop_on_signals, until
+from hapticnet.runtime.watching import Watcher, Watchers
+
+
+class SlaveRunner:
+    """A slave node at work on the running event loop. It leaves signals alone.
+
+    The slave has no tick: it steps a scene when a position arrives, so that the answer is not delayed.
+
+    Parameters
+    ----------
+    channel
+        Emulated network for outgoing datagrams, or None.
+    tell
+        Called with a line for the user if a watcher fails.
+    """
+
+    def __init__(
+        self,
+        node: SlaveNode,
+        sock: socket,
+        *,
+        channel: OutgoingChannel | None = None,
+        watchers: Sequence[Watcher[SlaveEvent]] = (),
+        overload: Overload | None = None,
+        tell: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self.node = node
+        self._sock = sock
+        self._channel = channel
+        self._watchers = Watchers(watchers, tell)
+        self._overload = overload
+
+    async def start(self) -> None:
+        """Begin to answer."""
+        loop = asyncio.get_running_loop()
+        await self._watchers.start()
+        self._alarm = Alarm(loop, self._ring)
+        self._port = UdpPort(loop, self._sock, self._receive, channel=self._channel)
+        if self._overload is not None:
+            self._overload.attach(self._port)
+        self._status = Repeating(loop, lambda: self._watchers.check(now_us()), self._overload)
+
+    async def finish(self, reason: str) -> None:
+        """End every session and stop."""
+        self._status.cancel()
+        self.node.close(reason, now_us())
+        self.flush()
+        await self._port.drained(PARTING_S)
+        self._alarm.stop()
+        self._port.close()
+        await self._watchers.stop()
+
+    def flush(self) -> None:
+        """Send what the node has to send and report its events; call this after changing something at the node."""
+        for data, address in self.node.datagrams_to_send():
+            self._port.send(data, address)
+        self._alarm.set(self.node.next_timer_us())
+        while (event := self.node.next_event()) is not None:
+            self._watchers.note(event, now_us())
+
+    def _receive(self, batch: list[tuple[bytes, SocketAddress]], now: int) -> None:
+        self.node.receive_datagrams(batch, now)
+        self.flush()
+        self.node.settle(now)
+        self.flush()
+        if self._watchers.observers:
+            self._watchers.observe(now)
+
+    def _ring(self) -> None:
+        self.node.tick(now_us())
+        self.flush()
+
+
+async def run_slave(
+    node: SlaveNode,
+    sock: socket,
+    *,
+    channel: OutgoingChannel | None = None,
+    duration_s: float | None = None,
+    watchers: Sequence[Watcher[SlaveEvent]] = (),
+    overload: Overload | None = None,
+    tell: Callable[[str], None] = lambda _: None,
+    on_listening: Callable[[], None] | None = None,
+    on_hangup: Callable[[], None] | None = None,
+    stop: asyncio.Event | None = None,
+) -> None:
+    """Serve until `stop` is set or `duration_s` [s] have passed, then close every session.
+
+    Without a `stop`, SIGINT and SIGTERM end the run, and `on_hangup` is called at each SIGHUP; with one, signals are
+    left to the host program. `on_listening` is called when datagrams and signals are answered.
+    """
+    loop = asyncio.get_running_loop()
+    runner = SlaveRunner(node, sock, channel=channel, watchers=watchers, overload=overload, tell=tell)
+    await runner.start()
+
+    def hang_up() -> None:
+        if on_hangup is not None:
+            on_hangup()
+            runner.flush()
+
+    if stop is None:
+        stop = stop_on_signals(loop)
+        if on_hangup is not None:
+            loop.add_signal_handler(signal.SIGHUP, hang_up)
+    try:
+        if on_listening is not None:
+            on_listening()
+        await until(stop, duration_s)
+    finally:
+        await runner.finish("shutting down")

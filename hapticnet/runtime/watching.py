@@ -1,0 +1,112 @@
+"""What looks on while a node runs: messages, recorder, page, stream, metrics. None of them can delay or end the run."""
+
+from collections.abc import Callable, Sequence
+from typing import Generic, TypeVar
+
+from hapticnet.errors import in_words
+
+Event = TypeVar("Event")
+
+
+class Watcher(Generic[Event]):
+    """Base class of what looks on. Override what is needed; what is not overridden costs nothing.
+
+    Everything is called on the event loop of the run. A watcher that raises is told about once and not called again;
+    the run goes on without it. Only an error in `start` ends the run, before it has begun.
+    """
+
+    name = "watcher"
+    """What messages call it."""
+
+    async def start(self) -> None:
+        """Begin, before the first tick. What it raises ends the run."""
+
+    def observe(self, now_us: int) -> None:
+        """Look at the node after a tick of the master, or after answers of the slave.
+
+        The datagrams are out by then. This must not wait, and should take a microsecond or two.
+        """
+
+    def note(self, event: Event, now_us: int) -> None:
+        """Process an event of the node."""
+
+    def check(self, now_us: int) -> None:
+        """Do what is done twice a second."""
+
+    async def stop(self) -> None:
+        """End, after the last tick."""
+
+
+class Watchers(Generic[Event]):
+    """The watchers of a run.
+
+    Parameters
+    ----------
+    tell
+        Called with a line for the user if a watcher fails.
+
+    Attributes
+    ----------
+    observers
+        The `observe` of those watchers that have one.
+    """
+
+    def __init__(self, watchers: Sequence[Watcher[Event]], tell: Callable[[str], None]) -> None:
+        self._watchers = list(watchers)
+        self._started: list[Watcher[Event]] = []
+        self._tell = tell
+        self.observers: list[Callable[[int], None]] = []
+
+    async def start(self) -> None:
+        """Start them all; if one cannot start, stop the others and raise its error."""
+        try:
+            for watcher in self._watchers:
+                await watcher.start()
+                self._started.append(watcher)
+        except BaseException:
+            await self.stop()
+            raise
+        self._find_observers()
+
+    def observe(self, now_us: int) -> None:
+        """Let each look at the node."""
+        for observe in self.observers:
+            try:
+                observe(now_us)
+            except Exception as error:
+                self._drop(observe.__self__, error)  # type: ignore[attr-defined]
+
+    def note(self, event: Event, now_us: int) -> None:
+        """Pass an event on."""
+        for watcher in tuple(self._watchers):
+            try:
+                watcher.note(event, now_us)
+            except Exception as error:
+                self._drop(watcher, error)
+
+    def check(self, now_us: int) -> None:
+        """Let each do what is done twice a second."""
+        for watcher in tuple(self._watchers):
+            try:
+                watcher.check(now_us)
+            except Exception as error:
+                self._drop(watcher, error)
+
+    async def stop(self) -> None:
+        """Stop those that were started, the last one first."""
+        while self._started:
+            watcher = self._started.pop()
+            try:
+                await watcher.stop()
+            except Exception as error:
+                self._drop(watcher, error)
+
+    def _find_observers(self) -> None:
+        overriding = (each for each in self._watchers if type(each).observe is not Watcher.observe)
+        self.observers = [each.observe for each in overriding]
+
+    def _drop(self, watcher: Watcher[Event], error: Exception) -> None:
+        if watcher in self._watchers:
+            self._watchers.remove(watcher)
+            self._find_observers()
+            self._tell(f"{watcher.name} failed and is switched off: {in_words(error)}")

@@ -1,0 +1,35 @@
+"""The interface of what a master touches: a virtual scene, a robot, an engine, a recording."""
+
+from typing import Protocol
+
+from hapticnet.samples import ForceSample, PositionSample
+
+
+class Touchable(Protocol):
+    """Something that answers each position with a force. `scene.Scene` is one.
+
+    If it also has an attribute ``breaches``, recordings and reports show it: surfaces breached so far.
+    """
+
+    @property
+    def axes(self) -> int:
+        """Number of axes of positions and forces."""
+        ...
+
+    @property
+    def name(self) -> str:
+        """Name in messages and reports, at most 64 bytes."""
+        ...
+
+    def step(self, sample: PositionSample) -> ForceSample:
+        """Return the force at a position, positive when it pushes the operator out.
+
+        Called for each position, in order of time, within the time of a tick: it must not wait. A SampleError refuses a
+        position, which is counted; any other exception ends or pauses the session.
+        """
+        ...
+
+
+def breaches_of(scene: Touchable) -> int:
+    """Return how many surfaces were breached so far; 0 if the scene does not know."""
+    return int(getattr(scene, "breaches", 0))
