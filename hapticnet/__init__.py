@@ -14,19 +14,23 @@ if TYPE_CHECKING:
     from hapticnet.api.comparing import Comparison, compare
     from hapticnet.api.encoding import Encoded, Report, encode, make_codec
     from hapticnet.api.link import LinkReport, VirtualLink, virtual_link
+    from hapticnet.api.master import Master, ThreadedMaster, TickedMaster
     from hapticnet.api.measures import error_report, fewest_holds, fewest_lines, quality_report
+    from hapticnet.api.slave import Slave, ThreadedSlave, TickedSlave
     from hapticnet.codec.base import Codec, Decoder, Encoder
     from hapticnet.codec.registry import CODECS
     from hapticnet.errors import (
         FileError,
         HapticnetError,
         PeerError,
+        RefusedError,
         SampleError,
         SettingsError,
         UnavailableError,
     )
     from hapticnet.perception import WeberLaw
     from hapticnet.recordings.recording import Recording, load_recording
+    from hapticnet.samples import ForceSample, PositionSample
 
 __version__ = "0.1.0"
 
@@ -34,14 +38,17 @@ _HOMES: Final = {
     "hapticnet.api.comparing": ("Comparison", "compare"),
     "hapticnet.api.encoding": ("Encoded", "Report", "encode", "make_codec"),
     "hapticnet.api.link": ("LinkReport", "VirtualLink", "virtual_link"),
+    "hapticnet.api.master": ("Master", "ThreadedMaster", "TickedMaster"),
     "hapticnet.api.measures": ("error_report", "fewest_holds", "fewest_lines", "quality_report"),
+    "hapticnet.api.slave": ("Slave", "ThreadedSlave", "TickedSlave"),
     "hapticnet.codec.base": ("Codec", "Decoder", "Encoder"),
     "hapticnet.codec.registry": ("CODECS",),
     "hapticnet.errors": (
-        "FileError", "HapticnetError", "PeerError", "SampleError", "SettingsError", "UnavailableError",
+        "FileError", "HapticnetError", "PeerError", "RefusedError", "SampleError", "SettingsError", "UnavailableError",
     ),
     "hapticnet.perception": ("WeberLaw",),
     "hapticnet.recordings.recording": ("Recording", "load_recording"),
+    "hapticnet.samples": ("ForceSample", "PositionSample"),
 }  # fmt: skip
 
 __all__ = [
@@ -52,13 +59,22 @@ __all__ = [
     "Encoded",
     "Encoder",
     "FileError",
+    "ForceSample",
     "HapticnetError",
     "LinkReport",
+    "Master",
     "PeerError",
+    "PositionSample",
     "Recording",
+    "RefusedError",
     "Report",
     "SampleError",
     "SettingsError",
+    "Slave",
+    "ThreadedMaster",
+    "ThreadedSlave",
+    "TickedMaster",
+    "TickedSlave",
     "UnavailableError",
     "VirtualLink",
     "WeberLaw",

@@ -187,6 +187,11 @@ class MasterNode:
         self._ticked_us = 0
 
     @property
+    def codec(self) -> Codec:
+        """The codec that is used, or that was asked for last with `change`."""
+        return self._next_codec
+
+    @property
     def connected(self) -> bool:
         """Whether there has been a session."""
         return self._connections > 0

@@ -1,0 +1,278 @@
+"""``hn.Master``, ``hn.ThreadedMaster``, ``hn.TickedMaster``: a master inside another program."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Self
+
+from hapticnet.api.events import EventQueue
+from hapticnet.api.setup import MasterSetup, PositionLike
+from hapticnet.api.threads import LoopThread
+from hapticnet.api.views import MasterView
+from hapticnet.errors import SettingsError, UnavailableError
+from hapticnet.node.master import NodeEvent
+from hapticnet.protocol.events import Ended
+from hapticnet.runtime.clock import now_us
+from hapticnet.runtime.master_run import MasterRunner
+from hapticnet.runtime.udp import DRAIN_AT_MOST, READ_BYTES
+from hapticnet.runtime.waiting import either
+from hapticnet.runtime.watching import Watcher
+from hapticnet.samples import Vector
+
+
+class _Exchanges(Watcher[NodeEvent]):
+    """Those who wait for the force at a position that they have set."""
+
+    name = "exchanges"
+
+    def __init__(self, view: MasterView) -> None:
+        self._view = view
+        self._waiting: list[tuple[int, asyncio.Future[Vector]]] = []
+
+    def add(self) -> "asyncio.Future[Vector]":
+        """Return the force at the tick after the next, which sends the position."""
+        future: asyncio.Future[Vector] = asyncio.get_running_loop().create_future()
+        self._waiting.append((self._view.node.ticks + 2, future))
+        return future
+
+    def observe(self, now_us: int) -> None:  # noqa: ARG002 - ticks are counted
+        """Answer those whose tick it is."""
+        if not self._waiting:
+            return
+        node = self._view.node
+        due = [future for tick, future in self._waiting if tick <= node.ticks]
+        self._waiting = [each for each in self._waiting if each[0] > node.ticks]
+        for future in due:
+            if not future.done():
+                future.set_result(node.held_n)
+
+    def note(self, event: NodeEvent, now_us: int) -> None:  # noqa: ARG002 - only the end counts
+        """Tell them that there will be no answer."""
+        if isinstance(event, Ended):
+            self.give_up(f"the session has ended: {event.reason}")
+
+    def give_up(self, reason: str) -> None:
+        """Tell all who wait that there will be no answer."""
+        for _, future in self._waiting:
+            if not future.done():
+                future.set_exception(UnavailableError(reason))
+        self._waiting.clear()
+
+
+@dataclass(eq=False)
+class Master(MasterSetup, MasterView):
+    """A master on the program's own event loop (asyncio or uvloop). See `MasterSetup` for the parameters.
+
+    ::
+
+        async with hn.Master("host:47800", codec="deadband") as master:
+            force_n = await master.exchange(0.012)
+
+    Entering waits for a session. The session then lives in the background: positions are sent at `rate_hz` whether the
+    program sets new ones or not, and a slave that goes away is asked again. Signals are left to the program.
+
+    Raises
+    ------
+    SettingsError, SampleError, FileError
+        On entering, if a parameter cannot be used.
+    UnavailableError
+        On entering, if there is no such host or no slave answers within `connect_timeout_s`.
+    RefusedError
+        On entering, if the slave refuses the session.
+    """
+
+    async def __aenter__(self) -> Self:
+        self._node, self._hand, sock, address = self.make()
+        self._events = EventQueue[NodeEvent]()
+        self._exchanges = _Exchanges(self)
+        stop = asyncio.Event()
+        watchers: list[Watcher[NodeEvent]] = [self._events, self._exchanges]
+        self._runner = MasterRunner(self._node, sock, address, stop=stop, watchers=watchers)
+        await self._runner.start()
+        try:
+            if not await either(self._runner.connected, stop, self.connect_timeout_s):
+                raise UnavailableError(
+                    f"no session with {self.address} within {self.connect_timeout_s:g} s: is the slave running there?"
+                )
+            self._check_alive()
+        except BaseException:
+            await self._leave("the program gave up")
+            raise
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self._leave("done")
+
+    async def exchange(self, position: PositionLike) -> Vector:
+        """Set the position [m], and return the force [N] that is held one tick after it was sent.
+
+        Raises
+        ------
+        SampleError
+            If the position is not finite or has another number of axes.
+        UnavailableError
+            If the session has ended.
+        """
+        self._check_alive()
+        self.position = position
+        return await self._exchanges.add()
+
+    def events(self) -> AsyncIterator[NodeEvent]:
+        """Return the events, to be iterated with ``async for``: Connected, LinkStale, Failed and so on.
+
+        The iteration ends with the session. At most 1000 events wait.
+        """
+        return self._events.each()
+
+    async def _leave(self, reason: str) -> None:
+        # The session is closed even if the program cancels this task.
+        await asyncio.shield(self._runner.finish(reason))
+        self._exchanges.give_up("the master was left")
+        self._events.end()
+
+
+@dataclass(eq=False)
+class ThreadedMaster(MasterSetup, MasterView):
+    """A master in a thread of its own, for programs without asyncio. See `MasterSetup` for the parameters.
+
+    ::
+
+        with hn.ThreadedMaster("host:47800") as master:
+            master.position = 0.012
+            print(master.force_n)
+
+    `position` and `force_n` may be used at any time and do not wait. The thread shares the interpreter with the
+    program: code that holds it for milliseconds delays positions. Raises on entering what `Master` raises.
+    """
+
+    def __enter__(self) -> Self:
+        self._master = Master(**{name: getattr(self, name) for name in MasterSetup.__dataclass_fields__ if name != "_"})
+        self._thread = LoopThread(self._master, f"hapticnet {self.name}")
+        self._node, self._hand = self._master._node, self._master._hand
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._thread.leave()
+
+    def exchange(self, position: PositionLike) -> Vector:
+        """Set the position [m], wait, and return the force [N] that is held one tick after it was sent.
+
+        Raises
+        ------
+        SampleError
+            If the position is not finite or has another number of axes.
+        UnavailableError
+            If the session has ended.
+        """
+        return self._thread.wait_for(self._master.exchange(position))
+
+    def take_events(self) -> list[NodeEvent]:
+        """Return the events since the last call."""
+        return self._master._events.take()
+
+    def change(self, **changes: Any) -> None:
+        """Ask for another codec or JND while the session runs; see `MasterView.change`."""
+
+        async def change() -> None:
+            self._master.change(**changes)
+
+        self._thread.wait_for(change())
+
+
+@dataclass(eq=False)
+class TickedMaster(MasterSetup, MasterView):
+    """A master without loop or thread: the program calls `tick` from its own timer. See `MasterSetup`.
+
+    ::
+
+        master = hn.TickedMaster("host:47800", rate_hz=500)
+        ...                                   # in a timer callback, 500 times a second:
+        force_n = master.tick(position)
+
+    Nothing waits: there is a session some ticks after the slave is there (`connected`), and no force before. The timer
+    must be as fast as `rate_hz`; calls that come sooner than that send no position.
+
+    Raises
+    ------
+    SettingsError, SampleError, FileError
+        If a parameter cannot be used.
+    UnavailableError
+        If there is no such host.
+    """
+
+    def __post_init__(self) -> None:
+        self._node, self._hand, self._sock, self._slave = self.make()
+        self._events = EventQueue[NodeEvent]()
+        self._sent_us = 0
+        self.send_errors = 0
+
+    def tick(self, position: PositionLike | None = None) -> Vector:
+        """Set the position [m] if there is one, exchange datagrams, and return the force [N] that is held.
+
+        The force is zero before there is a session and after it has ended; `ended` gives the reason.
+
+        Raises
+        ------
+        SampleError
+            If the position is not finite or has another number of axes.
+        SettingsError
+            If a position is given although an operator gives them.
+        """
+        if position is not None:
+            self.position = position
+        node = self.node
+        self._receive()
+        now = now_us()
+        if now - self._sent_us >= 0.9 * node.period_us:
+            self._sent_us = now
+            node.drive(now)
+            node.tick(now_us())
+        self._send()
+        return node.held_n
+
+    def take_events(self) -> list[NodeEvent]:
+        """Return the events since the last call."""
+        return self._events.take()
+
+    def close(self) -> None:
+        """End the session and close the socket. The slave is told, but its answer is not waited for."""
+        if self._sock.fileno() >= 0:
+            self.node.close("done", now_us())
+            self._send()
+            self._sock.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _receive(self) -> None:
+        for _ in range(DRAIN_AT_MOST):
+            try:
+                data, address = self._sock.recvfrom(READ_BYTES)
+            except BlockingIOError:
+                return
+            except OSError:  # an earlier datagram could not be delivered; it counts as lost
+                self.send_errors += 1
+                if self._sock.fileno() < 0:
+                    raise SettingsError("this master is closed") from None
+                continue
+            if address == self._slave:
+                self.node.receive_datagram(data, now_us())
+
+    def _send(self) -> None:
+        for data in self.node.datagrams_to_send():
+            try:
+                self._sock.sendto(data, self._slave)
+            except OSError:
+                self.send_errors += 1
+        while (event := self.node.next_event()) is not None:
+            self._events.note(event, now_us())

@@ -1,0 +1,157 @@
+"""``hn.Slave``, ``hn.ThreadedSlave``, ``hn.TickedSlave``: a slave inside another program."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Self
+
+from hapticnet.api.events import EventQueue
+from hapticnet.api.setup import SlaveSetup, address_of
+from hapticnet.api.threads import LoopThread
+from hapticnet.api.views import SlaveView
+from hapticnet.errors import SettingsError
+from hapticnet.node.slave import SlaveEvent
+from hapticnet.runtime.clock import now_us
+from hapticnet.runtime.slave_run import SlaveRunner
+from hapticnet.runtime.udp import DRAIN_AT_MOST, READ_BYTES, SocketAddress
+
+
+@dataclass(eq=False)
+class Slave(SlaveSetup, SlaveView):
+    """A slave on the program's own event loop. See `SlaveSetup` for the parameters.
+
+    ::
+
+        async with hn.Slave(my_robot, listen="0.0.0.0:47800", key="key.toml", masters="masters.toml") as slave:
+            async for event in slave.events():
+                print(event)
+
+    ``step`` is called on the loop for each position and must not wait. Signals are left to the program.
+
+    Raises
+    ------
+    SettingsError, FileError
+        On entering, if a parameter cannot be used.
+    UnavailableError
+        On entering, if the address is taken or of another host.
+    """
+
+    async def __aenter__(self) -> Self:
+        self._node, sock = self.make()
+        self.address = address_of(sock)
+        self._events = EventQueue[SlaveEvent]()
+        self._runner = SlaveRunner(self._node, sock, watchers=[self._events])
+        await self._runner.start()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await asyncio.shield(self._runner.finish("shutting down"))
+        self._events.end()
+
+    def events(self) -> AsyncIterator[SlaveEvent]:
+        """Return the events, to be iterated with ``async for``: MasterJoined, MasterLeft, ScenePaused and so on."""
+        return self._events.each()
+
+
+@dataclass(eq=False)
+class ThreadedSlave(SlaveSetup, SlaveView):
+    """A slave in a thread of its own, for programs without asyncio. See `SlaveSetup` for the parameters.
+
+    ::
+
+        with hn.ThreadedSlave(my_engine) as slave:
+            print(slave.address)
+
+    ``step`` is called in that thread. Raises on entering what `Slave` raises.
+    """
+
+    def __enter__(self) -> Self:
+        self._slave = Slave(**{name: getattr(self, name) for name in SlaveSetup.__dataclass_fields__ if name != "_"})
+        self._thread = LoopThread(self._slave, "hapticnet slave")
+        self._node, self.address = self._slave._node, self._slave.address
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._thread.leave()
+
+    def take_events(self) -> list[SlaveEvent]:
+        """Return the events since the last call."""
+        return self._slave._events.take()
+
+
+@dataclass(eq=False)
+class TickedSlave(SlaveSetup, SlaveView):
+    """A slave without loop or thread: the program calls `tick` from its own loop. See `SlaveSetup`.
+
+    ::
+
+        slave = hn.TickedSlave(my_engine)
+        ...                        # in the engine's loop, 1000 times a second:
+        slave.tick()
+
+    An answer waits for the next `tick`, so the force is up to a tick older. Raises what `Slave` raises.
+    """
+
+    def __post_init__(self) -> None:
+        self._node, self._sock = self.make()
+        self.address = address_of(self._sock)
+        self._events = EventQueue[SlaveEvent]()
+        self.send_errors = 0
+
+    def tick(self) -> None:
+        """Answer what has arrived; each session gets the force at its newest position."""
+        node, now = self.node, now_us()
+        node.receive_datagrams(self._arrived(), now)
+        self._send()
+        node.settle(now)
+        expires_us = node.next_timer_us()
+        if expires_us is not None and now >= expires_us:
+            node.tick(now)
+        self._send()
+
+    def take_events(self) -> list[SlaveEvent]:
+        """Return the events since the last call."""
+        return self._events.take()
+
+    def close(self) -> None:
+        """End every session and close the socket."""
+        if self._sock.fileno() >= 0:
+            self.node.close("shutting down", now_us())
+            self._send()
+            self._sock.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _arrived(self) -> list[tuple[bytes, SocketAddress]]:
+        if self._sock.fileno() < 0:
+            raise SettingsError("this slave is closed")
+        batch: list[tuple[bytes, SocketAddress]] = []
+        for _ in range(DRAIN_AT_MOST):
+            try:
+                batch.append(self._sock.recvfrom(READ_BYTES))
+            except BlockingIOError:
+                break
+            except OSError:  # an earlier datagram could not be delivered; it counts as lost
+                self.send_errors += 1
+        return batch
+
+    def _send(self) -> None:
+        address: SocketAddress
+        for data, address in self.node.datagrams_to_send():
+            try:
+                self._sock.sendto(data, address)
+            except OSError:
+                self.send_errors += 1
+        while (event := self.node.next_event()) is not None:
+            self._events.note(event, now_us())
