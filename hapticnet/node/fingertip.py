@@ -86,6 +86,11 @@ class Fingertip:
         """Newest sensed force [N]; 0 while the device is lost."""
         return self.reading.force_n if self.reading is not None else 0.0
 
+    @property
+    def status(self) -> str:
+        """State of the force loop, if it has a fault, or else of the device, in words."""
+        return self.controller.fault or self.device.status
+
     def press(self, force_n: float, now_us: int) -> None:
         """Move the device one step toward a force [N]; called every tick."""
         reading = self.reading
@@ -105,7 +110,7 @@ class Fingertip:
         finger = self.controller.finger
         return {
             "description": self.device.description,
-            "status": self.controller.fault or self.device.status,
+            "status": self.status,
             "times_lost": self._times_lost,
             "finger_stiffness_n_m": 1.0 / finger.compliance_m_n if finger.felt else None,
             "finger_contact_m": finger.contact_m if finger.felt else None,

@@ -192,6 +192,16 @@ class MasterNode:
         return self._next_codec
 
     @property
+    def axes(self) -> int:
+        """Number of axes of a position and of a force."""
+        return len(self._zero_n)
+
+    @property
+    def device_status(self) -> str | None:
+        """State of the device and of its force loop in words; None without a device."""
+        return self._fingertip.status if self._fingertip is not None else None
+
+    @property
     def connected(self) -> bool:
         """Whether there has been a session."""
         return self._connections > 0
@@ -317,7 +327,7 @@ class MasterNode:
             "scene": self.scene_name,
             "codec": self._codec.name,
             "parameters": codec_parameters(self._codec),
-            **asdict(self.settings.law),
+            **asdict(self._codec.law),
             "rate_hz": 1e6 / self.period_us,
             "ticks": self.ticks,
             "sealed": self.session.sealed,

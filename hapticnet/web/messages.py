@@ -104,8 +104,8 @@ To the watch view it has a ``name``, and each tissue ``name``, ``stiffness_n_per
 
     {"type": "hand", "holder": "you" | "another" | "nobody", "state": "free"}
 
-``state`` is ``"free"``, ``"live"``, ``"holding"`` or ``"withdrawing"``. The holder changes to ``"nobody"`` when the needle
-is withdrawn because the page fell silent; the page must then take the hand again.
+``state`` is ``"free"``, ``"live"``, ``"holding"`` or ``"withdrawing"``. The holder changes to ``"nobody"`` when the
+needle is withdrawn because the page fell silent; the page must then take the hand again.
 
 ``ready``, to both, after the hello and when it changes: whether there is a slave whose scene can be touched. A change
 of codec is not a change of this::
@@ -114,7 +114,7 @@ of codec is not a change of this::
 
 ``state``, to the watch view, `STATES_PER_S` times a second::
 
-    {"type": "state", "t_s": 12.4, "link": "streaming", "connections": 1, "sealed": false,
+    {"type": "state", "t_s": 12.4, "link": "established", "connections": 1, "sealed": false,
      "codec": "deadband", "parameters": {"step_n": 0}, "multiplier": 1.0, "weber_fraction": 0.05, "floor_n": 0.025,
      "delay_ms": 0, "loss_percent": 0,              // of the emulated channel, in each direction
      "round_trip_ms": 0.41 or null,                 // median
@@ -127,8 +127,9 @@ of codec is not a change of this::
                "raw_packets_per_s": 1000, "raw_bytes_per_s": 49000,       // the same if every sample were sent raw
                "packets": 812, "bytes": 51968, "raw_packets": 12400, "raw_bytes": 607600}   // since ``since_s``
 
-It also has ``since_s``, the time when codec, multiplier, delay or loss last changed (0 at first). The threshold of the
-deadband around a force F is ``multiplier · max(weber_fraction · |F|, floor_n)``.
+``link`` is the state of the session: connecting, established, stale, closing or closed. ``state`` also has ``since_s``,
+the time when codec, multiplier, delay or loss last changed (0 at first). The threshold of the deadband around a force F
+is ``multiplier · max(weber_fraction · |F|, floor_n)``.
 
 ``event``, to the watch view: something to tell a person::
 
@@ -219,6 +220,10 @@ HAND_BYTES: Final = _HAND.size
 MOST_ROWS: Final = 0xFFFF
 
 
+class MistakeError(PeerError):
+    """A message from a page is not of this specification."""
+
+
 class CloseCode(enum.IntEnum):
     """Why the server closes a socket; after one of these a page does not try again by itself."""
 
@@ -302,15 +307,17 @@ def parse_binary(data: bytes) -> Hand:
 
     Raises
     ------
-    PeerError
+    MistakeError
         If it is none, or its numbers are not finite.
     """
     if len(data) != HAND_BYTES or data[0] != HAND:
         kind = data[0] if data else "none"
-        raise PeerError(f"binary message of {len(data)} bytes and kind {kind}; expected {HAND_BYTES} and kind {HAND}")
+        raise MistakeError(
+            f"binary message of {len(data)} bytes and kind {kind}; expected {HAND_BYTES} and kind {HAND}"
+        )
     _, _, _, position_m, time_ms = _HAND.unpack(data)
     if not abs(position_m) <= LARGEST_COMPONENT or not math.isfinite(time_ms):
-        raise PeerError(f"the hand is at {position_m} m at {time_ms} ms; both must be finite")
+        raise MistakeError(f"the hand is at {position_m} m at {time_ms} ms; both must be finite")
     return Hand(position_m, time_ms)
 
 
@@ -319,36 +326,36 @@ def parse_text(data: str) -> PageMessage:
 
     Raises
     ------
-    PeerError
+    MistakeError
         If it is not JSON, not of a known type, or a value is out of range.
     """
     try:
         content = json.loads(data)
     except (ValueError, RecursionError):
-        raise PeerError(f"{data[:40]!r} is not JSON") from None
+        raise MistakeError(f"{data[:40]!r} is not JSON") from None
     if not isinstance(content, dict) or not isinstance(kind := content.pop("type", None), str):
-        raise PeerError("a message must be an object with a 'type'")
+        raise MistakeError("a message must be an object with a 'type'")
     if kind == "set":
         return _change(content)
     if kind not in _ORDERS:
-        raise PeerError(f"unknown message {kind[:40]!r}; there are: {', '.join(_ORDERS)}, set")
+        raise MistakeError(f"unknown message {kind[:40]!r}; there are: {', '.join(_ORDERS)}, set")
     if content:
-        raise PeerError(f"message {kind!r} has no key {next(iter(content))[:40]!r}")
+        raise MistakeError(f"message {kind!r} has no key {next(iter(content))[:40]!r}")
     return _ORDERS[kind]
 
 
 def _change(content: dict[str, Any]) -> Change:
     if not content:
-        raise PeerError(f"message 'set' changes nothing; it takes: {', '.join(Change.__dataclass_fields__)}")
+        raise MistakeError(f"message 'set' changes nothing; it takes: {', '.join(Change.__dataclass_fields__)}")
     for key, value in content.items():
         if key == "codec":
             if not isinstance(value, str):
-                raise PeerError("codec must be a name")
+                raise MistakeError("codec must be a name")
         elif key not in LIMITS:
-            raise PeerError(f"cannot set {key[:40]!r}; only: {', '.join(Change.__dataclass_fields__)}")
+            raise MistakeError(f"cannot set {key[:40]!r}; only: {', '.join(Change.__dataclass_fields__)}")
         elif isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise PeerError(f"{key} must be a number")
+            raise MistakeError(f"{key} must be a number")
         elif not LIMITS[key][0] <= value <= LIMITS[key][1]:
             low, high = LIMITS[key]
-            raise PeerError(f"{key} is {value:.6g}; it must be between {low:g} and {high:g}")
+            raise MistakeError(f"{key} is {value:.6g}; it must be between {low:g} and {high:g}")
     return Change(**content)

@@ -1,0 +1,103 @@
+"""Where the page is, and who may open it."""
+
+import ipaddress
+import secrets
+import socket
+from dataclasses import dataclass, field
+from typing import Final
+from urllib.parse import urlsplit
+
+from hapticnet.errors import UnavailableError
+from hapticnet.runtime.udp import HostPort
+from hapticnet.web.messages import VIEWS, View
+
+DEFAULT: Final = HostPort("127.0.0.1", 47880)
+"""Where the page is served unless another address is named."""
+
+BACKLOG: Final = 32
+
+
+@dataclass(frozen=True, slots=True)
+class Access:
+    """Where the page is, and the tokens that open its views.
+
+    Attributes
+    ----------
+    host, port
+        What a browser calls this server.
+    tokens
+        The token of each view, drawn at random.
+    """
+
+    host: str
+    port: int
+    tokens: dict[View, str] = field(default_factory=lambda: {view: secrets.token_urlsafe(16) for view in VIEWS})
+
+    def url(self, view: View) -> str:
+        """Return the address of a view."""
+        return f"http://{HostPort(self.host, self.port)}/{view}?token={self.tokens[view]}"
+
+    def opens(self, view: View, token: str) -> bool:
+        """Return whether a token opens a view."""
+        return secrets.compare_digest(token.encode(), self.tokens[view].encode())
+
+    def is_ours(self, host: str) -> bool:
+        """Return whether a Host header names this server.
+
+        A stranger's page can make a name of its own point at this host (DNS rebinding), but not a number. The port may
+        be another one, that of a tunnel.
+        """
+        try:
+            name = urlsplit(f"//{host}").hostname
+        except ValueError:
+            return False
+        if name in ("localhost", self.host.lower(), socket.gethostname().lower()):
+            return True
+        try:
+            ipaddress.ip_address(name or "")
+        except ValueError:
+            return False
+        return True
+
+
+def listen_for_pages(address: HostPort | None) -> tuple[socket.socket, Access]:
+    """Return a listening socket, and how to reach it; port 0 takes a free one.
+
+    Without an `address`, `DEFAULT` is used, or another port of that host if this one is taken.
+
+    Raises
+    ------
+    UnavailableError
+        If the address cannot be used.
+    """
+    if address is not None:
+        sock = _listen(address)
+    else:
+        try:
+            sock = _listen(DEFAULT)
+        except UnavailableError:
+            sock = _listen(HostPort(DEFAULT.host, 0))
+    host, port = sock.getsockname()[:2]
+    named = address.host if address is not None else host
+    return sock, Access(socket.gethostname() if named in ("0.0.0.0", "::") else named, port)  # noqa: S104
+
+
+def _listen(address: HostPort) -> socket.socket:
+    try:
+        family, kind, _, _, target = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_STREAM)[0]
+        sock = socket.socket(family, kind)
+    except (OSError, UnicodeError) as error:
+        raise UnavailableError(f"cannot serve the page at {address}: {_words(error)}") from error
+    try:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        sock.bind(target)
+        sock.listen(BACKLOG)
+    except OSError as error:
+        sock.close()
+        raise UnavailableError(f"cannot serve the page at {address}: {_words(error)}") from error
+    sock.setblocking(False)
+    return sock
+
+
+def _words(error: Exception) -> str:
+    return str(getattr(error, "strerror", None) or error)

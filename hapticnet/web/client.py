@@ -1,0 +1,116 @@
+"""One page that is connected: what is sent to it, without ever waiting for it, and what it sends."""
+
+import asyncio
+from collections import deque
+from typing import Final
+
+from aiohttp import web
+
+from hapticnet.runtime.clock import now_us
+from hapticnet.web.messages import CloseCode, Hand, View
+
+LARGEST_BACKLOG: Final = 1 << 18
+"""Bytes waiting for a page above which binary messages are left out for it; a second of the watch view is 40 kB."""
+
+LONGEST_QUEUE: Final = 256
+"""Messages that wait for a page, above which it is disconnected; left out are only those that the next one replaces."""
+
+PARTING_S: Final = 0.5
+"""Longest time [s] that a page has to hear why it is disconnected."""
+
+MOST_MESSAGES_PER_S: Final = 600
+"""Messages a second from one page, above which it is disconnected; a hand sends 250."""
+
+
+class Client:
+    """A page and its socket.
+
+    Parameters
+    ----------
+    socket, transport
+        Its WebSocket, and the connection below.
+
+    Attributes
+    ----------
+    view
+        What it may see and do.
+    left_out
+        Messages that it did not get because it reads too slowly.
+    mistakes
+        Messages from it that were not of the specification.
+    heard
+        Its newest HAND message.
+    """
+
+    def __init__(self, view: View, socket: web.WebSocketResponse, transport: asyncio.WriteTransport) -> None:
+        self.view = view
+        self.left_out = 0
+        self.mistakes = 0
+        self.heard: Hand | None = None
+        self._socket = socket
+        self._transport = transport
+        self._queue: deque[str | bytes] = deque()
+        self._queued_bytes = 0
+        self._wake = asyncio.Event()
+        self._second = 0
+        self._messages = 0
+        self._closing: tuple[CloseCode, str] | None = None
+        self._sender = asyncio.ensure_future(self._send())
+
+    def post(self, message: str) -> None:
+        """Send a JSON message as soon as the page reads."""
+        if len(self._queue) >= LONGEST_QUEUE:
+            self._transport.abort()  # it would not read a reason either; a page that wakes up connects again
+            return
+        self._put(message)
+
+    def post_replaceable(self, message: str | bytes) -> None:
+        """Send a message, or leave it out if the page reads too slowly: a later one replaces it."""
+        if self._queued_bytes + self._transport.get_write_buffer_size() > LARGEST_BACKLOG:
+            self.left_out += 1
+            return
+        self._put(message)
+
+    def admits(self) -> bool:
+        """Count a message from the page; return whether it may send as many."""
+        second = now_us() // 1_000_000
+        if second != self._second:
+            self._second, self._messages = second, 0
+        self._messages += 1
+        return self._messages <= MOST_MESSAGES_PER_S
+
+    def close(self, code: CloseCode, reason: str) -> None:
+        """Disconnect the page and tell it why."""
+        if self._closing is None:
+            self._closing = code, reason
+            self._wake.set()
+
+    async def finish(self) -> None:
+        """Stop sending; if the page is being disconnected, first give it a moment to hear why."""
+        if self._closing is not None:
+            await asyncio.wait([self._sender], timeout=PARTING_S)
+        self._sender.cancel()
+        await asyncio.gather(self._sender, return_exceptions=True)
+
+    def _put(self, message: str | bytes) -> None:
+        self._queue.append(message)
+        self._queued_bytes += len(message)
+        self._wake.set()
+
+    async def _send(self) -> None:
+        """Send what is in the queue. Only this task waits for the page."""
+        socket = self._socket
+        try:
+            while self._closing is None:
+                await self._wake.wait()
+                self._wake.clear()
+                while self._queue and self._closing is None:
+                    message = self._queue.popleft()
+                    self._queued_bytes -= len(message)
+                    await (socket.send_str(message) if isinstance(message, str) else socket.send_bytes(message))
+            code, reason = self._closing
+            await socket.close(code=code, message=reason.encode())
+        except (ConnectionError, RuntimeError):  # the page has gone; whoever reads from it finds out
+            pass
+        finally:
+            self._queue.clear()

@@ -1,0 +1,95 @@
+"""What a page may change while it runs: the threshold, the codec, and the delay and loss of the emulated channel."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+from hapticnet.channel.emulator import Emulator
+from hapticnet.channel.loss import BernoulliLoss
+from hapticnet.channel.settings import ChannelSettings
+from hapticnet.codec.registry import codec_parameters, describe_codecs
+from hapticnet.errors import PeerError, SettingsError
+from hapticnet.node.master import MasterNode
+from hapticnet.web.messages import Change
+
+CHANNEL_KEYS: Final = ("delay_ms", "loss_percent")
+
+
+class Controls:
+    """Apply changes to a running master.
+
+    Parameters
+    ----------
+    channels
+        The emulated channels at the master's end, each with its settings, feedback first; none: delay and loss cannot
+        be changed.
+    is_fixed
+        Whether nothing can be changed.
+
+    Attributes
+    ----------
+    adjustable
+        Names of the settings that can be changed.
+    """
+
+    def __init__(
+        self,
+        node: MasterNode,
+        channels: Sequence[tuple[Emulator[Any], ChannelSettings]] = (),
+        *,
+        is_fixed: bool = False,
+    ) -> None:
+        self._node = node
+        self._channels = [(channel, settings) for channel, settings in channels]
+        changeable = ["multiplier", "codec", *(CHANNEL_KEYS if channels else ())]
+        self.adjustable: tuple[str, ...] = () if is_fixed else tuple(changeable)
+
+    def codecs(self) -> list[dict[str, str]]:
+        """Return names and rules of the codecs to choose from."""
+        return [{"name": codec["name"], "summary": codec["summary"]} for codec in describe_codecs()]
+
+    def report(self) -> dict[str, Any]:
+        """Return the present settings, for the state message."""
+        codec = self._node.codec
+        channel = self._channels[0][1] if self._channels else ChannelSettings()
+        return {
+            "codec": codec.name,
+            "parameters": codec_parameters(codec),
+            "multiplier": codec.law.multiplier,
+            "weber_fraction": codec.law.weber_fraction,
+            "floor_n": codec.law.floor_n,
+            "delay_ms": channel.delay_us / 1000,
+            "loss_percent": 100 * channel.loss.mean if channel.loss is not None else 0.0,
+        }
+
+    def apply(self, change: Change) -> None:
+        """Change what is named, or nothing.
+
+        Raises
+        ------
+        PeerError
+            If something cannot be changed, or there is no such codec.
+        """
+        for key in Change.__dataclass_fields__:
+            if getattr(change, key) is not None and key not in self.adjustable:
+                raise PeerError(f"{key} cannot be changed in this run")
+        if change.codec is not None or change.multiplier is not None:
+            law = self._node.codec.law
+            if change.multiplier is not None:
+                law = replace(law, multiplier=change.multiplier)
+            try:
+                self._node.change(codec=change.codec, law=law)
+            except SettingsError as error:
+                raise PeerError(str(error)) from error
+        if change.delay_ms is not None or change.loss_percent is not None:
+            self._change_channels(change)
+
+    def _change_channels(self, change: Change) -> None:
+        for number, (channel, settings) in enumerate(self._channels):
+            if change.delay_ms is not None:
+                settings = replace(settings, delay_us=round(1000 * change.delay_ms))
+            if change.loss_percent is not None:
+                share = change.loss_percent / 100
+                settings = replace(settings, loss=BernoulliLoss(share) if share else None)
+            channel.change(settings)
+            self._channels[number] = channel, settings

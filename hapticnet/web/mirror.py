@@ -1,0 +1,81 @@
+"""A copy of the slave's scene, moved by the positions that the master sends: surfaces to draw, and the true force.
+
+The slave's scene stays where it is; what arrives from there is compressed. A built-in scene is known by its name alone,
+so the page can show what the force is before compression, and what the delay does to it. The copy differs from the
+original where positions are lost at the moment of a breach, until the needle is withdrawn.
+"""
+
+import math
+from collections.abc import Iterable
+from typing import Final
+
+from hapticnet.errors import HapticnetError
+from hapticnet.samples import PositionSample
+from hapticnet.scene.presets import find_scene, scene_file
+from hapticnet.scene.scene import Scene
+from hapticnet.scene.tissue import SceneSettings
+
+AHEAD_M: Final = 0.02
+"""Free space [m] in front of the first surface."""
+
+BEHIND_M: Final = 0.03
+"""Space [m] behind the last surface. It does not depend on how deep that is indented before it breaks, which a person
+in a trial must not know, except where it breaks deeper than this."""
+
+
+def scene_called(name: str, given: SceneSettings | None = None) -> SceneSettings | None:
+    """Return the scene that a slave calls `name`: `given`, a built-in one, or None if it is not known here.
+
+    The name comes from the network, so no file is read.
+    """
+    if given is not None and given.name == name:
+        return given
+    try:
+        return find_scene(name) if scene_file(name) is None else None
+    except HapticnetError:
+        return None
+
+
+class Mirror:
+    """A scene and a needle.
+
+    Parameters
+    ----------
+    settings
+        The scene.
+    is_new
+        Whether the slave's scene begins with all tissues intact. Otherwise the force is not known until the needle has
+        been in front of them.
+    """
+
+    def __init__(self, settings: SceneSettings, *, is_new: bool) -> None:
+        self.settings = settings
+        self._scene = Scene(settings.tissues, name=settings.name)
+        self._first_m = self._scene.tissues[0].rest_position_m
+        self._is_certain = is_new
+
+    @property
+    def range_m(self) -> tuple[float, float]:
+        """Positions [m] between which everything happens."""
+        tissues = self._scene.tissues
+        broken_m = max(tissue.rest_position_m + tissue.breach_depth_m for tissue in tissues)
+        return min(0.0, self._first_m - AHEAD_M), max(tissues[-1].rest_position_m + BEHIND_M, 1.05 * broken_m)
+
+    @property
+    def surfaces_m(self) -> tuple[float, ...]:
+        """Position [m] of each surface, front to back."""
+        return self._scene.surfaces_m()
+
+    @property
+    def contacts(self) -> tuple[int, ...]:
+        """Contact of the needle with each tissue (`scene.tissue.Contact`), front to back."""
+        return self._scene.contacts()
+
+    def forces_n(self, t_us: Iterable[int], positions_m: Iterable[float]) -> list[float]:
+        """Move the needle and return the force [N] at each position; NaN where it is not known."""
+        forces_n = []
+        for at_us, position_m in zip(t_us, positions_m, strict=True):
+            force_n = self._scene.step(PositionSample(at_us, (position_m,))).force_n[0]
+            self._is_certain = self._is_certain or position_m < self._first_m
+            forces_n.append(force_n if self._is_certain else math.nan)
+        return forces_n

@@ -1,0 +1,160 @@
+"""The HTTP server of the page: files, tokens, checks of Host and Origin, and sockets.
+
+It runs on the master's event loop. Files are read into memory at the start, because serving them from disk would use
+threads that contend with the tick for the interpreter.
+"""
+
+import logging
+import mimetypes
+import socket
+from collections.abc import Awaitable, Callable
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+from typing import Final
+from urllib.parse import urlsplit
+
+from aiohttp import WSMsgType, web
+
+from hapticnet.node.master import NodeEvent
+from hapticnet.runtime.watching import Watcher
+from hapticnet.web.access import Access
+from hapticnet.web.client import Client
+from hapticnet.web.messages import LARGEST_MESSAGE, CloseCode, View
+from hapticnet.web.page import Page
+
+HEARTBEAT_S: Final = 5.0
+"""Time [s] between two pings, which find pages that have gone without a word."""
+
+HEADERS: Final = {
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; font-src 'self';"
+        " connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    ),
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-store",
+    "Server": "hapticnet",
+}
+
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+def static_files() -> dict[str, tuple[bytes, str]]:
+    """Return contents and media type of every file that a page may load, by path."""
+    found: dict[str, tuple[bytes, str]] = {}
+
+    def walk(folder: Traversable, path: str) -> None:
+        for entry in folder.iterdir():
+            if entry.is_dir():
+                walk(entry, f"{path}{entry.name}/")
+            else:
+                kind = (
+                    "text/javascript" if entry.name.endswith((".js", ".mjs")) else mimetypes.guess_type(entry.name)[0]
+                )
+                found[path + entry.name] = entry.read_bytes(), kind or "text/plain"
+
+    folder = files("hapticnet.web") / "static"
+    if folder.is_dir():
+        walk(folder, "")
+    return found
+
+
+class Server(Watcher[NodeEvent]):
+    """Serves a `Page` while the master runs."""
+
+    name = "page"
+
+    def __init__(self, page: Page, access: Access, sock: socket.socket) -> None:
+        self._page = page
+        self._access = access
+        self._sock = sock
+        self._files = static_files()
+        self._runner: web.AppRunner | None = None
+
+    async def start(self) -> None:
+        """Begin to serve."""
+        app = web.Application(middlewares=[self._guard])
+        app.on_response_prepare.append(_add_headers)
+        app.router.add_get("/{view:watch|operator}", self._serve_view)
+        app.router.add_get("/static/{name:.+}", self._serve_file)
+        app.router.add_get("/socket/{view:watch|operator}", self._serve_socket)
+        logger = logging.getLogger("hapticnet.web")
+        logger.disabled = True  # what strangers send is no news, and no traceback may reach a user
+        runner = web.AppRunner(app, access_log=None, logger=logger, handle_signals=False, shutdown_timeout=1.0)
+        await runner.setup()
+        await web.SockSite(runner, self._sock).start()
+        self._runner = runner
+
+    async def stop(self) -> None:
+        """End every connection."""
+        if self._runner is not None:
+            await self._runner.cleanup()
+
+    @web.middleware
+    async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        """Refuse requests that a page of a stranger may have caused."""
+        if not self._access.is_ours(request.headers.get("Host", "")):
+            raise web.HTTPMisdirectedRequest(text="This server has another name. Open the address that was printed.\n")
+        return await handler(request)
+
+    async def _serve_view(self, request: web.Request) -> web.Response:
+        view = _view(request)
+        if not self._access.opens(view, request.query.get("token", "")):
+            return web.Response(
+                status=403, text="This link is not valid, or of an earlier run. Open the address that was printed.\n"
+            )
+        return self._file(f"{view}.html")
+
+    async def _serve_file(self, request: web.Request) -> web.Response:
+        name = request.match_info["name"]
+        if name not in self._files or name.endswith(".html"):
+            return web.Response(status=404, text="There is no such file.\n")
+        return self._file(name)
+
+    def _file(self, name: str) -> web.Response:
+        body, kind = self._files[name]
+        charset = "utf-8" if kind.startswith("text/") or kind.endswith("javascript") else None
+        return web.Response(body=body, content_type=kind, charset=charset)
+
+    async def _serve_socket(self, request: web.Request) -> web.StreamResponse:
+        view = _view(request)
+        origin = urlsplit(request.headers.get("Origin", ""))
+        if origin.netloc != request.headers["Host"]:
+            return web.Response(status=403, text="This page may not connect here.\n")
+        ws = web.WebSocketResponse(heartbeat=HEARTBEAT_S, compress=False, max_msg_size=LARGEST_MESSAGE)
+        await ws.prepare(request)
+        if not self._access.opens(view, request.query.get("token", "")):
+            await ws.close(code=CloseCode.WRONG_TOKEN, message=b"this link is not valid, or of an earlier run")
+            return ws
+        if self._page.is_full:
+            await ws.close(code=CloseCode.TOO_MANY_PAGES, message=b"too many pages are open")
+            return ws
+        transport = request.transport
+        if transport is not None:
+            await self._talk(Client(view, ws, transport), ws)
+        return ws
+
+    async def _talk(self, client: Client, ws: web.WebSocketResponse) -> None:
+        """Receive what a page sends until it goes."""
+        self._page.connect(client)
+        try:
+            async for message in ws:
+                if message.type not in (WSMsgType.TEXT, WSMsgType.BINARY):
+                    break
+                if not client.admits():
+                    client.close(CloseCode.TOO_MANY_MESSAGES, "too many messages")
+                    break
+                self._page.receive(client, message.data)
+        finally:
+            self._page.disconnect(client)
+            await client.finish()
+
+
+def _view(request: web.Request) -> View:
+    return "watch" if request.match_info["view"] == "watch" else "operator"
+
+
+async def _add_headers(_: web.Request, response: web.StreamResponse) -> None:
+    response.headers.update(HEADERS)

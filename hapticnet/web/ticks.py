@@ -1,0 +1,111 @@
+"""What each tick of the master shows: taken down in the tick, turned into messages outside it."""
+
+import math
+from array import array
+from collections import deque
+from typing import Final
+
+import numpy as np
+
+from hapticnet.arrays import FloatArray
+from hapticnet.node.master import MasterNode
+from hapticnet.protocol.wire import Kind
+from hapticnet.web import messages
+from hapticnet.web.mirror import Mirror
+
+NUMBERS: Final = 8
+"""Numbers that a tick takes down: t_us, position, received, held, target, sensed, platform, FORCE datagrams so far."""
+
+MOST_KEPT: Final = 20_000
+"""Limit of the rows kept for a page that opens."""
+
+_FORCE: Final = int(Kind.FORCE)
+
+
+class Ticks:
+    """Rows of a master's ticks, the newest `messages.HISTORY_S` of which are kept for pages that open later.
+
+    Attributes
+    ----------
+    rows
+        Number of rows so far.
+    """
+
+    def __init__(self, node: MasterNode, start_us: int) -> None:
+        self.rows = 0
+        self._node = node
+        self._start_us = start_us
+        self._numbers = array("d")
+        self._packets = 0.0
+        self._past: deque[tuple[float, FloatArray]] = deque()  # time [s] of the first row, and columns
+        self._past_rows = 0
+
+    def add(self, now_us: int) -> None:
+        """Take down a tick; called in it."""
+        node = self._node
+        position_m = node.position_m
+        if position_m is None:
+            return
+        received_n, held_n = node.received_n, node.held_n
+        if len(held_n) == 1:
+            (received,), (held,) = received_n, held_n
+        else:
+            received, held = math.hypot(*received_n), math.hypot(*held_n)
+        self._numbers.extend(
+            (
+                now_us, position_m[0], received, held, node.target_n, node.sensed_n, node.displacement_m,
+                node.session.received.by_kind[_FORCE],
+            )
+        )  # fmt: skip
+
+    def take(self, mirror: Mirror | None) -> list[bytes]:
+        """Return SAMPLES messages of the ticks since the last call, and move the mirror of the scene along."""
+        if not self._numbers:
+            return []
+        numbers, self._numbers = self._numbers, array("d")
+        rows = np.frombuffer(numbers, dtype=np.float64).reshape(-1, NUMBERS)
+        t_us, position, received, held, target, sensed, platform, counts = rows.T
+        position = position.astype(np.float32).astype(np.float64)  # what the slave gets
+        if mirror is None:
+            true = np.full(len(rows), math.nan)
+        else:
+            true = np.array(mirror.forces_n(t_us.astype(np.int64).tolist(), position.tolist()))
+        packets = np.diff(counts, prepend=self._packets)
+        self._packets = float(counts[-1])
+        times_s = 1e-6 * (t_us - t_us[0])
+        columns = np.stack([times_s, position, true, received, held, target, sensed, platform, packets])
+        start_s = 1e-6 * float(t_us[0] - self._start_us)
+        first = self.rows
+        self.rows += len(rows)
+        self._keep(start_s, columns)
+        return _in_messages(first, start_s, columns)
+
+    def history(self) -> list[bytes]:
+        """Return SAMPLES messages of the past that is kept, for a page that opens now."""
+        if not self._past:
+            return []
+        start_s = self._past[0][0]
+        parts = []
+        for part_s, columns in self._past:
+            shifted = columns.copy()
+            shifted[0] += part_s - start_s
+            parts.append(shifted)
+        return _in_messages(self.rows - self._past_rows, start_s, np.concatenate(parts, axis=1))
+
+    def _keep(self, start_s: float, columns: FloatArray) -> None:
+        past = self._past
+        past.append((start_s, columns))
+        self._past_rows += columns.shape[1]
+        while len(past) > 1 and (start_s - past[0][0] > messages.HISTORY_S or self._past_rows > MOST_KEPT):
+            self._past_rows -= past.popleft()[1].shape[1]
+
+
+def _in_messages(first: int, start_s: float, columns: FloatArray) -> list[bytes]:
+    """Return columns of any length as messages of at most `messages.MOST_ROWS` rows."""
+    made = []
+    for begin in range(0, columns.shape[1], messages.MOST_ROWS):
+        part = columns[:, begin : begin + messages.MOST_ROWS].copy()
+        offset_s = float(part[0, 0])
+        part[0] -= offset_s
+        made.append(messages.samples(first + begin, start_s + offset_s, part))
+    return made

@@ -1,0 +1,69 @@
+"""Packets and bytes of both directions, now and in total, beside what they would be without compression."""
+
+from collections import deque
+from typing import Any, Final
+
+import numpy as np
+
+from hapticnet.node.master import MasterNode
+from hapticnet.protocol.seal import TAG_BYTES
+from hapticnet.protocol.wire import UDP_IPV4_HEADER_BYTES, Kind, force_datagram_bytes
+
+WINDOW_S: Final = 1.0
+
+_Counts = tuple[float, ...]  # packets, wire bytes, and both if every sample were sent raw; feedback, then forward
+_KEYS: Final = ("packets", "bytes", "raw_packets", "raw_bytes")
+
+
+class TrafficMeter:
+    """Rates over the last second, and totals since the settings last changed.
+
+    Attributes
+    ----------
+    since_s
+        When the totals began [s].
+    """
+
+    def __init__(self, node: MasterNode) -> None:
+        self.since_s = 0.0
+        self._node = node
+        self._raw_positions = 0
+        self._raw_bytes = 0
+        self._base = self._count()
+        self._past: deque[tuple[float, _Counts]] = deque([(0.0, self._base)])
+
+    def restart(self, now_s: float) -> None:
+        """Begin the totals again."""
+        self.since_s = now_s
+        self._base = self._count()
+
+    def report(self, now_s: float) -> dict[str, dict[str, float]]:
+        """Return the two directions for the state message; call this a few times a second."""
+        counts = self._count()
+        past = self._past
+        past.append((now_s, counts))
+        while len(past) > 2 and now_s - past[1][0] >= WINDOW_S:
+            past.popleft()
+        then_s, before = past[0]
+        elapsed_s = max(now_s - then_s, 0.2)
+        rates = [(new - old) / elapsed_s for new, old in zip(counts, before, strict=True)]
+        totals = [new - old for new, old in zip(counts, self._base, strict=True)]
+        return {"feedback": _direction(rates[:4], totals[:4]), "forward": _direction(rates[4:], totals[4:])}
+
+    def _count(self) -> _Counts:
+        session, axes = self._node.session, self._node.axes
+        positions = session.sent.by_kind[Kind.POSITION]
+        new = positions - self._raw_positions
+        # The sequence number and the time are as large as they are now; only their sizes matter.
+        one = np.array([positions]), np.array([1 << 31]), np.array([4 * axes], dtype=np.uint16)
+        size = int(force_datagram_bytes(*one)[0]) + (TAG_BYTES if session.sealed else 0) + UDP_IPV4_HEADER_BYTES
+        self._raw_positions = positions
+        self._raw_bytes += max(new, 0) * size
+        sent = session.sent.packets, session.sent.wire_bytes
+        return (session.received.packets, session.received.wire_bytes, positions, self._raw_bytes, *sent, *sent)
+
+
+def _direction(rates: list[float], totals: list[float]) -> dict[str, Any]:
+    return {f"{key}_per_s": round(rate, 1) for key, rate in zip(_KEYS, rates, strict=True)} | {
+        key: int(total) for key, total in zip(_KEYS, totals, strict=True)
+    }

@@ -1,0 +1,197 @@
+"""A slave, a master with a hand and its page on one event loop, and clients that speak to it as pages do."""
+
+import asyncio
+import json
+import struct
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import aiohttp
+import numpy as np
+import uvloop
+
+from hapticnet.channel.emulator import Emulator
+from hapticnet.channel.settings import ChannelSettings
+from hapticnet.node.admission import SlaveSettings
+from hapticnet.node.master import MasterNode, MasterSettings
+from hapticnet.node.slave import SlaveNode
+from hapticnet.operator.base import Operator
+from hapticnet.operator.live import LiveHand
+from hapticnet.protocol.handshake import OpenDoor
+from hapticnet.protocol.wire import OPEN
+from hapticnet.runtime.entropy import SystemEntropy
+from hapticnet.runtime.master_run import run_master
+from hapticnet.runtime.slave_run import run_slave
+from hapticnet.runtime.udp import HostPort, bound_address, host_of, listen, open_toward
+from hapticnet.scene.presets import find_scene
+from hapticnet.scene.scene import Scene
+from hapticnet.scene.tissue import SceneSettings
+from hapticnet.web import messages
+from hapticnet.web.access import Access, listen_for_pages
+from hapticnet.web.controls import Controls
+from hapticnet.web.messages import View
+from hapticnet.web.page import Page, PageSettings
+from hapticnet.web.server import Server
+
+WITHIN_S = 5.0
+
+
+@dataclass
+class Rig:
+    """What a test may look at."""
+
+    node: MasterNode
+    slave: SlaveNode
+    page: Page
+    access: Access
+    hand: LiveHand | None
+    said: list[str]
+    http: aiohttp.ClientSession
+    stop: asyncio.Event
+
+    def address(self, path: str) -> str:
+        return f"http://{self.access.host}:{self.access.port}{path}"
+
+    @asynccontextmanager
+    async def open(self, view: View) -> "AsyncIterator[Client]":
+        """Connect as a page of this view does."""
+        query = f"/socket/{view}?token={self.access.tokens[view]}"
+        async with self.http.ws_connect(self.address(query), headers={"Origin": self.address("")}) as socket:
+            client = Client(socket)
+            reader = asyncio.ensure_future(client.read())
+            try:
+                yield client
+            finally:
+                reader.cancel()
+
+
+@dataclass
+class Client:
+    """A page: keeps what it was sent."""
+
+    socket: aiohttp.ClientWebSocketResponse
+    json: list[dict[str, Any]] = field(default_factory=list)
+    frames: list[dict[str, Any]] = field(default_factory=list)
+    blocks: list[tuple[int, float, np.ndarray]] = field(default_factory=list)
+    raw: list[str | bytes] = field(default_factory=list)
+    closed: bool = False
+
+    async def read(self) -> None:
+        async for message in self.socket:
+            self.raw.append(message.data)
+            if message.type is aiohttp.WSMsgType.TEXT:
+                self.json.append(json.loads(message.data))
+            elif message.data[0] == messages.FRAME:
+                self.frames.append(read_frame(message.data))
+            else:
+                self.blocks.append(read_samples(message.data))
+        self.closed = True
+
+    async def say(self, kind: str, **content: Any) -> None:
+        await self.socket.send_str(json.dumps({"type": kind, **content}))
+
+    async def move(self, position_m: float, time_ms: float = 1.0) -> None:
+        await self.socket.send_bytes(struct.pack("<BBHfd", messages.HAND, 0, 0, position_m, time_ms))
+
+    def last(self, kind: str) -> dict[str, Any]:
+        return next((each for each in reversed(self.json) if each["type"] == kind), {})
+
+    async def hear(self, kind: str, **content: Any) -> dict[str, Any]:
+        """Wait until the newest message of this type has this content."""
+        await until(lambda: bool(self.last(kind)) and content.items() <= self.last(kind).items())
+        return self.last(kind)
+
+    def columns(self) -> dict[str, np.ndarray]:
+        """Return all samples by column, with the time since the server began."""
+        parts = []
+        for _, start_s, block in self.blocks:
+            part = block.astype(np.float64)
+            part[0] += start_s
+            parts.append(part)
+        return dict(zip(messages.COLUMNS, np.concatenate(parts, axis=1), strict=True))
+
+
+def read_frame(data: bytes) -> dict[str, Any]:
+    kind, state, count, number, time_ms, tip_m = struct.unpack_from("<BBHIdf", data)
+    assert (kind, len(data)) == (messages.FRAME, 20 + 5 * count)
+    surfaces = struct.unpack_from(f"<{count}f", data, 20)
+    contacts = struct.unpack_from(f"<{count}B", data, 20 + 4 * count)
+    return {
+        "state": state, "number": number, "time_ms": time_ms, "tip_m": tip_m, "surfaces_m": surfaces,
+        "contacts": contacts,
+    }  # fmt: skip
+
+
+def read_samples(data: bytes) -> tuple[int, float, np.ndarray]:
+    kind, columns, rows, first, start_s = struct.unpack_from("<BBHId", data)
+    assert (kind, len(data)) == (messages.SAMPLES, 16 + 4 * columns * rows)
+    return first, start_s, np.frombuffer(data, dtype="<f4", offset=16).reshape(columns, rows)
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    """Wait until something is so; fail after `WITHIN_S`."""
+    async with asyncio.timeout(WITHIN_S):
+        while not condition():
+            await asyncio.sleep(0.005)
+
+
+@asynccontextmanager
+async def rig(
+    *,
+    scene: str | SceneSettings = "paper:1",
+    known_scene: SceneSettings | None = None,
+    operator: Operator | None = None,
+    with_slave: bool = True,
+    settings: MasterSettings | None = None,
+) -> AsyncIterator[Rig]:
+    """Run slave, master and page; without an `operator`, the page is the hand."""
+    tissues = find_scene(scene) if isinstance(scene, str) else scene
+    stop, said = asyncio.Event(), []
+    slave = SlaveNode(
+        lambda _: Scene(tissues.tissues, name=tissues.name),
+        SlaveSettings(),
+        SystemEntropy(),
+        doors={OPEN: OpenDoor()},
+        host_of=host_of,
+    )
+    slave_sock = listen(HostPort("127.0.0.1", 0))
+    sock, address = open_toward(bound_address(slave_sock))
+    hand = LiveHand() if operator is None else None
+    node = MasterNode(operator or hand, None, settings or MasterSettings(), SystemEntropy())
+    plain = ChannelSettings()
+    out: Emulator[Any] = Emulator(plain, np.random.default_rng(1))
+    back: Emulator[Any] = Emulator(plain, np.random.default_rng(2))
+    page_sock, access = listen_for_pages(HostPort("127.0.0.1", 0))
+    page = Page(
+        node,
+        Controls(node, [(back, plain), (out, plain)]),
+        PageSettings(
+            source="page" if hand else "scripted", hand=hand, scene=known_scene, in_words=repr, say=said.append,
+            operator_url=access.url("operator"),
+        ),
+    )  # fmt: skip
+    runs: list[Awaitable[Any]] = [
+        run_master(
+            node, sock, address, stop=stop, channel=out, channel_in=back, tell=said.append,
+            watchers=[Server(page, access, page_sock), page],
+        )
+    ]  # fmt: skip
+    if with_slave:
+        runs.append(run_slave(slave, slave_sock, stop=stop))
+    tasks = [asyncio.ensure_future(run) for run in runs]
+    try:
+        async with aiohttp.ClientSession() as http:
+            yield Rig(node, slave, page, access, hand, said, http, stop)
+    finally:
+        stop.set()
+        async with asyncio.timeout(WITHIN_S):
+            await asyncio.gather(*tasks)
+        slave_sock.close()
+
+
+def play(scenario: Callable[[], Awaitable[None]]) -> None:
+    """Run a test on a loop of its own."""
+    with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
+        runner.run(scenario())
