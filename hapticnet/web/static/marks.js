@@ -1,0 +1,193 @@
+// What is written on the scene: names, ruler, force arrow, the hand's wanted position, and the rings of a breach.
+
+import { CONTACT } from "./wire.js";
+import { palette } from "./palette.js";
+
+export const RULER_PX = 54;
+
+const ARROW_PX_PER_N = 26;
+const RIPPLE_MS = 900;
+const FONT = "Inter, system-ui, sans-serif";
+
+/** Names, strengths and states of the tissues, where the server has told them. */
+export function drawLabels(context, scene, tissues) {
+  const colour = palette();
+  context.textAlign = "left";
+  context.textBaseline = "alphabetic";
+  tissues.forEach((tissue, index) => {
+    if (!tissue.name) return;
+    const y = scene.y(tissue.rest_m) + 26;
+    context.strokeStyle = context.fillStyle = colour(`on-tissue-${scene.shade(index)}`);
+    context.font = `600 13px ${FONT}`;
+    context.fillText(tissue.name, 16, y);
+    context.font = `400 12px ${FONT}`;
+    context.fillText(strength(tissue), 16, y + 17);
+    drawContact(context, scene, index, y + 35);
+  });
+}
+
+function strength({ breach_force_n: breach, stiffness_n_per_m: stiffness }) {
+  return breach === undefined ? "" : `${Number(stiffness.toPrecision(3))} N/m, breaks at ${Number(breach.toPrecision(2))} N`;
+}
+
+/** State of a tissue as a small symbol and words, so that colour is never needed. */
+function drawContact(context, scene, index, y) {
+  const contact = scene.contact(index);
+  const strain = scene.strain(index);
+  const x = 21;
+  const middle = y - 4;
+  context.lineWidth = 1.5;
+  context.beginPath();
+  if (contact === CONTACT.PENETRATED) {
+    context.moveTo(x - 4, middle - 4);
+    context.lineTo(x + 4, middle + 4);
+    context.moveTo(x + 4, middle - 4);
+    context.lineTo(x - 4, middle + 4);
+    context.stroke();
+  } else {
+    context.arc(x, middle, 4.5, 0, 2 * Math.PI);
+    context.stroke();
+    if (contact === CONTACT.INDENTED) {
+      context.beginPath();
+      context.moveTo(x, middle);
+      context.arc(x, middle, 4.5, -Math.PI / 2, -Math.PI / 2 + 2 * Math.PI * Math.min(1, strain || 0.5));
+      context.fill();
+    }
+  }
+  const words = contact === CONTACT.PENETRATED ? "breached" : contact === CONTACT.INDENTED ? pressed(strain) : "intact";
+  context.font = `500 12px ${FONT}`;
+  context.fillText(words, 32, y);
+}
+
+function pressed(strain) {
+  return Number.isFinite(strain) ? `pressed, ${Math.round(100 * Math.min(1, strain))} % of its strength` : "pressed";
+}
+
+/** A ruler beside the tissues, with the tip's depth. */
+export function drawRuler(context, scene, wantedM) {
+  const colour = palette();
+  const left = scene.width;
+  context.fillStyle = colour("surface");
+  context.fillRect(left, 0, RULER_PX, scene.height);
+  context.fillStyle = colour("line");
+  context.fillRect(left, 0, 1, scene.height);
+  context.textAlign = "left";
+  context.textBaseline = "middle";
+  context.font = `400 11px ${FONT}`;
+  const tipY = scene.y(scene.tipM);
+  const [low, high] = scene.rangeM;
+  for (let mm = Math.ceil(low * 1000 / 5) * 5; mm <= high * 1000 + 0.01; mm += 5) {
+    const y = Math.round(scene.y(mm / 1000)) + 0.5;
+    const whole = mm % 10 === 0;
+    context.fillStyle = colour(whole ? "muted" : "line-strong");
+    context.fillRect(left, y - 0.5, whole ? 9 : 5, 1);
+    if (whole && Math.abs(y - tipY) > 15) context.fillText(`${mm}`, left + 14, y);
+  }
+  context.fillStyle = colour("muted");
+  if (tipY > 40) context.fillText("mm", left + 14, 16);
+  if (wantedM !== null) {
+    context.strokeStyle = colour("hand");
+    context.lineWidth = 2;
+    context.beginPath();
+    context.moveTo(left + 1, scene.y(wantedM));
+    context.lineTo(left + 12, scene.y(wantedM));
+    context.stroke();
+  }
+  drawTip(context, scene, left, tipY, colour);
+}
+
+function drawTip(context, scene, left, y, colour) {
+  context.fillStyle = colour("ink");
+  context.beginPath();
+  context.moveTo(left + 1, y);
+  context.lineTo(left + 10, y - 10);
+  context.lineTo(left + RULER_PX - 4, y - 10);
+  context.lineTo(left + RULER_PX - 4, y + 10);
+  context.lineTo(left + 10, y + 10);
+  context.closePath();
+  context.fill();
+  context.fillStyle = colour("surface");
+  context.font = `600 11.5px ${FONT}`;
+  context.textAlign = "right";
+  context.fillText((scene.tipM * 1000).toFixed(1).replace("-", "−"), left + RULER_PX - 9, y + 0.5);
+}
+
+/** Where the hand wants the tip: the needle follows behind it. */
+export function drawWanted(context, scene, needle, wantedM) {
+  const y = scene.y(wantedM);
+  const colour = palette()("hand");
+  const apart = Math.abs(y - needle.y);
+  context.strokeStyle = colour;
+  context.globalAlpha = Math.min(1, 0.35 + apart / 60);
+  context.lineWidth = 1.5;
+  context.setLineDash([2, 4]);
+  context.beginPath();
+  context.moveTo(needle.x + 14, y);
+  context.lineTo(scene.width, y);
+  context.stroke();
+  context.setLineDash([]);
+  context.beginPath();
+  context.arc(needle.x, y, needle.radius + 4, 0, 2 * Math.PI);
+  context.stroke();
+  context.globalAlpha = 1;
+}
+
+/** The force on the needle as an arrow that pushes out of the tissue. */
+export function drawArrow(context, needle, forceN) {
+  if (!(Math.abs(forceN) > 0.02)) return;
+  const colour = palette();
+  const x = needle.x + needle.radius + 20;
+  const from = needle.y;
+  const to = from - forceN * ARROW_PX_PER_N;
+  const head = Math.min(10, Math.abs(to - from)) * Math.sign(to - from);
+  const path = new Path2D();
+  path.moveTo(x - 2.5, from);
+  path.lineTo(x - 2.5, to - head);
+  path.lineTo(x - 8, to - head);
+  path.lineTo(x, to);
+  path.lineTo(x + 8, to - head);
+  path.lineTo(x + 2.5, to - head);
+  path.lineTo(x + 2.5, from);
+  path.closePath();
+  context.lineJoin = "round";
+  context.strokeStyle = colour("surface");
+  context.lineWidth = 4;
+  context.stroke(path);
+  context.fillStyle = colour("held");
+  context.fill(path);
+  const words = `${forceN.toFixed(2).replace("-", "−")} N`;
+  context.font = `700 15px ${FONT}`;
+  const width = context.measureText(words).width + 16;
+  const y = (from + to) / 2;
+  context.fillStyle = colour("surface");
+  context.beginPath();
+  context.roundRect(x + 13, y - 13, width, 26, 13);
+  context.fill();
+  context.fillStyle = colour("held");
+  context.textAlign = "left";
+  context.textBaseline = "middle";
+  context.fillText(words, x + 21, y + 0.5);
+}
+
+/** Rings where a surface was pierced. Returns those that are not over. */
+export function drawRipples(context, scene, ripples, nowMs, still) {
+  const rest = ripples.filter(({ startMs }) => nowMs - startMs < RIPPLE_MS);
+  if (still) return rest;
+  context.strokeStyle = palette()("tissue-edge");
+  for (const { index, startMs } of rest) {
+    const age = (nowMs - startMs) / RIPPLE_MS;
+    const y = scene.y(scene.restM(index));
+    for (const lag of [0, 0.18]) {
+      const grown = (age - lag) / (1 - lag);
+      if (grown <= 0) continue;
+      const eased = 1 - (1 - grown) ** 3;
+      context.globalAlpha = (1 - grown) ** 1.5;
+      context.lineWidth = 3 * (1 - grown) + 0.5;
+      context.beginPath();
+      context.ellipse(scene.middle, y, 10 + 110 * eased, 3 + 22 * eased, 0, 0, 2 * Math.PI);
+      context.stroke();
+    }
+  }
+  context.globalAlpha = 1;
+  return rest;
+}

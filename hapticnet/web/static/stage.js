@@ -1,0 +1,255 @@
+// What both views have: connection, scene, hand, notices, theme and texts for screen readers.
+
+import { Connection } from "./connection.js";
+import { Hand } from "./hand.js";
+import { SceneView } from "./scene.js";
+import { handWords, hint, sceneWords } from "./words.js";
+
+const ERROR_MS = 6000;
+const WORDS_EVERY_MS = 500;
+
+const byId = (id) => document.getElementById(id);
+
+export class Stage {
+  /**
+   * @param {string} view "watch" or "operator"
+   * @param {object} on handlers by kind of message, called after the stage's own; also `draw(nowMs)` for each frame,
+   *   `forceN()` for the arrow, and `lost()`
+   */
+  constructor(view, on = {}) {
+    this._on = on;
+    this._handInfo = { source: "page", speed_m_per_s: 0.06, delay_ms: 50, repeat_ms: 100 };
+    this._holder = "nobody";
+    this._handState = "free";
+    this._scene = null;
+    this._ready = null;
+    this._closed = null;
+    this._error = null;
+    this._contacts = [];
+    this._wordsMs = 0;
+    this.canvas = byId("scene");
+    this.scene = new SceneView(this.canvas, { onBreach: (index) => this._breached(index) });
+    this.connection = new Connection(view, {
+      open: () => this._opened(),
+      closed: (how) => this._lost(how),
+      message: (message) => this._receive(message),
+    });
+    this.hand = new Hand(this.canvas, {
+      send: (type) => this.connection.send(type),
+      sendBinary: (buffer) => this.connection.sendBinary(buffer),
+      tipM: () => this.scene.tipM,
+      metresPerPixel: () => this.scene.metresPerPixel(),
+      refused: (why) => this.complain(why),
+      letGo: () => this.letGo(),
+    });
+    this._letGoOfAnyone = view === "watch";
+    byId("hand-button").addEventListener("click", () => this._pressButton());
+    byId("notice").querySelector("button").addEventListener("click", () => this._retry());
+    this._wireTheme();
+    this._show();
+    requestAnimationFrame((nowMs) => this._frame(nowMs));
+  }
+
+  /** Withdraw the needle: the own hand, or in the watch view anyone's. */
+  letGo() {
+    if (this._letGoOfAnyone && this._holder !== "nobody") this.connection.send("let_go");
+    else this.hand.giveBack();
+  }
+
+  /** Tell a person for a few seconds what went wrong. */
+  complain(text) {
+    this._error = text;
+    clearTimeout(this._errorTimer);
+    this._errorTimer = setTimeout(() => {
+      this._error = null;
+      this._show();
+    }, ERROR_MS);
+    this._show();
+  }
+
+  announce(text) {
+    byId("announcer").textContent = text;
+  }
+
+  /** Show the state of the connection in the header. */
+  setLink(level, text) {
+    const pill = byId("link-state");
+    pill.dataset.level = level;
+    pill.querySelector("b").textContent = text;
+  }
+
+  _receive(message) {
+    const own = this[`_on_${message.kind}`];
+    own?.call(this, message);
+    this._on[message.kind]?.(message);
+  }
+
+  _on_hello(message) {
+    this._handInfo = message.hand;
+    this.hand.configure({ repeatMs: message.hand.repeat_ms });
+  }
+
+  _on_scene(message) {
+    this._scene = message;
+    this._contacts = [];
+    this.scene.setScene(message);
+    this.hand.configure({ rangeM: message.range_m });
+    this.canvas.ariaValueMin = (message.range_m[0] * 1000).toFixed(0);
+    this.canvas.ariaValueMax = (message.range_m[1] * 1000).toFixed(0);
+    this._show();
+  }
+
+  _on_frame(frame) {
+    this._contacts = frame.contacts;
+    this.scene.setFrame(frame);
+    if (frame.handState !== this._handState) {
+      this._handState = frame.handState;
+      this._show();
+    }
+  }
+
+  _on_hand({ holder, state }) {
+    const had = this._holder;
+    this._holder = holder;
+    this._handState = state;
+    this.hand.setHolder(holder);
+    this._show();
+    if (holder !== had) this.announce(byId("hand-state").textContent);
+  }
+
+  _on_ready({ ready }) {
+    if (this._ready !== null && ready !== this._ready) this.announce(ready ? "The scene can be touched" : "No slave");
+    this._ready = ready;
+    this._show();
+  }
+
+  _on_error({ message }) {
+    this.complain(message);
+  }
+
+  _on_task() {
+    // Instructions of an experiment will be shown in #task; the server sends none yet.
+  }
+
+  _opened() {
+    this._closed = null;
+    this._show();
+  }
+
+  _lost(how) {
+    this._closed = how;
+    this._ready = null;
+    this._holder = "nobody";
+    this.hand.lost();
+    this.setLink(how.final ? "bad" : "wait", how.final ? "Closed" : "Reconnecting");
+    this._on.lost?.();
+    this._show();
+  }
+
+  _retry() {
+    this.setLink("wait", "Connecting");
+    this._closed = { again: true };
+    this._show();
+    this.connection.retry();
+  }
+
+  _pressButton() {
+    if (byId("hand-button").dataset.action === "let-go") {
+      this.letGo();
+    } else {
+      this.hand.take();
+      this.canvas.focus({ preventScroll: true }); // so that the arrow keys move the needle
+    }
+  }
+
+  _breached(index) {
+    const name = this._scene.tissues[index].name ?? `Tissue ${index + 1}`;
+    this.announce(`${name} breached`);
+  }
+
+  /** Redraw all texts about connection and hand. */
+  _show() {
+    const { source } = this._handInfo;
+    const online = this.connection?.isOpen ?? false;
+    if (this.hand) this.hand.obstacle = this._obstacle(online, source);
+    byId("hand-state").textContent = online ? handWords(source, this._holder, this._handState) : "Not connected";
+    byId("hint").textContent = online ? hint(source, this._holder, this._handInfo) : "";
+    const letsGo = this._holder === "you" || (this._letGoOfAnyone && this._holder === "another");
+    const button = byId("hand-button");
+    button.textContent = letsGo ? "Let go" : "Take the hand";
+    button.dataset.action = letsGo ? "let-go" : "take";
+    button.disabled = !letsGo && (!online || this._holder !== "nobody");
+    button.hidden = source !== "page";
+    this.canvas.ariaDisabled = String(source !== "page" || !online);
+    this._notify(online);
+  }
+
+  _obstacle(online, source) {
+    if (!online) return "The page is not connected.";
+    if (source !== "page") return `The needle follows: ${source}. Start the master with --operator page to move it here.`;
+    return this._holder === "another" ? "Another page has the hand." : null;
+  }
+
+  _notify(online) {
+    const [level, title, detail, again] = this._notice(online) ?? [];
+    const notice = byId("notice");
+    notice.hidden = !title;
+    if (!title) return;
+    notice.dataset.level = level;
+    const [titleBox, detailBox] = notice.querySelectorAll("b, span");
+    // Unchanged text must not be written again: a screen reader would repeat it.
+    if (titleBox.textContent !== title) titleBox.textContent = title;
+    if (detailBox.textContent !== detail) detailBox.textContent = detail;
+    notice.querySelector("button").hidden = !again;
+  }
+
+  /** The most important thing to tell: level, title, detail, and whether there is a button to try again. */
+  _notice(online) {
+    if (this._closed?.final) {
+      return ["bad", "The server closed this page", sentence(this._closed.reason || "It gave no reason"), true];
+    }
+    if (this._closed && !this._closed.again) {
+      return ["warn", "Connection to the master lost", "The needle is withdrawn. Trying to reconnect…"];
+    }
+    if (!online) return ["wait", "Connecting to the master…", ""];
+    if (this._error) return ["warn", "Not possible", sentence(this._error)];
+    if (this._ready === false) {
+      return ["warn", "The slave does not answer", "Force fades to zero. The needle moves, but it touches nothing."];
+    }
+    if (this._scene && !this._scene.known) {
+      return ["info", "The scene is not known here", "The master cannot draw its surfaces, or compute the true force."];
+    }
+    if (this._holder === "you" && this._handState === "holding") {
+      return ["info", "The needle is held", "This page was silent for a moment. Move to continue."];
+    }
+    return null;
+  }
+
+  _frame(nowMs) {
+    this.hand.advance(nowMs);
+    this._on.draw?.(nowMs);
+    const forceN = this._on.forceN?.() ?? null;
+    this.scene.draw(nowMs, { wantedM: this.hand.isOurs ? this.hand.wantedM : null, forceN });
+    if (nowMs - this._wordsMs > WORDS_EVERY_MS) {
+      this._wordsMs = nowMs;
+      this.canvas.ariaValueNow = (this.scene.tipM * 1000).toFixed(1);
+      this.canvas.ariaValueText = sceneWords(this.scene.tipM, this._scene?.tissues ?? [], this._contacts, forceN);
+    }
+    requestAnimationFrame((next) => this._frame(next));
+  }
+
+  _wireTheme() {
+    const button = byId("theme");
+    const show = () => {
+      button.ariaPressed = String(document.documentElement.dataset.theme === "dark");
+    };
+    button.addEventListener("click", () => dispatchEvent(new Event("themetoggle")));
+    addEventListener("themechange", show);
+    show();
+  }
+}
+
+function sentence(text) {
+  const whole = text.charAt(0).toUpperCase() + text.slice(1);
+  return /[.!?]$/.test(whole) ? whole : `${whole}.`;
+}

@@ -1,0 +1,44 @@
+// The tiles: packets and bytes of the feedback beside what the same would cost uncompressed.
+
+import { bytes, count, percent, signed } from "./words.js";
+
+export function showTraffic(state) {
+  const { feedback, forward } = state;
+  tile("tile-packets", count(feedback.packets_per_s), "/s", ratio(feedback.packets_per_s, feedback.raw_packets_per_s),
+    `of ${count(feedback.raw_packets_per_s)} uncompressed`);
+  const [size, unit] = bytes(feedback.bytes_per_s);
+  tile("tile-bytes", size, `${unit}/s`, ratio(feedback.bytes_per_s, feedback.raw_bytes_per_s),
+    `of ${bytes(feedback.raw_bytes_per_s).join(" ")} uncompressed`);
+  const left = ratio(feedback.packets, feedback.raw_packets);
+  const leftBytes = ratio(feedback.bytes, feedback.raw_bytes);
+  tile("tile-saved", left === null ? "–" : percent(Math.max(0, 1 - left)), "%", left === null ? null : 1 - left,
+    leftBytes === null ? "waiting" : `bytes: ${percent(Math.max(0, 1 - leftBytes))} %${since(state)}`);
+  tile("tile-link", state.round_trip_ms === null ? "–" : signed(state.round_trip_ms, state.round_trip_ms < 10 ? 2 : 1), "ms");
+  text("lost", `${count(state.lost)} of ${count(feedback.packets + state.lost)} lost`);
+  const [out, outUnit] = bytes(forward.bytes_per_s);
+  text("forward", `Positions ${out} ${outUnit}/s`);
+}
+
+function since({ since_s: start, t_s: now }) {
+  return start > 0 ? ` in ${count(Math.max(0, now - start))} s` : "";
+}
+
+function ratio(part, whole) {
+  return whole > 0 ? part / whole : null;
+}
+
+function tile(id, number, unit, share, note) {
+  const box = document.getElementById(id);
+  const [value, small] = box.querySelectorAll(".big > *");
+  if (value.textContent !== number) value.textContent = number;
+  if (small.textContent !== unit) small.textContent = unit;
+  const bar = box.querySelector(".bar i");
+  if (bar) bar.style.width = `${100 * Math.min(1, Math.max(0, share ?? 0))}%`;
+  const noteBox = note && box.querySelector(".quiet");
+  if (noteBox && noteBox.textContent !== note) noteBox.textContent = note;
+}
+
+function text(id, words) {
+  const box = document.getElementById(id);
+  if (box.textContent !== words) box.textContent = words;
+}

@@ -1,0 +1,152 @@
+// The watch view: everything there is to see, and the settings.
+
+import { Clock } from "./clock.js";
+import { History } from "./history.js";
+import { ForcePlot, LINES } from "./plot.js";
+import { Settings } from "./settings.js";
+import { Tone } from "./sound.js";
+import { Stage } from "./stage.js";
+import { showTraffic } from "./traffic.js";
+import { linkState, newtons } from "./words.js";
+
+const KEPT = ["true", "received", "held", "sensed", "packets", "low", "high"];
+const LEGEND_EVERY_MS = 120;
+const MOST_EVENTS = 50;
+
+const byId = (id) => document.getElementById(id);
+
+const clock = new Clock();
+const tone = new Tone();
+const shown = new Map(LINES.map((line) => [line, true]));
+let history = new History(KEPT, 5000);
+let columns = [];
+let law = null; // multiplier, weber_fraction, floor_n of the newest state
+let plot = null;
+let legendMs = 0;
+
+const stage = new Stage("watch", {
+  hello: configure,
+  scene: () => {},
+  samples: takeSamples,
+  state: showState,
+  event: showEvent,
+  error: () => settings.refused(),
+  lost: () => {
+    settings.enable(false);
+    clock.reset();
+  },
+  draw: drawFrame,
+  forceN: () => history.last("held"),
+});
+
+const settings = new Settings(byId("settings"), (changes) => stage.connection.send("set", changes));
+settings.enable(false);
+
+function configure(hello) {
+  columns = [...hello.columns, "low", "high"];
+  history = new History(KEPT, Math.ceil(hello.rate_hz * (hello.history_s + 0.5)));
+  clock.reset();
+  law = null;
+  plot ??= makePlot(hello.history_s);
+  settings.configure(hello);
+  settings.enable(true);
+    const link = byId("operator-link");
+  link.hidden = !hello.operator_url;
+  if (hello.operator_url) link.href = hello.operator_url;
+  showLine("sensed", hello.device !== null && shown.get("sensed"));
+  document.querySelector('[data-line="sensed"]').hidden = hello.device === null;
+  byId("event-list").querySelector("ol").replaceChildren();
+  byId("about").textContent = [`${hello.rate_hz} Hz`, hello.device && `device: ${hello.device}`].filter(Boolean).join(", ");
+}
+
+function makePlot(seconds) {
+  const button = byId("pause");
+  const made = new ForcePlot(byId("plot"), seconds, (paused) => {
+    button.ariaPressed = String(paused);
+    button.querySelector("span").textContent = paused ? "Resume" : "Pause";
+  });
+  button.addEventListener("click", () => made.setPaused(!made.isPaused));
+  return made;
+}
+
+/** Add the limits of the deadband around the received force, by the law at the time, and keep the samples. */
+function takeSamples(message) {
+  const received = message.columns[columns.indexOf("received")];
+  const low = new Float32Array(message.rows).fill(NaN);
+  const high = new Float32Array(message.rows).fill(NaN);
+  if (law && received) {
+    received.forEach((force, row) => {
+      const threshold = law.multiplier * Math.max(law.weber_fraction * Math.abs(force), law.floor_n);
+      low[row] = force - threshold;
+      high[row] = force + threshold;
+    });
+  }
+  message.columns.push(low, high);
+  history.append(message, columns);
+  clock.observe(history.lastTime, performance.now() / 1000);
+}
+
+function showState(state) {
+  law = state.codec === "raw" || !(state.multiplier > 0) ? null : state;
+  const [level, words] = linkState(state.link);
+  stage.setLink(level, words);
+  byId("link-state").title = `${state.sealed ? "Sealed" : "Open"} session, connected ${state.connections} times`;
+  const device = byId("device-state");
+  device.hidden = !state.device;
+  if (state.device) {
+    device.dataset.level = state.device === "ready" ? "good" : "info";
+    device.querySelector("b").textContent = `Device ${state.device}`;
+  }
+  settings.show(state);
+  showTraffic(state);
+}
+
+function showEvent({ t_s: time, text }) {
+  const list = byId("event-list").querySelector("ol");
+  const item = document.createElement("li");
+  const when = document.createElement("time");
+  when.textContent = `${time.toFixed(1)} s`;
+  item.append(when, text);
+  list.prepend(item);
+  while (list.children.length > MOST_EVENTS) list.lastChild.remove();
+  byId("newest").textContent = `${time.toFixed(1)} s: ${text}`;
+  byId("newest").title = text;
+}
+
+function drawFrame(nowMs) {
+  tone.follow(history.last("held"));
+  const edge = clock.now(nowMs / 1000);
+  if (!plot || !Number.isFinite(edge)) return;
+  const forces = ["low", "high", "held", "true", "sensed"].map((name) => history.column(name));
+  plot.update(edge, history.time, forces, history.column("packets"), nowMs);
+  if (nowMs - legendMs < LEGEND_EVERY_MS) return;
+  legendMs = nowMs;
+  showValues();
+}
+
+function showValues() {
+  const hovered = plot.hovered;
+  const at = (name) => (hovered === null ? history.last(name) : plot.value(name, hovered));
+  for (const line of ["true", "held", "sensed"]) legendValue(line, newtons(at(line)));
+  const threshold = history.last("high") - history.last("received");
+  legendValue("band", Number.isFinite(threshold) ? `±${(1000 * threshold).toFixed(0)} mN` : "none");
+}
+
+function legendValue(line, text) {
+  document.querySelector(`[data-line="${line}"] output`).textContent = text;
+}
+
+function showLine(line, visible) {
+  document.querySelector(`[data-line="${line}"]`).ariaPressed = String(visible);
+  shown.set(line, visible);
+  plot?.show(line, visible);
+}
+
+for (const button of document.querySelectorAll("[data-line]")) {
+  button.addEventListener("click", () => showLine(button.dataset.line, !shown.get(button.dataset.line)));
+}
+
+byId("sound").addEventListener("click", async () => {
+  await tone.toggle();
+  byId("sound").ariaPressed = String(tone.isOn);
+});

@@ -1,0 +1,58 @@
+// The binary messages of hapticnet/web/messages.py. Pure functions: no sockets, no document.
+
+export const HAND_STATES = ["free", "live", "holding", "withdrawing", "scripted"];
+export const CONTACT = Object.freeze({ NONE: 0, INDENTED: 1, PENETRATED: 2 });
+
+const FRAME = 1;
+const SAMPLES = 2;
+const HAND = 1;
+const HAND_BYTES = 16;
+const FRAME_HEAD = 20;
+const SAMPLES_HEAD = 16;
+
+/** Return the message in an ArrayBuffer, or null if it is of a kind this page does not know. */
+export function decode(buffer) {
+  const view = new DataView(buffer);
+  if (buffer.byteLength >= FRAME_HEAD && view.getUint8(0) === FRAME) return decodeFrame(view);
+  if (buffer.byteLength >= SAMPLES_HEAD && view.getUint8(0) === SAMPLES) return decodeSamples(view);
+  return null;
+}
+
+function decodeFrame(view) {
+  const surfaces = view.getUint16(2, true);
+  if (view.byteLength < FRAME_HEAD + 5 * surfaces) return null;
+  return {
+    kind: "frame",
+    handState: HAND_STATES[view.getUint8(1)] ?? "free",
+    number: view.getUint32(4, true),
+    handTimeMs: view.getFloat64(8, true),
+    tipM: view.getFloat32(16, true),
+    surfacesM: new Float32Array(view.buffer, FRAME_HEAD, surfaces),
+    contacts: new Uint8Array(view.buffer, FRAME_HEAD + 4 * surfaces, surfaces),
+  };
+}
+
+function decodeSamples(view) {
+  const columns = view.getUint8(1);
+  const rows = view.getUint16(2, true);
+  if (view.byteLength < SAMPLES_HEAD + 4 * columns * rows) return null;
+  return {
+    kind: "samples",
+    rows,
+    firstRow: view.getUint32(4, true),
+    startS: view.getFloat64(8, true),
+    columns: Array.from(
+      { length: columns },
+      (_, column) => new Float32Array(view.buffer, SAMPLES_HEAD + 4 * column * rows, rows),
+    ),
+  };
+}
+
+/** Return the HAND message for a wanted tip position [m] and the time stamp [ms] of the motion. */
+export function encodeHand(positionM, timeMs) {
+  const view = new DataView(new ArrayBuffer(HAND_BYTES));
+  view.setUint8(0, HAND);
+  view.setFloat32(4, positionM, true);
+  view.setFloat64(8, timeMs, true);
+  return view.buffer;
+}

@@ -1,0 +1,72 @@
+// Texts and numbers for people. Pure functions.
+
+/** A force as text, or a dash where it is not known. */
+export function newtons(forceN, digits = 2) {
+  return Number.isFinite(forceN) ? `${signed(forceN, digits)} N` : "–";
+}
+
+/** A number with a true minus sign, and without "−0.00". */
+export function signed(number, digits) {
+  const text = Math.abs(number).toFixed(digits);
+  return number < 0 && Number(text) !== 0 ? `−${text}` : text;
+}
+
+/** A count with thousands separated. */
+export function count(number) {
+  return Math.round(number).toLocaleString("en");
+}
+
+/** A data rate or amount: number and unit, apart, so that they can be set in different sizes. */
+export function bytes(number) {
+  if (number < 1000) return [count(number), "B"];
+  if (number < 999_950) return [(number / 1000).toFixed(1), "kB"];
+  return [(number / 1e6).toFixed(1), "MB"];
+}
+
+/** A share of one in percent, with more digits where it is near nothing or near everything. */
+export function percent(share) {
+  const value = 100 * share;
+  return Math.min(value, 100 - value) < 9.95 && value > 0 && value < 100 ? value.toFixed(1) : value.toFixed(0);
+}
+
+const LINK_LEVELS = { streaming: "good", established: "good", connecting: "wait", stale: "warn", closed: "bad", closing: "wait" };
+
+/** Level and words of the link between master and slave. */
+export function linkState(link) {
+  const level = LINK_LEVELS[link] ?? "info";
+  return [level, link.charAt(0).toUpperCase() + link.slice(1)];
+}
+
+/** What the line under the scene says about the hand. */
+export function handWords(source, holder, state) {
+  if (source !== "page") return `The needle follows: ${source}`;
+  if (holder === "you") return state === "holding" ? "You have the hand; the needle waits for it" : "You have the hand";
+  if (holder === "another") return "Another page has the hand";
+  return state === "withdrawing" ? "The needle is being withdrawn" : "Nobody has the hand";
+}
+
+export function hint(source, holder, { speed_m_per_s: speed, delay_ms: delay }) {
+  if (source !== "page") return "This page watches.";
+  if (holder === "another") return "You watch until it is given back.";
+  const how = matchMedia("(pointer: coarse)").matches ? "Drag down to push." : "Drag down to push, or use ↑ ↓. Esc lets go.";
+  return `${how} The needle trails by ${delay} ms, at most ${count(speed * 1000)} mm/s.`;
+}
+
+/** The scene in words, for screen readers. */
+export function sceneWords(tipM, tissues, contacts, forceN) {
+  const parts = [`${(tipM * 1000).toFixed(0)} millimetres deep`];
+  tissues.forEach(({ name }, index) => {
+    const what = name ?? `tissue ${index + 1}`;
+    if (contacts[index] === 1) parts.push(`pressing on ${what}`);
+    if (contacts[index] === 2) parts.push(`${what} breached`);
+  });
+  if (Number.isFinite(forceN)) parts.push(`${forceN.toFixed(1)} newtons`);
+  return parts.join(", ");
+}
+
+/** What the threshold means at a force of one newton. */
+export function thresholdWords(multiplier, weberFraction, floorN) {
+  if (!(multiplier > 0)) return "Every change is sent";
+  const atOne = 1000 * multiplier * Math.max(weberFraction, floorN);
+  return `Holds changes within ${Number(atOne.toPrecision(3))} mN at 1 N`;
+}
