@@ -1,0 +1,207 @@
+"""Masters and slaves inside other programs, over real sockets on loopback."""
+
+import asyncio
+import signal
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import hapticnet as hn
+from hapticnet.device.plant import PlantSettings
+from hapticnet.device.simulated import SimulatedDevice
+from hapticnet.node.master import Failed, Paused
+from hapticnet.node.slave import MasterJoined, MasterLeft, ScenePaused
+from hapticnet.protocol.events import Connected, Ended
+
+ANY_PORT = "127.0.0.1:0"
+
+
+class Spring:
+    """The user's object: one method."""
+
+    def __init__(self, axes=1):
+        self.axes = axes
+        self.broken = False
+
+    def step(self, sample):
+        if self.broken:
+            raise OSError("the arm does not answer")
+        return [200.0 * each for each in sample.position_m]
+
+
+def wait_until(condition, within_s=10.0):
+    end_s = time.monotonic() + within_s
+    while not condition():
+        assert time.monotonic() < end_s, "it never happened"
+        time.sleep(0.005)
+
+
+def kinds(events):
+    return [type(event) for event in events]
+
+
+def test_on_the_programs_own_loop_all_axes_are_felt_and_events_are_iterated():
+    async def play():
+        async with hn.Slave(Spring(3), listen=ANY_PORT) as slave:
+            async with hn.Master(slave.address, start=(0.0, 0.0, 0.0), multiplier=2.0) as master:
+                assert (master.state, master.connected, master.scene) == ("established", True, "Spring")
+                for _ in range(100):
+                    force_n = await master.exchange((0.01, 0.0, -0.005))
+                assert slave.connected == ("master",)
+                assert force_n == master.force_n == pytest.approx((2.0, 0.0, -1.0))
+                master.change(codec="raw")
+                iterator = master.events()
+                assert isinstance(await anext(iterator), Connected)
+                assert isinstance(await anext(iterator), Connected)
+                assert master.node.codec.law.multiplier == 2.0, "what is not given stays"
+            assert kinds([event async for event in iterator]) == [Ended]
+            with pytest.raises(hn.UnavailableError, match="has ended: done"):
+                await master.exchange(0.0)
+        assert kinds([event async for event in slave.events()]) == [MasterJoined, MasterLeft, MasterJoined, MasterLeft]
+
+    asyncio.run(play())
+
+
+def test_a_program_without_asyncio_has_threads_and_its_signal_handlers_stay():
+    handler = signal.getsignal(signal.SIGINT)
+    with hn.ThreadedSlave("paper:1", listen=ANY_PORT) as slave, hn.ThreadedMaster(slave.address) as master:
+        assert master.exchange(0.025)[0] == pytest.approx(1.0)
+        master.position = 0.026
+        wait_until(lambda: master.force_n[0] > 1.1)
+        master.change(multiplier=4.0)
+        wait_until(lambda: master.report()["multiplier"] == 4.0)
+        assert kinds(master.take_events()) == [Connected, Connected]
+        assert signal.getsignal(signal.SIGINT) is handler
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("hapticnet ")]
+    with pytest.raises(hn.UnavailableError, match="was left"):
+        master.exchange(0.0)
+
+
+def test_a_program_with_its_own_timer_ticks_both_ends():
+    slave = hn.TickedSlave(Spring(), listen=ANY_PORT)
+    master = hn.TickedMaster(slave.address, rate_hz=1000)
+    assert master.tick(0.01) == (0.0,), "nothing waits for a session"
+
+    def tick():
+        slave.tick()
+        return master.tick(0.01)[0] > 1.9
+
+    wait_until(tick)
+    assert kinds(master.take_events()) == [Connected]
+    master.close()
+    wait_until(lambda: slave.tick() or not slave.connected)
+    assert kinds(slave.take_events()) == [MasterJoined, MasterLeft]
+    slave.close()
+    for closed in (slave.tick, master.tick):
+        with pytest.raises(hn.SettingsError, match="is closed"):
+            closed()
+
+
+def test_a_function_makes_a_scene_for_each_master_and_an_object_is_touched_by_one_at_a_time():
+    with (
+        hn.ThreadedSlave(Spring, listen=ANY_PORT) as many,
+        hn.ThreadedMaster(many.address, name="a"),
+        hn.ThreadedMaster(many.address, name="b"),
+    ):
+        wait_until(lambda: sorted(many.connected) == ["a", "b"])
+    with hn.ThreadedSlave(Spring(), listen=ANY_PORT) as one, hn.ThreadedMaster(one.address, name="a") as first:
+        first.exchange(0.0)
+        with pytest.raises(hn.RefusedError, match="all 1 sessions"):
+            hn.ThreadedMaster(one.address, name="b").__enter__()
+        assert one.connected == ("a",)
+
+
+def test_an_exception_in_step_ends_the_session_or_pauses_it_as_asked():
+    scene = Spring()
+    with hn.ThreadedSlave(scene, listen=ANY_PORT) as slave, hn.ThreadedMaster(slave.address, start=0.01) as master:
+        wait_until(lambda: master.force_n[0] > 1.9)
+        scene.broken = True
+        wait_until(lambda: master.ended)
+        assert "the arm does not answer" in master.ended
+        assert master.force_n == (0.0,)
+        with pytest.raises(hn.UnavailableError, match="the arm does not answer"):
+            master.exchange(0.02)
+    scene.broken = False
+    with (
+        hn.ThreadedSlave(scene, listen=ANY_PORT, on_error="pause") as slave,
+        hn.ThreadedMaster(slave.address, start=0.01) as master,
+    ):
+        wait_until(lambda: master.force_n[0] > 1.9)
+        scene.broken = True
+        wait_until(lambda: master.force_n[0] == 0.0)
+        assert kinds(slave.take_events()) == [MasterJoined, ScenePaused]
+        scene.broken = False
+        slave.resume()
+        wait_until(lambda: master.force_n[0] > 1.9)
+        assert master.ended is None
+
+
+class Hand:
+    """The user's operator."""
+
+    def __init__(self):
+        self.broken, self.felt = False, (0.0,)
+
+    def feel(self, t_us, force_n):  # noqa: ARG002
+        self.felt = force_n
+
+    def sample(self, t_us):  # noqa: ARG002
+        if self.broken:
+            raise RuntimeError("no hand")
+        return 0.01
+
+
+@pytest.mark.parametrize(("policy", "event"), [("end", Failed), ("pause", Paused)])
+def test_an_operator_of_the_programs_own_feels_and_may_fail(policy, event):
+    hand = Hand()
+    with (
+        hn.ThreadedSlave(Spring(), listen=ANY_PORT) as slave,
+        hn.ThreadedMaster(slave.address, operator=hand, on_error=policy) as master,
+    ):
+        wait_until(lambda: hand.felt[0] > 1.9)
+        with pytest.raises(hn.SettingsError, match="an operator gives the positions"):
+            master.position = 0.02
+        hand.broken = True
+        wait_until(lambda: master.force_n == (0.0,))
+        assert kinds(master.take_events())[:2] == [Connected, event]
+        assert (master.ended is None) == (policy == "pause")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"start": float("nan")}, "position is nan"),
+        ({"start": "left"}, "position is 'left'"),
+        ({"start": (0.0,) * 4}, "4 axes"),
+        ({"codec": "morse"}, "morse"),
+        ({"on_error": "shrug"}, "on_error is 'shrug'; choose from end, pause"),
+        ({"device_takes": "z"}, "positions have one axis"),
+        ({"peer_key": "x"}, "needs both"),
+        ({"address": "here"}, "must be HOST:PORT"),
+        ({"address": "192.0.2.1:47800"}, "is another host"),
+        ({"operator": object()}, "has no method sample"),
+        ({"device": object()}, "has no method exchange"),
+    ],
+)
+def test_what_cannot_be_used_is_said_on_entering(arguments, message):
+    if "device_takes" in arguments:
+        arguments = {**arguments, "device": SimulatedDevice(PlantSettings(), np.random.default_rng(1))}
+    with pytest.raises(hn.HapticnetError, match=message), hn.ThreadedMaster(**arguments):
+        pass
+
+
+def test_nobody_there_and_a_position_of_other_axes_are_said_in_words():
+    with pytest.raises(hn.UnavailableError, match=r"no session with 127.0.0.1:9 within 0.3 s"):
+        hn.ThreadedMaster("127.0.0.1:9", connect_timeout_s=0.3).__enter__()
+    with hn.ThreadedSlave(Spring(), listen=ANY_PORT) as slave, hn.ThreadedMaster(slave.address) as master:
+        with pytest.raises(hn.SampleError, match="position has 2 axes; this master began with 1"):
+            master.position = (0.0, 0.0)
+        with pytest.raises(hn.UnavailableError, match="the port is in use"):
+            hn.TickedSlave(Spring(), listen=slave.address)
+
+
+def test_what_is_not_entered_says_so():
+    with pytest.raises(hn.UnavailableError, match="this Master is not running"):
+        _ = hn.Master().force_n
