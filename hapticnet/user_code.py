@@ -76,10 +76,10 @@ def split_user_code(text: str) -> tuple[str, str] | None:
     return (found["source"], found["options"] or "") if found else None
 
 
-def find_user_class(text: str, kind: str) -> UserClass | None:
+def find_user_class(text: str, kind: str, folder: Path = Path()) -> UserClass | None:
     """Import what ``SOURCE[:KEY=VALUE,…]`` names; return None if `text` does not have this form.
 
-    A value is a whole number, a number, true, false, or else text.
+    A value is a whole number, a number, true, false, or else text. The path of a file is relative to `folder`.
 
     Raises
     ------
@@ -99,10 +99,10 @@ def find_user_class(text: str, kind: str) -> UserClass | None:
         if not equals or not key.isidentifier() or key in options:
             raise SettingsError(f"{kind} {text!r}: {part!r} must be KEY=VALUE, each key once, as in stiffness=200")
         options[key] = _option(value.strip())
-    return UserClass(kind, source, load_user_code(source, kind), options)
+    return UserClass(kind, source, load_user_code(source, kind, folder), options)
 
 
-def load_user_code(source: str, kind: str) -> Callable[..., Any]:
+def load_user_code(source: str, kind: str, folder: Path = Path()) -> Callable[..., Any]:
     """Return the class (or function) at ``FILE.py:Class`` or ``package.module:Class``; a file is reread if it changed.
 
     Raises
@@ -112,7 +112,7 @@ def load_user_code(source: str, kind: str) -> Callable[..., Any]:
     """
     place, _, name = source.rpartition(":")
     try:
-        module = _run_file(Path(place)) if place.endswith(".py") else _import(place)
+        module = _run_file(folder / place) if place.endswith(".py") else _import(place)
     except (Exception, SystemExit) as error:
         raise SettingsError(f"{kind} {source}: importing {place} raised {in_words(error)}") from error
     if module is None:
@@ -191,6 +191,17 @@ def failure(method: str, error: BaseException) -> UserCodeError:
     if isinstance(error, KeyboardInterrupt):
         raise error
     return error if isinstance(error, UserCodeError) else UserCodeError(f"{method} raised {in_words(error)}")
+
+
+def close_user_object(made: Any, what: str) -> str | None:
+    """Call a method ``close()`` if a user's object has one; return what to tell if it raised, else None."""
+    try:
+        close = getattr(made, "close", None)
+        if callable(close):
+            close()
+    except (Exception, SystemExit) as error:
+        return f"{what}: close raised {in_words(error)}"
+    return None
 
 
 def short(value: object) -> str:

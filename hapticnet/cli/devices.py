@@ -15,10 +15,11 @@ if TYPE_CHECKING:
     from hapticnet.device.profile import Profile
     from hapticnet.device.wired import WiredDevice
     from hapticnet.runtime.serial_port import Wire
+    from hapticnet.user_code import UserClass
 
 NOT_CALIBRATED: Final = "the force sensor is not calibrated (see hapticnet device calibrate); forces may be far off"
 
-DEVICES: Final = "sim[:N/MM], simavr[:N/MM], serial:auto, serial:PATH[@BAUD]"
+DEVICES: Final = "sim[:N/MM], simavr[:N/MM], serial:auto, serial:PATH[@BAUD], FILE.py:CLASS, package.module:CLASS"
 """Device specifications; N/MM is the simulated finger's stiffness."""
 
 
@@ -37,6 +38,10 @@ def real_time_device(text: str, profile: "Profile", seed: int) -> Iterator["tupl
     from hapticnet.runtime.serial_port import SerialSpec, Wire, parse_serial
     from hapticnet.runtime.simavr import simavr_build
 
+    if (found := _user_class(text)) is not None:
+        with _user_device(found) as device:
+            yield device, None
+        return
     kind, settings = _parse(text)
     if settings is None:
         wired = _wired(profile)
@@ -65,7 +70,7 @@ def virtual_device(text: str, profile: "Profile", seed: int) -> Iterator["Device
     UnavailableError
         If the simulator is not built or does not start.
     """
-    kind, settings = _parse(text)
+    kind, settings = ("own", None) if _user_class(text) else _parse(text)
     if settings is None:
         yield None
     elif kind == "sim":
@@ -79,7 +84,8 @@ def virtual_device(text: str, profile: "Profile", seed: int) -> Iterator["Device
 
 def check_device(text: str) -> None:
     """Raise SettingsError if there is no such device."""
-    _parse(text)
+    if not _user_class(text):
+        _parse(text)
 
 
 def load(path: Path | None) -> "Profile":
@@ -116,6 +122,34 @@ def control_settings(profile: "Profile") -> "ForceControlSettings":
     if profile.finger is None:
         return ForceControlSettings()
     return for_known_finger(stiffness_n_m=profile.finger.stiffness_n_m, contact_m=profile.finger.contact_m)
+
+
+def _user_class(text: str) -> "UserClass | None":
+    """Return the class of the user's that `text` names; None if it is a device of hapticnet's own."""
+    from hapticnet.user_code import find_user_class
+
+    return None if text.partition(":")[0] in ("sim", "simavr", "serial") else find_user_class(text, "device")
+
+
+@contextmanager
+def _user_device(found: "UserClass") -> "Iterator[Device]":
+    """Yield a device of the user's; at the end retract it and call its ``close()``, if it has one."""
+    from contextlib import suppress
+
+    from hapticnet.cli.console import Console
+    from hapticnet.device.user import UserDevice
+    from hapticnet.errors import UserCodeError
+    from hapticnet.runtime.clock import now_us
+    from hapticnet.user_code import close_user_object
+
+    device = UserDevice(found.make(), found.label)
+    try:
+        yield device
+    finally:
+        with suppress(UserCodeError):
+            device.exchange(0.0, now_us())
+        if (fault := close_user_object(device.made, found.label)) is not None:
+            Console("device", real_time=True).say(fault)
 
 
 def _parse(text: str) -> "tuple[str, PlantSettings | None]":

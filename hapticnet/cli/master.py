@@ -17,9 +17,7 @@ def master(
     key: options.KeyOption = None,
     peer_key: options.PeerKeyOption = None,
     insecure: options.Insecure = False,
-    operator: Annotated[
-        str, typer.Option(help="Source of positions: scripted, or a recording as trace:FILE or trace:FILE:COLUMN,….")
-    ] = "scripted",
+    operator: options.OperatorOption = "scripted",
     insertions: Annotated[int, typer.Option(min=1, help="Insertions of the scripted operator.")] = 5,
     device: options.DeviceOption = "sim",
     profile: options.ProfileOption = None,
@@ -72,7 +70,7 @@ def master(
     from hapticnet.cli.console import Console, channel_account, check_outputs, deliver
     from hapticnet.cli.key import default_key
     from hapticnet.cli.master_messages import MasterMessages
-    from hapticnet.cli.operators import make_operator, operator_file
+    from hapticnet.cli.operators import make_operator
     from hapticnet.cli.recording import MasterRecording
     from hapticnet.cli.trust import master_key, refusal_advice
     from hapticnet.codec.registry import parse_codec
@@ -112,11 +110,9 @@ def master(
         way: None if spec.is_perfect else Emulator[Any](spec, np.random.default_rng([seed, number]))
         for number, (way, spec) in zip((2, 1), channels.items(), strict=True)
     }
-    if duration is None and hand.duration_us is not None:
-        duration = hand.duration_us / 1e6
-    check_outputs(
-        record, report, inputs=[profile, operator_file(operator), None if keys is None else key or default_key()]
-    )
+    if duration is None and hand.operator.duration_us is not None:
+        duration = hand.operator.duration_us / 1e6
+    check_outputs(record, report, inputs=[profile, hand.file, None if keys is None else key or default_key()])
     scheduling = prefer_realtime() if realtime else OTHER
     kind = "an open session" if keys is None else "a sealed session"
     console.say(f"asking {address} for {kind}, {codec}, {rate:g} Hz, device {device}, {policy(scheduling)}")
@@ -130,9 +126,9 @@ def master(
     ):
         if wire and known.is_generic and device.startswith("serial:"):
             console.say(devices.NOT_CALIBRATED)
-        node = MasterNode(hand, fingertip, settings, SystemEntropy())
+        node = MasterNode(hand.operator, fingertip, settings, SystemEntropy())
         messages = MasterMessages(console, node, str(address), keys)
-        watchers: list[Watcher[NodeEvent]] = [messages]
+        watchers: list[Watcher[NodeEvent]] = [messages, *hand.watchers]
         if record is not None:
             recording = MasterRecording(node, record, console.say, limit_bytes=record_limit)
             watchers.append(recording)
@@ -156,6 +152,8 @@ def master(
     if busy:
         console.say(f"this machine was too busy for {rate:g} Hz: {'; '.join(busy)}")
     account = {"scheduling": scheduling, **node.report(), **asdict(outcome), "overload": overload.report()}
+    if (of_hand := hand.report()) is not None:
+        account["operator"] = of_hand
     if recording is not None:
         account["recording"] = recording.recorder.report()
     for way, emulator in emulators.items():

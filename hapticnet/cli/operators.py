@@ -1,47 +1,116 @@
 """Parse ``--operator`` and make the operator."""
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
+    from hapticnet.node.master import NodeEvent
     from hapticnet.operator.base import Operator
+    from hapticnet.runtime.udp import HostPort
+    from hapticnet.runtime.watching import Watcher
+
+OPERATORS: Final = (
+    "scripted, trace:FILE[:COLUMN,…], udp:[HOST:]PORT[:axes=N], FILE.py:CLASS[:KEY=VALUE,…] and"
+    " package.module:CLASS[:KEY=VALUE,…]"
+)
 
 
-def make_operator(spec: str, *, insertions: int, seed: int, say: Callable[[str], None]) -> "Operator":
-    """Return the operator written as `spec`; `say` is called with notes about what was read.
+@dataclass(frozen=True, slots=True)
+class Hand:
+    """An operator, and what must run beside it.
+
+    Attributes
+    ----------
+    file
+        The file that it is read from, or None.
+    """
+
+    operator: "Operator"
+    file: Path | None = None
+    watchers: "list[Watcher[NodeEvent]]" = field(default_factory=list)
+
+    def report(self) -> dict[str, Any] | None:
+        """Return the operator's own account for JSON, or None."""
+        from hapticnet.operator.remote import RemoteOperator
+
+        return self.operator.report() if isinstance(self.operator, RemoteOperator) else None
+
+
+def make_operator(spec: str, *, insertions: int, seed: int, say: Callable[[str], None]) -> Hand:
+    """Return the operator written as `spec`; `say` is called with notes about it.
 
     Raises
     ------
     SettingsError
-        If there is no such operator.
+        If there is no such operator, or a class of the user's cannot be used.
     FileError
         If its file cannot be used.
+    UnavailableError
+        If its socket cannot be opened.
     """
     import numpy as np
 
     from hapticnet.errors import SettingsError
     from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
     from hapticnet.operator.trace import load_trace
+    from hapticnet.operator.user import UserOperator
+    from hapticnet.user_code import find_user_class
 
+    kind, _, rest = spec.partition(":")
     if spec == "scripted":
-        return ScriptedOperator(InsertionSettings(insertions=insertions), np.random.default_rng([seed, 3]))
-    if spec.startswith("trace:") and spec != "trace:":
-        file, columns = _trace(spec)
+        return Hand(ScriptedOperator(InsertionSettings(insertions=insertions), np.random.default_rng([seed, 3])))
+    if kind == "trace" and rest:
+        file, columns = _trace(rest)
         operator, notes = load_trace(file, position=columns)
         for note in notes:
             say(f"{file}: {note}")
-        return operator
-    raise SettingsError(f"unknown operator {spec!r}; there are: scripted, trace:FILE[:COLUMN,…]")
+        return Hand(operator, file)
+    if kind == "udp" and rest:
+        return _remote(spec, rest, say)
+    found = find_user_class(spec, "operator")
+    if found is not None:
+        from hapticnet.runtime.watching import Closing
+
+        made = found.make()
+        return Hand(UserOperator(made, found.label), found.file, [Closing(made, found.label, say)])
+    raise SettingsError(f"unknown operator {spec!r}; there are: {OPERATORS}")
 
 
-def operator_file(spec: str) -> Path | None:
-    """Return the file that an operator is read from; None if there is none."""
-    return _trace(spec)[0] if spec.startswith("trace:") else None
+def _remote(spec: str, rest: str, say: Callable[[str], None]) -> Hand:
+    """Return the operator udp:`rest`, with its socket open."""
+    from hapticnet.operator.remote import RemoteOperator
+    from hapticnet.runtime.hand_port import HandPort
+    from hapticnet.runtime.udp import bound_address, is_loopback, listen
+
+    address, axes = _remote_address(spec, rest)
+    operator = RemoteOperator(axes)
+    sock = listen(address)
+    bound = bound_address(sock)
+    say(f"positions are read from {bound}" + ("" if axes == 1 else f", {axes} axes"))
+    if not is_loopback(sock.getsockname()):
+        say(f"warning: whoever reaches {bound} can move the tool; datagrams there are neither encrypted nor checked")
+    return Hand(operator, None, [HandPort(operator, sock, say)])
 
 
-def _trace(spec: str) -> tuple[Path, str | None]:
-    """Return file and columns of trace:FILE[:COLUMN,…]; a file may have a colon in its name."""
-    whole = spec.removeprefix("trace:")
+def _remote_address(spec: str, rest: str) -> "tuple[HostPort, int]":
+    """Return address and axes of udp:[HOST:]PORT[:axes=N]."""
+    from hapticnet.errors import SettingsError
+    from hapticnet.runtime.udp import parse_host_port
+
+    axes = "1"
+    place, separator, option = rest.rpartition(":")
+    if "=" in option:
+        key, _, axes = option.partition("=")
+        if key != "axes" or axes not in ("1", "2", "3") or not separator:
+            raise SettingsError(f"operator {spec!r}: expected udp:[HOST:]PORT, or udp:[HOST:]PORT:axes=1, 2 or 3")
+    else:
+        place = rest
+    return parse_host_port(place if ":" in place else f"127.0.0.1:{place}", lowest_port=0), int(axes)
+
+
+def _trace(whole: str) -> tuple[Path, str | None]:
+    """Return file and columns of FILE[:COLUMN,…]; a file may have a colon in its name."""
     file, colon, columns = whole.rpartition(":")
     return (Path(file), columns) if colon and not Path(whole).exists() else (Path(whole), None)

@@ -89,17 +89,37 @@ ChannelIn: TypeAlias = Annotated[
     typer.Option(metavar="SPEC", help="The same for arriving datagrams; together they emulate both directions."),
 ]
 DeviceTakes: TypeAlias = Literal["x", "y", "z", "norm"]
+SceneOption: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        metavar="SCENE",
+        help="What masters touch: paper, paper:SEED, a preset, FILE.toml, or a class of yours with step(sample):"
+        " FILE.py:CLASS or package.module:CLASS, then :KEY=VALUE,… for its arguments.",
+    ),
+]
+OperatorOption: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        metavar="OPERATOR",
+        help="Source of positions: scripted, trace:FILE[:COLUMN,…] (a recording), udp:[HOST:]PORT[:axes=N] (another"
+        " program), or a class of yours with sample(t_us): FILE.py:CLASS or package.module:CLASS.",
+    ),
+]
 Realtime: TypeAlias = Annotated[bool, typer.Option(help="Use real-time scheduling (SCHED_FIFO) if permitted.")]
 DeviceOption: TypeAlias = Annotated[
     str,
     typer.Option(
         metavar="DEVICE",
         help="Fingertip device: sim[:N/MM], simavr[:N/MM] (the compiled firmware, simulated), serial:auto,"
-        " serial:PATH[@BAUD], or none. N/MM is the simulated finger's stiffness.",
+        " serial:PATH[@BAUD], a class of yours with exchange(displacement_m, now_us) as FILE.py:CLASS or"
+        " package.module:CLASS, or none. N/MM is the simulated finger's stiffness.",
     ),
 ]
 DeviceArgument: TypeAlias = Annotated[
-    str, typer.Argument(metavar="DEVICE", help="sim[:N/MM], simavr[:N/MM], serial:auto or serial:PATH[@BAUD].")
+    str,
+    typer.Argument(
+        metavar="DEVICE", help="sim[:N/MM], simavr[:N/MM], serial:auto, serial:PATH[@BAUD] or FILE.py:CLASS."
+    ),
 ]
 KeyOption: TypeAlias = Annotated[
     Path | None,

@@ -15,7 +15,7 @@ def slave(
     listen: Annotated[str, typer.Option(metavar="HOST:PORT", help="Where to listen; port 0 takes a free one.")] = (
         "127.0.0.1:47800"
     ),
-    scene: Annotated[str, typer.Option(help="Scene: paper, paper:SEED, a preset, or a TOML file.")] = "paper",
+    scene: options.SceneOption = "paper",
     duration: Annotated[float | None, typer.Option(min=0.0, help="Stop after this many seconds.")] = None,
     key: options.KeyOption = None,
     masters: options.MastersOption = None,
@@ -82,8 +82,8 @@ def slave(
     from hapticnet.runtime.slave_run import run_slave
     from hapticnet.runtime.udp import bound_address, host_of, is_loopback, parse_host_port
     from hapticnet.runtime.udp import listen as listen_on
-    from hapticnet.scene.presets import find_scene, scene_file
-    from hapticnet.scene.scene import Scene
+    from hapticnet.scene.base import Touchable
+    from hapticnet.scene.sources import find_source
 
     console = Console("slave", quiet=quiet, real_time=True)
     for text in codec or ():
@@ -92,7 +92,8 @@ def slave(
     for fault in register_installed_codecs():
         console.say(f"not served: {fault}")
     check_parameter("--keep", keep, 1.0, 86_400.0, "s")
-    settings = find_scene(scene)
+    source = find_source(scene)
+    source.prepare()
     out = parse_channel(channel_out)
     sock = listen_on(parse_host_port(listen, lowest_port=0))
     address = bound_address(sock)
@@ -103,9 +104,8 @@ def slave(
     if guests is not None:
         doors[SEALED] = SealedDoor(guests.own.private, guests.roster, entropy)
 
-    def make_scene(entry: MasterEntry | None) -> Scene:
-        chosen = settings if guests is None else guests.scene_of(entry, settings)
-        return Scene(chosen.tissues, name=chosen.name)
+    def make_scene(entry: MasterEntry | None) -> Touchable:
+        return (source if guests is None else guests.scene_of(entry, source)).make()
 
     node = SlaveNode(
         make_scene,
@@ -122,7 +122,7 @@ def slave(
     channel = None if out.is_perfect else Emulator[Any](out, np.random.default_rng([seed, 1]))
     if record is not None:
         check_folder(record)
-    check_outputs(report, inputs=[scene_file(scene), *trust.files])
+    check_outputs(report, inputs=[source.file, *trust.files])
     watchers: list[Watcher[SlaveEvent]] = [SlaveMessages(console, node, guests)]
     recording = None
     if record is not None:
@@ -150,19 +150,23 @@ def slave(
         console.say(line)
     scheduling = prefer_realtime() if realtime else OTHER
     overload = Overload(scheduling, console.say)
-    run(
-        run_slave(
-            node,
-            sock,
-            channel=channel,
-            duration_s=duration,
-            watchers=watchers,
-            overload=overload,
-            tell=console.say,
-            on_listening=lambda: console.say(f"listening on {address}, scene {settings.name}, {policy(scheduling)}"),
-            on_hangup=on_hangup,
+    try:
+        run(
+            run_slave(
+                node,
+                sock,
+                channel=channel,
+                duration_s=duration,
+                watchers=watchers,
+                overload=overload,
+                tell=console.say,
+                on_listening=lambda: console.say(f"listening on {address}, scene {source.name}, {policy(scheduling)}"),
+                on_hangup=on_hangup,
+            )
         )
-    )
+    finally:
+        for fault in (*source.close(), *(() if guests is None else guests.close())):
+            console.say(fault)
     console.finish()
     account: dict[str, Any] = {"scheduling": scheduling, **node.report(), "overload": overload.report()}
     if recording is not None:

@@ -11,8 +11,7 @@ from hapticnet.errors import FileError, SettingsError
 from hapticnet.protocol.key_files import is_missing, load_key, load_roster
 from hapticnet.protocol.keys import NO_PSK, MasterEntry, MasterKey, Roster, format_key, parse_key
 from hapticnet.protocol.messages import Code
-from hapticnet.scene.presets import find_scene
-from hapticnet.scene.tissue import SceneSettings
+from hapticnet.scene.sources import SceneSource, find_source
 
 
 class Guests:
@@ -36,19 +35,25 @@ class Guests:
         self.key_file = key_file
         self.own = load_key(key_file)
         self.roster = Roster()
-        self._scenes: dict[str, SceneSettings] = {}
+        self._scenes: dict[str, SceneSource] = {}
+        self._sources: list[SceneSource] = []
         self.read()
 
     def read(self) -> None:
         """Read the list again; if it cannot be used, raise FileError or SettingsError and keep the present one."""
         self.roster, self._scenes = read_guests(self.file, self.own.public)
+        self._sources += self._scenes.values()
 
-    def scene_of(self, entry: MasterEntry | None, otherwise: SceneSettings) -> SceneSettings:
-        """Return the scene of a master; `otherwise` if the list does not name one."""
+    def scene_of(self, entry: MasterEntry | None, otherwise: SceneSource) -> SceneSource:
+        """Return the source of a master's scene; `otherwise` if the list does not name one."""
         return otherwise if entry is None or entry.scene is None else self._scenes[entry.scene]
 
+    def close(self) -> list[str]:
+        """Close the scenes, those of earlier lists included; return what went wrong."""
+        return [fault for source in self._sources for fault in source.close()]
 
-def read_guests(file: Path, own: bytes | None) -> tuple[Roster, dict[str, SceneSettings]]:
+
+def read_guests(file: Path, own: bytes | None) -> tuple[Roster, dict[str, SceneSource]]:
     """Return a list of masters and the scenes that it names; `own` is the slave's public key, None if unknown.
 
     Paths of scenes are relative to the folder of the list.
@@ -59,7 +64,7 @@ def read_guests(file: Path, own: bytes | None) -> tuple[Roster, dict[str, SceneS
         If the list or one of its scenes cannot be used, or a master has the slave's key.
     """
     roster = load_roster(file)
-    scenes: dict[str, SceneSettings] = {}
+    scenes: dict[str, SceneSource] = {}
     for number, entry in enumerate(roster, start=1):
         where = f"{file}: master {number}"
         if entry.public == own:
@@ -68,7 +73,7 @@ def read_guests(file: Path, own: bytes | None) -> tuple[Roster, dict[str, SceneS
             )
         if entry.scene is not None and entry.scene not in scenes:
             try:
-                scenes[entry.scene] = find_scene(entry.scene, file.parent)
+                scenes[entry.scene] = find_source(entry.scene, file.parent)
             except (FileError, SettingsError) as error:
                 raise type(error)(f"{where}: {error}") from error
     return roster, scenes

@@ -93,7 +93,7 @@ class MasterEntry:
     psk
         Pre-shared key, 32 bytes; `NO_PSK` if there is none.
     scene
-        Scene this master touches, as `scene.presets.find_scene` reads it; None for the slave's.
+        Scene this master touches, as `scene.sources.find_source` reads it; None for the slave's.
     fastest_rate_hz
         Highest sample rate granted to this master [Hz]; None for the slave's.
     most_sessions

@@ -1,4 +1,4 @@
-"""Run a wired device in real time: open it, wait for readings, and tick every millisecond until done or interrupted."""
+"""Run a device in real time: open its wire, wait for readings, and tick every millisecond until done or interrupted."""
 
 import asyncio
 from collections.abc import Callable
@@ -11,13 +11,15 @@ from hapticnet.runtime.waiting import either, stop_on_signals
 TICK_US: Final = 1000
 
 
-async def run_device(wire: Wire, tick: Callable[[int], bool], *, duration_s: float | None = None) -> bool:
+async def run_device(wire: Wire | None, tick: Callable[[int], bool], *, duration_s: float | None = None) -> bool:
     """Open a device, wait for readings, then call `tick` with the time [µs] every millisecond.
 
     Parameters
     ----------
+    wire
+        The wire of the device, or None if it has none.
     tick
-        Exchanges with the wired device; returns whether it is done. An exception ends the run and is raised here.
+        Exchanges with the device; returns whether it is done. An exception ends the run and is raised here.
     duration_s
         Longest time [s] to run once the device is ready.
 
@@ -37,8 +39,8 @@ async def run_device(wire: Wire, tick: Callable[[int], bool], *, duration_s: flo
     signalled = stop_on_signals(loop)
     done = asyncio.Event()
     failure: list[Exception] = []
-    port = await open_wire(wire, signalled)
-    if port is None:
+    port = await open_wire(wire, signalled) if wire is not None else None
+    if wire is not None and port is None:
         return False
 
     def on_tick(now_us: int) -> None:
@@ -48,7 +50,8 @@ async def run_device(wire: Wire, tick: Callable[[int], bool], *, duration_s: flo
         except Exception as error:
             failure.append(error)
             done.set()
-        port.flush(now_us)
+        if port is not None:
+            port.flush(now_us)
 
     ticker = Ticker(loop, TICK_US, on_tick)
     try:
@@ -58,4 +61,5 @@ async def run_device(wire: Wire, tick: Callable[[int], bool], *, duration_s: flo
         return not signalled.is_set()
     finally:
         ticker.stop()
-        await port.stop()
+        if port is not None:
+            await port.stop()

@@ -3,14 +3,15 @@
 import asyncio
 import socket
 from collections.abc import Callable
-from typing import Any
 
+from hapticnet.node.master import NodeEvent
 from hapticnet.operator.remote import RemoteOperator
 from hapticnet.runtime.udp import SocketAddress, UdpPort
+from hapticnet.runtime.watching import Watcher
 
 
-class HandPort:
-    """Pass datagrams to a `RemoteOperator`, and its answers back. Satisfies `runtime.watching.Watcher`.
+class HandPort(Watcher[NodeEvent]):
+    """Pass datagrams to a `RemoteOperator`, and its answers back.
 
     Positions are read when they arrive. The answer leaves after the tick that sent the position to the slave, so that
     it delays nothing.
@@ -22,6 +23,8 @@ class HandPort:
     say
         Called with each message for a person.
     """
+
+    name = "udp operator"
 
     def __init__(self, hand: RemoteOperator, sock: socket.socket, say: Callable[[str], None]) -> None:
         self._hand = hand
@@ -39,9 +42,6 @@ class HandPort:
             self._port.send(*reply)
         while (line := self._hand.next_line()) is not None:
             self._say(line)
-
-    def note(self, event: Any, now_us: int) -> None:
-        """Do nothing: events of the node are no concern of this socket."""
 
     async def stop(self) -> None:
         """Close the socket."""

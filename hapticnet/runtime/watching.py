@@ -1,9 +1,10 @@
 """What looks on while a node runs: messages, recorder, page, stream, metrics. None of them can delay or end the run."""
 
 from collections.abc import Callable, Sequence
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from hapticnet.errors import in_words
+from hapticnet.user_code import close_user_object
 
 Event = TypeVar("Event")
 
@@ -35,6 +36,27 @@ class Watcher(Generic[Event]):
 
     async def stop(self) -> None:
         """End, after the last tick."""
+
+
+class Closing(Watcher[Any]):
+    """Call ``close()`` of a user's object after the last tick, if it has that method.
+
+    Parameters
+    ----------
+    what
+        What messages call the object.
+    """
+
+    def __init__(self, made: object, what: str, say: Callable[[str], None]) -> None:
+        self._made = made
+        self._what = what
+        self._say = say
+
+    async def stop(self) -> None:
+        """Close the object."""
+        fault = close_user_object(self._made, self._what)
+        if fault is not None:
+            self._say(fault)
 
 
 class Watchers(Generic[Event]):

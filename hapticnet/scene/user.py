@@ -30,7 +30,7 @@ class UserScene:
         If ``step`` is missing or cannot be called with one argument, or an attribute cannot be used.
     """
 
-    __slots__ = ("_method", "_step", "axes", "name", "touched")
+    __slots__ = ("__weakref__", "_method", "_step", "axes", "name", "touched")
 
     def __init__(self, touched: Any, what: str = "the scene") -> None:
         self.touched = touched

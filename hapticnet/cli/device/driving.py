@@ -1,4 +1,4 @@
-"""Run a procedure on a device: in virtual time on a simulated one, in real time on a serial line."""
+"""Run a procedure on a device: in virtual time on a simulated one, in real time on any other."""
 
 from typing import TYPE_CHECKING
 
@@ -34,10 +34,9 @@ def drive(text: str, known: "Profile", seed: int, prepare: "Callable[[Device], C
 
     console = Console("device", real_time=True)
     console.say(f"opening {text}, which will press the finger; withdraw the finger or press Ctrl-C to end")
-    if known.is_generic:
+    if known.is_generic and text.startswith("serial"):
         console.say(devices.NOT_CALIBRATED)
     with devices.real_time_device(text, known, seed) as (device, wire):
-        assert wire is not None  # noqa: S101 - what is not simulated is on a wire
         if not run(run_device(wire, prepare(device))):
             raise typer.Exit(130)
         return device

@@ -10,7 +10,7 @@ from hapticnet.errors import HapticnetError, SettingsError
 from hapticnet.protocol.key_files import load_key, load_roster
 from hapticnet.protocol.keys import MasterKey, PrivateKey, Roster, check_public, format_key, parse_key
 from hapticnet.runtime.doctor.finding import Finding, Step, Topic, Verdict
-from hapticnet.scene.presets import find_scene
+from hapticnet.scene.sources import find_source
 
 SUBJECT: Final = "keys"
 
@@ -117,7 +117,7 @@ def _check_scenes(path: Path, roster: Roster) -> None:
     for master in roster:
         if master.scene is not None:
             try:
-                find_scene(master.scene, path.parent)
+                find_source(master.scene, path.parent)
             except HapticnetError as error:
                 raise SettingsError(f"{path}: scene of master {master.name!r}: {error}") from None
 
