@@ -60,7 +60,7 @@ function drawContact(context, scene, index, y) {
 }
 
 function pressed(strain) {
-  return Number.isFinite(strain) ? `pressed, ${Math.round(100 * Math.min(1, strain))} % of its strength` : "pressed";
+  return Number.isFinite(strain) ? `pressed, ${Math.round(100 * Math.min(1, strain))} %` : "pressed";
 }
 
 /** A ruler beside the tissues, with the tip's depth. */
@@ -163,10 +163,29 @@ export function drawArrow(context, needle, forceN) {
   context.beginPath();
   context.roundRect(x + 13, y - 13, width, 26, 13);
   context.fill();
-  context.fillStyle = colour("held");
+  context.fillStyle = colour("held-text");
   context.textAlign = "left";
   context.textBaseline = "middle";
   context.fillText(words, x + 21, y + 0.5);
+}
+
+/** Chevrons below the tip that invite to drag. */
+export function drawInvitation(context, needle, nowMs, still) {
+  context.strokeStyle = palette()("hand");
+  context.lineWidth = 2.5;
+  context.lineCap = context.lineJoin = "round";
+  const phase = still ? 0.5 : (nowMs / 1400) % 1;
+  for (let k = 0; k < 3; k += 1) {
+    const y = needle.y + 16 + 11 * k + (still ? 0 : 5 * phase);
+    context.globalAlpha = still ? 0.5 : 0.7 * Math.max(0, Math.sin(Math.PI * ((phase * 1.6 - k * 0.2) % 1.6)));
+    context.beginPath();
+    context.moveTo(needle.x - 8, y);
+    context.lineTo(needle.x, y + 6);
+    context.lineTo(needle.x + 8, y);
+    context.stroke();
+  }
+  context.globalAlpha = 1;
+  context.lineCap = "butt";
 }
 
 /** Rings where a surface was pierced. Returns those that are not over. */

@@ -11,6 +11,8 @@ export const LINES = ["true", "held", "sensed", "band"];
 const STEPS_N = [0.5, 1, 2, 3, 4, 6, 8, 10, 15, 20, 30, 50, 100, 200, 500, 1000];
 const SHRINK_AFTER_MS = 3000;
 const MARK_PX = 9;
+const DASH_PX = 9;
+const DASH_SHARE = 0.6;
 const FONT = "12px Inter, system-ui, sans-serif";
 const SERIES = { held: [3], true: [4], sensed: [5], band: [1, 2] };
 
@@ -27,11 +29,11 @@ export class ForcePlot {
     this._frozen = null;
     this._zoom = null;
     this._edge = 0;
-    this._top = 2.5;
+    this._top = 2;
     this._bottom = 0;
     this._fitMs = 0;
     this._packets = new Float32Array(0);
-    this._plot = new uPlot(this._options(), [[0], [0], [0], [0], [0], [0]], box);
+    this._plot = new uPlot(this._options(), [[], [], [], [], [], []], box);
     new ResizeObserver(() => this._plot.setSize(this._size())).observe(box);
   }
 
@@ -107,7 +109,7 @@ export class ForcePlot {
 
   _options() {
     const from = (name) => () => palette()(name);
-    const line = (name, width, dash) => ({ stroke: from(name), width, dash, points: { show: false } });
+    const line = (name, width, paths) => ({ stroke: from(name), width, paths, points: { show: false } });
     const axis = { stroke: from("muted"), font: FONT, ticks: { show: false }, grid: { stroke: from("grid"), width: 1 } };
     return {
       ...this._size(),
@@ -119,7 +121,7 @@ export class ForcePlot {
         { ...axis, size: 30, splits: (_, __, min, max) => this._splits(min, max), values: (_, all) => all.map((t) => this._ago(t)) },
         { ...axis, size: 46, splits: (_, __, min, max) => forces(min, max), values: (_, all) => all.map((n) => `${minus(n)} N`) },
       ],
-      series: [{}, line(null, 0), line(null, 0), line("held", 3), line("true", 1.25), line("sensed", 1.75, [6, 5])],
+      series: [{}, line(null, 0), line(null, 0), line("held", 3), line("true", 1.25), line("sensed", 1.75, dashed)],
       bands: [{ series: [2, 1], fill: from("band") }],
       hooks: {
         draw: [(plot) => this._drawMarks(plot)],
@@ -179,6 +181,23 @@ export class ForcePlot {
     if (ago < 5e-4) return this.isPaused ? "paused" : "now";
     return `−${Number(ago.toFixed(3))} s`;
   }
+}
+
+/**
+ * A dashed line for noisy values. A dash pattern follows the length of a path, so that noise uses it up; here the line is
+ * cut at equal times instead.
+ */
+function dashed(plot, series, from, to) {
+  const path = uPlot.paths.linear()(plot, series, from, to);
+  if (!path) return path;
+  const { left, top, width, height } = plot.bbox;
+  const ratio = width / plot.over.clientWidth;
+  const period = DASH_PX * ratio;
+  const secondsPerPixel = (plot.scales.x.max - plot.scales.x.min) / width;
+  const phase = (plot.scales.x.min / secondsPerPixel) % period;
+  path.clip = new Path2D();
+  for (let x = left - phase; x < left + width; x += period) path.clip.rect(x, top, period * DASH_SHARE, height);
+  return path;
 }
 
 function niceStep(least) {

@@ -4,7 +4,7 @@ import { CONTACT } from "./wire.js";
 import { palette } from "./palette.js";
 import { Spring, stations, surfaceAt } from "./surface.js";
 import { drawNeedle, needlePath } from "./needle.js";
-import { RULER_PX, drawArrow, drawLabels, drawRipples, drawRuler, drawWanted } from "./marks.js";
+import { RULER_PX, drawArrow, drawInvitation, drawLabels, drawRipples, drawRuler, drawWanted } from "./marks.js";
 
 const HEADROOM_M = 0.014; // shown above the highest position of the needle
 const FLOOR_M = 0.018; // shown below the last surface, at least
@@ -75,9 +75,10 @@ export class SceneView {
   /**
    * Draw one frame.
    * @param {number} nowMs
-   * @param {object} shown `wantedM`: where the hand wants the tip, or null; `forceN`: force to draw as an arrow, or null
+   * @param {object} shown `wantedM`: where the hand wants the tip, or null; `forceN`: force to draw as an arrow, or null;
+   *   `invites`: whether to invite a drag
    */
-  draw(nowMs, { wantedM = null, forceN = null } = {}) {
+  draw(nowMs, { wantedM = null, forceN = null, invites = false } = {}) {
     const context = this._context;
     if (!this._width) return;
     context.setTransform(this._ratio, 0, 0, this._ratio, 0, 0);
@@ -96,6 +97,7 @@ export class SceneView {
     drawLabels(context, this, this._tissues);
     this._ripples = drawRipples(context, this, this._ripples, nowMs, still.matches);
     if (forceN !== null) drawArrow(context, needle, forceN);
+    if (invites) drawInvitation(context, needle, nowMs, still.matches);
     if (wantedM !== null) drawWanted(context, this, needle, wantedM);
     context.restore();
     drawRuler(context, this, wantedM);
@@ -182,7 +184,16 @@ export class SceneView {
       stops.forEach((stop, index) => fill.addColorStop(index / (stops.length - 1), stop));
       return fill;
     };
+    // Lines fade towards the left, where the names are.
+    const lines = (name) => {
+      const fill = context.createLinearGradient(0, 0, this._tissueWidth, 0);
+      const [red, green, blue, alpha] = colour(name).split(" ");
+      [[0, 0.15], [0.15, 0.15], [0.45, 1], [1, 0.6]].forEach(([at, share]) =>
+        fill.addColorStop(at, `rgb(${red} ${green} ${blue} / ${Number(alpha) * share})`));
+      return fill;
+    };
     this._fills = {
+      lamellae: [lines("lamella"), lines("lamella-deep")],
       sky: gradient(0, this._height, colour("sky-top"), colour("sky-bottom")),
       layers: this._tissues.map((tissue, index) => {
         const next = this._tissues[index + 1]?.rest_m ?? tissue.rest_m + 0.024;
@@ -229,7 +240,7 @@ export class SceneView {
   /** Lines inside a layer that follow both its surfaces: they show how the tissue is compressed. */
   _drawLamellae(context, heights, below, index) {
     const floor = this.y(this._tissues[index].rest_m + 0.026);
-    context.strokeStyle = palette()("lamella");
+    context.strokeStyle = this._fills.lamellae[this.shade(index) > 3 ? 1 : 0];
     context.lineWidth = 1.2;
     context.setLineDash(LAMELLA_DASHES[index % LAMELLA_DASHES.length]);
     for (let k = 1; k <= LAMELLAE; k += 1) {
@@ -274,7 +285,7 @@ export class SceneView {
   _drawTissueOverNeedle(context, surfaces, needle, lengthPx) {
     context.save();
     context.clip(needlePath(needle, lengthPx));
-    context.globalAlpha = 0.42;
+    context.globalAlpha = 0.3;
     surfaces.forEach((heights, index) => {
       if (this.contact(index) !== CONTACT.PENETRATED) return;
       const top = heights[Math.floor(heights.length / 2)];

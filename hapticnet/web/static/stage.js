@@ -229,7 +229,8 @@ export class Stage {
     this.hand.advance(nowMs);
     this._on.draw?.(nowMs);
     const forceN = this._on.forceN?.() ?? null;
-    this.scene.draw(nowMs, { wantedM: this.hand.isOurs ? this.hand.wantedM : null, forceN });
+    const invites = this._holder === "nobody" && this._handState === "free" && this.hand.obstacle === null;
+    this.scene.draw(nowMs, { wantedM: this.hand.isOurs ? this.hand.wantedM : null, forceN, invites });
     if (nowMs - this._wordsMs > WORDS_EVERY_MS) {
       this._wordsMs = nowMs;
       this.canvas.ariaValueNow = (this.scene.tipM * 1000).toFixed(1);

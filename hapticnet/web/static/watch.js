@@ -7,7 +7,7 @@ import { Settings } from "./settings.js";
 import { Tone } from "./sound.js";
 import { Stage } from "./stage.js";
 import { showTraffic } from "./traffic.js";
-import { linkState, newtons } from "./words.js";
+import { count, linkState, newtons } from "./words.js";
 
 const KEPT = ["true", "received", "held", "sensed", "packets", "low", "high"];
 const LEGEND_EVERY_MS = 120;
@@ -20,13 +20,16 @@ const tone = new Tone();
 const shown = new Map(LINES.map((line) => [line, true]));
 let history = new History(KEPT, 5000);
 let columns = [];
+let about = []; // what the header says about the run
 let law = null; // multiplier, weber_fraction, floor_n of the newest state
 let plot = null;
 let legendMs = 0;
 
 const stage = new Stage("watch", {
   hello: configure,
-  scene: () => {},
+  scene: ({ name }) => {
+    byId("about").textContent = [name && `scene ${name}`, ...about].filter(Boolean).join(" · ");
+  },
   samples: takeSamples,
   state: showState,
   event: showEvent,
@@ -56,7 +59,7 @@ function configure(hello) {
   showLine("sensed", hello.device !== null && shown.get("sensed"));
   document.querySelector('[data-line="sensed"]').hidden = hello.device === null;
   byId("event-list").querySelector("ol").replaceChildren();
-  byId("about").textContent = [`${hello.rate_hz} Hz`, hello.device && `device: ${hello.device}`].filter(Boolean).join(", ");
+  about = [`${count(hello.rate_hz)} Hz`, hello.device && `device ${hello.device}`];
 }
 
 function makePlot(seconds) {

@@ -1,6 +1,6 @@
 // The binary messages of hapticnet/web/messages.py. Pure functions: no sockets, no document.
 
-export const HAND_STATES = ["free", "live", "holding", "withdrawing", "scripted"];
+export const HAND_STATES = ["free", "live", "holding", "withdrawing"];
 export const CONTACT = Object.freeze({ NONE: 0, INDENTED: 1, PENETRATED: 2 });
 
 const FRAME = 1;

@@ -19,7 +19,7 @@ export function count(number) {
 /** A data rate or amount: number and unit, apart, so that they can be set in different sizes. */
 export function bytes(number) {
   if (number < 1000) return [count(number), "B"];
-  if (number < 999_950) return [(number / 1000).toFixed(1), "kB"];
+  if (number < 999_950) return [(number / 1000).toFixed(number < 9950 ? 1 : 0), "kB"];
   return [(number / 1e6).toFixed(1), "MB"];
 }
 
@@ -29,12 +29,17 @@ export function percent(share) {
   return Math.min(value, 100 - value) < 9.95 && value > 0 && value < 100 ? value.toFixed(1) : value.toFixed(0);
 }
 
-const LINK_LEVELS = { streaming: "good", established: "good", connecting: "wait", stale: "warn", closed: "bad", closing: "wait" };
+const LINKS = {
+  established: ["good", "Connected"],
+  connecting: ["wait", "Looking for the slave"],
+  stale: ["warn", "Link stale"],
+  closing: ["wait", "Closing"],
+  closed: ["bad", "Closed"],
+};
 
 /** Level and words of the link between master and slave. */
 export function linkState(link) {
-  const level = LINK_LEVELS[link] ?? "info";
-  return [level, link.charAt(0).toUpperCase() + link.slice(1)];
+  return LINKS[link] ?? ["info", link];
 }
 
 /** What the line under the scene says about the hand. */
