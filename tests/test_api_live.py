@@ -13,7 +13,7 @@ from hapticnet.device.plant import PlantSettings
 from hapticnet.device.simulated import SimulatedDevice
 from hapticnet.node.master import Failed, Paused
 from hapticnet.node.slave import MasterJoined, MasterLeft, ScenePaused
-from hapticnet.protocol.events import Connected, Ended
+from hapticnet.protocol.events import Connected, Ended, LinkRecovered, LinkStale
 
 ANY_PORT = "127.0.0.1:0"
 
@@ -39,7 +39,17 @@ def wait_until(condition, within_s=10.0):
 
 
 def kinds(events):
-    return [type(event) for event in events]
+    """Return the types of events, without those of a busy machine."""
+    return [type(event) for event in events if not isinstance(event, LinkStale | LinkRecovered)]
+
+
+async def until_second(kind, events):
+    count = 0
+    async for event in events:
+        yield event
+        count += isinstance(event, kind)
+        if count == 2:
+            return
 
 
 def test_on_the_programs_own_loop_all_axes_are_felt_and_events_are_iterated():
@@ -47,15 +57,17 @@ def test_on_the_programs_own_loop_all_axes_are_felt_and_events_are_iterated():
         async with hn.Slave(Spring(3), listen=ANY_PORT) as slave:
             async with hn.Master(slave.address, start=(0.0, 0.0, 0.0), multiplier=2.0) as master:
                 assert (master.state, master.connected, master.scene) == ("established", True, "Spring")
-                for _ in range(100):
-                    force_n = await master.exchange((0.01, 0.0, -0.005))
+                while master.force_n[0] < 1.9:
+                    assert len(await master.exchange((0.01, 0.0, -0.005))) == 3
                 assert slave.connected == ("master",)
-                assert force_n == master.force_n == pytest.approx((2.0, 0.0, -1.0))
+                assert master.force_n == pytest.approx((2.0, 0.0, -1.0), rel=0.1)
                 master.change(codec="raw")
                 iterator = master.events()
-                assert isinstance(await anext(iterator), Connected)
-                assert isinstance(await anext(iterator), Connected)
+                connected = [event async for event in until_second(Connected, iterator)]
+                assert kinds(connected) == [Connected, Connected]
                 assert master.node.codec.law.multiplier == 2.0, "what is not given stays"
+                await master.exchange((0.01, 0.0, 0.0))
+                await master.exchange((0.01, 0.0, 0.0))
             assert kinds([event async for event in iterator]) == [Ended]
             with pytest.raises(hn.UnavailableError, match="has ended: done"):
                 await master.exchange(0.0)
@@ -67,7 +79,7 @@ def test_on_the_programs_own_loop_all_axes_are_felt_and_events_are_iterated():
 def test_a_program_without_asyncio_has_threads_and_its_signal_handlers_stay():
     handler = signal.getsignal(signal.SIGINT)
     with hn.ThreadedSlave("paper:1", listen=ANY_PORT) as slave, hn.ThreadedMaster(slave.address) as master:
-        assert master.exchange(0.025)[0] == pytest.approx(1.0)
+        wait_until(lambda: master.exchange(0.025)[0] == pytest.approx(1.0))
         master.position = 0.026
         wait_until(lambda: master.force_n[0] > 1.1)
         master.change(multiplier=4.0)
