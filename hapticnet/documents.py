@@ -41,6 +41,15 @@ def read_document(path: Path) -> str:
     return read_text(path, LARGEST_DOCUMENT)
 
 
+def parse_tables(text: str, source: str) -> dict[str, Any]:
+    """Return the tables of a TOML text; raise FileError with line and column if it is not TOML."""
+    try:
+        # Besides its own error, tomllib lets errors of int() and of the recursion limit through.
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise FileError(f"{source}: not a TOML file: {_with_place(str(error), text)}") from error
+
+
 def parse_document(text: str, source: str, model: type[Document]) -> Document:
     """Return `text` parsed and validated by a model; messages name `source` as its origin.
 
@@ -51,11 +60,7 @@ def parse_document(text: str, source: str, model: type[Document]) -> Document:
     SettingsError
         If a key is unknown or missing, or a value has the wrong type; the message names the key.
     """
-    try:
-        # Besides its own error, tomllib lets errors of int() and of the recursion limit through.
-        content = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise FileError(f"{source}: not a TOML file: {_with_place(str(error), text)}") from error
+    content = parse_tables(text, source)
     try:
         return model.model_validate(content)
     except ValidationError as error:

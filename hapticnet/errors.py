@@ -5,10 +5,13 @@ Each message is written for a person: what was wrong, the value seen, and what w
 
 import traceback
 from pathlib import Path
+from typing import ClassVar
 
 
 class HapticnetError(Exception):
-    """Base class. The command line prints the message as one line and exits with code 2."""
+    """Base class. The command line prints the message as one line and exits with `exit_code`."""
+
+    exit_code: ClassVar[int] = 2
 
 
 class SettingsError(HapticnetError):
@@ -17,6 +20,8 @@ class SettingsError(HapticnetError):
 
 class FileError(HapticnetError):
     """A file is missing, unreadable or malformed; the message names the file and, if known, line and column."""
+
+    exit_code = 3
 
 
 class SampleError(HapticnetError):
@@ -30,9 +35,13 @@ class PeerError(HapticnetError):
 class RefusedError(HapticnetError):
     """The slave refused the session and gave a reason."""
 
+    exit_code = 5
+
 
 class UnavailableError(HapticnetError):
     """A resource is unavailable: a port in use, an address of another host, an extra that is not installed."""
+
+    exit_code = 4
 
 
 class UserCodeError(HapticnetError):

@@ -1,13 +1,26 @@
 """The command line: one thin module per verb. Nothing heavy is imported before a verb needs it."""
 
+import os
 import sys
+from typing import Final
 
 import typer
 
-from hapticnet.cli import channel, codecs, compare, demo, device, doctor, encode, key, master, scene, slave
+from hapticnet.cli import channel, codecs, compare, config, demo, device, doctor, encode, key, master, scene, slave
 from hapticnet.cli.console import complain
-from hapticnet.errors import HapticnetError
+from hapticnet.cli.verbs import equip, found_of
+from hapticnet.errors import FileError, HapticnetError, SettingsError, in_words
 from hapticnet.runtime.outlet import abandon
+
+INTERNAL: Final = 70
+"""Exit code of a fault in hapticnet itself (EX_SOFTWARE of sysexits.h)."""
+
+INTERRUPTED: Final = 130
+READER_GONE: Final = 141
+"""Exit codes of a program that SIGINT or SIGPIPE ended, as shells count them."""
+
+SHOW_TRACEBACK: Final = "HAPTICNET_TRACEBACK"
+"""Environment variable that shows where an internal error comes from."""
 
 app = typer.Typer(
     add_completion=True,
@@ -25,9 +38,13 @@ app.command(short_help="Run a codec over a recorded force.")(encode.encode)
 app.command(short_help="Compare every codec on recordings with the best possible.")(compare.compare)
 app.command(short_help="List the codecs with their rules and parameters.")(codecs.codecs)
 app.command(short_help="Check whether this machine is fit, and say what to do.")(doctor.doctor)
+app.command(
+    short_help="Print the options of a verb, and where each value came from.", context_settings=config.SETTINGS
+)(config.config)
 app.add_typer(scene.app, name="scene")
 app.add_typer(device.app, name="device")
 app.add_typer(key.app, name="key")
+equip(app)
 
 
 @app.callback(invoke_without_command=True)
@@ -40,35 +57,56 @@ def _root(version: bool = typer.Option(False, "--version", help="Print the versi
 
 
 def main() -> None:
-    """Run the command line. Errors are one line on stderr and exit code 2; never a traceback."""
+    """Run the command line. Errors are one line on stderr, never a traceback.
+
+    docs/operations.md lists the exit codes.
+    """
     try:
         code = app(standalone_mode=False, prog_name="hapticnet")
         if sys.stdout is not None:
             sys.stdout.flush()
     except HapticnetError as error:
         complain(str(error))
-        code = 2
+        code = error.exit_code
     except KeyboardInterrupt:
-        code = 130
+        code = INTERRUPTED
     except BrokenPipeError:  # the reader of stdout has gone
         abandon(sys.stdout)
-        code = 1
+        code = READER_GONE
     except OSError as error:  # print() met a full disk
         abandon(sys.stdout)
         complain(f"output cannot be written: {error.strerror or error}")
-        code = 2
+        code = FileError.exit_code
     except Exception as error:
-        if not hasattr(error, "format_message"):  # what the argument parser raises
-            raise
-        message = error.format_message()
-        if message.startswith("Usage:"):  # a verb is missing, and this is the help
-            print(message, file=sys.stderr)
-        else:
-            complain(f"{message} (see {_command_path(error)} --help)")
-        code = 2
+        code = _tell(error)
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def _tell(error: Exception) -> int:
+    """Print what the argument parser or a fault of hapticnet raised; return the exit code."""
+    if not hasattr(error, "format_message"):
+        if os.environ.get(SHOW_TRACEBACK):
+            raise error
+        complain(f"internal error: {in_words(error)}; please report it with what {SHOW_TRACEBACK}=1 shows")
+        return INTERNAL
+    message = error.format_message()
+    if message.startswith("Usage:"):  # a verb is missing, and this is the help
+        print(message, file=sys.stderr)
+    else:
+        complain(f"{_source(error)}{message} (see {_command_path(error)} --help)")
+    return SettingsError.exit_code
 
 
 def _command_path(error: Exception) -> str:
     context = getattr(error, "ctx", None)
     return str(context.command_path) if context else "hapticnet"
+
+
+def _source(error: Exception) -> str:
+    """Return the file or variable that an invalid value came from, if it was not the command line."""
+    context, option = getattr(error, "ctx", None), getattr(error, "param", None)
+    if context is None or option is None or option.name not in found_of(context):
+        return ""
+    source = context.get_parameter_source(option.name)
+    from_found = source is not None and source.name == "DEFAULT_MAP"
+    return f"{found_of(context)[option.name].source}: " if from_found else ""

@@ -46,14 +46,14 @@ def channel(
     try:
         open_toward(target)[0].close()
     except UnavailableError as error:
-        console.say(f"{error}; trying again when a master connects")
+        console.warn(f"{error}; trying again when a master connects")
 
     def on_status(relay: "Relay") -> None:
         console.status(f"{relay.clients} clients")
 
     scheduling = prefer_realtime() if realtime else OTHER
     console.say(f"listening on {bound_address(sock)}, to {target}: {there.describe()}; back: {back.describe()}")
-    overload = Overload(scheduling, console.say)
+    overload = Overload(scheduling, console.warn)
     account = run(
         run_relay(
             sock,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from hapticnet.errors import FileError, SettingsError
 from hapticnet.files import check_replaceable, replacing, takes_a_stream
+from hapticnet.runtime.log_lines import Form, Level, log_line
 from hapticnet.runtime.outlet import STDERR, abandon, never_block, write_watched
 
 if TYPE_CHECKING:
@@ -39,7 +40,8 @@ class Console:
     def __init__(self, name: str, *, quiet: bool = False, real_time: bool = False) -> None:
         self._name = name
         self._quiet = quiet
-        self._live = not quiet and sys.stderr is not None and sys.stderr.isatty()
+        in_words = STDERR.form in (Form.PLAIN, Form.STAMPED)
+        self._live = in_words and not quiet and sys.stderr is not None and sys.stderr.isatty()
         if real_time:
             never_block()
 
@@ -48,10 +50,15 @@ class Console:
         """Number of lines that were not printed, because there were too many or nobody read them."""
         return STDERR.left_out
 
-    def say(self, line: str) -> None:
-        """Print a permanent line."""
+    def say(self, text: str, *, event: str | None = None) -> None:
+        """Print a permanent line; `event` names for programs what happened."""
         if not self._quiet:
-            STDERR.line(line, who=self._name)
+            STDERR.line(log_line(text, who=self._name, event=event))
+
+    def warn(self, text: str, *, event: str | None = None) -> None:
+        """Print a permanent line about something that works worse than it could."""
+        if not self._quiet:
+            STDERR.line(log_line(text, who=self._name, level=Level.WARNING, event=event))
 
     def status(self, line: str) -> None:
         """Replace the live status line, if stderr is a terminal."""
@@ -67,7 +74,7 @@ class Console:
 
 def complain(message: str) -> None:
     """Print an error as one line on stderr."""
-    STDERR.line(" ".join(message.split()), who="hapticnet", needed=True)
+    STDERR.line(log_line(" ".join(message.split()), who="hapticnet", level=Level.ERROR), needed=True)
 
 
 def deliver(report: Mapping[str, Any], *, as_json: bool, file: Path | None, real_time: bool = False) -> None:

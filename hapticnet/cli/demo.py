@@ -39,6 +39,7 @@ def demo(
 
     from hapticnet.cli.console import Console, check_new, check_outputs, write_text
     from hapticnet.cli.demo_table import print_table
+    from hapticnet.cli.devices import check_device
     from hapticnet.codec.registry import make_codec, parse_codec
     from hapticnet.errors import UnavailableError
     from hapticnet.experiment.conditions import CONDITIONS
@@ -52,6 +53,7 @@ def demo(
 
     name, parameters = parse_codec(codec)
     make_codec(name, WeberLaw(), parameters)  # refuse it before anything is played
+    check_device(device)
     if device.startswith("simavr"):
         simavr_build()
     out = fresh_path(RESULTS) if out is None else out
@@ -76,7 +78,7 @@ def demo(
     console.finish()
     disturbed = disturbances(played)
     if disturbed is not None:
-        console.say(f"warning: delays and tracking may be worse than the system's own: {disturbed}")
+        console.warn(f"delays and tracking may be worse than the system's own: {disturbed}")
     rows = results(played, paper_scene(seed).tissues)
     settings = {"seed": seed, "insertions": insertions, "rate_hz": rate, "device": device, "codec": codec}
     text = json_module.dumps({"provenance": provenance(), **settings, "conditions": rows}, indent=2)

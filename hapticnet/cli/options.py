@@ -12,18 +12,9 @@ RECORD_LIMIT: Final = 2 * 2**30
 Missing: TypeAlias = Literal["refuse", "drop", "hold"]
 
 
-def _codec_names(incomplete: str) -> list[str]:
-    """Return the codec names that start with `incomplete`, for shell completion."""
-    from hapticnet.codec.registry import all_codecs, register_installed_codecs
-
-    register_installed_codecs()
-    return [name for name in all_codecs() if name.startswith(incomplete)]
-
-
 Codec: TypeAlias = Annotated[
     str,
     typer.Option(
-        autocompletion=_codec_names,
         metavar="NAME[:KEY=VALUE,…]",
         help="Feedback codec; hapticnet codecs lists them. One of yours: FILE.py:CLASS or package.module:CLASS.",
     ),

@@ -18,6 +18,9 @@ END_WITHIN_S: Final = 5.0
 KEY_VARIABLES: Final = ("HAPTICNET_KEY", "HAPTICNET_PEER_KEY", "HAPTICNET_MASTERS")
 """Environment variables that name keys. They are for sessions with other hosts; children serve this one."""
 
+OPTION_VARIABLES: Final = ("HAPTICNET_CONFIG", "HAPTICNET_MASTER_", "HAPTICNET_SLAVE_", "HAPTICNET_CHANNEL_")
+"""Starts of environment variables that set options of what the user starts; children get theirs as arguments."""
+
 PR_SET_PDEATHSIG: Final = 1
 """Option of prctl(2) on Linux: receive a signal when the parent dies, for whatever reason."""
 
@@ -30,7 +33,7 @@ class Child:
     arguments
         Command line after ``hapticnet``.
     environment
-        Its environment variables; None for those of this process without `KEY_VARIABLES`.
+        Its environment variables; None for those of this process without `KEY_VARIABLES` and `OPTION_VARIABLES`.
     """
 
     def __init__(self, arguments: Sequence[str], *, environment: Mapping[str, str] | None = None) -> None:
@@ -48,7 +51,7 @@ class Child:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             preexec_fn=end_with_parent,
-            env=_without_keys(os.environ) if environment is None else environment,
+            env=_own_variables(os.environ) if environment is None else environment,
             text=True,
             encoding="utf-8",
         )
@@ -95,5 +98,6 @@ class Child:
         return f"hapticnet {self._arguments[0]}"
 
 
-def _without_keys(environment: Mapping[str, str]) -> dict[str, str]:
-    return {name: value for name, value in environment.items() if name not in KEY_VARIABLES}
+def _own_variables(environment: Mapping[str, str]) -> dict[str, str]:
+    hidden = (*KEY_VARIABLES, *OPTION_VARIABLES)
+    return {name: value for name, value in environment.items() if not name.startswith(hidden)}

@@ -16,6 +16,7 @@ from hapticnet.errors import FileError
 from hapticnet.protocol.buckets import TokenBucket
 from hapticnet.runtime.background import start_background
 from hapticnet.runtime.clock import now_us
+from hapticnet.runtime.log_lines import Form, Level, LogLine, is_journal, log_line
 
 LINES_PER_S: Final = 20.0
 MOST_AT_ONCE: Final = 100
@@ -52,10 +53,13 @@ class Outlet:
     ----------
     left_out
         Lines that were not written: too many a second, or the reader paused for too long.
+    form
+        How lines are written.
     """
 
     def __init__(self, stream: Callable[[], TextIO | None]) -> None:
         self.left_out = 0
+        self.form = Form.PLAIN
         self._stream = stream
         self._queue: SimpleQueue[Callable[[], None]] | None = None
         self._bucket = TokenBucket(LINES_PER_S, MOST_AT_ONCE)
@@ -75,16 +79,15 @@ class Outlet:
             start_background(self._work, "outlet")
             atexit.register(self.drain)
 
-    def line(self, text: str, *, who: str, needed: bool = False) -> None:
-        """Write a line of `who`, after removing the status line. A `needed` one is never left out."""
-        line = f"{who}: {text}\n"
+    def line(self, line: LogLine, *, needed: bool = False) -> None:
+        """Write a line, after removing the status line. A `needed` one is never left out."""
         if self._queue is None:
             self._write_line(line)
         elif needed or (self._queue.qsize() < MOST_WAITING and self._bucket.take(now_us())):
             self._queue.put(lambda: self._write_line(line))
         else:
             self.left_out += 1
-            self._who = who
+            self._who = line.who
             if not self._summary_due:
                 self._summary_due = True
                 self._queue.put(self._plan_summary)
@@ -139,9 +142,11 @@ class Outlet:
         count = self.left_out - self._summarised
         if count:
             self._summarised += count
-            self._write_line(f"{self._who}: … {count:,} line{'s' * (count != 1)} left out\n")
+            text = f"… {count:,} line{'s' * (count != 1)} left out"
+            self._write_line(log_line(text, who=self._who, level=Level.WARNING))
 
-    def _write_line(self, text: str) -> None:
+    def _write_line(self, line: LogLine) -> None:
+        text = line.write(self.form)
         self._write(_ERASE + text if self._shown else text)
         self._shown = False
 
@@ -181,13 +186,20 @@ class _LogHandler(logging.Handler):
     """What asyncio reports about a callback that raised."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        STDERR.line(self.format(record), who=record.name)
+        level = Level.ERROR if record.levelno >= logging.ERROR else Level.WARNING
+        STDERR.line(log_line(self.format(record), who=record.name, level=level))
 
 
 def never_block() -> None:
     """Let a thread write all messages of this process, including those of the logging module."""
     STDERR.start()
     logging.lastResort = _LogHandler(logging.WARNING)
+
+
+def keep_log() -> None:
+    """Give each line of this process time and level, in the form that the reader of stderr expects."""
+    if STDERR.form is Form.PLAIN:
+        STDERR.form = Form.JOURNAL if is_journal(os.environ, 2) else Form.STAMPED
 
 
 def write_watched(stream: TextIO, text: str, stall_s: float) -> None:

@@ -29,7 +29,7 @@ class Overload:
     scheduling
         The scheduling that was granted, as `prefer_realtime` describes it.
     say
-        Called with a line for the user.
+        Called with each warning for the user.
     """
 
     def __init__(self, scheduling: str, say: Callable[[str], None]) -> None:
@@ -43,7 +43,7 @@ class Overload:
         self._told_us: dict[str, int] = {}
         refusal = scheduling.removeprefix(policy(scheduling)).removeprefix(" (")
         if refusal:
-            say(f"warning: no real-time scheduling, so a busy machine disturbs it: {refusal.removesuffix(')')}")
+            say(f"no real-time scheduling, so a busy machine disturbs it: {refusal.removesuffix(')')}")
 
     def attach(self, port: UdpPort, ticker: Ticker | None = None) -> None:
         """Set what is watched."""

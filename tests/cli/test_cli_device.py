@@ -17,7 +17,7 @@ from hapticnet.cli.device.monitor import Summary
 from hapticnet.device.messages import PROTOCOL_MAJOR
 from hapticnet.device.profile import load_profile
 from hapticnet.runtime import serial_port
-from tests.cli.test_cli_errors import ROOT, assert_one_line, hapticnet
+from tests.cli.test_cli_errors import REFUSED, ROOT, UNAVAILABLE, WRONG_SETTINGS, assert_one_line, hapticnet
 from tests.device.standin import StandIn
 from tests.runtime.plugged import Plugged
 
@@ -62,7 +62,7 @@ def test_info_says_who_answers():
 
 def test_info_tells_how_to_flash_a_device_of_another_protocol():
     done = on_stand_in(StandIn(major=PROTOCOL_MAJOR + 1), "info", "serial:{}")
-    assert_one_line(done, "make -C firmware flash", f"protocol {PROTOCOL_MAJOR + 1}.")
+    assert_one_line(done, "make -C firmware flash", f"protocol {PROTOCOL_MAJOR + 1}.", code=REFUSED)
 
 
 def test_monitor_moves_nothing_and_sums_up(tmp_path):
@@ -90,19 +90,19 @@ def test_monitor_sums_up_when_interrupted():
 
 @pytest.mark.parametrize("verb", ["info", "monitor"])
 @pytest.mark.parametrize(
-    ("device", "words"),
+    ("device", "words", "code"),
     [
-        ("serial:/dev/nowhere", ("/dev/nowhere is missing", "hapticnet device find")),
-        ("serial:/dev/null", ("/dev/null is not a serial port",)),
-        ("serial:/dev/ttyUSB0@9600", ("'9600'", "500000 or 115200")),
-        ("ttyUSB0", ("serial:/dev/ttyUSB0",)),
+        ("serial:/dev/nowhere", ("/dev/nowhere is missing", "hapticnet device find"), UNAVAILABLE),
+        ("serial:/dev/null", ("/dev/null is not a serial port",), UNAVAILABLE),
+        ("serial:/dev/ttyUSB0@9600", ("'9600'", "500000 or 115200"), WRONG_SETTINGS),
+        ("ttyUSB0", ("serial:/dev/ttyUSB0",), WRONG_SETTINGS),
     ],
 )
-def test_what_is_no_device_is_said_in_one_line(verb, device, words):
+def test_what_is_no_device_is_said_in_one_line(verb, device, words, code):
     done = hapticnet("device", verb, device)
     if verb == "monitor":  # which announces itself
         done.stderr = "\n".join(line for line in done.stderr.splitlines() if not line.startswith("monitor: "))
-    assert_one_line(done, *words)
+    assert_one_line(done, *words, code=code)
 
 
 def test_find_says_what_to_write(monkeypatch, capsys, tmp_path):
@@ -183,7 +183,7 @@ def test_step_draws_only_when_asked_and_overwrites_no_figure_unasked(tmp_path):
 
 def test_a_step_that_is_never_felt_is_no_success(tmp_path):
     done = hapticnet("device", "step", "sim", "--from", "0", "--to", "0.05", "--plot", tmp_path / "s.png")
-    assert done.returncode == 2
+    assert done.returncode == UNAVAILABLE
     assert "did not reach 90 %" in done.stderr
 
 

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.cli.test_cli_errors import REFUSED, THE_ERROR
+
 ROOT = Path(__file__).parents[2]
 FAST = ("--no-realtime", "--device", "none")
 
@@ -80,9 +82,9 @@ def test_a_listed_master_plays_an_insertion_in_its_own_scene(start, sealed, keys
 def test_a_master_that_is_not_listed_is_refused_and_both_ends_say_which_key_to_add(start, sealed, keys):
     server, address = sealed()
     master = start("master", "--connect", address, *keys.of("second"), *FAST)
-    assert master.process.wait(20) == 2
-    last = master.said().splitlines()[-1]
-    assert last.startswith(f"hapticnet: {address} refused the session: ")
+    assert master.process.wait(20) == REFUSED
+    last = THE_ERROR.sub("", master.said().splitlines()[-1])
+    assert last.startswith(f"{address} refused the session: ")
     assert f'public = "{keys.second}"' in last
     server.wait_for(f"public key {keys.second.replace('+', '[+]')}, was refused")
 

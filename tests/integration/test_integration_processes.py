@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from hapticnet.recordings.tables import read_csv
+from tests.cli.test_cli_errors import REFUSED, THE_ERROR, UNAVAILABLE
 
 FAST = ("--no-realtime",)
 ROOT = Path(__file__).parents[2]
@@ -174,15 +175,15 @@ def test_garbage_at_the_port_is_counted_and_the_session_goes_on(start, slave):
     assert report["sessions"][0]["received"]["malformed"] == 0
 
 
-def test_a_slower_rate_is_granted_and_a_refusal_is_one_line_and_exit_code_2(start):
+def test_a_slower_rate_is_granted_and_a_refusal_is_one_line_and_exit_code_5(start):
     server = start("slave", "--listen", "127.0.0.1:0", "--fastest-rate", "100", "--most-sessions", "1")
     address = server.wait_for(r"listening on ([\d.]+:\d+)").group(1)
     first = start("master", "--connect", address, "--duration", "60", *FAST)
     first.wait_for("100 Hz granted")
     second = start("master", "--connect", address, *FAST)
-    assert second.process.wait(30) == 2
+    assert second.process.wait(30) == REFUSED
     refusal = "refused the session: all 1 sessions of this slave are taken"
-    assert second.said().splitlines()[-1] == f"hapticnet: {address} {refusal}"
+    assert THE_ERROR.sub("", second.said().splitlines()[-1]) == f"{address} {refusal}"
     assert "Traceback" not in second.said()
 
 
@@ -191,9 +192,9 @@ def test_a_master_that_finds_no_slave_says_so_and_fails(start):
         probe.bind(("127.0.0.1", 0))
         address = f"127.0.0.1:{probe.getsockname()[1]}"
     master = start("master", "--connect", address, "--connect-timeout", "0.5", *FAST)
-    assert master.process.wait(30) == 2
-    assert master.said().splitlines()[-1] == (
-        f"hapticnet: no session with {address} within 0.5 s: is the slave running there?"
+    assert master.process.wait(30) == UNAVAILABLE
+    assert THE_ERROR.sub("", master.said().splitlines()[-1]) == (
+        f"no session with {address} within 0.5 s: is the slave running there?"
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from hapticnet.node.recording import master_columns, slave_columns
 from hapticnet.recordings.tables import read_csv
+from tests.cli.test_cli_errors import THE_ERROR
 
 FAST = ("--no-realtime",)
 ROOT = Path(__file__).parents[2]
@@ -69,10 +70,10 @@ def test_a_full_disk_ends_the_recording_but_not_the_run(start, tmp_path):
         assert master.process.wait(PATIENCE_S) == 0, master.said()
     slave.send_signal(signal.SIGINT)
     _, said = slave.communicate(timeout=PATIENCE_S)
-    assert slave.returncode == 2, "the user must not believe that the recordings are complete"
+    assert slave.returncode == 3, "the user must not believe that the recordings are complete"
     assert said.count("recording stops: ") == 1
     assert "Traceback" not in said
-    assert said.splitlines()[-1].startswith("hapticnet: the recordings are incomplete: ")
+    assert THE_ERROR.sub("", said.splitlines()[-1]).startswith("the recordings are incomplete: ")
     account = json.loads(report.read_text())
     assert [session["master"] for session in account["sessions"]] == ["one", "two"]
     assert account["recording"]["stopped"].endswith("File too large")

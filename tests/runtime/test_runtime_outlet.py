@@ -14,6 +14,7 @@ import pytest
 from hapticnet.errors import FileError
 from hapticnet.runtime import outlet as outlet_module
 from hapticnet.runtime.background import start_background
+from hapticnet.runtime.log_lines import Level, log_line
 from hapticnet.runtime.outlet import MOST_AT_ONCE, STDERR, Outlet, write_watched
 
 
@@ -64,11 +65,11 @@ def outlet(pipe) -> Outlet:
 
 
 def test_lines_arrive_in_order_and_the_status_line_stays_below_them(pipe, outlet):
-    outlet.line("one", who="x")
+    outlet.line(log_line("one", who="x"))
     outlet.drain()
     outlet.status("x: 1 s")
     outlet.drain()
-    outlet.line("two", who="x")
+    outlet.line(log_line("two", who="x"))
     outlet.drain()
     outlet.status("")
     outlet.drain()
@@ -78,7 +79,7 @@ def test_lines_arrive_in_order_and_the_status_line_stays_below_them(pipe, outlet
 def test_a_full_pipe_keeps_nobody_waiting_and_loses_no_line_once_it_is_read(pipe, outlet):
     pipe.fill()
     for number in range(50):
-        outlet.line(str(number), who="x")
+        outlet.line(log_line(str(number), who="x"))
         outlet.status(f"status {number}")
     assert not outlet.drain()
     assert pipe.read() == ""
@@ -93,10 +94,10 @@ def test_a_full_pipe_keeps_nobody_waiting_and_loses_no_line_once_it_is_read(pipe
 def test_what_exceeds_the_rate_is_counted_and_told_in_one_line(pipe, outlet, monkeypatch):
     monkeypatch.setattr(outlet_module, "now_us", lambda: 0)
     for number in range(MOST_AT_ONCE + 1234):
-        outlet.line(str(number), who="x")
+        outlet.line(log_line(str(number), who="x"))
     outlet.drain()
     lines = pipe.read().splitlines()
-    assert lines == [*(f"x: {number}" for number in range(MOST_AT_ONCE)), "x: … 1,234 lines left out"]
+    assert lines == [*(f"x: {number}" for number in range(MOST_AT_ONCE)), "x: warning: … 1,234 lines left out"]
     assert outlet.left_out == 1234
 
 
@@ -104,9 +105,9 @@ def test_what_waits_for_a_reader_is_bounded(pipe, outlet, monkeypatch):
     monkeypatch.setattr(outlet_module, "MOST_WAITING", 20)
     pipe.fill()
     for number in range(100):
-        outlet.line(str(number), who="x")
+        outlet.line(log_line(str(number), who="x"))
     assert 75 <= outlet.left_out <= 80
-    outlet.line("the error", who="x", needed=True)
+    outlet.line(log_line("the error", who="x"), needed=True)
     said = ""
     while "left out" not in said:
         said += pipe.read()
@@ -115,7 +116,7 @@ def test_what_waits_for_a_reader_is_bounded(pipe, outlet, monkeypatch):
 
 def test_only_the_first_wait_for_a_reader_who_does_not_come_takes_time(pipe, outlet, monkeypatch):
     pipe.fill()
-    outlet.line("unread", who="x")
+    outlet.line(log_line("unread", who="x"))
     assert not outlet.drain()
     monkeypatch.setattr(outlet_module, "PARTING_S", 3600.0)
     assert not outlet.drain()
@@ -127,9 +128,9 @@ def test_a_reader_who_has_gone_ends_nothing(pipe, started):
     if started:
         outlet.start()
     pipe.close_reader()
-    outlet.line("unread", who="x")
+    outlet.line(log_line("unread", who="x"))
     assert outlet.drain()
-    outlet.line("unread", who="x")
+    outlet.line(log_line("unread", who="x"))
     assert outlet.drain()
 
 
@@ -137,7 +138,7 @@ def test_a_reader_who_has_gone_ends_nothing(pipe, started):
 def test_a_process_without_stderr_or_with_one_of_its_own(stream):
     outlet = Outlet(lambda: stream)
     outlet.start()
-    outlet.line("grüße", who="x")
+    outlet.line(log_line("grüße", who="x"))
     assert outlet.drain()
     assert stream is None or stream.getvalue() == "x: grüße\n"
 
@@ -159,9 +160,9 @@ def test_a_background_thread_never_runs_under_real_time_scheduling():
 
 def test_what_the_loop_reports_goes_the_same_way(monkeypatch):
     said = []
-    monkeypatch.setattr(STDERR, "line", lambda text, *, who: said.append((who, text)))
-    outlet_module._LogHandler().emit(logging.makeLogRecord({"name": "asyncio", "msg": "it %s", "args": ("broke",)}))
-    assert said == [("asyncio", "it broke")]
+    monkeypatch.setattr(STDERR, "line", said.append)
+    outlet_module._LogHandler().emit(logging.LogRecord("asyncio", logging.ERROR, "", 0, "it %s", ("broke",), None))
+    assert [(line.who, line.text, line.level) for line in said] == [("asyncio", "it broke", Level.ERROR)]
 
 
 def test_a_report_that_is_read_slowly_is_complete(pipe):

@@ -136,7 +136,7 @@ def test_a_lasting_sign_is_told_once_in_a_while(overload, ticker, said):
         (OTHER, []),  # as the user wished
         (
             f"{OTHER} (SCHED_FIFO refused: why)",
-            ["warning: no real-time scheduling, so a busy machine disturbs it: SCHED_FIFO refused: why"],
+            ["no real-time scheduling, so a busy machine disturbs it: SCHED_FIFO refused: why"],
         ),
     ],
 )

@@ -1,0 +1,59 @@
+"""Examples at the end of each ``--help``, by verb. A test parses every line."""
+
+from typing import Final
+
+EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
+    ("demo",): (
+        "hapticnet demo",
+        "hapticnet demo --insertions 1 --codec adaptive-predictive --out results/mine",
+    ),
+    ("slave",): (
+        "hapticnet slave",
+        "hapticnet slave --scene my.toml --record recordings",
+        "hapticnet slave --listen 0.0.0.0:47800 --key key.toml --masters masters.toml",
+        "hapticnet slave --config rig.toml --log-json 2>slave.log",
+    ),
+    ("master",): (
+        "hapticnet master",
+        "hapticnet master --codec adaptive-predictive --multiplier 2 --record run.csv",
+        "hapticnet master --connect 192.0.2.7:47800 --peer-key KEY --device serial:auto --profile device.toml",
+        "hapticnet master --operator trace:hand.csv --device none --json >report.json",
+        "HAPTICNET_MASTER_CODEC=raw hapticnet master --config rig.toml",
+    ),
+    ("channel",): (
+        "hapticnet channel --to 127.0.0.1:47800 --forward wifi --feedback wifi,loss=5%",
+        "hapticnet channel --to slave:47800 --listen 0.0.0.0:47801 --feedback delay=40ms,jitter=normal:5ms",
+    ),
+    ("encode",): (
+        "hapticnet encode force.csv",
+        "hapticnet encode force.npy --column 2 --rate 1000 --codec deadband --json --out decoded.csv",
+    ),
+    ("compare",): (
+        "hapticnet compare",
+        "hapticnet compare force.csv --column fx,fy,fz --position x,y,z --plot figures",
+        "hapticnet compare force.npy --column 2 --rate 1000 --loss 5% --codecs 'deadband;raw' --json",
+    ),
+    ("codecs",): ("hapticnet codecs", "hapticnet codecs --json"),
+    ("doctor",): ("hapticnet doctor", "hapticnet doctor --device serial:auto --quick"),
+    ("config",): (
+        "hapticnet config",
+        "hapticnet config master",
+        "hapticnet config --config rig.toml master --codec raw",
+        "hapticnet config --json device step",
+    ),
+    ("scene", "show"): ("hapticnet scene show paper:1", "hapticnet scene show my.toml --json"),
+    ("scene", "run"): ("hapticnet scene run my.toml --positions motion.csv --out forces.csv",),
+    ("device", "find"): ("hapticnet device find",),
+    ("device", "info"): ("hapticnet device info serial:auto",),
+    ("device", "monitor"): ("hapticnet device monitor serial:/dev/ttyUSB0",),
+    ("device", "calibrate"): ("hapticnet device calibrate serial:auto",),
+    ("device", "tune"): ("hapticnet device tune serial:auto --profile device.toml",),
+    ("device", "step"): (
+        "hapticnet device step sim:0.6",
+        "hapticnet device step serial:auto --profile device.toml --from 0.5 --to 2 --plot step.png",
+    ),
+    ("device", "sim"): ("hapticnet device sim",),
+    ("key", "new"): ("hapticnet key new", "hapticnet key new --name finger"),
+    ("key", "public"): ("hapticnet key public",),
+    ("key", "list"): ("hapticnet key list", "hapticnet key list masters.toml --json"),
+}

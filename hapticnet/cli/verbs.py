@@ -1,0 +1,121 @@
+"""What every verb has besides its own options: ``--config``, environment variables, examples; a log for some."""
+
+import functools
+import inspect
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import typer
+
+from hapticnet.cli.completions import COMPLETIONS
+from hapticnet.cli.examples import EXAMPLES
+from hapticnet.cli.settings import CONFIG_VARIABLE, Found, Verb, load_found, unknown_variables, verb_of
+from hapticnet.runtime.log_lines import Form, Level, log_line
+from hapticnet.runtime.outlet import STDERR, keep_log
+
+LOGGING: Final = {("master",), ("slave",), ("channel",)}
+"""Verbs that run until they are stopped: their lines on stderr have time and level."""
+
+FOUND: Final = "hapticnet.found"
+"""Where a context keeps what file and environment set."""
+
+
+def equip(app: typer.Typer) -> None:
+    """Add to each verb of an application what all verbs have."""
+    for verb, info in _verbs(app, ()):
+        function = info.callback
+        _complete_values(function)
+        if "ctx" not in inspect.signature(function).parameters:  # config prints the options of other verbs
+            info.callback = _with_common_options(function, log=verb in LOGGING)
+        if verb in EXAMPLES:
+            info.epilog = "\b\nExamples:\n" + "\n".join(f"  {line}" for line in EXAMPLES[verb])
+
+
+def found_of(ctx: typer.Context) -> dict[str, Found]:
+    """Return what file and environment set, by the parameters' names."""
+    found: dict[str, Found] = ctx.meta.get(FOUND, {})
+    return found
+
+
+def _verbs(app: typer.Typer, verb: Verb) -> Iterator[tuple[Verb, Any]]:
+    for info in app.registered_commands:
+        function: Any = info.callback
+        yield (*verb, info.name or function.__name__.replace("_", "-")), info
+    for group in app.registered_groups:
+        if group.typer_instance is not None and group.name is not None:
+            yield from _verbs(group.typer_instance, (*verb, group.name))
+
+
+def _complete_values(function: Callable[..., None]) -> None:
+    """Let the shell complete the values of the parameters that `COMPLETIONS` names."""
+    for parameter in inspect.signature(function).parameters.values():
+        for info in getattr(parameter.annotation, "__metadata__", ()):
+            if parameter.name in COMPLETIONS and info.autocompletion is None:
+                info.autocompletion = COMPLETIONS[parameter.name]
+
+
+def _configure(ctx: typer.Context, path: Path | None) -> Path | None:
+    """Let the other options find their values in file and environment; called before they are read."""
+    if not ctx.resilient_parsing:
+        ctx.meta[FOUND] = found = load_found(ctx, path, os.environ)
+        ctx.default_map = {name: each.value for name, each in found.items()}
+    return path
+
+
+def _choose_log(as_json: bool) -> bool:
+    """Choose the form of log lines before anything can be said."""
+    if as_json:
+        STDERR.form = Form.JSON
+    else:
+        keep_log()
+    return as_json
+
+
+CONFIG: Final = typer.Option(
+    "--config",
+    envvar=CONFIG_VARIABLE,
+    metavar="FILE",
+    is_eager=True,
+    callback=_configure,
+    help="Take options that are not given here from this TOML file; hapticnet config shows which.",
+)
+LOG_JSON: Final = typer.Option(
+    "--log-json", is_eager=True, callback=_choose_log, help="Write each line on stderr as a JSON object."
+)
+
+
+def _with_common_options(function: Callable[..., None], *, log: bool) -> Callable[..., None]:
+    """Return a function with the signature of another one and the options that all verbs have."""
+    added = [
+        inspect.Parameter("ctx", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context),
+        inspect.Parameter(
+            "config", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[Path | None, CONFIG]
+        ),
+    ]
+    if log:
+        added.append(
+            inspect.Parameter(
+                "log_json", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Annotated[bool, LOG_JSON]
+            )
+        )
+    own = inspect.signature(function)
+
+    @functools.wraps(function)
+    def verb(ctx: typer.Context, **options: Any) -> None:
+        for each in added[1:]:
+            del options[each.name]
+        _warn_of_variables(ctx)
+        function(**options)
+
+    parameters = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in own.parameters.values()]
+    verb.__signature__ = own.replace(parameters=[*parameters, *added])  # type: ignore[attr-defined]
+    verb.__annotations__ = function.__annotations__ | {each.name: each.annotation for each in added}
+    return verb
+
+
+def _warn_of_variables(ctx: typer.Context) -> None:
+    verb = verb_of(ctx)
+    for line in unknown_variables(verb, ctx.command, os.environ):
+        STDERR.line(log_line(line, who=" ".join(verb), level=Level.WARNING))

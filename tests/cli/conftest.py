@@ -1,0 +1,41 @@
+"""Run the command line within the test, which is faster than a process."""
+
+import os
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import pytest
+
+from hapticnet import cli
+from hapticnet.runtime.log_lines import Form
+from hapticnet.runtime.outlet import STDERR
+
+
+@dataclass(frozen=True)
+class Done:
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., Done]:
+    """Return what runs a command line with environment variables of its own."""
+    for name in list(os.environ):
+        if name.startswith("HAPTICNET_"):
+            monkeypatch.delenv(name)
+
+    def command(*arguments: object, **environment: str) -> Done:
+        with monkeypatch.context() as patch:
+            patch.setattr(STDERR, "form", Form.PLAIN)
+            patch.setattr(sys, "argv", ["hapticnet", *map(str, arguments)])
+            for name, value in environment.items():
+                patch.setenv(name, value)
+            with pytest.raises(SystemExit) as end:
+                cli.main()
+        printed = capsys.readouterr()
+        assert isinstance(end.value.code, int)
+        return Done(end.value.code, printed.out, printed.err)
+
+    return command

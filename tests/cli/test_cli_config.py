@@ -1,0 +1,128 @@
+"""Options come from the command line, the environment and a file, in this order; what is misspelt is told."""
+
+import json
+
+import pytest
+
+FILE = """
+[master]
+codec = "raw"
+rate = 500
+realtime = false
+
+[device.step]
+from = 0.7
+
+[slave]
+codec = ["a.py:One", "b.py:Two"]
+"""
+
+
+@pytest.fixture
+def rig(tmp_path):
+    path = tmp_path / "rig.toml"
+    path.write_text(FILE)
+    return path
+
+
+def resolved(done):
+    assert done.returncode == 0, done.stderr
+    return {row["option"]: (row["value"], row["source"]) for row in json.loads(done.stdout)}
+
+
+def test_the_command_line_precedes_the_environment_which_precedes_the_file(run, rig):
+    done = run(
+        "config", "--json", "master", "--config", rig, "--weber", "0.1", "--rate", "250",
+        HAPTICNET_MASTER_RATE="300", HAPTICNET_MASTER_CODEC="deadband", HAPTICNET_MASTER_FLOOR="0.03",
+    )  # fmt: skip
+    values = resolved(done)
+    assert values["rate"] == (250.0, "command line")
+    assert values["weber"] == (0.1, "command line")
+    assert values["codec"] == ("deadband", "HAPTICNET_MASTER_CODEC")
+    assert values["floor"] == (0.03, "HAPTICNET_MASTER_FLOOR")
+    assert values["realtime"] == (False, f"{rig} [master]")
+    assert values["multiplier"] == (1.0, "default")
+
+
+def test_a_flag_of_the_environment_and_an_own_name_of_a_key(run):
+    values = resolved(run("config", "--json", "master", HAPTICNET_MASTER_REALTIME="off", HAPTICNET_KEY="mine.toml"))
+    assert values["realtime"] == (False, "HAPTICNET_MASTER_REALTIME")
+    assert values["key"] == ("mine.toml", "HAPTICNET_KEY")
+
+
+def test_a_list_and_a_verb_of_two_words(run, rig):
+    values = resolved(run("config", "--json", "slave", HAPTICNET_CONFIG=str(rig)))
+    assert values["codec"] == (["a.py:One", "b.py:Two"], f"{rig} [slave]")
+    values = resolved(run("config", "--config", rig, "--json", "device", "step"))
+    assert values["from"] == (0.7, f"{rig} [device.step]")
+
+
+def test_without_a_verb_everything_that_is_set_is_listed(run, rig):
+    done = run("config", "--config", rig, HAPTICNET_CHANNEL_SEED="4")
+    lines = [line.split() for line in done.stdout.splitlines()]
+    assert ["master", "--codec", "raw", str(rig), "[master]"] in lines
+    assert ["channel", "--seed", "4", "HAPTICNET_CHANNEL_SEED"] in lines
+    assert len(lines) == 6
+    assert "neither a file nor the environment" in run("config").stdout
+
+
+def test_what_a_file_sets_reaches_the_verb(run, tmp_path):
+    path = tmp_path / "rig.toml"
+    path.write_text("[scene.show]\njson = true\n")
+    assert json.loads(run("scene", "show", "--config", path).stdout)["name"].startswith("paper")
+    assert json.loads(run("scene", "show", HAPTICNET_SCENE_SHOW_JSON="yes").stdout)["name"].startswith("paper")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[master]\ncodex = 'raw'\n", ("[master]", "unknown key 'codex'", "did you mean 'codec'?")),
+        ("[master]\nconnect_timeout = 3\n", ("unknown key 'connect_timeout'", "'connect-timeout'")),
+        ("[mastr]\ncodec = 'raw'\n", ("unknown table [mastr]", "'master'")),
+        ("[device.stp]\nfrom = 1\n", ("unknown table [device.stp]", "'step'")),
+        ("codec = 'raw'\n", ("unknown key 'codec'",)),
+        ("master = 3\n", ("master is a command", "[master]")),
+        ("[master]\nrealtime = 'no'\n", ("realtime is 'no'", "true or false")),
+        ("[master]\ncodec = true\n", ("codec is True", "text in quotes or a number")),
+        ("[master]\ncodec = ['raw']\n", ("codec is ['raw']", "text in quotes")),
+        ("[slave]\ncodec = 'a.py:One'\n", ("codec is 'a.py:One'", "it must be a list")),
+        ("[master]\nconfig = 'other.toml'\n", ("unknown key 'config'",)),
+        ("[master\n", ("not a TOML file", "line 1")),
+    ],
+)
+def test_a_wrong_file_is_one_line_whatever_the_verb(run, tmp_path, text, words):
+    path = tmp_path / "rig.toml"
+    path.write_text(text)
+    for verb in (("config",), ("codecs",)):
+        done = run(*verb, "--config", path)
+        assert done.returncode in (2, 3)
+        assert done.stdout == ""
+        (line,) = done.stderr.splitlines()
+        assert str(path) in line
+        for word in words:
+            assert word in line
+
+
+def test_an_invalid_value_is_told_with_the_place_it_comes_from(run, tmp_path):
+    path = tmp_path / "rig.toml"
+    path.write_text("[channel]\nduration = 'long'\n")
+    done = run("channel", "--to", "127.0.0.1:9", "--config", path)
+    assert done.returncode == 2
+    assert f"{path} [channel]: " in done.stderr
+    done = run("channel", "--to", "127.0.0.1:9", HAPTICNET_CHANNEL_DURATION="long")
+    assert "HAPTICNET_CHANNEL_DURATION: " in done.stderr
+    assert "Traceback" not in done.stderr
+    done = run("codecs", HAPTICNET_CODECS_JSON="maybe")
+    assert (
+        done.stderr
+        == "hapticnet: HAPTICNET_CODECS_JSON is 'maybe'; it must be one of 1, true, yes, on, 0, false, no, off\n"
+    )
+
+
+def test_a_misspelt_variable_is_a_warning_because_other_programs_set_some_too(run):
+    done = run("codecs", HAPTICNET_CODECS_JSN="1", HAPTICNET_CODECS_PORT="tcp://10.0.0.1:80")
+    assert done.returncode == 0
+    assert "HAPTICNET_CODECS_JSN is ignored" in done.stderr
+    assert "did you mean 'HAPTICNET_CODECS_JSON'?" in done.stderr
+    assert done.stderr.count("codecs: warning: ") == 2
+    assert run("scene", "show", HAPTICNET_CODECS_JSN="1").stderr == "", "it concerns another verb"

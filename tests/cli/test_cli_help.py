@@ -1,0 +1,73 @@
+"""Each verb's help ends with examples that work, and the shell completes names and values."""
+
+import os
+import shlex
+import subprocess
+import sys
+
+import pytest
+import typer
+
+from hapticnet.cli import app
+from hapticnet.cli.examples import EXAMPLES
+from hapticnet.cli.settings import leaves
+from tests.cli.test_cli_errors import ROOT
+
+ROOT_COMMAND = typer.main.get_command(app)
+VERBS = dict(leaves(ROOT_COMMAND))
+
+
+@pytest.mark.parametrize("verb", VERBS, ids=" ".join)
+def test_every_verb_has_examples_which_its_help_shows(run, verb):
+    done = run(*verb, "--help")
+    assert done.returncode == 0
+    shown = done.stdout.partition("Examples:\n")[2].splitlines()
+    assert [line.strip() for line in shown] == list(EXAMPLES[verb])
+
+
+@pytest.mark.parametrize("line", [line for lines in EXAMPLES.values() for line in lines])
+def test_every_example_can_be_parsed(line):
+    words = shlex.split(line.partition(">")[0].removesuffix(" 2"))
+    words = words[words.index("hapticnet") + 1 :]
+    count = next(count for count in (1, 2) if tuple(words[:count]) in VERBS)
+    command = VERBS[tuple(words[:count])]
+    arguments = command.make_parser(command.context_class(command, **command.context_settings)).parse_args(
+        words[count:]
+    )
+    assert arguments[1] == [], "an argument that the verb does not take"
+
+
+def test_no_example_is_of_a_verb_that_does_not_exist():
+    assert set(EXAMPLES) <= set(VERBS)
+
+
+def complete(*words):
+    return subprocess.run(
+        [sys.executable, "-m", "hapticnet"],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ
+        | {
+            "PYTHONPATH": str(ROOT),
+            "_HAPTICNET_COMPLETE": "complete_bash",
+            "COMP_WORDS": " ".join(["hapticnet", *words]),
+            "COMP_CWORD": str(len(words)),
+        },
+    ).stdout.split()
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("ma",), {"master"}),
+        (("master", "--insec"), {"--insecure"}),
+        (("master", "--codec", "dead"), {"deadband"}),
+        (("master", "--device", "si"), {"sim", "simavr"}),
+        (("slave", "--scene", "pa"), {"paper"}),
+        (("slave", "--channel-out", "w"), {"wifi"}),
+        (("config", "ma"), {"master"}),
+    ],
+)
+def test_the_shell_completes(words, expected):
+    assert set(complete(*words)) == expected
