@@ -8,7 +8,6 @@ from typing import Any, Final, TypeAlias
 
 import typer
 
-from hapticnet.documents import parse_tables, read_document
 from hapticnet.errors import SettingsError
 
 PREFIX: Final = "HAPTICNET_"
@@ -117,6 +116,8 @@ def from_file(path: Path, root: Any) -> dict[Verb, dict[str, Found]]:
     SettingsError
         If a table or key is unknown, or a value has the wrong type.
     """
+    from hapticnet.documents import parse_tables, read_document
+
     known = dict(leaves(root))
     found: dict[Verb, dict[str, Found]] = {verb: {} for verb in known}
 

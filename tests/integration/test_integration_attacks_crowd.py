@@ -231,7 +231,7 @@ def test_a_master_that_sends_more_than_it_was_granted_is_not_served_more(slave, 
 def test_an_endless_file_is_refused_in_one_line(start, arguments):
     """N10: MemoryError."""
     process = start(*arguments)
-    assert process.process.wait(30) == 2
+    assert process.process.wait(30) == 3
     assert "Traceback" not in process.said()
     assert process.said().count("\n") == 1
     assert "/dev/zero" in process.said()

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.test_cli_errors import THE_ERROR, hapticnet
+from tests.cli.test_cli_errors import REFUSED, THE_ERROR, hapticnet
 
 FAST = ("--no-realtime",)
 
@@ -80,7 +80,7 @@ def test_master_and_slave_speak_it_and_the_masters_parameters_count(start, codec
 def test_a_slave_without_it_refuses_and_imports_nothing(start, slave, codec):
     server, address = slave
     master = start("master", "--connect", address, "--codec", codec, "--duration", "1", *FAST)
-    assert master.process.wait(30) == 2
+    assert master.process.wait(30) == REFUSED
     assert "refused the session: unknown codec 'every'; there are: raw, deadband" in master.said()
     assert server.end() == 0
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.test_cli_errors import REFUSED, THE_ERROR
+from tests.cli.test_cli_errors import REFUSED, THE_ERROR, UNAVAILABLE
 
 ROOT = Path(__file__).parents[2]
 FAST = ("--no-realtime", "--device", "none")
@@ -92,7 +92,7 @@ def test_a_master_that_is_not_listed_is_refused_and_both_ends_say_which_key_to_a
 def test_an_open_master_is_told_to_use_a_key(start, sealed):
     _, address = sealed()
     master = start("master", "--connect", address, *FAST)
-    assert master.process.wait(20) == 2
+    assert master.process.wait(20) == REFUSED
     assert "--peer-key" in master.said().splitlines()[-1]
 
 
@@ -110,7 +110,7 @@ def test_a_master_with_keys_never_falls_back_to_an_open_session(start, slave, ke
     _, address = slave
     master = start("master", "--connect", address, *keys.of("first"), "--connect-timeout", "2", *FAST)
     master.wait_for("serves open sessions only")
-    assert master.process.wait(20) == 2
+    assert master.process.wait(20) == UNAVAILABLE
     assert "connected to" not in master.said()
     assert "serves open sessions only" in master.said().splitlines()[-1]
 
@@ -119,7 +119,7 @@ def test_a_wrong_peer_key_is_noticed_at_both_ends(start, sealed, keys):
     server, address = sealed()
     wrong = (*keys.of("first")[:3], keys.second)
     master = start("master", "--connect", address, *wrong, "--connect-timeout", "1", *FAST)
-    assert master.process.wait(20) == 2
+    assert master.process.wait(20) == UNAVAILABLE
     assert "is --peer-key what 'hapticnet key public' prints" in master.said().splitlines()[-1]
     server.wait_for(f"another slave's key; this slave's is {keys.slave.replace('+', '[+]')}")
 
@@ -130,7 +130,7 @@ def test_a_psk_must_be_the_same_at_both_ends(start, sealed, keys):
         file.write(psk)
     server, address = sealed()
     master = start("master", "--connect", address, *keys.of("first"), "--connect-timeout", "2", *FAST)
-    assert master.process.wait(20) == 2
+    assert master.process.wait(20) == UNAVAILABLE
     assert "the same psk" in master.said().splitlines()[-1]
     keys.list.write_text(keys.first_table + psk)
     keys.list.chmod(0o600)

@@ -102,7 +102,7 @@ def test_a_process_none_of_whose_output_is_read_ends_on_one_sigint(run, full_pip
     process = run(*verb, "--report", report, stdout=full_pipe, stderr=full_pipe)
     wait_until_it_handles_signals(process.pid)
     process.send_signal(signal.SIGINT)
-    assert process.wait(PATIENCE_S) == 2, "the report on stdout is incomplete"
+    assert process.wait(PATIENCE_S) == 3, "the report on stdout is incomplete"
     assert json.loads(report.read_text())["provenance"]
 
 
