@@ -116,7 +116,7 @@ def master(
     scheduling = prefer_realtime() if realtime else OTHER
     kind = "an open session" if keys is None else "a sealed session"
     console.say(f"asking {address} for {kind}, {codec}, {rate:g} Hz, device {device}, {policy(scheduling)}")
-    overload = Overload(scheduling, console.say)
+    overload = Overload(scheduling, console.warn)
     recording: MasterRecording | None = None
     with (
         nullcontext((None, None)) if device == "none" else devices.real_time_device(device, known, seed) as (
@@ -125,7 +125,7 @@ def master(
         )
     ):
         if wire and known.is_generic and device.startswith("serial:"):
-            console.say(devices.NOT_CALIBRATED)
+            console.warn(devices.NOT_CALIBRATED)
         node = MasterNode(hand.operator, fingertip, settings, SystemEntropy())
         messages = MasterMessages(console, node, str(address), keys)
         watchers: list[Watcher[NodeEvent]] = [messages, *hand.watchers]
@@ -144,13 +144,13 @@ def master(
                 connect_timeout_s=connect_timeout,
                 watchers=watchers,
                 overload=overload,
-                tell=console.say,
+                tell=console.warn,
             )
         )
     console.finish()
     busy = signs(overload.report())
     if busy:
-        console.say(f"this machine was too busy for {rate:g} Hz: {'; '.join(busy)}")
+        console.warn(f"this machine was too busy for {rate:g} Hz: {'; '.join(busy)}")
     account = {"scheduling": scheduling, **node.report(), **asdict(outcome), "overload": overload.report()}
     if (of_hand := hand.report()) is not None:
         account["operator"] = of_hand

@@ -26,6 +26,12 @@ ADVISE_AFTER: Final = 6
 """Status intervals without a session after which the operator is told what to check: 3 s."""
 
 
+DISTURBANCES: Final = (
+    LinkStale, SessionLost, Refused, ChangeRefused, Hinted, DeviceLost, Paused, Failed, ForceFault,
+)  # fmt: skip
+"""Events that are told as warnings: something does not work as it should, and the run goes on or ends safely."""
+
+
 class MasterMessages(Watcher[NodeEvent]):
     """Messages about events, advice while there is no session, and the status line.
 
@@ -61,13 +67,14 @@ class MasterMessages(Watcher[NodeEvent]):
             self.refusal = event.code
         elif isinstance(event, Hinted):
             self._hint = event.reason
-        self._console.say(in_words(event, self._address))
+        tell = self._console.warn if isinstance(event, DISTURBANCES) else self._console.say
+        tell(in_words(event, self._address), event=type(event).__name__)
 
     def check(self, now_us: int) -> None:  # noqa: ARG002 - the interval is fixed
         """Give advice if there is no session yet, and renew the status line."""
         self._intervals += 1
         if self._intervals == ADVISE_AFTER:
-            self._console.say(f"no session with {self._address} yet: {self.advice()}")
+            self._console.warn(f"no session with {self._address} yet: {self.advice()}")
         self._console.status(status(self._node))
 
     def advice(self) -> str:

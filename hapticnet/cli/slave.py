@@ -90,7 +90,7 @@ def slave(
         if parse_codec(text)[1]:
             raise SettingsError(f"--codec {text}: omit the parameters; each master sends its own")
     for fault in register_installed_codecs():
-        console.say(f"not served: {fault}")
+        console.warn(f"not served: {fault}")
     check_parameter("--keep", keep, 1.0, 86_400.0, "s")
     source = find_source(scene)
     source.prepare()
@@ -135,21 +135,23 @@ def slave(
             signal.raise_signal(signal.SIGTERM)
             return
         if guests is None:
-            console.say("this slave has no list of masters to read again")
+            console.warn("this slave has no list of masters to read again")
             return
         try:
             guests.read()
         except (FileError, SettingsError) as error:
-            console.say(f"the list of masters is unchanged: {error}")
+            console.warn(f"the list of masters is unchanged: {error}")
             return
         node.serve_only(guests.roster, now_us())
         count = len(guests.roster)
         console.say(f"read {guests.file} again: {count} {'master' if count == 1 else 'masters'}")
 
-    for line in trust.lines(loopback):
+    for line in trust.lines():
         console.say(line)
+    for line in trust.warnings(loopback):
+        console.warn(line)
     scheduling = prefer_realtime() if realtime else OTHER
-    overload = Overload(scheduling, console.say)
+    overload = Overload(scheduling, console.warn)
     try:
         run(
             run_slave(
@@ -159,14 +161,14 @@ def slave(
                 duration_s=duration,
                 watchers=watchers,
                 overload=overload,
-                tell=console.say,
+                tell=console.warn,
                 on_listening=lambda: console.say(f"listening on {address}, scene {source.name}, {policy(scheduling)}"),
                 on_hangup=on_hangup,
             )
         )
     finally:
         for fault in (*source.close(), *(() if guests is None else guests.close())):
-            console.say(fault)
+            console.warn(fault)
     console.finish()
     account: dict[str, Any] = {"scheduling": scheduling, **node.report(), "overload": overload.report()}
     if recording is not None:

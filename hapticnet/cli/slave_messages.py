@@ -32,7 +32,8 @@ class SlaveMessages(Watcher[SlaveEvent]):
 
     def note(self, event: SlaveEvent, now_us: int) -> None:  # noqa: ARG002 - messages have their own time
         """Tell what has happened."""
-        self._console.say(in_words(event))
+        tell = self._console.warn if isinstance(event, MasterRefused | ScenePaused) else self._console.say
+        tell(in_words(event), event=type(event).__name__)
 
     def check(self, now_us: int) -> None:  # noqa: ARG002 - the interval is fixed
         """Renew the status line."""
@@ -40,7 +41,7 @@ class SlaveMessages(Watcher[SlaveEvent]):
         if self._guests is not None and node.unkeyed and not self._said_unkeyed:
             self._said_unkeyed = True
             public = format_key(self._guests.own.public)
-            self._console.say(f"somebody asks for a session with another slave's key; this slave's is {public}")
+            self._console.warn(f"somebody asks for a session with another slave's key; this slave's is {public}")
         packets = sum(station.session.sent.packets for station in node.stations)
         steps = sum(station.steps for station in node.stations)
         self._console.status(f"{len(node.stations)} masters, {steps} steps, {packets} packets sent")

@@ -99,7 +99,7 @@ class SlaveTrust:
         """The files that are read."""
         return [] if self.guests is None else [self.guests.key_file, self.guests.file]
 
-    def lines(self, loopback: bool) -> list[str]:
+    def lines(self) -> list[str]:
         """Return what the person who starts the slave must know."""
         lines = []
         if self.guests is not None:
@@ -110,9 +110,13 @@ class SlaveTrust:
             )
             if self.guests.own.psk != NO_PSK:
                 lines.append("the psk in this key file is not used: a slave takes it from the [[master]] tables")
-        if self.serves_open and not loopback:
-            lines.append("warning: open sessions are not encrypted, and anyone who can reach this port is served")
         return lines
+
+    def warnings(self, loopback: bool) -> list[str]:
+        """Return what is a risk; `loopback` says whether only this host can reach the slave."""
+        if self.serves_open and not loopback:
+            return ["open sessions are not encrypted, and anyone who can reach this port is served"]
+        return []
 
 
 def slave_trust(address: object, loopback: bool, key: Path | None, masters: Path | None, insecure: bool) -> SlaveTrust:

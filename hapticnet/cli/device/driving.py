@@ -35,7 +35,7 @@ def drive(text: str, known: "Profile", seed: int, prepare: "Callable[[Device], C
     console = Console("device", real_time=True)
     console.say(f"opening {text}, which will press the finger; withdraw the finger or press Ctrl-C to end")
     if known.is_generic and text.startswith("serial"):
-        console.say(devices.NOT_CALIBRATED)
+        console.warn(devices.NOT_CALIBRATED)
     with devices.real_time_device(text, known, seed) as (device, wire):
         if not run(run_device(wire, prepare(device))):
             raise typer.Exit(130)
