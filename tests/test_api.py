@@ -268,6 +268,35 @@ def test_a_virtual_link_is_the_same_run_after_run():
     assert "master" not in repr(report).split()
 
 
+class Ball:
+    axes = 3
+
+    def step(self, sample):
+        return [100.0 * x for x in sample.position_m]
+
+
+class Orbit:
+    axes = 3
+
+    def sample(self, t_us):
+        return 0.01 * np.cos(t_us * 1e-5), 0.01 * np.sin(t_us * 1e-5), 0.0
+
+
+def test_a_virtual_link_takes_objects_of_the_user_with_three_axes():
+    link = hn.virtual_link(scene=Ball(), operator=Orbit(), codec="deadband")
+    link.run(seconds=1.0)
+    report = link.report()
+    assert report.scene == "Ball"
+    assert 0 < report.exceed_jnd_fraction + report.packet_rate_reduction < 1
+    assert report.felt_rmse_n < 0.1
+    samples = link.slave_samples()
+    assert samples["force_y_n"] == pytest.approx(100.0 * samples["position_y_m"], abs=1e-6)
+    with pytest.raises(hn.SettingsError, match=r"scene: has no method step\(sample\)"):
+        hn.virtual_link(scene=3)
+    with pytest.raises(hn.SettingsError, match=r"operator: has no method sample\(t_us\)"):
+        hn.virtual_link(operator=Ball())
+
+
 def test_a_virtual_link_without_a_session_says_so():
     link = hn.virtual_link(forward="loss=100%")
     link.run(seconds=0.5)

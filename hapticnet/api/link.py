@@ -24,8 +24,10 @@ from hapticnet.node.master import MasterNode, MasterSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.base import Operator
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
-from hapticnet.scene.presets import find_scene
+from hapticnet.operator.user import UserOperator
+from hapticnet.scene.base import Touchable
 from hapticnet.scene.scene import Scene
+from hapticnet.scene.sources import as_touchable, find_source
 
 LONGEST_RUN_S = 1e5
 """Longest single run [s]; its recordings take about ten gigabytes of memory."""
@@ -114,7 +116,8 @@ class VirtualLink:
     def slave_samples(self) -> dict[str, FloatArray]:
         """Return, for every position the slave answered: t_us, position_m, force_n, held_n, transmitted and more.
 
-        `node.recording.slave_columns(1)` describes the columns; each has shape (n,).
+        `node.recording.slave_columns` describes the columns; each has shape (n,). With several axes there are
+        position_x_m, position_y_m and so on.
 
         Raises
         ------
@@ -131,7 +134,7 @@ class VirtualLink:
     def master_samples(self) -> dict[str, FloatArray]:
         """Return, for every tick of the master: t_us, position_m, held_n and more, shape (n,) each.
 
-        `node.recording.master_columns(1)` describes the columns.
+        `node.recording.master_columns` describes the columns.
         """
         recording = self._loopback.master.recording
         return recording.table() if recording is not None else {}
@@ -172,12 +175,12 @@ class VirtualLink:
 
 def virtual_link(
     *,
-    scene: str | Scene = "paper:0",
+    scene: str | Touchable | Any = "paper:0",
     codec: str | Codec = "deadband",
     forward: str = "perfect",
     feedback: str = "perfect",
     rate_hz: float = 1000.0,
-    operator: Operator | None = None,
+    operator: Operator | Any | None = None,
     seed: int = 0,
     weber_fraction: float | None = None,
     floor_n: float | None = None,
@@ -191,7 +194,8 @@ def virtual_link(
     Parameters
     ----------
     scene
-        ``"paper:SEED"``, the name of a preset, the path of a .toml file, or a `Scene` object.
+        ``"paper:SEED"``, the name of a preset, the path of a .toml file, ``"FILE.py:Class"``, or any object with a
+        method ``step(sample)``.
     codec, weber_fraction, floor_n, multiplier, **parameters
         The feedback codec; see `make_codec`.
     forward, feedback
@@ -200,7 +204,7 @@ def virtual_link(
     rate_hz
         Positions per second.
     operator
-        Source of the positions; default: the scripted needle insertions.
+        Source of the positions, any object with a method ``sample(t_us)``; default: the scripted needle insertions.
     seed
         Seed of hand and network.
 
@@ -221,25 +225,25 @@ def virtual_link(
     for name, text in (("forward", forward), ("feedback", feedback)):
         if not isinstance(text, str):
             raise SettingsError(f"{name} is {text!r}; it must be text, such as 'wifi' or 'delay=20ms,loss=2%'")
-    if not isinstance(scene, (str, Scene)):
-        raise SettingsError(f"scene is {scene!r}; it must be text, such as 'paper:1', or a Scene")
-    if isinstance(scene, str):
-        found = find_scene(scene)
-        tissues, name = found.tissues, found.name
+    if isinstance(scene, Scene):  # its tissues as they are at rest, so that every run is the same
+        touched: Touchable = Scene(scene.tissues, name=scene.name)
     else:
-        tissues, name = scene.tissues, scene.name
+        touched = find_source(scene).make() if isinstance(scene, str) else as_touchable(scene)
     to_master, to_slave = (
         Emulator[bytes](parse_channel(spec), np.random.default_rng([seed, number]))
         for number, spec in ((1, feedback), (2, forward))
     )
+    hand: Operator
     if operator is None:
-        operator = ScriptedOperator(InsertionSettings(insertions=100), np.random.default_rng([seed, 3]))
+        hand = ScriptedOperator(InsertionSettings(insertions=100), np.random.default_rng([seed, 3]))
+    else:
+        hand = UserOperator(operator, "operator")
     settings = MasterSettings(
         codec=chosen.name, parameters=registry.codec_parameters(chosen), law=chosen.law, rate_hz=rate_hz, record=True
     )
     loopback = Loopback(
-        MasterNode(operator, None, settings, np.random.default_rng([seed, 4])),
-        SlaveNode(lambda _: Scene(tissues, name=name), SlaveSettings(record=True), np.random.default_rng([seed, 5])),
+        MasterNode(hand, None, settings, np.random.default_rng([seed, 4])),
+        SlaveNode(lambda _: touched, SlaveSettings(record=True), np.random.default_rng([seed, 5])),
         forward=to_slave,
         feedback=to_master,
     )

@@ -36,9 +36,7 @@ from hapticnet.runtime.udp import (
 )
 from hapticnet.samples import PositionSample, Vector, checked_vector
 from hapticnet.scene.base import Touchable
-from hapticnet.scene.presets import find_scene
-from hapticnet.scene.scene import Scene
-from hapticnet.scene.user import UserScene
+from hapticnet.scene.sources import as_touchable, find_source
 
 if TYPE_CHECKING:
     import socket
@@ -183,9 +181,9 @@ class SlaveSetup:
     Parameters
     ----------
     scene
-        What masters touch: a scene's name (``"paper:SEED"``, a preset, a .toml file), an object with a method
-        ``step(sample)`` that returns the force [N], or a function that makes such an object for each master. An object
-        is touched by one master at a time.
+        What masters touch: a scene's name (``"paper:SEED"``, a preset, a .toml file, ``"FILE.py:Class"``), an object
+        with a method ``step(sample)`` that returns the force [N], or a class or function that makes such an object for
+        each master. An object is touched by one master at a time.
     listen
         Where to listen, HOST:PORT; port 0 takes a free one.
     key, masters
@@ -261,8 +259,9 @@ class SlaveSetup:
         """Return what makes a scene for each master, and how many masters may be served at once."""
         given = self.scene
         if isinstance(given, str):
-            preset = find_scene(given)
-            return lambda: Scene(preset.tissues, name=preset.name), self.most_sessions
+            source = find_source(given)
+            source.prepare()
+            return source.make, self.most_sessions
         if hasattr(given, "step") and not isinstance(given, type):
             touched = as_touchable(given)
             return lambda: touched, 1
@@ -272,12 +271,11 @@ class SlaveSetup:
         as_touchable(make())  # refuse it now rather than when a master joins
         return lambda: as_touchable(make()), self.most_sessions
 
-    def _listed(self, entry: MasterEntry | None) -> Scene | None:
+    def _listed(self, entry: MasterEntry | None) -> Touchable | None:
         """Return the scene that the list names for a master, if any."""
         if entry is None or entry.scene is None or self.masters is None:
             return None
-        preset = find_scene(entry.scene, Path(self.masters).parent)
-        return Scene(preset.tissues, name=preset.name)
+        return find_source(entry.scene, Path(self.masters).parent).make()
 
     def _doors(self, entropy: SystemEntropy, loopback: bool) -> dict[int, Door]:
         if (self.key is None) != (self.masters is None):
@@ -306,11 +304,6 @@ def as_position(position: PositionLike, axes: int | None = None) -> Vector:
     if axes is not None and len(vector) != axes:
         raise SampleError(f"position has {len(vector)} axes; this master began with {axes}")
     return vector
-
-
-def as_touchable(touched: Any) -> Touchable:
-    """Return a scene as it is, and any other object with its results checked."""
-    return touched if isinstance(touched, (Scene, UserScene)) else UserScene(touched)
 
 
 def as_device(device: Any) -> Device | None:

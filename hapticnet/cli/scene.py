@@ -9,18 +9,24 @@ from hapticnet.cli import options
 
 app = typer.Typer(no_args_is_help=True, help="Look at a scene without a network.")
 
-Spec = Annotated[str, typer.Argument(help="paper, paper:SEED, a preset, or a TOML file.")]
+Spec = Annotated[str, typer.Argument(help="paper, paper:SEED, a preset, a TOML file, or FILE.py:CLASS.")]
 
 
 @app.command(short_help="Print the tissues of a scene.")
 def show(scene: Spec = "paper", json: options.Json = False, report: options.Report = None) -> None:
-    """Print the tissues of a scene, from front to back."""
+    """Print the tissues of a scene, from front to back; of a class of yours, its name and axes."""
     from dataclasses import asdict
 
     from hapticnet.cli.console import check_outputs, deliver
-    from hapticnet.scene.presets import find_scene, scene_file, scene_names
+    from hapticnet.scene.presets import find_scene, scene_names
+    from hapticnet.scene.sources import UserSource, find_source
 
-    check_outputs(report, inputs=[scene_file(scene)])
+    source = find_source(scene)
+    check_outputs(report, inputs=[source.file])
+    if isinstance(source, UserSource):
+        made = source.make()
+        deliver({"name": made.name, "axes": made.axes}, as_json=json, file=report)
+        return
     settings = find_scene(scene)
     tissues = []
     for tissue in settings.tissues:
@@ -32,7 +38,7 @@ def show(scene: Spec = "paper", json: options.Json = False, report: options.Repo
     deliver({"name": settings.name, "tissue": tissues, "other_scenes": ", ".join(others)}, as_json=json, file=report)
 
 
-@app.command("run", short_help="Move the needle along recorded positions.")
+@app.command("run", short_help="Move the tool along recorded positions.")
 def run_scene(
     scene: Spec,
     positions: Annotated[Path, typer.Option(metavar="FILE", help="Positions: .csv, .tsv, .npy, .npz, .mat, .parquet.")],
@@ -44,33 +50,40 @@ def run_scene(
     max_size: options.MaxSize = options.MAX_SIZE,
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write there instead of to stdout.")] = None,
 ) -> None:
-    """Move the needle along recorded positions; print state and force of every sample as CSV."""
+    """Move the tool along recorded positions; print force and state of every sample as CSV.
+
+    With FILE.py:CLASS or package.module:CLASS this tries a scene of yours without a network.
+    """
     import sys
 
     import numpy as np
 
     from hapticnet.cli.console import Console, check_outputs
     from hapticnet.errors import SettingsError
+    from hapticnet.node.recording import axis_columns
     from hapticnet.recordings.recording import load_motion
     from hapticnet.recordings.tables import write_csv
     from hapticnet.samples import PositionSample
-    from hapticnet.scene.presets import find_scene, scene_file
+    from hapticnet.scene.base import breaches_of
     from hapticnet.scene.scene import Scene
+    from hapticnet.scene.sources import find_source
 
-    check_outputs(out, inputs=[positions, scene_file(scene)])
-    settings = find_scene(scene)
+    source = find_source(scene)
+    check_outputs(out, inputs=[positions, source.file])
     motion = load_motion(positions, position=column, rate_hz=rate, missing=missing, max_bytes=max_size)
-    if motion.position.shape[1] != 1:
-        raise SettingsError(f"{motion.position.shape[1]} position columns are chosen; the needle moves along one axis")
+    world = source.make()
+    axes = motion.position.shape[1]
+    if axes != world.axes:
+        raise SettingsError(f"position columns chosen: {axes}; {world.name} needs {world.axes}")
     for note in motion.notes:
         Console("scene").say(f"{positions}: {note}")
-    world = Scene(settings.tissues, name=settings.name)
-    layers = [tissue.name for tissue in world.tissues]
     rows = []
-    for t_us, position_m in zip(motion.t_us.tolist(), motion.position[:, 0].tolist(), strict=True):
-        force = world.step(PositionSample(t_us, (position_m,)))
-        rows.append((t_us, position_m, *force.force_n, world.breaches, *world.contacts(), *world.surfaces_m()))
-    names = ["t_us", "position_m", "force_n", "breaches"]
+    for t_us, position_m in zip(motion.t_us.tolist(), map(tuple, motion.position.tolist()), strict=True):
+        force = world.step(PositionSample(t_us, position_m))
+        state = (*world.contacts(), *world.surfaces_m()) if isinstance(world, Scene) else ()
+        rows.append((t_us, *position_m, *force.force_n, breaches_of(world), *state))
+    layers = [tissue.name for tissue in world.tissues] if isinstance(world, Scene) else []
+    names = ["t_us", *axis_columns("position", "m", axes), *axis_columns("force", "n", axes), "breaches"]
     names += [f"{layer}_contact" for layer in layers] + [f"{layer}_surface_m" for layer in layers]
     table = np.array(rows, dtype=np.float64).reshape(-1, len(names))
     whole = {"t_us", "breaches", *(f"{layer}_contact" for layer in layers)}

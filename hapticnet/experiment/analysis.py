@@ -10,8 +10,10 @@ import numpy.typing as npt
 
 from hapticnet.arrays import FloatArray
 from hapticnet.measure.metrics import ErrorReport, error_report
+from hapticnet.node.recording import axis_columns
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.wire import UDP_IPV4_HEADER_BYTES
+from hapticnet.samples import MAX_AXES
 from hapticnet.scene.tissue import Tissue
 
 Columns = Mapping[str, FloatArray]
@@ -86,8 +88,10 @@ def felt_error(law: WeberLaw, slave: Columns, master: Columns) -> ErrorReport:
     Unlike the error of the codec, this includes the round trip and every packet that was lost or late.
     """
     at_slave, at_master = matched(slave, master)
-    true, held = slave["force_n"][at_slave], master["held_n"][at_master]
-    return error_report(law, true[:, np.newaxis], held[:, np.newaxis])
+    axes = 1 if "force_n" in slave else sum(name in slave for name in axis_columns("force", "n", MAX_AXES))
+    true = np.column_stack([slave[name][at_slave] for name in axis_columns("force", "n", axes)])
+    held = np.column_stack([master[name][at_master] for name in axis_columns("held", "n", axes)])
+    return error_report(law, true, held)
 
 
 def matched(slave: Columns, master: Columns) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:

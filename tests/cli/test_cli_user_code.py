@@ -1,0 +1,195 @@
+"""Classes of users on the command line: scenes, operators and devices."""
+
+import asyncio
+import json
+import re
+import socket
+import subprocess
+import sys
+
+import pytest
+
+from hapticnet.cli import devices
+from hapticnet.cli.operators import make_operator
+from hapticnet.device.profile import Profile
+from hapticnet.errors import SettingsError, UnavailableError
+from hapticnet.operator.remote import RemoteOperator
+from hapticnet.operator.user import UserOperator
+
+RIG = """
+import sys
+
+class Sphere:
+    axes = 3
+    def step(self, sample):
+        return [100.0 * x for x in sample.position_m]
+    def close(self):
+        print("sphere closed", file=sys.stderr)
+
+class Fragile:
+    def step(self, sample):
+        if sample.position_m[0] > 0.005:
+            raise ValueError("it broke")
+        return 0.0
+
+class Orbit:
+    axes = 3
+    duration_us = 300_000
+    def __init__(self, radius=0.01):
+        self.radius, self.felt = radius, ()
+    def sample(self, t_us):
+        return self.radius, 0.0, -self.radius
+    def feel(self, t_us, force_n):
+        self.felt = force_n
+    def close(self):
+        print("felt", *(round(f, 2) for f in self.felt), file=sys.stderr)
+
+class Push(Orbit):
+    axes = 1
+    def sample(self, t_us):
+        return 1e-7 * t_us
+
+class Motor:
+    def exchange(self, displacement_m, now_us):
+        return max(0.0, 1000.0 * (displacement_m - 0.002))
+    def close(self):
+        print("motor off", file=sys.stderr)
+"""
+
+
+@pytest.fixture(autouse=True)
+def rig(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "rig.py").write_text(RIG)
+
+
+def make(spec, said=None):
+    return make_operator(spec, insertions=1, seed=0, say=(said if said is not None else []).append)
+
+
+def test_a_class_of_the_user_is_an_operator():
+    hand = make("rig.py:Orbit:radius=0.03")
+    assert isinstance(hand.operator, UserOperator)
+    assert hand.operator.sample(0).position_m == (0.03, 0.0, -0.03)
+    assert (str(hand.file), hand.report(), len(hand.watchers)) == ("rig.py", None, 1)
+
+
+def test_a_udp_operator_listens_on_loopback_unless_a_host_is_named():
+    said = []
+    hands = [make(spec, said) for spec in ("udp:0", "udp:127.0.0.1:0:axes=3", "udp:0.0.0.0:0")]
+    for each in hands:
+        asyncio.run(each.watchers[0].stop())
+    hand = hands[0]
+    assert isinstance(hand.operator, RemoteOperator)
+    assert re.fullmatch(r"positions are read from 127\.0\.0\.1:\d+", said[0])
+    assert hands[1].operator.axes == 3
+    assert said[1].endswith(", 3 axes")
+    assert said[3].startswith("warning: whoever reaches 0.0.0.0:")
+    assert len(said) == 4
+    assert hand.report() == {"positions": 0, "malformed": 0, "strangers": 0, "silences": 0, "answers": 0}
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        ("nobody", r"unknown operator 'nobody'; there are: scripted, trace:FILE\[:COLUMN,…\], udp:"),
+        ("udp:", "unknown operator 'udp:'"),
+        ("udp:fast", "port 'fast' of address"),
+        ("udp:70000", "port '70000'"),
+        ("udp:1234:axes=4", r"expected udp:\[HOST:\]PORT, or udp:\[HOST:\]PORT:axes=1, 2 or 3"),
+        ("udp:1234:axis=2", "expected udp:"),
+        ("rig.py:Motor", r"operator rig.py:Motor: has no method sample\(t_us\)"),
+        (
+            "rig.py:Orbit:size=1",
+            "operator rig.py:Orbit: making it raised TypeError: .*unexpected keyword argument 'size'",
+        ),
+        ("rig.py", "name the class in the file too"),
+    ],
+)
+def test_operators_that_cannot_be_used_are_refused_in_one_line(spec, message):
+    with pytest.raises(SettingsError, match=message) as refused:
+        make(spec)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_port_in_use_is_told():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        with pytest.raises(UnavailableError, match="the port is in use"):
+            make(f"udp:{taken.getsockname()[1]}")
+
+
+def test_a_class_of_the_user_is_a_device_that_is_retracted_and_closed_at_the_end(capfd):
+    with devices.real_time_device("rig.py:Motor", Profile(), 0) as (device, wire):
+        assert wire is None
+        assert device.exchange(0.003, 1000).force_n == pytest.approx(1.0)
+    assert capfd.readouterr().err == "motor off\n"
+    with pytest.raises(SettingsError, match=r"device rig.py:Orbit: has no method exchange\(displacement_m, now_us\)"):
+        devices.real_time_device("rig.py:Orbit", Profile(), 0).__enter__()
+    with pytest.raises(SettingsError, match=r"unknown device 'dev/tty'; choose from sim.*FILE\.py:CLASS"):
+        devices.check_device("dev/tty")
+
+
+def hapticnet(*arguments):
+    return subprocess.run(
+        [sys.executable, "-m", "hapticnet", *arguments], capture_output=True, text=True, timeout=60, check=False
+    )
+
+
+class Slave:
+    def __init__(self, scene):
+        command = [sys.executable, "-m", "hapticnet", "slave", "--listen", "127.0.0.1:0", "--scene", scene]
+        self.process = subprocess.Popen(
+            [*command, "--no-realtime", "--json"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+
+    def __enter__(self):
+        for line in self.process.stderr:
+            if "listening on " in line:
+                self.address = line.split("listening on ")[1].split(",")[0]
+                return self
+        raise AssertionError("the slave did not start")
+
+    def __exit__(self, *_):
+        self.process.terminate()
+        self.out, self.err = self.process.communicate(timeout=20)
+
+
+def test_own_scene_own_hand_and_own_device_play_together_along_three_axes():
+    with Slave("rig.py:Sphere") as slave:
+        played = hapticnet(
+            "master", "--connect", slave.address, "--operator", "rig:Orbit:radius=0.02", "--device", "rig.py:Motor",
+            "--device-takes", "z", "--no-realtime", "--json", "--codec", "raw",
+        )  # fmt: skip
+    assert played.returncode == 0, played.stderr
+    assert "felt 2.0 0.0 -2.0" in played.stderr
+    assert "motor off" in played.stderr
+    report = json.loads(played.stdout)
+    assert (report["scene"], report["device"]["description"]) == ("Sphere", "Motor (own device)")
+    assert slave.process.returncode == 0
+    assert "sphere closed" in slave.err
+
+
+def test_a_scene_that_breaks_ends_the_session_with_one_line_on_both_sides_and_the_slave_goes_on():
+    with Slave("rig.py:Fragile") as slave:
+        for _ in range(2):
+            played = hapticnet(
+                "master", "--connect", slave.address, "--operator", "rig.py:Push", "--device", "none", "--no-realtime"
+            )
+            assert played.returncode != 0
+            line = "the slave closed: the scene failed: Fragile.step raised ValueError: it broke (rig.py, line 14)"
+            assert played.stderr.splitlines()[-1] == f"hapticnet: {line}"
+            assert "Traceback" not in played.stderr
+    assert slave.err.count("it broke") == 2
+    assert "Traceback" not in slave.err
+    assert len(json.loads(slave.out)["sessions"]) == 2
+
+
+def test_a_scene_of_ones_own_is_tried_without_a_network():
+    with open("path.csv", "w") as file:
+        file.write("t_us,position_m\n0,0.001\n1000,0.004\n2000,0.006\n")
+    tried = hapticnet("scene", "run", "rig.py:Fragile", "--positions", "path.csv")
+    assert tried.stderr.strip() == "hapticnet: Fragile.step raised ValueError: it broke (rig.py, line 14)"
+    assert hapticnet("scene", "show", "rig.py:Sphere", "--json").stdout.startswith(
+        '{\n  "name": "Sphere",\n  "axes": 3'
+    )
