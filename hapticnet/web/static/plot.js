@@ -8,7 +8,7 @@ import { palette } from "./palette.js";
 
 export const LINES = ["true", "held", "sensed", "band"];
 
-const STEPS_N = [0.5, 1, 2, 3, 4, 6, 8, 10, 15, 20, 30, 50, 100, 200, 500, 1000];
+const STEPS_N = [1, 2, 3, 4, 6, 8, 10, 15, 20, 30, 50, 100, 200, 500, 1000];
 const SHRINK_AFTER_MS = 3000;
 const MARK_PX = 9;
 const DASH_PX = 9;

@@ -23,7 +23,7 @@ export class SceneView {
    */
   constructor(canvas, { onBreach = () => {} } = {}) {
     this._canvas = canvas;
-    this._context = canvas.getContext("2d");
+    this._context = canvas.getContext("2d", { alpha: false });
     this._onBreach = onBreach;
     this._tissues = [];
     this._rangeM = [0, 0.085];
@@ -80,7 +80,7 @@ export class SceneView {
    */
   draw(nowMs, { wantedM = null, forceN = null, invites = false } = {}) {
     const context = this._context;
-    if (!this._width) return;
+    if (!this._width || this._isDrawn(nowMs, [wantedM, forceN, invites])) return;
     context.setTransform(this._ratio, 0, 0, this._ratio, 0, 0);
     this._drawSky(context);
     const surfaces = this._tissues.map((_, index) => this._surface(index, nowMs));
@@ -101,6 +101,16 @@ export class SceneView {
     if (wantedM !== null) drawWanted(context, this, needle, wantedM);
     context.restore();
     drawRuler(context, this, wantedM);
+  }
+
+  /** Whether the canvas already shows this. A scene at rest then costs nothing. */
+  _isDrawn(nowMs, shown) {
+    const moves = this._ripples.length > 0 || (shown.at(-1) && !still.matches);
+    const frame = this._frame;
+    const state = moves ? nowMs : [this.tipM, frame?.surfacesM, frame?.contacts, ...shown].join();
+    if (state === this._drawnState) return true;
+    this._drawnState = state;
+    return false;
   }
 
   /** Pixels from the top for a depth [m]. */
@@ -151,6 +161,7 @@ export class SceneView {
     this._radiusPx = Math.max(LEAST_NEEDLE_PX, NEEDLE_RADIUS_M * this._scale);
     this._stations = stations(this._tissueWidth / 2 / this._scale + 0.001);
     this._fills = null;
+    this._drawnState = null;
   }
 
   /** Heights [px] of a surface at each station. */
@@ -243,15 +254,17 @@ export class SceneView {
     context.strokeStyle = this._fills.lamellae[this.shade(index) > 3 ? 1 : 0];
     context.lineWidth = 1.2;
     context.setLineDash(LAMELLA_DASHES[index % LAMELLA_DASHES.length]);
+    context.beginPath(); // one stroke for all lines of a layer: half the time
     for (let k = 1; k <= LAMELLAE; k += 1) {
       const share = k / (LAMELLAE + 1);
-      const line = new Path2D();
-      this._trace(
-        line,
-        heights.map((height, at) => height + share * (Math.max(height, below?.[at] ?? floor) - height)),
-      );
-      context.stroke(line);
+      for (let at = 0; at < heights.length; at += 1) {
+        const y = heights[at] + share * (Math.max(heights[at], below?.[at] ?? floor) - heights[at]);
+        const x = this._middle + this._stations[at] * this._scale;
+        if (at === 0) context.moveTo(x, y);
+        else context.lineTo(x, y);
+      }
     }
+    context.stroke();
     context.setLineDash([]);
   }
 

@@ -112,6 +112,7 @@ export class Stage {
     const had = this._holder;
     this._holder = holder;
     this._handState = state;
+    this._error = null;
     this.hand.setHolder(holder);
     this._show();
     if (holder !== had) this.announce(byId("hand-state").textContent);
@@ -229,7 +230,7 @@ export class Stage {
     this.hand.advance(nowMs);
     this._on.draw?.(nowMs);
     const forceN = this._on.forceN?.() ?? null;
-    const invites = this._holder === "nobody" && this._handState === "free" && this.hand.obstacle === null;
+    const invites = this._ready && this._holder === "nobody" && this._handState === "free" && this.hand.obstacle === null;
     this.scene.draw(nowMs, { wantedM: this.hand.isOurs ? this.hand.wantedM : null, forceN, invites });
     if (nowMs - this._wordsMs > WORDS_EVERY_MS) {
       this._wordsMs = nowMs;

@@ -56,8 +56,8 @@ function configure(hello) {
     const link = byId("operator-link");
   link.hidden = !hello.operator_url;
   if (hello.operator_url) link.href = hello.operator_url;
-  showLine("sensed", hello.device !== null && shown.get("sensed"));
   document.querySelector('[data-line="sensed"]').hidden = hello.device === null;
+  plot.show("sensed", hello.device !== null && shown.get("sensed"));
   byId("event-list").querySelector("ol").replaceChildren();
   about = [`${count(hello.rate_hz)} Hz`, hello.device && `device ${hello.device}`];
 }
