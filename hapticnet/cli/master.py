@@ -44,7 +44,10 @@ def master(
     connect_timeout: Annotated[
         float | None, typer.Option(min=0.0, help="Give up when no slave answers for this many seconds.")
     ] = None,
-    record: Annotated[Path | None, typer.Option(metavar="FILE", help="Write every tick to FILE as CSV.")] = None,
+    record: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Record every tick, datagram and event in FILE: .mcap, .csv or .npz."),
+    ] = None,
     record_limit: options.RecordLimit = options.RECORD_LIMIT,
     realtime: options.Realtime = True,
     json: options.Json = False,
@@ -71,17 +74,19 @@ def master(
     from hapticnet.cli.key import default_key
     from hapticnet.cli.master_messages import MasterMessages
     from hapticnet.cli.operators import make_operator
-    from hapticnet.cli.recording import MasterRecording
     from hapticnet.cli.trust import master_key, refusal_advice
     from hapticnet.codec.registry import parse_codec
     from hapticnet.errors import RefusedError, UnavailableError
+    from hapticnet.experiment.provenance import provenance
     from hapticnet.node.master import MasterNode, MasterSettings, NodeEvent
     from hapticnet.perception import WeberLaw
     from hapticnet.protocol.settings import SessionSettings
+    from hapticnet.recordings.session.archive import check_format
     from hapticnet.runtime.entropy import SystemEntropy
     from hapticnet.runtime.master_run import run_master
     from hapticnet.runtime.overload import Overload, signs
     from hapticnet.runtime.realtime import OTHER, policy, prefer_realtime, run
+    from hapticnet.runtime.session_recordings import MasterRecording
     from hapticnet.runtime.udp import is_loopback, open_toward, parse_host_port
 
     law = WeberLaw(weber_fraction=weber, floor_n=floor, multiplier=multiplier)
@@ -100,6 +105,7 @@ def master(
         key=keys,
         session=SessionSettings(max_age_us=round(max_age * 1e6)),
         record=record is not None,
+        record_datagrams=record is not None,
         device_takes=device_takes,
         control=devices.control_settings(known),
     )
@@ -112,6 +118,8 @@ def master(
     }
     if duration is None and hand.operator.duration_us is not None:
         duration = hand.operator.duration_us / 1e6
+    if record is not None:
+        check_format(record)
     check_outputs(record, report, inputs=[profile, hand.file, None if keys is None else key or default_key()])
     scheduling = prefer_realtime() if realtime else OTHER
     kind = "an open session" if keys is None else "a sealed session"
@@ -130,7 +138,12 @@ def master(
         messages = MasterMessages(console, node, str(address), keys)
         watchers: list[Watcher[NodeEvent]] = [messages, *hand.watchers]
         if record is not None:
-            recording = MasterRecording(node, record, console.say, limit_bytes=record_limit)
+            about = {
+                "seed": seed, "operator": operator, "device": device,
+                "channel_out": channels["channel_out"].describe(), "channel_in": channels["channel_in"].describe(),
+                "provenance": provenance(),
+            }  # fmt: skip
+            recording = MasterRecording(node, record, console.say, limit_bytes=record_limit, about=about)
             watchers.append(recording)
         outcome = run(
             run_master(
@@ -163,7 +176,7 @@ def master(
         deliver(account, as_json=json, file=report, real_time=True)
     finally:  # the reader of stdout may have gone
         if recording is not None:
-            recording.recorder.finish()
+            recording.recorder.check()
     if node.refused:
         raise RefusedError(f"{address} refused the session: {node.end_reason}{refusal_advice(keys, messages.refusal)}")
     if node.failure is not None:

@@ -10,6 +10,7 @@ from hapticnet.files import MAX_BYTES, parse_bytes
 MAX_SIZE: Final = MAX_BYTES
 RECORD_LIMIT: Final = 2 * 2**30
 Missing: TypeAlias = Literal["refuse", "drop", "hold"]
+RecordFormat: TypeAlias = Literal["csv", "mcap", "npz"]
 
 
 Codec: TypeAlias = Annotated[

@@ -39,8 +39,10 @@ def slave(
     channel_out: options.ChannelOut = "perfect",
     seed: options.Seed = 0,
     record: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Write each session's samples to DIR/NAME-SESSION.csv.")
+        Path | None,
+        typer.Option(metavar="DIR", help="Record each session in DIR/NAME-SESSION and the format's suffix."),
     ] = None,
+    record_format: Annotated[options.RecordFormat, typer.Option(help="Format of the recordings.")] = "csv",
     record_limit: options.RecordLimit = options.RECORD_LIMIT,
     realtime: options.Realtime = True,
     json: options.Json = False,
@@ -63,11 +65,11 @@ def slave(
     from hapticnet.channel.spec import parse_channel
     from hapticnet.checks import check_parameter
     from hapticnet.cli.console import Console, channel_account, check_outputs, deliver
-    from hapticnet.cli.recording import SlaveRecording
     from hapticnet.cli.slave_messages import SlaveMessages, place
     from hapticnet.cli.trust import slave_trust
     from hapticnet.codec.registry import parse_codec, register_installed_codecs
     from hapticnet.errors import FileError, SettingsError
+    from hapticnet.experiment.provenance import provenance
     from hapticnet.files import check_folder
     from hapticnet.node.admission import SlaveSettings
     from hapticnet.node.slave import SlaveEvent, SlaveNode
@@ -75,10 +77,12 @@ def slave(
     from hapticnet.protocol.keys import MasterEntry
     from hapticnet.protocol.settings import SessionSettings
     from hapticnet.protocol.wire import OPEN, SEALED
+    from hapticnet.recordings.session.archive import check_format
     from hapticnet.runtime.clock import now_us
     from hapticnet.runtime.entropy import SystemEntropy
     from hapticnet.runtime.overload import Overload
     from hapticnet.runtime.realtime import OTHER, policy, prefer_realtime, run
+    from hapticnet.runtime.session_recordings import SlaveRecording
     from hapticnet.runtime.slave_run import run_slave
     from hapticnet.runtime.udp import bound_address, host_of, is_loopback, parse_host_port
     from hapticnet.runtime.udp import listen as listen_on
@@ -112,6 +116,7 @@ def slave(
         SlaveSettings(
             fastest_rate_hz=fastest_rate,
             record=record is not None,
+            record_datagrams=record is not None,
             session=SessionSettings(most_sessions=most_sessions, most_per_identity=seats, keep_us=round(keep * 1e6)),
         ),
         entropy,
@@ -121,12 +126,16 @@ def slave(
     )
     channel = None if out.is_perfect else Emulator[Any](out, np.random.default_rng([seed, 1]))
     if record is not None:
+        check_format(Path(f"session.{record_format}"))
         check_folder(record)
     check_outputs(report, inputs=[source.file, *trust.files])
     watchers: list[Watcher[SlaveEvent]] = [SlaveMessages(console, node, guests)]
     recording = None
     if record is not None:
-        recording = SlaveRecording(node, record, console.say, limit_bytes=record_limit)
+        about = {"seed": seed, "scene": scene, "channel_out": out.describe(), "provenance": provenance()}
+        recording = SlaveRecording(
+            node, record, console.say, suffix=f".{record_format}", limit_bytes=record_limit, about=about
+        )
         watchers.append(recording)
     terminals = [descriptor for descriptor in (0, 1, 2) if os.isatty(descriptor)]
 
@@ -179,4 +188,4 @@ def slave(
         deliver(account, as_json=json, file=report, real_time=True)
     finally:  # the reader of stdout may have gone
         if recording is not None:
-            recording.recorder.finish()
+            recording.recorder.check()

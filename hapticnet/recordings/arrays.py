@@ -14,6 +14,9 @@ from hapticnet.recordings.columns import printable
 
 Arrays = Mapping[str, npt.NDArray[Any]]
 
+_SESSION = {"about", "events"}
+"""Arrays that a recording of hapticnet has beside its tables; see `session.npz_writer`."""
+
 
 class ArraySource:
     """Arrays as columns; satisfies `sources.Source`.
@@ -100,6 +103,8 @@ def open_npz(path: Path, max_bytes: int) -> ArraySource:
             if member.filename.endswith(".npy"):
                 with archive.open(member) as file:
                     arrays[member.filename.removesuffix(".npy")] = _load_array(path, file, max_bytes)
+    if _SESSION.issubset(arrays):  # a recording of hapticnet: the main table is what is meant
+        arrays = {name: array for name, array in arrays.items() if "." not in name and name not in _SESSION}
     return _named(path, arrays)
 
 

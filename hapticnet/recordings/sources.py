@@ -9,16 +9,26 @@ from typing import Final, Protocol
 from hapticnet.arrays import FloatArray, IntArray
 from hapticnet.errors import FileError, HapticnetError
 from hapticnet.files import check_readable
-from hapticnet.recordings.arrays import open_mat, open_npy, open_npz, open_parquet
+from hapticnet.recordings.arrays import ArraySource, open_mat, open_npy, open_npz, open_parquet
 from hapticnet.recordings.delimited import DelimitedSource
+from hapticnet.recordings.session.mcap_reader import read_mcap
 
-_READABLE: Final = "CSV, TSV, .npy, .npz, .mat and .parquet can be read"
+_READABLE: Final = "CSV, TSV, .npy, .npz, .mat, .parquet and hapticnet's own .mcap can be read"
+
+
+def open_mcap(path: Path, max_bytes: int) -> ArraySource:
+    """Return the main table of a recording that hapticnet wrote as MCAP, as columns."""
+    columns = read_mcap(path, max_bytes).main
+    rows = len(next(iter(columns.values())))
+    return ArraySource(path, list(columns), lambda names: [columns[name] for name in names], rows)
+
 
 _READERS: Final[dict[str, Callable[[Path, int], "Source"]]] = {
     "a NumPy array": open_npy,
     "a NumPy archive": open_npz,
     "a MATLAB file": open_mat,
     "a Parquet file": open_parquet,
+    "an MCAP file": open_mcap,
     "a text table": lambda path, _: DelimitedSource(path),
 }
 
@@ -26,7 +36,7 @@ _KINDS: Final = (
     (b"\x93NUMPY", "a NumPy array", ""),
     (b"MATLAB 5.0 MAT-file", "a MATLAB file", ""),
     (b"PAR1", "a Parquet file", ""),
-    (b"\x89MCAP", "an MCAP file", "MCAP is not supported yet; export it as CSV"),
+    (b"\x89MCAP", "an MCAP file", ""),
     (b"MATLAB 7.3 MAT-file", "a MATLAB v7.3 file (HDF5)", "save it with '-v7'"),
     (b"\x89HDF\r\n\x1a\n", "an HDF5 file", "export it as CSV or .npz"),
     (b"#ROSBAG V", "a ROS bag", "export it as CSV"),

@@ -162,7 +162,7 @@ def zipped(name):
     [
         (b"MATLAB 7.3 MAT-file".ljust(512) + b"\x89HDF\r\n\x1a\n", r"a MATLAB v7\.3 file \(HDF5\); save it with '-v7'"),
         (b"\x89HDF\r\n\x1a\n\0\0", "an HDF5 file"),
-        (b"\x89MCAP0\r\n\0\0", "an MCAP file; MCAP is not supported yet"),
+        (b"\x89MCAP0\r\n\0\0", "an MCAP file, but not a recording of hapticnet: it has no topics"),
         (b"#ROSBAG V2.0\n\0\0", "a ROS bag"),
         (b"SQLite format 3\0", "an SQLite database, such as a ROS 2 bag"),
         (b"\x1f\x8b\x08\0", "a gzip archive; unpack it first"),

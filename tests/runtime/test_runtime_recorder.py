@@ -1,6 +1,8 @@
-"""Rows reach the disk while a run goes on, and a disk that is full, slow or gone ends the recording only."""
+"""Rows reach the writer process while a run goes on. Process, pipe or disk may fail; the run never waits."""
 
-import threading
+import contextlib
+import os
+import signal
 import time
 from pathlib import Path
 
@@ -9,9 +11,13 @@ import pytest
 
 from hapticnet.errors import FileError
 from hapticnet.node.recording import Recording
-from hapticnet.recordings.tables import read_csv, write_csv
+from hapticnet.recordings.session.frames import Table
+from hapticnet.recordings.session.reading import read_session
+from hapticnet.recordings.session.recovery import recover_file
+from hapticnet.recordings.session.sink import UNFINISHED
+from hapticnet.runtime import feed as feed_module
 from hapticnet.runtime import recorder as recorder_module
-from hapticnet.runtime.recorder import BYTES_PER_NUMBER, SPOOL_SUFFIX, Recorder
+from hapticnet.runtime.recorder import Recorder
 
 COLUMNS = ("t_us", "position_m", "force_n")
 PATIENCE_S = 20.0
@@ -24,16 +30,25 @@ def said() -> list[str]:
 
 
 @pytest.fixture
-def recording() -> Recording:
-    return Recording(COLUMNS)
+def recorder(said):
+    """Return a recorder whose writer ends with the test."""
+    recorder = Recorder(said.append, limit_bytes=PLENTY)
+    yield recorder
+    if recorder.feed.pid is not None:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(recorder.feed.pid, signal.SIGCONT)
+    recorder.finish()
 
 
-def add(recording: Recording, count: int, seed: int = 0) -> dict[str, np.ndarray]:
-    """Add rows, and return them as columns."""
-    rows = np.random.default_rng(seed).normal(size=(count, len(COLUMNS)))
-    for row in rows.tolist():
-        recording.add(tuple(row))
-    return dict(zip(COLUMNS, rows.T, strict=True))
+def open_file(recorder: Recorder, path: Path) -> int | None:
+    return recorder.open(path, "master", [Table.of("tick", COLUMNS)], 0, {})
+
+
+def add(recorder: Recorder, number: int, count: int, first: int = 0) -> None:
+    recording = Recording(COLUMNS)
+    for row in range(first, first + count):
+        recording.add((1000.0 * row, 0.5, -0.25))
+    recorder.feed.rows(number, 0, recording.take())
 
 
 def wait_for(what) -> None:
@@ -43,137 +58,154 @@ def wait_for(what) -> None:
         time.sleep(0.001)
 
 
-def test_a_recording_in_pieces_becomes_the_same_file_as_one_written_at_once(tmp_path, recording, said):
-    recorder = Recorder(said.append, limit_bytes=PLENTY)
-    pieces = []
-    for seed in range(5):
-        pieces.append(add(recording, 100, seed))
-        recorder.collect(recording, tmp_path / "a.csv")
-        assert len(recording) == 0, "what is handed over is not kept in memory"
-    recorder.end(tmp_path / "a.csv")
+def pump_until(recorder: Recorder, what) -> None:
+    wait_for(lambda: recorder.feed.pump() or what())
+
+
+def times(path: Path) -> np.ndarray:
+    return read_session(path).main["t_us"]
+
+
+def test_a_recording_in_pieces_becomes_one_file(tmp_path, recorder, said):
+    number = open_file(recorder, tmp_path / "a.mcap")
+    for first in range(0, 500, 100):
+        add(recorder, number, 100, first)
+        recorder.feed.pump()
+    recorder.end(number, {"report": {"ticks": 500}})
     recorder.finish()
-    write_csv(tmp_path / "b.csv", {name: np.concatenate([piece[name] for piece in pieces]) for name in COLUMNS})
-    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["a.csv", "b.csv"]
+    recorder.check()
+    np.testing.assert_array_equal(times(tmp_path / "a.mcap"), 1000 * np.arange(500))
     assert said == []
     assert recorder.report() == {"files": 1, "sessions_not_recorded": 0, "stopped": None}
 
 
-def test_until_then_the_rows_are_in_a_spool_that_can_be_read(tmp_path, recording, said):
-    recorder = Recorder(said.append, limit_bytes=PLENTY)
-    rows = add(recording, 100)
-    recorder.collect(recording, tmp_path / "a.csv")
-    spool = tmp_path / f"a.csv{SPOOL_SUFFIX}"
-    wait_for(lambda: spool.exists() and spool.stat().st_size > 8 * 3 * 100)
-    with spool.open("rb") as file:  # as docs/recordings.md says
-        names = file.readline().decode().strip().split(",")
-        values = np.frombuffer(file.read()).reshape(-1, len(names))
-    assert tuple(names) == COLUMNS
-    np.testing.assert_array_equal(values, np.stack(list(rows.values()), axis=1))
+def test_the_writer_has_normal_priority_and_a_session_of_its_own(tmp_path, recorder):
+    number = open_file(recorder, tmp_path / "a.csv")
+    add(recorder, number, 1)
+    pump_until(recorder, lambda: recorder.feed.pid is not None)
+    pid = recorder.feed.pid
+    assert os.sched_getscheduler(pid) == os.SCHED_OTHER
+    assert os.getsid(pid) == pid != os.getsid(0)
+
+
+def test_signals_to_the_writer_do_not_end_it(tmp_path, recorder):
+    number = open_file(recorder, tmp_path / "a.csv")
+    add(recorder, number, 10)
+    pump_until(recorder, (tmp_path / f"a.csv{UNFINISHED}").exists)
+    for signal_number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        os.kill(recorder.feed.pid, signal_number)
+    add(recorder, number, 10, first=10)
     recorder.finish()
+    recorder.check()
+    assert len(times(tmp_path / "a.csv")) == 20
 
 
-def test_a_spool_that_a_killed_run_left_is_not_touched(tmp_path, recording, said):
-    left = tmp_path / f"a.csv{SPOOL_SUFFIX}"
-    left.write_text("precious")
-    recorder = Recorder(said.append, limit_bytes=PLENTY)
-    add(recording, 10)
-    recorder.collect(recording, tmp_path / "a.csv")
+@pytest.mark.parametrize("suffix", [".mcap", ".csv", ".npz"])
+def test_a_writer_that_is_killed_is_told_in_one_line_and_its_file_can_be_recovered(tmp_path, recorder, said, suffix):
+    path = tmp_path / f"a{suffix}"
+    number = open_file(recorder, path)
+    add(recorder, number, 100)
+    unfinished = tmp_path / f"a{suffix}{UNFINISHED}"
+    rows = unfinished / "tick.rows" if suffix == ".npz" else unfinished
+    pump_until(recorder, lambda: rows.exists() and rows.stat().st_size > 1200)
+    os.kill(recorder.feed.pid, signal.SIGKILL)
+    pump_until(recorder, lambda: recorder.feed.stopped is not None)
+    add(recorder, number, 100, first=100)
+    recorder.end(number, {})
     recorder.finish()
-    assert left.read_text() == "precious"
-    assert len(read_csv(tmp_path / "a.csv")["t_us"]) == 10
+    assert said == [
+        "recording stops: its writer process ended (signal 9); 'hapticnet recover' completes what was written"
+    ]
+    with pytest.raises(FileError, match="incomplete: its writer process ended"):
+        recorder.check()
+    recover_file(unfinished)
+    assert len(times(path)) == 100
 
 
-def test_files_are_made_when_nobody_waits(tmp_path, recording, said):
-    recorder = Recorder(said.append, limit_bytes=PLENTY)
-    add(recording, 1000)
-    recorder.collect(recording, tmp_path / "a.csv")
-    recorder.end(tmp_path / "a.csv")
-    spool = tmp_path / f"a.csv{SPOOL_SUFFIX}"
-    wait_for(lambda: spool.exists() and spool.stat().st_size > 8 * 3 * 1000)
-    assert not (tmp_path / "a.csv").exists()
-    recorder.set_idle(True)
-    wait_for(lambda: not spool.exists())
-    assert len(read_csv(tmp_path / "a.csv")["t_us"]) == 1000
+def test_a_pipe_that_ends_without_a_word_completes_the_files(tmp_path, recorder):
+    """This is what the writer sees when the node is killed."""
+    number = open_file(recorder, tmp_path / "a.mcap")
+    add(recorder, number, 100)
     recorder.finish()
+    assert len(times(tmp_path / "a.mcap")) == 100
 
 
-def test_disk_space_is_bounded(tmp_path, recording, said):
-    limit = BYTES_PER_NUMBER * 3 * 250
-    recorder = Recorder(said.append, limit_bytes=limit)
-    for seed in range(5):
-        add(recording, 100, seed)
-        recorder.collect(recording, tmp_path / "a.csv")
+def test_memory_is_bounded_when_the_disk_is_slow_and_nothing_waits(tmp_path, recorder, said, monkeypatch):
+    monkeypatch.setattr(feed_module, "MOST_WAITING_BYTES", 3 * 2**20)
+    number = open_file(recorder, tmp_path / "a.npz")
+    add(recorder, number, 1)
+    pump_until(recorder, (tmp_path / f"a.npz{UNFINISHED}").exists)
+    os.kill(recorder.feed.pid, signal.SIGSTOP)  # as a disk that does not answer
+    block = np.zeros((10_000, 3))
+    for first in range(0, 1_000_000, 10_000):
+        block[:, 0] = np.arange(first, first + 10_000)
+        recording = Recording(COLUMNS)
+        recording.add(tuple(block.ravel()))
+        recorder.feed.rows(number, 0, recording.take())
+        recorder.feed.pump()
+    assert said == ["recording stops: the disk is too slow"]
+    os.kill(recorder.feed.pid, signal.SIGCONT)
     recorder.finish()
-    assert len(read_csv(tmp_path / "a.csv")["t_us"]) == 200, "what was recorded before is kept"
-    assert (tmp_path / "a.csv").stat().st_size <= limit
-    assert said == [f"recording stops: the limit of {limit:,} bytes is reached (--record-limit)"]
+    assert 10_000 < len(times(tmp_path / "a.npz")) < 500_000, "what was recorded before is kept"
+    with pytest.raises(FileError, match="too slow"):
+        recorder.check()
+
+
+def test_a_run_does_not_wait_for_ever_for_a_disk_that_does_not_answer(tmp_path, recorder, said, monkeypatch):
+    monkeypatch.setattr(feed_module, "FINISH_WITHIN_S", 0.1)
+    number = open_file(recorder, tmp_path / "a.csv")
+    add(recorder, number, 1)
+    pump_until(recorder, (tmp_path / f"a.csv{UNFINISHED}").exists)
+    os.kill(recorder.feed.pid, signal.SIGSTOP)
+    recorder.finish()
+    assert said == [f"recording stops: the disk is slow; process {recorder.feed.pid} goes on writing"]
+    os.kill(recorder.feed.pid, signal.SIGCONT)
+    wait_for((tmp_path / "a.csv").exists)
+
+
+def test_a_folder_that_is_gone_ends_the_recording_only(tmp_path, recorder, said):
+    number = open_file(recorder, tmp_path / "gone" / "a.csv")
+    add(recorder, number, 10)
+    pump_until(recorder, lambda: recorder.feed.stopped is not None)
+    add(recorder, number, 10)
+    recorder.finish()
+    assert said == [f"recording stops: {tmp_path}/gone/a.about.json{UNFINISHED}: No such file or directory"]
+    with pytest.raises(FileError, match=r"incomplete: .*gone"):
+        recorder.check()
+
+
+def test_reaching_the_limit_is_no_error(tmp_path, said):
+    recorder = Recorder(said.append, limit_bytes=20_000)
+    number = open_file(recorder, tmp_path / "a.csv")
+    for first in range(0, 10_000, 100):
+        add(recorder, number, 100, first)
+    recorder.finish()
+    recorder.check()
+    assert said == ["recording stops: the limit of 20,000 bytes is reached (--record-limit)"]
     assert recorder.report()["stopped"] is not None
+    assert (tmp_path / "a.csv").stat().st_size <= 20_000
 
 
-def test_the_number_of_files_is_bounded(tmp_path, recording, said, monkeypatch):
+def test_the_number_of_files_is_bounded(tmp_path, recorder, said, monkeypatch):
     monkeypatch.setattr(recorder_module, "MOST_FILES", 3)
-    recorder = Recorder(said.append, limit_bytes=PLENTY)
-    for number in range(10):
-        for _ in range(2):
-            add(recording, 1)
-            recorder.collect(recording, tmp_path / f"{number}.csv")
-        recorder.end(tmp_path / f"{number}.csv")
+    numbers = [open_file(recorder, tmp_path / f"{number}.csv") for number in range(10)]
+    assert numbers == [1, 2, 3, *[None] * 7]
+    for number in (1, 2, 3):
+        add(recorder, number, 1)
     recorder.finish()
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["0.csv", "1.csv", "2.csv"]
+    assert sorted(file.name for file in tmp_path.glob("?.csv")) == ["0.csv", "1.csv", "2.csv"]
     assert said == ["3 sessions are recorded; later ones are not", "7 sessions were not recorded"]
 
 
-def test_a_folder_that_is_gone_is_told_in_one_line_and_ends_the_recording_only(tmp_path, recording, said):
-    folder = tmp_path / "gone"
-    recorder = Recorder(said.append, limit_bytes=PLENTY)
-    for seed in range(3):
-        add(recording, 10, seed)
-        recorder.collect(recording, folder / "a.csv")
-        assert len(recording) == 0
-    with pytest.raises(FileError, match=r"incomplete: .*gone.*No such file"):
-        recorder.finish()
-    assert len([line for line in said if line.startswith("recording stops: ")]) == 1
-
-
-def test_memory_is_bounded_when_the_disk_is_slow(tmp_path, recording, said, monkeypatch):
-    monkeypatch.setattr(recorder_module, "MOST_WAITING_BYTES", 8 * 3 * 250)
-    disk = threading.Event()
-    append = Recorder._append
-    monkeypatch.setattr(Recorder, "_append", lambda *arguments: (disk.wait(PATIENCE_S), append(*arguments)))
-    recorder = Recorder(said.append, limit_bytes=PLENTY)
-    for seed in range(5):
-        add(recording, 100, seed)
-        recorder.collect(recording, tmp_path / "a.csv")
-    disk.set()
-    with pytest.raises(FileError, match="too slow"):
-        recorder.finish()
-    assert len(read_csv(tmp_path / "a.csv")["t_us"]) == 200
-    assert said == [f"recording stops: the disk is too slow for {tmp_path}"]
-
-
-def test_rows_that_cannot_become_a_file_are_kept(tmp_path, recording, said):
-    (tmp_path / "a.csv").mkdir()
-    recorder = Recorder(said.append, limit_bytes=PLENTY)
-    add(recording, 10)
-    recorder.collect(recording, tmp_path / "a.csv")
-    with pytest.raises(FileError, match=f"the rows are kept in .*{SPOOL_SUFFIX}"):
-        recorder.finish()
-    assert (tmp_path / f"a.csv{SPOOL_SUFFIX}").stat().st_size > 8 * 3 * 10
-
-
-def test_a_fault_in_the_thread_is_told_and_nobody_waits_for_it(tmp_path, recording, said, monkeypatch):
-    monkeypatch.setattr(Recorder, "_begin", lambda *_: 1 / 0)
-    recorder = Recorder(said.append, limit_bytes=PLENTY)
-    add(recording, 10)
-    recorder.collect(recording, tmp_path / "a.csv")
-    with pytest.raises(FileError, match="ZeroDivisionError"):
-        recorder.finish()
-
-
-def test_an_empty_recording_makes_no_file(tmp_path, recording, said):
-    recorder = Recorder(said.append, limit_bytes=PLENTY)
-    recorder.collect(recording, tmp_path / "a.csv")
-    recorder.end(tmp_path / "a.csv")
+def test_a_writer_that_cannot_start_is_told_in_one_line(tmp_path, recorder, said, monkeypatch):
+    monkeypatch.setattr(feed_module.sys, "executable", str(tmp_path / "missing"))
+    number = open_file(recorder, tmp_path / "a.csv")
+    add(recorder, number, 1)
     recorder.finish()
-    assert list(Path(tmp_path).iterdir()) == []
+    assert said == ["recording stops: the writer cannot be started: No such file or directory"]
+
+
+def test_a_run_without_rows_makes_no_file_and_starts_no_process(tmp_path, recorder):
+    recorder.finish()
+    assert recorder.feed.pid is None
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,1 @@
+"""Recordings of hapticnet's own sessions: written as they grow, read back, and completed after a crash."""

@@ -1,0 +1,255 @@
+"""MCAP files read back: whole, cut off anywhere, or damaged. Source: mcap.dev/spec."""
+
+import json
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import IO, Any, Final, TypeAlias
+
+import numpy as np
+
+from hapticnet.errors import FileError, UnavailableError
+from hapticnet.recordings.session.mcap_writer import ABOUT, CHUNK_BYTES, NEEDS_MCAP, REPORT
+from hapticnet.recordings.session.protobuf import row_dtype, unpack_event
+from hapticnet.recordings.session.session import Event, Session, SessionTable
+from hapticnet.recordings.session.sink import Sink
+
+_RECORD: Final = struct.Struct("<BQ")
+_MESSAGE: Final = struct.Struct("<HIQQ")
+_SCHEMA_CODE: Final = 3
+_CHANNEL_CODE: Final = 4
+_MESSAGE_CODE: Final = 5
+
+LARGEST_RECORD: Final = 2**30
+"""Larger records are taken for damage."""
+
+Record: TypeAlias = Any
+"""A record of the package mcap: Schema, Channel, Metadata, Footer; or `Messages`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Messages:
+    """Consecutive messages of a chunk: of each, channel, log time and publish time [ns], sequence, content."""
+
+    each: list[tuple[int, int, int, int, bytes]]
+
+
+def records(file: IO[bytes], path: Path) -> Iterator[Record]:
+    """Yield what is whole in a file, in its order, and stop where it is cut off or its structure is damaged.
+
+    A chunk that is damaged is left out. A Footer comes last if the file is complete.
+
+    Raises
+    ------
+    FileError
+        If it is not an MCAP file.
+    UnavailableError
+        If the extra ``record`` is not installed.
+    """
+    try:
+        from mcap.data_stream import ReadDataStream
+        from mcap.opcode import Opcode
+        from mcap.records import Channel, Chunk, Footer, Metadata, Schema
+        from mcap.writer import MCAP0_MAGIC
+    except ImportError as error:
+        raise UnavailableError(NEEDS_MCAP) from error
+
+    kinds: dict[int, Any] = {
+        Opcode.SCHEMA: Schema,
+        Opcode.CHANNEL: Channel,
+        Opcode.METADATA: Metadata,
+        Opcode.CHUNK: Chunk,
+        Opcode.FOOTER: Footer,
+    }
+    if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+        raise FileError(f"{path}: not an MCAP file")
+    while len(head := file.read(_RECORD.size)) == _RECORD.size:
+        code, length = _RECORD.unpack(head)
+        if length > LARGEST_RECORD:
+            return
+        if code not in kinds:  # indexes and the like
+            file.seek(length, 1)
+            continue
+        body = file.read(length)
+        if len(body) < length:
+            return
+        try:
+            record = kinds[code].read(ReadDataStream(BytesIO(body)))
+            found = _contents(_unpacked(record)) if code == Opcode.CHUNK else [record]
+        except Exception as error:  # struct.error, ValueError, and what the compressors raise
+            if isinstance(error, MemoryError):
+                raise
+            continue
+        if code == Opcode.FOOTER:
+            if file.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC:
+                yield record
+            return
+        yield from found
+
+
+def _unpacked(chunk: Record) -> bytes:
+    """Return a chunk's contents; an exception of many kinds if they are damaged."""
+    from mcap.stream_reader import get_chunk_data_stream
+
+    stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+    return stream.read(size)
+
+
+def _contents(data: bytes) -> list[Record]:
+    """Return the records in a chunk; ValueError or struct.error if they are malformed."""
+    from mcap.data_stream import ReadDataStream
+    from mcap.records import Channel, Schema
+
+    at, end = 0, len(data)
+    found: list[Record] = []
+    each: list[tuple[int, int, int, int, bytes]] = []
+    while at < end:
+        code, length = _RECORD.unpack_from(data, at)
+        at += _RECORD.size
+        if at + length > end:
+            raise ValueError("a record reaches past the end of its chunk")
+        if code == _MESSAGE_CODE:
+            channel, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(data, at)
+            each.append((channel, log_ns, publish_ns, sequence, data[at + _MESSAGE.size : at + length]))
+        elif code in (_SCHEMA_CODE, _CHANNEL_CODE):
+            found.append(Messages(each))
+            each = []
+            stream = ReadDataStream(BytesIO(data[at : at + length]))
+            found.append(Schema.read(stream) if code == _SCHEMA_CODE else Channel.read(stream))
+        at += length
+    found.append(Messages(each))
+    return found
+
+
+def recover(source: Path, target: Path) -> tuple[int, bool]:
+    """Copy what is whole in an MCAP file of any kind into a new file with a summary.
+
+    Returns the number of messages, and whether the file was complete already.
+
+    Raises
+    ------
+    FileError
+        If it is not an MCAP file, or the new one cannot be written.
+    """
+    from mcap.records import Channel, Footer, Metadata, Schema
+    from mcap.writer import CompressionType, Writer
+
+    count, complete = 0, False
+    schemas: dict[int, int] = {0: 0}
+    channels: dict[int, int] = {}
+    try:
+        sink = Sink(target)
+        try:
+            writer: Any = Writer(sink, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)  # type: ignore[arg-type]
+            writer.start(profile="", library="hapticnet")
+            with source.open("rb") as file:
+                for record in records(file, source):
+                    if isinstance(record, Messages):
+                        for channel, log_ns, publish_ns, sequence, data in record.each:
+                            if channel in channels:
+                                writer.add_message(channels[channel], log_ns, data, publish_ns, sequence)
+                                count += 1
+                        sink.flush()
+                    elif isinstance(record, Schema) and record.id not in schemas:
+                        schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
+                    elif isinstance(record, Channel) and record.id not in channels:
+                        channels[record.id] = writer.register_channel(
+                            record.topic, record.message_encoding, schemas.get(record.schema_id, 0), record.metadata
+                        )
+                    elif isinstance(record, Metadata):
+                        writer.add_metadata(record.name, record.metadata)
+                    complete = isinstance(record, Footer)
+            writer.finish()
+            sink.finish()
+        except BaseException:
+            sink.discard()
+            raise
+    except OSError as error:
+        raise FileError(f"{error.filename or target}: {error.strerror}") from error
+    return count, complete
+
+
+@dataclass(slots=True)
+class _Reading:
+    """One channel of rows while it is read."""
+
+    name: str
+    columns: tuple[str, ...]
+    dtype: Any
+    parts: list[bytes] = field(default_factory=list)
+
+
+def read_mcap(path: Path, max_bytes: int) -> Session:
+    """Return a recording that hapticnet wrote, as far as it is whole.
+
+    Raises
+    ------
+    FileError
+        If it is another file, or unpacks to more than `max_bytes`.
+    UnavailableError
+        If the extra ``record`` is not installed.
+    """
+    reading: dict[int, _Reading] = {}
+    events: list[Event] = []
+    event_channels: set[int] = set()
+    about: dict[str, Any] = {}
+    topics: dict[int, str] = {}
+    unpacked, complete = 0, False
+    with path.open("rb") as file:
+        for record in records(file, path):
+            kind = type(record).__name__
+            complete = kind == "Footer"
+            if isinstance(record, Messages):
+                for channel, _, _, _, data in record.each:
+                    if channel in reading:
+                        reading[channel].parts.append(data)
+                        unpacked += len(data)
+                    elif channel in event_channels:
+                        events.append(Event(*unpack_event(data)))
+                if unpacked > max_bytes:
+                    raise FileError(f"{path}: unpacks to more than {max_bytes} bytes, which is the limit")
+            elif kind == "Channel" and record.id not in topics:  # the summary repeats them
+                topics[record.id] = record.topic
+                if "types" in record.metadata:
+                    reading[record.id] = _reading(path, record)
+                elif record.topic.endswith("/event"):
+                    event_channels.add(record.id)
+            elif kind == "Metadata" and record.name in (ABOUT, REPORT):
+                about |= {name: _value(text) for name, text in record.metadata.items()}
+    if not reading:
+        has = f"its topics are {', '.join(list(topics.values())[:20])}" if topics else "it has no topics"
+        raise FileError(f"{path}: an MCAP file, but not a recording of hapticnet: {has}")
+    offset_us = about.pop("unix_offset_us", 0)
+    tables = {each.name: _table(each) for each in reading.values()}
+    return Session(
+        side=next(iter(topics.values())).strip("/").partition("/")[0],
+        about=about,
+        unix_offset_us=offset_us if isinstance(offset_us, int) else 0,  # damaged, if it is anything else
+        tables=tables,
+        events=tuple(events),
+        complete=complete,
+    )
+
+
+def _reading(path: Path, channel: Record) -> _Reading:
+    columns = tuple(channel.metadata["columns"].split(","))
+    types = channel.metadata["types"].split(",")
+    if len(columns) != len(types) or any(kind not in ("f8", "i8", "i4") for kind in types):
+        raise FileError(f"{path}: topic {channel.topic} has unknown types: {channel.metadata['types'][:60]}")
+    return _Reading(name=channel.topic.rpartition("/")[2], columns=columns, dtype=row_dtype(types))
+
+
+def _table(reading: _Reading) -> SessionTable:
+    whole = b"".join(part for part in reading.parts if len(part) == reading.dtype.itemsize)
+    reading.parts.clear()
+    rows = np.frombuffer(whole, dtype=reading.dtype)
+    return {name: np.ascontiguousarray(rows[f"v{index}"]) for index, name in enumerate(reading.columns)}
+
+
+def _value(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text

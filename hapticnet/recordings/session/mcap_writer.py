@@ -1,0 +1,124 @@
+"""Recordings as MCAP with Protocol Buffers, for Foxglove, PlotJuggler and the readers of mcap.dev."""
+
+import json
+from collections.abc import Mapping
+from typing import Any, Final
+
+from hapticnet.arrays import FloatArray
+from hapticnet.errors import UnavailableError
+from hapticnet.recordings.session.frames import Heading
+from hapticnet.recordings.session.protobuf import PACKAGE, event_descriptor, pack_event, pack_rows, row_descriptor
+from hapticnet.recordings.session.sink import Sink
+
+CHUNK_BYTES: Final = 64 * 1024
+"""Uncompressed size of a chunk; `flush` ends one earlier."""
+
+MESSAGE_BYTES: Final = 47
+"""What a message adds to its fields at most: 31 B in the chunk, 16 B in the index."""
+
+CHUNK_OVERHEAD_BYTES: Final = 400
+"""What a chunk adds at most, with its index of three channels in the summary."""
+
+FIXED_BYTES: Final = 8192
+"""Room for schemas, channels, statistics and metadata, which are written twice or at the end."""
+
+ABOUT: Final = "hapticnet"
+REPORT: Final = "hapticnet.report"
+
+
+class McapWriter:
+    """Write a recording; satisfies `archive.RecordingWriter`.
+
+    Each table is a topic ``/SIDE/TABLE`` of messages with a field for each column, and events are ``/SIDE/event``.
+    Times are in ns since 1970: `t_us` plus the recording's offset.
+
+    Raises
+    ------
+    UnavailableError
+        If the extra ``record`` is not installed.
+    OSError
+        Here and in all methods, if the file cannot be written.
+    """
+
+    def __init__(self, heading: Heading) -> None:
+        try:
+            from mcap.writer import CompressionType, Writer
+        except ImportError as error:
+            raise UnavailableError(NEEDS_MCAP) from error
+        self._heading = heading
+        self._sink = Sink(heading.path)
+        self._writer: Any = Writer(self._sink, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)  # type: ignore[arg-type]  # write, tell and flush are all that it uses
+        self._pending = 0
+        self._chunks = 0
+        self._writer.start(profile="", library="hapticnet")
+        self._writer.add_metadata(ABOUT, _texts({**heading.about, "unix_offset_us": heading.unix_offset_us}))
+        self._channels = [
+            self._channel(
+                table.name,
+                row_descriptor(table.name.title(), table.columns, table.types),
+                {"columns": ",".join(table.columns), "types": ",".join(table.types)},
+            )
+            for table in heading.tables
+        ]
+        self._events = self._channel("event", event_descriptor("Event"), {})
+        self._sink.flush()
+
+    @property
+    def files(self) -> tuple[Sink, ...]:
+        """The files being written."""
+        return (self._sink,)
+
+    @property
+    def size(self) -> int:
+        """At most how large the file would be if it were finished now [B]."""
+        return self._sink.tell() + self._pending + CHUNK_OVERHEAD_BYTES * (self._chunks + 1) // 2 + FIXED_BYTES
+
+    def bound(self, table: int, rows: int) -> int:
+        """Return at most how many bytes this many more rows take."""
+        return rows * (10 * len(self._heading.tables[table].columns) + MESSAGE_BYTES)
+
+    def rows(self, table: int, rows: FloatArray) -> None:
+        """Add rows, shape (n, columns)."""
+        packed = pack_rows(rows, self._heading.tables[table].types)
+        times_ns = ((packed["v0"] + self._heading.unix_offset_us) * 1000).tolist()
+        data, size = packed.tobytes(), packed.itemsize
+        add, channel = self._writer.add_message, self._channels[table]
+        for index, time_ns in enumerate(times_ns):
+            add(channel, time_ns, data[index * size : (index + 1) * size], time_ns)
+        self._pending += len(rows) * (size + MESSAGE_BYTES)
+
+    def event(self, t_us: int, name: str, text: str) -> None:
+        """Add an event."""
+        time_ns = (t_us + self._heading.unix_offset_us) * 1000
+        data = pack_event(t_us, name, text)
+        self._writer.add_message(self._events, time_ns, data, time_ns)
+        self._pending += len(data) + MESSAGE_BYTES
+
+    def flush(self) -> None:
+        """End the chunk, so that all rows so far can be recovered if this process is killed."""
+        if self._pending:
+            self._writer.flush()
+            self._pending = 0
+            self._chunks += 1
+
+    def finish(self, about: Mapping[str, Any]) -> None:
+        """Complete the file; `about` are further facts, such as the report."""
+        self.flush()
+        if about:
+            self._writer.add_metadata(REPORT, _texts(about))
+        self._writer.finish()
+        self._sink.finish()
+
+    def _channel(self, name: str, schema: bytes, columns: dict[str, str]) -> int:
+        number = self._writer.register_schema(f"{PACKAGE}.{name.title()}", "protobuf", schema)
+        topic = f"/{self._heading.side}/{name}"
+        channel: int = self._writer.register_channel(topic, "protobuf", number, columns)
+        return channel
+
+
+NEEDS_MCAP: Final = ".mcap files need the package mcap: pip install 'hapticnet[record]'"
+
+
+def _texts(about: Mapping[str, Any]) -> dict[str, str]:
+    """Return facts as MCAP's metadata: text as it is, everything else as JSON."""
+    return {name: value if isinstance(value, str) else json.dumps(value, default=str) for name, value in about.items()}

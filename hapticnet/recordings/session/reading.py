@@ -1,0 +1,130 @@
+"""Recordings of hapticnet read back, whatever their format."""
+
+import json
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from hapticnet.errors import FileError
+from hapticnet.files import MAX_BYTES, check_readable, read_text
+from hapticnet.recordings.delimited import DelimitedSource
+from hapticnet.recordings.session.csv_writer import beside
+from hapticnet.recordings.session.frames import INTEGERS
+from hapticnet.recordings.session.mcap_reader import read_mcap
+from hapticnet.recordings.session.npz_writer import ABOUT, EVENTS
+from hapticnet.recordings.session.session import Event, Session, SessionTable
+from hapticnet.recordings.session.sink import UNFINISHED
+
+_MCAP_MAGIC: Final = b"\x89MCAP"
+_ZIP_MAGIC: Final = b"PK"
+_OTHER_TABLES: Final = ("datagram",)
+_NO_RECORDING: Final = "not a recording of hapticnet"
+
+
+def read_session(path: Path, *, max_bytes: int = MAX_BYTES) -> Session:
+    """Return a recording that ``--record`` wrote; of an .mcap file that is cut off, what is whole.
+
+    Raises
+    ------
+    FileError
+        If it cannot be read, is something else, or unpacks to more than `max_bytes`.
+    UnavailableError
+        If its format needs an extra.
+    """
+    check_readable_file(path, max_bytes)
+    with path.open("rb") as file:
+        magic = file.read(8)
+    if magic.startswith(_MCAP_MAGIC):
+        return read_mcap(path, max_bytes)
+    if magic.startswith(_ZIP_MAGIC):
+        return _read_npz(path, max_bytes)
+    return _read_csv(path, max_bytes)
+
+
+def check_readable_file(path: Path, max_bytes: int) -> None:
+    """Raise FileError if there is no file to read; name the unfinished one if there is one."""
+    unfinished = path.with_name(path.name + UNFINISHED)
+    if not path.exists() and unfinished.exists():
+        raise FileError(f"{path} is not complete: run 'hapticnet recover {unfinished}'")
+    if path.is_dir() and UNFINISHED in path.name:
+        raise FileError(f"{path} is not complete: run 'hapticnet recover {path}'")
+    check_readable(path, max_bytes)
+
+
+def _read_npz(path: Path, max_bytes: int) -> Session:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            unpacked = sum(member.file_size for member in archive.infolist())
+        if unpacked > max_bytes:
+            raise FileError(f"{path}: unpacks to {unpacked} bytes; the limit is {max_bytes}")
+        with np.load(path, allow_pickle=False) as arrays:
+            columns = {name: arrays[name] for name in arrays.files}
+    except (OSError, ValueError, zipfile.BadZipFile) as error:
+        raise FileError(f"{path}: a damaged NumPy archive") from error
+    try:
+        about = json.loads(str(columns.pop(ABOUT)))
+        events = tuple(Event(*event) for event in json.loads(str(columns.pop(EVENTS))))
+        side, offset_us = str(about.pop("side")), int(about.pop("unix_offset_us"))
+    except (KeyError, TypeError, ValueError) as error:
+        raise FileError(f"{path}: {_NO_RECORDING}; its arrays are {', '.join(list(columns)[:20])}") from error
+    tables: dict[str, dict[str, Any]] = {_main_name(side): {}}
+    for name, column in columns.items():
+        table, _, short = name.rpartition(".")
+        tables.setdefault(table or _main_name(side), {})[short] = column
+    return Session(side, about, offset_us, dict(tables), events, complete=True)
+
+
+def _read_csv(path: Path, max_bytes: int) -> Session:
+    sidecar = beside(path, "about.json")
+    if not sidecar.exists():
+        raise FileError(f"{path}: {_NO_RECORDING}: {sidecar.name} is missing")
+    try:
+        about = json.loads(read_text(sidecar))
+        side, offset_us = str(about.pop("side")), int(about.pop("unix_offset_us"))
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise FileError(f"{sidecar}: {_NO_RECORDING}") from error
+    tables = {_main_name(side): _csv_table(path, max_bytes)}
+    for name in _OTHER_TABLES:
+        other = beside(path, f"{name}s.csv")
+        if other.exists():
+            tables[name] = _csv_table(other, max_bytes)
+    return Session(side, about, offset_us, tables, _csv_events(beside(path, "events.csv")), complete=True)
+
+
+def _csv_table(path: Path, max_bytes: int) -> SessionTable:
+    check_readable(path, max_bytes)
+    source = DelimitedSource(path)
+    values = source.numbers(range(len(source.names)))
+    return {
+        name: values[:, index].astype(np.dtype(INTEGERS.get(name, "f8"))) for index, name in enumerate(source.names)
+    }
+
+
+def _csv_events(path: Path) -> tuple[Event, ...]:
+    import csv
+
+    if not path.exists():
+        return ()
+    rows = list(csv.reader(read_text(path).splitlines()))[1:]
+    try:
+        return tuple(Event(int(t_us), name, text) for t_us, name, text in rows)
+    except ValueError as error:
+        raise FileError(f"{path}: not the events of a recording: {error}") from error
+
+
+def _main_name(side: str) -> str:
+    return "tick" if side == "master" else "step"
+
+
+def about_lines(about: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return nested facts as one level, with names joined by dots."""
+    flat: dict[str, Any] = {}
+    for name, value in about.items():
+        if isinstance(value, dict):
+            flat |= about_lines(value, f"{prefix}{name}.")
+        else:
+            flat[f"{prefix}{name}"] = value
+    return flat

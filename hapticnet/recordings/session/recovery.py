@@ -1,0 +1,139 @@
+"""Recordings completed after their writer was killed or the disk was full."""
+
+import fcntl
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from hapticnet.errors import FileError
+from hapticnet.files import check_replaceable
+from hapticnet.recordings.session.csv_writer import beside
+from hapticnet.recordings.session.mcap_reader import recover
+from hapticnet.recordings.session.npz_writer import pack_folder
+from hapticnet.recordings.session.sink import UNFINISHED, named
+
+_BLOCK: Final = 1 << 16
+
+
+@dataclass(frozen=True, slots=True)
+class Recovered:
+    """What was recovered.
+
+    Attributes
+    ----------
+    path
+        The complete file.
+    count
+        Messages of an .mcap file, rows of the main table of other formats.
+    was_complete
+        Whether the file was complete already; nothing was written then.
+    """
+
+    path: Path
+    count: int
+    was_complete: bool
+
+
+def recover_file(path: Path, out: Path | None = None) -> Recovered:
+    """Make a complete recording of an unfinished or truncated one.
+
+    Parameters
+    ----------
+    path
+        ``FILE.unfinished``, which is deleted afterwards, or an .mcap file that is cut off or damaged, which is kept.
+    out
+        Where the complete one goes; None: FILE, or for an .mcap file ``NAME-recovered.mcap``.
+
+    Raises
+    ------
+    FileError
+        If it cannot be read, a session still writes it, or the complete one cannot be written or exists already.
+    UnavailableError
+        If its format needs an extra.
+    """
+    unfinished = path.with_name(path.name + UNFINISHED)
+    if not path.exists() and unfinished.exists():
+        path = unfinished
+    if not path.exists():
+        raise FileError(f"{path}: no such file")
+    try:
+        if UNFINISHED not in path.name:
+            return _mend(path, out or path.with_name(f"{path.stem}-recovered{path.suffix}"))
+        _refuse_if_written(path)
+        target = out or named(path)
+        _refuse_existing(target)
+        kind = named(path).suffix.lower()
+        if kind not in (".mcap", ".npz", ".csv"):
+            raise FileError(f"{path}: not an unfinished recording; expected .mcap, .npz or .csv before {UNFINISHED}")
+        if kind == ".mcap":
+            count, _ = recover(path, target)
+            path.unlink()
+        elif kind == ".npz":
+            count = pack_folder(path, target)
+        else:
+            count = _complete_csv(path, target)
+        return Recovered(target, count, was_complete=False)
+    except (OSError, ValueError, KeyError) as error:
+        reason = (isinstance(error, OSError) and error.strerror) or f"damaged ({error})"
+        raise FileError(f"{path}: cannot be recovered: {reason}") from error
+
+
+def _mend(path: Path, target: Path) -> Recovered:
+    if path.is_dir() or path.suffix.lower() != ".mcap":
+        raise FileError(f"{path}: only .mcap files and *{UNFINISHED} can be recovered")
+    with path.open("rb") as file:
+        file.seek(0, 2)
+        if file.tell() < 8:
+            raise FileError(f"{path}: not an MCAP file")
+    _refuse_existing(target)
+    count, was_complete = recover(path, target)
+    if was_complete:
+        target.unlink()
+        return Recovered(path, count, was_complete=True)
+    return Recovered(target, count, was_complete=False)
+
+
+def _refuse_existing(target: Path) -> None:
+    if target.exists():
+        raise FileError(f"{target} exists; name another file with --out")
+    check_replaceable(target)
+
+
+def _refuse_if_written(path: Path) -> None:
+    """Raise FileError if a writer still has the file open."""
+    files = [path] if path.is_file() else sorted(path.glob("*.rows"))
+    for each in files[:1]:
+        with each.open("rb") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                raise FileError(f"{path} is still being written") from error
+
+
+def _complete_csv(path: Path, target: Path) -> int:
+    """Cut off the row that was not written completely, and rename the file and those beside it."""
+    rows = _cut_to_lines(path) - 1
+    original = named(path)
+    for what in ("datagrams.csv", "events.csv", "about.json"):
+        file = beside(original, what)
+        other = file.with_name(file.name + path.name.removeprefix(original.name))
+        if other.exists():
+            if what.endswith(".csv"):
+                _cut_to_lines(other)
+            other.replace(beside(target, what))
+    path.replace(target)
+    return rows
+
+
+def _cut_to_lines(path: Path) -> int:
+    """Cut a file behind its last complete line, and return the number of lines."""
+    lines = end = at = 0
+    with path.open("r+b") as file:
+        while block := file.read(_BLOCK):
+            lines += block.count(b"\n")
+            last = block.rfind(b"\n")
+            if last >= 0:
+                end = at + last + 1
+            at += len(block)
+        file.truncate(end)
+    return lines

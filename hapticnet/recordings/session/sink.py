@@ -1,0 +1,86 @@
+"""A file that grows, and gets its name when it is complete."""
+
+import fcntl
+import os
+from contextlib import suppress
+from pathlib import Path
+from typing import Final
+
+from hapticnet.errors import FileError
+from hapticnet.files import fresh_path
+
+UNFINISHED: Final = ".unfinished"
+"""Suffix of a file that is being written, or was when its writer was killed."""
+
+
+class Sink:
+    """Write to ``FILE.unfinished``, and rename it to FILE at the end.
+
+    Only whole calls of `flush` reach the file: if the disk is full, the file is cut back to the last one. An existing
+    ``.unfinished`` file is kept; the new one then gets a number.
+
+    Raises
+    ------
+    OSError
+        Here and in all methods, if the file cannot be written.
+    """
+
+    def __init__(self, path: Path, *, suffix: str = UNFINISHED) -> None:
+        self.path = path
+        self.file = fresh_path(path.with_name(path.name + suffix))
+        self.size = 0
+        self._waiting = bytearray()
+        self._descriptor = os.open(self.file, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)  # for `recovery`: somebody still writes it
+
+    def write(self, data: bytes) -> int:
+        """Append bytes; they reach the file with the next `flush`."""
+        self._waiting += data
+        return len(data)
+
+    def tell(self) -> int:
+        """Return the number of bytes written so far."""
+        return self.size + len(self._waiting)
+
+    def flush(self) -> None:
+        """Pass everything to the operating system."""
+        if not self._waiting:
+            return
+        if not os.fstat(self._descriptor).st_nlink:
+            raise FileNotFoundError(2, "the file was deleted", str(self.file))
+        at = 0
+        try:
+            while at < len(self._waiting):
+                at += os.write(self._descriptor, memoryview(self._waiting)[at:])
+        except OSError:
+            os.ftruncate(self._descriptor, self.size)
+            os.lseek(self._descriptor, self.size, os.SEEK_SET)
+            raise
+        self.size += at
+        self._waiting.clear()
+
+    def close(self) -> None:
+        """Close the file and keep its present name. What was not flushed is lost."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1
+
+    def discard(self) -> None:
+        """Close and delete the file."""
+        self.close()
+        self.file.unlink()
+
+    def finish(self) -> None:
+        """Flush, close and rename. An existing FILE is replaced."""
+        self.flush()
+        self.close()
+        self.file.replace(self.path)
+
+
+def named(path: Path) -> Path:
+    """Return the name that an unfinished file gets when it is complete."""
+    name, mark, number = path.name.rpartition(UNFINISHED)
+    if not mark or (number and not number.removeprefix("-").isdecimal()):
+        raise FileError(f"{path}: not an unfinished recording; its name does not end in {UNFINISHED}")
+    return path.with_name(name)

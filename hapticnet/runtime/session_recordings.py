@@ -1,0 +1,200 @@
+"""Watchers that record: a master's ticks in one file, each session of a slave in a file of its own."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any, Final
+
+from hapticnet.node.master import MasterNode, MasterSettings, NodeEvent
+from hapticnet.node.recording import Recording
+from hapticnet.node.slave import MasterJoined, MasterLeft, MasterRefused, SlaveEvent, SlaveNode
+from hapticnet.node.station import Station
+from hapticnet.protocol.wire import OPEN, SEALED
+from hapticnet.recordings.session.frames import Table
+from hapticnet.runtime.recorder import Batches, Recorder, unix_offset_us
+from hapticnet.runtime.watching import Watcher
+
+MOST_EARLY_EVENTS: Final = 1000
+"""Most events that are kept until there is a first row."""
+
+WIRE_VERSIONS: Final = {"open": OPEN, "sealed": SEALED}
+
+
+class _Track:
+    """The rows and events of one node, on their way to one file.
+
+    The file begins with the first row. A slave's rows tell with it how the master's clock relates to its own.
+    """
+
+    def __init__(self, recorder: Recorder, path: Path, side: str, names: tuple[str, str]) -> None:
+        self._recorder = recorder
+        self._path = path
+        self._side = side
+        self._names = names
+        self._number: int | None = None
+        self._begun = False
+        self._shift_us = 0
+        self._early: list[tuple[int, object]] = []
+
+    def collect(
+        self, main: Recording | None, datagrams: Recording | None, about: Callable[[], Mapping[str, Any]]
+    ) -> None:
+        """Hand over the rows that were added since the last call."""
+        numbers = main.take() if main is not None else None
+        if numbers and main is not None and not self._begun:
+            self._begin(main.columns, numbers, datagrams, about())
+        if self._number is None:
+            if self._begun and datagrams is not None:
+                datagrams.take()  # not recorded, so nothing may pile up
+            return
+        feed = self._recorder.feed
+        if numbers:
+            feed.rows(self._number, 0, numbers)
+        if datagrams is not None and (rows := datagrams.take()):
+            feed.rows(self._number, 1, rows)
+
+    def note(self, event: object, now_us: int) -> None:
+        """Record an event; `now_us` is the node's own clock."""
+        if self._number is not None:
+            self._recorder.event(self._number, now_us + self._shift_us, event)
+        elif not self._begun and len(self._early) < MOST_EARLY_EVENTS:
+            self._early.append((now_us, event))
+
+    def end(self, about: Mapping[str, Any]) -> None:
+        """Complete the file."""
+        if self._number is not None:
+            self._recorder.end(self._number, about)
+            self._number = None
+
+    def _begin(
+        self, columns: tuple[str, ...], numbers: Sequence[float], datagrams: Recording | None, about: Mapping[str, Any]
+    ) -> None:
+        self._begun = True
+        if "answered_us" in columns:
+            self._shift_us = round(numbers[columns.index("t_us")] - numbers[columns.index("answered_us")])
+        tables = [Table.of(self._names[0], columns)]
+        if datagrams is not None:
+            tables.append(Table.of(self._names[1], datagrams.columns, shift_us=self._shift_us))
+        offset_us = unix_offset_us() - self._shift_us
+        self._number = self._recorder.open(self._path, self._side, tables, offset_us, about)
+        for at_us, event in self._early:
+            self.note(event, at_us)
+        self._early.clear()
+
+
+class MasterRecording(Watcher[NodeEvent]):
+    """Record every tick of a master in a file; its settings must ask the node for that.
+
+    Parameters
+    ----------
+    about
+        Configuration, seed and versions, for the file.
+    """
+
+    name = "recording"
+
+    def __init__(
+        self, node: MasterNode, file: Path, say: Callable[[str], None], *, limit_bytes: int,
+        about: Mapping[str, Any] | None = None,
+    ) -> None:  # fmt: skip
+        self.recorder = Recorder(say, limit_bytes=limit_bytes, about=about)
+        self._node = node
+        self._track = _Track(self.recorder, file, "master", ("tick", "datagram"))
+        self._batches = Batches(self.recorder, self._collect)
+
+    async def start(self) -> None:
+        """Begin."""
+        self._batches.start()
+
+    def note(self, event: NodeEvent, now_us: int) -> None:
+        """Record an event."""
+        self._track.note(event, now_us)
+
+    async def stop(self) -> None:
+        """Complete the file."""
+        self._collect()
+        self._track.end({"report": self._node.report()})
+        await self._batches.stop()
+
+    def _collect(self) -> None:
+        self._track.collect(self._node.recording, self._node.datagrams, lambda: _of_master(self._node.settings))
+
+
+class SlaveRecording(Watcher[SlaveEvent]):
+    """Record every session of a slave in FOLDER/NAME-SESSION and a suffix; the node's settings must ask for that.
+
+    Parameters
+    ----------
+    suffix
+        .mcap, .csv or .npz.
+    about
+        Configuration, seed and versions, for each file.
+    """
+
+    name = "recording"
+
+    def __init__(
+        self, node: SlaveNode, folder: Path, say: Callable[[str], None], *, suffix: str, limit_bytes: int,
+        about: Mapping[str, Any] | None = None,
+    ) -> None:  # fmt: skip
+        self.recorder = Recorder(say, limit_bytes=limit_bytes, about=about)
+        self._node = node
+        self._folder = folder
+        self._suffix = suffix
+        self._tracks: dict[Station, _Track] = {}
+        self._batches = Batches(self.recorder, self._collect)
+
+    async def start(self) -> None:
+        """Begin."""
+        self._batches.start()
+
+    def note(self, event: SlaveEvent, now_us: int) -> None:
+        """Record an event; complete the file of a master that has left."""
+        if isinstance(event, MasterRefused):
+            return
+        station = event.station
+        if isinstance(event, MasterJoined):
+            file = self._folder / f"{file_name(station.session.request.name, station.session.number)}{self._suffix}"
+            self._tracks[station] = _Track(self.recorder, file, "slave", ("step", "datagram"))
+        track = self._tracks.get(station)
+        if track is None:
+            return
+        if isinstance(event, MasterLeft):
+            self._collect_one(station, track)
+            track.note(event, now_us)
+            track.end({"report": station.report()})
+            del self._tracks[station]
+        else:
+            track.note(event, now_us)
+
+    async def stop(self) -> None:
+        """Complete the files."""
+        self._collect()
+        await self._batches.stop()
+
+    def _collect(self) -> None:
+        for station, track in self._tracks.items():
+            self._collect_one(station, track)
+
+    @staticmethod
+    def _collect_one(station: Station, track: _Track) -> None:
+        track.collect(station.recording, station.datagrams, lambda: _of_station(station))
+
+
+def file_name(master: str, session: int) -> str:
+    """Return the name of a session's file without suffix."""
+    return "".join(c if c.isalnum() or c in "-_" else "_" for c in master) + f"-{session:08x}"
+
+
+def _of_master(settings: MasterSettings) -> dict[str, Any]:
+    """Return a master's configuration for its file, without its key."""
+    plain = asdict(replace(settings, key=None))
+    del plain["key"]
+    return {"settings": plain, "sealed": settings.key is not None, "wire_versions": WIRE_VERSIONS}
+
+
+def _of_station(station: Station) -> dict[str, Any]:
+    """Return what a session's master asked for and was granted, without tickets."""
+    request, grant = station.session.request._asdict(), station.grant._asdict()
+    del request["ticket"], grant["ticket"]
+    return {"request": request, "grant": grant, "wire_versions": WIRE_VERSIONS}

@@ -1,0 +1,74 @@
+"""A recording for tests: its heading, its rows, and an archive that takes it in without a process."""
+
+from pathlib import Path
+
+import msgpack
+import numpy as np
+
+from hapticnet.node.recording import DATAGRAM_COLUMNS, master_columns
+from hapticnet.recordings.session.archive import Archive
+from hapticnet.recordings.session.frames import FrameKind, FrameReader, Heading, Table, pack_begin, pack_frame
+
+PLENTY = 2**30
+OFFSET_US = 1_790_000_000_000_000
+SUFFIXES = (".mcap", ".csv", ".npz")
+ABOUT = {"seed": 7, "settings": {"codec": "deadband"}}
+EVENTS = [(1_000_000, "Connected", '{"scene": "paper"}'), (1_500_000, "Ended", "ein Ende – mit Umlaut ä")]
+
+
+def heading(path: Path, *, axes: int = 1) -> Heading:
+    tables = (Table.of("tick", master_columns(axes)), Table.of("datagram", DATAGRAM_COLUMNS))
+    return Heading(path=path, side="master", tables=tables, unix_offset_us=OFFSET_US, about=ABOUT)
+
+
+def tick_rows(count: int, *, axes: int = 1, first: int = 0) -> np.ndarray:
+    """Return rows of a master's recording; the position and forces are noise, so that nothing compresses."""
+    columns = master_columns(axes)
+    rows = np.random.default_rng(first).normal(size=(count, len(columns)))
+    rows[:, 0] = 1_000_000 + 1000 * np.arange(first, first + count)
+    return rows
+
+
+def datagram_rows(count: int) -> np.ndarray:
+    numbers = np.arange(count)
+    return np.stack([1_000_000 + 500 * numbers, numbers % 2, 4 + numbers % 2, 20 + numbers % 9], axis=1).astype(float)
+
+
+def give(archive: Archive, kind: FrameKind, content: bytes = b"", *, recording: int = 1) -> None:
+    """Pass a frame to an archive, as bytes that come through a pipe."""
+    for frame in FrameReader().feed(pack_frame(kind, recording, content)):
+        archive.take(frame)
+
+
+def begin(archive: Archive, path: Path, *, recording: int = 1, axes: int = 1) -> None:
+    for frame in FrameReader().feed(pack_begin(recording, heading(path, axes=axes))):
+        archive.take(frame)
+
+
+def give_rows(archive: Archive, rows: np.ndarray, table: int = 0, *, recording: int = 1) -> None:
+    give(archive, FrameKind.ROWS, bytes([table]) + rows.tobytes(), recording=recording)
+
+
+def make_archive(said: list[str], limit_bytes: int = PLENTY) -> Archive:
+    return Archive(lambda reason, is_fault: said.append(f"{is_fault}: {reason}"), said.append, limit_bytes=limit_bytes)
+
+
+def write_session(
+    path: Path, *, ticks: int = 2000, axes: int = 1, batch: int = 100, finish: bool = True
+) -> dict[str, np.ndarray]:
+    """Write a recording with events and datagrams in batches, and return the rows of its tables."""
+    said: list[str] = []
+    archive = make_archive(said)
+    begin(archive, path, axes=axes)
+    rows = {"tick": tick_rows(ticks, axes=axes), "datagram": datagram_rows(2 * ticks)}
+    for event in EVENTS:
+        give(archive, FrameKind.EVENT, msgpack.packb(event))
+    for start in range(0, ticks, batch):
+        give_rows(archive, rows["tick"][start : start + batch])
+        give_rows(archive, rows["datagram"][2 * start : 2 * (start + batch)], 1)
+        archive.flush()
+    if finish:
+        give(archive, FrameKind.ABOUT, msgpack.packb({"report": {"ticks": ticks}}))
+        give(archive, FrameKind.END)
+    assert said == []
+    return rows

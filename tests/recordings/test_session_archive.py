@@ -1,0 +1,167 @@
+"""Disk space is bounded, and a disk that is full or gone ends the recordings in one line and loses nothing else."""
+
+import errno
+import os
+from pathlib import Path
+
+import pytest
+
+from hapticnet.errors import SettingsError, UnavailableError
+from hapticnet.recordings.session import sink as sink_module
+from hapticnet.recordings.session.archive import check_format
+from hapticnet.recordings.session.frames import FrameKind, FrameReader, pack_begin, pack_frame
+from hapticnet.recordings.session.reading import read_session
+from hapticnet.recordings.session.recovery import recover_file
+from hapticnet.recordings.session.sink import UNFINISHED
+from tests.recordings.session_cases import SUFFIXES, begin, give, give_rows, heading, make_archive, tick_rows
+
+FULL = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+@pytest.fixture
+def said() -> list[str]:
+    return []
+
+
+def disk_space(folder) -> int:
+    return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_disk_space_is_bounded(tmp_path, said, suffix):
+    limit = 100_000
+    archive = make_archive(said, limit)
+    begin(archive, tmp_path / f"a{suffix}")
+    for first in range(0, 10_000, 100):
+        give_rows(archive, tick_rows(100, first=first))
+        archive.flush()
+    archive.finish()
+    assert 100 < len(read_session(tmp_path / f"a{suffix}").main["t_us"]) < 10_000, "what was recorded before is kept"
+    assert disk_space(tmp_path) <= limit
+    assert said == [f"False: the limit of {limit:,} bytes is reached (--record-limit)"]
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_the_limit_counts_finished_recordings(tmp_path, said, suffix):
+    limit = 300_000
+    archive = make_archive(said, limit)
+    for number in range(40):
+        begin(archive, tmp_path / f"{number}{suffix}", recording=number)
+        give_rows(archive, tick_rows(100), recording=number)
+        give(archive, FrameKind.END, recording=number)
+    archive.finish()
+    assert disk_space(tmp_path) <= limit
+    assert len(said) == 1
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_full_disk_ends_the_recording_in_one_line_and_keeps_what_is_written(tmp_path, said, monkeypatch, suffix):
+    archive = make_archive(said)
+    begin(archive, tmp_path / f"a{suffix}")
+    give_rows(archive, tick_rows(100))
+    archive.flush()
+    write = os.write
+
+    def short_write(descriptor: int, data: bytes) -> int:
+        monkeypatch.setattr(sink_module.os, "write", full)  # some bytes still fit, and then none
+        return write(descriptor, data[:50])
+
+    def full(*_: object) -> int:
+        raise FULL
+
+    monkeypatch.setattr(sink_module.os, "write", short_write)
+    give_rows(archive, tick_rows(100, first=100))
+    archive.flush()
+    give_rows(archive, tick_rows(100, first=200))
+    archive.flush()
+    archive.finish()
+    monkeypatch.setattr(sink_module.os, "write", write)
+    path = tmp_path / f"a{suffix}"
+    advice = f"what was written can be completed with 'hapticnet recover {path}{UNFINISHED}'"
+    assert said == [f"True: {path}: No space left on device; {advice}"]
+    recover_file(tmp_path / f"a{suffix}{UNFINISHED}")
+    assert len(read_session(path).main["t_us"]) == 100
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_folder_that_is_missing_is_told_in_one_line(tmp_path, said, suffix):
+    archive = make_archive(said)
+    begin(archive, tmp_path / "gone" / f"a{suffix}")
+    give_rows(archive, tick_rows(10))
+    archive.finish()
+    (line,) = said
+    assert line.startswith(f"True: {tmp_path}/gone/a")
+    assert line.endswith("No such file or directory")
+
+
+def test_a_file_that_is_deleted_is_told_in_one_line(tmp_path, said):
+    archive = make_archive(said)
+    begin(archive, tmp_path / "a.mcap")
+    (tmp_path / f"a.mcap{UNFINISHED}").unlink()
+    give_rows(archive, tick_rows(10))
+    archive.flush()
+    archive.finish()
+    (line,) = said
+    assert "a.mcap: the file was deleted" in line
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_fault_of_one_recording_completes_the_others(tmp_path, said, suffix):
+    archive = make_archive(said)
+    begin(archive, tmp_path / f"a{suffix}", recording=1)
+    give_rows(archive, tick_rows(10), recording=1)
+    begin(archive, tmp_path / "gone" / f"b{suffix}", recording=2)
+    assert len(said) == 1
+    assert len(read_session(tmp_path / f"a{suffix}").main["t_us"]) == 10
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_what_a_killed_run_left_is_not_touched(tmp_path, said, suffix):
+    left = tmp_path / f"a{suffix}{UNFINISHED}"
+    left.write_text("precious")
+    archive = make_archive(said)
+    begin(archive, tmp_path / f"a{suffix}")
+    give_rows(archive, tick_rows(10))
+    archive.finish()
+    assert left.read_text() == "precious"
+    assert len(read_session(tmp_path / f"a{suffix}").main["t_us"]) == 10
+    assert said == []
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_rows_that_cannot_become_a_file_are_kept(tmp_path, said, suffix):
+    path = tmp_path / f"a{suffix}"
+    path.mkdir()
+    archive = make_archive(said)
+    begin(archive, path)
+    give_rows(archive, tick_rows(10))
+    archive.finish()
+    (line,) = said
+    assert f"{path}: Is a directory; what was written can be completed with" in line
+    path.rmdir()
+    recover_file(tmp_path / f"a{suffix}{UNFINISHED}")
+    assert len(read_session(path).main["t_us"]) == 10
+
+
+def test_only_known_formats_are_recorded():
+    with pytest.raises(SettingsError, match=r"run\.txt: a recording is a \.mcap, \.csv or \.npz file"):
+        check_format(Path("run.txt"))
+
+
+def test_without_the_extra_one_line_says_what_to_install(monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    with pytest.raises(UnavailableError, match=r"pip install 'hapticnet\[record\]'"):
+        check_format(Path("run.mcap"))
+
+
+def test_frames_arrive_in_any_pieces(tmp_path):
+    data = pack_begin(1, heading(tmp_path / "a.mcap")) + pack_frame(FrameKind.END, 1) * 3
+    for size in (1, 7, 1000):
+        reader = FrameReader()
+        frames = [frame for at in range(0, len(data), size) for frame in reader.feed(data[at : at + size])]
+        assert [frame.kind for frame in frames] == [FrameKind.BEGIN, *[FrameKind.END] * 3]
+
+
+def test_bytes_that_are_no_frames_are_refused():
+    with pytest.raises(ValueError, match="not a valid FrameKind"):
+        list(FrameReader().feed(bytes(13)))

@@ -1,0 +1,131 @@
+"""What is written is read back, in every format and by the public readers."""
+
+import json
+
+import numpy as np
+import pytest
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+from hapticnet.errors import FileError
+from hapticnet.node.recording import DATAGRAM_COLUMNS, master_columns
+from hapticnet.recordings.recording import load_motion, load_recording
+from hapticnet.recordings.session.protobuf import pack_event, row_descriptor, unpack_event, varint
+from hapticnet.recordings.session.reading import read_session
+from tests.recordings.session_cases import (
+    ABOUT,
+    EVENTS,
+    OFFSET_US,
+    SUFFIXES,
+    begin,
+    give_rows,
+    make_archive,
+    write_session,
+)
+
+TICKS = 400
+
+
+@pytest.fixture(params=SUFFIXES)
+def suffix(request):
+    return request.param
+
+
+@pytest.mark.parametrize("axes", [1, 3])
+def test_a_recording_reads_back_exactly(tmp_path, suffix, axes):
+    path = tmp_path / f"run{suffix}"
+    rows = write_session(path, ticks=TICKS, axes=axes)
+    session = read_session(path)
+    assert session.complete
+    assert session.side == "master"
+    assert session.unix_offset_us == OFFSET_US
+    assert session.about == ABOUT | {"report": {"ticks": TICKS}}
+    assert [tuple(event) for event in session.events] == EVENTS
+    assert list(session.tables) == ["tick", "datagram"]
+    for name, columns in (("tick", master_columns(axes)), ("datagram", DATAGRAM_COLUMNS)):
+        assert tuple(session.tables[name]) == columns
+        for index, column in enumerate(columns):
+            np.testing.assert_array_equal(session.tables[name][column], rows[name][:, index])
+    assert not list(tmp_path.glob("*.unfinished*"))
+
+
+def test_the_readers_of_any_recording_read_it_too(tmp_path, suffix):
+    path = tmp_path / f"run{suffix}"
+    rows = write_session(path, ticks=TICKS, axes=3)["tick"]
+    motion = load_motion(path)
+    np.testing.assert_array_equal(motion.t_us, rows[:, 0])
+    np.testing.assert_array_equal(motion.position, rows[:, 1:4])
+    recording = load_recording(
+        path, columns="held_x_n,held_y_n,held_z_n", position="position_x_m,position_y_m,position_z_m"
+    )
+    np.testing.assert_array_equal(recording.force, rows[:, 7:10])
+
+
+def test_the_public_reader_decodes_every_message_of_an_mcap_file(tmp_path):
+    path = tmp_path / "run.mcap"
+    rows = write_session(path, ticks=TICKS)
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        summary = reader.get_summary()
+        messages = [
+            (channel.topic, message, decoded) for _, channel, message, decoded in reader.iter_decoded_messages()
+        ]
+        metadata = {record.name: record.metadata for record in reader.iter_metadata()}
+    assert sorted(channel.topic for channel in summary.channels.values()) == [
+        "/master/datagram", "/master/event", "/master/tick",
+    ]  # fmt: skip
+    ticks = [(message, decoded) for topic, message, decoded in messages if topic == "/master/tick"]
+    decoded = np.array([[getattr(tick, name) for name in master_columns(1)] for _, tick in ticks])
+    np.testing.assert_array_equal(decoded, rows["tick"])
+    assert [message.log_time for message, _ in ticks] == [(int(t_us) + OFFSET_US) * 1000 for t_us in rows["tick"][:, 0]]
+    assert [(event.t_us, event.event, event.text) for topic, _, event in messages if topic == "/master/event"] == EVENTS
+    assert json.loads(metadata["hapticnet"]["settings"]) == ABOUT["settings"]
+    assert json.loads(metadata["hapticnet.report"]["report"]) == {"ticks": TICKS}
+
+
+def test_the_descriptor_is_one_that_protobuf_reads():
+    columns = ("t_us", "force_x_n", "breaches")
+    files = FileDescriptorSet.FromString(row_descriptor("Step", columns, ("i8", "f8", "i4"))).file
+    (message,) = files[0].message_type
+    assert (files[0].package, message.name, files[0].syntax) == ("hapticnet", "Step", "proto3")
+    assert [(field.name, field.number, field.type) for field in message.field] == [
+        ("t_us", 1, 16), ("force_x_n", 2, 1), ("breaches", 3, 15),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(("number", "packed"), [(0, b"\0"), (127, b"\x7f"), (128, b"\x80\1"), (300, b"\xac\2")])
+def test_varints(number, packed):
+    assert varint(number) == packed
+
+
+@pytest.mark.parametrize("cut", range(len(pack_event(1, "name", "text"))))
+def test_an_event_that_is_cut_off_is_refused(cut):
+    with pytest.raises(ValueError, match=r"event|end of its message"):
+        unpack_event(pack_event(1, "name", "text")[:cut])
+
+
+def test_csv_has_datagrams_events_and_configuration_beside_it(tmp_path):
+    write_session(tmp_path / "run.csv", ticks=10)
+    assert sorted(file.name for file in tmp_path.iterdir()) == [
+        "run.about.json", "run.csv", "run.datagrams.csv", "run.events.csv",
+    ]  # fmt: skip
+    assert (tmp_path / "run.csv").read_text().splitlines()[1].startswith("1000000,"), "times are whole numbers"
+
+
+def test_something_else_is_refused_in_one_line(tmp_path):
+    (tmp_path / "a.csv").write_text("t_us,x\n1,2\n")
+    np.savez(tmp_path / "a.npz", x=np.arange(3))
+    (tmp_path / "a.mcap").write_bytes(b"\x89MCAP0\r\n" + b"\0" * 100)
+    for suffix in SUFFIXES:
+        with pytest.raises(FileError, match="not a recording of hapticnet"):
+            read_session(tmp_path / f"a{suffix}")
+
+
+def test_a_file_that_unpacks_to_too_much_is_refused(tmp_path):
+    archive = make_archive([])
+    begin(archive, tmp_path / "run.mcap")
+    give_rows(archive, np.zeros((1000, len(master_columns(1)))))
+    archive.finish()
+    with pytest.raises(FileError, match="unpacks to more than"):
+        read_session(tmp_path / "run.mcap", max_bytes=(tmp_path / "run.mcap").stat().st_size)
