@@ -13,7 +13,7 @@ from hapticnet.recordings.arrays import ArraySource, open_mat, open_npy, open_np
 from hapticnet.recordings.delimited import DelimitedSource
 from hapticnet.recordings.session.mcap_reader import read_mcap
 
-_READABLE: Final = "CSV, TSV, .npy, .npz, .mat, .parquet and hapticnet's own .mcap can be read"
+_READABLE: Final = "CSV, TSV, .npy, .npz, .mat, hapticnet's own .mcap and .parquet can be read"
 
 
 def open_mcap(path: Path, max_bytes: int) -> ArraySource:
