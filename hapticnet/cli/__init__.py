@@ -8,6 +8,7 @@ import typer
 
 from hapticnet.cli import channel, codecs, compare, config, demo, device, doctor, encode, key, master, scene, slave
 from hapticnet.cli.console import complain
+from hapticnet.cli.options import AUTO
 from hapticnet.cli.verbs import equip, found_of
 from hapticnet.errors import FileError, HapticnetError, SettingsError, in_words
 from hapticnet.runtime.outlet import abandon
@@ -62,7 +63,7 @@ def main() -> None:
     docs/operations.md lists the exit codes.
     """
     try:
-        code = app(standalone_mode=False, prog_name="hapticnet")
+        code = app(with_page_address(sys.argv[1:]), standalone_mode=False, prog_name="hapticnet")
         if sys.stdout is not None:
             sys.stdout.flush()
     except HapticnetError as error:
@@ -95,6 +96,15 @@ def _tell(error: Exception) -> int:
     else:
         complain(f"{_source(error)}{message} (see {_command_path(error)} --help)")
     return SettingsError.exit_code
+
+
+def with_page_address(arguments: list[str]) -> list[str]:
+    """Return the command line with an address after each ``--page`` that has none; the parser needs one."""
+    following = [*arguments[1:], "-"]
+    return [
+        f"--page={AUTO}" if argument == "--page" and next_one.startswith("-") else argument
+        for argument, next_one in zip(arguments, following, strict=True)
+    ]
 
 
 def _command_path(error: Exception) -> str:

@@ -17,7 +17,7 @@ def master(
     key: options.KeyOption = None,
     peer_key: options.PeerKeyOption = None,
     insecure: options.Insecure = False,
-    operator: options.OperatorOption = "scripted",
+    operator: options.OperatorOption = None,
     insertions: Annotated[int, typer.Option(min=1, help="Insertions of the scripted operator.")] = 5,
     device: options.DeviceOption = "sim",
     profile: options.ProfileOption = None,
@@ -37,6 +37,7 @@ def master(
     ] = 1.0,
     channel_out: options.ChannelOut = "perfect",
     channel_in: options.ChannelIn = "perfect",
+    page: options.PageOption = None,
     device_takes: Annotated[
         options.DeviceTakes, typer.Option(help="The part of a force of several axes that the device renders.")
     ] = "x",
@@ -74,6 +75,8 @@ def master(
     from hapticnet.cli.key import default_key
     from hapticnet.cli.master_messages import MasterMessages
     from hapticnet.cli.operators import make_operator
+    from hapticnet.cli.pages import choose_operator
+    from hapticnet.cli.recording import MasterRecording
     from hapticnet.cli.trust import master_key, refusal_advice
     from hapticnet.codec.registry import parse_codec
     from hapticnet.errors import RefusedError, UnavailableError
@@ -110,10 +113,11 @@ def master(
         control=devices.control_settings(known),
     )
     console = Console(name, quiet=quiet, real_time=True)
+    operator, served = choose_operator(operator, page, console)
     hand = make_operator(operator, insertions=insertions, seed=seed, say=console.say)
     channels = {"channel_out": parse_channel(channel_out), "channel_in": parse_channel(channel_in)}
     emulators = {
-        way: None if spec.is_perfect else Emulator[Any](spec, np.random.default_rng([seed, number]))
+        way: None if spec.is_perfect and served is None else Emulator[Any](spec, np.random.default_rng([seed, number]))
         for number, (way, spec) in zip((2, 1), channels.items(), strict=True)
     }
     if duration is None and hand.operator.duration_us is not None:
@@ -137,6 +141,8 @@ def master(
         node = MasterNode(hand.operator, fingertip, settings, SystemEntropy())
         messages = MasterMessages(console, node, str(address), keys)
         watchers: list[Watcher[NodeEvent]] = [messages, *hand.watchers]
+        if served is not None:
+            watchers += served.watchers(node, hand.operator, operator, device, str(address), channels, emulators)
         if record is not None:
             about = {
                 "seed": seed, "operator": operator, "device": device,

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from hapticnet.runtime.watching import Watcher
 
 OPERATORS: Final = (
-    "scripted, trace:FILE[:COLUMN,…], udp:[HOST:]PORT[:axes=N], FILE.py:CLASS[:KEY=VALUE,…] and"
+    "scripted, page, trace:FILE[:COLUMN,…], udp:[HOST:]PORT[:axes=N], FILE.py:CLASS[:KEY=VALUE,…] and"
     " package.module:CLASS[:KEY=VALUE,…]"
 )
 
@@ -53,12 +53,15 @@ def make_operator(spec: str, *, insertions: int, seed: int, say: Callable[[str],
     import numpy as np
 
     from hapticnet.errors import SettingsError
+    from hapticnet.operator.live import LiveHand
     from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
     from hapticnet.operator.trace import load_trace
     from hapticnet.operator.user import UserOperator
     from hapticnet.user_code import find_user_class
 
     kind, _, rest = spec.partition(":")
+    if spec == "page":
+        return Hand(LiveHand())
     if spec == "scripted":
         return Hand(ScriptedOperator(InsertionSettings(insertions=insertions), np.random.default_rng([seed, 3])))
     if kind == "trace" and rest:

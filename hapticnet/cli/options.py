@@ -9,6 +9,9 @@ from hapticnet.files import MAX_BYTES, parse_bytes
 
 MAX_SIZE: Final = MAX_BYTES
 RECORD_LIMIT: Final = 2 * 2**30
+AUTO: Final = "auto"
+"""Address of the page where none is written."""
+
 Missing: TypeAlias = Literal["refuse", "drop", "hold"]
 RecordFormat: TypeAlias = Literal["csv", "mcap", "npz"]
 
@@ -90,14 +93,24 @@ SceneOption: TypeAlias = Annotated[
     ),
 ]
 OperatorOption: TypeAlias = Annotated[
-    str,
+    str | None,
     typer.Option(
         metavar="OPERATOR",
-        help="Source of positions: scripted, trace:FILE[:COLUMN,…] (a recording), udp:[HOST:]PORT[:axes=N] (another"
+        show_default="scripted; page with --page",
+        help="Source of positions: scripted, page (the live page), trace:FILE[:COLUMN,…] (a recording), udp:[HOST:]PORT[:axes=N] (another"
         " program), or a class of yours with sample(t_us): FILE.py:CLASS or package.module:CLASS.",
     ),
 ]
 Realtime: TypeAlias = Annotated[bool, typer.Option(help="Use real-time scheduling (SCHED_FIFO) if permitted.")]
+PageOption: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        "--page",
+        metavar="[HOST:PORT]",
+        help="Serve the live page, by default on 127.0.0.1:47880 or a free port, and print its URL; needs"
+        " hapticnet[web]. Without --operator, the page is the hand.",
+    ),
+]
 DeviceOption: TypeAlias = Annotated[
     str,
     typer.Option(

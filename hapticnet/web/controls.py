@@ -2,17 +2,23 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.loss import BernoulliLoss
 from hapticnet.channel.settings import ChannelSettings
-from hapticnet.codec.registry import codec_parameters, describe_codecs
+from hapticnet.codec.registry import codec_parameters, describe_codecs, make_codec
 from hapticnet.errors import PeerError, SettingsError
 from hapticnet.node.master import MasterNode
 from hapticnet.web.messages import Change
 
+if TYPE_CHECKING:
+    from hapticnet.perception import WeberLaw
+
 CHANNEL_KEYS: Final = ("delay_ms", "loss_percent")
+
+ASK_EVERY_US: Final = 200_000
+"""Shortest time [µs] between two sessions that are asked for because of a change."""
 
 
 class Controls:
@@ -40,6 +46,8 @@ class Controls:
         is_fixed: bool = False,
     ) -> None:
         self._node = node
+        self._wanted: tuple[str, WeberLaw] | None = None
+        self._asked_us = -ASK_EVERY_US
         self._channels = [(channel, settings) for channel, settings in channels]
         changeable = ["multiplier", "codec", *(CHANNEL_KEYS if channels else ())]
         self.adjustable: tuple[str, ...] = () if is_fixed else tuple(changeable)
@@ -74,15 +82,31 @@ class Controls:
             if getattr(change, key) is not None and key not in self.adjustable:
                 raise PeerError(f"{key} cannot be changed in this run")
         if change.codec is not None or change.multiplier is not None:
-            law = self._node.codec.law
-            if change.multiplier is not None:
-                law = replace(law, multiplier=change.multiplier)
-            try:
-                self._node.change(codec=change.codec, law=law)
-            except SettingsError as error:
-                raise PeerError(str(error)) from error
+            self._want(change)
         if change.delay_ms is not None or change.loss_percent is not None:
             self._change_channels(change)
+
+    def work(self, now_us: int) -> None:
+        """Do what is due: ask for a session with the codec wanted, not more often than `ASK_EVERY_US`.
+
+        A slider that is dragged wants dozens of sessions a second.
+        """
+        if self._wanted is not None and not 0 <= now_us - self._asked_us < ASK_EVERY_US:
+            (codec, law), self._wanted = self._wanted, None
+            self._asked_us = now_us
+            self._node.change(codec=codec, law=law)
+
+    def _want(self, change: Change) -> None:
+        now = self._node.codec
+        codec, law = self._wanted or (now.name, now.law)
+        codec = change.codec or codec
+        if change.multiplier is not None:
+            law = replace(law, multiplier=change.multiplier)
+        try:
+            make_codec(codec, law).decoder(self._node.axes)
+        except SettingsError as error:
+            raise PeerError(str(error)) from error
+        self._wanted = codec, law
 
     def _change_channels(self, change: Change) -> None:
         for number, (channel, settings) in enumerate(self._channels):

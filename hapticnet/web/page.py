@@ -204,6 +204,7 @@ class Page(Watcher[NodeEvent]):
 
     def _send(self) -> None:
         self._seat.check()
+        self._controls.work(now_us())
         self._follow_readiness()
         self._flush()
         self._frames += 1
