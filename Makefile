@@ -10,6 +10,7 @@ APT := $(if $(filter 0,$(shell id -u)),,sudo )apt-get
 
 help:
 	@echo 'make demo           install, and play the paper in about a minute'
+	@echo 'make demo PAGE=1    install, and move the needle yourself in a browser'
 	@echo 'make test           install everything the tests need, and run them all'
 	@echo 'make check          linters, types, layers'
 	@echo 'make docker-check   build the image and play every scenario of docker/ (needs a Docker engine)'
@@ -18,8 +19,8 @@ help:
 	@echo 'make simulator      build the firmware and the simulator that runs it (--device simavr)'
 	@echo 'make clean          remove the virtual environment and all results'
 
-demo: $(VENV)/installed-plot
-	$(BIN)/hapticnet demo
+demo: $(VENV)/installed-$(if $(PAGE),web,plot)
+	$(BIN)/hapticnet demo $(if $(PAGE),--page)
 
 test: system-packages check
 	$(BIN)/pytest
@@ -48,12 +49,12 @@ bench: system-packages $(VENV)/installed-dev
 run-figure: $(VENV)/installed-plot
 	$(BIN)/python bench/report/plot_run.py docs/figures/run.png
 
-# The C programs that bench/ measures against, the network namespaces of the two-host test, and what the firmware is
-# built with and simulated in.
-SYSTEM_PACKAGES := gcc libc6-dev iproute2 gcc-avr avr-libc libsimavr-dev libelf-dev
+# The C programs that bench/ measures against, the network namespaces of the two-host test, what the firmware is built
+# with and simulated in, and the browser that the live page is tested in.
+SYSTEM_PACKAGES := gcc libc6-dev iproute2 gcc-avr avr-libc libsimavr-dev libelf-dev chromium
 
 system-packages:
-	@if ! { command -v gcc && command -v ip && command -v avr-gcc && \
+	@if ! { command -v gcc && command -v ip && command -v avr-gcc && command -v chromium && \
 			test -e /usr/include/simavr/sim_avr.h && test -e /usr/include/libelf.h; } >/dev/null; then \
 		if command -v apt-get >/dev/null; then \
 			$(APT) update -qq && $(APT) install -y -qq --no-install-recommends $(SYSTEM_PACKAGES); \

@@ -50,10 +50,10 @@ class Console:
         """Number of lines that were not printed, because there were too many or nobody read them."""
         return STDERR.left_out
 
-    def say(self, text: str, *, event: str | None = None) -> None:
-        """Print a permanent line; `event` names for programs what happened."""
-        if not self._quiet:
-            STDERR.line(log_line(text, who=self._name, event=event))
+    def say(self, text: str, *, event: str | None = None, needed: bool = False) -> None:
+        """Print a permanent line; `event` names for programs what happened. A `needed` line is printed even if quiet."""
+        if needed or not self._quiet:
+            STDERR.line(log_line(text, who=self._name, event=event), needed=needed)
 
     def warn(self, text: str, *, event: str | None = None) -> None:
         """Print a permanent line about something that works worse than it could."""

@@ -22,6 +22,7 @@ def demo(
     device: options.DeviceOption = "sim",
     codec: options.Codec = "deadband",
     rate: Annotated[float, typer.Option(help="Positions a second.")] = 1000.0,
+    page: options.PageOption = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -32,16 +33,20 @@ def demo(
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> None:
-    """Play the paper's four conditions with a slave and a master process on loopback, and compare them."""
+    """Play the paper's four conditions with a slave and a master process on loopback, and compare them.
+
+    With --page, move the needle yourself in a browser instead, until Ctrl-C; nothing is written then.
+    """
     import json as json_module
     import signal
     import sys
 
     from hapticnet.cli.console import Console, check_new, check_outputs, write_text
+    from hapticnet.cli.demo_page import play_on_page
     from hapticnet.cli.demo_table import print_table
     from hapticnet.cli.devices import check_device
     from hapticnet.codec.registry import make_codec, parse_codec
-    from hapticnet.errors import UnavailableError
+    from hapticnet.errors import SettingsError, UnavailableError
     from hapticnet.experiment.conditions import CONDITIONS
     from hapticnet.experiment.demo import disturbances, play_conditions, results
     from hapticnet.experiment.figures import draw_bytes_per_penetration, draw_run
@@ -56,6 +61,12 @@ def demo(
     check_device(device)
     if device.startswith("simavr"):
         simavr_build()
+    if page is not None:
+        if json or out is not None:
+            raise SettingsError("--page is played live and writes no results; omit --out and --json")
+        signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+        play_on_page(page, Console("demo", quiet=quiet), seed=seed, device=device, codec=codec, rate_hz=rate)
+        return
     out = fresh_path(RESULTS) if out is None else out
     report, bytes_figure, run_figure = (out / name for name in ("demo.json", "bytes_per_penetration.png", "run.png"))
     check_outputs(report, bytes_figure, run_figure)

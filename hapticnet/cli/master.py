@@ -76,7 +76,6 @@ def master(
     from hapticnet.cli.master_messages import MasterMessages
     from hapticnet.cli.operators import make_operator
     from hapticnet.cli.pages import choose_operator
-    from hapticnet.cli.recording import MasterRecording
     from hapticnet.cli.trust import master_key, refusal_advice
     from hapticnet.codec.registry import parse_codec
     from hapticnet.errors import RefusedError, UnavailableError

@@ -88,8 +88,8 @@ def choose_operator(operator: str | None, page: str | None, console: "Console") 
     from hapticnet.runtime.udp import is_loopback, parse_host_port
 
     sock, access = listen_for_pages(None if page in (None, AUTO) else parse_host_port(page, lowest_port=0))
-    console.say(f"{PAGE}{access.url('watch')}")
-    console.say(f"operator view, the scene only: {access.url('operator')}")
+    console.say(f"{PAGE}{access.url('watch')}", needed=True)
+    console.say(f"operator view, the scene only: {access.url('operator')}", needed=True)
     if not is_loopback(sock.getsockname()):
         console.say(
             "warning: other hosts can reach the page, and it is not encrypted: whoever reads these addresses on"

@@ -5,7 +5,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 from hapticnet.errors import UnavailableError
@@ -38,6 +38,7 @@ class Child:
 
     def __init__(self, arguments: Sequence[str], *, environment: Mapping[str, str] | None = None) -> None:
         self._arguments = arguments
+        self._last = "nothing"
         prctl, parent = ctypes.CDLL(None).prctl, os.getpid()
 
         def end_with_parent() -> None:
@@ -66,6 +67,13 @@ class Child:
             said.append(line.strip())
         raise UnavailableError(f"'{self._command}' ended before it listened: {'; '.join(said)}")
 
+    def lines(self) -> Iterator[str]:
+        """Yield the lines that the process says, as they come, until it ends."""
+        assert self._process.stderr is not None  # noqa: S101 - for the type checker: stderr is a pipe
+        for line in self._process.stderr:
+            self._last = line.strip()
+            yield self._last
+
     def poll(self) -> bool:
         """Return whether the process has ended."""
         return self._process.poll() is not None
@@ -74,8 +82,8 @@ class Child:
         """Wait for the process to end by itself; if it fails, UnavailableError repeats its last message."""
         _, said = self._process.communicate()
         if self._process.returncode:
-            last = said.strip().splitlines()[-1:] or ["nothing"]
-            raise UnavailableError(f"'{self._command}' failed ({self._process.returncode}); it said: {last[0]}")
+            last = (said.strip().splitlines() or [self._last])[-1]
+            raise UnavailableError(f"'{self._command}' failed ({self._process.returncode}); it said: {last}")
 
     def kill(self) -> None:
         """End the process at once. Can be called from another thread; a call that waits for the process returns."""
