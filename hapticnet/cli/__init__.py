@@ -103,7 +103,7 @@ def with_page_address(arguments: list[str]) -> list[str]:
     following = [*arguments[1:], "-"]
     return [
         f"--page={AUTO}" if argument == "--page" and next_one.startswith("-") else argument
-        for argument, next_one in zip(arguments, following, strict=True)
+        for argument, next_one in zip(arguments, following, strict=False)
     ]
 
 

@@ -97,8 +97,9 @@ OperatorOption: TypeAlias = Annotated[
     typer.Option(
         metavar="OPERATOR",
         show_default="scripted; page with --page",
-        help="Source of positions: scripted, page (the live page), trace:FILE[:COLUMN,…] (a recording), udp:[HOST:]PORT[:axes=N] (another"
-        " program), or a class of yours with sample(t_us): FILE.py:CLASS or package.module:CLASS.",
+        help="Source of positions: scripted, page (the live page), trace:FILE[:COLUMN,…] (a recording),"
+        " udp:[HOST:]PORT[:axes=N] (another program), or a class of yours with sample(t_us): FILE.py:CLASS or"
+        " package.module:CLASS.",
     ),
 ]
 Realtime: TypeAlias = Annotated[bool, typer.Option(help="Use real-time scheduling (SCHED_FIFO) if permitted.")]
