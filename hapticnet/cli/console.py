@@ -51,7 +51,7 @@ class Console:
         return STDERR.left_out
 
     def say(self, text: str, *, event: str | None = None, needed: bool = False) -> None:
-        """Print a permanent line; `event` names for programs what happened. A `needed` line is printed even if quiet."""
+        """Print a permanent line, a `needed` one even if quiet; `event` names for programs what happened."""
         if needed or not self._quiet:
             STDERR.line(log_line(text, who=self._name, event=event), needed=needed)
 
