@@ -40,7 +40,7 @@ class Orbit:
     def sample(self, t_us):
         return self.radius, 0.0, -self.radius
     def feel(self, t_us, force_n):
-        self.felt = force_n
+        self.felt = max(self.felt, force_n)
     def close(self):
         print("felt", *(round(f, 2) for f in self.felt), file=sys.stderr)
 
