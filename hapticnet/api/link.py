@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,12 +22,15 @@ from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode, MasterSettings
 from hapticnet.node.slave import SlaveNode
-from hapticnet.operator.base import Operator
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
-from hapticnet.operator.user import UserOperator
-from hapticnet.scene.base import Touchable
+from hapticnet.operator.user import HasSample, UserOperator
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.sources import as_touchable, find_source
+from hapticnet.scene.user import HasStep
+
+if TYPE_CHECKING:
+    from hapticnet.operator.base import Operator
+    from hapticnet.scene.base import Touchable
 
 LONGEST_RUN_S = 1e5
 """Longest single run [s]; its recordings take about ten gigabytes of memory."""
@@ -175,12 +178,12 @@ class VirtualLink:
 
 def virtual_link(
     *,
-    scene: str | Touchable | Any = "paper:0",
+    scene: str | HasStep = "paper:0",
     codec: str | Codec = "deadband",
     forward: str = "perfect",
     feedback: str = "perfect",
     rate_hz: float = 1000.0,
-    operator: Operator | Any | None = None,
+    operator: HasSample | None = None,
     seed: int = 0,
     weber_fraction: float | None = None,
     floor_n: float | None = None,

@@ -11,13 +11,12 @@ from hapticnet.codec import registry
 from hapticnet.codec.base import Codec
 from hapticnet.codec.plugins import checked_class
 from hapticnet.device.base import Device
-from hapticnet.device.user import UserDevice
+from hapticnet.device.user import HasExchange, UserDevice
 from hapticnet.errors import SampleError, SettingsError
 from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.master import DeviceTakes, MasterNode, MasterSettings, OnError
 from hapticnet.node.slave import SlaveNode
-from hapticnet.operator.base import Operator
-from hapticnet.operator.user import UserOperator
+from hapticnet.operator.user import HasSample, UserOperator
 from hapticnet.protocol.handshake import Door, OpenDoor, SealedDoor
 from hapticnet.protocol.key_files import load_key, load_roster
 from hapticnet.protocol.keys import MasterEntry, MasterKey, parse_key
@@ -37,14 +36,17 @@ from hapticnet.runtime.udp import (
 from hapticnet.samples import PositionSample, Vector, checked_vector
 from hapticnet.scene.base import Touchable
 from hapticnet.scene.sources import as_touchable, find_source
+from hapticnet.scene.user import HasStep
 
 if TYPE_CHECKING:
     import socket
 
+    from hapticnet.operator.base import Operator
+
 PositionLike: TypeAlias = float | Sequence[float]
 """A position [m]: a number for one axis, or a sequence with a number for each."""
 
-SceneLike: TypeAlias = str | Touchable | Callable[[], Any]
+SceneLike: TypeAlias = str | HasStep | Callable[[], HasStep]
 """The name of a scene, an object with a method ``step``, or a function that makes one for each master."""
 
 
@@ -110,8 +112,8 @@ class MasterSetup:
     multiplier: float | None = None
     rate_hz: float = 1000.0
     start: PositionLike = 0.0
-    operator: Operator | Any | None = None
-    device: Device | Any | None = None
+    operator: HasSample | None = None
+    device: HasExchange | None = None
     device_takes: DeviceTakes = "x"
     key: str | Path | None = None
     peer_key: str | None = None
@@ -140,8 +142,12 @@ class MasterSetup:
                 parameters={},
             )
         )  # fmt: skip
-        hand = Hand(self.start) if self.operator is None else None
-        operator: Operator = hand if hand is not None else UserOperator(self.operator)
+        operator: Operator
+        hand = None
+        if self.operator is None:
+            operator = hand = Hand(self.start)
+        else:
+            operator = UserOperator(self.operator)
         sock, address = open_toward(parse_host_port(self.address))
         try:
             settings = MasterSettings(

@@ -3,7 +3,7 @@
 import json
 import math
 from numbers import Real
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from hapticnet.checks import check_above
 from hapticnet.device.base import Device, Reading
@@ -20,6 +20,14 @@ TRAVEL_M: Final = 0.005
 
 LARGEST_TRAVEL_M: Final = 1.0
 LARGEST_FORCE_N: Final = 1000.0
+
+
+class HasExchange(Protocol):
+    """What a user's object must have to press a finger; see `UserDevice` for what it may have besides."""
+
+    def exchange(self, displacement_m: float, now_us: int, /) -> Reading | float | None:
+        """Set the displacement [m] of the platform; return the force [N] that its sensor reads. It must not wait."""
+        ...
 
 
 class UserDevice(Device):
@@ -41,7 +49,7 @@ class UserDevice(Device):
         If ``exchange`` is missing or cannot be called this way, or an attribute cannot be used.
     """
 
-    def __init__(self, made: Any, what: str = "the device") -> None:
+    def __init__(self, made: HasExchange, what: str = "the device") -> None:
         self.made = made
         self._exchange: Callable[[float, int], Any] = method_of(made, "exchange(displacement_m, now_us)", what)
         self._method = f"{type(made).__name__}.exchange"

@@ -1,13 +1,19 @@
 """An operator of the user's: anything with a method ``sample``."""
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
 
 from hapticnet.checks import check_integer
 from hapticnet.samples import PositionSample, Vector
 from hapticnet.user_code import axes_of, failure, method_of, vector_from
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
+
+class HasSample(Protocol):
+    """What a user's object must have to move the tool; see `UserOperator` for what it may have besides."""
+
+    def sample(self, t_us: int, /) -> PositionSample | float | Sequence[float]:
+        """Return the position [m] of the tool at a time [µs] since the start. It must not wait."""
+        ...
 
 
 class UserOperator:
@@ -30,7 +36,7 @@ class UserOperator:
 
     __slots__ = ("_feel", "_hand_feel", "_hand_sample", "_sample", "axes", "duration_us", "hand")
 
-    def __init__(self, hand: Any, what: str = "the operator") -> None:
+    def __init__(self, hand: HasSample, what: str = "the operator") -> None:
         self.hand = hand
         kind = type(hand).__name__
         self._sample, self._feel = f"{kind}.sample", f"{kind}.feel"

@@ -13,6 +13,7 @@ from hapticnet.user_code import close_user_object, find_user_class
 if TYPE_CHECKING:
     from hapticnet.scene.base import Touchable
     from hapticnet.scene.tissue import SceneSettings
+    from hapticnet.scene.user import HasStep
     from hapticnet.user_code import UserClass
 
 SCENES: Final = "paper, paper:SEED, a preset, FILE.toml, FILE.py:CLASS or package.module:CLASS"
@@ -116,7 +117,7 @@ def find_source(spec: str, folder: Path = Path()) -> SceneSource:
     return SceneSource(find_scene(spec, folder), None if file is None else folder / file)
 
 
-def as_touchable(scene: object) -> "Touchable":
+def as_touchable(scene: "HasStep") -> "Touchable":
     """Return what masters touch from an object of a user; raise SettingsError if it has no usable ``step``."""
     if isinstance(scene, (Scene, UserScene)):
         return scene

@@ -1,16 +1,22 @@
 """What a master touches if it is an object of the user's: anything with a method ``step``."""
 
-from typing import TYPE_CHECKING, Any, Final
+from collections.abc import Callable, Sequence
+from typing import Any, Final, Protocol
 
 from hapticnet.errors import SettingsError
 from hapticnet.samples import ForceSample, PositionSample
 from hapticnet.user_code import axes_of, failure, method_of, short, vector_from
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
 LONGEST_NAME: Final = 64
 """Most bytes of a scene's name, which travels to the master."""
+
+
+class HasStep(Protocol):
+    """What a user's object must have to be touched; see `UserScene` for what it may have besides."""
+
+    def step(self, sample: PositionSample, /) -> ForceSample | float | Sequence[float]:
+        """Return the force [N] at a position, positive when it pushes the tool out. It must not wait."""
+        ...
 
 
 class UserScene:
@@ -32,7 +38,7 @@ class UserScene:
 
     __slots__ = ("__weakref__", "_method", "_step", "axes", "name", "touched")
 
-    def __init__(self, touched: Any, what: str = "the scene") -> None:
+    def __init__(self, touched: HasStep, what: str = "the scene") -> None:
         self.touched = touched
         self._step: Callable[[PositionSample], Any] = method_of(touched, "step(sample)", what)
         self._method = f"{type(touched).__name__}.step"

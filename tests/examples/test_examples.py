@@ -1,0 +1,205 @@
+"""The programs of examples/ do what they say."""
+
+import asyncio
+import os
+import re
+import struct
+import subprocess
+import sys
+import time
+import types
+from pathlib import Path
+
+import pytest
+
+import hapticnet as hn
+from hapticnet.control.force import ForceControlSettings
+from hapticnet.control.limits import LimitSettings
+from hapticnet.device.user import UserDevice
+from hapticnet.node.fingertip import Fingertip
+from hapticnet.operator.user import UserOperator
+from hapticnet.user_code import find_user_class, load_user_code
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+FILES = sorted(EXAMPLES.glob("*.py"))
+
+
+@pytest.fixture(autouse=True)
+def leave_no_traces(monkeypatch):
+    monkeypatch.setattr(sys, "path", sys.path[:])
+
+
+def load(source):
+    return load_user_code(source, "example", EXAMPLES)
+
+
+def wait_until(condition, within_s=20.0):
+    end_s = time.monotonic() + within_s
+    while not condition():
+        assert time.monotonic() < end_s, "it never happened"
+        time.sleep(0.001)
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: file.name)
+def test_an_example_is_short_and_named_in_the_page(file):
+    assert len(file.read_text().splitlines()) <= 40
+    assert f"examples/{file.name}" in (EXAMPLES.parent / "docs" / "embedding.md").read_text()
+
+
+def test_the_explorer_finds_the_ball_and_presses_with_the_force_it_wants():
+    ball, hand = load("own_scene.py:Ball")(), load("own_hand.py:Explorer")(force_n=0.8)
+    link = hn.virtual_link(scene=ball, operator=hand, codec="deadband")
+    link.run(seconds=hand.duration_us / 1e6)
+    assert hand.felt_n == pytest.approx(0.8, abs=0.1)
+    assert link.report().scene == "ball"
+
+
+def test_the_force_loop_drives_the_platform():
+    device = UserDevice(find_user_class("own_device.py:Platform:port=COM3", "device", EXAMPLES).make())
+    assert device.description == "platform on COM3"
+    fingertip = Fingertip(device, LimitSettings(), ForceControlSettings())
+    for now_us in range(1000, 3_000_000, 1000):
+        fingertip.press(1.5, now_us)
+    assert fingertip.sensed_n == pytest.approx(1.5, abs=0.1)
+
+
+def test_the_stick_of_a_gamepad_sets_the_speed_of_the_tool(tmp_path):
+    pipe = tmp_path / "js0"
+    os.mkfifo(pipe)
+    gamepad = load("gamepad.py:Gamepad")(device=str(pipe))
+    hand = UserOperator(gamepad)
+    with open(pipe, "wb", buffering=0) as stick:
+
+        def move(value):
+            stick.write(struct.pack("=IhBB", 0, 123, 0x01, 0) + struct.pack("=IhBB", 0, value, 0x02, 1))
+
+        def at(from_ms, to_ms):
+            return [hand.sample(1000 * ms).position_m[0] for ms in range(from_ms, to_ms)]
+
+        assert at(0, 10)[-1] == 0.0
+        move(-32767)
+        assert at(10, 510)[-1] == pytest.approx(0.03)
+        move(0)
+        assert at(510, 600)[-1] == pytest.approx(0.03)
+        move(32767)
+        assert at(600, 2000)[-1] == 0.0
+        gamepad.close()
+
+
+def test_slave_and_master_in_one_asyncio_program(capsys):
+    asyncio.run(load("in_asyncio.py:main")())
+    said = capsys.readouterr().out
+    assert said.count("Connected(") == 2, "the codec was changed"
+    assert "Ended(reason='done'" in said
+    applied, true = map(float, re.search(r"([\d.]+) N in front of the wall's ([\d.]+) N", said).groups())
+    assert applied == pytest.approx(2.0, abs=0.3)
+    assert true == pytest.approx(2.0, abs=0.3)
+
+
+def test_a_master_in_a_program_with_its_own_loop(capsys):
+    with hn.ThreadedSlave("paper:1", listen="127.0.0.1:0") as slave:
+        assert load("in_a_loop.py:main")(slave.address, 1.0) > 1.0
+    assert "Connected(" in capsys.readouterr().out
+
+
+def test_a_ros_node_touches_a_ball(monkeypatch):
+    said, published = [], []
+    monkeypatch.setitem(sys.modules, "rclpy", types.ModuleType("rclpy"))
+    monkeypatch.setitem(sys.modules, "rclpy.node", stand_in("rclpy.node", Node=node_class(said, published)))
+    messages = stand_in("geometry_msgs.msg", PointStamped=Message, WrenchStamped=Message)
+    monkeypatch.setitem(sys.modules, "geometry_msgs", types.ModuleType("geometry_msgs"))
+    monkeypatch.setitem(sys.modules, "geometry_msgs.msg", messages)
+    with hn.ThreadedSlave(load("own_scene.py:Ball")(), listen="127.0.0.1:0") as slave:
+        monkeypatch.setattr(sys.modules["rclpy.node"].Node, "slave", slave.address)
+        node = load("ros_node.py:Touch")()
+        tool = Message()
+        tool.point.x, tool.point.y, tool.point.z = 0.0, 0.01, 0.0
+        node.on_tool(tool)
+        assert node.period_s == 1.0 / 500.0
+
+        def touched():
+            node.on_timer()
+            return published[-1].wrench.force.y > 2.85
+
+        wait_until(touched)
+        force = published[-1].wrench.force
+        assert (force.x, force.y, force.z) == pytest.approx((0.0, 3.0, 0.0), abs=0.2)
+        assert published[-1].header.stamp == "now"
+        assert said[0].startswith("Connected(")
+        node.master.close()
+
+
+class Message:
+    """A message of ROS: any field, made when it is first used."""
+
+    def __getattr__(self, name):
+        if name.startswith("__"):
+            raise AttributeError(name)
+        made = Message()
+        setattr(self, name, made)
+        return made
+
+
+def stand_in(name, **contents):
+    module = types.ModuleType(name)
+    vars(module).update(contents)
+    return module
+
+
+def node_class(said, published):
+    class Node:
+        """What the example uses of rclpy.node.Node."""
+
+        slave = ""
+
+        def __init__(self, name):
+            self.name = name
+
+        def declare_parameter(self, name, default):
+            assert (name, default) == ("slave", "127.0.0.1:47800")
+            return types.SimpleNamespace(value=self.slave)
+
+        def get_name(self):
+            return self.name
+
+        def create_publisher(self, kind, topic, depth):
+            assert (kind, topic, depth) == (Message, "touch", 10)
+            return types.SimpleNamespace(publish=published.append)
+
+        def create_subscription(self, kind, topic, callback, depth):
+            assert (kind, topic, callback, depth) == (Message, "tool", self.on_tool, 10)
+
+        def create_timer(self, period_s, callback):
+            assert callback == self.on_timer
+            self.period_s = period_s
+
+        def get_clock(self):
+            return types.SimpleNamespace(now=lambda: types.SimpleNamespace(to_msg=lambda: "now"))
+
+        def get_logger(self):
+            return types.SimpleNamespace(info=said.append)
+
+    return Node
+
+
+def test_a_program_moves_the_tool_by_udp(capsys):
+    with hn.ThreadedSlave("paper:1", listen="127.0.0.1:0") as slave:
+        command = ["master", "--connect", slave.address, "--operator", "udp:0", "--device", "none", "--no-realtime"]
+        master = subprocess.Popen(
+            [sys.executable, "-m", "hapticnet", *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        try:
+            port = None
+            for line in master.stderr:
+                if found := re.search(r"positions are read from 127\.0\.0\.1:(\d+)", line):
+                    port = int(found[1])
+                if "connected to" in line:
+                    break
+            assert load("udp_client.py:main")(port, 2.0) > 1.0
+        finally:
+            master.terminate()
+            out, err = master.communicate(timeout=20)
+    assert master.returncode == 0, err
+    assert re.search(r"positions come from 127\.0\.0\.1:\d+, as JSON object", err)
+    assert " mm " in capsys.readouterr().out
+    assert re.search(r"answers +\d{2}", out)
