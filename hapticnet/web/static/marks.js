@@ -7,23 +7,38 @@ export const RULER_PX = 54;
 
 const ARROW_PX_PER_N = 26;
 const RIPPLE_MS = 900;
+const MM = 1e-3;
+const RULER_STEPS_MM = [1, 2, 5, 10, 20, 50, 100, 200];
+const RULER_GAP_PX = 40; // at least, between two numbers
 const FONT = "Inter, system-ui, sans-serif";
 
 /** Names, strengths and states of the tissues, where the server has told them. */
-export function drawLabels(context, scene, tissues) {
+export function drawLabels(context, scene) {
   const colour = palette();
+  const width = scene.middle - 40;
   context.textAlign = "left";
   context.textBaseline = "alphabetic";
-  tissues.forEach((tissue, index) => {
+  scene.tissues.forEach((tissue, index) => {
     if (!tissue.name) return;
-    const y = scene.y(tissue.rest_m) + 26;
+    const top = scene.y(tissue.rest_m);
+    const room = (index + 1 < scene.tissues.length ? scene.y(scene.tissues[index + 1].rest_m) : scene.height) - top;
+    if (room < 20) return;
+    const y = top + Math.min(26, room * 0.45);
     context.strokeStyle = context.fillStyle = colour(`on-tissue-${scene.shade(index)}`);
     context.font = `600 13px ${FONT}`;
-    context.fillText(tissue.name, 16, y);
+    context.fillText(shortened(context, tissue.name, width), 16, y);
+    if (room < 72) return;
     context.font = `400 12px ${FONT}`;
-    context.fillText(strength(tissue), 16, y + 17);
+    context.fillText(shortened(context, strength(tissue), width + 30), 16, y + 17);
     drawContact(context, scene, index, y + 35);
   });
+}
+
+function shortened(context, text, width) {
+  if (context.measureText(text).width <= width) return text;
+  let kept = text;
+  while (kept && context.measureText(`${kept}…`).width > width) kept = kept.slice(0, -1);
+  return `${kept}…`;
 }
 
 function strength({ breach_force_n: breach, stiffness_n_per_m: stiffness }) {
@@ -76,9 +91,11 @@ export function drawRuler(context, scene, wantedM) {
   context.font = `400 11px ${FONT}`;
   const tipY = scene.y(scene.tipM);
   const [low, high] = scene.rangeM;
-  for (let mm = Math.ceil(low * 1000 / 5) * 5; mm <= high * 1000 + 0.01; mm += 5) {
-    const y = Math.round(scene.y(mm / 1000)) + 0.5;
-    const whole = mm % 10 === 0;
+  const step = RULER_STEPS_MM.find((mm) => scene.y(mm * MM) - scene.y(0) >= RULER_GAP_PX) ?? 500;
+  for (let k = Math.ceil((2 * low) / MM / step); k * step <= (2 * high) / MM + 1e-6; k += 1) {
+    const mm = (k * step) / 2;
+    const y = Math.round(scene.y(mm * MM)) + 0.5;
+    const whole = k % 2 === 0;
     context.fillStyle = colour(whole ? "muted" : "line-strong");
     context.fillRect(left, y - 0.5, whole ? 9 : 5, 1);
     if (whole && Math.abs(y - tipY) > 15) context.fillText(`${mm}`, left + 14, y);
@@ -195,7 +212,7 @@ export function drawRipples(context, scene, ripples, nowMs, still) {
   context.strokeStyle = palette()("tissue-edge");
   for (const { index, startMs } of rest) {
     const age = (nowMs - startMs) / RIPPLE_MS;
-    const y = scene.y(scene.restM(index));
+    const y = scene.y(scene.tissues[index].rest_m);
     for (const lag of [0, 0.18]) {
       const grown = (age - lag) / (1 - lag);
       if (grown <= 0) continue;

@@ -25,7 +25,11 @@ export class Settings {
     const list = this._form.elements.codec;
     this._summaries = new Map(codecs.map(({ name, summary }) => [name, summary]));
     list.replaceChildren(...codecs.map(({ name }) => new Option(name)));
-    for (const name of [...Object.keys(UNITS), "codec"]) this._form.elements[name].disabled = !adjustable.includes(name);
+    for (const name of [...Object.keys(UNITS), "codec"]) {
+      const input = this._form.elements[name];
+      input.disabled = !adjustable.includes(name);
+      input.closest(".field").title = input.disabled ? "This run does not let a page change it" : "";
+    }
     for (const [name, [low, high]] of Object.entries(limits)) {
       const input = this._form.elements[name];
       if (input) [input.min, input.max] = [low, high];

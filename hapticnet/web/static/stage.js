@@ -6,7 +6,7 @@ import { SceneView } from "./scene.js";
 import { handWords, hint, sceneWords } from "./words.js";
 
 const ERROR_MS = 6000;
-const WORDS_EVERY_MS = 500;
+const WORDS_EVERY_MS = 1000;
 
 const byId = (id) => document.getElementById(id);
 
@@ -187,7 +187,7 @@ export class Stage {
 
   _obstacle(online, source) {
     if (!online) return "The page is not connected.";
-    if (source !== "page") return `The needle follows: ${source}. Start the master with --operator page to move it here.`;
+    if (source !== "page") return `${handWords(source)}. To move it here, start the master with --operator page.`;
     return this._holder === "another" ? "Another page has the hand." : null;
   }
 

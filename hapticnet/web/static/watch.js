@@ -152,4 +152,5 @@ for (const button of document.querySelectorAll("[data-line]")) {
 byId("sound").addEventListener("click", async () => {
   await tone.toggle();
   byId("sound").ariaPressed = String(tone.isOn);
+  byId("sound").querySelector("span").textContent = tone.isOn ? "Sensory substitution" : "Hear the force";
 });

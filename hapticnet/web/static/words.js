@@ -42,9 +42,11 @@ export function linkState(link) {
   return LINKS[link] ?? ["info", link];
 }
 
+const SOURCES = { scripted: "A script moves the needle", trace: "A recording moves the needle" };
+
 /** What the line under the scene says about the hand. */
 export function handWords(source, holder, state) {
-  if (source !== "page") return `The needle follows: ${source}`;
+  if (source !== "page") return SOURCES[source] ?? `The needle is moved by ${source}`;
   if (holder === "you") return state === "holding" ? "You have the hand; the needle waits for it" : "You have the hand";
   if (holder === "another") return "Another page has the hand";
   return state === "withdrawing" ? "The needle is being withdrawn" : "Nobody has the hand";
