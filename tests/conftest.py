@@ -1,6 +1,7 @@
 """What tests of several rooms share: both nodes in virtual time."""
 
 import os
+import sys
 from collections.abc import Callable, Hashable, Iterable
 from dataclasses import replace
 from typing import Any
@@ -27,6 +28,10 @@ from hapticnet.scene.scene import Scene
 from tests.peers import ENTRY, KEY, OTHER_ENTRY, SLAVE
 
 IN_CI = bool(os.environ.get("CI"))
+
+# Hundreds of tests start processes: without bytecode on disk, each would compile every module it imports.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 # No deadlines: they would measure the machine. In CI the same examples every time; elsewhere new ones, which may find
 # what nobody thought of; `pytest --hypothesis-profile thorough` for a long look.

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import fcntl
 import os
+import tempfile
 import tty
 from typing import Final
 
@@ -14,13 +15,19 @@ TIOCVHANGUP: Final = 0x5437  # <asm-generic/ioctls.h> of Linux
 
 
 class Plugged:
-    """A stand-in on a pseudo-terminal while it is plugged in."""
+    """A stand-in on a pseudo-terminal while it is plugged in.
+
+    Its path is a link that exists only so long: the number of a closed pseudo-terminal goes to the next one opened on
+    this host, and a port that is retried would take that of another test.
+    """
 
     def __init__(self, firmware: StandIn) -> None:
         self.firmware = firmware
         self._master, slave = os.openpty()
         tty.setraw(slave)
-        self.path = os.ttyname(slave)
+        self._folder = tempfile.TemporaryDirectory(prefix="plugged-")
+        self.path = f"{self._folder.name}/ttyUSB0"
+        os.symlink(os.ttyname(slave), self.path)
         # Keep this end open; otherwise there would be a hang-up whenever the host closes its end.
         self._slave = slave
         os.set_blocking(self._master, False)
@@ -35,6 +42,7 @@ class Plugged:
     def unplug(self) -> None:
         self._loop.remove_reader(self._master)
         self._ticker.stop()
+        self._folder.cleanup()
         os.close(self._slave)
         os.close(self._master)
 
