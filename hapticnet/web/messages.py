@@ -357,5 +357,5 @@ def _change(content: dict[str, Any]) -> Change:
             raise MistakeError(f"{key} must be a number")
         elif not LIMITS[key][0] <= value <= LIMITS[key][1]:
             low, high = LIMITS[key]
-            raise MistakeError(f"{key} is {value:.6g}; it must be between {low:g} and {high:g}")
+            raise MistakeError(f"{key} is {str(value)[:20]}; it must be between {low:g} and {high:g}")
     return Change(**content)

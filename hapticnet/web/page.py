@@ -131,6 +131,7 @@ class Page(Watcher[NodeEvent]):
 
     def connect(self, client: "Client") -> None:
         """Greet a page."""
+        self._flush()  # so that the past it gets ends where its first message begins
         self.clients.append(client)
         client.post(self._description.hello(client.view))
         client.post(self._description.scene(client.view))
@@ -140,7 +141,6 @@ class Page(Watcher[NodeEvent]):
             for event in self._events:
                 client.post(event)
             client.post(self._state())
-            self._flush()
             for block in self._ticks.history():
                 client.post_replaceable(block)
 
