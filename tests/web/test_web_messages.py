@@ -1,5 +1,6 @@
 """The messages between page and server."""
 
+import contextlib
 import json
 import math
 import struct
@@ -89,15 +90,11 @@ def test_a_malformed_binary_is_refused(data: bytes):
 @settings(max_examples=50)
 @given(st.one_of(st.text(), st.recursive(st.none() | st.floats() | st.text(), st.lists).map(json.dumps)))
 def test_any_text_is_understood_or_refused(text: str):
-    try:
+    with contextlib.suppress(PeerError):
         messages.parse_text(text)
-    except PeerError:
-        pass
 
 
 @given(st.binary(max_size=40))
 def test_any_bytes_are_understood_or_refused(data: bytes):
-    try:
+    with contextlib.suppress(PeerError):
         assert math.isfinite(messages.parse_binary(data).position_m)
-    except PeerError:
-        pass

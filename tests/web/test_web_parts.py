@@ -208,7 +208,7 @@ def test_without_an_address_another_port_is_taken_where_the_usual_one_is_in_use(
     one, _ = listen_for_pages(None)
     other, access = listen_for_pages(None)
     assert (access.host, access.port != DEFAULT.port) == ("127.0.0.1", True)
-    with pytest.raises(UnavailableError, match="cannot serve the page at 127.0.0.1:.*in use"):
+    with pytest.raises(UnavailableError, match=r"cannot serve the page at 127\.0\.0\.1:.* in use"):
         listen_for_pages(HostPort("127.0.0.1", access.port))
     one.close()
     other.close()
