@@ -12,7 +12,10 @@ import hapticnet as hn
 
 
 class Ball:
-    """A ball around the origin that pushes the tool out."""
+    """A ball around the origin that pushes the tool out.
+
+    As everywhere in hapticnet, a force is positive where it pushes against its axis, toward smaller coordinates.
+    """
 
     axes = 3
     name = "ball"
@@ -27,4 +30,4 @@ class Ball:
         if not 0.0 < distance_m < self.radius_m:
             return (0.0, 0.0, 0.0)
         force_n = self.stiffness_n_per_m * (self.radius_m - distance_m)
-        return tuple(force_n * x / distance_m for x in sample.position_m)
+        return tuple(-force_n * x / distance_m for x in sample.position_m)

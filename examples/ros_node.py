@@ -27,7 +27,7 @@ class Touch(Node):
         message = WrenchStamped()
         message.header.stamp = self.get_clock().now().to_msg()
         force = message.wrench.force
-        force.x, force.y, force.z = self.master.tick()
+        force.x, force.y, force.z = (-each for each in self.master.tick())  # positive along the axes, as in ROS
         self.forces.publish(message)
         for event in self.master.take_events():
             self.get_logger().info(str(event))
