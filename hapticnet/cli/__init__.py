@@ -6,7 +6,22 @@ from typing import Final
 
 import typer
 
-from hapticnet.cli import channel, codecs, compare, config, demo, device, doctor, encode, key, master, scene, slave
+from hapticnet.cli import (
+    channel,
+    codecs,
+    compare,
+    config,
+    demo,
+    device,
+    doctor,
+    encode,
+    key,
+    master,
+    recordings,
+    replay,
+    scene,
+    slave,
+)
 from hapticnet.cli.console import complain
 from hapticnet.cli.options import AUTO
 from hapticnet.cli.verbs import equip, found_of
@@ -37,6 +52,10 @@ app.command(short_help="Send the operator's motion, render the force that comes 
 app.command(short_help="Stand between the two as a worse network would.")(channel.channel)
 app.command(short_help="Run a codec over a recorded force.")(encode.encode)
 app.command(short_help="Compare every codec on recordings with the best possible.")(compare.compare)
+app.command(short_help="Print what a recording holds.")(recordings.info)
+app.command(short_help="Play a recording's hand to a slave, or its force through a codec and channel.")(replay.replay)
+app.command(short_help="Write a recording as CSV, Parquet, NumPy or MCAP.")(recordings.export)
+app.command(short_help="Complete a recording after a crash.")(recordings.recover)
 app.command(short_help="List the codecs with their rules and parameters.")(codecs.codecs)
 app.command(short_help="Check whether this machine is fit, and say what to do.")(doctor.doctor)
 app.command(

@@ -15,7 +15,7 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
     ),
     ("master",): (
         "hapticnet master",
-        "hapticnet master --codec adaptive-predictive --multiplier 2 --record run.csv",
+        "hapticnet master --codec adaptive-predictive --multiplier 2 --record run.mcap",
         "hapticnet master --connect 192.0.2.7:47800 --peer-key KEY --device serial:auto --profile device.toml",
         "hapticnet master --operator trace:hand.csv --device none --json >report.json",
         "HAPTICNET_MASTER_CODEC=raw hapticnet master --config rig.toml",
@@ -32,6 +32,13 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
         "hapticnet compare",
         "hapticnet compare force.csv --column fx,fy,fz --position x,y,z --plot figures",
         "hapticnet compare force.npy --column 2 --rate 1000 --loss 5% --codecs 'deadband;raw' --json",
+    ),
+    ("info",): ("hapticnet info run.mcap", "hapticnet info run.csv --json"),
+    ("recover",): ("hapticnet recover run.mcap.unfinished", "hapticnet recover copied.mcap --out whole.mcap"),
+    ("export",): ("hapticnet export run.mcap --csv", "hapticnet export run.csv --parquet --out table.parquet"),
+    ("replay",): (
+        "hapticnet replay run.mcap --connect 127.0.0.1:47800",
+        "hapticnet replay recordings/master-00012345.mcap --codec adaptive-predictive --channel-in 4g --device sim",
     ),
     ("codecs",): ("hapticnet codecs", "hapticnet codecs --json"),
     ("doctor",): ("hapticnet doctor", "hapticnet doctor --device serial:auto --quick"),

@@ -148,7 +148,7 @@ def master(
                 "channel_out": channels["channel_out"].describe(), "channel_in": channels["channel_in"].describe(),
                 "provenance": provenance(),
             }  # fmt: skip
-            recording = MasterRecording(node, record, console.say, limit_bytes=record_limit, about=about)
+            recording = MasterRecording(node, record, console.warn, limit_bytes=record_limit, about=about)
             watchers.append(recording)
         outcome = run(
             run_master(

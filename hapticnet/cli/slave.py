@@ -98,6 +98,8 @@ def slave(
     check_parameter("--keep", keep, 1.0, 86_400.0, "s")
     source = find_source(scene)
     source.prepare()
+    for note in source.notes:
+        console.say(f"{source.file}: {note}")
     out = parse_channel(channel_out)
     sock = listen_on(parse_host_port(listen, lowest_port=0))
     address = bound_address(sock)
@@ -134,7 +136,7 @@ def slave(
     if record is not None:
         about = {"seed": seed, "scene": scene, "channel_out": out.describe(), "provenance": provenance()}
         recording = SlaveRecording(
-            node, record, console.say, suffix=f".{record_format}", limit_bytes=record_limit, about=about
+            node, record, console.warn, suffix=f".{record_format}", limit_bytes=record_limit, about=about
         )
         watchers.append(recording)
     terminals = [descriptor for descriptor in (0, 1, 2) if os.isatty(descriptor)]

@@ -102,7 +102,8 @@ def load_recording(
     ----------
     columns
         One to three force columns, by name (with or without unit), by the name of a two-dimensional array, or by
-        number from 0; a string is split at commas. None: the only column that is not time.
+        number from 0; a string is split at commas. None: those called force (or received, in a recording of a
+        master), or else the only column that is not time.
     position
         Position columns, one for each force column; None: no positions.
     position_scale
@@ -181,7 +182,7 @@ def _choose(source: Source, columns: Columns | None, what: str) -> list[int]:
     else:
         times = find_times(source.names)
         others = [index for index, name in enumerate(source.names) if index != times and name]
-        named = [index for index in others if what == "position" and _is_position(source.names[index])]
+        named = _named(source.names, others, what)
         chosen = named or others
         if len(chosen) != 1 and not named:
             raise FileError(f"{source.path}: which column? {listed(source.names)}; choose one to three of them")
@@ -190,9 +191,17 @@ def _choose(source: Source, columns: Columns | None, what: str) -> list[int]:
     return chosen
 
 
-def _is_position(name: str) -> bool:
-    """Return whether a column is called position or pos, as in position_m, pos_x [mm], run.position.0."""
-    return re.search(r"(^|\.)pos(ition)?([_. ].*)?$", split_unit(name)[0].lower()) is not None
+def _named(names: Sequence[str], others: list[int], what: str) -> list[int]:
+    """Return the columns that are called what is wanted: position_m, pos_x [mm], run.position.0; force_n, force_x_n.
+
+    A recording of a master has no true force, but the one that it received.
+    """
+    for word in ("pos(ition)?",) if what == "position" else ("force", "received"):
+        pattern = re.compile(rf"(^|\.){word}([_. ].*)?$")
+        named = [index for index in others if pattern.search(split_unit(names[index])[0].lower())]
+        if named and (what == "position" or len(named) <= MAX_AXES):
+            return named
+    return []
 
 
 def _read(

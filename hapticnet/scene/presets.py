@@ -76,7 +76,7 @@ def find_scene(spec: str, folder: Path = Path()) -> SceneSettings:
     if path is None:
         raise SettingsError(
             f"unknown scene {spec!r}; choose from paper, paper:SEED, {', '.join(scene_names())}, "
-            "the path of a .toml file, FILE.py:CLASS or package.module:CLASS"
+            "the path of a .toml file, recording:FILE, FILE.py:CLASS or package.module:CLASS"
         )
     return load_scene(folder / path)
 

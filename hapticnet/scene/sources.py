@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 from hapticnet.errors import SettingsError
 from hapticnet.scene.presets import find_scene, scene_file, scene_names
+from hapticnet.scene.recorded import RecordedForce
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.user import UserScene
 from hapticnet.user_code import close_user_object, find_user_class
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from hapticnet.scene.user import HasStep
     from hapticnet.user_code import UserClass
 
-SCENES: Final = "paper, paper:SEED, a preset, FILE.toml, FILE.py:CLASS or package.module:CLASS"
+SCENES: Final = "paper, paper:SEED, a preset, FILE.toml, recording:FILE, FILE.py:CLASS or package.module:CLASS"
 """What ``--scene`` may be."""
 
 MOST_FAULTS: Final = 10
@@ -32,11 +33,14 @@ class SceneSource:
         Name of the scenes.
     file
         File that the source is read from, or None.
+    notes
+        What the user should know about that file.
     """
 
     def __init__(self, settings: "SceneSettings", file: Path | None = None) -> None:
         self.name = settings.name
         self.file = file
+        self.notes: tuple[str, ...] = ()
         self._settings = settings
 
     def prepare(self) -> None:
@@ -61,6 +65,7 @@ class UserSource(SceneSource):
     def __init__(self, found: "UserClass") -> None:
         self.name = found.source
         self.file = found.file
+        self.notes = ()
         self._found = found
         self._shared = getattr(found.found, "shared", False) is True
         self._stock: UserScene | None = None
@@ -97,6 +102,22 @@ class UserSource(SceneSource):
             self._faults.append(fault)
 
 
+class RecordedSource(SceneSource):
+    """Makes scenes that play a recorded force, of FILE or FILE:COLUMN,…; a file may have a colon in its name."""
+
+    def __init__(self, spec: str, folder: Path) -> None:
+        file, colon, columns = spec.rpartition(":")
+        chosen = bool(colon) and not (folder / spec).exists()
+        self.file = folder / (file if chosen else spec)
+        self._force = RecordedForce(self.file, columns=columns if chosen else None)
+        self.name = self._force.name
+        self.notes = self._force.notes
+
+    def make(self) -> "Touchable":
+        """Return a scene that has not begun."""
+        return self._force.make()
+
+
 def find_source(spec: str, folder: Path = Path()) -> SceneSource:
     """Return the source of scenes written as `spec`; a path in it is relative to `folder`.
 
@@ -109,6 +130,8 @@ def find_source(spec: str, folder: Path = Path()) -> SceneSource:
     FileError
         If its file is missing, unreadable or malformed.
     """
+    if spec.startswith("recording:"):
+        return RecordedSource(spec.removeprefix("recording:"), folder)
     if spec not in scene_names() and not spec.startswith("paper:") and not spec.endswith(".toml"):
         found = find_user_class(spec, "scene", folder)
         if found is not None:

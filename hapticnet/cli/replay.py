@@ -1,0 +1,134 @@
+"""``hapticnet replay``: the hand of a recording to a slave again, or its force through a codec and a channel."""
+
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from hapticnet.cli import options
+from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+SLOWEST_HZ: Final = 10.0
+FASTEST_HZ: Final = 10_000.0
+"""Range of rates at which recordings are replayed; slaves grant no others."""
+
+
+def replay(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="Recording of a session, or any file with positions and forces.")
+    ],
+    connect: Annotated[
+        str | None,
+        typer.Option(metavar="HOST:PORT", help="Play the hand to this slave, instead of the recorded force."),
+    ] = None,
+    key: options.KeyOption = None,
+    peer_key: options.PeerKeyOption = None,
+    insecure: options.Insecure = False,
+    position: options.Position = None,
+    column: options.Column = None,
+    codec: options.Codec = "deadband",
+    weber: options.Weber = PAPER_WEBER_FRACTION,
+    floor: options.Floor = PAPER_FLOOR_N,
+    multiplier: options.Multiplier = 1.0,
+    channel_out: options.ChannelOut = "perfect",
+    channel_in: options.ChannelIn = "perfect",
+    device: options.DeviceOption = "none",
+    profile: options.ProfileOption = None,
+    rate: Annotated[
+        float | None, typer.Option(help="Positions a second; by default as recorded.", show_default=False)
+    ] = None,
+    seed: options.Seed = 0,
+    record: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Record the replay in FILE: .mcap, .csv or .npz.")
+    ] = None,
+    realtime: options.Realtime = True,
+    json: options.Json = False,
+    report: options.Report = None,
+    quiet: options.Quiet = False,
+) -> None:
+    """Play a recording again.
+
+    With --connect, its hand moves in the scene of that slave. Without, a slave on this machine answers with the
+    recorded force, through any codec and channel: compare codecs on the device, or feel what another person felt.
+    """
+    from hapticnet.cli.console import check_outputs
+    from hapticnet.cli.master import master
+    from hapticnet.errors import SettingsError
+    from hapticnet.recordings.recording import load_motion
+
+    check_outputs(record, report, inputs=[file])
+    if connect is not None and column is not None:
+        raise SettingsError("--column chooses the force, but with --connect the slave's scene makes the force")
+    motion = load_motion(file, position=position)
+    with _slave(file, column, codec, motion.position.shape[1], connect, realtime=realtime) as address:
+        master(
+            connect=address,
+            key=key,
+            peer_key=peer_key,
+            insecure=insecure,
+            operator=f"trace:{file}" if position is None else f"trace:{file}:{position}",
+            device=device,
+            profile=profile,
+            codec=codec,
+            weber=weber,
+            floor=floor,
+            multiplier=multiplier,
+            rate=rate or _rate_hz(motion.t_us.tolist()),
+            name="replay",
+            channel_out=channel_out,
+            channel_in=channel_in,
+            seed=seed,
+            connect_timeout=10.0,
+            record=record,
+            realtime=realtime,
+            json=json,
+            report=report,
+            quiet=quiet,
+        )
+
+
+def _rate_hz(t_us: list[int]) -> float:
+    """Return the samples a second of a recording, as a rate that a slave grants."""
+    from itertools import pairwise
+    from statistics import fmean, median
+
+    steps = [after - before for before, after in pairwise(t_us) if after > before]
+    if not steps:
+        return 1000.0
+    usual = 2 * median(steps)
+    step_us = fmean(step for step in steps if step <= usual)  # without gaps
+    return min(max(round(1e6 / step_us, 1), SLOWEST_HZ), FASTEST_HZ)
+
+
+@contextmanager
+def _slave(
+    file: Path, column: str | None, codec: str, axes: int, connect: str | None, *, realtime: bool
+) -> "Iterator[str]":
+    """Yield the address of the slave: the one that was named, or one of our own that plays the recorded force."""
+    from hapticnet.cli.console import Console
+    from hapticnet.codec.registry import split_codec
+    from hapticnet.errors import SettingsError
+    from hapticnet.runtime.children import Child
+    from hapticnet.scene.recorded import RecordedForce
+
+    if connect is not None:
+        yield connect
+        return
+    force = RecordedForce(file, columns=column)
+    if force.axes != axes:
+        raise SettingsError(
+            f"{file}: a force of {force.axes} axes for positions of {axes}; choose as many with --column and --position"
+        )
+    for note in force.notes:
+        Console("replay").say(f"{file}: {note}")
+    scene = f"recording:{file}" if column is None else f"recording:{file}:{column}"
+    arguments = ["slave", "--listen", "127.0.0.1:0", "--scene", scene, "--codec", split_codec(codec)[0]]
+    slave = Child(arguments if realtime else [*arguments, "--no-realtime"])
+    try:
+        yield slave.address()
+    finally:
+        slave.end()
