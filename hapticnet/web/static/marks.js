@@ -29,7 +29,7 @@ export function drawLabels(context, scene) {
     context.fillText(shortened(context, tissue.name, width), 16, y);
     if (room < 72) return;
     context.font = `400 12px ${FONT}`;
-    context.fillText(shortened(context, strength(tissue), width + 30), 16, y + 17);
+    context.fillText(strength(tissue, width), 16, y + 17);
     drawContact(context, scene, index, y + 35);
   });
 }
@@ -41,8 +41,10 @@ function shortened(context, text, width) {
   return `${kept}…`;
 }
 
-function strength({ breach_force_n: breach, stiffness_n_per_m: stiffness }) {
-  return breach === undefined ? "" : `${Number(stiffness.toPrecision(3))} N/m, breaks at ${Number(breach.toPrecision(2))} N`;
+function strength({ breach_force_n: breach, stiffness_n_per_m: stiffness }, width) {
+  if (breach === undefined) return "";
+  const breaks = `breaks at ${Number(breach.toPrecision(2))} N`;
+  return width < 150 ? breaks : `${Number(stiffness.toPrecision(3))} N/m, ${breaks}`;
 }
 
 /** State of a tissue as a small symbol and words, so that colour is never needed. */

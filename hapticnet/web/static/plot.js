@@ -184,20 +184,39 @@ export class ForcePlot {
 }
 
 /**
- * A dashed line for noisy values. A dash pattern follows the length of a path, so that noise uses it up; here the line is
- * cut at equal times instead.
+ * Path of a dashed line for noisy values, for uPlot. A dash pattern follows the length of a path, so noise would use it
+ * up; here the line is cut at equal times. In each column of pixels it goes from the smallest value to the largest.
  */
 function dashed(plot, series, from, to) {
-  const path = uPlot.paths.linear()(plot, series, from, to);
-  if (!path) return path;
-  const { left, top, width, height } = plot.bbox;
-  const ratio = width / plot.over.clientWidth;
-  const period = DASH_PX * ratio;
-  const secondsPerPixel = (plot.scales.x.max - plot.scales.x.min) / width;
-  const phase = (plot.scales.x.min / secondsPerPixel) % period;
-  path.clip = new Path2D();
-  for (let x = left - phase; x < left + width; x += period) path.clip.rect(x, top, period * DASH_SHARE, height);
-  return path;
+  const [times, values] = [plot.data[0], plot.data[series]];
+  const { min, max } = plot.scales.x;
+  const { left, width } = plot.bbox;
+  const period = (DASH_PX * width) / plot.over.clientWidth;
+  const scale = width / (max - min);
+  const phase = Math.floor(min * scale); // so that dashes move with the line
+  const stroke = new Path2D();
+  let [column, low, high, isOn] = [NaN, Infinity, -Infinity, false];
+  const finish = () => {
+    const draws = low <= high && ((column + phase) % period) / period < DASH_SHARE;
+    if (draws) {
+      const y = plot.valToPos(low, "y", true);
+      if (isOn) stroke.lineTo(left + column, y);
+      else stroke.moveTo(left + column, y);
+      stroke.lineTo(left + column, plot.valToPos(high, "y", true));
+    }
+    isOn = draws;
+  };
+  for (let row = from; row <= to; row += 1) {
+    const at = Math.floor((times[row] - min) * scale);
+    if (at !== column) {
+      finish();
+      [column, low, high] = [at, Infinity, -Infinity];
+    }
+    if (values[row] < low) low = values[row];
+    if (values[row] > high) high = values[row];
+  }
+  finish();
+  return { stroke, fill: null, clip: null, band: null, gaps: null, flags: 0 };
 }
 
 function niceStep(least) {
