@@ -50,6 +50,8 @@ def master(
         typer.Option(metavar="FILE", help="Record every tick, datagram and event in FILE: .mcap, .csv or .npz."),
     ] = None,
     record_limit: options.RecordLimit = options.RECORD_LIMIT,
+    stream: options.StreamOption = None,
+    metrics: options.MetricsOption = None,
     realtime: options.Realtime = True,
     json: options.Json = False,
     report: options.Report = None,
@@ -77,6 +79,7 @@ def master(
     from hapticnet.cli.operators import make_operator
     from hapticnet.cli.pages import choose_operator
     from hapticnet.cli.trust import master_key, refusal_advice
+    from hapticnet.cli.watching import watch_master
     from hapticnet.codec.registry import parse_codec
     from hapticnet.errors import RefusedError, UnavailableError
     from hapticnet.experiment.provenance import provenance
@@ -142,6 +145,7 @@ def master(
         watchers: list[Watcher[NodeEvent]] = [messages, *hand.watchers]
         if served is not None:
             watchers += served.watchers(node, hand.operator, operator, device, str(address), channels, emulators)
+        watchers += watch_master(node, console, overload, stream=stream, metrics=metrics)
         if record is not None:
             about = {
                 "seed": seed, "operator": operator, "device": device,

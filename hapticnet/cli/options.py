@@ -71,6 +71,22 @@ Json: TypeAlias = Annotated[bool, typer.Option("--json", help="Print the report 
 Report: TypeAlias = Annotated[Path | None, typer.Option(metavar="FILE", help="Write the report to FILE as JSON too.")]
 Force: TypeAlias = Annotated[bool, typer.Option("--force", help="Overwrite files that exist.")]
 Quiet: TypeAlias = Annotated[bool, typer.Option("--quiet", "-q", help="Print only errors and the report.")]
+StreamOption: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        "--stream",
+        metavar="HOST:PORT",
+        help="Send every sample to PlotJuggler's UDP server there, as JSON; its port is 9870.",
+    ),
+]
+MetricsOption: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        "--metrics",
+        metavar="HOST:PORT",
+        help="Serve figures for Prometheus there (/metrics), and whether this process is well (/health).",
+    ),
+]
 ChannelOut: TypeAlias = Annotated[
     str,
     typer.Option(

@@ -44,6 +44,8 @@ def slave(
     ] = None,
     record_format: Annotated[options.RecordFormat, typer.Option(help="Format of the recordings.")] = "csv",
     record_limit: options.RecordLimit = options.RECORD_LIMIT,
+    stream: options.StreamOption = None,
+    metrics: options.MetricsOption = None,
     realtime: options.Realtime = True,
     json: options.Json = False,
     report: options.Report = None,
@@ -67,6 +69,7 @@ def slave(
     from hapticnet.cli.console import Console, channel_account, check_outputs, deliver
     from hapticnet.cli.slave_messages import SlaveMessages, place
     from hapticnet.cli.trust import slave_trust
+    from hapticnet.cli.watching import watch_slave
     from hapticnet.codec.registry import parse_codec, register_installed_codecs
     from hapticnet.errors import FileError, SettingsError
     from hapticnet.experiment.provenance import provenance
@@ -163,6 +166,7 @@ def slave(
         console.warn(line)
     scheduling = prefer_realtime() if realtime else OTHER
     overload = Overload(scheduling, console.warn)
+    watchers += watch_slave(node, console, overload, stream=stream, metrics=metrics)
     try:
         run(
             run_slave(

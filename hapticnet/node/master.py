@@ -145,6 +145,8 @@ class MasterNode:
         Force [N] requested of the device and sensed by it, and the displacement [m] of its platform.
     scene_name
         What the slave calls the scene; None before there is a session.
+    age
+        Age [µs] of the force that is applied, in each tick.
     paused
         Why the operator is not asked for positions; None if it is.
     recording, datagrams
@@ -179,7 +181,7 @@ class MasterNode:
         self._heard_us: int | None = None  # when the newest force arrived, on the master's clock
         self._heard_t_us = 0  # and its time stamp
         self._valid_t_us = 0  # time of the newest position for which what is applied is known to be right
-        self._age = Distribution()
+        self.age = Distribution()
         self._connections = 0
         self._tracking = RunningError(settings.law)
         self.scene_name: str | None = None
@@ -200,6 +202,11 @@ class MasterNode:
     def device_status(self) -> str | None:
         """State of the device and of its force loop in words; None without a device."""
         return self._fingertip.status if self._fingertip is not None else None
+
+    @property
+    def connections(self) -> int:
+        """Number of sessions so far."""
+        return self._connections
 
     @property
     def connected(self) -> bool:
@@ -248,7 +255,7 @@ class MasterNode:
             except Exception as error:  # a user's codec may raise anything
                 self._fail(f"the codec failed: {in_words(error)}", now_us)
             if not self._hold.is_released(now_us):
-                self._age.add(now_us - self._valid_t_us)
+                self.age.add(now_us - self._valid_t_us)
         self.held_n = held_n = self.held_force_n(now_us)
         fingertip = self._fingertip
         if fingertip is None:
@@ -336,7 +343,7 @@ class MasterNode:
             "tracking_rmse_n": tracking.rmse_n if tracking else None,
             "tracking_max_n": tracking.max_error_n if tracking else None,
             "round_trip": self.session.round_trip.report(),
-            "age_of_applied_force": self._age.report(),
+            "age_of_applied_force": self.age.report(),
             "sent": self.session.sent.report(),
             "received": self.session.received.report(),
         }

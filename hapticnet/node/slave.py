@@ -112,6 +112,11 @@ class SlaveNode:
         return tuple(self._stations.values())
 
     @property
+    def throttled(self) -> int:
+        """Requests for a session that were not read because they came too often."""
+        return self._reception.throttled
+
+    @property
     def unkeyed(self) -> int:
         """HELLOs whose senders use the public key of another slave."""
         return self._reception.unkeyed
@@ -191,7 +196,7 @@ class SlaveNode:
         return {
             "sessions": [*self._ended, *(self._report(station) for station in self.stations if station.seated)],
             "never_used": self.never_used,
-            "throttled": self._reception.throttled,
+            "throttled": self.throttled,
             "unkeyed": self.unkeyed,
             "strangers": self.strangers.report(),
             "to_strangers": self.to_strangers.report(),

@@ -70,6 +70,12 @@ class Station:
     continues
         The station whose scene this one goes on with. A restarted master has another clock; `same_clock` tells whether
         this one's time stamps go on from the old ones.
+
+    Attributes
+    ----------
+    newest
+        The newest position that was answered: its time [µs] on the master's clock, position [m], true force [N], force
+        that the master holds if nothing is lost [N], and whether a force was transmitted. None before the first.
     """
 
     def __init__(
@@ -105,6 +111,7 @@ class Station:
         self.steps = 0
         self.superseded = 0
         self.paused: str | None = None
+        self.newest: tuple[int, Vector, Vector, Vector, bool] | None = None
         self.recording = Recording(slave_columns(scene.axes)) if settings.record else None
         self.datagrams = Recording(DATAGRAM_COLUMNS) if settings.record_datagrams else None
         self._on_error = settings.on_error
@@ -232,6 +239,7 @@ class Station:
         except Exception as error:  # a user's codec
             raise SceneFailedError(f"the force cannot be decoded: {in_words(error)}") from error
         self._held_n = held_n
+        self.newest = sample.t_us, sample.position_m, force_n, held_n, payload is not None
         self._error.add(force_n, held_n)
         size = 0 if datagram is None else len(datagram)
         if self.recording is not None:

@@ -146,6 +146,10 @@ class Distribution:
                 return float(min(self.RATIO ** (bucket + 1), self.largest))
         return None
 
+    def counts(self) -> dict[int, int]:
+        """Return how many durations fell into each bucket; bucket b ends at `RATIO`^(b + 1) µs."""
+        return self._counts
+
     def report(self) -> dict[str, object]:
         """Return count, percentiles and maximum [µs] for JSON; None if nothing was measured."""
         return {

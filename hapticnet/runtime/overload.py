@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from hapticnet.runtime.outlet import STDERR
-from hapticnet.runtime.realtime import policy
+from hapticnet.runtime.realtime import OTHER, policy
 from hapticnet.runtime.timer import Ticker
 from hapticnet.runtime.udp import UdpPort
 
@@ -30,13 +30,18 @@ class Overload:
         The scheduling that was granted, as `prefer_realtime` describes it.
     say
         Called with each warning for the user.
+
+    Attributes
+    ----------
+    port, ticker
+        What is watched; None before `attach`, and if there is no ticker.
     """
 
     def __init__(self, scheduling: str, say: Callable[[str], None]) -> None:
         self._scheduling = scheduling
         self._say = say
-        self._port: UdpPort | None = None
-        self._ticker: Ticker | None = None
+        self.port: UdpPort | None = None
+        self.ticker: Ticker | None = None
         self._since_us: int | None = None
         self._missed = self._ticks = 0
         self._dropped = 0
@@ -47,25 +52,30 @@ class Overload:
 
     def attach(self, port: UdpPort, ticker: Ticker | None = None) -> None:
         """Set what is watched."""
-        self._port, self._ticker = port, ticker
+        self.port, self.ticker = port, ticker
+
+    @property
+    def is_realtime(self) -> bool:
+        """Whether this process has real-time scheduling."""
+        return policy(self._scheduling) != OTHER
 
     def check(self, now_us: int) -> None:
         """Tell what is wrong, if anything; call this a few times a second."""
-        if self._port is None or (self._since_us is not None and now_us - self._since_us < WINDOW_US):
+        if self.port is None or (self._since_us is not None and now_us - self._since_us < WINDOW_US):
             return
         starts = self._since_us is None
         self._since_us = now_us
-        ages = sorted(self._port.queue.take_ages())
+        ages = sorted(self.port.queue.take_ages())
         missed, ticks = self._count_ticks()
         if starts:  # what happened while the process started is no overload
-            self._dropped = self._port.queue.count_drops()
+            self._dropped = self.port.queue.count_drops()
             return
         # A single late datagram is a hiccup, not a queue.
         if len(ages) > 1 and (age_us := ages[-max(2, len(ages) // 100 + 1)]) > LARGEST_QUEUE_AGE_US:
             self._tell("age", now_us, f"datagrams wait {age_us / 1000:.1f} ms until this process reads them")
         if missed > LARGEST_MISSED_SHARE * ticks:
             self._tell("missed", now_us, f"{missed:,} of {ticks:,} ticks were missed within a second")
-        dropped = self._port.queue.count_drops()
+        dropped = self.port.queue.count_drops()
         if dropped > self._dropped and self._tell(
             "drops", now_us, f"the system dropped {dropped - self._dropped:,} datagrams that were not read in time"
         ):
@@ -73,12 +83,12 @@ class Overload:
 
     def report(self) -> dict[str, Any]:
         """Return the account for JSON, over the whole run; None for what does not apply."""
-        ages = self._port.queue.age if self._port is not None else None
-        ticker = self._ticker
+        ages = self.port.queue.age if self.port is not None else None
+        ticker = self.ticker
         return {
             "queue_age_p50_us": ages.percentile(50) if ages else None,
             "queue_age_p99_us": ages.percentile(99) if ages else None,
-            "kernel_drops": self._port.queue.count_drops() if self._port is not None else None,
+            "kernel_drops": self.port.queue.count_drops() if self.port is not None else None,
             "missed_ticks": ticker.missed if ticker else None,
             "missed_share": ticker.missed / max(1, ticker.missed + ticker.lateness.count) if ticker else None,
             "scheduling": self._scheduling,
@@ -87,9 +97,9 @@ class Overload:
 
     def _count_ticks(self) -> tuple[int, int]:
         """Return missed and all ticks since the last call."""
-        if self._ticker is None:
+        if self.ticker is None:
             return 0, 0
-        missed, ticks = self._ticker.missed, self._ticker.missed + self._ticker.lateness.count
+        missed, ticks = self.ticker.missed, self.ticker.missed + self.ticker.lateness.count
         since = missed - self._missed, ticks - self._ticks
         self._missed, self._ticks = missed, ticks
         return since

@@ -85,6 +85,20 @@ def listen(address: HostPort) -> socket.socket:
     return sock
 
 
+def listen_for_streams(address: HostPort) -> socket.socket:
+    """Return a listening TCP socket; raise UnavailableError if the address is not available."""
+    family, target = _resolve(address)
+    sock = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        sock.bind(target)
+        sock.listen()
+    except OSError as error:
+        sock.close()
+        raise UnavailableError(f"cannot listen on {address} (TCP): {_words(error)}") from error
+    return sock
+
+
 def open_toward(address: HostPort) -> tuple[socket.socket, SocketAddress]:
     """Return a socket for sending to `address`, and the resolved address; raise UnavailableError if this fails.
 

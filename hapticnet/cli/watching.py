@@ -1,0 +1,59 @@
+"""The watchers that ``--stream`` and ``--metrics`` add to a master or a slave."""
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hapticnet.cli.console import Console
+    from hapticnet.node.master import MasterNode, NodeEvent
+    from hapticnet.node.slave import SlaveEvent, SlaveNode
+    from hapticnet.runtime.overload import Overload
+    from hapticnet.runtime.watching import Watcher
+
+
+def watch_master(
+    node: "MasterNode", console: "Console", overload: "Overload", *, stream: str | None, metrics: str | None
+) -> "list[Watcher[NodeEvent]]":
+    """Return what looks on at a master for other programs.
+
+    Raises
+    ------
+    SettingsError
+        If an address is invalid.
+    UnavailableError
+        If an extra is not installed, or an address is not available.
+    """
+    from hapticnet.runtime.metrics import MasterMetrics
+    from hapticnet.runtime.stream import MasterStream
+
+    return _watch(MasterStream, MasterMetrics, node, console, overload, stream, metrics)
+
+
+def watch_slave(
+    node: "SlaveNode", console: "Console", overload: "Overload", *, stream: str | None, metrics: str | None
+) -> "list[Watcher[SlaveEvent]]":
+    """Return what looks on at a slave for other programs; raise as `watch_master` does."""
+    from hapticnet.runtime.metrics import SlaveMetrics
+    from hapticnet.runtime.stream import SlaveStream
+
+    return _watch(SlaveStream, SlaveMetrics, node, console, overload, stream, metrics)
+
+
+def _watch(
+    make_stream: Any,
+    make_metrics: Any,
+    node: Any,
+    console: "Console",
+    overload: "Overload",
+    stream: str | None,
+    metrics: str | None,
+) -> list[Any]:
+    from hapticnet.runtime.udp import parse_host_port
+
+    watchers = []
+    if stream is not None:
+        watchers.append(make_stream(node, parse_host_port(stream), console.warn))
+    if metrics is not None:
+        served = make_metrics(node, parse_host_port(metrics, lowest_port=0), overload, console.warn)
+        console.say(f"metrics on http://{served.address}/metrics")
+        watchers.append(served)
+    return watchers

@@ -1,0 +1,227 @@
+"""``--metrics``: figures of a running node for Prometheus, served by a process of its own."""
+
+import json
+import math
+import os
+from collections import Counter
+from collections.abc import Callable, Mapping
+from importlib.util import find_spec
+from typing import Any, Final, Generic, TypeAlias
+
+from hapticnet.errors import UnavailableError
+from hapticnet.node.master import MasterNode, NodeEvent
+from hapticnet.node.slave import MasterLeft, SlaveEvent, SlaveNode
+from hapticnet.node.station import Station
+from hapticnet.protocol.stats import Distribution, Traffic
+from hapticnet.protocol.wire import Kind
+from hapticnet.runtime.outlet import STDERR
+from hapticnet.runtime.overload import Overload
+from hapticnet.runtime.side_process import SideProcess
+from hapticnet.runtime.udp import HostPort, bound_address, listen_for_streams
+from hapticnet.runtime.watching import Event, Watcher
+
+VALUES: Final = 0
+"""Kind of a frame with the newest values: JSON, a number or numbers by label for each name."""
+
+HISTOGRAM: Final = 1
+"""Kind of a frame with a distribution: JSON with its name and the counts by bucket."""
+
+MODULE: Final = "hapticnet.runtime.metrics_server"
+
+Values: TypeAlias = dict[str, float | dict[str, float]]
+
+
+class Metrics(Watcher[Event], Generic[Event]):
+    """Base of the metrics of master and slave.
+
+    Parameters
+    ----------
+    address
+        Where HTTP is served; port 0 takes a free one.
+    overload
+        The signs that this machine is too busy, with socket and ticker.
+    tell
+        Called with a line for the user if the serving process fails.
+
+    Raises
+    ------
+    UnavailableError
+        If prometheus-client is not installed, or the address is not available.
+    """
+
+    name = "metrics"
+    role: str
+
+    def __init__(self, address: HostPort, overload: Overload, tell: Callable[[str], None]) -> None:
+        if find_spec("prometheus_client") is None:
+            raise UnavailableError("--metrics needs prometheus-client: pip install 'hapticnet[metrics]'")
+        self._socket = listen_for_streams(address)
+        self.address = bound_address(self._socket)
+        self._overload = overload
+        self._tell = tell
+        self._process: SideProcess | None = None
+        self._events: Counter[str] = Counter()
+        self._turn = 0
+
+    async def start(self) -> None:
+        """Start the serving process."""
+        arguments = self.role, str(os.getpid())
+        descriptors = [self._socket.fileno()]
+        self._process = SideProcess(MODULE, descriptors, arguments, name="the process of --metrics", tell=self._tell)
+        self._socket.close()
+        self._send()
+
+    def note(self, event: Event, now_us: int) -> None:  # noqa: ARG002
+        """Count an event."""
+        self._events[type(event).__name__] += 1
+
+    def check(self, now_us: int) -> None:  # noqa: ARG002
+        """Send the present values, and one of the distributions: all of them together would take too long."""
+        self._send()
+
+    async def stop(self) -> None:
+        """End the serving process."""
+        if self._process is not None:
+            await self._process.stop()
+
+    def values(self) -> Values:
+        """Return the present values by name."""
+        port = self._overload.port
+        return {
+            "events": dict(self._events),
+            "log_lines_left_out": STDERR.left_out,
+            "realtime": float(self._overload.is_realtime),
+            "kernel_drops": port.queue.count_drops() if port is not None else 0,
+        }
+
+    def distributions(self) -> Mapping[str, Distribution | None]:
+        """Return the distributions [µs] by name."""
+        port = self._overload.port
+        return {"queue_age_seconds": port.queue.age if port is not None else None}
+
+    def _send(self) -> None:
+        if self._process is None:
+            return
+        self._process.send(VALUES, json.dumps(self.values()).encode())
+        distributions = list(self.distributions().items())
+        self._turn = (self._turn + 1) % len(distributions)
+        name, distribution = distributions[self._turn]
+        if distribution is not None:
+            self._process.send(HISTOGRAM, json.dumps({"name": name, "counts": distribution.counts()}).encode())
+
+
+class MasterMetrics(Metrics[NodeEvent]):
+    """The metrics of a master."""
+
+    role = "master"
+
+    def __init__(self, node: MasterNode, address: HostPort, overload: Overload, tell: Callable[[str], None]) -> None:
+        super().__init__(address, overload, tell)
+        self._node = node
+
+    def values(self) -> Values:
+        """Return the present values by name."""
+        node, ticker = self._node, self._overload.ticker
+        sent, received = node.session.sent, node.session.received
+        return super().values() | {
+            **_traffic(_Totals().add(sent, received)),
+            "forces": {"received": received.by_kind[Kind.FORCE]},
+            "ticks": node.ticks,
+            "ticks_missed": ticker.missed if ticker is not None else 0,
+            "connected": float(node.session.streaming),
+            "connections": node.connections,
+            "paused": float(node.paused is not None),
+            "held_force_newtons": math.hypot(*node.held_n),
+            "target_force_newtons": node.target_n,
+            "sensed_force_newtons": node.sensed_n,
+            "displacement_meters": node.displacement_m,
+        }
+
+    def distributions(self) -> Mapping[str, Distribution | None]:
+        """Return the distributions [µs] by name."""
+        node, ticker = self._node, self._overload.ticker
+        return {
+            **super().distributions(),
+            "tick_lateness_seconds": ticker.lateness if ticker is not None else None,
+            "round_trip_seconds": node.session.round_trip,
+            "force_age_seconds": node.age,
+        }
+
+
+class SlaveMetrics(Metrics[SlaveEvent]):
+    """The metrics of a slave: of all its sessions together, so that no master can add names to them."""
+
+    role = "slave"
+
+    def __init__(self, node: SlaveNode, address: HostPort, overload: Overload, tell: Callable[[str], None]) -> None:
+        super().__init__(address, overload, tell)
+        self._node = node
+        self._ended = _Totals()
+
+    def note(self, event: SlaveEvent, now_us: int) -> None:
+        """Count an event, and keep the account of a session that has ended."""
+        super().note(event, now_us)
+        if isinstance(event, MasterLeft):
+            self._ended.add_station(event.station)
+
+    def values(self) -> Values:
+        """Return the present values by name."""
+        node, totals = self._node, _Totals()
+        totals.absorb(self._ended)
+        for station in node.stations:
+            totals.add_station(station)
+        return super().values() | {
+            **_traffic(totals),
+            "forces": {"sent": totals.forces},
+            "sessions": len(node.stations),
+            "steps": totals.steps,
+            "strangers_datagrams": {"received": node.strangers.packets, "sent": node.to_strangers.packets},
+            "throttled": node.throttled,
+        }
+
+
+class _Totals:
+    """Sums over sessions."""
+
+    def __init__(self) -> None:
+        self.numbers: Counter[str] = Counter()
+        self.steps = 0
+        self.forces = 0
+
+    def add(self, sent: Traffic, received: Traffic) -> "_Totals":
+        """Add the accounts of one session."""
+        self.numbers.update(
+            sent=sent.packets,
+            sent_bytes=sent.wire_bytes,
+            received=received.packets,
+            received_bytes=received.wire_bytes,
+            lost=received.lost,
+            **{reason: getattr(received, reason) for reason in DROPPED},
+        )
+        return self
+
+    def add_station(self, station: Station) -> None:
+        """Add a session of a slave."""
+        self.add(station.session.sent, station.session.received)
+        self.steps += station.steps
+        self.forces += station.session.sent.by_kind[Kind.FORCE]
+
+    def absorb(self, other: "_Totals") -> None:
+        """Add other sums."""
+        self.numbers.update(other.numbers)
+        self.steps += other.steps
+        self.forces += other.forces
+
+
+DROPPED: Final = ("late", "duplicate", "malformed", "stray", "too_old", "over_rate")
+"""Why datagrams that arrived are not used: the fields of `Traffic` of these names."""
+
+
+def _traffic(totals: _Totals) -> dict[str, Any]:
+    numbers = totals.numbers
+    return {
+        "datagrams": {"sent": numbers["sent"], "received": numbers["received"]},
+        "wire_bytes": {"sent": numbers["sent_bytes"], "received": numbers["received_bytes"]},
+        "datagrams_lost": numbers["lost"],
+        "datagrams_dropped": {reason: numbers[reason] for reason in DROPPED},
+    }
