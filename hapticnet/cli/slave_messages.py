@@ -42,9 +42,14 @@ class SlaveMessages(Watcher[SlaveEvent]):
             self._said_unkeyed = True
             public = format_key(self._guests.own.public)
             self._console.warn(f"somebody asks for a session with another slave's key; this slave's is {public}")
-        packets = sum(station.session.sent.packets for station in node.stations)
-        steps = sum(station.steps for station in node.stations)
-        self._console.status(f"{len(node.stations)} masters, {steps} steps, {packets} packets sent")
+        self._console.status(status(node))
+
+
+def status(node: SlaveNode) -> str:
+    """Return the status line of a slave."""
+    packets = sum(station.session.sent.packets for station in node.stations)
+    steps = sum(station.steps for station in node.stations)
+    return f"{len(node.stations)} masters, {steps} steps, {packets} packets sent"
 
 
 def in_words(event: SlaveEvent) -> str:

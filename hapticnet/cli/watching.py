@@ -1,5 +1,6 @@
-"""The watchers that ``--stream`` and ``--metrics`` add to a master or a slave."""
+"""The watchers that ``--stream``, ``--metrics`` and systemd add to a master or a slave."""
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -22,20 +23,35 @@ def watch_master(
     UnavailableError
         If an extra is not installed, or an address is not available.
     """
+    from hapticnet.cli.master_messages import status
     from hapticnet.runtime.metrics import MasterMetrics
     from hapticnet.runtime.stream import MasterStream
 
-    return _watch(MasterStream, MasterMetrics, node, console, overload, stream, metrics)
+    return [
+        *_watch(MasterStream, MasterMetrics, node, console, overload, stream, metrics),
+        *_notifiers(lambda: status(node)),
+    ]
 
 
 def watch_slave(
     node: "SlaveNode", console: "Console", overload: "Overload", *, stream: str | None, metrics: str | None
 ) -> "list[Watcher[SlaveEvent]]":
     """Return what looks on at a slave for other programs; raise as `watch_master` does."""
+    from hapticnet.cli.slave_messages import status
     from hapticnet.runtime.metrics import SlaveMetrics
     from hapticnet.runtime.stream import SlaveStream
 
-    return _watch(SlaveStream, SlaveMetrics, node, console, overload, stream, metrics)
+    return [
+        *_watch(SlaveStream, SlaveMetrics, node, console, overload, stream, metrics),
+        *_notifiers(lambda: status(node)),
+    ]
+
+
+def _notifiers(status: Callable[[], str]) -> list[Any]:
+    from hapticnet.runtime.systemd import Notifier, notify_socket
+
+    path = notify_socket()
+    return [] if path is None else [Notifier(path, status)]
 
 
 def _watch(

@@ -1,0 +1,51 @@
+"""The systemd units are valid, and the processes tell systemd what the units expect."""
+
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from hapticnet.cli.settings import from_file, leaves
+from tests.cli.test_cli_help import ROOT_COMMAND
+from tests.integration.conftest import start  # noqa: F401 - a fixture
+
+UNITS = Path(__file__).parents[2] / "systemd"
+
+
+@pytest.mark.parametrize("role", ["slave", "master"])
+def test_systemd_accepts_the_unit(tool_is_missing, tmp_path, role):
+    if shutil.which("systemd-analyze") is None:
+        tool_is_missing("systemd-analyze is not installed")
+    text = (UNITS / f"hapticnet-{role}.service").read_text()
+    unit = tmp_path / f"hapticnet-{role}.service"
+    unit.write_text(text.replace("/opt/hapticnet/bin/hapticnet", sys.executable))
+    done = subprocess.run(["systemd-analyze", "verify", unit], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_the_configuration_of_the_services_sets_options_that_exist():
+    path = UNITS / "hapticnet.toml"
+    found = from_file(path, ROOT_COMMAND)
+    assert {verb for verb, options in found.items() if options} == {("slave",), ("master",)}
+    assert set(tomllib.loads(path.read_text())) <= {verb[0] for verb, _ in leaves(ROOT_COMMAND)}
+
+
+def test_a_slave_tells_systemd_that_it_is_ready_alive_and_stopping(start, tmp_path):  # noqa: F811
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(str(tmp_path / "notify"))
+        manager.settimeout(20.0)
+        prefix = ("env", f"NOTIFY_SOCKET={tmp_path / 'notify'}")
+        slave = start("slave", "--listen", "127.0.0.1:0", "--no-realtime", prefix=prefix)
+        assert manager.recv(1000) == b"READY=1"
+        watchdog, _, status = manager.recv(1000).partition(b"\n")
+        assert watchdog == b"WATCHDOG=1"
+        assert status == b"STATUS=0 masters, 0 steps, 0 packets sent"
+        assert slave.end(signal.SIGTERM) == 0
+        while (message := manager.recv(1000)).startswith(b"WATCHDOG=1"):
+            pass
+        assert message == b"STOPPING=1"
