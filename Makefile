@@ -50,11 +50,11 @@ run-figure: $(VENV)/installed-plot
 	$(BIN)/python bench/report/plot_run.py docs/figures/run.png
 
 # The C programs that bench/ measures against, the network namespaces of the two-host test, and what the firmware is
-# built with and simulated in.
-SYSTEM_PACKAGES := gcc libc6-dev iproute2 gcc-avr avr-libc libsimavr-dev libelf-dev
+# built with and simulated in; systemd checks its units.
+SYSTEM_PACKAGES := gcc libc6-dev iproute2 gcc-avr avr-libc libsimavr-dev libelf-dev systemd
 
 system-packages:
-	@if ! { command -v gcc && command -v ip && command -v avr-gcc && \
+	@if ! { command -v gcc && command -v ip && command -v systemd-analyze && command -v avr-gcc && \
 			test -e /usr/include/simavr/sim_avr.h && test -e /usr/include/libelf.h; } >/dev/null; then \
 		if command -v apt-get >/dev/null; then \
 			$(APT) update -qq && $(APT) install -y -qq --no-install-recommends $(SYSTEM_PACKAGES); \
