@@ -105,8 +105,8 @@ SceneOption: TypeAlias = Annotated[
     typer.Option(
         metavar="SCENE",
         help="What masters touch: paper, paper:SEED, a preset, FILE.toml, recording:FILE[:COLUMN,…] (a force in its own"
-        " time), or a class of yours with step(sample): FILE.py:CLASS or package.module:CLASS, then :KEY=VALUE,… for its"
-        " arguments.",
+        " time), or a class of yours with step(sample): FILE.py:CLASS or package.module:CLASS, then :KEY=VALUE,… for"
+        " its arguments.",
     ),
 ]
 OperatorOption: TypeAlias = Annotated[

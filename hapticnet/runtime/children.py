@@ -83,6 +83,7 @@ class Child:
         _, said = self._process.communicate()
         if self._process.returncode:
             last = (said.strip().splitlines() or [self._last])[-1]
+            last = last.rpartition(" error hapticnet: ")[2]  # without time and level
             raise UnavailableError(f"'{self._command}' failed ({self._process.returncode}); it said: {last}")
 
     def kill(self) -> None:
