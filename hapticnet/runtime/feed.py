@@ -136,7 +136,7 @@ class Feed:
             return
         view = memoryview(data)
         if self._waiting_bytes + view.nbytes > MOST_WAITING_BYTES:
-            self.stop("the disk is too slow", is_fault=True)
+            self.stop("the writer cannot keep up; the disk is slow, or the processor busy", is_fault=True)
             return
         self._waiting.append(view)
         self._waiting_bytes += view.nbytes

@@ -105,9 +105,9 @@ class Recorder:
 
 
 class Batches:
-    """Call a function on the loop every `BATCH_S`, and sooner while the writer is behind."""
+    """Call a function on the loop every `BATCH_S`; sooner while the writer is behind or the function has more to do."""
 
-    def __init__(self, recorder: Recorder, collect: Callable[[], None]) -> None:
+    def __init__(self, recorder: Recorder, collect: Callable[[], bool]) -> None:
         self._recorder = recorder
         self._collect = collect
         self._handle: asyncio.TimerHandle | None = None
@@ -125,13 +125,12 @@ class Batches:
     def _fire(self) -> None:
         feed = self._recorder.feed
         try:
-            if not feed.is_behind:
-                self._collect()
+            more = not feed.is_behind and self._collect()
             feed.pump()
         except Exception as error:  # of the recorder's own code; the run must go on
             feed.stop(f"the recorder failed: {in_words(error)}", is_fault=True)
             return
-        pause_s = CATCH_UP_S if feed.is_behind else BATCH_S
+        pause_s = CATCH_UP_S if more or feed.is_behind else BATCH_S
         self._handle = asyncio.get_running_loop().call_later(pause_s, self._fire)
 
 

@@ -18,6 +18,7 @@ QUICK = {
     "packet_rate": ("--seeds", 1, "--insertions", 1),
     "rate_distortion": ("--quick",),
     "real_time": ("--seconds", 0.3, "--repetitions", 1),
+    "recording": ("--quick", "--seconds", 2, "--repetitions", 1, "--kills", 1, "--no-realtime"),
     "repair": ("--quick",),
     "scene_accuracy": ("--quick",),
     "scene_cost": ("--repetitions", 1),

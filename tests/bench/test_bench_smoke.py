@@ -241,3 +241,11 @@ def test_a_long_session_ends_as_it_began(measured):
         assert row["force_difference_n"] < 1e-6
         assert 20_000 <= row["lag_us"] <= 20_000 + 2e6 / row["rate_hz"], "the delay, and less than two periods"
         assert row["memory_growth_mb"] < 5.0
+
+
+def test_recording_costs_little_beside_a_tick_and_little_is_lost(measured):
+    results = measured("recording")
+    collecting = results["collecting a tick"]
+    assert 0.0 < collecting["1 axis"] < results["a tick of the master"]["off"]
+    assert 10 < results["bytes a tick"][".mcap"] < 500
+    assert set(results["lost by kill -9"]) == {"node", "writer"}

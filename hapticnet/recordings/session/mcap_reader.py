@@ -179,6 +179,13 @@ class _Reading:
     columns: tuple[str, ...]
     dtype: Any
     parts: list[bytes] = field(default_factory=list)
+    whole: bytearray = field(default_factory=bytearray)
+
+    def join(self) -> int:
+        """Move the messages of a chunk together, without those that are damaged; return the size so far."""
+        self.whole += b"".join(part for part in self.parts if len(part) == self.dtype.itemsize)
+        self.parts.clear()
+        return len(self.whole)
 
 
 def read_mcap(path: Path, max_bytes: int) -> Session:
@@ -196,7 +203,7 @@ def read_mcap(path: Path, max_bytes: int) -> Session:
     event_channels: set[int] = set()
     about: dict[str, Any] = {}
     topics: dict[int, str] = {}
-    unpacked, complete = 0, False
+    complete = False
     with path.open("rb") as file:
         for record in records(file, path):
             kind = type(record).__name__
@@ -205,10 +212,9 @@ def read_mcap(path: Path, max_bytes: int) -> Session:
                 for channel, _, _, _, data in record.each:
                     if channel in reading:
                         reading[channel].parts.append(data)
-                        unpacked += len(data)
                     elif channel in event_channels:
                         events.append(Event(*unpack_event(data)))
-                if unpacked > max_bytes:
+                if sum(each.join() for each in reading.values()) > max_bytes:
                     raise FileError(f"{path}: unpacks to more than {max_bytes} bytes, which is the limit")
             elif kind == "Channel" and record.id not in topics:  # the summary repeats them
                 topics[record.id] = record.topic
@@ -242,9 +248,7 @@ def _reading(path: Path, channel: Record) -> _Reading:
 
 
 def _table(reading: _Reading) -> SessionTable:
-    whole = b"".join(part for part in reading.parts if len(part) == reading.dtype.itemsize)
-    reading.parts.clear()
-    rows = np.frombuffer(whole, dtype=reading.dtype)
+    rows = np.frombuffer(reading.whole, dtype=reading.dtype)
     return {name: np.ascontiguousarray(rows[f"v{index}"]) for index, name in enumerate(reading.columns)}
 
 

@@ -33,7 +33,8 @@ EXTRAS: Final = {
     "fast": ("numba", "compiles codecs for long recordings"),
     "plot": ("matplotlib", "draws figures"),
     "mat": ("scipy", "reads MATLAB files"),
-    "parquet": ("pyarrow", "reads Parquet files"),
+    "parquet": ("pyarrow", "reads and writes Parquet files"),
+    "record": ("mcap", "records sessions for Foxglove and PlotJuggler"),
 }
 """Extras, the package each brings, and what it does."""
 
