@@ -58,5 +58,6 @@ def in_words(error: BaseException) -> str:
     text = f"{name}: {message}" if message else name
     if isinstance(error, (SyntaxError, HapticnetError)):
         return text
-    places = [place for place in traceback.extract_tb(error.__traceback__) if not place.filename.startswith("<")]
+    own = f"{Path(__file__).parent}/"
+    places = [each for each in traceback.extract_tb(error.__traceback__) if not each.filename.startswith(("<", own))]
     return f"{text} ({Path(places[-1].filename).name}, line {places[-1].lineno})" if places else text

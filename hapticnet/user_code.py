@@ -132,7 +132,7 @@ def method_of(made: Any, signature: str, what: str) -> Callable[..., Any]:
         If there is no such method, it is a coroutine, or it does not accept these arguments; `what` starts the message.
     """
     name, _, arguments = signature.rstrip(")").partition("(")
-    method: Any = getattr(made, name, None)
+    method = attribute_of(made, name, None, what)
     if not callable(method):
         raise SettingsError(f"{what}: has no method {signature}")
     if inspect.iscoroutinefunction(method) or inspect.isgeneratorfunction(method):
@@ -146,9 +146,17 @@ def method_of(made: Any, signature: str, what: str) -> Callable[..., Any]:
     return cast("Callable[..., Any]", method)
 
 
+def attribute_of(made: Any, name: str, default: Any, what: str) -> Any:
+    """Return an attribute of a user's object, or `default`; raise SettingsError if it is a property that raises."""
+    try:
+        return getattr(made, name, default)
+    except (Exception, SystemExit) as error:
+        raise SettingsError(f"{what}: reading {name} raised {in_words(error)}") from error
+
+
 def axes_of(made: Any, what: str) -> int:
     """Return the number of axes that a user's object declares, 1 if it does not; raise SettingsError if it is wrong."""
-    declared = getattr(made, "axes", 1)
+    declared = attribute_of(made, "axes", 1, what)
     try:
         axes = index(declared)
     except TypeError:

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from hapticnet.checks import check_above
 from hapticnet.device.base import Device, Reading
-from hapticnet.errors import SettingsError, UserCodeError
+from hapticnet.errors import SettingsError, UserCodeError, in_words
 from hapticnet.hardware import MAX_FORCE_N
 from hapticnet.samples import LARGEST_COMPONENT
-from hapticnet.user_code import failure, method_of, short
+from hapticnet.user_code import attribute_of, failure, method_of, short
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -53,8 +53,8 @@ class UserDevice(Device):
         self.made = made
         self._exchange: Callable[[float, int], Any] = method_of(made, "exchange(displacement_m, now_us)", what)
         self._method = f"{type(made).__name__}.exchange"
-        self.travel_m = getattr(made, "travel_m", TRAVEL_M)
-        self.max_force_n = getattr(made, "max_force_n", MAX_FORCE_N)
+        self.travel_m = attribute_of(made, "travel_m", TRAVEL_M, what)
+        self.max_force_n = attribute_of(made, "max_force_n", MAX_FORCE_N, what)
         for name, value, largest, unit in (
             ("travel_m", self.travel_m, LARGEST_TRAVEL_M, "m"),
             ("max_force_n", self.max_force_n, LARGEST_FORCE_N, "N"),
@@ -62,13 +62,16 @@ class UserDevice(Device):
             if not isinstance(value, Real) or isinstance(value, bool):
                 raise SettingsError(f"{what}: {name} is {short(value)}; it must be a number [{unit}]")
             check_above(f"{what}: {name}", float(value), 0.0, largest, unit)
-        self.description = str(getattr(made, "description", f"{type(made).__name__} (own device)"))
+        self.description = str(attribute_of(made, "description", f"{type(made).__name__} (own device)", what))
         self._has_reading = False
 
     @property
     def status(self) -> str:  # type: ignore[override]
         """What the object says, or whether it gave a reading."""
-        return str(getattr(self.made, "status", "ready" if self._has_reading else "it gives no reading"))
+        try:
+            return str(getattr(self.made, "status", "ready" if self._has_reading else "it gives no reading"))
+        except Exception as error:  # it is for messages only
+            return f"reading status raised {in_words(error)}"
 
     def exchange(self, displacement_m: float, now_us: int) -> Reading | None:
         """Set the displacement [m], limited to the travel, and return the newest reading.

@@ -5,7 +5,7 @@ from typing import Any, Protocol
 
 from hapticnet.checks import check_integer
 from hapticnet.samples import PositionSample, Vector
-from hapticnet.user_code import axes_of, failure, method_of, vector_from
+from hapticnet.user_code import attribute_of, axes_of, failure, method_of, vector_from
 
 
 class HasSample(Protocol):
@@ -42,10 +42,10 @@ class UserOperator:
         self._sample, self._feel = f"{kind}.sample", f"{kind}.feel"
         self._hand_sample: Callable[[int], Any] = method_of(hand, "sample(t_us)", what)
         self._hand_feel: Callable[[int, Vector], Any] | None = None
-        if getattr(hand, "feel", None) is not None:
+        if attribute_of(hand, "feel", None, what) is not None:
             self._hand_feel = method_of(hand, "feel(t_us, force_n)", what)
         self.axes = axes_of(hand, what)
-        duration_us: int | None = getattr(hand, "duration_us", None)
+        duration_us: int | None = attribute_of(hand, "duration_us", None, what)
         if duration_us is not None:
             check_integer(f"{what}: duration_us", duration_us, 1, 2**62, "µs")
             duration_us = int(duration_us)

@@ -5,7 +5,7 @@ from typing import Any, Final, Protocol
 
 from hapticnet.errors import SettingsError
 from hapticnet.samples import ForceSample, PositionSample
-from hapticnet.user_code import axes_of, failure, method_of, short, vector_from
+from hapticnet.user_code import attribute_of, axes_of, failure, method_of, short, vector_from
 
 LONGEST_NAME: Final = 64
 """Most bytes of a scene's name, which travels to the master."""
@@ -43,7 +43,7 @@ class UserScene:
         self._step: Callable[[PositionSample], Any] = method_of(touched, "step(sample)", what)
         self._method = f"{type(touched).__name__}.step"
         self.axes = axes_of(touched, what)
-        name = getattr(touched, "name", type(touched).__name__)
+        name = attribute_of(touched, "name", type(touched).__name__, what)
         if not isinstance(name, str) or not name.isprintable() or not 0 < len(name.encode()) <= LONGEST_NAME:
             raise SettingsError(f"{what}: name is {short(name)}; it must be text, 1 to {LONGEST_NAME} printable bytes")
         self.name = name
@@ -51,8 +51,10 @@ class UserScene:
     @property
     def breaches(self) -> int:
         """Number of breaches that the object counts; 0 if it does not."""
-        breaches = getattr(self.touched, "breaches", 0)
-        return breaches if isinstance(breaches, int) else 0
+        try:
+            return int(getattr(self.touched, "breaches", 0))
+        except Exception:  # it is for reports only
+            return 0
 
     def step(self, sample: PositionSample) -> ForceSample:
         """Return the force at a position.

@@ -57,3 +57,19 @@ def test_a_wrong_result_is_an_error_of_the_user_and_so_is_a_sample_error():
     ):
         with pytest.raises(UserCodeError, match=message):
             UserScene(Spring(answer)).step(AT)
+
+
+def test_properties_that_raise_are_told_and_breaches_never_disturb():
+    class Rude(Spring):
+        @property
+        def breaches(self):
+            raise OSError
+
+        @property
+        def axes(self):
+            raise OSError("no such axis")
+
+    with pytest.raises(SettingsError, match=r"scene own.py:Rude: reading axes raised OSError: no such axis \("):
+        UserScene(Rude(), "scene own.py:Rude")
+    Rude.axes = 1
+    assert UserScene(Rude()).breaches == 0
