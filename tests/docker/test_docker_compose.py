@@ -40,6 +40,18 @@ def compose(tool_is_missing):
     shutil.rmtree(RESULTS, ignore_errors=True)
 
 
+def probes(compose, scenario, role):
+    """Return the exit codes of a container's newest health checks."""
+    container = compose(scenario, "ps", "--all", "-q", role).stdout.strip()
+    shown = subprocess.run(
+        ["docker", "inspect", "--format", "{{json .State.Health.Log}}", container],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return [probe["ExitCode"] for probe in json.loads(shown.stdout)]
+
+
 def test_every_scenario_plays_an_insertion_and_reports_on_stdout_and_in_the_folder(compose):
     built = compose("loopback", "build")
     assert built.returncode == 0, built.stderr[-2000:]
@@ -48,6 +60,8 @@ def test_every_scenario_plays_an_insertion_and_reports_on_stdout_and_in_the_fold
         done = compose(scenario, "up", "--abort-on-container-exit", "--exit-code-from", "master")
         assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
         assert "end_reason" in done.stdout
+        for role in ("slave", "channel", "master"):
+            assert 0 in probes(compose, scenario, role), f"{role} was never healthy"
         master, slave, channel = (
             json.loads((RESULTS / f"{name}.json").read_text()) for name in ("master", "slave", "channel")
         )

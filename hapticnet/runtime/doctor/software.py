@@ -35,6 +35,8 @@ EXTRAS: Final = {
     "mat": ("scipy", "reads MATLAB files"),
     "parquet": ("pyarrow", "reads and writes Parquet files"),
     "record": ("mcap", "records sessions for Foxglove and PlotJuggler"),
+    "web": ("aiohttp", "serves the live page"),
+    "metrics": ("prometheus-client", "serves metrics for Prometheus"),
 }
 """Extras, the package each brings, and what it does."""
 
@@ -67,7 +69,7 @@ class Package(NamedTuple):
 
 def examine_software(machine: Machine) -> list[Finding]:
     """Return the findings about Python and packages."""
-    wanted = {**PACKAGES, LOOP: LOOP, **{package: package for package, _ in EXTRAS.values()}}
+    wanted = {**PACKAGES, LOOP: LOOP, **{package: package.replace("-", "_") for package, _ in EXTRAS.values()}}
     arguments = [f"{package}={module}" for package, module in wanted.items()]
     with scratch_folder() as folder:
         # Importing matplotlib writes settings and a cache into the home folder.
