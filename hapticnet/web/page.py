@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from hapticnet.errors import PeerError, in_words
+from hapticnet.errors import PeerError
 from hapticnet.node.master import MasterNode, NodeEvent
 from hapticnet.operator.live import HandState, LiveHand
 from hapticnet.protocol.events import Connected
@@ -28,6 +28,8 @@ MOST_PAGES: Final = 16
 
 NOT_READY_AFTER_US: Final = 1_000_000
 """Time [µs] without a session after which pages are told so; a change of codec takes less."""
+
+INTERVAL_S: Final = 1 / messages.MESSAGES_PER_S
 
 FRAMES_PER_STATE: Final = messages.MESSAGES_PER_S // messages.STATES_PER_S
 
@@ -66,8 +68,8 @@ class PageSettings:
 class Page(Watcher[NodeEvent]):
     """A watcher of a master that keeps pages up to date and does what they ask.
 
-    A tick appends numbers to an array. Everything else is done 60 times a second, between ticks, and no page is waited
-    for.
+    A tick appends a row to a list. Everything else is done 60 times a second, right after a tick, so that it is over
+    before the next one; no page is waited for.
 
     Attributes
     ----------
@@ -94,15 +96,23 @@ class Page(Watcher[NodeEvent]):
         self._is_ready = False
         self._told: dict[Client, tuple[str, HandState]] = {}
         self._left_out = 0  # for pages that have gone
+        self._is_due = False
+        self._failure: Exception | None = None
         self._timer: asyncio.TimerHandle | None = None
 
     async def start(self) -> None:
         """Begin to send."""
-        self._schedule()
+        self._loop = asyncio.get_running_loop()
+        self._timer = self._loop.call_later(INTERVAL_S, self._ring)
 
     def observe(self, now_us: int) -> None:
-        """Take down a tick."""
+        """Take down a tick, and send when it is time."""
+        if self._failure is not None:
+            raise self._failure  # as from any watcher: it is told and switched off, and the run goes on
         self._ticks.add(now_us)
+        if self._is_due:
+            self._is_due = False
+            self._loop.call_soon(self._fire)
 
     def note(self, event: NodeEvent, now_us: int) -> None:
         """Tell the watch views about an event, and follow the slave's scene."""
@@ -190,17 +200,20 @@ class Page(Watcher[NodeEvent]):
         elif client.mistakes >= messages.MOST_MISTAKES:
             client.close(CloseCode.TOO_MANY_MISTAKES, "too many messages that make no sense")
 
-    def _schedule(self) -> None:
-        self._timer = asyncio.get_running_loop().call_later(1 / messages.MESSAGES_PER_S, self._fire)
+    def _ring(self) -> None:
+        self._timer = self._loop.call_later(INTERVAL_S, self._ring)
+        was_due, self._is_due = self._is_due, True
+        if was_due:  # there was no tick since the last time
+            self._fire()
 
     def _fire(self) -> None:
         try:
             self._send()
-        except Exception as error:  # as for any watcher: the run goes on without it
-            self._settings.say(f"the page failed and is switched off: {in_words(error)}")
+        except Exception as error:
+            self._failure = error
             self._seat.let_go()
-        else:
-            self._schedule()
+            if self._timer is not None:
+                self._timer.cancel()
 
     def _send(self) -> None:
         self._seat.check()

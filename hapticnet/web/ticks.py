@@ -1,7 +1,6 @@
 """What each tick of the master shows: taken down in the tick, turned into messages outside it."""
 
 import math
-from array import array
 from collections import deque
 from typing import Final
 
@@ -12,9 +11,6 @@ from hapticnet.node.master import MasterNode
 from hapticnet.protocol.wire import Kind
 from hapticnet.web import messages
 from hapticnet.web.mirror import Mirror
-
-NUMBERS: Final = 8
-"""Numbers that a tick takes down: t_us, position, received, held, target, sensed, platform, FORCE datagrams so far."""
 
 MOST_KEPT: Final = 20_000
 """Limit of the rows kept for a page that opens."""
@@ -35,7 +31,7 @@ class Ticks:
         self.rows = 0
         self._node = node
         self._start_us = start_us
-        self._numbers = array("d")
+        self._rows: list[tuple[float, ...]] = []
         self._packets = 0.0
         self._past: deque[tuple[float, FloatArray]] = deque()  # time [s] of the first row, and columns
         self._past_rows = 0
@@ -51,7 +47,7 @@ class Ticks:
             (received,), (held,) = received_n, held_n
         else:
             received, held = math.hypot(*received_n), math.hypot(*held_n)
-        self._numbers.extend(
+        self._rows.append(  # a third of the time of extending an array, and there are few
             (
                 now_us, position_m[0], received, held, node.target_n, node.sensed_n, node.displacement_m,
                 node.session.received.by_kind[_FORCE],
@@ -60,10 +56,10 @@ class Ticks:
 
     def take(self, mirror: Mirror | None) -> list[bytes]:
         """Return SAMPLES messages of the ticks since the last call, and move the mirror of the scene along."""
-        if not self._numbers:
+        if not self._rows:
             return []
-        numbers, self._numbers = self._numbers, array("d")
-        rows = np.frombuffer(numbers, dtype=np.float64).reshape(-1, NUMBERS)
+        taken, self._rows = self._rows, []
+        rows = np.array(taken, dtype=np.float64)
         t_us, position, received, held, target, sensed, platform, counts = rows.T
         position = position.astype(np.float32).astype(np.float64)  # what the slave gets
         if mirror is None:

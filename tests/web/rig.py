@@ -35,7 +35,7 @@ from hapticnet.web.messages import View
 from hapticnet.web.page import Page, PageSettings
 from hapticnet.web.server import Server
 
-WITHIN_S = 5.0
+WITHIN_S = 30.0
 
 
 @dataclass
@@ -102,6 +102,10 @@ class Client:
         """Wait until the newest message of this type has this content."""
         await until(lambda: bool(self.last(kind)) and content.items() <= self.last(kind).items())
         return self.last(kind)
+
+    def newest(self, column: str) -> np.ndarray:
+        """Return a column of the newest block of samples."""
+        return self.blocks[-1][2][messages.COLUMNS.index(column)]
 
     def columns(self) -> dict[str, np.ndarray]:
         """Return all samples by column, with the time since the server began."""

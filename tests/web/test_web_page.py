@@ -32,7 +32,7 @@ def test_samples_arrive_without_gaps_and_the_force_follows_the_hand():
         async with rig() as run, run.open("watch") as client:
             await take(run, client)
             await push(client, 0.027, 0.7)
-            await until(lambda: client.columns()["held"][-1] > 1.0)
+            await until(lambda: client.newest("held")[-1] > 1.0)
             following, _, _ = client.blocks[0]
             for number, _, block in client.blocks:
                 assert number == following
@@ -145,7 +145,7 @@ def test_settings_change_while_it_runs_and_the_scene_stays():
             assert state["connections"] <= 3  # a dragged slider asks for few sessions
             assert state["since_s"] > 0
             await push(client, 0.012, 0.3)
-            assert client.columns()["held"][-1] == 0.0  # still pierced
+            assert client.newest("held")[-1] == 0.0  # still pierced
             await client.say("set", delay_ms=20, loss_percent=50)
             await client.hear("state", delay_ms=20.0, loss_percent=50.0)
             before = client.last("state")["lost"]

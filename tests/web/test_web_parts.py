@@ -219,7 +219,7 @@ def test_every_file_that_a_page_names_is_there():
     for name, (body, _) in files.items():
         if name.endswith((".html", ".css", ".js")) and "vendor/" not in name:
             text = body.decode()
-            named = re.findall(r'(?:src|href)="/static/([^"]+)"', text) + re.findall(r'from "\./([^"]+)"', text)
+            named = re.findall(r'(?:src|href)="/?static/([^"]+)"', text) + re.findall(r'from "\./([^"]+)"', text)
             assert {each for each in named if each not in files} == set(), name
     assert {"watch.html", "operator.html"} <= files.keys()
     assert not re.search(rb"https?://(?!www\.w3\.org)", b"".join(files[n][0] for n in files if n.endswith(".html")))
