@@ -66,7 +66,6 @@ function makePlot(seconds) {
   const button = byId("pause");
   const made = new ForcePlot(byId("plot"), seconds, (paused) => {
     button.ariaPressed = String(paused);
-    button.querySelector("span").textContent = paused ? "Resume" : "Pause";
   });
   button.addEventListener("click", () => made.setPaused(!made.isPaused));
   return made;
@@ -152,5 +151,4 @@ for (const button of document.querySelectorAll("[data-line]")) {
 byId("sound").addEventListener("click", async () => {
   await tone.toggle();
   byId("sound").ariaPressed = String(tone.isOn);
-  byId("sound").querySelector("span").textContent = tone.isOn ? "Sensory substitution" : "Hear the force";
 });

@@ -1,0 +1,144 @@
+"""The page's modules that compute: messages, history, clock, shapes and texts, run in a browser."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hapticnet.operator.live import HandState
+from hapticnet.web import messages
+
+pytest.importorskip("playwright")
+from tests.web.staged import ORIGIN, Stage, serve_files
+
+
+class Modules:
+    """Runs a function that gets all exports of one module."""
+
+    def __init__(self, stage: Stage) -> None:
+        self._stage = stage
+
+    def run(self, module: str, code: str, argument: Any = None) -> Any:
+        load = f"const m = await import('/static/{module}.js');"
+        script = f"async (argument) => {{ {load} return ({code})(m, argument); }}"
+        return self._stage.page.evaluate(script, argument)
+
+
+@pytest.fixture(scope="module")
+def modules(chromium) -> Iterator[Modules]:
+    stage = Stage(chromium.new_page())
+    serve_files(stage.page, stage)
+    stage.page.goto(f"{ORIGIN}/static/icon.svg")
+    yield Modules(stage)
+    stage.page.close()
+
+
+DECODE = """(m, bytes) => {
+  const message = m.decode(Uint8Array.from(bytes).buffer);
+  return message && JSON.parse(JSON.stringify(message, (_, v) => ArrayBuffer.isView(v) ? [...v] : v));
+}"""
+
+
+def test_a_page_reads_frames_as_the_server_writes_them(modules: Modules):
+    data = messages.frame(HandState.HOLDING, 7, 12.5, 0.25, (0.25, 0.5), (1, 2))
+    assert modules.run("wire", DECODE, list(data)) == {
+        "kind": "frame", "handState": "holding", "number": 7, "handTimeMs": 12.5, "tipM": 0.25,
+        "surfacesM": [0.25, 0.5], "contacts": [1, 2],
+    }  # fmt: skip
+
+
+def test_a_page_reads_samples_as_the_server_writes_them(modules: Modules):
+    data = messages.samples(2**32 - 1, 1.5, np.arange(6.0).reshape(2, 3))
+    assert modules.run("wire", DECODE, list(data)) == {
+        "kind": "samples", "rows": 3, "firstRow": 2**32 - 1, "startS": 1.5, "columns": [[0, 1, 2], [3, 4, 5]]
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("kept", [0, 1, 15, 19, 25])
+def test_a_page_takes_no_message_that_is_cut_off(modules: Modules, kept: int):
+    frame = messages.frame(HandState.FREE, 1, 0.0, 0.0, (0.1, 0.2), (0, 0))
+    samples = messages.samples(0, 0.0, np.zeros((2, 3)))
+    assert modules.run("wire", DECODE, list(frame[:kept])) is None
+    assert modules.run("wire", DECODE, list(samples[:kept])) is None
+
+
+def test_the_server_reads_hands_as_a_page_writes_them(modules: Modules):
+    data = modules.run("wire", "(m) => [...new Uint8Array(m.encodeHand(0.015625, 1234.5))]")
+    assert messages.parse_binary(bytes(data)) == messages.Hand(0.015625, 1234.5)
+
+
+def test_the_history_keeps_the_newest_rows_in_order_and_counts_those_that_are_missing(modules: Modules):
+    code = """(m) => {
+      const history = new m.History(["held"], 10);
+      let row = 0;
+      for (const [rows, gap] of [[3, 0], [4, 0], [9, 0], [2, 5], [25, 0], [1, 0]]) {
+        row += gap;
+        const numbers = Float32Array.from({ length: rows }, (_, k) => row + k);
+        const message = { rows, firstRow: row, startS: row, columns: [numbers.map((n) => n - row), numbers] };
+        history.append(message, ["t", "held"]);
+        row += rows;
+      }
+      return [[...history.column("held")], [...history.time], history.missed, history.last("held")];
+    }"""
+    held, time, missed, last = modules.run("history", code)
+    assert held == time == list(range(39, 49))
+    assert (missed, last) == (5, 48)
+
+
+def test_rows_are_numbered_beyond_32_bits(modules: Modules):
+    code = """(m) => {
+      const history = new m.History([], 10);
+      for (const firstRow of [2 ** 32 - 2, 0]) {
+        history.append({ rows: 2, firstRow, startS: 0, columns: [new Float32Array(2)] }, ["t"]);
+      }
+      return history.missed;
+    }"""
+    assert modules.run("history", code) == 0
+
+
+def test_the_time_of_the_plot_runs_evenly_although_messages_do_not(modules: Modules):
+    code = """(m) => {
+      const clock = new m.Clock();
+      const shown = [];
+      for (let k = 0; k < 300; k += 1) {
+        const now = k / 60;
+        if (k % 3 !== 1) clock.observe(100 + now - (k % 5) * 0.004, now);
+        shown.push(clock.now(now));
+      }
+      return shown;
+    }"""
+    steps = np.diff(modules.run("clock", code)[60:])
+    assert steps.min() > 0.5 / 60
+    assert steps.max() < 1.5 / 60
+
+
+def test_a_deeper_surface_is_never_drawn_above_a_higher_one(modules: Modules):
+    code = """(m) => m.stations(0.04).map((x) => [
+      m.surfaceAt(x, 0.02, 0.025, false, 0.0007), m.surfaceAt(x, 0.04, 0.005, false, 0.0007)])"""
+    heights = np.array(modules.run("surface", code))
+    assert (heights[:, 0] <= heights[:, 1] + 1e-12).all()
+    assert heights.max() == pytest.approx(0.045)
+    assert heights[0] == pytest.approx(heights[-1])
+
+
+@pytest.mark.parametrize(
+    ("call", "text"),
+    [
+        ("newtons(-0.001)", "0.00 N"),
+        ("newtons(-1.5)", "−1.50 N"),
+        ("newtons(NaN)", "–"),
+        ("bytes(999).join(' ')", "999 B"),
+        ("bytes(1344).join(' ')", "1.3 kB"),
+        ("bytes(62000).join(' ')", "62 kB"),
+        ("bytes(2.5e6).join(' ')", "2.5 MB"),
+        ("percent(0.9812)", "98.1"),
+        ("percent(1)", "100"),
+        ("percent(0.5)", "50"),
+        ("thresholdWords(2, 0.05, 0.025)", "Holds changes within 100 mN at 1 N"),
+        ("handWords('page', 'another', 'live')", "Another page has the hand"),
+        ("linkState('stale').join(' ')", "warn Link stale"),
+    ],
+)
+def test_numbers_and_states_in_words(modules: Modules, call: str, text: str):
+    assert modules.run("words", f"(m) => m.{call}") == text

@@ -1,0 +1,264 @@
+"""What the views show and say, with a test in place of the server."""
+
+import pytest
+
+pytest.importorskip("playwright")
+from hapticnet.web.messages import CloseCode
+from tests.web.staged import ORIGIN, STATE, Stage, begin_again, open_view
+
+
+@pytest.fixture(scope="module")
+def open_watch(chromium):
+    stage = open_view(chromium, "watch")
+    yield stage
+    stage.page.context.close()
+
+
+@pytest.fixture(scope="module")
+def open_operator(chromium):
+    stage = open_view(chromium, "operator")
+    yield stage
+    stage.page.context.close()
+
+
+@pytest.fixture
+def watch(open_watch):
+    begin_again(open_watch, "watch")
+    yield open_watch
+    assert open_watch.errors == []
+    assert all(url.startswith(ORIGIN) for url in open_watch.requests)
+
+
+@pytest.fixture
+def operator(open_operator):
+    begin_again(open_operator, "operator")
+    yield open_operator
+    assert open_operator.errors == []
+
+
+def take(stage: Stage) -> None:
+    """Give the page the hand when it asks for it."""
+    stage.until(lambda: bool(stage.heard("take")))
+    stage.tell("hand", holder="you", state="live")
+
+
+def test_a_drag_takes_the_hand_and_moves_the_needle_as_far_as_the_pointer(operator: Stage):
+    box = operator.page.locator("#scene").bounding_box()
+    x, y = box["x"] + 200, box["y"] + 100
+    operator.page.mouse.move(x, y)
+    operator.page.mouse.down()
+    take(operator)
+    operator.until(lambda: bool(operator.hands))
+    operator.page.mouse.move(x, y + 100, steps=5)
+    shown_m = 0.085 + 0.002 + 0.014  # the range, and what is shown around it
+    operator.until(lambda: abs(operator.hands[-1].position_m - 100 * shown_m / box["height"]) < 1e-4)
+    operator.page.mouse.up()
+    heard = len(operator.hands)
+    operator.until(lambda: len(operator.hands) > heard + 3)  # a hand that rests is not silent
+    assert operator.hands[-1].position_m == operator.hands[heard].position_m
+
+
+def test_the_hand_stays_within_the_range_and_turns_back_at_once(operator: Stage):
+    operator.page.keyboard.press("PageDown")
+    take(operator)
+    for _ in range(30):
+        operator.page.keyboard.press("PageDown")
+    operator.until(lambda: bool(operator.hands) and abs(operator.hands[-1].position_m - 0.085) < 1e-6)
+    operator.page.keyboard.press("PageUp")
+    operator.until(lambda: abs(operator.hands[-1].position_m - 0.080) < 1e-6)
+
+
+def test_an_arrow_key_moves_the_needle_while_it_is_down(operator: Stage):
+    operator.page.keyboard.down("ArrowDown")
+    take(operator)
+    operator.until(lambda: bool(operator.hands) and operator.hands[-1].position_m > 0.01)
+    operator.page.keyboard.up("ArrowDown")
+    operator.page.keyboard.press("Escape")
+    operator.until(lambda: bool(operator.heard("release")))
+
+
+def test_a_page_that_lost_the_hand_sends_nothing_until_it_is_pressed_again(operator: Stage):
+    operator.page.mouse.move(400, 300)
+    operator.page.mouse.down()
+    take(operator)
+    operator.until(lambda: bool(operator.hands))
+    operator.tell("hand", holder="nobody", state="withdrawing")
+    operator.until(lambda: "withdrawn" in operator.text("#hand-state"))
+    heard = len(operator.hands)
+    operator.page.mouse.move(400, 400, steps=5)
+    operator.page.wait_for_timeout(150)
+    assert len(operator.hands) == heard
+    assert len(operator.heard("take")) == 1
+
+
+def test_while_another_page_has_the_hand_this_one_watches(operator: Stage):
+    operator.tell("hand", holder="another", state="live")
+    operator.until(lambda: operator.text("#hand-state") == "Another page has the hand")
+    operator.page.mouse.click(400, 300)
+    operator.until(lambda: "Another page" in operator.text("#notice"))
+    assert operator.heard("take") == []
+    assert operator.page.locator("#hand-button").is_disabled()
+
+
+def test_the_watch_view_lets_go_for_anybody(watch: Stage):
+    watch.tell("hand", holder="another", state="live")
+    watch.page.get_by_role("button", name="Let go").click()
+    watch.until(lambda: bool(watch.heard("let_go")))
+
+
+def test_a_hidden_page_gives_the_hand_back(operator: Stage):
+    operator.page.keyboard.press("ArrowDown")
+    take(operator)
+    hide = "Object.defineProperty(document, 'hidden', { value: %s, configurable: true });"
+    operator.page.evaluate(hide % "true" + "document.dispatchEvent(new Event('visibilitychange'))")
+    operator.until(lambda: bool(operator.heard("release")))
+    operator.page.evaluate(hide % "false")
+
+
+def test_a_breach_is_told_to_screen_readers(watch: Stage):
+    watch.show(0.025, (0.025, 0.04), (1, 0))
+    watch.show(0.031, (0.02, 0.04), (2, 0))
+    watch.until(lambda: watch.text("#announcer") == "skin breached")
+    needle = watch.page.get_by_role("slider", name="Needle")
+    watch.until(lambda: (needle.get_attribute("aria-valuetext") or "").startswith("31 millimetres deep, skin breached"))
+
+
+def test_the_operator_view_shows_no_force_and_no_setting(operator: Stage):
+    assert operator.page.locator("#plot, #settings, .tile, #sound").count() == 0
+
+
+def test_forces_and_traffic_are_shown_in_numbers(watch: Stage):
+    for _ in range(5):
+        watch.send_samples(held=1.5, received=1.5, true=1.52, sensed=1.4)
+    watch.until(lambda: watch.text("[data-line=held] output") == "1.50 N")
+    assert watch.text("[data-line=true] output") == "1.52 N"
+    assert watch.text("[data-line=band] output") == "±75 mN"
+    assert watch.text("#tile-packets .big") == "21 /s"
+    assert "of 1,000" in watch.text("#tile-packets")
+    assert watch.text("#tile-saved .big") == "97.0 %"
+
+
+def test_a_paused_plot_stands_still(watch: Stage):
+    watch.send_samples(held=1.0)
+    watch.until(lambda: watch.text("[data-line=held] output") == "1.00 N")
+    watch.page.get_by_role("button", name="Pause").click()
+    watch.page.mouse.move(5, 5)
+    before = watch.page.locator("#plot").screenshot()
+    for _ in range(3):
+        watch.send_samples(held=2.0)
+        watch.page.wait_for_timeout(50)
+    assert watch.page.locator("#plot").screenshot() == before
+    watch.page.get_by_role("button", name="Pause").click()
+
+
+def test_a_setting_is_sent_and_a_refused_one_is_shown_as_it_was(watch: Stage):
+    slider = watch.page.get_by_label("JND multiplier")
+    slider.focus()
+    slider.press("ArrowRight")
+    watch.until(lambda: bool(watch.heard("set")))
+    assert watch.heard("set") == [{"type": "set", "multiplier": 1.25}]
+    watch.tell("error", message="multiplier cannot be changed in this run")
+    watch.until(lambda: slider.input_value() == "1")
+    assert "Multiplier cannot be changed" in watch.text("#notice")
+
+
+def test_what_a_run_does_not_let_a_page_change_is_disabled(watch: Stage):
+    assert watch.page.get_by_label("Delay, each way").is_disabled()
+    assert watch.page.get_by_label("Codec").is_enabled()
+
+
+def test_a_stale_link_is_told(watch: Stage):
+    watch.tell("state", **{**STATE, "link": "stale"})
+    watch.tell("ready", ready=False)
+    watch.until(lambda: watch.text("#link-state") == "Link stale")
+    assert "The slave does not answer" in watch.text("#notice")
+
+
+def test_an_event_is_text_and_never_markup(watch: Stage):
+    watch.tell("event", t_s=3.2, text="<img src=x onerror=alert(1)>")
+    watch.until(lambda: "onerror" in watch.text("#newest"))
+    assert watch.page.locator("#event-list img").count() == 0
+
+
+def test_messages_that_are_not_known_change_nothing(watch: Stage):
+    for nonsense in ("{", "[]", '{"type": 3}', '{"type": "future", "x": 1}', b"", b"\x09" * 40, b"\x01\x00\xff\xff"):
+        watch.sockets[-1].send(nonsense)
+    watch.tell("event", t_s=1.0, text="still there")
+    watch.until(lambda: "still there" in watch.text("#newest"))
+
+
+def test_a_lost_connection_is_opened_again(watch: Stage):
+    watch.sockets[-1].close(code=1001, reason="")
+    watch.until(lambda: "Connection to the master lost" in watch.text("#notice"))
+    watch.until(lambda: len(watch.sockets) == 2 and watch.text("#link-state") == "Connected")
+
+
+def test_a_page_that_the_server_sent_away_comes_back_only_when_asked(watch: Stage):
+    watch.sockets[-1].close(code=CloseCode.MASTER_ENDED, reason="the master ended")
+    watch.until(lambda: "The master ended." in watch.text("#notice"))
+    watch.page.wait_for_timeout(700)
+    assert len(watch.sockets) == 1
+    watch.page.get_by_role("button", name="Try again").click()
+    watch.until(lambda: len(watch.sockets) == 2 and watch.text("#link-state") == "Connected")
+
+
+def test_everything_is_reached_by_the_tab_key(watch: Stage):
+    watch.page.locator("#sound").focus()
+    reached = ["sound"]
+    for _ in range(17):
+        watch.page.keyboard.press("Tab")
+        reached.append(watch.page.evaluate("document.activeElement.id || document.activeElement.dataset.line || ''"))
+    expected = "sound operator-link theme scene hand-button true held sensed band pause multiplier codec loss_percent"
+    assert [each for each in reached if each in expected.split()][:13] == expected.split()
+
+
+@pytest.mark.parametrize("size", [(1280, 720), (390, 844), (320, 640)])
+def test_nothing_is_wider_than_the_window(chromium, size):
+    width, height = size
+    stage = open_view(chromium, "watch", viewport={"width": width, "height": height})
+    wide, high = stage.page.evaluate("[document.documentElement.scrollWidth, document.documentElement.scrollHeight]")
+    assert wide <= width
+    if width == 1280:
+        assert high <= height
+    stage.page.context.close()
+
+
+CONTRAST = """(pairs) => pairs.map(([text, ground]) => {
+  const light = (name) => {
+    const box = document.createElement("i");
+    box.style.color = `var(--${name})`;
+    document.body.append(box);
+    const parts = getComputedStyle(box).color.match(/[0-9.]+/g).slice(0, 3).map((part) => {
+      const share = part / 255;
+      return share <= 0.04045 ? share / 12.92 : ((share + 0.055) / 1.055) ** 2.4;
+    });
+    box.remove();
+    return 0.2126 * parts[0] + 0.7152 * parts[1] + 0.0722 * parts[2];
+  };
+  const [low, high] = [light(text), light(ground)].sort((a, b) => a - b);
+  return (high + 0.05) / (low + 0.05);
+})"""
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_text_has_the_contrast_that_wcag_asks_for(chromium, theme):
+    stage = open_view(chromium, "watch", color_scheme=theme)
+    pairs = [(text, ground) for text in ("ink", "muted") for ground in ("surface", "background", "raised")]
+    pairs += [("on-accent", "accent"), ("held-text", "surface"), ("sensed", "surface"), ("hand", "surface")]
+    pairs += [(f"on-tissue-{n}", f"tissue-{n}{deep}") for n in range(1, 6) for deep in ("", "-deep")]
+    ratios = stage.page.evaluate(CONTRAST, pairs)
+    assert {pair: ratio for pair, ratio in zip(pairs, ratios, strict=True) if ratio < 4.5} == {}
+    assert min(stage.page.evaluate(CONTRAST, [(line, "surface") for line in ("true", "held", "sensed")])) >= 3.0
+    stage.page.context.close()
+
+
+def test_the_theme_follows_the_system_until_the_reader_chooses(chromium):
+    stage = open_view(chromium, "operator", color_scheme="dark")
+    theme = "document.documentElement.dataset.theme"
+    assert stage.page.evaluate(theme) == "dark"
+    stage.page.emulate_media(color_scheme="light")
+    stage.until(lambda: stage.page.evaluate(theme) == "light")
+    stage.page.get_by_role("button", name="Dark colours").click()
+    stage.page.reload()
+    assert stage.page.evaluate(theme) == "dark"
+    stage.page.context.close()
