@@ -3,6 +3,16 @@
 from typing import Final
 
 EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
+    (): (
+        "hapticnet doctor",
+        "hapticnet demo",
+        "hapticnet slave --scene paper:1",
+        "hapticnet master --record run.mcap",
+        "hapticnet master --help",
+    ),
+    ("scene",): ("hapticnet scene show paper:1",),
+    ("device",): ("hapticnet device find", "hapticnet device step sim:0.6"),
+    ("key",): ("hapticnet key new", "hapticnet key list"),
     ("demo",): (
         "hapticnet demo",
         "hapticnet demo --insertions 1 --codec adaptive-predictive --out results/mine",

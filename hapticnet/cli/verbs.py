@@ -15,7 +15,7 @@ from hapticnet.cli.settings import CONFIG_VARIABLE, Found, Verb, load_found, unk
 from hapticnet.runtime.log_lines import Form, Level, log_line
 from hapticnet.runtime.outlet import STDERR, keep_log
 
-LOGGING: Final = {("master",), ("slave",), ("channel",)}
+LOGGING: Final = {("master",), ("slave",), ("channel",), ("replay",)}
 """Verbs that run until they are stopped: their lines on stderr have time and level."""
 
 FOUND: Final = "hapticnet.found"
@@ -29,8 +29,9 @@ def equip(app: typer.Typer) -> None:
         _complete_values(function)
         if "ctx" not in inspect.signature(function).parameters:  # config prints the options of other verbs
             info.callback = _with_common_options(function, log=verb in LOGGING)
-        if verb in EXAMPLES:
-            info.epilog = "\b\nExamples:\n" + "\n".join(f"  {line}" for line in EXAMPLES[verb])
+        info.epilog = _examples(verb)
+    for verb, group in _groups(app, ()):
+        group.info.epilog = _examples(verb)
 
 
 def found_of(ctx: typer.Context) -> dict[str, Found]:
@@ -46,6 +47,19 @@ def _verbs(app: typer.Typer, verb: Verb) -> Iterator[tuple[Verb, Any]]:
     for group in app.registered_groups:
         if group.typer_instance is not None and group.name is not None:
             yield from _verbs(group.typer_instance, (*verb, group.name))
+
+
+def _groups(app: typer.Typer, verb: Verb) -> Iterator[tuple[Verb, typer.Typer]]:
+    yield verb, app
+    for group in app.registered_groups:
+        if group.typer_instance is not None and group.name is not None:
+            yield from _groups(group.typer_instance, (*verb, group.name))
+
+
+def _examples(verb: Verb) -> str | None:
+    """Return what stands below the options in the help of a verb."""
+    lines = EXAMPLES.get(verb)
+    return None if lines is None else "\b\nExamples:\n" + "\n".join(f"  {line}" for line in lines)
 
 
 def _complete_values(function: Callable[..., None]) -> None:
