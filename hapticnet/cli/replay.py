@@ -41,6 +41,7 @@ def replay(
     rate: Annotated[
         float | None, typer.Option(help="Positions a second; by default as recorded.", show_default=False)
     ] = None,
+    page: options.PageOption = None,
     seed: options.Seed = 0,
     record: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Record the replay in FILE: .mcap, .csv or .npz.")
@@ -53,7 +54,8 @@ def replay(
     """Play a recording again.
 
     With --connect, its hand moves in the scene of that slave. Without, a slave on this machine answers with the
-    recorded force, through any codec and channel: compare codecs on the device, or feel what another person felt.
+    recorded force, through any codec and channel: compare codecs on the device, feel what another person felt, or
+    watch it on the page.
     """
     from hapticnet.cli.console import check_outputs
     from hapticnet.cli.master import master
@@ -83,6 +85,7 @@ def replay(
             channel_in=channel_in,
             seed=seed,
             connect_timeout=10.0,
+            page=page,
             record=record,
             realtime=realtime,
             json=json,

@@ -13,7 +13,16 @@ from hapticnet.recordings.session.frames import FrameKind, FrameReader, pack_beg
 from hapticnet.recordings.session.reading import read_session
 from hapticnet.recordings.session.recovery import recover_file
 from hapticnet.recordings.session.sink import UNFINISHED
-from tests.recordings.session_cases import SUFFIXES, begin, give, give_rows, heading, make_archive, tick_rows
+from tests.recordings.session_cases import (
+    SUFFIXES,
+    begin,
+    give,
+    give_rows,
+    heading,
+    make_archive,
+    tick_rows,
+    write_session,
+)
 
 FULL = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
@@ -141,6 +150,26 @@ def test_rows_that_cannot_become_a_file_are_kept(tmp_path, said, suffix):
     path.rmdir()
     recover_file(tmp_path / f"a{suffix}{UNFINISHED}")
     assert len(read_session(path).main["t_us"]) == 10
+
+
+def test_parts_of_an_earlier_csv_recording_are_not_taken_for_parts_of_a_new_one(tmp_path, said):
+    write_session(tmp_path / "a.csv", ticks=20)
+    archive = make_archive(said)
+    begin(archive, tmp_path / "a.csv")
+    give_rows(archive, tick_rows(10))
+    archive.finish()
+    session = read_session(tmp_path / "a.csv")
+    assert (list(session.tables), session.events) == (["tick"], ())
+
+
+def test_parts_of_an_unfinished_csv_recording_stay_together(tmp_path, said):
+    (tmp_path / f"a.events.csv{UNFINISHED}").write_text("precious")
+    archive = make_archive(said)
+    begin(archive, tmp_path / "a.csv")
+    assert sorted(file.name for file in tmp_path.iterdir()) == [
+        "a.about.json.unfinished-2", "a.csv.unfinished-2", "a.events.csv.unfinished",
+    ]  # fmt: skip
+    archive.finish()
 
 
 def test_only_known_formats_are_recorded():

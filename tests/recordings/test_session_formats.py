@@ -1,6 +1,7 @@
 """What is written is read back, in every format and by the public readers."""
 
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from hapticnet.errors import FileError
+from hapticnet.errors import FileError, UnavailableError
 from hapticnet.node.recording import DATAGRAM_COLUMNS, master_columns
 from hapticnet.recordings.recording import load_motion, load_recording
 from hapticnet.recordings.session.protobuf import pack_event, row_descriptor, unpack_event, varint
@@ -120,6 +121,13 @@ def test_something_else_is_refused_in_one_line(tmp_path):
     for suffix in SUFFIXES:
         with pytest.raises(FileError, match="not a recording of hapticnet"):
             read_session(tmp_path / f"a{suffix}")
+
+
+def test_without_the_extra_one_line_says_what_to_install(tmp_path, monkeypatch):
+    write_session(tmp_path / "run.mcap", ticks=10)
+    monkeypatch.setitem(sys.modules, "mcap.data_stream", None)
+    with pytest.raises(UnavailableError, match=r"pip install 'hapticnet\[record\]'"):
+        read_session(tmp_path / "run.mcap")
 
 
 def test_a_file_that_unpacks_to_too_much_is_refused(tmp_path):

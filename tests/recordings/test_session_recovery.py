@@ -6,6 +6,7 @@ import shutil
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.writer import Writer
 
 from hapticnet.errors import FileError, HapticnetError
 from hapticnet.recordings.session.reading import read_session
@@ -68,6 +69,7 @@ def test_a_byte_that_is_changed_costs_at_most_its_chunk_or_what_follows(tmp_path
         else:
             times = session.main["t_us"]
             assert len(times) % BATCH == 0
+            assert len(times) == len(rows) or not session.complete
             assert set(times) <= set(rows[:, 0])
 
 
@@ -88,6 +90,30 @@ def test_what_is_recovered_opens_in_the_public_reader(tmp_path, whole, share):
     assert after.complete
     assert after.about == before.about
     np.testing.assert_array_equal(after.main["t_us"], before.main["t_us"])
+
+
+def test_a_file_of_another_program_is_recovered_with_all_it_has(tmp_path):
+    """Without chunks, with an attachment, JSON and a channel without schema."""
+    path = tmp_path / "other.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, use_chunking=False)
+        writer.start()
+        schema = writer.register_schema("thing", "jsonschema", b"{}")
+        first = writer.register_channel("/thing", "json", schema)
+        second = writer.register_channel("/bare", "json", 0)
+        writer.add_attachment(1, 2, "notes.txt", "text/plain", b"hello")
+        writer.add_metadata("run", {"by": "somebody"})
+        for number in range(10):
+            writer.add_message(first if number % 2 else second, number, b"{}", number, number)
+        writer.finish()
+    path.write_bytes(path.read_bytes()[:-20])
+    assert recover_file(path).count == 10
+    with (tmp_path / "other-recovered.mcap").open("rb") as file:
+        reader = make_reader(file)
+        assert [attachment.data for attachment in reader.iter_attachments()] == [b"hello"]
+        assert [record.metadata for record in reader.iter_metadata()] == [{"by": "somebody"}]
+        topics = [(channel.topic, message.sequence) for _, channel, message in reader.iter_messages()]
+    assert topics == [("/thing" if number % 2 else "/bare", number) for number in range(10)]
 
 
 def test_a_complete_file_needs_no_recovery(tmp_path, whole):

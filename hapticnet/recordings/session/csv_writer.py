@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from hapticnet.arrays import FloatArray
 from hapticnet.recordings.session.frames import Heading
-from hapticnet.recordings.session.sink import Sink
+from hapticnet.recordings.session.sink import Sink, free_suffix
 
 NUMBER_BYTES: Final = 25
 """Longest text of a float64 with its separator: -1.2345678901234567e-100."""
@@ -35,7 +35,8 @@ class CsvWriter:
         self._about = dict(heading.about) | {"side": heading.side, "unix_offset_us": heading.unix_offset_us}
         self._tables: list[Sink | None] = [None for _ in heading.tables]
         self._events: Sink | None = None
-        self._about_sink = Sink(beside(heading.path, "about.json"))
+        self._suffix = free_suffix(heading.path, *self._others)
+        self._about_sink = Sink(beside(heading.path, "about.json"), suffix=self._suffix)
         self._about_sink.write(_json(self._about))
         self._about_sink.flush()
         self._table(0)
@@ -65,7 +66,7 @@ class CsvWriter:
     def event(self, t_us: int, name: str, text: str) -> None:
         """Add an event."""
         if self._events is None:
-            self._events = Sink(beside(self._heading.path, "events.csv"))
+            self._events = Sink(beside(self._heading.path, "events.csv"), suffix=self._suffix)
             self._events.write(_lines([EVENT_COLUMNS]))
         self._events.write(_lines([(t_us, name, text)]))
 
@@ -78,20 +79,29 @@ class CsvWriter:
         """Complete the files; `about` are further facts, such as the report."""
         self.flush()
         if about:
-            whole = Sink(self._about_sink.path)
+            whole = Sink(self._about_sink.path, suffix=f"{self._suffix}.whole")
             whole.write(_json(self._about | dict(about)))
             whole.flush()
             self._about_sink.discard()
             self._about_sink = whole
+        for path in self._others:  # of an earlier recording of this name
+            path.unlink(missing_ok=True)
         for sink in reversed(self.files):  # the main one last
             sink.finish()
+
+    @property
+    def _others(self) -> list[Path]:
+        """The files beside the main one."""
+        names = [f"{table.name}s.csv" for table in self._heading.tables[1:]]
+        return [beside(self._heading.path, name) for name in (*names, "events.csv", "about.json")]
 
     def _table(self, index: int) -> Sink:
         sink = self._tables[index]
         if sink is None:
             table = self._heading.tables[index]
             path = self._heading.path
-            sink = self._tables[index] = Sink(path if index == 0 else beside(path, f"{table.name}s.csv"))
+            file = path if index == 0 else beside(path, f"{table.name}s.csv")
+            sink = self._tables[index] = Sink(file, suffix=self._suffix)
             sink.write(_lines([table.columns]))
         return sink
 

@@ -21,12 +21,17 @@ _MESSAGE: Final = struct.Struct("<HIQQ")
 _SCHEMA_CODE: Final = 3
 _CHANNEL_CODE: Final = 4
 _MESSAGE_CODE: Final = 5
+_IN_CHUNKS: Final = (_SCHEMA_CODE, _CHANNEL_CODE, _MESSAGE_CODE)
 
 LARGEST_RECORD: Final = 2**30
 """Larger records are taken for damage."""
 
 Record: TypeAlias = Any
-"""A record of the package mcap: Schema, Channel, Metadata, Footer; or `Messages`."""
+"""A record of the package mcap: Schema, Channel, Metadata, Attachment, Footer; or `Messages` or `Damage`."""
+
+
+class Damage:
+    """A record that is damaged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +44,7 @@ class Messages:
 def records(file: IO[bytes], path: Path) -> Iterator[Record]:
     """Yield what is whole in a file, in its order, and stop where it is cut off or its structure is damaged.
 
-    A chunk that is damaged is left out. A Footer comes last if the file is complete.
+    In the place of a record that is damaged comes a `Damage`. A Footer comes last if the file is complete.
 
     Raises
     ------
@@ -51,14 +56,13 @@ def records(file: IO[bytes], path: Path) -> Iterator[Record]:
     try:
         from mcap.data_stream import ReadDataStream
         from mcap.opcode import Opcode
-        from mcap.records import Channel, Chunk, Footer, Metadata, Schema
+        from mcap.records import Attachment, Chunk, Footer, Metadata
         from mcap.writer import MCAP0_MAGIC
     except ImportError as error:
         raise UnavailableError(NEEDS_MCAP) from error
 
     kinds: dict[int, Any] = {
-        Opcode.SCHEMA: Schema,
-        Opcode.CHANNEL: Channel,
+        Opcode.ATTACHMENT: Attachment,
         Opcode.METADATA: Metadata,
         Opcode.CHUNK: Chunk,
         Opcode.FOOTER: Footer,
@@ -69,18 +73,20 @@ def records(file: IO[bytes], path: Path) -> Iterator[Record]:
         code, length = _RECORD.unpack(head)
         if length > LARGEST_RECORD:
             return
-        if code not in kinds:  # indexes and the like
+        if code not in kinds and code not in _IN_CHUNKS:  # indexes and the like
             file.seek(length, 1)
             continue
         body = file.read(length)
         if len(body) < length:
             return
         try:
-            record = kinds[code].read(ReadDataStream(BytesIO(body)))
-            found = _contents(_unpacked(record)) if code == Opcode.CHUNK else [record]
-        except Exception as error:  # struct.error, ValueError, and what the compressors raise
-            if isinstance(error, MemoryError):
-                raise
+            if code in _IN_CHUNKS:  # of a file without chunks
+                found = _contents(head + body)
+            else:
+                record = kinds[code].read(ReadDataStream(BytesIO(body)))
+                found = _contents(_unpacked(record)) if code == Opcode.CHUNK else [record]
+        except Exception:  # struct.error, ValueError, MemoryError, and what the compressors raise
+            yield Damage()
             continue
         if code == Opcode.FOOTER:
             if file.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC:
@@ -93,6 +99,11 @@ def _unpacked(chunk: Record) -> bytes:
     """Return a chunk's contents; an exception of many kinds if they are damaged."""
     from mcap.stream_reader import get_chunk_data_stream
 
+    if chunk.compression == "zstd":
+        from zstandard import frame_content_size
+
+        if frame_content_size(chunk.data) > LARGEST_RECORD:
+            raise ValueError("a chunk that unpacks to too much")
     stream, size = get_chunk_data_stream(chunk, validate_crc=True)
     return stream.read(size)
 
@@ -126,19 +137,23 @@ def _contents(data: bytes) -> list[Record]:
 def recover(source: Path, target: Path) -> tuple[int, bool]:
     """Copy what is whole in an MCAP file of any kind into a new file with a summary.
 
-    Returns the number of messages, and whether the file was complete already.
+    Returns the number of messages, and whether the file was complete and undamaged already.
 
     Raises
     ------
     FileError
         If it is not an MCAP file, or the new one cannot be written.
+    UnavailableError
+        If the extra ``record`` is not installed.
     """
-    from mcap.records import Channel, Footer, Metadata, Schema
-    from mcap.writer import CompressionType, Writer
-
-    count, complete = 0, False
+    count, damages, complete = 0, 0, False
     schemas: dict[int, int] = {0: 0}
     channels: dict[int, int] = {}
+    try:
+        from mcap.records import Attachment, Channel, Footer, Metadata, Schema
+        from mcap.writer import CompressionType, Writer
+    except ImportError as error:
+        raise UnavailableError(NEEDS_MCAP) from error
     try:
         sink = Sink(target)
         try:
@@ -160,6 +175,11 @@ def recover(source: Path, target: Path) -> tuple[int, bool]:
                         )
                     elif isinstance(record, Metadata):
                         writer.add_metadata(record.name, record.metadata)
+                    elif isinstance(record, Attachment):
+                        writer.add_attachment(
+                            record.create_time, record.log_time, record.name, record.media_type, record.data
+                        )
+                    damages += isinstance(record, Damage)
                     complete = isinstance(record, Footer)
             writer.finish()
             sink.finish()
@@ -168,7 +188,7 @@ def recover(source: Path, target: Path) -> tuple[int, bool]:
             raise
     except OSError as error:
         raise FileError(f"{error.filename or target}: {error.strerror}") from error
-    return count, complete
+    return count, complete and not damages
 
 
 @dataclass(slots=True)
@@ -203,11 +223,12 @@ def read_mcap(path: Path, max_bytes: int) -> Session:
     event_channels: set[int] = set()
     about: dict[str, Any] = {}
     topics: dict[int, str] = {}
-    complete = False
+    complete, damages = False, 0
     with path.open("rb") as file:
         for record in records(file, path):
             kind = type(record).__name__
-            complete = kind == "Footer"
+            damages += kind == "Damage"
+            complete = kind == "Footer" and not damages
             if isinstance(record, Messages):
                 for channel, _, _, _, data in record.each:
                     if channel in reading:

@@ -11,9 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticnet.arrays import FloatArray
-from hapticnet.files import fresh_path
 from hapticnet.recordings.session.frames import Heading, Table
-from hapticnet.recordings.session.sink import UNFINISHED, Sink
+from hapticnet.recordings.session.sink import Sink, free_suffix
 
 ABOUT: Final = "about"
 EVENTS: Final = "events"
@@ -37,7 +36,7 @@ class NpzWriter:
 
     def __init__(self, heading: Heading) -> None:
         path = heading.path
-        self.folder = fresh_path(path.with_name(path.name + UNFINISHED))
+        self.folder = path.with_name(path.name + free_suffix(path))
         self.folder.mkdir()
         self._path = path
         self._tables = heading.tables

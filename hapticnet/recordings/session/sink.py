@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Final
 
 from hapticnet.errors import FileError
-from hapticnet.files import fresh_path
 
 UNFINISHED: Final = ".unfinished"
 """Suffix of a file that is being written, or was when its writer was killed."""
@@ -25,9 +24,9 @@ class Sink:
         Here and in all methods, if the file cannot be written.
     """
 
-    def __init__(self, path: Path, *, suffix: str = UNFINISHED) -> None:
+    def __init__(self, path: Path, *, suffix: str | None = None) -> None:
         self.path = path
-        self.file = fresh_path(path.with_name(path.name + suffix))
+        self.file = path.with_name(path.name + (free_suffix(path) if suffix is None else suffix))
         self.size = 0
         self._waiting = bytearray()
         self._descriptor = os.open(self.file, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
@@ -76,6 +75,15 @@ class Sink:
         self.flush()
         self.close()
         self.file.replace(self.path)
+
+
+def free_suffix(*paths: Path) -> str:
+    """Return ``.unfinished``, or ``.unfinished-2`` and so on, such that none of some files exists with it."""
+    number, suffix = 1, UNFINISHED
+    while any(path.with_name(path.name + suffix).exists() for path in paths):
+        number += 1
+        suffix = f"{UNFINISHED}-{number}"
+    return suffix
 
 
 def named(path: Path) -> Path:
