@@ -174,6 +174,9 @@ def vector_from(result: Any, axes: int, method: str, unit: str) -> Vector:
     UserCodeError
         If it is something else, not finite or out of range, or has another number of axes.
     """
+    # The common cases first: this is on the path of every sample.
+    if type(result) is float and axes == 1 and -LARGEST_COMPONENT <= result <= LARGEST_COMPONENT:
+        return (result,)
     try:
         if isinstance(result, Real):
             vector: Vector = (float(result),)

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from hapticnet.checks import check_integer
 from hapticnet.errors import PeerError
-from hapticnet.operator.remote_messages import Form, read_position, write_force
+from hapticnet.operator.remote_messages import ARRAY, read_position, write_force
 from hapticnet.samples import MAX_AXES, PositionSample, Vector
 
 HOLD_AFTER_US: Final = 300_000
@@ -54,7 +54,7 @@ class RemoteOperator:
         self.axes = axes
         self.positions = self.malformed = self.strangers = self.silences = self.answers = 0
         self._sender: Hashable = None
-        self._form = Form.ARRAY
+        self._form = ARRAY
         self._heard_us: int | None = None  # on the clock of `receive`
         self._goal_m: Vector = (0.0,) * axes
         self._at_m = self._goal_m
@@ -84,7 +84,7 @@ class RemoteOperator:
             return
         self.positions += 1
         if sender != self._sender:
-            self._lines.append(f"positions come from {_place(sender)}, as {form.value}")
+            self._lines.append(f"positions come from {_place(sender)}, as {form.text}")
             self._sender = sender
             self._following = False
         self._form, self._goal_m, self._heard_us = form, position_m, now_us

@@ -6,13 +6,12 @@ docs/embedding.md describes them for programs in any language.
 """
 
 import json
-from enum import Enum
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import msgpack
 
-from hapticnet.errors import PeerError, SampleError
-from hapticnet.samples import Vector, checked_vector
+from hapticnet.errors import PeerError
+from hapticnet.samples import Vector
 
 MOST_BYTES: Final = 512
 """Largest datagram that is read; three positions take 50 to 100 bytes."""
@@ -23,13 +22,18 @@ FARTHEST_M: Final = 10.0
 POSITION: Final = "position_m"
 
 
-class Form(Enum):
+class Form(NamedTuple):
     """How a datagram is written."""
 
-    ARRAY = "msgpack array"
-    MAP = "msgpack map"
-    JSON_ARRAY = "JSON array"
-    JSON_MAP = "JSON object"
+    text: str
+    is_json: bool
+    is_map: bool
+
+
+ARRAY: Final = Form("msgpack array", False, False)
+MAP: Final = Form("msgpack map", False, True)
+JSON_ARRAY: Final = Form("JSON array", True, False)
+JSON_OBJECT: Final = Form("JSON object", True, True)
 
 
 def read_position(data: bytes, axes: int) -> tuple[Form, Vector]:
@@ -42,39 +46,44 @@ def read_position(data: bytes, axes: int) -> tuple[Form, Vector]:
     """
     if len(data) > MOST_BYTES:
         raise PeerError(f"a datagram of {len(data)} bytes; a position has at most {MOST_BYTES}")
-    is_json = data[:1] in (b"{", b"[")
+    is_json = data.startswith((b"{", b"["))
     try:
         found: Any = json.loads(data) if is_json else msgpack.unpackb(data)
     except (ValueError, RecursionError, msgpack.exceptions.UnpackException) as error:
         raise PeerError(f"neither msgpack nor JSON: {' '.join(str(error).split())[:80] or 'incomplete'}") from error
-    as_map = isinstance(found, dict)
-    values = found.get(POSITION) if as_map else found
-    if isinstance(values, (int, float)) and not isinstance(values, bool) and as_map:
-        values = [values]
-    if not isinstance(values, list) or not all(type(each) in (int, float) for each in values):
-        expected = f"{POSITION} must be" if as_map else "expected"
-        raise PeerError(f"{expected} a list of {axes} numbers, such as {_example(axes)}")
+    if type(found) is dict:
+        values = found.get(POSITION)
+        form = JSON_OBJECT if is_json else MAP
+        if type(values) is float or type(values) is int:
+            values = [values]
+    else:
+        values = found
+        form = JSON_ARRAY if is_json else ARRAY
+    if type(values) is not list:
+        raise _not_numbers(form, axes)
+    for each in values:
+        if type(each) is not float and type(each) is not int:
+            raise _not_numbers(form, axes)
+        # Written so that NaN, which compares false with everything, is refused too.
+        if not -FARTHEST_M <= each <= FARTHEST_M:
+            raise PeerError(f"coordinate {str(each)[:30]} is not within ±{FARTHEST_M:g} m; coordinates are metres")
     if len(values) != axes:
         raise PeerError(f"{len(values)} coordinates; expected {axes}, such as {_example(axes)}")
-    try:
-        position_m = checked_vector(values, "position")
-    except (SampleError, OverflowError) as error:
-        raise PeerError(f"not a finite position: {str(values)[:60]}") from error
-    if not all(-FARTHEST_M <= x <= FARTHEST_M for x in position_m):
-        raise PeerError(f"position {list(position_m)} m is beyond {FARTHEST_M:g} m; positions are metres")
-    if is_json:
-        return (Form.JSON_MAP if as_map else Form.JSON_ARRAY), position_m
-    return (Form.MAP if as_map else Form.ARRAY), position_m
+    return form, tuple(map(float, values))
 
 
 def write_force(form: Form, force_n: Vector, position_m: Vector, t_us: int) -> bytes:
     """Return the answer to a position: the force [N] on all axes; a map also tells where the tool is [m], and when."""
-    is_map = form in (Form.MAP, Form.JSON_MAP)
-    answer: Any = {"force_n": force_n, POSITION: position_m, "t_us": t_us} if is_map else force_n
-    if form in (Form.JSON_MAP, Form.JSON_ARRAY):
+    answer: Any = {"force_n": force_n, POSITION: position_m, "t_us": t_us} if form.is_map else force_n
+    if form.is_json:
         return json.dumps(answer).encode()
     packed: bytes = msgpack.packb(answer)
     return packed
+
+
+def _not_numbers(form: Form, axes: int) -> PeerError:
+    expected = f"{POSITION} must be" if form.is_map else "expected"
+    return PeerError(f"{expected} a list of {axes} numbers, such as {_example(axes)}")
 
 
 def _example(axes: int) -> str:

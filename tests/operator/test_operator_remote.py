@@ -8,7 +8,15 @@ import pytest
 
 from hapticnet.errors import PeerError
 from hapticnet.operator.remote import APPROACH_M_S, HOLD_AFTER_US, WITHDRAW_AFTER_US, RemoteOperator
-from hapticnet.operator.remote_messages import MOST_BYTES, Form, read_position, write_force
+from hapticnet.operator.remote_messages import (
+    ARRAY,
+    JSON_ARRAY,
+    JSON_OBJECT,
+    MAP,
+    MOST_BYTES,
+    read_position,
+    write_force,
+)
 
 HERE, THERE = ("127.0.0.1", 5000), ("::1", 6000, 0, 0)
 
@@ -16,23 +24,23 @@ HERE, THERE = ("127.0.0.1", 5000), ("::1", 6000, 0, 0)
 @pytest.mark.parametrize(
     ("data", "form", "answer"),
     [
-        (msgpack.packb([0.01]), Form.ARRAY, msgpack.packb([2.0])),
-        (msgpack.packb({"position_m": [0.01]}), Form.MAP, {"force_n": [2.0], "position_m": [0.01], "t_us": 7}),
-        (b'{"position_m": [0.01]}', Form.JSON_MAP, {"force_n": [2.0], "position_m": [0.01], "t_us": 7}),
-        (b'{"position_m": 0.01, "more": [null]}', Form.JSON_MAP, {"force_n": [2.0], "position_m": [0.01], "t_us": 7}),
-        (b"[1e-2]", Form.JSON_ARRAY, b"[2.0]"),
+        (msgpack.packb([0.01]), ARRAY, msgpack.packb([2.0])),
+        (msgpack.packb({"position_m": [0.01]}), MAP, {"force_n": [2.0], "position_m": [0.01], "t_us": 7}),
+        (b'{"position_m": [0.01]}', JSON_OBJECT, {"force_n": [2.0], "position_m": [0.01], "t_us": 7}),
+        (b'{"position_m": 0.01, "more": [null]}', JSON_OBJECT, {"force_n": [2.0], "position_m": [0.01], "t_us": 7}),
+        (b"[1e-2]", JSON_ARRAY, b"[2.0]"),
     ],
 )
 def test_the_answer_has_the_form_of_the_question(data, form, answer):
     assert read_position(data, 1) == (form, (0.01,))
     written = write_force(form, (2.0,), (0.01,), 7)
     if isinstance(answer, dict):
-        written = msgpack.unpackb(written) if form is Form.MAP else json.loads(written)
+        written = msgpack.unpackb(written) if form is MAP else json.loads(written)
     assert written == answer
 
 
 def test_three_axes_and_whole_numbers_are_read():
-    assert read_position(msgpack.packb([0, -1, 0.5]), 3) == (Form.ARRAY, (0.0, -1.0, 0.5))
+    assert read_position(msgpack.packb([0, -1, 0.5]), 3) == (ARRAY, (0.0, -1.0, 0.5))
 
 
 @pytest.mark.parametrize(
@@ -54,11 +62,11 @@ def test_three_axes_and_whole_numbers_are_read():
         (b"[[0.01]]", "expected a list of 1 numbers"),
         (b"[]", "0 coordinates; expected 1"),
         (b"[1, 2]", r"2 coordinates; expected 1, such as \[0.01\]"),
-        (b"[NaN]", "not a finite position"),
-        (b"[1e999]", "not a finite position"),
-        (b"[1" + b"0" * 400 + b"]", "not a finite position"),
-        (msgpack.packb([float("inf")]), "not a finite position"),
-        (b"[20.0]", r"position \[20.0\] m is beyond 10 m; positions are metres"),
+        (b"[NaN]", "coordinate nan is not within ±10 m"),
+        (b"[1e999]", "coordinate inf is not within ±10 m"),
+        (b"[1" + b"0" * 400 + b"]", "coordinate 100000000000000000000000000000 is not within"),
+        (msgpack.packb([float("inf")]), "coordinate inf is not within"),
+        (b"[20.0]", r"coordinate 20.0 is not within ±10 m; coordinates are metres"),
         (msgpack.packb({1: 2}), "int is not allowed for map key"),
     ],
 )
