@@ -117,9 +117,9 @@ of codec is not a change of this::
     {"type": "state", "t_s": 12.4, "link": "established", "connections": 1, "sealed": false,
      "codec": "deadband", "parameters": {"step_n": 0}, "multiplier": 1.0, "weber_fraction": 0.05, "floor_n": 0.025,
      "delay_ms": 0, "loss_percent": 0,              // of the emulated channel, in each direction
-     "round_trip_ms": 0.41 or null,                 // median
+     "round_trip_ms": 0.41 or null,                 // median over the last second
      "feedback": TRAFFIC, "forward": TRAFFIC,
-     "lost": 0,                                     // datagrams of the slave that did not arrive
+     "lost": 0,                                     // datagrams of the slave that did not arrive since ``since_s``
      "device": "ready" or null,                     // its status in words
      "pages": {"watch": 2, "operator": 1, "left_out": 0}}   // left_out: messages that slow pages did not get
 

@@ -19,7 +19,7 @@ from hapticnet.web.description import Description
 from hapticnet.web.messages import CloseCode, Hand, LetGo, MistakeError, Release, Take
 from hapticnet.web.seat import Seat
 from hapticnet.web.ticks import Ticks
-from hapticnet.web.traffic import TrafficMeter
+from hapticnet.web.traffic import RecentMedian, TrafficMeter
 
 if TYPE_CHECKING:
     from hapticnet.web.client import Client
@@ -87,6 +87,7 @@ class Page(Watcher[NodeEvent]):
         self._start_us = now_us()
         self._ticks = Ticks(node, self._start_us)
         self._traffic = TrafficMeter(node)
+        self._round_trip = RecentMedian()
         self._seat = Seat(settings.hand)
         self._description = Description(node, controls, settings)
         self._events: deque[str] = deque(maxlen=messages.EVENTS_KEPT)
@@ -271,7 +272,7 @@ class Page(Watcher[NodeEvent]):
     def _state(self) -> str:
         now_s = self._seconds(now_us())
         session = self._node.session
-        round_trip_us = session.round_trip.percentile(50)
+        round_trip_us = self._round_trip.of(session.round_trip, now_s)
         return messages.text(
             "state",
             t_s=now_s,
@@ -282,7 +283,7 @@ class Page(Watcher[NodeEvent]):
             **self._controls.report(),
             round_trip_ms=None if round_trip_us is None else round(round_trip_us / 1000, 3),
             **self._traffic.report(now_s),
-            lost=session.received.lost,
+            lost=self._traffic.lost,
             device=self._node.device_status,
             pages=self.report(),
         )

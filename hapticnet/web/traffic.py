@@ -1,4 +1,4 @@
-"""Packets and bytes of both directions, now and in total, beside what they would be without compression."""
+"""Packets and bytes of both directions beside what they would be without compression, and round trips."""
 
 from collections import deque
 from typing import Any, Final
@@ -7,12 +7,35 @@ import numpy as np
 
 from hapticnet.node.master import MasterNode
 from hapticnet.protocol.seal import TAG_BYTES
+from hapticnet.protocol.stats import Distribution
 from hapticnet.protocol.wire import UDP_IPV4_HEADER_BYTES, Kind, force_datagram_bytes
 
 WINDOW_S: Final = 1.0
 
 _Counts = tuple[float, ...]  # packets, wire bytes, and both if every sample were sent raw; feedback, then forward
 _KEYS: Final = ("packets", "bytes", "raw_packets", "raw_bytes")
+
+
+class RecentMedian:
+    """Median of what a distribution gained over the last second, which a change of the delay soon shows."""
+
+    def __init__(self) -> None:
+        self._past: deque[tuple[float, dict[int, int]]] = deque([(0.0, {})])
+
+    def of(self, distribution: Distribution, now_s: float) -> float | None:
+        """Return it in µs, or None if nothing was added; call this a few times a second."""
+        past, counts = self._past, dict(distribution.counts())
+        past.append((now_s, counts))
+        while len(past) > 2 and now_s - past[1][0] >= WINDOW_S:
+            past.popleft()
+        before = past[0][1]
+        gained = {bucket: count - before.get(bucket, 0) for bucket, count in counts.items()}
+        half, seen = sum(gained.values()) / 2, 0
+        for bucket in sorted(gained):
+            seen += gained[bucket]
+            if seen >= half > 0:
+                return float(distribution.RATIO ** (bucket + 1))
+        return None
 
 
 class TrafficMeter:
@@ -30,12 +53,20 @@ class TrafficMeter:
         self._raw_positions = 0
         self._raw_bytes = 0
         self._base = self._count()
+        self._lost_before = 0
         self._past: deque[tuple[float, _Counts]] = deque([(0.0, self._base)])
 
     def restart(self, now_s: float) -> None:
         """Begin the totals again."""
         self.since_s = now_s
         self._base = self._count()
+        self._lost_before = self._node.session.received.lost
+
+    @property
+    def lost(self) -> int:
+        """Datagrams of the slave that did not arrive since `since_s`."""
+        # A datagram that was only late is taken off the count again, perhaps after the totals began.
+        return max(0, self._node.session.received.lost - self._lost_before)
 
     def report(self, now_s: float) -> dict[str, dict[str, float]]:
         """Return the two directions for the state message; call this a few times a second."""

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from hapticnet.errors import UnavailableError
+from hapticnet.protocol.stats import Distribution
 from hapticnet.runtime.udp import HostPort
 from hapticnet.samples import PositionSample
 from hapticnet.scene.presets import find_scene
@@ -20,6 +21,7 @@ from hapticnet.web.client import LARGEST_BACKLOG, LONGEST_QUEUE, MOST_MESSAGES_P
 from hapticnet.web.mirror import Mirror, scene_called
 from hapticnet.web.server import static_files
 from hapticnet.web.ticks import Ticks
+from hapticnet.web.traffic import RecentMedian
 from tests.web.rig import read_samples
 
 
@@ -223,3 +225,15 @@ def test_every_file_that_a_page_names_is_there():
             assert {each for each in named if each not in files} == set(), name
     assert {"watch.html", "operator.html"} <= files.keys()
     assert not re.search(rb"https?://(?!www\.w3\.org)", b"".join(files[n][0] for n in files if n.endswith(".html")))
+
+
+def test_the_round_trip_is_that_of_the_last_second():
+    median, distribution = RecentMedian(), Distribution()
+    assert median.of(distribution, 0.0) is None
+    for tick in range(20):
+        for _ in range(100):
+            distribution.add(400.0 if tick < 10 else 120_000.0)
+        shown = median.of(distribution, 0.2 * (tick + 1))
+        if tick == 9:
+            assert shown == pytest.approx(400.0, rel=0.02)
+    assert shown == pytest.approx(120_000.0, rel=0.02)

@@ -74,6 +74,12 @@ export class ForcePlot {
     return this._plot.data[SERIES[series].at(-1)][index];
   }
 
+  /** Limits of the threshold at a sample, or null without one. */
+  band(index) {
+    const [, low, high] = this._plot.data;
+    return index === null ? null : { low: low[index], high: high[index] };
+  }
+
   _draw(data) {
     const [min, max] = this._zoom ?? [this._edge - this._seconds, this._edge];
     this._plot.batch(() => {

@@ -7,7 +7,8 @@ import { palette } from "./palette.js";
 const LAMELLAE = 5;
 const LAMELLA_DASHES = [[], [7, 5], [1.5, 5], [12, 4, 2, 4], [3, 3]]; // tell layers apart without colour
 const LAST_LAYER_M = 0.026; // depth over which the lines of the last layer are spread
-const FADE = [[0, 0.15], [0.15, 0.15], [0.45, 1], [1, 0.6]]; // lines are faint on the left, where the names are
+const FADE = [[0, 0.3], [0.5, 1], [1, 0.3]];
+const FADE_BEHIND_NAMES = [[0, 0.15], [0.15, 0.15], [0.45, 1], [1, 0.6]];
 
 /** Return the fills that change only with size, scene and theme. */
 export function makeFills(context, scene) {
@@ -17,10 +18,11 @@ export function makeFills(context, scene) {
     stops.forEach((stop, index) => fill.addColorStop(index / (stops.length - 1), stop));
     return fill;
   };
+  const fade = scene.tissues.some(({ name }) => name) ? FADE_BEHIND_NAMES : FADE;
   const across = (name) => {
     const fill = context.createLinearGradient(0, 0, scene.width, 0);
     const [red, green, blue, alpha] = colour(name).split(" ");
-    for (const [at, share] of FADE) fill.addColorStop(at, `rgb(${red} ${green} ${blue} / ${Number(alpha) * share})`);
+    for (const [at, share] of fade) fill.addColorStop(at, `rgb(${red} ${green} ${blue} / ${Number(alpha) * share})`);
     return fill;
   };
   return {

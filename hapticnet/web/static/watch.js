@@ -130,7 +130,8 @@ function showValues() {
   const hovered = plot.hovered;
   const at = (name) => (hovered === null ? history.last(name) : plot.value(name, hovered));
   for (const line of ["true", "held", "sensed"]) legendValue(line, newtons(at(line)));
-  const threshold = history.last("high") - history.last("received");
+  const { low, high } = plot.band(hovered) ?? { low: history.last("low"), high: history.last("high") };
+  const threshold = (high - low) / 2;
   legendValue("band", Number.isFinite(threshold) ? `±${(1000 * threshold).toFixed(0)} mN` : "none");
 }
 
