@@ -34,6 +34,10 @@ class ServedPage:
         self._access = access
         self._console = console
 
+    def close(self) -> None:
+        """Give the address up; needed only if `watchers` are not run."""
+        self._sock.close()
+
     def watchers(
         self,
         node: "MasterNode",

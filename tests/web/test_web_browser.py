@@ -55,7 +55,7 @@ def browser() -> Iterator[Any]:
 class Tab:
     """A page in the browser, and what its console says."""
 
-    def __init__(self, browser: Any, url: str, *, width: int = 1280, height: int = 720) -> None:
+    def __init__(self, browser: Any, url: str, *, width: int = 900, height: int = 640) -> None:
         self.page = browser.new_page(viewport={"width": width, "height": height})
         self.complaints: list[str] = []
         self.page.on("console", lambda said: self.complaints.append(said.text))
@@ -72,6 +72,12 @@ class Tab:
         return x, y
 
 
+@pytest.fixture(scope="module")
+def tab(urls: dict[str, str], browser: Any) -> Tab:
+    """A page that the tests share, because it takes seconds to open where nothing draws but the processor."""
+    return Tab(browser, urls["watch"])
+
+
 @pytest.fixture
 def observer(urls: dict[str, str]) -> Iterator[Observer]:
     """What is sent to a page during a test; each test begins with the hand free."""
@@ -81,8 +87,7 @@ def observer(urls: dict[str, str]) -> Iterator[Observer]:
     watching.close()
 
 
-def test_the_force_follows_the_pointer_and_escape_lets_go(urls: dict[str, str], browser: Any, observer: Observer):
-    tab = Tab(browser, urls["watch"])
+def test_the_force_follows_the_pointer_and_escape_lets_go(tab: Tab, observer: Observer):
     x, y = tab.press_on_scene()
     observer.until(lambda client: client.last("hand")["holder"] == "another")
     for pixels in range(0, 400, 12):  # about 2 mm each
@@ -98,7 +103,6 @@ def test_the_force_follows_the_pointer_and_escape_lets_go(urls: dict[str, str], 
     observer.until(lambda client: abs(client.newest("held")[-1]) < 0.03)
     assert tab.complaints == []
     assert observer.rows_have_no_gap()
-    tab.page.close()
 
 
 def test_arrow_keys_move_the_needle(urls: dict[str, str], browser: Any, observer: Observer):
@@ -114,18 +118,7 @@ def test_arrow_keys_move_the_needle(urls: dict[str, str], browser: Any, observer
     tab.page.close()
 
 
-def test_closing_the_page_withdraws_the_needle(urls: dict[str, str], browser: Any, observer: Observer):
-    tab = Tab(browser, urls["watch"])
-    tab.page.locator("canvas#scene").focus()
-    tab.page.keyboard.down("ArrowDown")
-    observer.until(lambda client: client.frames[-1]["tip_m"] > 0.012)
-    tab.page.close()
-    observer.until(lambda client: client.last("hand") == {"type": "hand", "holder": "nobody", "state": "free"})
-    assert observer.frame()["tip_m"] == 0.0
-
-
-def test_a_frozen_page_delays_no_tick_and_loses_the_hand(urls: dict[str, str], browser: Any, observer: Observer):
-    tab = Tab(browser, urls["watch"])
+def test_a_frozen_page_delays_no_tick_and_loses_the_hand(tab: Tab, observer: Observer):
     tab.press_on_scene()
     observer.until(lambda client: client.last("hand")["holder"] == "another")
     renderers = [pid for pid in descendants(os.getpid()) if b"--type=renderer" in command_line(pid)]
@@ -143,7 +136,15 @@ def test_a_frozen_page_delays_no_tick_and_loses_the_hand(urls: dict[str, str], b
     tab.page.mouse.up()
     tab.page.wait_for_function("document.getElementById('hand-state').textContent.includes('Nobody')")
     assert tab.complaints == []
+
+
+def test_closing_the_page_withdraws_the_needle(tab: Tab, observer: Observer):
+    tab.page.locator("canvas#scene").focus()
+    tab.page.keyboard.down("ArrowDown")
+    observer.until(lambda client: client.frames[-1]["tip_m"] > 0.012)
     tab.page.close()
+    observer.until(lambda client: client.last("hand") == {"type": "hand", "holder": "nobody", "state": "free"})
+    assert observer.frame()["tip_m"] == 0.0
 
 
 def command_line(pid: int) -> bytes:

@@ -1,0 +1,82 @@
+"""The options that serve the live page."""
+
+import socket
+import subprocess
+import sys
+
+import pytest
+
+from hapticnet.cli import with_page_address
+from hapticnet.cli.console import Console
+from hapticnet.cli.pages import choose_operator
+from hapticnet.errors import SettingsError, UnavailableError
+
+
+def hapticnet(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-m", "hapticnet", *arguments], capture_output=True, text=True, timeout=60)
+
+
+@pytest.mark.parametrize(
+    ("written", "understood"),
+    [
+        ([], []),
+        (["demo", "--page"], ["demo", "--page=auto"]),
+        (["master", "--page", "--device", "sim"], ["master", "--page=auto", "--device", "sim"]),
+        (["master", "--page", "127.0.0.1:9000"], ["master", "--page", "127.0.0.1:9000"]),
+        (["master", "--page=[::1]:9000", "-q"], ["master", "--page=[::1]:9000", "-q"]),
+    ],
+)
+def test_the_address_of_the_page_may_be_left_out(written: list[str], understood: list[str]):
+    assert with_page_address(written) == understood
+
+
+def test_the_page_is_the_operator_unless_another_is_named(capsys: pytest.CaptureFixture[str]):
+    quiet = Console("master", quiet=True)
+    assert choose_operator(None, None, quiet) == ("scripted", None)
+    for operator, page, expected in (
+        (None, "auto", "page"),
+        ("page", None, "page"),
+        ("scripted", "127.0.0.1:0", "scripted"),
+    ):
+        chosen, served = choose_operator(operator, page, quiet)
+        assert chosen == expected
+        assert served is not None
+        served.close()
+        said = capsys.readouterr().err
+        assert "/watch?token=" in said  # without it the page could not be opened
+        assert "/operator?token=" in said
+
+
+def test_a_page_for_other_hosts_is_warned_about(capsys: pytest.CaptureFixture[str]):
+    _, served = choose_operator(None, "0.0.0.0:0", Console("master"))
+    assert served is not None
+    served.close()
+    said = capsys.readouterr().err
+    assert f"http://{socket.gethostname()}:" in said
+    assert "not encrypted" in said
+
+
+def test_an_address_that_cannot_be_used_is_told_in_one_line():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        address = f"127.0.0.1:{taken.getsockname()[1]}"
+        with pytest.raises(UnavailableError, match=r"cannot serve the page at 127\..* in use"):
+            choose_operator(None, address, Console("master", quiet=True))
+    with pytest.raises(SettingsError, match="must be HOST:PORT"):
+        choose_operator(None, "8080", Console("master", quiet=True))
+
+
+def test_without_aiohttp_the_extra_is_named(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "aiohttp", None)
+    monkeypatch.delitem(sys.modules, "hapticnet.web.server", raising=False)
+    monkeypatch.delitem(sys.modules, "hapticnet.web.client", raising=False)
+    with pytest.raises(UnavailableError, match=r"pip install 'hapticnet\[web\]'"):
+        choose_operator(None, "auto", Console("master", quiet=True))
+
+
+def test_the_demo_on_the_page_writes_no_results():
+    done = hapticnet("demo", "--page", "--json")
+    assert done.returncode == 2
+    assert "omit --out and --json" in done.stderr
+    assert done.stderr.count("\n") == 1
