@@ -16,7 +16,8 @@ from hapticnet.device.plant import PlantSettings
 from hapticnet.device.simulated import SimulatedDevice
 from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.loopback import Loopback
-from hapticnet.node.master import MasterNode, MasterSettings
+from hapticnet.node.master import MasterNode
+from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.protocol.handshake import SealedDoor

@@ -11,7 +11,7 @@ import pytest
 import hapticnet as hn
 from hapticnet.device.plant import PlantSettings
 from hapticnet.device.simulated import SimulatedDevice
-from hapticnet.node.master import Failed, Paused
+from hapticnet.node.master_events import Failed, Paused
 from hapticnet.node.slave import MasterJoined, MasterLeft, ScenePaused
 from hapticnet.protocol.events import Connected, Ended, LinkRecovered, LinkStale
 

@@ -18,7 +18,8 @@ from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.loopback import Loopback
-from hapticnet.node.master import MasterNode, MasterSettings
+from hapticnet.node.master import MasterNode
+from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.protocol.handshake import Door, OpenDoor, SealedDoor
 from hapticnet.protocol.keys import MasterEntry, MasterKey, PrivateKey, Roster

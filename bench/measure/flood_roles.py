@@ -16,7 +16,9 @@ from typing import Any, Final
 import numpy as np
 
 from hapticnet.node.admission import SlaveSettings
-from hapticnet.node.master import MasterNode, MasterSettings, NodeEvent
+from hapticnet.node.master import MasterNode
+from hapticnet.node.master_events import NodeEvent
+from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.protocol.events import Connected

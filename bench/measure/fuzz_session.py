@@ -6,7 +6,9 @@ import numpy as np
 from fuzz_datagrams import Fuzz
 
 from hapticnet.node.admission import SlaveSettings
-from hapticnet.node.master import Failed, MasterNode, MasterSettings
+from hapticnet.node.master import MasterNode
+from hapticnet.node.master_events import Failed
+from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import MasterLeft, SlaveNode
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.protocol.events import Connected

@@ -19,7 +19,9 @@ from typing import Any
 import numpy as np
 import record
 
-from hapticnet.node.master import MasterNode, MasterSettings, NodeEvent
+from hapticnet.node.master import MasterNode
+from hapticnet.node.master_events import NodeEvent
+from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.recording import DATAGRAM_COLUMNS, Recording, master_columns
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.recordings.session.frames import Table

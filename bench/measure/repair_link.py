@@ -16,7 +16,8 @@ from hapticnet.codec.schemes.raw import Raw
 from hapticnet.measure.metrics import error_report
 from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.loopback import Loopback
-from hapticnet.node.master import MasterNode, MasterSettings
+from hapticnet.node.master import MasterNode
+from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.base import Operator
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator

@@ -20,7 +20,8 @@ from hapticnet.experiment.analysis import felt_error
 from hapticnet.measure.metrics import ErrorReport
 from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.loopback import Loopback
-from hapticnet.node.master import MasterNode, MasterSettings
+from hapticnet.node.master import MasterNode
+from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.operator.user import HasSample, UserOperator

@@ -11,7 +11,7 @@ from hapticnet.api.setup import MasterSetup, PositionLike
 from hapticnet.api.threads import LoopThread
 from hapticnet.api.views import MasterView
 from hapticnet.errors import SettingsError, UnavailableError
-from hapticnet.node.master import NodeEvent
+from hapticnet.node.master_events import NodeEvent
 from hapticnet.protocol.events import Ended
 from hapticnet.runtime.clock import now_us
 from hapticnet.runtime.master_run import MasterRunner

@@ -14,7 +14,8 @@ from hapticnet.device.base import Device
 from hapticnet.device.user import HasExchange, UserDevice
 from hapticnet.errors import SampleError, SettingsError
 from hapticnet.node.admission import SlaveSettings
-from hapticnet.node.master import DeviceTakes, MasterNode, MasterSettings, OnError
+from hapticnet.node.master import MasterNode
+from hapticnet.node.master_settings import DeviceTakes, MasterSettings, OnError
 from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.user import HasSample, UserOperator
 from hapticnet.protocol.handshake import Door, OpenDoor, SealedDoor

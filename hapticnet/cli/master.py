@@ -9,6 +9,7 @@ from hapticnet.cli import options
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION
 
 if TYPE_CHECKING:
+    from hapticnet.node.master_events import NodeEvent
     from hapticnet.runtime.watching import Watcher
 
 
@@ -83,7 +84,8 @@ def master(
     from hapticnet.codec.registry import parse_codec
     from hapticnet.errors import RefusedError, UnavailableError
     from hapticnet.experiment.provenance import provenance
-    from hapticnet.node.master import MasterNode, MasterSettings, NodeEvent
+    from hapticnet.node.master import MasterNode
+    from hapticnet.node.master_settings import MasterSettings
     from hapticnet.perception import WeberLaw
     from hapticnet.protocol.settings import SessionSettings
     from hapticnet.recordings.session.archive import check_format

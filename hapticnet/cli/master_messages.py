@@ -4,7 +4,8 @@ from typing import TYPE_CHECKING, Final
 
 from hapticnet.cli.trust import silence_advice
 from hapticnet.node.fingertip import DeviceFound, DeviceLost, ForceFault
-from hapticnet.node.master import Failed, MasterNode, NodeEvent, Paused
+from hapticnet.node.master import MasterNode
+from hapticnet.node.master_events import Failed, NodeEvent, Paused
 from hapticnet.protocol.events import (
     ChangeRefused,
     Connected,

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
-    from hapticnet.node.master import NodeEvent
+    from hapticnet.node.master_events import NodeEvent
     from hapticnet.operator.base import Operator
     from hapticnet.runtime.udp import HostPort
     from hapticnet.runtime.watching import Watcher

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from hapticnet.cli.console import Console
-    from hapticnet.node.master import MasterNode, NodeEvent
+    from hapticnet.node.master import MasterNode
+    from hapticnet.node.master_events import NodeEvent
     from hapticnet.node.slave import SlaveEvent, SlaveNode
     from hapticnet.runtime.overload import Overload
     from hapticnet.runtime.watching import Watcher

@@ -2,20 +2,19 @@
 
 import math
 from collections import deque
-from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
 
-from hapticnet.checks import check_parameter
 from hapticnet.codec.base import Codec
 from hapticnet.codec.registry import codec_parameters, make_codec
 from hapticnet.codec.schemes.raw import Raw
-from hapticnet.control.force import ForceControlSettings
-from hapticnet.control.hold import Hold, HoldSettings
-from hapticnet.control.limits import LimitSettings
+from hapticnet.control.hold import Hold
 from hapticnet.device.base import Device
-from hapticnet.errors import PeerError, SampleError, SettingsError, in_words
+from hapticnet.errors import PeerError, SampleError, in_words
 from hapticnet.measure.metrics import RunningError
-from hapticnet.node.fingertip import Fingertip, FingertipEvent
+from hapticnet.node.fingertip import Fingertip
+from hapticnet.node.master_events import Failed, NodeEvent, Paused
+from hapticnet.node.master_settings import MasterSettings, device_axis
 from hapticnet.node.recording import DATAGRAM_COLUMNS, IN, OUT, Recording, frame_kind, master_columns
 from hapticnet.operator.base import Operator
 from hapticnet.perception import WeberLaw
@@ -24,104 +23,17 @@ from hapticnet.protocol.events import (
     Connected,
     Ended,
     ForceArrived,
-    Hinted,
     HoldConfirmed,
-    LinkRecovered,
-    LinkStale,
     MasterEvent,
-    Refused,
-    SessionLost,
 )
-from hapticnet.protocol.keys import MasterKey
 from hapticnet.protocol.master_session import MasterSession
 from hapticnet.protocol.messages import NAME_BYTES, Code, Request, clipped
-from hapticnet.protocol.settings import Entropy, SessionSettings
+from hapticnet.protocol.settings import Entropy
 from hapticnet.protocol.stats import Distribution
 from hapticnet.samples import Vector, checked_vector
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-OnError: TypeAlias = Literal["end", "pause"]
-
-DeviceTakes: TypeAlias = Literal["x", "y", "z", "norm"]
-"""The part of the force that a device with one axis renders."""
-
-FASTEST_HZ: Final = 100_000.0
-
-
-@dataclass(frozen=True, slots=True)
-class Failed:
-    """Operator, codec or device raised an exception: the force goes to zero and the session is closed."""
-
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
-class Paused:
-    """The operator raised an exception: the force goes to zero and the operator is not asked until `resume`."""
-
-    reason: str
-
-
-NodeEvent: TypeAlias = (
-    Connected
-    | LinkStale
-    | LinkRecovered
-    | SessionLost
-    | Refused
-    | ChangeRefused
-    | Hinted
-    | Paused
-    | Failed
-    | Ended
-    | FingertipEvent
-)
-"""Events that a master reports; forces and confirmations stay inside."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MasterSettings:
-    """What a master asks for, and how it applies the forces it receives.
-
-    Attributes
-    ----------
-    codec, parameters, law
-        The feedback codec, its own parameters, and the JND of the person at this master.
-    rate_hz
-        Positions per second to ask for; the slave may grant less.
-    name
-        Name of this master in the slave's report.
-    key
-        This master's key and the slave's public key; None for an open session.
-    record
-        Whether every tick is recorded.
-    record_datagrams
-        Whether every datagram is recorded.
-    on_error
-        What an exception of the operator does: end the session, or pause until `MasterNode.resume`. The force goes to
-        zero in either case. An exception of the codec or the device always ends the session.
-    device_takes
-        The axis of the force that the device renders, or its norm.
-    """
-
-    codec: str = "deadband"
-    parameters: dict[str, float] = field(default_factory=dict)
-    law: WeberLaw = field(default_factory=WeberLaw)
-    rate_hz: float = 1000.0
-    name: str = "master"
-    key: MasterKey | None = None
-    record: bool = False
-    record_datagrams: bool = False
-    on_error: OnError = "end"
-    device_takes: DeviceTakes = "x"
-    session: SessionSettings = field(default_factory=SessionSettings)
-    hold: HoldSettings = field(default_factory=HoldSettings)
-    limits: LimitSettings = field(default_factory=LimitSettings)
-    control: ForceControlSettings = field(default_factory=ForceControlSettings)
-
-    def __post_init__(self) -> None:
-        check_parameter("rate", self.rate_hz, self.session.slowest_hz, FASTEST_HZ, "Hz")
 
 
 class MasterNode:
@@ -177,7 +89,7 @@ class MasterNode:
         self._zero_n: Vector = (0.0,) * operator.axes
         self.received_n = self.held_n = self._zero_n
         self.target_n = self.sensed_n = self.displacement_m = 0.0
-        self._device_axis = _device_axis(settings.device_takes, operator.axes) if device is not None else None
+        self._device_axis = device_axis(settings.device_takes, operator.axes) if device is not None else None
         self._heard_us: int | None = None  # when the newest force arrived, on the master's clock
         self._heard_t_us = 0  # and its time stamp
         self._valid_t_us = 0  # time of the newest position for which what is applied is known to be right
@@ -425,14 +337,3 @@ class MasterNode:
             if event.code is Code.FAILED and not event.refused:
                 self.failure = event.reason
         self._events.append(event)
-
-
-def _device_axis(takes: DeviceTakes, axes: int) -> int | None:
-    """Return the number of the axis that the device renders; None for the norm."""
-    if takes == "norm":
-        return None
-    axis = "xyz".index(takes)
-    if axis >= axes:
-        of = "one axis" if axes == 1 else f"{axes} axes"
-        raise SettingsError(f"the device is to render the force along {takes}, but positions have {of}")
-    return axis

@@ -4,7 +4,7 @@ import asyncio
 import socket
 from collections.abc import Callable
 
-from hapticnet.node.master import NodeEvent
+from hapticnet.node.master_events import NodeEvent
 from hapticnet.operator.remote import RemoteOperator
 from hapticnet.runtime.udp import SocketAddress, UdpPort
 from hapticnet.runtime.watching import Watcher

@@ -5,7 +5,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from socket import socket
 
-from hapticnet.node.master import MasterNode, NodeEvent
+from hapticnet.node.master import MasterNode
+from hapticnet.node.master_events import NodeEvent
 from hapticnet.runtime.clock import now_us
 from hapticnet.runtime.overload import Overload
 from hapticnet.runtime.serial_port import Wire, open_wire

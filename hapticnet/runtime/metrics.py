@@ -9,7 +9,8 @@ from importlib.util import find_spec
 from typing import Any, Final, Generic, TypeAlias
 
 from hapticnet.errors import UnavailableError
-from hapticnet.node.master import MasterNode, NodeEvent
+from hapticnet.node.master import MasterNode
+from hapticnet.node.master_events import NodeEvent
 from hapticnet.node.slave import MasterLeft, SlaveEvent, SlaveNode
 from hapticnet.node.station import Station
 from hapticnet.protocol.stats import Distribution, Traffic

@@ -5,7 +5,9 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Final
 
-from hapticnet.node.master import MasterNode, MasterSettings, NodeEvent
+from hapticnet.node.master import MasterNode
+from hapticnet.node.master_events import NodeEvent
+from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.recording import Recording
 from hapticnet.node.slave import MasterJoined, MasterLeft, MasterRefused, SlaveEvent, SlaveNode
 from hapticnet.node.station import Station

@@ -11,7 +11,8 @@ from array import array
 from collections.abc import Callable
 from typing import Final, Generic
 
-from hapticnet.node.master import MasterNode, NodeEvent
+from hapticnet.node.master import MasterNode
+from hapticnet.node.master_events import NodeEvent
 from hapticnet.node.recording import axis_columns, master_columns
 from hapticnet.node.slave import MasterLeft, SlaveEvent, SlaveNode
 from hapticnet.node.station import Station

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from hapticnet.errors import PeerError
-from hapticnet.node.master import MasterNode, NodeEvent
+from hapticnet.node.master import MasterNode
+from hapticnet.node.master_events import NodeEvent
 from hapticnet.operator.live import HandState, LiveHand
 from hapticnet.protocol.events import Connected
 from hapticnet.runtime.clock import now_us

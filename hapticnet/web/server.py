@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 
 from aiohttp import WSMsgType, web
 
-from hapticnet.node.master import NodeEvent
+from hapticnet.node.master_events import NodeEvent
 from hapticnet.runtime.watching import Watcher
 from hapticnet.web.access import Access
 from hapticnet.web.client import Client

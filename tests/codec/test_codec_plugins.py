@@ -263,7 +263,8 @@ def test_master_and_slave_speak_a_codec_of_a_user():
     from hapticnet.channel.emulator import Emulator
     from hapticnet.channel.spec import parse_channel
     from hapticnet.node.admission import SlaveSettings
-    from hapticnet.node.master import MasterNode, MasterSettings
+    from hapticnet.node.master import MasterNode
+    from hapticnet.node.master_settings import MasterSettings
     from hapticnet.node.slave import SlaveNode
     from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
     from hapticnet.scene.presets import paper_scene

@@ -3,7 +3,7 @@ import pytest
 
 from hapticnet.experiment.analysis import bytes_per_penetration, felt_error, matched
 from hapticnet.experiment.conditions import CONDITIONS
-from hapticnet.node.master import MasterSettings
+from hapticnet.node.master_settings import MasterSettings
 from hapticnet.perception import WeberLaw
 from hapticnet.scene.presets import paper_scene
 

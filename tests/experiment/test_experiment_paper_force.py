@@ -7,7 +7,8 @@ from hapticnet.errors import SettingsError
 from hapticnet.experiment.paper_force import paper_recording
 from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.loopback import Loopback
-from hapticnet.node.master import MasterNode, MasterSettings
+from hapticnet.node.master import MasterNode
+from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.scene.presets import paper_scene

@@ -8,7 +8,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from hapticnet.node.master import MasterNode, MasterSettings
+from hapticnet.node.master import MasterNode
+from hapticnet.node.master_settings import MasterSettings
 from hapticnet.runtime.entropy import SystemEntropy
 from hapticnet.samples import PositionSample
 

@@ -3,7 +3,7 @@
 import pytest
 
 from hapticnet.errors import SettingsError
-from hapticnet.node.master import MasterSettings
+from hapticnet.node.master_settings import MasterSettings
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.events import ChangeRefused, Connected
 from hapticnet.protocol.messages import Code

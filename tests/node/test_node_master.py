@@ -9,7 +9,8 @@ import pytest
 from hapticnet.codec.registry import CODECS
 from hapticnet.device.plant import PlantSettings
 from hapticnet.device.simulated import SimulatedDevice
-from hapticnet.node.master import MasterNode, MasterSettings
+from hapticnet.node.master import MasterNode
+from hapticnet.node.master_settings import MasterSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.protocol.messages import Close, Force, Keepalive
 from hapticnet.protocol.wire import Kind

@@ -7,7 +7,7 @@ import pytest
 
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.registry import CODECS, make_codec
-from hapticnet.node.master import MasterSettings
+from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.offline import cost_report
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.messages import Welcome

@@ -9,7 +9,9 @@ from hapticnet.device.plant import PlantSettings
 from hapticnet.device.simulated import SimulatedDevice
 from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.loopback import Loopback
-from hapticnet.node.master import MasterNode, MasterSettings, Paused
+from hapticnet.node.master import MasterNode
+from hapticnet.node.master_events import Paused
+from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import ScenePaused, SlaveNode
 from hapticnet.samples import ForceSample, PositionSample
 

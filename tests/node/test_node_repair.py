@@ -8,7 +8,8 @@ from hapticnet.channel.spec import parse_channel
 from hapticnet.codec.registry import CODECS
 from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.loopback import Loopback
-from hapticnet.node.master import MasterNode, MasterSettings
+from hapticnet.node.master import MasterNode
+from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.protocol.events import LinkStale
 from hapticnet.protocol.repair import RepairSettings

@@ -15,7 +15,8 @@ import uvloop
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.settings import ChannelSettings
 from hapticnet.node.admission import SlaveSettings
-from hapticnet.node.master import MasterNode, MasterSettings
+from hapticnet.node.master import MasterNode
+from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.base import Operator
 from hapticnet.operator.live import LiveHand

@@ -1,0 +1,75 @@
+"""What a master asks for, and how it applies the forces it receives."""
+
+from dataclasses import dataclass, field
+from typing import Final, Literal, TypeAlias
+
+from hapticnet.checks import check_parameter
+from hapticnet.control.force import ForceControlSettings
+from hapticnet.control.hold import HoldSettings
+from hapticnet.control.limits import LimitSettings
+from hapticnet.errors import SettingsError
+from hapticnet.perception import WeberLaw
+from hapticnet.protocol.keys import MasterKey
+from hapticnet.protocol.settings import SessionSettings
+
+OnError: TypeAlias = Literal["end", "pause"]
+
+DeviceTakes: TypeAlias = Literal["x", "y", "z", "norm"]
+"""The part of the force that a device with one axis renders."""
+
+FASTEST_HZ: Final = 100_000.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MasterSettings:
+    """What a master asks for, and how it applies the forces it receives.
+
+    Attributes
+    ----------
+    codec, parameters, law
+        The feedback codec, its own parameters, and the JND of the person at this master.
+    rate_hz
+        Positions per second to ask for; the slave may grant less.
+    name
+        Name of this master in the slave's report.
+    key
+        This master's key and the slave's public key; None for an open session.
+    record
+        Whether every tick is recorded.
+    record_datagrams
+        Whether every datagram is recorded.
+    on_error
+        What an exception of the operator does: end the session, or pause until `MasterNode.resume`. The force goes to
+        zero in either case. An exception of the codec or the device always ends the session.
+    device_takes
+        The axis of the force that the device renders, or its norm.
+    """
+
+    codec: str = "deadband"
+    parameters: dict[str, float] = field(default_factory=dict)
+    law: WeberLaw = field(default_factory=WeberLaw)
+    rate_hz: float = 1000.0
+    name: str = "master"
+    key: MasterKey | None = None
+    record: bool = False
+    record_datagrams: bool = False
+    on_error: OnError = "end"
+    device_takes: DeviceTakes = "x"
+    session: SessionSettings = field(default_factory=SessionSettings)
+    hold: HoldSettings = field(default_factory=HoldSettings)
+    limits: LimitSettings = field(default_factory=LimitSettings)
+    control: ForceControlSettings = field(default_factory=ForceControlSettings)
+
+    def __post_init__(self) -> None:
+        check_parameter("rate", self.rate_hz, self.session.slowest_hz, FASTEST_HZ, "Hz")
+
+
+def device_axis(takes: DeviceTakes, axes: int) -> int | None:
+    """Return the number of the axis that the device renders; None for the norm."""
+    if takes == "norm":
+        return None
+    axis = "xyz".index(takes)
+    if axis >= axes:
+        of = "one axis" if axes == 1 else f"{axes} axes"
+        raise SettingsError(f"the device is to render the force along {takes}, but positions have {of}")
+    return axis
