@@ -217,3 +217,24 @@ def test_nobody_there_and_a_position_of_other_axes_are_said_in_words():
 def test_what_is_not_entered_says_so():
     with pytest.raises(hn.UnavailableError, match="this Master is not running"):
         _ = hn.Master().force_n
+
+
+def test_a_master_records_itself_and_presses_a_device_named_by_a_text(tmp_path):
+    file = tmp_path / "run.csv"
+    with (
+        hn.ThreadedSlave(Spring(), listen=ANY_PORT) as slave,
+        hn.ThreadedMaster(slave.address, start=0.005, device="sim", record=file) as master,
+    ):
+        wait_until(lambda: master.node.target_n > 0.9)
+        assert "simulated device" in master.report()["device"]["description"]
+    recording = hn.load_recording(file, columns="held_n")
+    assert recording.force.max() == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [({"record": "run.csv"}, "record needs"), ({"device": "serial:auto"}, "a serial device needs hn.Master")],
+)
+def test_what_a_ticked_master_cannot_have_is_said(arguments, message):
+    with pytest.raises(hn.SettingsError, match=message):
+        hn.TickedMaster(**arguments)

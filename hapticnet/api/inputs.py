@@ -1,6 +1,6 @@
 """Forces, times, positions and codecs as users give them, checked and converted to hapticnet's own types."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -10,7 +10,7 @@ from hapticnet.arrays import FloatArray, IntArray, as_recording
 from hapticnet.checks import check_parameter
 from hapticnet.codec import registry
 from hapticnet.codec.base import Codec
-from hapticnet.codec.plugins import rehearse
+from hapticnet.codec.plugins import checked_class, rehearse
 from hapticnet.errors import SampleError, SettingsError
 from hapticnet.experiment.comparison import Trial
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION, WeberLaw
@@ -181,3 +181,17 @@ def as_codec(
         ),
         {**written, **parameters},
     )
+
+
+def served(codec: Codec) -> Codec:
+    """Register a codec object's class, so that it can be asked for by name."""
+    kind = type(codec)
+    if kind not in registry.all_codecs().values():
+        registry.register_codec(checked_class(kind, f"{kind.__module__}:{kind.__qualname__}"))
+    return codec
+
+
+def check_choice(name: str, value: object, choices: Sequence[str]) -> None:
+    """Raise SettingsError unless `value` is one of `choices`."""
+    if value not in choices:
+        raise SettingsError(f"{name} is {value!r}; choose from {', '.join(choices)}")

@@ -2,12 +2,13 @@
 
 import asyncio
 from collections.abc import AsyncIterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Self
 
 from hapticnet.api.events import EventQueue
-from hapticnet.api.setup import MasterSetup, PositionLike
+from hapticnet.api.master_setup import LOG, MasterSetup, PositionLike
 from hapticnet.api.threads import LoopThread
 from hapticnet.api.views import MasterView
 from hapticnet.errors import SettingsError, UnavailableError
@@ -83,13 +84,19 @@ class Master(MasterSetup, MasterView):
     """
 
     async def __aenter__(self) -> Self:
-        self._node, self._hand, sock, address = self.make()
-        self._events = EventQueue[NodeEvent]()
-        self._exchanges = _Exchanges(self)
-        stop = asyncio.Event()
-        watchers: list[Watcher[NodeEvent]] = [self._events, self._exchanges]
-        self._runner = MasterRunner(self._node, sock, address, stop=stop, watchers=watchers)
-        await self._runner.start()
+        with ExitStack() as opening:
+            device, wire = opening.enter_context(self.opened_device())
+            self._node, self._hand, sock, address = self.make(device)
+            opening.callback(sock.close)
+            self._events = EventQueue[NodeEvent]()
+            self._exchanges = _Exchanges(self)
+            stop = asyncio.Event()
+            watchers = [self._events, self._exchanges, *self.watchers(self._node)]
+            self._runner = MasterRunner(
+                self._node, sock, address, stop=stop, wire=wire, watchers=watchers, tell=LOG.warning
+            )
+            await self._runner.start()
+            self._opened = opening.pop_all()
         try:
             if not await either(self._runner.connected, stop, self.connect_timeout_s):
                 raise UnavailableError(
@@ -129,7 +136,10 @@ class Master(MasterSetup, MasterView):
 
     async def _leave(self, reason: str) -> None:
         # The session is closed even if the program cancels this task.
-        await asyncio.shield(self._runner.finish(reason))
+        try:
+            await asyncio.shield(self._runner.finish(reason))
+        finally:
+            self._opened.close()
         self._exchanges.give_up("the master was left")
         self._events.end()
 
@@ -206,7 +216,14 @@ class TickedMaster(MasterSetup, MasterView):
     """
 
     def __post_init__(self) -> None:
-        self._node, self._hand, self._sock, self._slave = self.make()
+        if self.record is not None:
+            raise SettingsError("record needs hn.Master or hn.ThreadedMaster, which have an event loop")
+        self._opened = ExitStack()
+        device, wire = self._opened.enter_context(self.opened_device())
+        if wire is not None:
+            self._opened.close()
+            raise SettingsError("a serial device needs hn.Master or hn.ThreadedMaster, which have an event loop")
+        self._node, self._hand, self._sock, self._slave = self.make(device)
         self._events = EventQueue[NodeEvent]()
         self._sent_us = 0
         self.send_errors = 0
@@ -245,6 +262,7 @@ class TickedMaster(MasterSetup, MasterView):
             self.node.close("done", now_us())
             self._send()
             self._sock.close()
+            self._opened.close()
 
     def __enter__(self) -> Self:
         return self

@@ -7,7 +7,7 @@ from types import TracebackType
 from typing import Self
 
 from hapticnet.api.events import EventQueue
-from hapticnet.api.setup import SlaveSetup, address_of
+from hapticnet.api.slave_setup import SlaveSetup, address_of
 from hapticnet.api.threads import LoopThread
 from hapticnet.api.views import SlaveView
 from hapticnet.errors import SettingsError

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from hapticnet.api.inputs import as_codec
-from hapticnet.api.setup import Hand, PositionLike, served
+from hapticnet.api.inputs import as_codec, served
+from hapticnet.api.master_setup import Hand, PositionLike
 from hapticnet.codec import registry
 from hapticnet.codec.base import Codec
 from hapticnet.errors import RefusedError, SettingsError, UnavailableError

@@ -44,7 +44,6 @@ def demo(
     from hapticnet.cli.console import Console, check_new, check_outputs, write_text
     from hapticnet.cli.demo_page import play_on_page
     from hapticnet.cli.demo_table import print_table
-    from hapticnet.cli.devices import check_device
     from hapticnet.codec.registry import make_codec, parse_codec
     from hapticnet.errors import SettingsError, UnavailableError
     from hapticnet.experiment.conditions import CONDITIONS
@@ -53,6 +52,7 @@ def demo(
     from hapticnet.experiment.provenance import provenance
     from hapticnet.files import fresh_path
     from hapticnet.perception import WeberLaw
+    from hapticnet.runtime.devices import check_device
     from hapticnet.runtime.simavr import simavr_build
     from hapticnet.scene.presets import paper_scene
 

@@ -83,7 +83,7 @@ def _key_files(key: Path | None, peer_key: str | None, masters: Path | None) -> 
 
 def _serial(device: str | None) -> "SerialSpec | None":
     """Return the serial device in --device; None if it is not serial."""
-    from hapticnet.cli.devices import check_device
+    from hapticnet.runtime.devices import check_device
     from hapticnet.runtime.serial_port import parse_serial
 
     if device is None:

@@ -65,7 +65,6 @@ def master(
     Waits for the slave when it is not there yet, and again when it goes away. Ends on Ctrl-C, SIGTERM or when the
     operator is done, and then prints its report.
     """
-    from contextlib import nullcontext
     from dataclasses import asdict
 
     import numpy as np
@@ -73,7 +72,6 @@ def master(
     from hapticnet.channel.emulator import Emulator
     from hapticnet.channel.spec import parse_channel
     from hapticnet.checks import check_parameter
-    from hapticnet.cli import devices
     from hapticnet.cli.console import Console, channel_account, check_outputs, deliver
     from hapticnet.cli.key import default_key
     from hapticnet.cli.master_messages import MasterMessages
@@ -89,6 +87,7 @@ def master(
     from hapticnet.perception import WeberLaw
     from hapticnet.protocol.settings import SessionSettings
     from hapticnet.recordings.session.archive import check_format
+    from hapticnet.runtime import devices
     from hapticnet.runtime.entropy import SystemEntropy
     from hapticnet.runtime.master_run import run_master
     from hapticnet.runtime.overload import Overload, signs
@@ -134,12 +133,7 @@ def master(
     console.say(f"asking {address} for {kind}, {codec}, {rate:g} Hz, device {device}, {policy(scheduling)}")
     overload = Overload(scheduling, console.warn)
     recording: MasterRecording | None = None
-    with (
-        nullcontext((None, None)) if device == "none" else devices.real_time_device(device, known, seed) as (
-            fingertip,
-            wire,
-        )
-    ):
+    with devices.real_time_device(device, known, seed, console.warn) as (fingertip, wire):
         if wire and known.is_generic and device.startswith("serial:"):
             console.warn(devices.NOT_CALIBRATED)
         node = MasterNode(hand.operator, fingertip, settings, SystemEntropy())

@@ -24,6 +24,9 @@ CATCH_UP_S: Final = 0.005
 MOST_FILES: Final = 1000
 """Most sessions recorded in a run."""
 
+RECORD_LIMIT_BYTES: Final = 2 * 2**30
+"""Disk space [B] that recordings may take unless another limit is given."""
+
 
 class Recorder:
     """Hand recordings to a writer process.

@@ -9,12 +9,12 @@ import sys
 
 import pytest
 
-from hapticnet.cli import devices
 from hapticnet.cli.operators import make_operator
 from hapticnet.device.profile import Profile
 from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.operator.remote import RemoteOperator
 from hapticnet.operator.user import UserOperator
+from hapticnet.runtime import devices
 
 RIG = """
 import sys
@@ -92,7 +92,7 @@ def test_a_udp_operator_listens_on_loopback_unless_a_host_is_named():
 @pytest.mark.parametrize(
     ("spec", "message"),
     [
-        ("nobody", r"unknown operator 'nobody'; there are: scripted, trace:FILE\[:COLUMN,…\], udp:"),
+        ("nobody", r"unknown operator 'nobody'; there are: scripted, page, trace:FILE\[:COLUMN,…\], udp:"),
         ("udp:", "unknown operator 'udp:'"),
         ("udp:fast", "port 'fast' of address"),
         ("udp:70000", "port '70000'"),
@@ -120,12 +120,12 @@ def test_a_port_in_use_is_told():
 
 
 def test_a_class_of_the_user_is_a_device_that_is_retracted_and_closed_at_the_end(capfd):
-    with devices.real_time_device("rig.py:Motor", Profile(), 0) as (device, wire):
+    with devices.real_time_device("rig.py:Motor", Profile(), 0, print) as (device, wire):
         assert wire is None
         assert device.exchange(0.003, 1000).force_n == pytest.approx(1.0)
     assert capfd.readouterr().err == "motor off\n"
     with pytest.raises(SettingsError, match=r"device rig.py:Orbit: has no method exchange\(displacement_m, now_us\)"):
-        devices.real_time_device("rig.py:Orbit", Profile(), 0).__enter__()
+        devices.real_time_device("rig.py:Orbit", Profile(), 0, print).__enter__()
     with pytest.raises(SettingsError, match=r"unknown device 'dev/tty'; choose from sim.*FILE\.py:CLASS"):
         devices.check_device("dev/tty")
 

@@ -16,9 +16,13 @@ except ImportError:  # playwright is not on every platform
     sync_playwright = None
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def chromium() -> "Iterator[Browser]":
-    """Start the system's Chromium."""
+    """Start the system's Chromium for the tests of a module.
+
+    While playwright is started, its event loop counts as running in this thread, and no other can be run. So it ends
+    with each module.
+    """
     path = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     if sync_playwright is None or path is None:
         pytest.skip("needs playwright and Chromium: make install")

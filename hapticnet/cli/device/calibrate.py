@@ -36,16 +36,17 @@ def calibrate(
     import datetime
     from dataclasses import replace
 
-    from hapticnet.cli import devices
     from hapticnet.cli.console import deliver, write_text
+    from hapticnet.cli.profiles import profile_to_write
     from hapticnet.device.calibration import Calibration, fit_calibration
     from hapticnet.device.profile import MeasuredCalibration, dump_profile
     from hapticnet.errors import FileError, SettingsError
+    from hapticnet.runtime import devices
 
     if (device is None) == (pairs is None):
         raise SettingsError("calibrate needs either a device, such as serial:auto, or --pairs FILE")
     known = devices.load(profile)
-    file = devices.profile_to_write(profile, out or (Path("device.toml") if profile is None else None))
+    file = profile_to_write(profile, out or (Path("device.toml") if profile is None else None))
     assert file is not None  # noqa: S101 - one of the three it is
     if pairs is not None:
         measured = _read(pairs)

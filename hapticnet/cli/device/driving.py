@@ -18,7 +18,7 @@ def drive(text: str, known: "Profile", seed: int, prepare: "Callable[[Device], C
 
     Returns the device, closed, whose report is still available.
     """
-    from hapticnet.cli import devices
+    from hapticnet.runtime import devices
 
     if text.startswith("simavr"):
         _share_a_core()
@@ -36,7 +36,8 @@ def drive(text: str, known: "Profile", seed: int, prepare: "Callable[[Device], C
     console.say(f"opening {text}, which will press the finger; withdraw the finger or press Ctrl-C to end")
     if known.is_generic and text.startswith("serial"):
         console.warn(devices.NOT_CALIBRATED)
-    with devices.real_time_device(text, known, seed) as (device, wire):
+    with devices.real_time_device(text, known, seed, console.warn) as (device, wire):
+        assert device is not None  # noqa: S101 - for the type checker: virtual_device refuses "none"
         if not run(run_device(wire, prepare(device))):
             raise typer.Exit(130)
         return device

@@ -22,11 +22,11 @@ def monitor(
     json: options.Json = False,
 ) -> None:
     """Show live force, counts and displacement of a device that stays retracted, then a summary."""
-    from hapticnet.cli import devices
     from hapticnet.cli.console import Console, check_outputs, deliver
     from hapticnet.device.base import Reading
     from hapticnet.device.wired import WiredDevice
     from hapticnet.recordings.tables import write_csv
+    from hapticnet.runtime import devices
     from hapticnet.runtime.device_run import run_device
     from hapticnet.runtime.realtime import run
     from hapticnet.runtime.serial_port import Wire, parse_serial

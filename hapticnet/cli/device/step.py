@@ -34,7 +34,6 @@ def step(
 
     import numpy as np
 
-    from hapticnet.cli import devices
     from hapticnet.cli.console import Console, check_new, check_outputs, deliver
     from hapticnet.cli.device.driving import drive
     from hapticnet.control.limits import LimitSettings
@@ -44,6 +43,7 @@ def step(
     from hapticnet.node.fingertip import Fingertip
     from hapticnet.node.procedures import StepTest
     from hapticnet.recordings.tables import write_csv
+    from hapticnet.runtime import devices
 
     known = devices.load(profile)
     control = devices.control_settings(known)

@@ -30,18 +30,19 @@ def tune(
     import datetime
     from dataclasses import asdict, replace
 
-    from hapticnet.cli import devices
     from hapticnet.cli.console import deliver, write_text
     from hapticnet.cli.device.driving import drive
+    from hapticnet.cli.profiles import profile_to_write
     from hapticnet.control.force import ForceControlSettings
     from hapticnet.control.limits import LimitSettings
     from hapticnet.control.margins import Actuator, loop_margins
     from hapticnet.device.profile import MeasuredFinger, dump_profile
     from hapticnet.node.fingertip import Fingertip
     from hapticnet.node.procedures import Tuning
+    from hapticnet.runtime import devices
 
     known = devices.load(profile)
-    file = devices.profile_to_write(profile, out)
+    file = profile_to_write(profile, out)
     tunings: list[Tuning] = []
 
     def prepare(made: "Device") -> Callable[[int], bool]:

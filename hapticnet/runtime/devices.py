@@ -1,6 +1,6 @@
-"""Parse ``--device`` and make the device."""
+"""Devices named by a text, such as ``sim:0.3`` or ``serial:auto``: parse it and make the device."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -24,8 +24,12 @@ DEVICES: Final = "sim[:N/MM], simavr[:N/MM], serial:auto, serial:PATH[@BAUD], FI
 
 
 @contextmanager
-def real_time_device(text: str, profile: "Profile", seed: int) -> Iterator["tuple[Device, Wire | None]"]:
-    """Yield the device written as `text` for real time, and its wire if it has one.
+def real_time_device(
+    text: str, profile: "Profile", seed: int, say: Callable[[str], None]
+) -> Iterator["tuple[Device | None, Wire | None]"]:
+    """Yield the device written as `text` for real time, None for ``none``, and its wire if it has one.
+
+    `say` is called with a line for the user if a device of theirs cannot be closed.
 
     Raises
     ------
@@ -38,8 +42,11 @@ def real_time_device(text: str, profile: "Profile", seed: int) -> Iterator["tupl
     from hapticnet.runtime.serial_port import SerialSpec, Wire, parse_serial
     from hapticnet.runtime.simavr import simavr_build
 
+    if text == "none":
+        yield None, None
+        return
     if (found := _user_class(text)) is not None:
-        with _user_device(found) as device:
+        with _user_device(found, say) as device:
             yield device, None
         return
     kind, settings = _parse(text)
@@ -95,26 +102,6 @@ def load(path: Path | None) -> "Profile":
     return load_profile(path) if path is not None else Profile()
 
 
-def profile_to_write(profile: Path | None, out: Path | None) -> Path | None:
-    """Return the file to which a command writes the profile: `out`, else `profile`, else none.
-
-    Raises
-    ------
-    SettingsError
-        If the file exists and is not `profile`, so that earlier results would be lost.
-    FileError
-        If it cannot be written.
-    """
-    from hapticnet.cli.console import check_outputs
-    from hapticnet.errors import SettingsError
-
-    file = out or profile
-    if file is not None and file != profile and file.exists():
-        raise SettingsError(f"{file} exists; update it with --profile {file} or choose another file with --out FILE")
-    check_outputs(file)
-    return file
-
-
 def control_settings(profile: "Profile") -> "ForceControlSettings":
     """Return the force loop's settings for the finger in a profile."""
     from hapticnet.control.force import ForceControlSettings, for_known_finger
@@ -132,11 +119,10 @@ def _user_class(text: str) -> "UserClass | None":
 
 
 @contextmanager
-def _user_device(found: "UserClass") -> "Iterator[Device]":
+def _user_device(found: "UserClass", say: Callable[[str], None]) -> "Iterator[Device]":
     """Yield a device of the user's; at the end retract it and call its ``close()``, if it has one."""
     from contextlib import suppress
 
-    from hapticnet.cli.console import Console
     from hapticnet.device.user import UserDevice
     from hapticnet.errors import UserCodeError
     from hapticnet.runtime.clock import now_us
@@ -149,7 +135,7 @@ def _user_device(found: "UserClass") -> "Iterator[Device]":
         with suppress(UserCodeError):
             device.exchange(0.0, now_us())
         if (fault := close_user_object(device.made, found.label)) is not None:
-            Console("device", real_time=True).say(fault)
+            say(fault)
 
 
 def _parse(text: str) -> "tuple[str, PlantSettings | None]":

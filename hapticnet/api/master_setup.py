@@ -1,0 +1,228 @@
+"""What a master inside another program is made of: its parameters, checked, and its node."""
+
+import logging
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import KW_ONLY, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, TypeAlias, cast
+
+from hapticnet.api.inputs import as_codec, check_choice, served
+from hapticnet.checks import check_parameter
+from hapticnet.codec import registry
+from hapticnet.codec.base import Codec
+from hapticnet.device.base import Device
+from hapticnet.device.profile import Profile
+from hapticnet.device.user import HasExchange, UserDevice
+from hapticnet.errors import SampleError, SettingsError
+from hapticnet.node.master import MasterNode
+from hapticnet.node.master_events import NodeEvent
+from hapticnet.node.master_settings import DeviceTakes, MasterSettings, OnError
+from hapticnet.operator.base import Operator
+from hapticnet.operator.user import HasSample, UserOperator
+from hapticnet.protocol.key_files import load_key
+from hapticnet.protocol.keys import MasterKey, parse_key
+from hapticnet.protocol.settings import SessionSettings
+from hapticnet.recordings.session.archive import check_format
+from hapticnet.runtime import devices
+from hapticnet.runtime.entropy import SystemEntropy
+from hapticnet.runtime.recorder import RECORD_LIMIT_BYTES
+from hapticnet.runtime.session_recordings import MasterRecording
+from hapticnet.runtime.udp import SocketAddress, is_loopback, open_toward, parse_host_port
+from hapticnet.runtime.watching import Watcher
+from hapticnet.samples import PositionSample, Vector, checked_vector
+
+if TYPE_CHECKING:
+    import socket
+
+    from hapticnet.runtime.serial_port import Wire
+
+LOG: Final = logging.getLogger("hapticnet")
+"""Where a program finds what is worth a warning, such as a recording that meets a full disk."""
+
+PositionLike: TypeAlias = float | Sequence[float]
+"""A position [m]: a number for one axis, or a sequence with a number for each."""
+
+
+class Hand:
+    """The position that a program has set last. Satisfies `operator.base.Operator`."""
+
+    duration_us = None
+
+    def __init__(self, position: PositionLike) -> None:
+        self.position_m = as_position(position)
+        self.axes = len(self.position_m)
+
+    def move(self, position: PositionLike) -> None:
+        """Set the position; raise SampleError if it is not finite or has another number of axes."""
+        self.position_m = as_position(position, self.axes)
+
+    def sample(self, t_us: int) -> PositionSample:
+        """Return the position."""
+        return PositionSample(t_us, self.position_m)
+
+
+@dataclass
+class MasterSetup:
+    """Parameters of a master.
+
+    Parameters
+    ----------
+    address
+        Where the slave listens, HOST:PORT.
+    codec, weber_fraction, floor_n, multiplier
+        The feedback codec and the JND; see `make_codec`.
+    rate_hz
+        Positions per second.
+    start
+        Position [m] at the start: a number, or a sequence with a number for each of one to three axes.
+    operator
+        Any object with ``sample(t_us)`` that gives the positions instead of the program, and is told the force if it
+        has ``feel(t_us, force_n)``.
+    device
+        A fingertip device: ``"serial:auto"``, ``"sim"`` or another text that ``hapticnet master --device`` takes, or
+        any object with ``exchange(displacement_m, now_us)``. None: the program takes the force.
+    profile
+        The device's calibration and finger, a file from ``hapticnet device calibrate``.
+    device_takes
+        The axis of the force that the device renders, or ``"norm"``.
+    key, peer_key
+        This host's key file and the slave's public key (base64), for a sealed session.
+    insecure
+        Whether an open session with another host is allowed.
+    name
+        Name in the slave's report.
+    max_age_s
+        Forces that answer a position older than this are not applied [s].
+    on_error
+        What an exception of the operator does: ``"end"`` the session, or ``"pause"`` it until `resume`. The force goes
+        to zero in both cases.
+    record
+        Record every tick in this file, .mcap, .csv or .npz (docs/recordings.md).
+    connect_timeout_s
+        How long to wait for the slave [s]; None: for ever.
+    """
+
+    address: str = "127.0.0.1:47800"
+    _: KW_ONLY
+    codec: str | Codec = "deadband"
+    weber_fraction: float | None = None
+    floor_n: float | None = None
+    multiplier: float | None = None
+    rate_hz: float = 1000.0
+    start: PositionLike = 0.0
+    operator: HasSample | None = None
+    device: str | HasExchange | None = None
+    profile: str | Path | None = None
+    device_takes: DeviceTakes = "x"
+    key: str | Path | None = None
+    peer_key: str | None = None
+    insecure: bool = False
+    name: str = "master"
+    max_age_s: float = 1.0
+    on_error: OnError = "end"
+    record: str | Path | None = None
+    connect_timeout_s: float | None = 10.0
+
+    def make(self, device: Device | None) -> "tuple[MasterNode, Hand | None, socket.socket, SocketAddress]":
+        """Return the node, the hand that the program moves (None with an operator), a socket and the slave's address.
+
+        Raises
+        ------
+        SettingsError, SampleError, FileError
+            If a parameter cannot be used.
+        UnavailableError
+            If there is no such host.
+        """
+        hand, operator = self._operator()
+        settings = self._settings()
+        sock, address = open_toward(parse_host_port(self.address))
+        try:
+            settings = replace(settings, key=self._keys(is_loopback(address)))
+            node = MasterNode(operator, device, settings, SystemEntropy())
+        except BaseException:
+            sock.close()
+            raise
+        return node, hand, sock, address
+
+    @contextmanager
+    def opened_device(self) -> "Iterator[tuple[Device | None, Wire | None]]":
+        """Yield the device and its serial line, if there are any.
+
+        Raises
+        ------
+        SettingsError, FileError
+            If there is no such device, or its profile cannot be used.
+        UnavailableError
+            If a simulated one does not start.
+        """
+        if self.device is None:
+            yield None, None
+        elif not isinstance(self.device, str):
+            own = type(self.device).__module__.startswith("hapticnet.")
+            yield (cast("Device", self.device) if own else UserDevice(self.device)), None
+        else:
+            with devices.real_time_device(self.device, self._profile(), 0, LOG.warning) as opened:
+                yield opened
+
+    def watchers(self, node: MasterNode) -> list[Watcher[NodeEvent]]:
+        """Return what records the node, if anything."""
+        if self.record is None:
+            return []
+        return [MasterRecording(node, Path(self.record), LOG.warning, limit_bytes=RECORD_LIMIT_BYTES)]
+
+    def _operator(self) -> tuple[Hand | None, Operator]:
+        if self.operator is None:
+            hand = Hand(self.start)
+            return hand, hand
+        return None, UserOperator(self.operator)
+
+    def _settings(self) -> MasterSettings:
+        """Return the settings of the node, but for the key."""
+        check_choice("on_error", self.on_error, ("end", "pause"))
+        check_choice("device_takes", self.device_takes, ("x", "y", "z", "norm"))
+        check_parameter("max_age_s", self.max_age_s, 0.01, 60.0, "s")
+        if self.record is not None:
+            check_format(Path(self.record))
+        law = {"weber_fraction": self.weber_fraction, "floor_n": self.floor_n, "multiplier": self.multiplier}
+        codec = served(as_codec(self.codec, **law, parameters={}))
+        return MasterSettings(
+            codec=codec.name,
+            parameters=registry.codec_parameters(codec),
+            law=codec.law,
+            rate_hz=self.rate_hz,
+            name=self.name,
+            record=self.record is not None,
+            record_datagrams=self.record is not None,
+            on_error=self.on_error,
+            device_takes=self.device_takes,
+            session=SessionSettings(max_age_us=round(self.max_age_s * 1e6)),
+            control=devices.control_settings(self._profile()),
+        )
+
+    def _profile(self) -> Profile:
+        return devices.load(None if self.profile is None else Path(self.profile))
+
+    def _keys(self, loopback: bool) -> MasterKey | None:
+        if (self.key is None) != (self.peer_key is None):
+            raise SettingsError("a sealed session needs both: key, a key file, and peer_key, the slave's public key")
+        if self.key is None or self.peer_key is None:
+            if not (loopback or self.insecure):
+                raise SettingsError(
+                    f"{self.address} is another host, so the session needs key and peer_key; insecure=True allows a"
+                    " session that is not encrypted"
+                )
+            return None
+        return MasterKey(load_key(Path(self.key)), parse_key(self.peer_key, "peer_key"))
+
+
+def as_position(position: PositionLike, axes: int | None = None) -> Vector:
+    """Return a position as a vector; raise SampleError if it cannot be one, or has not `axes` axes."""
+    values: Any = position if hasattr(position, "__len__") else (position,)  # arrays are no Sequence
+    try:
+        vector = checked_vector(values, "position")
+    except (TypeError, ValueError) as error:
+        raise SampleError(f"position is {position!r}; it must be a number [m], or one for each axis") from error
+    if axes is not None and len(vector) != axes:
+        raise SampleError(f"position has {len(vector)} axes; this master began with {axes}")
+    return vector
