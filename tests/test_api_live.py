@@ -194,7 +194,7 @@ def test_an_operator_of_the_programs_own_feels_and_may_fail(policy, event):
         ({"address": "here"}, "must be HOST:PORT"),
         ({"address": "192.0.2.1:47800"}, "is another host"),
         ({"operator": object()}, "has no method sample"),
-        ({"device": object()}, "has no method exchange"),
+        ({"device": object()}, "has neither exchange"),
     ],
 )
 def test_what_cannot_be_used_is_said_on_entering(arguments, message):

@@ -13,7 +13,7 @@ from hapticnet.codec import registry
 from hapticnet.codec.base import Codec
 from hapticnet.device.base import Device
 from hapticnet.device.profile import Profile
-from hapticnet.device.user import HasExchange, UserDevice
+from hapticnet.device.user import HasApply, HasExchange, UserActuator, as_user_device
 from hapticnet.errors import SampleError, SettingsError
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_events import NodeEvent
@@ -81,7 +81,8 @@ class MasterSetup:
         has ``feel(t_us, force_n)``.
     device
         A fingertip device: ``"serial:auto"``, ``"sim"`` or another text that ``hapticnet master --device`` takes, or
-        any object with ``exchange(displacement_m, now_us)``. None: the program takes the force.
+        any object with ``exchange(displacement_m, now_us)`` or ``apply(force_n, now_us)``. None: the program takes
+        the force.
     profile
         The device's calibration and finger, a file from ``hapticnet device calibrate``.
     device_takes
@@ -112,7 +113,7 @@ class MasterSetup:
     rate_hz: float = 1000.0
     start: PositionLike = 0.0
     operator: HasSample | None = None
-    device: str | HasExchange | None = None
+    device: str | HasExchange | HasApply | None = None
     profile: str | Path | None = None
     device_takes: DeviceTakes = "x"
     key: str | Path | None = None
@@ -124,7 +125,9 @@ class MasterSetup:
     record: str | Path | None = None
     connect_timeout_s: float | None = 10.0
 
-    def make(self, device: Device | None) -> "tuple[MasterNode, Hand | None, socket.socket, SocketAddress]":
+    def make(
+        self, device: Device | UserActuator | None
+    ) -> "tuple[MasterNode, Hand | None, socket.socket, SocketAddress]":
         """Return the node, the hand that the program moves (None with an operator), a socket and the slave's address.
 
         Raises
@@ -146,7 +149,7 @@ class MasterSetup:
         return node, hand, sock, address
 
     @contextmanager
-    def opened_device(self) -> "Iterator[tuple[Device | None, Wire | None]]":
+    def opened_device(self) -> "Iterator[tuple[Device | UserActuator | None, Wire | None]]":
         """Yield the device and its serial line, if there are any.
 
         Raises
@@ -160,7 +163,7 @@ class MasterSetup:
             yield None, None
         elif not isinstance(self.device, str):
             own = type(self.device).__module__.startswith("hapticnet.")
-            yield (cast("Device", self.device) if own else UserDevice(self.device)), None
+            yield (cast("Device", self.device) if own else as_user_device(self.device)), None
         else:
             with devices.real_time_device(self.device, self._profile(), 0, LOG.warning) as opened:
                 yield opened

@@ -134,7 +134,7 @@ DeviceOption: TypeAlias = Annotated[
     typer.Option(
         metavar="DEVICE",
         help="Fingertip device: sim[:N/MM], simavr[:N/MM] (the compiled firmware, simulated), serial:auto,"
-        " serial:PATH[@BAUD], a class of yours with exchange(displacement_m, now_us) as FILE.py:CLASS or"
+        " serial:PATH[@BAUD], a class of yours with exchange or apply as FILE.py:CLASS or"
         " package.module:CLASS, or none. N/MM is the simulated finger's stiffness.",
     ),
 ]

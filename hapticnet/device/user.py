@@ -1,4 +1,4 @@
-"""A fingertip device of the user's: anything with a method ``exchange``."""
+"""A fingertip device of the user's: anything with a method ``exchange`` or ``apply``."""
 
 import json
 import math
@@ -30,8 +30,16 @@ class HasExchange(Protocol):
         ...
 
 
+class HasApply(Protocol):
+    """What a user's object must have to render a force by itself; see `UserActuator` for what it may have besides."""
+
+    def apply(self, force_n: float, now_us: int, /) -> float | None:
+        """Render a force [N]; return the force that is sensed, or None. It must not wait."""
+        ...
+
+
 class UserDevice(Device):
-    """An object of the user's, with its results checked.
+    """An object of the user's that moves a platform, with its results checked.
 
     Parameters
     ----------
@@ -53,25 +61,15 @@ class UserDevice(Device):
         self.made = made
         self._exchange: Callable[[float, int], Any] = method_of(made, "exchange(displacement_m, now_us)", what)
         self._method = f"{type(made).__name__}.exchange"
-        self.travel_m = attribute_of(made, "travel_m", TRAVEL_M, what)
-        self.max_force_n = attribute_of(made, "max_force_n", MAX_FORCE_N, what)
-        for name, value, largest, unit in (
-            ("travel_m", self.travel_m, LARGEST_TRAVEL_M, "m"),
-            ("max_force_n", self.max_force_n, LARGEST_FORCE_N, "N"),
-        ):
-            if not isinstance(value, Real) or isinstance(value, bool):
-                raise SettingsError(f"{what}: {name} is {short(value)}; it must be a number [{unit}]")
-            check_above(f"{what}: {name}", float(value), 0.0, largest, unit)
-        self.description = str(attribute_of(made, "description", f"{type(made).__name__} (own device)", what))
+        self.travel_m = _positive(made, "travel_m", TRAVEL_M, LARGEST_TRAVEL_M, "m", what)
+        self.max_force_n = _positive(made, "max_force_n", MAX_FORCE_N, LARGEST_FORCE_N, "N", what)
+        self.description = _description(made, what)
         self._has_reading = False
 
     @property
     def status(self) -> str:  # type: ignore[override]
         """What the object says, or whether it gave a reading."""
-        try:
-            return str(getattr(self.made, "status", "ready" if self._has_reading else "it gives no reading"))
-        except Exception as error:  # it is for messages only
-            return f"reading status raised {in_words(error)}"
+        return _status(self.made, "ready" if self._has_reading else "it gives no reading")
 
     def exchange(self, displacement_m: float, now_us: int) -> Reading | None:
         """Set the displacement [m], limited to the travel, and return the newest reading.
@@ -90,18 +88,119 @@ class UserDevice(Device):
         if result is None:
             return None
         reading = result if type(result) is Reading else Reading(now_us, 0.0, result, set_m)
-        for value in (reading.force_n, reading.displacement_m):
-            # Written so that NaN, which compares false with everything, is refused too.
-            if not (isinstance(value, Real) and -LARGEST_COMPONENT <= float(value) <= LARGEST_COMPONENT):
-                raise UserCodeError(
-                    f"{self._method} returned {short(result)}; it must return a finite number [N], a Reading or None"
-                )
+        if not (_is_finite(reading.force_n) and _is_finite(reading.displacement_m)):
+            raise UserCodeError(
+                f"{self._method} returned {short(result)}; it must return a finite number [N], a Reading or None"
+            )
         return reading
 
+    def rest(self, now_us: int) -> None:
+        """Retract the platform; raise UserCodeError if the object raises."""
+        self.exchange(0.0, now_us)
+
     def report(self) -> dict[str, Any]:
-        """Return what the object reports; nothing if it has no such method or raises."""
+        """Return what the object reports; nothing if it has no such method."""
+        return _report(self.made)
+
+
+class UserActuator:
+    """An object of the user's that renders a force by itself, with its results checked.
+
+    Parameters
+    ----------
+    made
+        Its ``apply(force_n, now_us)`` renders a force [N], 0 or more, and returns the force that is sensed, or None if
+        it senses none. Optional: ``max_force_n`` (default 5 N), ``description``, ``status`` and ``report()``.
+    what
+        What messages call the object.
+
+    Raises
+    ------
+    SettingsError
+        If ``apply`` cannot be called this way, or an attribute cannot be used.
+    """
+
+    def __init__(self, made: HasApply, what: str = "the device") -> None:
+        self.made = made
+        self._apply: Callable[[float, int], Any] = method_of(made, "apply(force_n, now_us)", what)
+        self._method = f"{type(made).__name__}.apply"
+        self.max_force_n = _positive(made, "max_force_n", MAX_FORCE_N, LARGEST_FORCE_N, "N", what)
+        self.description = _description(made, what)
+
+    @property
+    def status(self) -> str:
+        """What the object says, or "ready"."""
+        return _status(self.made, "ready")
+
+    def apply(self, force_n: float, now_us: int) -> float | None:
+        """Render a force [N]; return the force sensed [N], or None.
+
+        Raises
+        ------
+        UserCodeError
+            If the object raises, or returns something else than a number or None.
+        """
         try:
-            # Through JSON, so that nothing in it can spoil the report of the run.
-            return dict(json.loads(json.dumps(self.made.report(), default=str))) if hasattr(self.made, "report") else {}
-        except Exception as error:
-            return {"report": str(failure(f"{type(self.made).__name__}.report", error))}
+            result = self._apply(force_n, now_us)
+        except BaseException as error:
+            raise failure(self._method, error) from error
+        if result is None:
+            return None
+        if not _is_finite(result):
+            raise UserCodeError(f"{self._method} returned {short(result)}; it must return a finite number [N] or None")
+        return float(result)
+
+    def rest(self, now_us: int) -> None:
+        """Render no force; raise UserCodeError if the object raises."""
+        self.apply(0.0, now_us)
+
+    def report(self) -> dict[str, Any]:
+        """Return what the object reports; nothing if it has no such method."""
+        return _report(self.made)
+
+
+def as_user_device(made: Any, what: str = "the device") -> UserDevice | UserActuator:
+    """Return a user's object with its results checked: an actuator if it has ``apply``, else a platform.
+
+    Raises
+    ------
+    SettingsError
+        If it has neither method, or cannot be used.
+    """
+    if attribute_of(made, "apply", None, what) is not None:
+        return UserActuator(made, what)
+    if attribute_of(made, "exchange", None, what) is None:
+        raise SettingsError(f"{what}: has neither exchange(displacement_m, now_us) nor apply(force_n, now_us)")
+    return UserDevice(made, what)
+
+
+def _is_finite(value: Any) -> bool:
+    # Written so that NaN, which compares false with everything, is refused too.
+    return isinstance(value, Real) and -LARGEST_COMPONENT <= float(value) <= LARGEST_COMPONENT
+
+
+def _positive(made: Any, name: str, default: float, largest: float, unit: str, what: str) -> float:
+    value = attribute_of(made, name, default, what)
+    if not isinstance(value, Real) or isinstance(value, bool):
+        raise SettingsError(f"{what}: {name} is {short(value)}; it must be a number [{unit}]")
+    check_above(f"{what}: {name}", float(value), 0.0, largest, unit)
+    return float(value)
+
+
+def _description(made: Any, what: str) -> str:
+    return str(attribute_of(made, "description", f"{type(made).__name__} (own device)", what))
+
+
+def _status(made: Any, otherwise: str) -> str:
+    try:
+        return str(getattr(made, "status", otherwise))
+    except Exception as error:  # it is for messages only
+        return f"reading status raised {in_words(error)}"
+
+
+def _report(made: Any) -> dict[str, Any]:
+    try:
+        # Through JSON, so that nothing in it can spoil the report of the run.
+        return dict(json.loads(json.dumps(made.report(), default=str))) if hasattr(made, "report") else {}
+    except Exception as error:
+        return {"report": str(failure(f"{type(made).__name__}.report", error))}

@@ -10,8 +10,10 @@ from hapticnet.codec.registry import codec_parameters, make_codec
 from hapticnet.codec.schemes.raw import Raw
 from hapticnet.control.hold import Hold
 from hapticnet.device.base import Device
+from hapticnet.device.user import UserActuator
 from hapticnet.errors import PeerError, SampleError, in_words
 from hapticnet.measure.metrics import RunningError
+from hapticnet.node.actuator import Actuator
 from hapticnet.node.fingertip import Fingertip
 from hapticnet.node.master_events import Failed, NodeEvent, Paused
 from hapticnet.node.master_settings import MasterSettings, device_axis
@@ -65,7 +67,9 @@ class MasterNode:
         Rows of every tick and of every datagram, if they are recorded.
     """
 
-    def __init__(self, operator: Operator, device: Device | None, settings: MasterSettings, rng: Entropy) -> None:
+    def __init__(
+        self, operator: Operator, device: Device | UserActuator | None, settings: MasterSettings, rng: Entropy
+    ) -> None:
         self.settings = settings
         self.period_us = round(1e6 / settings.rate_hz)
         self.ticks = 0
@@ -83,7 +87,11 @@ class MasterNode:
         self._positions = Raw().encoder(operator.axes)
         self._decoder = self._codec.decoder(operator.axes)
         self._hold = Hold(settings.hold, axes=operator.axes)
-        self._fingertip = Fingertip(device, settings.limits, settings.control) if device is not None else None
+        self._fingertip: Fingertip | Actuator | None = None
+        if isinstance(device, UserActuator):
+            self._fingertip = Actuator(device, settings.limits)
+        elif device is not None:
+            self._fingertip = Fingertip(device, settings.limits, settings.control)
         self._script_start_us: int | None = None
         self.position_m: Vector | None = None
         self._zero_n: Vector = (0.0,) * operator.axes

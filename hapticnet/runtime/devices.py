@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from hapticnet.device.base import Device
     from hapticnet.device.plant import PlantSettings
     from hapticnet.device.profile import Profile
+    from hapticnet.device.user import UserActuator, UserDevice
     from hapticnet.device.wired import WiredDevice
     from hapticnet.runtime.serial_port import Wire
     from hapticnet.user_code import UserClass
@@ -26,7 +27,7 @@ DEVICES: Final = "sim[:N/MM], simavr[:N/MM], serial:auto, serial:PATH[@BAUD], FI
 @contextmanager
 def real_time_device(
     text: str, profile: "Profile", seed: int, say: Callable[[str], None]
-) -> Iterator["tuple[Device | None, Wire | None]"]:
+) -> Iterator["tuple[Device | UserActuator | None, Wire | None]"]:
     """Yield the device written as `text` for real time, None for ``none``, and its wire if it has one.
 
     `say` is called with a line for the user if a device of theirs cannot be closed.
@@ -119,21 +120,21 @@ def _user_class(text: str) -> "UserClass | None":
 
 
 @contextmanager
-def _user_device(found: "UserClass", say: Callable[[str], None]) -> "Iterator[Device]":
-    """Yield a device of the user's; at the end retract it and call its ``close()``, if it has one."""
+def _user_device(found: "UserClass", say: Callable[[str], None]) -> "Iterator[UserDevice | UserActuator]":
+    """Yield a device of the user's; at the end ask it for no force and call its ``close()``, if it has one."""
     from contextlib import suppress
 
-    from hapticnet.device.user import UserDevice
+    from hapticnet.device.user import as_user_device
     from hapticnet.errors import UserCodeError
     from hapticnet.runtime.clock import now_us
     from hapticnet.user_code import close_user_object
 
-    device = UserDevice(found.make(), found.label)
+    device = as_user_device(found.make(), found.label)
     try:
         yield device
     finally:
         with suppress(UserCodeError):
-            device.exchange(0.0, now_us())
+            device.rest(now_us())
         if (fault := close_user_object(device.made, found.label)) is not None:
             say(fault)
 

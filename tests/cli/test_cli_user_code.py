@@ -124,7 +124,7 @@ def test_a_class_of_the_user_is_a_device_that_is_retracted_and_closed_at_the_end
         assert wire is None
         assert device.exchange(0.003, 1000).force_n == pytest.approx(1.0)
     assert capfd.readouterr().err == "motor off\n"
-    with pytest.raises(SettingsError, match=r"device rig.py:Orbit: has no method exchange\(displacement_m, now_us\)"):
+    with pytest.raises(SettingsError, match=r"device rig.py:Orbit: has neither exchange"):
         devices.real_time_device("rig.py:Orbit", Profile(), 0, print).__enter__()
     with pytest.raises(SettingsError, match=r"unknown device 'dev/tty'; choose from sim.*FILE\.py:CLASS"):
         devices.check_device("dev/tty")

@@ -3,13 +3,15 @@
 import json
 import math
 
+import numpy as np
 import pytest
 
 from hapticnet.control.force import ForceControlSettings
 from hapticnet.control.limits import LimitSettings
 from hapticnet.device.base import Reading
-from hapticnet.device.user import UserDevice
+from hapticnet.device.user import UserActuator, UserDevice, as_user_device
 from hapticnet.errors import SettingsError, UserCodeError
+from hapticnet.node.actuator import Actuator
 from hapticnet.node.fingertip import DeviceFound, DeviceLost, Fingertip
 
 
@@ -89,3 +91,72 @@ def test_its_report_never_spoils_the_report_of_the_run():
     assert UserDevice(Platform(report=lambda: {"volts": 5, "at": object})).report()["volts"] == 5
     for report in (lambda: 1 / 0, lambda: 3, endless):
         assert "Platform.report raised" in json.dumps(UserDevice(Platform(report=report)).report())
+
+
+class Motor:
+    """An actuator that renders a force by itself."""
+
+    def __init__(self, answer=lambda _: None, **attributes):
+        self.answer, self.told = answer, []
+        vars(self).update(attributes)
+
+    def apply(self, force_n, _):
+        self.told.append(force_n)
+        return self.answer(force_n)
+
+
+def test_an_actuator_gets_forces_within_the_limits_and_rising_no_faster_than_they_allow():
+    made = Motor(max_force_n=2.0)
+    actuator = Actuator(as_user_device(made), LimitSettings(slew_n_per_s=50.0))
+    for now_us in range(0, 100_000, 1000):
+        actuator.press(3.0, now_us)
+    assert made.told[0] == 0.0
+    assert max(b - a for a, b in zip(made.told, made.told[1:], strict=False)) == pytest.approx(0.05)
+    assert (made.told[-1], actuator.target_n, actuator.sensed_n, actuator.reading) == (2.0, 2.0, 2.0, None)
+    for bad in (math.nan, -1.0, math.inf):
+        actuator.press(bad, 100_000)
+        assert made.told[-1] == 0.0
+    assert actuator.next_event() == DeviceFound("Motor (own device)")
+    assert actuator.next_event() is None
+    assert actuator.report() == {"description": "Motor (own device)", "status": "ready", "line": {}}
+
+
+def test_what_an_actuator_senses_is_taken_and_checked():
+    actuator = Actuator(UserActuator(Motor(lambda force_n: 0.9 * force_n)), LimitSettings())
+    for now_us in range(0, 100_000, 1000):
+        actuator.press(1.0, now_us)
+    assert actuator.sensed_n == pytest.approx(0.9)
+    for answer in (lambda _: "1", lambda _: math.nan, lambda _: (1.0,)):
+        with pytest.raises(UserCodeError, match=r"^Motor.apply returned .* a finite number \[N\] or None$"):
+            UserActuator(Motor(answer)).apply(1.0, 0)
+    with pytest.raises(UserCodeError, match=r"^Motor.apply raised ZeroDivisionError: .*test_device_user.py, line"):
+        UserActuator(Motor(lambda _: 1 / 0)).apply(1.0, 0)
+
+
+def test_the_method_says_which_kind_of_device_it_is():
+    assert isinstance(as_user_device(Platform()), UserDevice)
+    assert isinstance(as_user_device(Motor()), UserActuator)
+    with pytest.raises(
+        SettingsError, match=r"it: has neither exchange\(displacement_m, now_us\) nor apply\(force_n, n"
+    ):
+        as_user_device(object(), "it")
+
+
+def test_a_master_drives_an_actuator_until_it_fails(loopback):
+    from hapticnet.node.master import Failed, MasterNode, MasterSettings
+
+    made = Motor()
+    link = loopback()
+    hand = link.master._operator
+    link.master = MasterNode(hand, UserActuator(made), MasterSettings(), np.random.default_rng(1))
+    link.run(2_000_000)
+    assert max(made.told) > 0.5
+    assert link.master.target_n == made.told[-1]
+    made.answer = lambda _: 1 / 0
+    link.run(500_000)
+    events = []
+    while (event := link.master.next_event()) is not None:
+        events.append(event)
+    assert [type(event) for event in events].count(Failed) == 1
+    assert "Motor.apply raised ZeroDivisionError" in link.master.failure
+    assert made.told[-1] == 0.0

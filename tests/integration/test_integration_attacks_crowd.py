@@ -202,7 +202,7 @@ def test_sessions_that_come_and_go_cost_neither_files_nor_memory_without_end(sta
     assert memory_mb(server) - before_mb < 15.0
     assert server.end() == 0
     assert len(server.report()["sessions"]) < 40
-    assert len(list(folder.iterdir())) < 40
+    assert 0 < len(list(folder.glob("*.about.json"))) < 40
 
 
 def test_a_master_that_sends_more_than_it_was_granted_is_not_served_more(slave, clients):
@@ -223,18 +223,21 @@ def test_a_master_that_sends_more_than_it_was_granted_is_not_served_more(slave, 
 @pytest.mark.parametrize(
     "arguments",
     [
-        ("slave", "--listen", "127.0.0.1:0", "--scene", "/dev/zero"),
-        ("master", "--connect", "127.0.0.1:9", "--operator", "trace:/dev/zero"),
-        ("compare", "/dev/zero"),
+        ("slave", "--listen", "127.0.0.1:0", "--scene", "{endless}.toml"),
+        ("master", "--connect", "127.0.0.1:9", "--operator", "trace:{endless}"),
+        ("compare", "{endless}"),
     ],
 )
-def test_an_endless_file_is_refused_in_one_line(start, arguments):
+def test_an_endless_file_is_refused_in_one_line(start, tmp_path, arguments):
     """N10: MemoryError."""
-    process = start(*arguments)
+    endless = tmp_path / "endless"
+    endless.symlink_to("/dev/zero")
+    endless.with_suffix(".toml").symlink_to("/dev/zero")
+    process = start(*(argument.format(endless=endless) for argument in arguments))
     assert process.process.wait(30) == 3
     assert "Traceback" not in process.said()
     assert process.said().count("\n") == 1
-    assert "/dev/zero" in process.said()
+    assert str(endless) in process.said()
 
 
 def test_single_bytes_from_many_sources_do_not_shut_the_channel(start, slave):

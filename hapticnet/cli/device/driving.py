@@ -29,6 +29,8 @@ def drive(text: str, known: "Profile", seed: int, prepare: "Callable[[Device], C
                 now_us += TICK_US
             return device
     from hapticnet.cli.console import Console
+    from hapticnet.device.user import UserActuator
+    from hapticnet.errors import SettingsError
     from hapticnet.runtime.device_run import run_device
     from hapticnet.runtime.realtime import run
 
@@ -38,6 +40,8 @@ def drive(text: str, known: "Profile", seed: int, prepare: "Callable[[Device], C
         console.warn(devices.NOT_CALIBRATED)
     with devices.real_time_device(text, known, seed, console.warn) as (device, wire):
         assert device is not None  # noqa: S101 - for the type checker: virtual_device refuses "none"
+        if isinstance(device, UserActuator):
+            raise SettingsError(f"device {text} renders forces by itself; there is no force loop to try")
         if not run(run_device(wire, prepare(device))):
             raise typer.Exit(130)
         return device
