@@ -228,7 +228,7 @@ def test_a_master_records_itself_and_presses_a_device_named_by_a_text(tmp_path):
         wait_until(lambda: master.node.target_n > 0.9)
         assert "simulated device" in master.report()["device"]["description"]
     recording = hn.load_recording(file, columns="held_n")
-    assert recording.force.max() == pytest.approx(1.0)
+    assert recording.force.max() == pytest.approx(1.0, rel=0.1)  # within the deadband
 
 
 @pytest.mark.parametrize(

@@ -134,7 +134,7 @@ def test_a_frozen_page_delays_no_tick_and_loses_the_hand(tab: Tab, observer: Obs
     assert observer.rows_have_no_gap()
     assert observer.longest_pause_s() < 0.5
     tab.page.mouse.up()
-    tab.page.wait_for_function("document.getElementById('hand-state').textContent.includes('Nobody')")
+    tab.page.locator("#hand-state", has_text="Nobody").wait_for()
     assert tab.complaints == []
 
 
