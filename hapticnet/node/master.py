@@ -130,7 +130,8 @@ class MasterNode:
     Parameters
     ----------
     device
-        The fingertip device, or None to run without one.
+        The fingertip device, or None to run without one. A `Fingertip` goes on with what it knows of the finger; it is
+        only passed on.
     rng
         Source of nonces.
 
@@ -151,7 +152,9 @@ class MasterNode:
         Rows of every tick and of every datagram, if they are recorded.
     """
 
-    def __init__(self, operator: Operator, device: Device | None, settings: MasterSettings, rng: Entropy) -> None:
+    def __init__(
+        self, operator: Operator, device: Device | Fingertip | None, settings: MasterSettings, rng: Entropy
+    ) -> None:
         self.settings = settings
         self.period_us = round(1e6 / settings.rate_hz)
         self.ticks = 0
@@ -169,7 +172,10 @@ class MasterNode:
         self._positions = Raw().encoder(operator.axes)
         self._decoder = self._codec.decoder(operator.axes)
         self._hold = Hold(settings.hold, axes=operator.axes)
-        self._fingertip = Fingertip(device, settings.limits, settings.control) if device is not None else None
+        if device is None or isinstance(device, Fingertip):
+            self._fingertip = device
+        else:
+            self._fingertip = Fingertip(device, settings.limits, settings.control)
         self._script_start_us: int | None = None
         self.position_m: Vector | None = None
         self._zero_n: Vector = (0.0,) * operator.axes

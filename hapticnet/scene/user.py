@@ -20,7 +20,8 @@ class UserScene:
     ----------
     touched
         Its ``step(sample)`` is called with a `PositionSample` and returns a `ForceSample`, a number, or a sequence of
-        numbers, one for each axis [N]. Optional attributes: ``axes`` (1 to 3; default 1), ``name`` and ``breaches``.
+        numbers, one for each axis [N]. Optional attributes: ``axes`` (1 to 3; default 1), ``name`` and ``breaches``;
+        optional method: ``welcome(master)``.
     what
         What messages call the object, such as "scene own.py:Mine".
 
@@ -47,6 +48,12 @@ class UserScene:
         """Number of breaches that the object counts; 0 if it does not."""
         breaches = getattr(self.touched, "breaches", 0)
         return breaches if isinstance(breaches, int) else 0
+
+    def welcome(self, master: str) -> None:
+        """Tell the object the name of its master, if it has a method ``welcome``."""
+        welcome: Callable[[str], Any] | None = getattr(self.touched, "welcome", None)
+        if welcome is not None:
+            welcome(master)
 
     def step(self, sample: PositionSample) -> ForceSample:
         """Return the force at a position.
