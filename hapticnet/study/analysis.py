@@ -39,11 +39,15 @@ def analyse(rows: Sequence[OrderRow], *, margin: float = MARGIN, seed: int = 1) 
     Raises
     ------
     SettingsError
-        If no trial was answered.
+        If no trial was answered, or people and simulated observers are mixed.
     """
     trials = _accepted(rows)
     if not trials:
         raise SettingsError("no answered trial of the ordering task was found")
+    if len({row.observer is None for row in trials}) > 1:
+        raise SettingsError(
+            "the folder has answers of people and of simulated observers; analyse them in folders apart"
+        )
     participants = tuple(sorted({row.participant for row in trials}))
     ratings = [row for row in rows if row.event == "rating" and row.rating is not None]
     names = sorted({row.condition or "" for row in trials}, key=lambda name: _place(trials, name))

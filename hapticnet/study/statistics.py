@@ -28,6 +28,9 @@ COARSE_CELLS: Final = 20_000
 
 LIMIT_SHARE: Final = 1e-12
 
+ROUNDED_TO: Final = 1e-4
+"""Grid to which intervals are rounded outwards."""
+
 
 def wilson(successes: int, trials: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
     """Return Wilson's interval of a share; without trials, 0 to 1.
@@ -121,7 +124,9 @@ def mean_interval(differences: Sequence[float] | FloatArray, confidence: float =
     if high - low < 1e-8:
         return low, high
     middle = float(values.mean())
-    return _edge(values, alpha, low, middle, side=1), _edge(values, alpha, high, middle, side=0)
+    edges = _edge(values, alpha, low, middle, side=1), _edge(values, alpha, high, middle, side=0)
+    # Outwards: at a shift that equals some differences, the test is more cautious than beside it.
+    return math.floor(edges[0] / ROUNDED_TO) * ROUNDED_TO, math.ceil(edges[1] / ROUNDED_TO) * ROUNDED_TO
 
 
 def equivalence(
