@@ -99,6 +99,10 @@ class Rig(Protocol):
         """End the present activity: the force goes to zero at once."""
         ...
 
+    async def wait(self, duration_us: int) -> None:
+        """Let time [µs] pass while nothing is felt."""
+        ...
+
 
 def procedure_of(activity: Meet | Present, fingertip: Fingertip) -> Meeting | Presentation:
     """Return the procedure that performs an activity without a slave."""
@@ -149,8 +153,8 @@ class VirtualRig:
         """Return the virtual time [µs]."""
         return self._now_us
 
-    def wait(self, duration_us: int) -> None:
-        """Let time pass while nothing is felt."""
+    async def wait(self, duration_us: int) -> None:
+        """Let time [µs] pass while nothing is felt."""
         self._now_us += duration_us
 
     def stop(self) -> None:
