@@ -44,7 +44,7 @@ def analyse(rows: Sequence[OrderRow], *, margin: float = MARGIN, seed: int = 1) 
     trials = _accepted(rows)
     if not trials:
         raise SettingsError("no answered trial of the ordering task was found")
-    if len({row.observer is None for row in trials}) > 1:
+    if len({row.observer is None for row in rows if row.event == "trial"}) > 1:
         raise SettingsError(
             "the folder has answers of people and of simulated observers; analyse them in folders apart"
         )
