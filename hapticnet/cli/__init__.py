@@ -4,7 +4,7 @@ import sys
 
 import typer
 
-from hapticnet.cli import channel, codecs, compare, demo, device, doctor, encode, key, master, scene, slave
+from hapticnet.cli import channel, codecs, compare, demo, device, doctor, encode, experiment, key, master, scene, slave
 from hapticnet.cli.console import complain
 from hapticnet.errors import HapticnetError
 from hapticnet.runtime.outlet import abandon
@@ -28,6 +28,7 @@ app.command(short_help="Check whether this machine is fit, and say what to do.")
 app.add_typer(scene.app, name="scene")
 app.add_typer(device.app, name="device")
 app.add_typer(key.app, name="key")
+app.add_typer(experiment.app, name="experiment")
 
 
 @app.callback(invoke_without_command=True)

@@ -41,7 +41,7 @@ def analyse(rows: Sequence[OrderRow], *, margin: float = MARGIN, seed: int = 1) 
     SettingsError
         If no trial was answered, or people and simulated observers are mixed.
     """
-    trials = _accepted(rows)
+    trials = accepted(rows)
     if not trials:
         raise SettingsError("no answered trial of the ordering task was found")
     if len({row.observer is None for row in rows if row.event == "trial"}) > 1:
@@ -72,7 +72,7 @@ def analyse(rows: Sequence[OrderRow], *, margin: float = MARGIN, seed: int = 1) 
     )
 
 
-def _accepted(rows: Sequence[OrderRow]) -> list[OrderRow]:
+def accepted(rows: Sequence[OrderRow]) -> list[OrderRow]:
     """Return the answered trials; of a trial that was written twice, the last."""
     last = {(row.participant, row.session, row.this_n): row for row in rows if row.event == "trial"}
     return list(last.values())

@@ -16,11 +16,12 @@ from hapticnet.errors import UnavailableError
 from hapticnet.experiment.workers import workers
 from hapticnet.node.fingertip import Fingertip
 from hapticnet.node.master import MasterSettings
-from hapticnet.study.cues import Look, looks
+from hapticnet.study.cues import Look
 from hapticnet.study.hand import scripted_hand
 from hapticnet.study.observers import CUE_FIELDS, Cue
 from hapticnet.study.plan import ConditionPlan, Plan, law_of
 from hapticnet.study.rig import Fault, MakeHand, Meet, Play, VirtualRig
+from hapticnet.study.simulated_front import contacts
 from hapticnet.study.trial import Played, Stimulus
 
 
@@ -91,19 +92,6 @@ def play_library(
     ]
 
 
-def trial_looks(played: Played) -> list[Look]:
-    """Return the contacts of a trial that was played, in order of time."""
-    ticks, tissues = played.ticks, played.stimulus.tissues
-    return looks(
-        ticks["t_us"],
-        ticks["position_m"],
-        ticks["held_n"],
-        ticks["sensed_n"],
-        surfaces_m=[tissue.rest_position_m for tissue in tissues],
-        breach_depths_m=[tissue.breach_depth_m for tissue in tissues],
-    )
-
-
 Task = tuple[ConditionPlan, tuple[float, ...], int]
 
 
@@ -130,24 +118,24 @@ def _play(shared: tuple[Plan, MakeHand], task: Task) -> tuple[list[Look], float]
     if not isinstance(outcome, Played):
         raise UnavailableError(f"a simulated trial of condition {condition.name!r} was not played")
     measures = outcome.measures
-    return trial_looks(outcome), measures.wire_bytes / max(measures.penetrations, 1)
+    return contacts(outcome), measures.wire_bytes / max(measures.penetrations, 1)
 
 
 def _felt(condition: ConditionPlan, tasks: Sequence[Task], played: Sequence[tuple[list[Look], float]]) -> Felt:
     def table(field: str) -> FloatArray:
         rows = []
-        for (_, forces_n, _), (contacts, _) in zip(tasks, played, strict=True):
+        for (_, forces_n, _), (felt, _) in zip(tasks, played, strict=True):
             ranked = sorted(range(len(forces_n)), key=forces_n.__getitem__)
-            own = [[getattr(look, field) for look in contacts if look.tissue == tissue] for tissue in ranked]
+            own = [[getattr(look, field) for look in felt if look.tissue == tissue] for tissue in ranked]
             rows.append([float(np.mean(values)) if values else 0.0 for values in own])
         return np.array(rows)
 
     counts = [
         [
-            sum(look.tissue == tissue for look in contacts)
+            sum(look.tissue == tissue for look in felt)
             for tissue in sorted(range(len(forces_n)), key=forces_n.__getitem__)
         ]
-        for (_, forces_n, _), (contacts, _) in zip(tasks, played, strict=True)
+        for (_, forces_n, _), (felt, _) in zip(tasks, played, strict=True)
     ]
     return Felt(
         condition=condition.name,

@@ -1,44 +1,44 @@
-"""Reading of a study's tables, wherever they lie in a folder."""
+"""Reading of a study's files, wherever they lie in a folder."""
 
-import csv
 from pathlib import Path
-from typing import TypeVar
 
 from hapticnet.errors import FileError
-from hapticnet.files import MAX_BYTES, read_text
-from hapticnet.study.rows import LimitsRow, OrderRow, Row, from_cells
+from hapticnet.study import store
+from hapticnet.study.rows import AnyRow, OrderRow
+from hapticnet.study.weber import ParticipantFile, load_participant
 
-AnyRow = TypeVar("AnyRow", bound=Row)
+
+def table_files(folder: Path, kind: type[AnyRow]) -> list[Path]:
+    """Return the tables of a kind in a folder and below, in order of their names.
+
+    Raises
+    ------
+    FileError
+        If the folder does not exist.
+    """
+    if not folder.is_dir():
+        raise FileError(f"{folder}: no such folder")
+    mark = "order_true" if kind is OrderRow else "reference_n"
+    found = []
+    for file in sorted(folder.rglob("*.tsv")):
+        with file.open(encoding="utf-8", errors="replace") as lines:
+            names = lines.readline(100_000).rstrip("\n").split("\t")
+        if mark in names and "event" in names:
+            found.append(file)
+    return found
 
 
 def read_rows(folder: Path, kind: type[AnyRow]) -> list[AnyRow]:
     """Return the rows of every table of a kind in a folder and below, table by table.
-
-    The last line of a table may be torn by a crash; without its line feed it is left out.
 
     Raises
     ------
     FileError
         If the folder does not exist or a table cannot be read.
     """
-    if not folder.is_dir():
-        raise FileError(f"{folder}: no such folder")
-    mark = "order_true" if kind is OrderRow else "reference_n"
-    found: list[AnyRow] = []
-    for file in sorted(folder.rglob("*.tsv")):
-        text = read_text(file, MAX_BYTES)
-        lines = text[: text.rfind("\n") + 1].split("\n")[:-1]
-        table = list(csv.reader(lines, delimiter="\t", quoting=csv.QUOTE_NONE))
-        if not table or mark not in table[0] or "event" not in table[0]:
-            continue
-        for number, cells in enumerate(table[1:], start=2):
-            try:
-                found.append(from_cells(kind, table[0], cells))
-            except FileError as error:
-                raise FileError(f"{file}, line {number}: {error}") from error
-    return found
+    return [row for file in table_files(folder, kind) for row in store.read_rows(file, kind)]
 
 
-def read_limits(folder: Path) -> list[LimitsRow]:
-    """Return the accepted answers of the measurement of the JND in a folder and below."""
-    return [row for row in read_rows(folder, LimitsRow) if row.event == "trial"]
+def read_people(folder: Path) -> list[ParticipantFile]:
+    """Return what was measured of each participant, from ``participants/*.toml`` in a folder and below."""
+    return [load_participant(file) for file in sorted(folder.rglob("participants/*.toml"))]
