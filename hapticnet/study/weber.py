@@ -163,6 +163,11 @@ class ParticipantFile(BaseModel):
         """The participant's law at 1 JND."""
         return WeberLaw(weber_fraction=self.weber_fraction, floor_n=self.floor_n)
 
+    def measured_differently(self, other: "ParticipantFile") -> bool:
+        """Return whether two files differ in more than date and version."""
+        same = {"date": None, "version": None}
+        return self.model_copy(update=same) != other.model_copy(update=same)
+
     def to_toml(self) -> str:
         """Return the file's text."""
         return tomli_w.dumps(_known(self.model_dump()))
