@@ -9,6 +9,6 @@ app = typer.Typer(
 )
 app.command(short_help="Measure a participant's JND.")(limits.limits)
 app.command(short_help="Let a participant order three tissues by stiffness.")(order.order)
-app.command(short_help="Analyse the sessions in a folder.")(analyse.analyse)
+app.command(short_help="Make tables, figures and a report of the answers.")(analyse.analyse)
 app.command(short_help="Simulate how often a study finds a difference.")(power.power)
 app.command(short_help="Copy the data as BIDS or Psych-DS.")(export.export)
