@@ -15,6 +15,7 @@ from hapticnet.cli import (
     device,
     doctor,
     encode,
+    experiment,
     key,
     master,
     recordings,
@@ -64,6 +65,7 @@ app.command(
 app.add_typer(scene.app, name="scene")
 app.add_typer(device.app, name="device")
 app.add_typer(key.app, name="key")
+app.add_typer(experiment.app, name="experiment")
 equip(app)
 
 

@@ -118,7 +118,7 @@ class Admission:
             who_gives_way([each for each in stations if each is not old], identity, seats, timings, now_us)
         except NoSeatError as error:
             raise RefusalError(Code.FULL, str(error)) from error
-        scene = self._scene(entry) if old is None else old.scene
+        scene = self._scene(entry, request.name) if old is None else old.scene
         if request.axes != scene.axes:
             raise RefusalError(Code.AXES, f"{request.axes} axes asked for; scene {scene.name!r} has {scene.axes}")
         rate_hz = min(request.rate_hz, self._settings.fastest_rate_hz)
@@ -157,9 +157,13 @@ class Admission:
             pass
         return number
 
-    def _scene(self, entry: MasterEntry | None) -> Touchable:
+    def _scene(self, entry: MasterEntry | None, master: str) -> Touchable:
         try:
-            return self._make_scene(entry)
+            scene = self._make_scene(entry)
+            welcome: Callable[[str], None] | None = getattr(scene, "welcome", None)
+            if welcome is not None:
+                welcome(master)
+            return scene
         except Exception as error:  # a scene of the user's own may raise anything
             raise RefusalError(Code.FAILED, f"the scene cannot be made: {in_words(error)}") from error
 

@@ -44,7 +44,8 @@ class MasterNode:
     Parameters
     ----------
     device
-        The fingertip device, or None to run without one.
+        The fingertip device, or None to run without one. A `Fingertip` goes on with what it knows of the finger; it is
+        only passed on.
     rng
         Source of nonces.
 
@@ -68,7 +69,11 @@ class MasterNode:
     """
 
     def __init__(
-        self, operator: Operator, device: Device | UserActuator | None, settings: MasterSettings, rng: Entropy
+        self,
+        operator: Operator,
+        device: Device | UserActuator | Fingertip | None,
+        settings: MasterSettings,
+        rng: Entropy,
     ) -> None:
         self.settings = settings
         self.period_us = round(1e6 / settings.rate_hz)
@@ -87,10 +92,12 @@ class MasterNode:
         self._positions = Raw().encoder(operator.axes)
         self._decoder = self._codec.decoder(operator.axes)
         self._hold = Hold(settings.hold, axes=operator.axes)
-        self._fingertip: Fingertip | Actuator | None = None
+        self._fingertip: Fingertip | Actuator | None
         if isinstance(device, UserActuator):
             self._fingertip = Actuator(device, settings.limits)
-        elif device is not None:
+        elif device is None or isinstance(device, Fingertip):
+            self._fingertip = device
+        else:
             self._fingertip = Fingertip(device, settings.limits, settings.control)
         self._script_start_us: int | None = None
         self.position_m: Vector | None = None

@@ -1,4 +1,4 @@
-"""Procedures with a fingertip alone, without a slave: a step of the target, and measuring a finger's stiffness.
+"""Procedures with a fingertip alone, without a slave: meet the finger, a step of the target, measure its stiffness.
 
 A procedure is ticked like a node, in virtual or real time, and returns whether it is done.
 """
@@ -36,12 +36,18 @@ sensor, and at most the paper's step."""
 LEAST_SPAN_N: Final = 0.3
 """Smallest range of forces [N] from which a stiffness is computed."""
 
+MEETING_N: Final = 0.5
+MEETING_US: Final = 1_000_000
+MEETING_WITHIN_US: Final = 5_000_000
+RELEASE_US: Final = 300_000
+"""Force [N] and duration [µs] of the press that meets a finger, longest search, and time to go back from it."""
+
 REST_US: Final = 1_200_000
 """Time [µs] for which each force is held; the mean of the second half is used."""
 
 
-class _Procedure:
-    """Waits for the device, then counts time from its first reading."""
+class Procedure:
+    """Base of the procedures: waits for the device, then counts time from its first reading."""
 
     def __init__(self, fingertip: Fingertip) -> None:
         self.fingertip = fingertip
@@ -70,7 +76,7 @@ class _Procedure:
         return None if self._start_us is None else now_us - self._start_us
 
 
-class StepTest(_Procedure):
+class StepTest(Procedure):
     """A step of the target, recorded tick by tick. The loss of the device ends it, as it would distort the figures.
 
     Parameters
@@ -123,6 +129,65 @@ class StepTest(_Procedure):
         return self.step_us is not None and now_us >= self.step_us + self._after_us
 
 
+@dataclass(frozen=True, slots=True)
+class Met:
+    """How a finger was met: mean force sensed at the end of the press [N], and platform displacement at contact [m]."""
+
+    sensed_n: float
+    contact_m: float
+
+
+class Meeting(Procedure):
+    """Find the finger, press it lightly, and wait just before it.
+
+    A platform that was never pressed against its finger is retracted and searches at 10 mm/s, so a first contact that
+    lasts less than about 0.2 s would not be felt at all.
+
+    Parameters
+    ----------
+    force_n
+        Force of the press [N].
+    press_us
+        Its duration [µs], once the finger is felt.
+    """
+
+    def __init__(self, fingertip: Fingertip, *, force_n: float = MEETING_N, press_us: int = MEETING_US) -> None:
+        super().__init__(fingertip)
+        check_parameter("force of the meeting", force_n, 0.2, fingertip.largest_n, "N")
+        self._force_n = force_n
+        self._press_us = press_us
+        self._touched_us: int | None = None
+        self._sum_n = 0.0
+        self._readings = 0
+
+    def tick(self, now_us: int) -> bool:
+        """Do the next step of the procedure; return whether it is done."""
+        fingertip = self.fingertip
+        elapsed_us = self._elapsed_us(now_us)
+        if self._touched_us is None:
+            if fingertip.sensed_n > 0.5 * self._force_n:
+                self._touched_us = now_us
+            elif elapsed_us is not None and elapsed_us > MEETING_WITHIN_US:
+                raise UnavailableError("the platform does not meet a finger: is one in the device, against its rest?")
+            fingertip.press(self._force_n, now_us)
+            return False
+        since_us = now_us - self._touched_us
+        fingertip.press(self._force_n if since_us < self._press_us else 0.0, now_us)
+        if self._press_us // 2 <= since_us < self._press_us and fingertip.reading is not None:
+            self._sum_n += fingertip.sensed_n
+            self._readings += 1
+        return since_us >= self._press_us + RELEASE_US
+
+    def result(self) -> Met:
+        """Return how the finger was met; raise UnavailableError if the press was not felt."""
+        sensed_n = self._sum_n / self._readings if self._readings else 0.0
+        if sensed_n < 0.5 * self._force_n:
+            raise UnavailableError(
+                f"the press of {self._force_n:g} N was felt as {sensed_n:.2f} N: did the finger move away?"
+            )
+        return Met(sensed_n, self.fingertip.controller.finger.contact_m)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tuned:
     """Properties of a finger.
@@ -146,7 +211,7 @@ class Tuned:
     displacements_m: tuple[float, ...]
 
 
-class Tuning(_Procedure):
+class Tuning(Procedure):
     """Search for the finger over the whole travel, press it with a few rising forces, and retract.
 
     The fingertip's travel should be that of the platform.

@@ -80,6 +80,11 @@ class MasterRunner:
         self._watchers = Watchers(watchers, tell)
         self._overload = overload
 
+    @property
+    def missed_ticks(self) -> int:
+        """Ticks left out so far, because the next was already due."""
+        return self._ticker.missed
+
     async def start(self) -> None:
         """Open the device and begin to tick.
 

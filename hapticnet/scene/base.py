@@ -8,7 +8,9 @@ from hapticnet.samples import ForceSample, PositionSample
 class Touchable(Protocol):
     """Something that answers each position with a force. `scene.Scene` is one.
 
-    If it also has an attribute ``breaches``, recordings and reports show it: surfaces breached so far.
+    If it also has an attribute ``breaches``, recordings and reports show it: surfaces breached so far. If it has a
+    method ``welcome(master: str)``, that is called once, before the first step, with the name of the master; an
+    exception refuses the session.
     """
 
     @property

@@ -26,7 +26,8 @@ class UserScene:
     ----------
     touched
         Its ``step(sample)`` is called with a `PositionSample` and returns a `ForceSample`, a number, or a sequence of
-        numbers, one for each axis [N]. Optional attributes: ``axes`` (1 to 3; default 1), ``name`` and ``breaches``.
+        numbers, one for each axis [N]. Optional attributes: ``axes`` (1 to 3; default 1), ``name`` and ``breaches``;
+        optional method: ``welcome(master)``.
     what
         What messages call the object, such as "scene own.py:Mine".
 
@@ -55,6 +56,12 @@ class UserScene:
             return int(getattr(self.touched, "breaches", 0))
         except Exception:  # it is for reports only
             return 0
+
+    def welcome(self, master: str) -> None:
+        """Tell the object the name of its master, if it has a method ``welcome``."""
+        welcome: Callable[[str], Any] | None = getattr(self.touched, "welcome", None)
+        if welcome is not None:
+            welcome(master)
 
     def step(self, sample: PositionSample) -> ForceSample:
         """Return the force at a position.

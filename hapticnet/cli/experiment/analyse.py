@@ -1,0 +1,88 @@
+"""``hapticnet experiment analyse``: tables, figures and a report of a study."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hapticnet.cli import options
+
+
+def analyse(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder of the study (--out of order and limits).")],
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder of results; default: DIR/results.")] = None,
+    margin: Annotated[
+        float,
+        typer.Option(help="Margin of equivalence, in the share of correct orders; state it beforehand."),
+    ] = 0.1,
+    seed: options.Seed = 1,
+    figures: Annotated[bool, typer.Option(help="Whether to draw figures.")] = True,
+    force: options.Force = False,
+    json: options.Json = False,
+) -> None:
+    """Analyse the ordering task: report.md, tables as CSV and LaTeX, figures as PDF and PNG.
+
+    Example: hapticnet experiment analyse data --margin 0.1
+    """
+    import json as json_module
+    from dataclasses import asdict
+
+    from hapticnet.cli.console import Console, check_new, check_outputs, write_text
+    from hapticnet.errors import UnavailableError
+    from hapticnet.experiment.provenance import provenance, provenance_lines
+    from hapticnet.study.analysis import accepted
+    from hapticnet.study.analysis import analyse as analyse_rows
+    from hapticnet.study.figures import draw_results
+    from hapticnet.study.models import fit_models
+    from hapticnet.study.reading import read_people, read_rows
+    from hapticnet.study.report import markdown
+    from hapticnet.study.rows import OrderRow
+    from hapticnet.study.tables import csv_text, latex
+
+    console = Console("experiment", quiet=json)
+    rows = read_rows(folder, OrderRow)
+    results = analyse_rows(rows, margin=margin, seed=seed)
+    target = folder / "results" if out is None else out
+    files = {name: target / name for name in ("report.md", "conditions.csv", "conditions.tex", "results.json")}
+    check_outputs(*files.values())
+    check_new(*files.values(), force=force)
+    note, effects = None, []
+    try:
+        effects = fit_models(accepted(rows), [each.name for each in results.conditions])
+    except UnavailableError as error:
+        note = str(error)
+    pictures: list[Path] = []
+    if figures:
+        try:
+            pictures = draw_results(results, target)
+        except UnavailableError as error:
+            console.say(str(error))
+    origin = provenance_lines()
+    report = markdown(
+        results,
+        title=f"Results of {folder.resolve().name}",
+        figures=[file.name for file in pictures],
+        effects=effects,
+        models_note=note,
+        people=read_people(folder),
+        origin=origin,
+    )
+    write_text(files["report.md"], report)
+    write_text(files["conditions.csv"], csv_text(results, origin))
+    write_text(files["conditions.tex"], latex(results, origin))
+    account = {"provenance": provenance(), "results": asdict(results), "models": [asdict(each) for each in effects]}
+    text = json_module.dumps(plain(account), indent=1)
+    write_text(files["results.json"], text + "\n")
+    print(text if json else report, end="" if not json else "\n")
+    console.say(f"report, tables and {len(pictures)} pictures: {target}")
+
+
+def plain(value: object) -> object:
+    """Return a value with null for every number that JSON does not have."""
+    import math
+
+    if isinstance(value, dict):
+        return {key: plain(each) for key, each in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,173 @@
+"""Options and steps that both parts of a study share."""
+
+import os
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
+
+import typer
+
+if TYPE_CHECKING:
+    from hapticnet.device.profile import Profile
+    from hapticnet.node.fingertip import Fingertip
+    from hapticnet.runtime.serial_port import Wire
+    from hapticnet.study.flow import Flow
+    from hapticnet.study.observers import ObserverSettings
+    from hapticnet.study.plan import Plan
+    from hapticnet.study.real_rig import RealRig
+    from hapticnet.study.rig import Outcome
+    from hapticnet.study.rows import AnyRow
+    from hapticnet.study.session import SessionSettings
+    from hapticnet.study.store import Store
+
+MOST_PARTICIPANTS: Final = 10_000
+
+Participant: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        metavar="NUMBER", help="Number of the participant, such as 03; names are not stored. Simulated: also 01-08."
+    ),
+]
+Session: TypeAlias = Annotated[int, typer.Option(min=1, help="Number of the session.")]
+PlanOption: TypeAlias = Annotated[
+    str, typer.Option("--plan", metavar="PLAN", help="paper, reachable (1.8, 3.15 and 4.5 N), or a TOML file.")
+]
+SeedOption: TypeAlias = Annotated[int, typer.Option(min=0, help="Seed from which the whole session is drawn.")]
+Out: TypeAlias = Annotated[Path, typer.Option(metavar="DIR", help="Folder of the study.")]
+Resume: TypeAlias = Annotated[bool, typer.Option("--resume", help="Go on with an interrupted session.")]
+DryRun: TypeAlias = Annotated[bool, typer.Option("--dry-run", help="Print the schedule; do nothing else.")]
+Simulate: TypeAlias = Annotated[
+    str | None,
+    typer.Option(metavar="OBSERVER", help="A simulated observer in the participant's place, such as literature."),
+]
+RealTime: TypeAlias = Annotated[
+    bool, typer.Option("--real-time", help="Run a simulated observer in real time, as a person is.")
+]
+Jobs: TypeAlias = Annotated[
+    int | None, typer.Option(min=1, help="Processes for simulated observers in virtual time; default: all cores.")
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What was asked for, checked.
+
+    Attributes
+    ----------
+    participants
+        Numbers of the participants; one, unless observers are simulated.
+    observer
+        The simulated observer, or None.
+    """
+
+    participants: tuple[str, ...]
+    plan: "Plan"
+    observer: "ObserverSettings | None"
+
+
+def check(participant: str, plan: str, simulate: str | None, *, real_time: bool) -> Asked:
+    """Return what was asked for; raise SettingsError if it cannot be done."""
+    from hapticnet.errors import SettingsError
+    from hapticnet.study.observers import parse_observer
+    from hapticnet.study.plan import find_plan
+
+    observer = None if simulate is None else parse_observer(simulate)
+    if real_time and observer is None:
+        raise SettingsError("--real-time is for simulated observers; a person is always in real time")
+    participants = _participants(participant)
+    if len(participants) > 1 and (observer is None or real_time):
+        raise SettingsError(f"participants {participant}: several at once are for --simulate in virtual time")
+    return Asked(participants, find_plan(plan), observer)
+
+
+def _participants(text: str) -> tuple[str, ...]:
+    """Return the participants written as 03 or 01-08."""
+    from hapticnet.errors import SettingsError
+    from hapticnet.study.schedule import participant_number
+
+    match = re.fullmatch(r"([0-9]{1,6})-([0-9]{1,6})", text)
+    if match is None:
+        participant_number(text)
+        return (text,)
+    first, last = (int(number) for number in match.groups())
+    if not first <= last < first + MOST_PARTICIPANTS:
+        raise SettingsError(f"participants {text}: expected the first and the last, such as 01-08")
+    width = len(match.group(1))
+    return tuple(f"{number:0{width}d}" for number in range(first, last + 1))
+
+
+def jobs_for(jobs: int | None, participants: int) -> int:
+    """Return the number of processes."""
+    return min(jobs or len(os.sched_getaffinity(0)), participants)
+
+
+@contextmanager
+def virtual_fingertip(device: str, known: "Profile", seed: int) -> Iterator["Fingertip"]:
+    """Yield a simulated device with its force loop for virtual time; raise SettingsError for a real one."""
+    from hapticnet.control.limits import LimitSettings
+    from hapticnet.errors import SettingsError
+    from hapticnet.node.fingertip import Fingertip
+    from hapticnet.runtime import devices
+
+    with devices.virtual_device(device, known, seed) as made:
+        if made is None:
+            raise SettingsError(f"device {device!r} cannot run in virtual time; add --real-time")
+        yield Fingertip(made, LimitSettings(), devices.control_settings(known))
+
+
+@contextmanager
+def real_fingertip(device: str, known: "Profile", seed: int) -> Iterator["tuple[Fingertip, Wire | None]"]:
+    """Yield a device with its force loop for real time, and its wire."""
+    from hapticnet.cli.console import complain
+    from hapticnet.control.limits import LimitSettings
+    from hapticnet.device.user import UserActuator
+    from hapticnet.errors import SettingsError
+    from hapticnet.node.fingertip import Fingertip
+    from hapticnet.runtime import devices
+
+    if device == "none":
+        raise SettingsError("the study needs a fingertip device; choose --device sim to rehearse without one")
+    with devices.real_time_device(device, known, seed, complain) as (made, wire):
+        if made is None or isinstance(made, UserActuator):
+            raise SettingsError(f"device {device} renders forces by itself; the study measures its force loop")
+        yield Fingertip(made, LimitSettings(), devices.control_settings(known)), wire
+
+
+async def conduct_in_real_time(
+    rig: "RealRig",
+    flow: "Flow[AnyRow]",
+    store: "Store[AnyRow]",
+    settings: "SessionSettings",
+    observer: "ObserverSettings | None",
+    on_outcome: "Callable[[AnyRow, Outcome], None] | None" = None,
+) -> None:
+    """Conduct a session in real time with a person at the terminal, or with a simulated observer."""
+    import asyncio
+    import signal
+
+    from hapticnet.study.conduct import conduct
+    from hapticnet.study.schedule import participant_number
+    from hapticnet.study.session import today, version
+    from hapticnet.study.simulated_front import SimulatedFront
+    from hapticnet.study.terminal_front import TerminalFront
+
+    task = asyncio.current_task()
+    assert task is not None  # noqa: S101 - for the type checker
+    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, task.cancel)
+    async with rig:
+        if observer is not None:
+            front = SimulatedFront(
+                observer,
+                rig,
+                seed=settings.seed,
+                participant=participant_number(settings.participant),
+                session=settings.session,
+                waits=False,
+            )
+            await conduct(flow, rig, front, store, date=today, version=version(), on_outcome=on_outcome)
+            return
+        with TerminalFront() as terminal:
+            await conduct(flow, rig, terminal, store, date=today, version=version(), on_outcome=on_outcome)

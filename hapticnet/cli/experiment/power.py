@@ -1,0 +1,133 @@
+"""``hapticnet experiment power``: what a study of so many participants and trials would find."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hapticnet.cli import options
+
+if TYPE_CHECKING:
+    from hapticnet.study.plan import Plan
+    from hapticnet.study.power import Answers, Power
+
+
+def power(
+    plan: Annotated[str, typer.Argument(metavar="[PLAN]", help="Plan: paper, reachable or a TOML file.")] = "paper",
+    observer: Annotated[
+        str, typer.Option(metavar="NAME[:KEY=VALUE,…]", help="Simulated observer; docs/observers.md lists them.")
+    ] = "step-masking",
+    shares: Annotated[
+        str | None,
+        typer.Option(
+            metavar="S[,S…]",
+            help="Assume these shares of correct orders, one for each condition, such as 0.775,0.8,0.675,0.5375;"
+            " nothing is played then.",
+        ),
+    ] = None,
+    participants: Annotated[str, typer.Option(metavar="N[,N…]", help="Numbers of participants.")] = "8,16,24",
+    trials: Annotated[
+        str | None, typer.Option(metavar="N[,N…]", help="Trials a condition; default: the plan's.")
+    ] = None,
+    experiments: Annotated[int, typer.Option(metavar="N", help="Simulated experiments of each design.")] = 1000,
+    margin: Annotated[float | None, typer.Option(help="Margin of equivalence; default: the plan's.")] = None,
+    motions: Annotated[int, typer.Option(min=1, max=100, help="Motions of the hand played for each order.")] = 2,
+    seed: options.Seed = 1,
+    jobs: Annotated[int, typer.Option(metavar="N", help="Processes; 0: one a core. Results do not depend on it.")] = 0,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for power.csv and the figure.")] = None,
+    force: options.Force = False,
+    json: options.Json = False,
+) -> None:
+    """Simulate experiments: power of the tests, and widths of the intervals. No person takes part.
+
+    Example: hapticnet experiment power paper --observer step-masking --participants 8,16,24 --trials 10,20
+    """
+    import json as json_module
+    import os
+    from dataclasses import asdict
+
+    from hapticnet.cli.console import Console, check_new, check_outputs, write_text
+    from hapticnet.cli.experiment.analyse import plain
+    from hapticnet.errors import UnavailableError
+    from hapticnet.experiment.provenance import provenance, provenance_lines
+    from hapticnet.study.plan import find_plan
+    from hapticnet.study.power import power as simulate
+    from hapticnet.study.power_table import csv_text, lines
+
+    chosen = find_plan(plan)
+    designs = [
+        (people, each)
+        for each in _numbers("trials", str(chosen.order.trials) if trials is None else trials)
+        for people in _numbers("participants", participants)
+    ]
+    if out is not None:
+        check_outputs(out / "power.csv")
+        check_new(out / "power.csv", force=force)
+    console = Console("experiment", quiet=json)
+    cores = jobs or os.cpu_count() or 1
+    answers, source = _answers(chosen, observer, shares, motions, seed, cores, console.status)
+    found = simulate(
+        answers,
+        designs,
+        experiments=experiments,
+        margin=chosen.order.equivalence_margin if margin is None else margin,
+        seed=seed,
+        jobs=cores,
+        on_design=lambda people, each: console.status(f"{people} participants, {each} trials"),
+    )
+    console.finish()
+    if out is not None:
+        write_text(out / "power.csv", csv_text(found, [f"SIMULATED: {source}", *provenance_lines()]))
+        console.say(f"table: {out / 'power.csv'}")
+        try:
+            _draw(found, source, out, console.say)
+        except UnavailableError as error:
+            console.say(str(error))
+    if json:
+        account = {"provenance": provenance(), "simulated": source, "designs": [asdict(each) for each in found]}
+        print(json_module.dumps(plain(account), indent=1))
+    else:
+        print("\n".join(lines(found, source)))
+
+
+def _draw(found: "list[Power]", source: str, out: Path, say: "object") -> None:
+    from hapticnet.study.figures import draw_power
+
+    for file in draw_power(found, source, out):
+        say(f"picture: {file}")  # type: ignore[operator]
+
+
+def _answers(
+    plan: "Plan", observer: str, shares: str | None, motions: int, seed: int, jobs: int, status: "object"
+) -> "tuple[Answers, str]":
+    from hapticnet.errors import SettingsError
+    from hapticnet.study.library import play_library
+    from hapticnet.study.observers import parse_observer
+    from hapticnet.study.power import ObserverAnswers, ShareAnswers
+
+    if shares is not None:
+        try:
+            values = tuple(float(part) for part in shares.split(","))
+        except ValueError:
+            raise SettingsError(f"shares {shares!r} must be numbers from 0 to 1, such as 0.775,0.8") from None
+        multipliers = tuple(0.0 if each.codec == "raw" else each.multiplier for each in plan.condition)
+        assumed = ShareAnswers(tuple(each.name for each in plan.condition), multipliers, values)
+        return assumed, f"assumed shares {shares}"
+    settings = parse_observer(observer)
+    library = play_library(
+        plan,
+        motions=motions,
+        seed=seed,
+        jobs=jobs,
+        on_trial=lambda done, of: status(f"playing {done} of {of} trials"),  # type: ignore[operator]
+    )
+    return ObserverAnswers(tuple(library), settings), f"observer {settings.name}"
+
+
+def _numbers(name: str, text: str) -> list[int]:
+    from hapticnet.errors import SettingsError
+
+    try:
+        return [int(part) for part in text.split(",")]
+    except ValueError:
+        raise SettingsError(f"{name} {text!r} must be whole numbers, such as 8,16,24") from None

@@ -1,0 +1,86 @@
+"""Conduct a session: let a front and a rig play a flow, and store each row before the next event begins."""
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Protocol
+
+from hapticnet.errors import UnavailableError
+from hapticnet.study.flow import Flow
+from hapticnet.study.rig import Outcome, Rig
+from hapticnet.study.rows import AnyRow
+from hapticnet.study.store import Store
+
+
+class Front(Protocol):
+    """Who answers: a person at a terminal or a page, or a simulated observer."""
+
+    async def show(self, flow: Flow[AnyRow]) -> None:
+        """Show the present screen."""
+        ...
+
+    async def key(self, flow: Flow[AnyRow]) -> str:
+        """Return the next key; "" to look at the screen again."""
+        ...
+
+    async def attend(self, flow: Flow[AnyRow], activity: "asyncio.Future[Outcome]", rig: Rig) -> Outcome:
+        """Pass keys on while an activity is performed; return what came of it."""
+        ...
+
+
+async def conduct(
+    flow: Flow[AnyRow],
+    rig: Rig,
+    front: Front,
+    store: Store[AnyRow],
+    *,
+    date: Callable[[], str],
+    version: str,
+    on_outcome: Callable[[AnyRow, Outcome], None] | None = None,
+) -> None:
+    """Conduct a session to its end.
+
+    Parameters
+    ----------
+    date
+        Returns the date and time for the rows.
+    on_outcome
+        Called with each row that an activity left and with what came of the activity, once the row is stored.
+
+    Raises
+    ------
+    FileError
+        If a row cannot be stored.
+    UnavailableError
+        If the session cannot go on; what was answered is stored.
+    """
+
+    def save() -> list[AnyRow]:
+        rows = [replace(row, date=date(), version=version) for row in flow.take_rows()]
+        for row in rows:
+            store.append(row)
+        return rows
+
+    save()
+    while not flow.done:
+        await front.show(flow)
+        if flow.activity is None:
+            key = await front.key(flow)
+            if key:
+                flow.press(key, rig.now_us())
+            save()
+            continue
+        activity = asyncio.ensure_future(rig.run(flow.activity))
+        try:
+            outcome = await front.attend(flow, activity, rig)
+        finally:
+            if not activity.done():
+                rig.stop()
+                await activity
+        flow.complete(outcome, rig.now_us())
+        for row in save():
+            if on_outcome is not None:
+                on_outcome(row, outcome)
+    await front.show(flow)
+    if flow.failure is not None:
+        raise UnavailableError(f"{flow.failure}; everything answered is stored, go on with --resume")

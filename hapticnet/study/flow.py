@@ -1,0 +1,202 @@
+"""A session as a state machine without input or output: what to show, to perform and to store, and which keys answer.
+
+Where a session stands follows from its rows alone, so a session that was killed goes on where its table ends. A front
+(terminal, page, simulated observer) shows `Flow.screen`, lets the rig perform `Flow.activity`, and calls `press`,
+`complete` and `abort`; `conduct.conduct` stores the rows of each call before the next one.
+"""
+
+from abc import ABC, abstractmethod
+from typing import Any, Generic
+
+from hapticnet.study import screens
+from hapticnet.study.rig import Activity, Fault, Meet, Outcome
+from hapticnet.study.rows import AnyRow, Event
+from hapticnet.study.screens import Screen, ScreenKind
+
+
+class Flow(ABC, Generic[AnyRow]):
+    """What is common to both parts of a study.
+
+    Parameters
+    ----------
+    rows
+        Rows of earlier runs of this session.
+    now_us
+        Time [µs] at which this run begins.
+    constants
+        Values of columns that are the same in all rows: participant, session, observer and device.
+    instructions, consent
+        Texts.
+    most_attempts
+        How often the platform may fail to meet the finger, one after the other.
+
+    Attributes
+    ----------
+    screen
+        What to show now.
+    activity
+        What the rig must perform now; None while only a key is awaited.
+    answered
+        Whether the activity must be stopped, because there is an answer or an abort.
+    done
+        Whether the session is over, or cannot go on now: then `failure` says why.
+    """
+
+    kind: type[AnyRow]
+
+    def __init__(
+        self,
+        rows: list[AnyRow],
+        now_us: int,
+        constants: dict[str, Any],
+        *,
+        instructions: str,
+        consent: str,
+        most_attempts: int,
+    ) -> None:
+        self.rows = list(rows)
+        self.done = False
+        self.failure: str | None = None
+        self.answered = False
+        self.activity: Activity | None = None
+        self._constants = constants
+        self._consent = consent
+        self._most_attempts = most_attempts
+        self._fresh: list[AnyRow] = []
+        self._earlier = len(rows)
+        self._begun_us = now_us
+        # A later run continues the time of the earlier ones, whatever the clock on the wall says meanwhile.
+        self._offset_s = max((each.onset_s or 0.0) + (each.duration_s or 0.0) for each in rows) if rows else 0.0
+        self._shown_us = now_us
+        self._met = False
+        self._failed_meetings = 0
+        self._abort: str | None = None
+        again = any(row.event == "consent" for row in rows)
+        if any(row.event == "end" for row in rows):
+            self._finish()
+            return
+        self._emit("begin", now_us, text="resumed" if rows else None)
+        self.screen = screens.instructions(instructions, again=again)
+
+    def take_rows(self) -> list[AnyRow]:
+        """Return the rows that came since the last call; store them before anything else."""
+        fresh, self._fresh = self._fresh, []
+        return fresh
+
+    def press(self, key: str, now_us: int) -> None:
+        """Take a key of the participant; keys that do nothing on this screen are ignored."""
+        screen = self.screen
+        if self.done or self.answered or (screen.not_before_us is not None and now_us < screen.not_before_us):
+            return
+        if key not in (each for each, _ in screen.keys):
+            return
+        if key == screens.ESCAPE:
+            self.abort("the participant stopped", now_us)
+        elif screen.kind is ScreenKind.CONSENT:
+            if key == screens.YES:
+                self._emit("consent", now_us, text=screens.hash_of(self._consent))
+                self._go_on(now_us)
+            else:
+                self._emit("end", now_us, reason="no consent")
+                self._finish()
+        elif screen.kind is ScreenKind.BREAK:
+            self._emit("break", now_us, since_us=self._shown_us)
+            self._go_on(now_us)
+        elif key == screens.ENTER and self.activity is None:
+            self._go_on(now_us)
+        else:
+            self._take_key(key, now_us)
+
+    def abort(self, reason: str, now_us: int) -> None:
+        """End the present activity without an answer; it comes again. Does nothing where nothing is performed."""
+        del now_us
+        if self.activity is not None and not self.answered:
+            self._abort = reason
+            self.answered = True
+
+    def complete(self, outcome: Outcome, now_us: int) -> None:
+        """Take what came of the activity."""
+        activity, self.activity = self.activity, None
+        abort, self._abort = self._abort, None
+        self.answered = False
+        if isinstance(outcome, Fault) and outcome.lost:
+            self._met = False
+        if isinstance(activity, Meet):
+            self._complete_meeting(outcome, abort, now_us)
+        elif activity is not None:
+            self._complete_activity(activity, outcome, abort, now_us)
+
+    def _complete_meeting(self, outcome: Outcome, abort: str | None, now_us: int) -> None:
+        reason = abort or (outcome.reason if isinstance(outcome, Fault) else None)
+        if reason is None:
+            self._met = True
+            self._failed_meetings = 0
+            self._emit(
+                "meet", now_us, since_us=self._shown_us, text=f"sensed {getattr(outcome, 'sensed_n', 0.0):.3f} N"
+            )
+            self._go_on(now_us)
+            return
+        self._emit("aborted", now_us, since_us=self._shown_us, reason=reason, text="meeting")
+        self._failed_meetings += 1
+        if self._failed_meetings >= self._most_attempts:
+            self._stop(reason)
+        else:
+            self._show(screens.repeat(reason), now_us)
+
+    def _go_on(self, now_us: int) -> None:
+        """Show what comes next."""
+        if not any(row.event == "consent" for row in self.rows):
+            self._show(screens.consent(self._consent), now_us)
+        else:
+            self._next(now_us)
+
+    def _meet(self, now_us: int) -> None:
+        self._show(screens.meeting(), now_us, Meet())
+
+    def _in_vain(self, this_n: int) -> int:
+        """Return how often a trial was begun in vain in this run; earlier runs may have had another device."""
+        fresh = self.rows[self._earlier :]
+        return sum(row.this_n == this_n and row.event in ("aborted", "repeated") for row in fresh)
+
+    def _show(self, screen: Screen, now_us: int, activity: Activity | None = None) -> None:
+        self.screen = screen
+        self.activity = activity
+        self._shown_us = now_us
+
+    def _finish(self) -> None:
+        self.done = True
+        self.activity = None
+        self.screen = screens.done()
+
+    def _stop(self, reason: str) -> None:
+        """Interrupt the session: it can go on later."""
+        self.done = True
+        self.activity = None
+        self.failure = reason
+        self.screen = screens.stopped(reason)
+
+    def _emit(self, event: Event, now_us: int, *, since_us: int | None = None, **values: Any) -> AnyRow:
+        """Store a row; `since_us` is when its event began."""
+        began_us = now_us if since_us is None else since_us
+        row = self.kind(
+            event=event,
+            **self._constants,
+            onset_s=self._offset_s + (began_us - self._begun_us) / 1e6,
+            duration_s=(now_us - began_us) / 1e6,
+            **values,
+        )
+        self.rows.append(row)
+        self._fresh.append(row)
+        return row
+
+    @abstractmethod
+    def _next(self, now_us: int) -> None:
+        """Show what comes next, once there is consent."""
+
+    @abstractmethod
+    def _take_key(self, key: str, now_us: int) -> None:
+        """Take a key that only this part of the study has."""
+
+    @abstractmethod
+    def _complete_activity(self, activity: Activity, outcome: Outcome, abort: str | None, now_us: int) -> None:
+        """Take what came of an activity that only this part of the study has."""

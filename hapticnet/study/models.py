@@ -1,0 +1,164 @@
+"""Models of single answers, for those who expect one: GEE, a mixed model and an ANOVA. They need statsmodels."""
+
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from hapticnet.errors import UnavailableError
+from hapticnet.study.rows import OrderRow
+
+LEAST_PARTICIPANTS: Final = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Effect:
+    """One coefficient of a model.
+
+    Attributes
+    ----------
+    model
+        Name of the model.
+    condition, reference
+        The two conditions that are compared; for the ANOVA "conditions" and "".
+    log_odds, low, high
+        Difference of the log odds of a correct order, with its 95 % interval; NaN for the ANOVA.
+    probability
+        Two-sided probability; for the mixed model twice the smaller share of the posterior on one side of 0.
+    note
+        What to know when reading it.
+    """
+
+    model: str
+    condition: str
+    reference: str
+    log_odds: float
+    low: float
+    high: float
+    probability: float
+    note: str
+
+
+GEE_NOTE: Final = "logit, exchangeable correlation within participants, bias-reduced errors (Mancl & DeRouen 2001)"
+MIXED_NOTE: Final = "logit, random intercepts of participants, variational Bayes"
+ANOVA_NOTE: Final = "commonly asked for; shares near the ceiling violate its assumptions. The paper made none"
+
+
+def fit_models(trials: Sequence[OrderRow], conditions: Sequence[str]) -> list[Effect]:
+    """Fit all models to answered trials; a model that fails is left out.
+
+    Parameters
+    ----------
+    conditions
+        Names of the conditions; the first is the reference.
+
+    Raises
+    ------
+    UnavailableError
+        If statsmodels is missing.
+    """
+    try:
+        import statsmodels.api  # noqa: F401
+    except ImportError as error:
+        raise UnavailableError("the models need statsmodels: pip install 'hapticnet[stats]'") from error
+    people = sorted({row.participant for row in trials})
+    if len(people) < LEAST_PARTICIPANTS or len(conditions) < 2:
+        return []
+    # Columns: intercept, then one for each condition but the reference.
+    design = np.array([[1.0] + [float(row.condition == name) for name in conditions[1:]] for row in trials])
+    correct = np.array([float(row.correct or 0) for row in trials])
+    groups = np.array([people.index(row.participant) for row in trials])
+    found: list[Effect] = []
+    for fit in (_gee, _mixed):
+        try:
+            with warnings.catch_warnings(), np.errstate(all="ignore"):
+                warnings.simplefilter("ignore")  # convergence is judged by what comes out
+                effects = fit(correct, design, groups)
+        except (ValueError, ArithmeticError, np.linalg.LinAlgError):
+            continue
+        found += [
+            Effect(model=name, condition=condition, reference=conditions[0], **values, note=note)
+            for condition, (name, note, values) in zip(conditions[1:], effects, strict=True)
+            if all(math.isfinite(value) for value in values.values())
+        ]
+    anova = _anova(trials, conditions, people)
+    return found + ([anova] if anova else [])
+
+
+def _gee(correct: Any, design: Any, groups: Any) -> list[tuple[str, str, dict[str, float]]]:
+    from statsmodels.genmod.cov_struct import Exchangeable
+    from statsmodels.genmod.families import Binomial
+    from statsmodels.genmod.generalized_estimating_equations import GEE
+
+    model = GEE(correct, design, groups=groups, family=Binomial(), cov_struct=Exchangeable())
+    fitted = model.fit(cov_type="bias_reduced")
+    intervals = fitted.conf_int()
+    return [
+        (
+            "GEE",
+            GEE_NOTE,
+            {
+                "log_odds": float(fitted.params[index]),
+                "low": float(intervals[index][0]),
+                "high": float(intervals[index][1]),
+                "probability": float(fitted.pvalues[index]),
+            },
+        )
+        for index in range(1, design.shape[1])
+    ]
+
+
+def _mixed(correct: Any, design: Any, groups: Any) -> list[tuple[str, str, dict[str, float]]]:
+    from statistics import NormalDist
+
+    from statsmodels.genmod.bayes_mixed_glm import BinomialBayesMixedGLM
+
+    random = np.eye(int(groups.max()) + 1)[groups]
+    fitted = BinomialBayesMixedGLM(correct, design, random, np.zeros(random.shape[1], dtype=int)).fit_vb()
+    effects = []
+    for index in range(1, design.shape[1]):
+        mean, deviation = float(fitted.fe_mean[index]), float(fitted.fe_sd[index])
+        tail = NormalDist().cdf(-abs(mean) / deviation) if deviation else math.nan
+        values = {
+            "log_odds": mean,
+            "low": mean - 1.96 * deviation,
+            "high": mean + 1.96 * deviation,
+            "probability": 2.0 * tail,
+        }
+        effects.append(("mixed model", MIXED_NOTE, values))
+    return effects
+
+
+def _anova(trials: Sequence[OrderRow], conditions: Sequence[str], people: Sequence[str]) -> Effect | None:
+    """Return a repeated-measures ANOVA of the shares; None unless every participant has every condition."""
+    shares = np.full((len(people), len(conditions)), np.nan)
+    for row, person in enumerate(people):
+        for column, name in enumerate(conditions):
+            own = [each.correct or 0 for each in trials if each.participant == person and each.condition == name]
+            if own:
+                shares[row, column] = np.mean(own)
+    if not np.isfinite(shares).all():
+        return None
+    from scipy.stats import f
+
+    between, within = len(conditions) - 1, (len(conditions) - 1) * (len(people) - 1)
+    grand = shares.mean()
+    effect = len(people) * float(((shares.mean(axis=0) - grand) ** 2).sum())
+    rest = shares - shares.mean(axis=0) - shares.mean(axis=1, keepdims=True) + grand
+    error = float((rest**2).sum())
+    if error <= 0.0:
+        return None
+    ratio = (effect / between) / (error / within)
+    return Effect(
+        model="repeated-measures ANOVA",
+        condition=f"F({between}, {within}) = {ratio:.2f}",
+        reference="",
+        log_odds=math.nan,
+        low=math.nan,
+        high=math.nan,
+        probability=float(f.sf(ratio, between, within)),
+        note=ANOVA_NOTE,
+    )

@@ -1,0 +1,319 @@
+"""Simulated observers, who answer in the place of a participant. Their results are titled "simulated".
+
+An observer decides on what reaches the finger: the forces of two stimuli, or the cues of each contact with a tissue
+(`cues.Look`). Every parameter has its source in `ObserverSettings`; docs/observers.md tells what the observers can show
+and what they cannot.
+"""
+
+import dataclasses
+import difflib
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from statistics import NormalDist
+from typing import Final, Literal, TypeAlias, get_args
+
+import numpy as np
+
+from hapticnet.arrays import FloatArray
+from hapticnet.checks import check_parameter
+from hapticnet.errors import SettingsError
+from hapticnet.study.cues import Look
+
+Cue: TypeAlias = Literal["peak", "slope", "early", "work", "updates"]
+Answering: TypeAlias = Literal["", "same", "never"]
+
+CUE_FIELDS: Final[Mapping[Cue, str]] = {
+    "peak": "peak_n",
+    "slope": "slope_n_per_m",
+    "early": "early_n",
+    "work": "work_j",
+    "updates": "updates",
+}
+
+SIGMAS_PER_JND: Final = NormalDist().inv_cdf(0.75) * math.sqrt(2.0)
+"""A JND is the difference that is told right in 75 % of forced choices: 0.954 standard deviations of one judgement."""
+
+LEAST_FORCE_N: Final = 0.01
+"""Cues below this are raised to it before their logarithm is taken: a tissue that was hardly felt is very soft."""
+
+RATING_SD: Final = 0.7
+RESPONSE_SPREAD: Final = 0.4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ObserverSettings:
+    """Perception of an observer. JNDs are relative differences that are told right in 75 % of forced choices.
+
+    Attributes
+    ----------
+    name
+        Name in tables and reports.
+    cue
+        Cue by which tissues are ordered: the largest force, the slope of force against position, the mean force over
+        the first 3 mm, the work, or the number of updates. Terminal force: Fu, van Paassen & Mulder 2017, and Tan,
+        Durlach, Beauregard & Srinivasan 1995.
+    force_jnd
+        JND of one force, as a share of it. 7 %: Pang, Tan & Durlach 1991, active pinch, 2.5–10 N. About 10 % at the
+        index finger at 2–5 N.
+    force_floor_n
+        Standard deviation of a felt force as the force vanishes [N]. JNDs are 15–27 % below 0.5 N (quoted in Scientific
+        Reports 2022, s41598-022-12010-0); the value is an assumption.
+    stiffness_jnd
+        JND of the stiffness of two tissues touched once, with the noise of position and memory. 22.5 %: between Tan and
+        others 1995 (22 %) and Jones & Hunter 1990 (23 %). What exceeds the noise of force does not shrink with more
+        contacts, because it is of the memory.
+    criterion
+        How many standard deviations of the felt difference are called "different". An assumption; the JND of an
+        ascending method of limits depends on it, see docs/observers.md.
+    spread
+        Standard deviation, over participants, of the logarithm of all noise. An assumption, within which the standard
+        errors of the paper fall.
+    lapse
+        Share of answers that are guesses. An assumption; 0 to 5 % is common.
+    step_masking
+        Noise that steps of the held force add to a judgement, in multiples of the step. Fitted to the paper's results;
+        see `OBSERVERS`.
+    step_lapses
+        Share of guesses for each unit of the step. Fitted likewise.
+    rhythm
+        Share of trials, for each unit of the step, that are ordered by the number of updates. Fitted likewise.
+    annoyance
+        By how much a rating falls for a step of one `force_jnd`. An assumption, so that ratings vary.
+    response_s
+        Median time to an answer [s]. An assumption.
+    answering
+        "same": always the same answer; "never": never says "different". For tests of the procedures.
+    """
+
+    name: str = "literature"
+    cue: Cue = "peak"
+    force_jnd: float = 0.07
+    force_floor_n: float = 0.0125
+    stiffness_jnd: float = 0.225
+    criterion: float = 1.64
+    spread: float = 0.35
+    lapse: float = 0.0
+    step_masking: float = 0.0
+    step_lapses: float = 0.0
+    rhythm: float = 0.0
+    annoyance: float = 1.0
+    response_s: float = 2.0
+    answering: Answering = ""
+
+    def __post_init__(self) -> None:
+        where = f"observer {self.name!r}:"
+        for name, choices in (("cue", get_args(Cue)), ("answering", get_args(Answering))):
+            if getattr(self, name) not in choices:
+                raise SettingsError(f"{where} {name} is {getattr(self, name)!r}; choose from {', '.join(choices)}")
+        for name, largest in (
+            ("force_jnd", 1.0),
+            ("force_floor_n", 1.0),
+            ("stiffness_jnd", 10.0),
+            ("criterion", 10.0),
+            ("spread", 2.0),
+            ("lapse", 1.0),
+            ("step_masking", 100.0),
+            ("step_lapses", 100.0),
+            ("rhythm", 100.0),
+            ("annoyance", 10.0),
+            ("response_s", 1000.0),
+        ):
+            check_parameter(f"{where} {name}", getattr(self, name), 0.0, largest)
+
+    @property
+    def force_sigma(self) -> float:
+        """Standard deviation of the logarithm of a felt force."""
+        return math.log1p(self.force_jnd) / SIGMAS_PER_JND
+
+    @property
+    def memory_sigma(self) -> float:
+        """Standard deviation of the logarithm of a remembered stiffness, without the noise of the force."""
+        total = math.log1p(self.stiffness_jnd) / SIGMAS_PER_JND
+        return math.sqrt(max(total * total - self.force_sigma * self.force_sigma, 0.0))
+
+    @property
+    def fitted(self) -> bool:
+        """Whether a mechanism that was fitted to the paper's results is on."""
+        return bool(self.step_masking or self.step_lapses or self.rhythm)
+
+    def of_participant(self, rng: np.random.Generator) -> "ObserverSettings":
+        """Return the settings of one participant, whose noise differs by `spread`."""
+        factor = math.exp(rng.normal(0.0, self.spread))
+        return replace(
+            self,
+            force_jnd=min(self.force_jnd * factor, 1.0),
+            force_floor_n=min(self.force_floor_n * factor, 1.0),
+            stiffness_jnd=min(math.expm1(math.log1p(self.stiffness_jnd) * factor), 10.0),
+            step_masking=min(self.step_masking * factor, 100.0),
+        )
+
+
+FITTED_STIFFNESS_JND: Final = 0.255
+"""JND of stiffness with which the peak cue gives the paper's 77.5 % without compression."""
+
+OBSERVERS: Final[Mapping[str, ObserverSettings]] = {
+    each.name: each
+    for each in (
+        ObserverSettings(),
+        ObserverSettings(name="force-only", stiffness_jnd=0.07),
+        ObserverSettings(name="fitted", stiffness_jnd=FITTED_STIFFNESS_JND),
+        ObserverSettings(name="step-masking", stiffness_jnd=0.25, step_masking=2.1),
+        ObserverSettings(name="step-lapses", stiffness_jnd=FITTED_STIFFNESS_JND, step_lapses=2.2),
+        ObserverSettings(name="rhythm", stiffness_jnd=FITTED_STIFFNESS_JND, rhythm=3.5),
+        ObserverSettings(name="always-same", answering="same"),
+        ObserverSettings(name="never-different", answering="never"),
+    )
+}
+"""The observers by name.
+
+"literature" uses nothing of the paper's results. "force-only" has no memory noise. "fitted" has the JND of stiffness
+that gives the paper's result without compression. "step-masking", "step-lapses" and "rhythm" also have a mechanism
+fitted to the paper's results at 2 and 4 JND, so they predict nothing about them. The last two test the procedures.
+"""
+
+
+def parse_observer(text: str) -> ObserverSettings:
+    """Return the observer written as ``NAME[:KEY=VALUE,…]``, such as ``literature:force_jnd=0.1,cue=slope``.
+
+    Raises
+    ------
+    SettingsError
+        If there is no such observer or parameter, or a value is out of range.
+    """
+    name, _, given = text.partition(":")
+    if name not in OBSERVERS:
+        raise SettingsError(
+            f"unknown observer {name!r}{_similar(name, list(OBSERVERS))}; there are: {', '.join(OBSERVERS)}"
+        )
+    fields = {field.name: field.type for field in dataclasses.fields(ObserverSettings) if field.name != "name"}
+    values: dict[str, str | float] = {}
+    for part in filter(None, given.split(",")):
+        key, equals, value = part.partition("=")
+        if not equals or key not in fields:
+            raise SettingsError(
+                f"observer {name!r} has no parameter {key!r}{_similar(key, list(fields))}; it has: {', '.join(fields)}"
+            )
+        try:
+            values[key] = float(value) if fields[key] is float else value
+        except ValueError:
+            raise SettingsError(f"observer {name!r}: {key} is {value!r}; it must be a number") from None
+    settings = replace(OBSERVERS[name], **values)  # type: ignore[arg-type]
+    return replace(settings, name=text) if values else settings
+
+
+class Observer:
+    """A simulated participant.
+
+    Parameters
+    ----------
+    settings
+        Perception of this participant; `ObserverSettings.of_participant` draws one.
+    rng
+        Source of noise, lapses and times.
+    """
+
+    def __init__(self, settings: ObserverSettings, rng: np.random.Generator) -> None:
+        self.settings = settings
+        self._rng = rng
+
+    def different(self, first_n: float, second_n: float) -> bool:
+        """Return whether the second force feels different from the first, as in the method of limits."""
+        if self.settings.answering:
+            return self.settings.answering == "same"
+        if self._lapses(self.settings.lapse):
+            return bool(self._rng.integers(2))
+        noise_n = math.hypot(self._noise_n(first_n), self._noise_n(second_n))
+        felt_n = second_n - first_n + noise_n * self._rng.standard_normal()
+        return bool(abs(felt_n) > self.settings.criterion * noise_n)
+
+    def stronger(self, first_n: float, second_n: float) -> int:
+        """Return which of two forces feels stronger, 1 or 2, as in a forced choice."""
+        if self.settings.answering:
+            return 1
+        if self._lapses(self.settings.lapse):
+            return int(self._rng.integers(1, 3))
+        noise_n = math.hypot(self._noise_n(first_n), self._noise_n(second_n))
+        return 2 if second_n - first_n + noise_n * self._rng.standard_normal() > 0.0 else 1
+
+    def order(self, contacts: Sequence[Look], tissues: int = 3) -> tuple[int, ...]:
+        """Return the tissues from softest to hardest, numbered from 0, front to back, after these contacts.
+
+        A tissue that was not touched is taken for the softest.
+        """
+        if self.settings.answering:
+            return tuple(range(tissues))
+        cues = np.full((1, tissues), LEAST_FORCE_N)
+        updates, steps, counts = np.zeros((1, tissues)), np.zeros((1, tissues)), np.ones((1, tissues))
+        for tissue in range(tissues):
+            own = [look for look in contacts if look.tissue == tissue]
+            if own:
+                cues[0, tissue] = _mean_cue(own, self.settings.cue)
+                updates[0, tissue] = np.mean([look.updates for look in own])
+                steps[0, tissue] = np.mean([look.step for look in own])
+                counts[0, tissue] = len(own)
+        return tuple(judged(self.settings, cues, updates, steps, counts, self._rng)[0].tolist())
+
+    def rate(self, contacts: Sequence[Look]) -> int:
+        """Return the quality of experience of a block, from 1 (bad) to 7 (excellent); worse with larger steps."""
+        if self.settings.answering:
+            return 4
+        step = float(np.mean([look.step for look in contacts])) if contacts else 0.0
+        jnds = step / self.settings.force_jnd if self.settings.force_jnd else 0.0
+        return int(np.clip(round(6.5 - self.settings.annoyance * jnds + RATING_SD * self._rng.standard_normal()), 1, 7))
+
+    def takes_s(self) -> float:
+        """Return the time to the next answer [s]."""
+        return float(self.settings.response_s * math.exp(RESPONSE_SPREAD * self._rng.standard_normal()))
+
+    def _noise_n(self, force_n: float) -> float:
+        return math.hypot(self.settings.force_sigma * force_n, self.settings.force_floor_n) or 1e-12
+
+    def _lapses(self, share: float) -> bool:
+        return bool(self._rng.random() < share)
+
+
+def judged(
+    settings: ObserverSettings,
+    cues: FloatArray,
+    updates: FloatArray,
+    steps: FloatArray,
+    counts: FloatArray,
+    rng: np.random.Generator,
+    *,
+    factor: FloatArray | float = 1.0,
+) -> "np.ndarray[tuple[int, ...], np.dtype[np.int64]]":
+    """Return the orders that an observer would answer in many trials, from softest to hardest, shape (n, tissues).
+
+    Parameters
+    ----------
+    cues, updates, steps, counts
+        For each trial and tissue, shape (n, tissues): the felt cue, the number of updates, the step, and the number of
+        contacts.
+    factor
+        By how much each trial's observer is noisier than the settings, shape (n, 1): participants differ.
+    """
+    trials = len(cues)
+    step = steps.mean(axis=1, keepdims=True)
+    sigma = factor * np.sqrt(
+        settings.force_sigma**2 / np.maximum(counts, 1.0)
+        + settings.memory_sigma**2
+        + (settings.step_masking * steps) ** 2
+    )
+    felt = np.log(np.maximum(cues, 1e-6))
+    if settings.rhythm:
+        by_rhythm = rng.random((trials, 1)) < settings.rhythm * step
+        felt = np.where(by_rhythm, np.log(np.maximum(updates, 0.5)), felt)
+    felt = felt + sigma * rng.standard_normal(cues.shape)
+    guesses = rng.random((trials, 1)) < np.minimum(settings.lapse + settings.step_lapses * step, 1.0)
+    felt = np.where(guesses, rng.random(cues.shape), felt)
+    return np.argsort(felt, axis=1)
+
+
+def _mean_cue(own: Sequence[Look], cue: Cue) -> float:
+    return float(np.mean([max(getattr(look, CUE_FIELDS[cue]), 1e-6) for look in own]))
+
+
+def _similar(name: str, known: list[str]) -> str:
+    close = difflib.get_close_matches(name, known, n=1)
+    return f"; did you mean {close[0]!r}?" if close else ""

@@ -1,0 +1,44 @@
+"""Reading of a study's files, wherever they lie in a folder."""
+
+from pathlib import Path
+
+from hapticnet.errors import FileError
+from hapticnet.study import store
+from hapticnet.study.rows import AnyRow, OrderRow
+from hapticnet.study.weber import ParticipantFile, load_participant
+
+
+def table_files(folder: Path, kind: type[AnyRow]) -> list[Path]:
+    """Return the tables of a kind in a folder and below, in order of their names.
+
+    Raises
+    ------
+    FileError
+        If the folder does not exist.
+    """
+    if not folder.is_dir():
+        raise FileError(f"{folder}: no such folder")
+    mark = "order_true" if kind is OrderRow else "reference_n"
+    found = []
+    for file in sorted(folder.rglob("*.tsv")):
+        with file.open(encoding="utf-8", errors="replace") as lines:
+            names = lines.readline(100_000).rstrip("\n").split("\t")
+        if mark in names and "event" in names:
+            found.append(file)
+    return found
+
+
+def read_rows(folder: Path, kind: type[AnyRow]) -> list[AnyRow]:
+    """Return the rows of every table of a kind in a folder and below, table by table.
+
+    Raises
+    ------
+    FileError
+        If the folder does not exist or a table cannot be read.
+    """
+    return [row for file in table_files(folder, kind) for row in store.read_rows(file, kind)]
+
+
+def read_people(folder: Path) -> list[ParticipantFile]:
+    """Return what was measured of each participant, from ``participants/*.toml`` in a folder and below."""
+    return [load_participant(file) for file in sorted(folder.rglob("participants/*.toml"))]

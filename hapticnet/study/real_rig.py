@@ -1,0 +1,256 @@
+"""The chain of a session in real time: one device for all of it, and for each trial a session with the slave."""
+
+import asyncio
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, Self
+
+import numpy as np
+
+from hapticnet.channel.emulator import Emulator
+from hapticnet.channel.spec import parse_channel
+from hapticnet.errors import HapticnetError, UnavailableError
+from hapticnet.node.fingertip import DeviceLost, Fingertip, ForceFault
+from hapticnet.node.master import MasterNode
+from hapticnet.node.master_events import NodeEvent
+from hapticnet.node.master_settings import MasterSettings
+from hapticnet.operator.base import Operator
+from hapticnet.runtime.clock import now_us
+from hapticnet.runtime.entropy import SystemEntropy
+from hapticnet.runtime.master_run import MasterRunner
+from hapticnet.runtime.serial_port import SerialPort, Wire, open_wire
+from hapticnet.runtime.timer import Ticker
+from hapticnet.runtime.udp import HostPort, open_toward
+from hapticnet.runtime.waiting import either, until
+from hapticnet.runtime.watching import Watcher, Watchers
+from hapticnet.study.hand import scripted_hand
+from hapticnet.study.rig import SETTLE_US, TICK_US, Activity, Fault, Meet, Outcome, Play, disturbance, procedure_of
+from hapticnet.study.trial import Played, Stimulus, measure
+
+if TYPE_CHECKING:
+    from hapticnet.node.procedures import Meeting
+    from hapticnet.study.stimulus import Presentation
+
+CONNECT_WITHIN_S: Final = 10.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Body:
+    """What stays for the whole session: finger, wire and hand.
+
+    Attributes
+    ----------
+    hand
+        The hand of a person; None for the scripted hand of a simulated observer, which ends each trial.
+    hand_watchers
+        What must run beside the hand.
+    """
+
+    fingertip: Fingertip
+    wire: Wire | None = None
+    hand: Operator | None = None
+    hand_watchers: Sequence[Watcher[NodeEvent]] = ()
+
+
+class RealRig:
+    """The chain in real time. Use it as an asynchronous context manager.
+
+    Parameters
+    ----------
+    body
+        What stays for the whole session.
+    settings
+        Settings of the masters, such as the key.
+    address
+        Where the slave listens; it serves `scene.NamedTissues`. None without trials.
+    tell
+        Called with a line for the experimenter.
+    """
+
+    def __init__(
+        self, body: Body, settings: MasterSettings, address: HostPort | None, *, tell: Callable[[str], None]
+    ) -> None:
+        self.description = body.fingertip.device.description
+        self._body = body
+        self._settings = settings
+        self._address = address
+        self._watchers = Watchers[NodeEvent](body.hand_watchers, tell)
+        self._serial: SerialPort | None = None
+        self._ticker: Ticker | None = None
+        self._procedure: Meeting | Presentation | None = None
+        self._performed: asyncio.Future[Outcome] | None = None
+        self._stop = asyncio.Event()
+        self._playing = False
+        self._closing: asyncio.Task[Any] | None = None
+        self._lost: str | None = None
+
+    async def __aenter__(self) -> Self:
+        loop = asyncio.get_running_loop()
+        if self._body.wire is not None:
+            self._serial = await open_wire(self._body.wire, asyncio.Event())
+        try:
+            await self._watchers.start()
+        except BaseException:
+            if self._serial is not None:
+                await self._serial.stop()
+            raise
+        self._ticker = Ticker(loop, TICK_US, self._tick)
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self.stop()
+        if self._closing is not None:
+            await self._closing
+        self._press_nothing(now_us())
+        if self._ticker is not None:
+            self._ticker.stop()
+        await self._watchers.stop()
+        if self._serial is not None:
+            await self._serial.stop()
+
+    def now_us(self) -> int:
+        """Return the time [µs] on the monotonic clock."""
+        return now_us()
+
+    async def wait(self, duration_us: int) -> None:
+        """Let time [µs] pass while nothing is felt."""
+        await asyncio.sleep(duration_us / 1e6)
+
+    def stop(self) -> None:
+        """End the present activity: the force goes to zero at once."""
+        self._stop.set()
+        if self._performed is not None and not self._performed.done():
+            self._performed.set_result(Fault("stopped", lost=False))
+            self._procedure = None
+            self._press_nothing(now_us())
+
+    async def run(self, activity: Activity) -> Outcome:
+        """Perform an activity until it is over or `stop` is called."""
+        if self._closing is not None:
+            await self._closing
+            self._closing = None
+        if not isinstance(activity, Meet) and self._lost is not None:
+            return Fault(self._lost)
+        self._stop.clear()
+        try:
+            if isinstance(activity, Play):
+                return await self._play(activity.stimulus)
+            self._lost = None
+            self._performed = asyncio.get_running_loop().create_future()
+            self._procedure = procedure_of(activity, self._body.fingertip)
+            return await self._performed
+        except HapticnetError as error:
+            return Fault(str(error), lost=isinstance(error, UnavailableError) and not isinstance(activity, Play))
+        finally:
+            self._procedure = self._performed = None
+
+    async def _play(self, stimulus: Stimulus) -> Outcome:
+        if self._address is None:
+            raise UnavailableError("no slave was named")
+        body = self._body
+        hand = body.hand or scripted_hand(stimulus)
+        sock, slave = open_toward(self._address)
+        node = MasterNode(hand, body.fingertip, stimulus.master_settings(self._settings), SystemEntropy())
+        disturbances = _Disturbances(self)
+        forward, feedback = (_emulator(stimulus, which) for which in ("forward", "feedback"))
+        runner = MasterRunner(
+            node, sock, slave, stop=self._stop, channel=forward, channel_in=feedback, watchers=[disturbances]
+        )
+        self._playing = True
+        await runner.start()
+        try:
+            if not await either(runner.connected, self._stop, CONNECT_WITHIN_S):
+                return Fault(f"no session with the slave at {self._address}: is it running there?", lost=False)
+            limit_s = stimulus.limit_s
+            if body.hand is None and hand.duration_us is not None:
+                limit_s = (hand.duration_us + SETTLE_US) / 1e6
+            await until(self._stop, limit_s)
+        finally:
+            node.paused = "the trial is over"  # so that nothing is held while the session closes
+            self._press_nothing(now_us())
+            self._closing = asyncio.ensure_future(self._close(runner))
+        fault = disturbances.fault
+        if fault is not None and (fault.lost or not node.recording):
+            return fault
+        recording = node.recording
+        if recording is None or not len(recording):
+            return Fault("no position was sent", lost=False)
+        measures = measure(
+            node, stimulus, missed_ticks=runner.missed_ticks, link_stale=int(fault is not None and not fault.lost)
+        )
+        return Played(
+            stimulus=stimulus,
+            measures=measures,
+            ticks=recording.table(),
+            failure=None if fault is None else fault.reason,
+        )
+
+    async def _close(self, runner: MasterRunner) -> None:
+        try:
+            await runner.finish("the trial is over")
+        finally:
+            self._playing = False
+
+    def _tick(self, now: int) -> None:
+        """Drive the device while no trial does."""
+        if self._playing:
+            return
+        procedure, performed = self._procedure, self._performed
+        if procedure is None or performed is None or performed.done():
+            self._press_nothing(now)
+        else:
+            try:
+                if procedure.tick(now):
+                    performed.set_result(procedure.result())
+            except HapticnetError as error:
+                performed.set_result(Fault(str(error)))
+                self._press_nothing(now)
+        self._after_tick(now)
+        while (event := self._body.fingertip.next_event()) is not None:
+            if isinstance(event, DeviceLost | ForceFault):
+                self._lost = event.reason
+
+    def _after_tick(self, now: int) -> None:
+        if self._serial is not None:
+            self._serial.flush(now)
+        self._watchers.observe(now)
+
+    def _press_nothing(self, now: int) -> None:
+        self._body.fingertip.press(0.0, now)
+        if self._serial is not None:
+            self._serial.flush(now)
+
+
+class _Disturbances(Watcher[NodeEvent]):
+    """Ends a trial when its link or its device fails, and passes on what the hand and the wire need."""
+
+    name = "study"
+
+    def __init__(self, rig: RealRig) -> None:
+        self.fault: Fault | None = None
+        self._rig = rig
+
+    def observe(self, now_us: int) -> None:
+        """Pass a tick on."""
+        self._rig._after_tick(now_us)
+
+    def note(self, event: NodeEvent, now_us: int) -> None:
+        """End the trial if this event spoils it."""
+        rig = self._rig
+        rig._watchers.note(event, now_us)
+        if self.fault is None and not rig._stop.is_set():
+            self.fault = disturbance(event)
+            if self.fault is not None:
+                if self.fault.lost:
+                    rig._lost = self.fault.reason
+                rig._stop.set()
+
+    def check(self, now_us: int) -> None:
+        """Pass it on."""
+        self._rig._watchers.check(now_us)
+
+
+def _emulator(stimulus: Stimulus, which: str) -> Emulator[Any] | None:
+    settings = parse_channel(stimulus.forward if which == "forward" else stimulus.feedback)
+    number = 1 if which == "forward" else 2
+    return None if settings.is_perfect else Emulator[Any](settings, np.random.default_rng([stimulus.seed, number]))

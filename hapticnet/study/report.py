@@ -1,0 +1,185 @@
+"""The report of a study in Markdown."""
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+from hapticnet.study.models import Effect
+from hapticnet.study.results import Results
+from hapticnet.study.tables import UNKNOWN, chance, comparison_table, condition_table, number
+from hapticnet.study.weber import ParticipantFile
+
+JND_HEAD: Final = (
+    "| participant | method | Weber fraction, mean of ratios | 95 % interval | through the origin | residual |"
+    " false alarms | error of the device [N] | simulated |"
+)
+
+COMPARED: Final = (
+    "Exact sign-flip test over participants; Holm's adjustment over the conditions of a measure. Equivalence: two"
+    " one-sided sign-flip tests with the margin of ±{margin:g} points. An interval is all shifts that the test does not"
+    " reject; with fewer than 6 participants there is none."
+)
+
+SIMULATED: Final = (
+    "**No person took part.** A program answered in the place of each participant; docs/observers.md says what such"
+    " answers can show and what they cannot."
+)
+
+NO_PAPER_TEST: Final = (
+    "The paper printed means and standard errors only. It made no test; every probability below is of this study."
+)
+
+
+def markdown(
+    results: Results,
+    *,
+    title: str,
+    figures: Sequence[str] = (),
+    effects: Sequence[Effect] = (),
+    models_note: str | None = None,
+    people: Sequence[ParticipantFile] = (),
+    origin: Sequence[str] = (),
+) -> str:
+    """Return the report.
+
+    Parameters
+    ----------
+    figures
+        Names of the pictures beside the report.
+    effects
+        Coefficients of the models; `models_note` says why there are none.
+    people
+        The measured JNDs.
+    origin
+        Lines on version, date and machine.
+    """
+    simulated = f" – SIMULATED ({', '.join(results.simulated)})" if results.simulated else ""
+    parts = [f"# {title}{simulated}", ""]
+    if results.simulated:
+        parts += [
+            SIMULATED,
+            "",
+        ]
+    parts += [_summary(results), "", "## Conditions", "", *condition_table(results), ""]
+    parts += [
+        "Wilson's interval takes trials as independent; the standard error (s.e.) is over participants, n − 1. "
+        + NO_PAPER_TEST,
+        "",
+        *[line for name in figures if name.endswith(".png") for line in (f"![{_plain(name)}]({name})", "")],
+        "## Differences to no compression",
+        "",
+        *comparison_table(results.comparisons),
+        "",
+        COMPARED.format(margin=100 * results.margin),
+        "",
+        "## From which threshold on is performance worse?",
+        "",
+        _curve_text(results),
+        "",
+        *_quality(results),
+        *_models(effects, models_note),
+        *_jnds(people),
+        "## Origin",
+        "",
+        *[f"- {line}" for line in origin],
+    ]
+    return "\n".join(parts).rstrip() + "\n"
+
+
+def _summary(results: Results) -> str:
+    people = f"{len(results.participants)} participant{'s' if len(results.participants) > 1 else ''}"
+    trials = sum(each.trials for each in results.conditions)
+    return (
+        f"{people}, {trials} answered trials in {len(results.conditions)} conditions; {results.repeated} trials were"
+        f" repeated because the device did not deliver, {results.aborted} aborted."
+    )
+
+
+def _curve_text(results: Results) -> str:
+    shown = [each for each in results.comparisons if each.measure == "correct"]
+    worse = [each for each in shown if each.adjusted < 0.05 and each.difference < 0.0]
+    equal = [each for each in shown if each.within_margin < 0.05]
+    text = [
+        "Shown to be equivalent to no compression: " + (", ".join(each.condition for each in equal) or "none") + ".",
+        "Shown to be worse: " + (", ".join(each.condition for each in worse) or "none") + ".",
+        "What is in neither list is undecided by these data.",
+    ]
+    point = results.curve
+    if point is None:
+        text.append("A curve needs two thresholds of one codec, no compression, and two participants.")
+    elif point.at is None:
+        text.append(
+            f"The mean of the participants, made to fall monotonically, stays within the margin of"
+            f" {100 * results.margin:g} points up to the largest threshold; {100 * point.reached:.0f} % of resamples"
+            " of participants leave it."
+        )
+    else:
+        high = f"{point.high:.1f} JND" if math.isfinite(point.high) else "beyond the largest threshold"
+        text.append(
+            f"The mean of the participants, made to fall monotonically and joined by lines, leaves the margin of"
+            f" {100 * results.margin:g} points at **{point.at:.1f} JND** (95 % interval over resampled participants:"
+            f" {point.low:.1f} JND to {high})."
+        )
+    return " ".join(text)
+
+
+def _quality(results: Results) -> list[str]:
+    if not results.predictors:
+        return []
+    lines = [
+        "## Quality of experience",
+        "",
+        "Correlation of the ratings with objective measures, within participants:",
+        "",
+    ]
+    lines += ["| measure | r |", "|---|---|"]
+    lines += [
+        f"| {key} | {value:+.2f} |" for key, value in sorted(results.predictors.items(), key=lambda each: -abs(each[1]))
+    ]
+    if results.simulated:
+        lines += [
+            "",
+            "A simulated rating follows the step of the force by assumption; these correlations show nothing.",
+        ]
+    return [*lines, ""]
+
+
+def _models(effects: Sequence[Effect], note: str | None) -> list[str]:
+    if not effects:
+        return ["## Models", "", note, ""] if note else []
+    lines = [
+        "## Models",
+        "",
+        "| model | condition | log odds | 95 % interval | p | note |",
+        "|---|---|---|---|---|---|",
+    ]
+    for each in effects:
+        known = math.isfinite(each.log_odds)
+        against = f"{each.condition} − {each.reference}" if each.reference else each.condition
+        odds = f"{each.log_odds:+.2f} | {each.low:+.2f} to {each.high:+.2f}" if known else f"{UNKNOWN} | {UNKNOWN}"
+        lines.append(f"| {each.model} | {against} | {odds} | {chance(each.probability)} | {each.note} |")
+    return [*lines, ""]
+
+
+def _jnds(people: Sequence[ParticipantFile]) -> list[str]:
+    if not people:
+        return []
+    lines = [
+        "## JND of each participant",
+        "",
+        JND_HEAD,
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for each in people:
+        interval = UNKNOWN if each.low is None or each.high is None else f"{each.low:.3f} to {each.high:.3f}"
+        alarms = UNKNOWN if each.catch_series is None else f"{each.false_alarms} of {each.catch_series}"
+        lines.append(
+            f"| {each.participant} | {each.method} | {each.weber_fraction:.3f} | {interval} |"
+            f" {number(each.through_origin)} | {number(each.residual)} | {alarms} | {number(each.device_error_n)} |"
+            f" {each.simulated or 'no'} |"
+        )
+    return [*lines, ""]
+
+
+def _plain(name: str) -> str:
+    return name.rpartition("/")[2].rpartition(".")[0].replace("-", " ")

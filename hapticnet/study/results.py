@@ -1,0 +1,134 @@
+"""What an analysis of the ordering task finds: figures of conditions, and comparisons between them."""
+
+from dataclasses import dataclass
+from typing import Final
+
+from hapticnet.study.statistics import Leaving
+
+CHANCE: Final = 1 / 6
+"""Share of correct orders by guessing."""
+
+MARGIN: Final = 0.1
+"""Default margin of equivalence: the plan's, which is stated before the study."""
+
+PAPER_ERRORS: Final = {"none": 0.075, "1 JND": 0.056, "2 JND": 0.049, "4 JND": 0.065}
+"""Standard errors of the share of correct orders in Fig. 5 of "Cutaneous haptic deadband compression"."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Figure:
+    """A measure of one condition.
+
+    Attributes
+    ----------
+    mean
+        Mean over participants; None without data.
+    error
+        Standard error over participants, n − 1.
+    each
+        The figure of each participant, in their order; NaN where missing.
+    """
+
+    mean: float | None
+    error: float | None
+    each: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConditionResult:
+    """What participants did under one condition.
+
+    Attributes
+    ----------
+    name, codec, multiplier
+        As in the plan.
+    trials, correct
+        Trials answered, and those with the whole order right.
+    interval
+        Wilson's 95 % interval of that share, as if all trials were independent.
+    figures
+        The figures of `MEASURES` by name.
+    pair_shares
+        Share of right answers for each pair of tissues, by the rank of stiffness: softest–middle, middle–hardest,
+        softest–hardest.
+    paper_correct, paper_error, paper_byte_reduction
+        The paper's figures for the condition of this name; None without one.
+    """
+
+    name: str
+    codec: str
+    multiplier: float
+    trials: int
+    correct: int
+    interval: tuple[float, float]
+    figures: dict[str, Figure]
+    pair_shares: tuple[float, float, float]
+    paper_correct: float | None
+    paper_error: float | None
+    paper_byte_reduction: float | None
+
+    @property
+    def share(self) -> float:
+        """Share of correct orders."""
+        return self.correct / self.trials if self.trials else 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """A condition less the reference, over participants.
+
+    Attributes
+    ----------
+    measure
+        The compared measure, a key of `MEASURES`.
+    difference, interval
+        Mean difference and its 95 % interval by inversion of the sign-flip test.
+    probability, adjusted
+        Two-sided probability of the exact sign-flip test, and after Holm for the comparisons of this measure.
+    within_margin, margin, interval_90
+        Probability of the two one-sided tests of equivalence; the margin; the 90 % interval.
+    participants
+        Number of participants with both conditions.
+    """
+
+    measure: str
+    condition: str
+    reference: str
+    difference: float
+    interval: tuple[float, float]
+    probability: float
+    adjusted: float
+    within_margin: float
+    margin: float
+    interval_90: tuple[float, float]
+    participants: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Results:
+    """Results of a study.
+
+    Attributes
+    ----------
+    simulated
+        Names of the simulated observers in the data; empty if all answers are of people.
+    participants
+        Participants with trials.
+    repeated, aborted
+        Trials that were not accepted.
+    curve
+        Where the share of correct orders leaves the margin below that of no compression, by multiplier; None with fewer
+        than two thresholds.
+    predictors
+        Correlation, within participants, of the rating with each objective measure.
+    """
+
+    simulated: tuple[str, ...]
+    participants: tuple[str, ...]
+    conditions: tuple[ConditionResult, ...]
+    comparisons: tuple[Comparison, ...]
+    margin: float
+    curve: Leaving | None
+    predictors: dict[str, float]
+    repeated: int
+    aborted: int

@@ -1,0 +1,219 @@
+"""The chain that a session plays its stimuli through: device and force loop, and for each trial a network and a scene.
+
+`Rig` is its interface. `VirtualRig` runs it in virtual time with a simulated device; `real_rig.RealRig` in real time.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final, Protocol, TypeAlias
+
+import numpy as np
+
+from hapticnet.channel.emulator import Emulator
+from hapticnet.channel.spec import parse_channel
+from hapticnet.errors import UnavailableError
+from hapticnet.node.admission import SlaveSettings
+from hapticnet.node.fingertip import DeviceLost, Fingertip, ForceFault
+from hapticnet.node.loopback import Loopback
+from hapticnet.node.master import MasterNode
+from hapticnet.node.master_events import Failed, NodeEvent
+from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.procedures import Meeting, Met
+from hapticnet.node.slave import SlaveNode
+from hapticnet.operator.base import Operator
+from hapticnet.protocol.events import Ended, LinkStale, Refused, SessionLost
+from hapticnet.scene.base import Touchable
+from hapticnet.study.hand import scripted_hand
+from hapticnet.study.scene import NamedTissues
+from hapticnet.study.stimulus import Pair, Presentation, Presented
+from hapticnet.study.trial import Measures, Played, Stimulus, measure
+
+TICK_US: Final = 1000
+
+SLICE_US: Final = 100_000
+"""How often [µs] a trial in virtual time is asked for events."""
+
+SETTLE_US: Final = 300_000
+"""Time [µs] after the last motion of a script, until the device has delivered the last force."""
+
+NO_MEASURES: Final = Measures(
+    first_contact_s=None,
+    insertions=0,
+    penetrations=0,
+    peaks_held_n=(None, None, None),
+    peaks_sensed_n=(None, None, None),
+    peak_speed_m_per_s=None,
+    force_packets=0,
+    wire_bytes=0,
+)
+
+MakeHand: TypeAlias = Callable[[Stimulus], Operator]
+"""Makes the hand of a trial."""
+
+
+@dataclass(frozen=True, slots=True)
+class Meet:
+    """Let the platform meet the finger."""
+
+
+@dataclass(frozen=True, slots=True)
+class Present:
+    """Present two forces."""
+
+    pair: Pair
+
+
+@dataclass(frozen=True, slots=True)
+class Play:
+    """Let the participant feel the tissues until there is an answer."""
+
+    stimulus: Stimulus
+
+
+Activity: TypeAlias = Meet | Present | Play
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """An activity failed, for `reason`; the finger must be met again if it was `lost`."""
+
+    reason: str
+    lost: bool = True
+
+
+Outcome: TypeAlias = Met | Presented | Played | Fault
+
+
+class Rig(Protocol):
+    """What performs the activities of a session."""
+
+    description: str
+
+    def now_us(self) -> int:
+        """Return the time [µs]."""
+        ...
+
+    async def run(self, activity: Activity) -> Outcome:
+        """Perform an activity until it is over or `stop` is called. The finger feels no force afterwards."""
+        ...
+
+    def stop(self) -> None:
+        """End the present activity: the force goes to zero at once."""
+        ...
+
+    async def wait(self, duration_us: int) -> None:
+        """Let time [µs] pass while nothing is felt."""
+        ...
+
+
+def procedure_of(activity: Meet | Present, fingertip: Fingertip) -> Meeting | Presentation:
+    """Return the procedure that performs an activity without a slave."""
+    return Meeting(fingertip) if isinstance(activity, Meet) else Presentation(fingertip, activity.pair)
+
+
+def disturbance(event: NodeEvent) -> Fault | None:
+    """Return why an event ends a trial; None if it does not."""
+    if isinstance(event, LinkStale | SessionLost):
+        return Fault("the link was lost", lost=False)
+    if isinstance(event, DeviceLost):
+        return Fault(f"the device was lost: {event.reason}")
+    if isinstance(event, ForceFault | Failed):
+        return Fault(event.reason)
+    if isinstance(event, Refused | Ended):
+        return Fault(f"the session ended: {getattr(event, 'reason', 'refused')}", lost=False)
+    return None
+
+
+def perform(procedure: Meeting | Presentation, now_us: int) -> int:
+    """Tick a procedure in virtual time until it is done; return the time [µs] then."""
+    while not procedure.tick(now_us):
+        now_us += TICK_US
+    return now_us + TICK_US
+
+
+class VirtualRig:
+    """The chain in virtual time. Nobody waits, and the same seeds give the same session.
+
+    Parameters
+    ----------
+    fingertip
+        Device and force loop.
+    settings
+        Settings of the masters.
+    make_hand
+        Makes the hand of each trial; it must end.
+    """
+
+    def __init__(self, fingertip: Fingertip, settings: MasterSettings, *, make_hand: MakeHand = scripted_hand) -> None:
+        self.description = fingertip.device.description
+        self._fingertip = fingertip
+        self._settings = settings
+        self._make_hand = make_hand
+        self._now_us = 0
+
+    def now_us(self) -> int:
+        """Return the virtual time [µs]."""
+        return self._now_us
+
+    async def wait(self, duration_us: int) -> None:
+        """Let time [µs] pass while nothing is felt."""
+        self._now_us += duration_us
+
+    def stop(self) -> None:
+        """End the present activity; in virtual time it has ended already."""
+
+    async def run(self, activity: Activity) -> Outcome:
+        """Perform an activity."""
+        if isinstance(activity, Play):
+            return self._play(activity.stimulus)
+        procedure = procedure_of(activity, self._fingertip)
+        try:
+            self._now_us = perform(procedure, self._now_us)
+            return procedure.result()
+        except UnavailableError as error:
+            return Fault(str(error))
+
+    def _play(self, stimulus: Stimulus) -> Outcome:
+        hand = self._make_hand(stimulus)
+        loopback = self._loopback(stimulus, hand)
+        duration_us = hand.duration_us if hand.duration_us is not None else round(stimulus.limit_s * 1e6)
+        end_us = self._now_us + duration_us + SETTLE_US
+        fault = None
+        while loopback.now_us < end_us and fault is None:
+            loopback.run(min(SLICE_US, end_us - loopback.now_us))
+            while (event := loopback.master.next_event()) is not None:
+                fault = fault or disturbance(event)
+        node = loopback.master
+        self._now_us = loopback.now_us
+        self._fingertip.press(0.0, self._now_us)
+        if fault is not None and fault.lost:
+            return fault
+        recording = node.recording
+        assert recording is not None  # noqa: S101 - it was asked for
+        if not len(recording):
+            return fault or Fault("no position was sent", lost=False)
+        return Played(
+            stimulus=stimulus,
+            measures=measure(node, stimulus, link_stale=int(fault is not None)),
+            ticks=recording.table(),
+            failure=None if fault is None else fault.reason,
+        )
+
+    def _loopback(self, stimulus: Stimulus, hand: Operator) -> Loopback:
+        forward, feedback = (
+            Emulator[Any](parse_channel(spec), np.random.default_rng([stimulus.seed, number]))
+            for number, spec in enumerate((stimulus.forward, stimulus.feedback), start=1)
+        )
+        scene = NamedTissues()
+
+        def make_scene(_: object) -> Touchable:
+            return scene
+
+        settings = stimulus.master_settings(self._settings)
+        return Loopback(
+            MasterNode(hand, self._fingertip, settings, np.random.default_rng([stimulus.seed, 5])),
+            SlaveNode(make_scene, SlaveSettings(), np.random.default_rng([stimulus.seed, 6])),
+            forward=forward,
+            feedback=feedback,
+            start_us=self._now_us,
+        )

@@ -1,0 +1,267 @@
+"""Statistics of small samples of participants: intervals of shares, exact sign-flip tests, equivalence, curves.
+
+Everything here needs numpy only; `models.py` has what needs statsmodels.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from statistics import NormalDist
+from typing import Final
+
+import numpy as np
+
+from hapticnet.arrays import FloatArray
+from hapticnet.errors import SettingsError
+
+CONFIDENCE: Final = 0.95
+
+FINEST: Final = 1 / 5040
+"""Finest grid on which differences of scores are added exactly: shares of up to 10 trials and of most other numbers."""
+
+MOST_CELLS: Final = 500_000
+"""Largest table of sums for exact differences."""
+
+COARSE_CELLS: Final = 20_000
+"""Size of the table of sums for differences that fit no grid; they are rounded, on the safe side."""
+
+LIMIT_SHARE: Final = 1e-12
+
+ROUNDED_TO: Final = 1e-4
+"""Grid to which intervals are rounded outwards."""
+
+
+def wilson(successes: int, trials: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
+    """Return Wilson's interval of a share; without trials, 0 to 1.
+
+    Wilson, "Probable inference, the law of succession, and statistical inference", JASA 22 (1927).
+    """
+    if trials == 0:
+        return 0.0, 1.0
+    z = NormalDist().inv_cdf(0.5 + confidence / 2.0)
+    share = successes / trials
+    centre = (share + z * z / (2 * trials)) / (1 + z * z / trials)
+    half = z / (1 + z * z / trials) * math.sqrt(share * (1 - share) / trials + z * z / (4 * trials * trials))
+    # At the ends the interval touches 0 or 1, which rounding would miss.
+    return (0.0 if successes == 0 else centre - half), (1.0 if successes == trials else centre + half)
+
+
+def standard_error(values: Sequence[float] | FloatArray) -> float | None:
+    """Return the standard error of the mean over participants, with n − 1; None for fewer than two."""
+    if len(values) < 2:
+        return None
+    return float(np.std(values, ddof=1) / math.sqrt(len(values)))
+
+
+def sign_flip(differences: Sequence[float] | FloatArray, *, shift: float = 0.0) -> tuple[float, float]:
+    """Return the exact probabilities that the mean difference would be as low, and as high, as it is.
+
+    The null hypothesis is that differences less `shift` are symmetric about 0, so that each sign is as likely as the
+    other. All 2ⁿ assignments of signs are counted, by adding one participant after the other to the distribution of the
+    sum. The two-sided probability is `two_sided` of the result.
+
+    Parameters
+    ----------
+    differences
+        One for each participant, shape (n,). They are rounded to a grid so fine that scores are exact.
+
+    Returns
+    -------
+    tuple
+        Probability of a mean ≤ the observed one, and of one ≥ the observed one; both 1 without a difference.
+    """
+    values = np.asarray(differences, dtype=np.float64) - shift
+    if not np.isfinite(values).all():
+        raise SettingsError("a difference is not finite")
+    total = float(np.abs(values).sum())
+    if not len(values) or total <= LIMIT_SHARE:
+        return 1.0, 1.0
+    exact = _fits(values, FINEST)
+    grid = FINEST if exact else 2.0 * total / COARSE_CELLS
+    steps = np.rint(np.abs(values) / grid).astype(np.int64)
+    if exact:
+        steps //= np.gcd.reduce(steps)
+    size = int(steps.sum())
+    chances = np.zeros(2 * size + 1)
+    chances[size] = 1.0
+    reach = 0
+    for step in steps.tolist():
+        if step == 0:
+            continue
+        # Only the cells within reach are not 0; adding by slices costs no copies of the whole table.
+        low, high = size - reach, size + reach + 1
+        part = 0.5 * chances[low:high]
+        chances[low:high] = 0.0
+        chances[low - step : high - step] += part
+        chances[low + step : high + step] += part
+        reach += step
+    seen = size + int(np.where(values < 0.0, -steps, steps).sum())
+    # A sum that equals the observed one but for rounding to the grid counts on both sides.
+    slack = 0 if exact else len(values)
+    low_tail = float(chances[: min(seen + slack, 2 * size) + 1].sum())
+    high_tail = float(chances[max(seen - slack, 0) :].sum())
+    return min(low_tail, 1.0), min(high_tail, 1.0)
+
+
+def two_sided(tails: tuple[float, float]) -> float:
+    """Return the two-sided probability of a symmetric test: twice the smaller tail."""
+    return min(1.0, 2.0 * min(tails))
+
+
+def mean_interval(differences: Sequence[float] | FloatArray, confidence: float = CONFIDENCE) -> tuple[float, float]:
+    """Return the interval of the mean difference by inversion of the sign-flip test.
+
+    It has every shift that the test does not reject. With n participants the smallest two-sided probability is
+    2/2ⁿ, so that with fewer than 6 a 95 % interval is infinite.
+    """
+    values = np.asarray(differences, dtype=np.float64)
+    alpha = 1.0 - confidence
+    if not len(values) or 2.0 ** (1 - len(values)) > alpha:
+        return -math.inf, math.inf
+    # Shifts that are rejected or not change only where a sum of signs crosses; such means of subsets lie in this range.
+    low, high = float(values.min()) - 1e-9, float(values.max()) + 1e-9
+    if high - low < 1e-8:
+        return low, high
+    middle = float(values.mean())
+    edges = _edge(values, alpha, low, middle, side=1), _edge(values, alpha, high, middle, side=0)
+    # Outwards: at a shift that equals some differences, the test is more cautious than beside it.
+    return math.floor(edges[0] / ROUNDED_TO) * ROUNDED_TO, math.ceil(edges[1] / ROUNDED_TO) * ROUNDED_TO
+
+
+def equivalence(
+    differences: Sequence[float] | FloatArray, margin: float, *, one_sided: bool = False
+) -> tuple[float, tuple[float, float]]:
+    """Test whether a mean difference is within a margin that was stated beforehand; two one-sided tests at 5 %.
+
+    Schuirmann, "A comparison of the two one-sided tests procedure and the power approach", Journal of Pharmacokinetics
+    and Biopharmaceutics 15 (1987), here with sign-flip tests.
+
+    Parameters
+    ----------
+    one_sided
+        Whether only a fall below −margin matters (non-inferiority).
+
+    Returns
+    -------
+    tuple
+        The probability, of which less than 0.05 shows equivalence, and the 90 % interval of the mean difference.
+    """
+    lower = sign_flip(differences, shift=-margin)[1]
+    upper = 0.0 if one_sided else sign_flip(differences, shift=margin)[0]
+    return max(lower, upper), mean_interval(differences, 0.90)
+
+
+def holm(probabilities: Sequence[float]) -> list[float]:
+    """Return probabilities adjusted for several tests (Holm, Scandinavian Journal of Statistics 6, 1979)."""
+    order = np.argsort(probabilities)
+    adjusted, worst = [0.0] * len(probabilities), 0.0
+    for place, index in enumerate(order.tolist()):
+        worst = max(worst, min(1.0, (len(probabilities) - place) * probabilities[index]))
+        adjusted[index] = worst
+    return adjusted
+
+
+def kendall_distance(order: Sequence[int], other: Sequence[int]) -> int:
+    """Return how many pairs two orders of the same items put the other way round (Kendall, Biometrika 30, 1938)."""
+    if sorted(order) != sorted(other) or len(set(order)) != len(order):
+        raise SettingsError(f"orders {list(order)} and {list(other)} must have the same items, each once")
+    place = {item: index for index, item in enumerate(other)}
+    return sum(place[first] > place[second] for first, second in combinations(order, 2))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Leaving:
+    """Where a falling curve leaves a margin below its start.
+
+    Attributes
+    ----------
+    at
+        The condition's value at which the fall reaches the margin; None if it does not, up to the largest value tested.
+    low, high
+        95 % interval by resampling participants; `high` is infinite where resamples do not reach the margin.
+    reached
+        Share of the resamples in which the margin is reached.
+    """
+
+    at: float | None
+    low: float
+    high: float
+    reached: float
+
+
+def leaving_point(
+    values: Sequence[float], scores: FloatArray, margin: float, rng: np.random.Generator, *, resamples: int = 4000
+) -> Leaving:
+    """Find where scores fall by more than a margin below those at the first value.
+
+    The means of the participants are made to fall monotonically (pooled adjacent violators), and joined by lines.
+
+    Parameters
+    ----------
+    values
+        The conditions in increasing order, such as 0, 1, 1.5, 2, 3, 4 JND, the first being the reference, shape (v,).
+    scores
+        Share of correct answers of each participant in each condition, shape (participants, v).
+    rng
+        Source of the resamples of participants.
+    """
+    x = np.asarray(values, dtype=np.float64)
+    if len(x) < 2 or (np.diff(x) <= 0.0).any() or scores.shape[1] != len(x):
+        raise SettingsError("a curve needs at least two conditions with increasing values")
+    people = len(scores)
+    drawn = scores[rng.integers(people, size=(resamples, people))].mean(axis=1)
+    points = np.array([_leaves(x, each, margin) for each in drawn])
+    found = _leaves(x, scores.mean(axis=0), margin)
+    low, high = np.quantile(points, [0.025, 0.975], method="inverted_cdf")
+    return Leaving(
+        at=found if math.isfinite(found) else None,
+        low=float(low),
+        high=float(high),
+        reached=float(np.isfinite(points).mean()),
+    )
+
+
+def falling(means: FloatArray) -> FloatArray:
+    """Return the closest sequence that never rises (pooled adjacent violators), shape (v,)."""
+    blocks: list[tuple[float, int]] = []
+    for mean in means.tolist():
+        value, size = mean, 1
+        while blocks and blocks[-1][0] < value:
+            before, count = blocks.pop()
+            value, size = (before * count + value * size) / (count + size), count + size
+        blocks.append((value, size))
+    return np.concatenate([np.full(size, value) for value, size in blocks])
+
+
+def _leaves(x: FloatArray, means: FloatArray, margin: float) -> float:
+    smooth = falling(means)
+    fallen = smooth[0] - smooth
+    over = np.flatnonzero(fallen >= margin - LIMIT_SHARE)
+    if not len(over):
+        return math.inf
+    after = int(over[0])
+    if after == 0:
+        return float(x[0])
+    share = (margin - fallen[after - 1]) / (fallen[after] - fallen[after - 1])
+    return float(x[after - 1] + share * (x[after] - x[after - 1]))
+
+
+def _fits(values: FloatArray, grid: float) -> bool:
+    """Return whether all values are multiples of a grid and the table of sums is not too large."""
+    steps = np.abs(values) / grid
+    return bool(np.abs(steps - np.rint(steps)).max() < 1e-6 and 2.0 * steps.sum() < MOST_CELLS)
+
+
+def _edge(values: FloatArray, alpha: float, outside: float, inside: float, *, side: int) -> float:
+    """Return, by bisection, the last shift towards `outside` that the test does not reject."""
+    for _ in range(40):
+        middle = 0.5 * (outside + inside)
+        # The tail that looks from this side: low shifts are rejected because the mean is high.
+        if sign_flip(values, shift=middle)[side] > alpha / 2.0:
+            inside = middle
+        else:
+            outside = middle
+        if abs(outside - inside) < 1e-5:
+            break
+    return inside

@@ -1,0 +1,213 @@
+"""The table of a session on disk: one row for each event, written and synced before the next event begins.
+
+A row is one `os.write` of a whole line to a file that is opened for appending, then an fsync. A crash can leave only
+a torn last line, which is dropped when the session goes on. Nothing is ever overwritten, and a lock keeps a second
+session away; the system releases it when the process ends, however it ends.
+"""
+
+import fcntl
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Final, Generic
+
+from hapticnet.errors import FileError, SettingsError
+from hapticnet.files import make_folder
+from hapticnet.study.rows import AnyRow, from_cells, header, sidecar, to_line
+
+LARGEST_TABLE: Final = 256 * 2**20
+
+SCHEDULE: Final = "schedule.json"
+
+
+def session_folder(out: Path, participant: str, session: int, task: str) -> Path:
+    """Return the folder of a session within that of the study."""
+    return out / f"sub-{participant}" / f"ses-{session}" / task
+
+
+def table_name(participant: str, session: int, task: str) -> str:
+    """Return the file name of a session's table, as BIDS has it."""
+    return f"sub-{participant}_ses-{session}_task-{task}_beh.tsv"
+
+
+class Store(Generic[AnyRow]):
+    """The table of one session. Use `opened`.
+
+    Attributes
+    ----------
+    path
+        The table.
+    rows
+        All rows, of earlier runs of this session too.
+    dropped
+        Whether a torn line was dropped.
+    """
+
+    def __init__(self, path: Path, kind: type[AnyRow], descriptor: int) -> None:
+        self.path = path
+        self.rows: list[AnyRow] = []
+        self.dropped = False
+        self._kind = kind
+        self._descriptor = descriptor
+        self._read()
+
+    def append(self, row: AnyRow) -> None:
+        """Write a row and wait until it is on the disk.
+
+        Raises
+        ------
+        FileError
+            If it cannot be written, for instance because the disk is full. The table is as before then.
+        """
+        self._write(to_line(row))
+        self.rows.append(row)
+
+    def _write(self, line: str) -> None:
+        data = line.encode()
+        before = os.fstat(self._descriptor).st_size
+        try:
+            written = os.write(self._descriptor, data)
+            if written != len(data):
+                raise OSError(28, "No space left on device")
+            os.fsync(self._descriptor)
+        except OSError as error:
+            with suppress(OSError):
+                os.ftruncate(self._descriptor, before)
+            raise FileError(
+                f"{self.path}: the last event could not be stored: {error.strerror}; everything before it is safe,"
+                " go on with --resume"
+            ) from error
+
+    def _read(self) -> None:
+        """Read the table; drop a torn last line."""
+        size = os.fstat(self._descriptor).st_size
+        if size > LARGEST_TABLE:
+            raise FileError(f"{self.path}: {size} bytes; a session's table has at most {LARGEST_TABLE}")
+        data = os.pread(self._descriptor, size, 0)
+        whole = data.rfind(b"\n") + 1
+        if whole < len(data):
+            self.dropped = True
+            os.ftruncate(self._descriptor, whole)
+        try:
+            lines = data[:whole].decode().splitlines()
+        except UnicodeDecodeError as error:
+            raise FileError(f"{self.path}: not UTF-8 text: byte {error.start}") from error
+        if not lines:
+            self._write(header(self._kind))
+            return
+        names = lines[0].split("\t")
+        for number, line in enumerate(lines[1:], start=2):
+            try:
+                self.rows.append(from_cells(self._kind, names, line.split("\t")))
+            except FileError as error:
+                raise FileError(f"{self.path}: line {number}: {error}") from error
+        if names != header(self._kind).rstrip("\n").split("\t"):
+            raise FileError(f"{self.path}: written by another version of hapticnet; its columns differ")
+
+
+def read_rows(path: Path, kind: type[AnyRow]) -> list[AnyRow]:
+    """Return the rows of a table without changing it; a torn last line is left out.
+
+    Raises
+    ------
+    FileError
+        If the table cannot be read.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise FileError(f"{path}: {error.strerror}") from error
+    lines = data[: data.rfind(b"\n") + 1].decode("utf-8", "replace").splitlines()
+    rows = []
+    for number, line in enumerate(lines[1:], start=2):
+        try:
+            rows.append(from_cells(kind, lines[0].split("\t"), line.split("\t")))
+        except FileError as error:
+            raise FileError(f"{path}: line {number}: {error}") from error
+    return rows
+
+
+@contextmanager
+def opened(folder: Path, name: str, kind: type[AnyRow], *, schedule: str, resume: bool) -> Iterator[Store[AnyRow]]:
+    """Open or make the table of a session, with its schedule and its sidecar, and keep other sessions away.
+
+    Parameters
+    ----------
+    schedule
+        The schedule to store with a new session. A session that goes on keeps its own; read it with `stored_schedule`.
+    resume
+        Whether the session may exist already.
+
+    Raises
+    ------
+    SettingsError
+        If the session exists and is not to go on, or another process runs it.
+    FileError
+        If a file cannot be written or read.
+    """
+    make_folder(folder)
+    path = folder / name
+    with _locked(folder):
+        if path.exists() and not resume:
+            raise SettingsError(f"{path} exists; go on with it by --resume, or choose another --session")
+        try:
+            if not (folder / SCHEDULE).exists():
+                _create(folder / SCHEDULE, schedule)
+            described = path.with_suffix(".json")
+            if not described.exists():
+                _create(described, json.dumps(sidecar(kind), indent=1) + "\n")
+            descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            _sync_folder(folder)
+        except OSError as error:
+            raise FileError(f"{error.filename or path}: cannot be written: {error.strerror}") from error
+        try:
+            yield Store(path, kind, descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def stored_schedule(folder: Path) -> str | None:
+    """Return the schedule that a session was begun with; None if there is none."""
+    try:
+        return (folder / SCHEDULE).read_text(encoding="utf-8")
+    except FileNotFoundError:
+        return None
+    except (OSError, UnicodeDecodeError) as error:
+        raise FileError(f"{folder / SCHEDULE}: cannot be read: {error}") from error
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    path = folder / ".lock"
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    except OSError as error:
+        raise FileError(f"{path}: cannot be written: {error.strerror}") from error
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise SettingsError(f"{folder}: another process runs this session; end it first") from error
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _create(path: Path, text: str) -> None:
+    """Write a file that does not exist yet: completely, or not at all."""
+    part = path.with_name(f".{path.name}.part")
+    with part.open("w", encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    part.replace(path)
+
+
+def _sync_folder(folder: Path) -> None:
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

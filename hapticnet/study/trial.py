@@ -1,0 +1,210 @@
+"""One trial of the ordering task: what is played, and what came of it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from hapticnet.arrays import FloatArray
+from hapticnet.codec.registry import parse_codec
+from hapticnet.node.master import MasterNode
+from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.recording import IN
+from hapticnet.perception import WeberLaw
+from hapticnet.protocol.wire import UDP_IPV4_HEADER_BYTES, Kind
+from hapticnet.scene.tissue import Tissue
+from hapticnet.study.scene import master_name, tissues
+
+LATE_US: Final = 200_000
+"""Time [µs] after a contact during which the device may still deliver its force."""
+
+LEAST_HELD_N: Final = 0.3
+"""Held peak [N] below which a contact counts as a graze: below about 0.2 N the sensor feels nothing."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stimulus:
+    """What a trial plays.
+
+    Attributes
+    ----------
+    number
+        Number of the trial, for the name of the session.
+    breach_forces_n, gap_m
+        Breach forces [N], front to back, and distance between surfaces [m].
+    codec, law
+        Codec as written for ``--codec``, and the participant's law with the threshold of the condition.
+    rate_hz
+        Positions a second.
+    forward, feedback
+        Emulated networks.
+    seed
+        Seed of hand, network and device.
+    limit_s
+        Longest duration [s].
+    """
+
+    number: int
+    breach_forces_n: tuple[float, ...]
+    gap_m: float
+    codec: str
+    law: WeberLaw
+    rate_hz: float
+    forward: str
+    feedback: str
+    seed: int
+    limit_s: float
+
+    @property
+    def tissues(self) -> tuple[Tissue, ...]:
+        """The tissues, front to back."""
+        return tissues(self.breach_forces_n, self.gap_m)
+
+    @property
+    def surfaces_m(self) -> tuple[float, ...]:
+        """Surfaces at rest [m], front to back."""
+        return tuple(tissue.rest_position_m for tissue in self.tissues)
+
+    @property
+    def name(self) -> str:
+        """Name of the master, which asks the slave for these tissues."""
+        return master_name(self.number, self.breach_forces_n, self.gap_m)
+
+    def master_settings(self, settings: MasterSettings) -> MasterSettings:
+        """Return the settings of the master that plays it, from those of the rig."""
+        codec, parameters = parse_codec(self.codec)
+        return replace(
+            settings,
+            codec=codec,
+            parameters=parameters,
+            law=self.law,
+            rate_hz=self.rate_hz,
+            name=self.name,
+            record=True,
+            record_datagrams=True,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Measures:
+    """Figures of a trial. Tuples have one value for each tissue, front to back; None if it was not touched.
+
+    Attributes
+    ----------
+    first_contact_s
+        Time [s] from the begin of the scene to the first contact; None without one.
+    insertions, penetrations
+        How often the needle entered the first tissue, and surfaces breached.
+    peaks_held_n, peaks_sensed_n
+        Largest held and sensed force [N].
+    peak_speed_m_per_s
+        Largest speed [m/s] into the tissue while in contact.
+    force_packets, wire_bytes
+        FORCE datagrams received, and their bytes with UDP and IPv4 headers.
+    missed_ticks, link_stale
+        Ticks left out, and how often the link was silent.
+    """
+
+    first_contact_s: float | None
+    insertions: int
+    penetrations: int
+    peaks_held_n: tuple[float | None, ...]
+    peaks_sensed_n: tuple[float | None, ...]
+    peak_speed_m_per_s: float | None
+    force_packets: int
+    wire_bytes: int
+    missed_ticks: int = 0
+    link_stale: int = 0
+
+    def undelivered(self, least: float) -> str | None:
+        """Return why the trial must be repeated; None if every tissue was touched and its force delivered.
+
+        Parameters
+        ----------
+        least
+            Share of the held peak that the sensed peak must reach.
+        """
+        peaks = zip(self.peaks_held_n, self.peaks_sensed_n, strict=True)
+        for number, (held_n, sensed_n) in enumerate(peaks, start=1):
+            if held_n is None or sensed_n is None:
+                return f"tissue {number} was not touched"
+            if sensed_n < least * held_n:
+                return f"the device delivered {sensed_n:.2f} of {held_n:.2f} N in tissue {number}"
+        return None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Played:
+    """A trial that was played.
+
+    Attributes
+    ----------
+    failure
+        Why it was aborted; None if it ended by itself or with an answer.
+    ticks
+        The recording of the master, by column (`node.recording.master_columns`), shape (n,).
+    """
+
+    stimulus: Stimulus
+    measures: Measures
+    ticks: dict[str, FloatArray]
+    failure: str | None = None
+
+
+def measure(node: MasterNode, stimulus: Stimulus, *, missed_ticks: int = 0, link_stale: int = 0) -> Measures:
+    """Return the figures of a trial from the recordings of its master."""
+    assert node.recording is not None  # noqa: S101 - `Stimulus.master_settings` asks for both
+    assert node.datagrams is not None  # noqa: S101
+    ticks = node.recording.table()
+    datagrams = node.datagrams.table()
+    forces = (datagrams["direction"] == IN) & (datagrams["kind"] == float(Kind.FORCE))
+    held_n, sensed_n = _peaks(ticks, stimulus.surfaces_m)
+    touching = np.flatnonzero(ticks["held_n"] > 0.0)
+    speed = np.diff(ticks["position_m"]) / np.maximum(np.diff(ticks["t_us"]), 1.0) * 1e6
+    speed = speed[ticks["held_n"][1:] > 0.0]
+    return Measures(
+        first_contact_s=float(ticks["t_us"][touching[0]] - ticks["t_us"][0]) * 1e-6 if len(touching) else None,
+        insertions=_entries(ticks["position_m"], stimulus.surfaces_m[0]),
+        penetrations=sum(
+            _entries(ticks["position_m"], tissue.rest_position_m + tissue.breach_depth_m) for tissue in stimulus.tissues
+        ),
+        peaks_held_n=held_n,
+        peaks_sensed_n=sensed_n,
+        peak_speed_m_per_s=float(max(speed.max(), 0.0)) if len(speed) else None,
+        force_packets=int(forces.sum()),
+        wire_bytes=int((datagrams["datagram_bytes"][forces] + UDP_IPV4_HEADER_BYTES).sum()),
+        missed_ticks=missed_ticks,
+        link_stale=link_stale,
+    )
+
+
+def _peaks(
+    ticks: dict[str, FloatArray], surfaces_m: Sequence[float]
+) -> tuple[tuple[float | None, ...], tuple[float | None, ...]]:
+    """Return the largest held and sensed force [N] in each tissue.
+
+    A contact is a run of held force, and belongs to the tissue in which it was largest. Its sensed force may come up to
+    `LATE_US` after it, but not after the next contact has begun.
+    """
+    held_n, sensed_n, t_us = ticks["held_n"], ticks["sensed_n"], ticks["t_us"]
+    largest_n: list[float | None] = [None] * len(surfaces_m)
+    delivered_n: list[float | None] = [None] * len(surfaces_m)
+    edges = np.flatnonzero(np.diff((held_n > 0.0).astype(np.int8), prepend=0, append=0))
+    starts, stops = edges[::2].tolist(), edges[1::2].tolist()
+    for start, stop, following in zip(starts, stops, [*starts[1:], len(held_n)], strict=True):
+        peak = start + int(held_n[start:stop].argmax())
+        if held_n[peak] < LEAST_HELD_N:
+            continue
+        tissue = int(np.searchsorted(surfaces_m, ticks["position_m"][peak], side="right")) - 1
+        late = int(np.searchsorted(t_us, t_us[stop - 1] + LATE_US))
+        felt_n = float(sensed_n[start : max(stop, min(late, following))].max())
+        tissue = max(tissue, 0)
+        largest_n[tissue] = max(largest_n[tissue] or 0.0, float(held_n[peak]))
+        delivered_n[tissue] = max(delivered_n[tissue] or 0.0, felt_n)
+    return tuple(largest_n), tuple(delivered_n)
+
+
+def _entries(position_m: FloatArray, surface_m: float) -> int:
+    """Return how often the tip passes a place inwards."""
+    return int(np.count_nonzero((position_m[1:] >= surface_m) & (position_m[:-1] < surface_m)))

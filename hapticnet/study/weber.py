@@ -1,0 +1,253 @@
+"""The person's law: JND at each reference, Weber fraction by two fits, its interval, and how well Weber's law holds."""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import fmean
+from typing import Annotated, Any, Final
+
+import numpy as np
+import tomli_w
+from pydantic import BaseModel, Field
+
+from hapticnet.documents import STRICT, parse_document, read_document
+from hapticnet.errors import SettingsError
+from hapticnet.perception import WeberLaw
+
+RESAMPLES: Final = 2000
+LEVEL: Final = 0.95
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Threshold:
+    """The JND at one reference.
+
+    Attributes
+    ----------
+    reference_n, jnd_n
+        Reference, and mean JND of the series [N]; None if no series found one.
+    deviation_n
+        Standard deviation [N] over the series; None with fewer than two.
+    series, censored
+        Series, and those of them in which no difference was large enough. They are left out of the mean, which is
+        then too small.
+    """
+
+    reference_n: float
+    jnd_n: float | None
+    deviation_n: float | None
+    series: int
+    censored: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WeberFit:
+    """Weber's law, fitted to a person's JNDs.
+
+    Attributes
+    ----------
+    mean_of_ratios
+        Mean of JND over reference.
+    through_origin
+        Slope of the least-squares line through the origin.
+    low, high
+        95 % interval of the mean of ratios, over resampled series (percentiles).
+    residual
+        Root mean square over references of (JND − k·reference) / (k·reference), with k the mean of ratios: 0 if Weber's
+        law holds exactly.
+    """
+
+    mean_of_ratios: float
+    through_origin: float
+    low: float
+    high: float
+    residual: float
+
+
+def thresholds(found: Mapping[float, Sequence[float | None]]) -> tuple[Threshold, ...]:
+    """Return the JND at each reference from those of its series [N]; None: no difference was large enough."""
+    return tuple(_threshold(reference_n, each) for reference_n, each in sorted(found.items()))
+
+
+def fit(found: Mapping[float, Sequence[float | None]], seed: int = 0) -> WeberFit:
+    """Return the fits to the JNDs [N] of the series of each reference.
+
+    Raises
+    ------
+    SettingsError
+        If no JND was found at any reference.
+    """
+    known = {reference_n: [each for each in series if each is not None] for reference_n, series in found.items()}
+    known = {reference_n: series for reference_n, series in known.items() if series}
+    if not known:
+        raise SettingsError(
+            "no difference was called different: the JND is above the largest difference of the plan; raise"
+            " limits.largest or exclude the participant"
+        )
+    references_n = np.array(sorted(known))
+    jnds_n = np.array([fmean(known[reference_n]) for reference_n in sorted(known)])
+    ratio = float(np.mean(jnds_n / references_n))
+    rng = np.random.default_rng([seed, 8])
+    means = np.mean(
+        [
+            np.mean(rng.choice(np.array(series), (RESAMPLES, len(series))), axis=1) / reference_n
+            for reference_n, series in known.items()
+        ],
+        axis=0,
+    )
+    low, high = np.quantile(means, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0]).tolist()
+    expected_n = ratio * references_n
+    with np.errstate(divide="ignore", invalid="ignore"):
+        residual = float(np.sqrt(np.mean(np.square(jnds_n / expected_n - 1.0)))) if ratio else 0.0
+    return WeberFit(
+        mean_of_ratios=ratio,
+        through_origin=float(jnds_n @ references_n / (references_n @ references_n)),
+        low=low,
+        high=high,
+        residual=residual,
+    )
+
+
+class ReferenceTable(BaseModel):
+    """A ``[[reference]]`` of a participant's file."""
+
+    model_config = STRICT
+
+    reference_n: float
+    jnd_n: float | None = None
+    deviation_n: float | None = None
+    series: int
+    censored: int = 0
+    device_error_n: float | None = None
+
+
+class ParticipantFile(BaseModel):
+    """What was measured of a participant, as ``participants/03.toml``.
+
+    Attributes
+    ----------
+    weber_fraction, floor_n
+        The law: the mean of ratios, and the JND at the weakest reference.
+    through_origin, low, high, residual
+        As in `WeberFit`.
+    false_alarms, catch_series
+        Catch series in which something was called different, and all of them.
+    device_error_n
+        Root mean square [N] of what the device delivered less what was asked for. A JND below it is of the device.
+    simulated
+        The simulated observer, if it was none of a person.
+    """
+
+    model_config = STRICT
+
+    participant: str
+    method: str
+    weber_fraction: Annotated[float, Field(ge=0.0, le=1.0)]
+    floor_n: Annotated[float, Field(ge=0.0)]
+    through_origin: float | None = None
+    low: float | None = None
+    high: float | None = None
+    residual: float | None = None
+    false_alarms: int | None = None
+    catch_series: int | None = None
+    device_error_n: float | None = None
+    simulated: str | None = None
+    date: str | None = None
+    version: str | None = None
+    reference: list[ReferenceTable] = []
+
+    @property
+    def law(self) -> WeberLaw:
+        """The participant's law at 1 JND."""
+        return WeberLaw(weber_fraction=self.weber_fraction, floor_n=self.floor_n)
+
+    def measured_differently(self, other: "ParticipantFile") -> bool:
+        """Return whether two files differ in more than date and version."""
+        same = {"date": None, "version": None}
+        return self.model_copy(update=same) != other.model_copy(update=same)
+
+    def to_toml(self) -> str:
+        """Return the file's text."""
+        return tomli_w.dumps(_known(self.model_dump()))
+
+
+def participant_file(
+    participant: str,
+    method: str,
+    found: Mapping[float, Sequence[float | None]],
+    *,
+    device_errors_n: Mapping[float, Sequence[float]],
+    **further: Any,
+) -> ParticipantFile:
+    """Return the file of a participant whose series gave these JNDs.
+
+    Parameters
+    ----------
+    device_errors_n
+        Sensed less held force [N] of every stimulus, by reference.
+    **further
+        Further attributes of the file.
+
+    Raises
+    ------
+    SettingsError
+        If no JND was found.
+    """
+    fitted = fit(found)
+    tables = [
+        ReferenceTable(
+            **dataclasses.asdict(each), device_error_n=_root_mean_square(device_errors_n.get(each.reference_n, ()))
+        )
+        for each in thresholds(found)
+    ]
+    every_n = [error_n for errors_n in device_errors_n.values() for error_n in errors_n]
+    return ParticipantFile(
+        participant=participant,
+        method=method,
+        weber_fraction=min(fitted.mean_of_ratios, 1.0),
+        floor_n=fitted.mean_of_ratios * min(found),
+        through_origin=fitted.through_origin,
+        low=fitted.low,
+        high=fitted.high,
+        residual=fitted.residual,
+        device_error_n=_root_mean_square(every_n),
+        reference=tables,
+        **further,
+    )
+
+
+def load_participant(path: Path) -> ParticipantFile:
+    """Return what is known of a participant.
+
+    Raises
+    ------
+    FileError
+        If the file is missing or malformed.
+    SettingsError
+        If a key is unknown or a value cannot be used.
+    """
+    return parse_document(read_document(path), str(path), ParticipantFile)
+
+
+def _threshold(reference_n: float, series: Sequence[float | None]) -> Threshold:
+    known = [each for each in series if each is not None]
+    return Threshold(
+        reference_n=reference_n,
+        jnd_n=fmean(known) if known else None,
+        deviation_n=float(np.std(known, ddof=1)) if len(known) > 1 else None,
+        series=len(series),
+        censored=len(series) - len(known),
+    )
+
+
+def _root_mean_square(errors_n: Sequence[float]) -> float | None:
+    return math.sqrt(fmean(error_n**2 for error_n in errors_n)) if errors_n else None
+
+
+def _known(table: Any) -> Any:
+    """Return a table without None, which TOML does not have."""
+    if isinstance(table, dict):
+        return {key: _known(value) for key, value in table.items() if value is not None}
+    return [_known(each) for each in table] if isinstance(table, list) else table

@@ -1,0 +1,85 @@
+"""Rows of the ordering task, made by simulated observers on exact cues: no chain is played."""
+
+from itertools import permutations
+
+import numpy as np
+
+from hapticnet.study.cues import Look
+from hapticnet.study.observers import OBSERVERS, Observer
+from hapticnet.study.rows import OrderRow
+from hapticnet.study.statistics import kendall_distance
+
+CONDITIONS = (("none", "raw", 0.0), ("1 JND", "deadband", 1.0), ("2 JND", "deadband", 2.0), ("4 JND", "deadband", 4.0))
+FORCES_N = (2.0, 3.5, 5.0)
+
+
+def look(tissue: int, peak_n: float, step: float = 0.0, updates: int = 10) -> Look:
+    return Look(
+        tissue=tissue,
+        peak_n=peak_n,
+        slope_n_per_m=100 * peak_n,
+        early_n=0.3 * peak_n,
+        work_j=0.005 * peak_n,
+        updates=updates,
+        step=step,
+        duration_s=0.6,
+    )
+
+
+def rows(
+    people: int = 8,
+    trials: int = 10,
+    *,
+    observer: str = "step-masking",
+    simulated: bool = True,
+    conditions=CONDITIONS,
+    seed: int = 1,
+) -> list[OrderRow]:
+    rng = np.random.default_rng(seed)
+    orders = list(permutations(range(3)))
+    found = []
+    for person in range(1, people + 1):
+        own = Observer(OBSERVERS[observer].of_participant(rng), rng)
+        number = 0
+        for block, (name, codec, multiplier) in enumerate(conditions):
+            common = {"participant": f"{person:02}", "session": 1, "block": block, "condition": name}
+            contacts = []
+            for repetition in range(trials):
+                forces = [FORCES_N[each] for each in orders[repetition % 6]]
+                contacts = [look(tissue, forces[tissue], 0.05 * multiplier) for tissue in range(3)]
+                true, answered = tuple(np.argsort(forces).tolist()), own.order(contacts)
+                distance = kendall_distance(true, answered)
+                found.append(
+                    OrderRow(
+                        event="trial",
+                        **common,
+                        this_n=number,
+                        this_rep_n=repetition,
+                        onset_s=10.0 * number,
+                        duration_s=8.0,
+                        codec=codec,
+                        multiplier=multiplier,
+                        weber_fraction=0.05,
+                        floor_n=0.025,
+                        order_true="".join(str(each + 1) for each in true),
+                        order_answered="".join(str(each + 1) for each in answered),
+                        correct=int(distance == 0),
+                        kendall=distance,
+                        pairs_correct=3 - distance,
+                        contact_to_answer_s=6.0 + own.takes_s(),
+                        insertions=2,
+                        penetrations=6,
+                        **{f"peak_held_{each + 1}_n": forces[each] for each in range(3)},
+                        **{f"peak_sensed_{each + 1}_n": 0.95 * forces[each] for each in range(3)},
+                        peak_speed_m_per_s=0.03,
+                        force_packets=3500 if codec == "raw" else round(350 / multiplier),
+                        wire_bytes=200_000 if codec == "raw" else round(20_000 / multiplier),
+                        observer=observer if simulated else None,
+                        seed=seed,
+                    )
+                )
+                number += 1
+            found.append(
+                OrderRow(event="rating", **common, rating=own.rate(contacts), observer=observer if simulated else None)
+            )
+    return found

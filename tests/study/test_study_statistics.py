@@ -1,0 +1,140 @@
+"""Intervals, exact tests, equivalence and curves, against closed forms and against complete enumeration."""
+
+import math
+from itertools import permutations, product
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hapticnet.errors import SettingsError
+from hapticnet.study.statistics import (
+    equivalence,
+    falling,
+    holm,
+    kendall_distance,
+    leaving_point,
+    mean_interval,
+    sign_flip,
+    standard_error,
+    two_sided,
+    wilson,
+)
+
+
+@pytest.mark.parametrize(
+    ("successes", "low", "high"), [(62, 0.672, 0.853), (64, 0.700, 0.873), (54, 0.566, 0.768), (43, 0.429, 0.643)]
+)
+def test_wilson_gives_the_intervals_of_the_paper_s_totals(successes, low, high):
+    assert wilson(successes, 80) == pytest.approx((low, high), abs=0.001)
+
+
+def test_wilson_stays_within_0_and_1_and_covers_the_share():
+    for trials in (1, 7, 80):
+        for successes in range(trials + 1):
+            low, high = wilson(successes, trials)
+            assert 0.0 <= low <= successes / trials <= high <= 1.0
+    assert wilson(0, 0) == (0.0, 1.0)
+
+
+def test_the_standard_error_is_the_paper_s():
+    scores = [10, 10, 10, 9, 7, 7, 5, 4]  # 62 of 80
+    assert standard_error(np.array(scores) / 10) == pytest.approx(np.std(scores, ddof=1) / 10 / math.sqrt(8))
+    assert standard_error([0.5]) is None
+
+
+def enumerated(differences, shift=0.0):
+    values = np.asarray(differences) - shift
+    sums = np.array(list(product((-1, 1), repeat=len(values)))) @ np.abs(values)
+    return (sums <= values.sum() + 1e-9).mean(), (sums >= values.sum() - 1e-9).mean()
+
+
+@given(scores=st.lists(st.integers(-10, 10), min_size=1, max_size=8), margin=st.sampled_from([0.0, 0.05, 0.1, -0.15]))
+@settings(max_examples=60, deadline=None)
+def test_the_sign_flip_test_is_exact_for_scores(scores, margin):
+    differences = np.array(scores) / 10
+    assert sign_flip(differences, shift=margin) == pytest.approx(enumerated(differences, margin), abs=1e-12)
+
+
+@given(values=st.lists(st.floats(-1, 1), min_size=1, max_size=8))
+@settings(max_examples=60, deadline=None)
+def test_the_sign_flip_test_never_finds_less_than_the_exact_probability(values):
+    for found, exact in zip(sign_flip(values), enumerated(values), strict=True):
+        assert found >= exact - 1e-9
+
+
+def test_the_sign_flip_test_of_any_differences_is_close_to_the_exact_probability():
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        values = rng.normal(0.1, 0.2, 10)
+        assert sign_flip(values) == pytest.approx(enumerated(values), abs=0.005)
+
+
+def test_eight_participants_can_reach_2_in_256_and_no_less():
+    assert two_sided(sign_flip([0.1] * 8)) == 2 / 256
+    assert two_sided(sign_flip([0.0] * 8)) == 1.0
+
+
+def test_the_interval_of_the_mean_holds_what_the_test_does_not_reject():
+    differences = [0.3, 0.1, 0.2, 0.4, 0.0, 0.2, 0.3, 0.1]
+    low, high = mean_interval(differences)
+    assert low < np.mean(differences) < high
+    assert two_sided(sign_flip(differences, shift=low + 0.01)) > 0.05
+    assert two_sided(sign_flip(differences, shift=low - 0.01)) <= 0.05
+    assert two_sided(sign_flip(differences, shift=high + 0.01)) <= 0.05
+
+
+def test_five_participants_have_no_95_percent_interval():
+    assert mean_interval([0.1, 0.2, 0.1, 0.0, 0.1]) == (-math.inf, math.inf)
+
+
+def test_the_interval_covers_the_true_mean():
+    rng = np.random.default_rng(4)
+    covered = sum(low <= 0.1 <= high for low, high in (mean_interval(rng.normal(0.1, 0.2, 10)) for _ in range(150)))
+    assert covered >= 135
+
+
+def test_equivalence_needs_every_participant_near_zero():
+    near, far = [0.0, 0.1, -0.1, 0.0, 0.05, -0.05, 0.0, 0.1, -0.1, 0.0], [-0.3, 0.1, -0.2, 0.0, -0.4, 0.2, -0.1, 0.0]
+    assert equivalence(near, 0.15)[0] < 0.05
+    assert equivalence(far, 0.15)[0] > 0.05
+    low, high = equivalence(near, 0.15)[1]
+    assert -0.15 < low < high < 0.15
+
+
+def test_non_inferiority_does_not_mind_an_improvement():
+    better = [0.3, 0.2, 0.4, 0.3, 0.2, 0.3]
+    assert equivalence(better, 0.1, one_sided=True)[0] < 0.05 < equivalence(better, 0.1)[0]
+
+
+def test_holm_multiplies_the_smallest_most():
+    assert holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
+
+
+def test_kendall_counts_pairs_the_other_way_round():
+    assert sorted(kendall_distance((0, 1, 2), each) for each in permutations(range(3))) == [0, 1, 1, 2, 2, 3]
+    with pytest.raises(SettingsError, match="same items"):
+        kendall_distance((0, 1, 2), (0, 1, 1))
+
+
+def test_a_curve_is_made_to_fall():
+    assert falling(np.array([0.8, 0.9, 0.5, 0.6])).tolist() == pytest.approx([0.85, 0.85, 0.55, 0.55])
+
+
+def test_the_point_where_a_curve_leaves_the_margin_lies_where_it_was_put():
+    rng = np.random.default_rng(3)
+    values = [0.0, 1.0, 2.0, 3.0, 4.0]
+    true = np.array([0.8, 0.8, 0.7, 0.6, 0.5])  # it has fallen by 0.15 at 2.5
+    point = leaving_point(values, rng.binomial(20, true, size=(24, 5)) / 20, 0.15, rng, resamples=500)
+    assert point.at == pytest.approx(2.5, abs=0.5)
+    assert point.low < point.at < point.high
+    assert point.reached > 0.99
+
+
+def test_a_curve_that_stays_within_the_margin_is_left_nowhere():
+    rng = np.random.default_rng(3)
+    point = leaving_point([0.0, 1.0, 4.0], np.full((8, 3), 0.75), 0.1, rng, resamples=100)
+    assert point.at is None
+    assert point.high == math.inf
+    assert point.reached == 0.0
