@@ -10,6 +10,11 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
         "hapticnet master --record run.mcap",
         "hapticnet master --help",
     ),
+    ("experiment",): (
+        "hapticnet experiment limits --participant 03 --device serial:auto --profile device.toml",
+        "hapticnet experiment order --participant 01-08 --simulate literature",
+        "hapticnet experiment analyse study",
+    ),
     ("scene",): ("hapticnet scene show paper:1",),
     ("device",): ("hapticnet device find", "hapticnet device step sim:0.6"),
     ("key",): ("hapticnet key new", "hapticnet key list"),
@@ -59,6 +64,21 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
         "hapticnet config --config rig.toml master --codec raw",
         "hapticnet config --json device step",
     ),
+    ("experiment", "limits"): (
+        "hapticnet experiment limits --participant 03 --device serial:auto --profile device.toml",
+        "hapticnet experiment limits --participant 03 --simulate literature --out rehearsal",
+    ),
+    ("experiment", "order"): (
+        "hapticnet experiment order --participant 03 --dry-run",
+        "hapticnet experiment order --participant 03 --plan reachable --device serial:auto --profile device.toml",
+        "hapticnet experiment order --participant 01-08 --simulate literature --out rehearsal",
+    ),
+    ("experiment", "analyse"): ("hapticnet experiment analyse study --margin 0.1",),
+    ("experiment", "power"): (
+        "hapticnet experiment power paper",
+        "hapticnet experiment power paper --observer step-masking --participants 8,16,24 --trials 10,20",
+    ),
+    ("experiment", "export"): ('hapticnet experiment export study --bids study-bids --authors "A. Author; B. Author"',),
     ("scene", "show"): ("hapticnet scene show paper:1", "hapticnet scene show my.toml --json"),
     ("scene", "run"): ("hapticnet scene run my.toml --positions motion.csv --out forces.csv",),
     ("device", "find"): ("hapticnet device find",),

@@ -20,10 +20,7 @@ def analyse(
     force: options.Force = False,
     json: options.Json = False,
 ) -> None:
-    """Analyse the ordering task: report.md, tables as CSV and LaTeX, figures as PDF and PNG.
-
-    Example: hapticnet experiment analyse data --margin 0.1
-    """
+    """Analyse the ordering task: report.md, tables as CSV and LaTeX, figures as PDF and PNG."""
     import json as json_module
     from dataclasses import asdict
 

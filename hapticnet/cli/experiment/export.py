@@ -13,10 +13,7 @@ def export(
     name: Annotated[str | None, typer.Option(help="Name of the data set; default: the folder's.")] = None,
     authors: Annotated[str, typer.Option(metavar="NAME[;NAME…]", help="Who made the data set.")] = "",
 ) -> None:
-    """Copy the data of a study in a standard form; no value changes, and the folder itself is left alone.
-
-    Example: hapticnet experiment export data --bids data-bids --authors "A. Author; B. Author"
-    """
+    """Copy the data of a study in a standard form; no value changes, and the folder itself is left alone."""
     from hapticnet.cli.console import Console
     from hapticnet.errors import SettingsError
     from hapticnet.study.export import export as write

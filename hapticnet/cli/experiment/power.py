@@ -38,10 +38,7 @@ def power(
     force: options.Force = False,
     json: options.Json = False,
 ) -> None:
-    """Simulate experiments: power of the tests, and widths of the intervals. No person takes part.
-
-    Example: hapticnet experiment power paper --observer step-masking --participants 8,16,24 --trials 10,20
-    """
+    """Simulate experiments: power of the tests, and widths of the intervals. No person takes part."""
     import json as json_module
     import os
     from dataclasses import asdict
