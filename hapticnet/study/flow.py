@@ -11,7 +11,7 @@ from typing import Any, Generic
 from hapticnet.study import screens
 from hapticnet.study.rig import Activity, Fault, Meet, Outcome
 from hapticnet.study.rows import AnyRow, Event
-from hapticnet.study.screens import Screen, ScreenKind
+from hapticnet.study.screens import Screen, ScreenKind, Why
 
 
 class Flow(ABC, Generic[AnyRow]):
@@ -141,7 +141,7 @@ class Flow(ABC, Generic[AnyRow]):
         if self._failed_meetings >= self._most_attempts:
             self._stop(reason)
         else:
-            self._show(screens.repeat(reason), now_us)
+            self._show(screens.repeat(Why.UNMET if abort is None else Why.STOPPED), now_us)
 
     def _go_on(self, now_us: int) -> None:
         """Show what comes next."""
@@ -173,7 +173,7 @@ class Flow(ABC, Generic[AnyRow]):
         self.done = True
         self.activity = None
         self.failure = reason
-        self.screen = screens.stopped(reason)
+        self.screen = screens.stopped()
 
     def _emit(self, event: Event, now_us: int, *, since_us: int | None = None, **values: Any) -> AnyRow:
         """Store a row; `since_us` is when its event began."""

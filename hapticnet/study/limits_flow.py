@@ -16,7 +16,7 @@ from hapticnet.study.plan import Plan
 from hapticnet.study.rig import Activity, Fault, Outcome, Present
 from hapticnet.study.rows import LimitsRow
 from hapticnet.study.schedule import LARGEST_SEED, participant_number
-from hapticnet.study.screens import ScreenKind
+from hapticnet.study.screens import ScreenKind, Why
 from hapticnet.study.stimulus import Pair, Presented
 
 PARTS = 3
@@ -169,12 +169,12 @@ class LimitsFlow(Flow[LimitsRow]):
         question = self._question
         if question is None or not isinstance(activity, Present):
             return
-        reason, event = abort, "aborted"
+        reason, event, why = abort, "aborted", Why.STOPPED
         if reason is None and isinstance(outcome, Fault):
-            reason = outcome.reason
+            reason, why = outcome.reason, Why.FAULT
         presented = outcome if isinstance(outcome, Presented) else None
         if reason is None and presented is not None:
-            reason, event = presented.missed(self._plan.tolerance), "repeated"
+            reason, event, why = presented.missed(self._plan.tolerance), "repeated", Why.UNDELIVERED
         if reason is None and presented is not None:
             shown_us = self._shown_us
             ask = screens.same_or_different if self._plan.method == "ascending" else screens.which_stronger
@@ -193,7 +193,7 @@ class LimitsFlow(Flow[LimitsRow]):
         if vain >= self._plan.most_attempts:
             self._stop(f"a pair was presented {vain} times in vain; the last time: {reason}")
         else:
-            self._show(screens.repeat(reason or ""), now_us)
+            self._show(screens.repeat(why), now_us)
 
     def _number(self) -> int:
         """Return the number of the present pair: that of the answers before it."""

@@ -11,7 +11,7 @@ from hapticnet.study.plan import ConditionPlan, Plan, law_of
 from hapticnet.study.rig import NO_MEASURES, Activity, Fault, Outcome, Play
 from hapticnet.study.rows import OrderRow
 from hapticnet.study.schedule import OrderSchedule, Trial
-from hapticnet.study.screens import ScreenKind
+from hapticnet.study.screens import ScreenKind, Why
 from hapticnet.study.trial import Measures, Played, Stimulus
 
 PRACTICE: Final = "practice"
@@ -175,24 +175,23 @@ class OrderFlow(Flow[OrderRow]):
         trial = self.trial
         if trial is None or not isinstance(activity, Play):
             return
-        reason = abort
-        if reason is None and isinstance(outcome, Fault):
-            reason = outcome.reason
-        if reason is None and isinstance(outcome, Played):
-            reason = outcome.failure
+        reason, why = abort, Why.STOPPED
+        if reason is None and isinstance(outcome, Fault | Played):
+            reason, why = outcome.reason if isinstance(outcome, Fault) else outcome.failure, Why.FAULT
         if reason is None and self._answer_us is None:
+            why = Why.LATE
             reason = f"no answer within {self._plan.order.time_limit_s:g} s"
         measures = outcome.measures if isinstance(outcome, Played) else NO_MEASURES
         values = self._values(trial, activity.stimulus, measures)
         if reason is not None:
             self._emit("aborted", now_us, since_us=self._shown_us, reason=reason, **values)
-            self._repeat(trial, reason, now_us)
+            self._repeat(trial, reason, why, now_us)
             return
         values |= self._answer(trial, measures)
         undelivered = measures.undelivered(self._plan.order.least_delivered)
         if undelivered is not None:
             self._emit("repeated", now_us, since_us=self._shown_us, reason=undelivered, **values)
-            self._repeat(trial, undelivered, now_us)
+            self._repeat(trial, undelivered, Why.UNDELIVERED, now_us)
             return
         practising = trial.condition is None
         self._emit("practice" if practising else "trial", now_us, since_us=self._shown_us, **values)
@@ -201,12 +200,12 @@ class OrderFlow(Flow[OrderRow]):
         else:
             self._go_on(now_us)
 
-    def _repeat(self, trial: Trial, reason: str, now_us: int) -> None:
+    def _repeat(self, trial: Trial, reason: str, why: Why, now_us: int) -> None:
         attempts = self._in_vain(trial.index)
         if attempts >= self._plan.order.most_attempts:
             self._stop(f"trial {trial.index} was begun {attempts} times in vain; the last time: {reason}")
         else:
-            self._show(screens.repeat(reason), now_us)
+            self._show(screens.repeat(why), now_us)
 
     def _values(self, trial: Trial, stimulus: Stimulus, measures: Measures) -> dict[str, Any]:
         """Return the columns of a trial, answered or not."""

@@ -34,6 +34,16 @@ class ScreenKind(enum.StrEnum):
     DONE = "done"
 
 
+class Why(enum.StrEnum):
+    """Why a trial comes again, in words for the participant; the reason in the table may tell forces, these do not."""
+
+    STOPPED = "it was stopped"
+    LATE = "the time was over before you answered"
+    UNMET = "the platform did not find your finger"
+    UNDELIVERED = "the forces did not reach your finger in full"
+    FAULT = "there was a technical fault"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Screen:
     """One screen.
@@ -170,12 +180,12 @@ def feedback(answered: str, right: str) -> Screen:
     return Screen(kind=ScreenKind.FEEDBACK, title=verdict, text=text, keys=NEXT)
 
 
-def repeat(reason: str) -> Screen:
+def repeat(why: Why) -> Screen:
     """Return the screen after a trial that does not count."""
     return Screen(
         kind=ScreenKind.REPEAT,
         title="This one comes again",
-        text=f"It does not count: {reason}. Please put your finger back, and move slowly.",
+        text=f"It does not count: {why}. Please put your finger back, and move slowly.",
         keys=NEXT,
     )
 
@@ -208,6 +218,10 @@ def done() -> Screen:
     return Screen(kind=ScreenKind.DONE, title="Thank you", text="The session is over. You may take your finger out.")
 
 
-def stopped(reason: str) -> Screen:
-    """Return the screen of a session that cannot go on now."""
-    return Screen(kind=ScreenKind.STOPPED, title="The session is interrupted", text=reason)
+def stopped() -> Screen:
+    """Return the screen of a session that cannot go on now; why is for the experimenter."""
+    return Screen(
+        kind=ScreenKind.STOPPED,
+        title="The session is interrupted",
+        text="Please tell the experimenter. Your answers are safe.",
+    )
