@@ -31,7 +31,7 @@ class Access:
 
     host: str
     port: int
-    tokens: dict[View, str] = field(default_factory=lambda: {view: secrets.token_urlsafe(16) for view in VIEWS})
+    tokens: dict[View, str] = field(default_factory=lambda: new_tokens(VIEWS))
 
     def url(self, view: View) -> str:
         """Return the address of a view."""
@@ -60,8 +60,13 @@ class Access:
         return True
 
 
-def listen_for_pages(address: HostPort | None) -> tuple[socket.socket, Access]:
-    """Return a listening socket, and how to reach it; port 0 takes a free one.
+def new_tokens(views: tuple[View, ...]) -> dict[View, str]:
+    """Return a token for each view, drawn at random."""
+    return {view: secrets.token_urlsafe(16) for view in views}
+
+
+def listen_for_pages(address: HostPort | None, views: tuple[View, ...] = VIEWS) -> tuple[socket.socket, Access]:
+    """Return a listening socket, and how to reach the `views`; port 0 takes a free one.
 
     Without an `address`, `DEFAULT` is used, or another port of that host if this one is taken.
 
@@ -79,7 +84,8 @@ def listen_for_pages(address: HostPort | None) -> tuple[socket.socket, Access]:
             sock = _listen(HostPort(DEFAULT.host, 0))
     host, port = sock.getsockname()[:2]
     named = address.host if address is not None else host
-    return sock, Access(socket.gethostname() if named in ("0.0.0.0", "::") else named, port)  # noqa: S104
+    host = socket.gethostname() if named in ("0.0.0.0", "::") else named  # noqa: S104
+    return sock, Access(host, port, new_tokens(views))
 
 
 def _listen(address: HostPort) -> socket.socket:

@@ -104,7 +104,7 @@ class Client:
             while self._closing is None:
                 await self._wake.wait()
                 self._wake.clear()
-                while self._queue and self._closing is None:
+                while self._queue:  # also before a farewell: it may be the last word of an experiment
                     message = self._queue.popleft()
                     self._queued_bytes -= len(message)
                     await (socket.send_str(message) if isinstance(message, str) else socket.send_bytes(message))

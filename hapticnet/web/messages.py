@@ -141,8 +141,25 @@ The newest `EVENTS_KEPT` come after the hello.
 
     {"type": "error", "message": "delay_ms is 900; it must be between 0 and 250"}
 
-``task``, to the operator view: reserved for experiments (instructions and questions). Nothing sends it yet; a page must
-leave a place for it and ignore messages of unknown type.
+A page must ignore messages of unknown type.
+
+In an experiment
+----------------
+There is the operator view only, and one page at a time. Its hello has ``"experiment": {"masking_noise": false}``, which
+says whether masking noise begins with the first press on the page. Tissues have a name, which is their number from
+front to back. Frames come, and the hand can be taken, only while a scene can be touched.
+
+``task``, after the hello and when it changes: what to show, and which keys do something (`hapticnet.study.screens`)::
+
+    {"type": "task", "number": 7, "kind": "trial", "title": "Feel the three tissues", "text": "…",
+     "keys": [{"key": "1", "does": "tissue 1"}, {"key": "escape", "does": "stop: …"}],
+     "typed": "21",                         // what has been typed of an answer
+     "progress": "3 of 40 trials",          // may be empty
+     "wait_s": 0.0}                         // time until the key ``enter`` does something
+
+``kind`` is one of ``instructions``, ``consent``, ``meet``, ``practice``, ``trial``, ``stimuli``, ``question``,
+``feedback``, ``repeat``, ``rating``, ``break``, ``stopped`` and ``done``; a page shows the scene in a ``trial``. No
+task names a condition or a force, or, outside of practice, the right answer.
 
 From the page, binary
 ---------------------
@@ -170,6 +187,10 @@ From the page, JSON
 ``{"type": "let_go"}``                      watch view: withdraw the needle and free the hand, whoever has it
 ``{"type": "set", "multiplier": 2.0}``      watch view: change what ``adjustable`` lists, one or several keys;
                                             ``"codec"`` is the name of one in ``codecs``
+``{"type": "key", "number": 7,``            experiment: press a key of the task with this number; ignored if that
+``"key": "enter"}``                         task is over, so that no press is taken for the answer to another question
+``{"type": "noise", "level": 0.3}``         experiment: the level of the masking noise is now this share of full
+                                            scale; 0 if it is off
 ==========================================  =========================================================================
 
 The answer to ``set`` is the next ``state``, or an ``error`` and no change at all. A message that is not of this
@@ -231,6 +252,7 @@ class CloseCode(enum.IntEnum):
     TOO_MANY_MISTAKES = 4400
     TOO_MANY_MESSAGES = 4429
     TOO_MANY_PAGES = 4503
+    ANOTHER_PAGE = 4409
     MASTER_ENDED = 4410
 
 
@@ -267,7 +289,22 @@ class Change:
     loss_percent: float | None = None
 
 
-PageMessage: TypeAlias = Hand | Take | Release | LetGo | Change
+@dataclass(frozen=True, slots=True)
+class Key:
+    """Press a key of the task with this number."""
+
+    number: int
+    key: str
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """The level of the masking noise, as a share of full scale; 0 if it is off."""
+
+    level: float
+
+
+PageMessage: TypeAlias = Hand | Take | Release | LetGo | Change | Key | Noise
 
 LIMITS: Final[dict[str, tuple[float, float]]] = {
     "multiplier": (0.0, 8.0),
@@ -337,8 +374,12 @@ def parse_text(data: str) -> PageMessage:
         raise MistakeError("a message must be an object with a 'type'")
     if kind == "set":
         return _change(content)
+    if kind == "key":
+        return _key(content)
+    if kind == "noise":
+        return _noise(content)
     if kind not in _ORDERS:
-        raise MistakeError(f"unknown message {kind[:40]!r}; there are: {', '.join(_ORDERS)}, set")
+        raise MistakeError(f"unknown message {kind[:40]!r}; there are: {', '.join(_ORDERS)}, set, key, noise")
     if content:
         raise MistakeError(f"message {kind!r} has no key {next(iter(content))[:40]!r}")
     return _ORDERS[kind]
@@ -359,3 +400,17 @@ def _change(content: dict[str, Any]) -> Change:
             low, high = LIMITS[key]
             raise MistakeError(f"{key} is {str(value)[:20]}; it must be between {low:g} and {high:g}")
     return Change(**content)
+
+
+def _key(content: dict[str, Any]) -> Key:
+    number, key = content.get("number"), content.get("key")
+    if len(content) != 2 or type(number) is not int or not isinstance(key, str):
+        raise MistakeError("message 'key' takes the number of a task and a key, and nothing else")
+    return Key(number, key)
+
+
+def _noise(content: dict[str, Any]) -> Noise:
+    level = content.get("level")
+    if len(content) != 1 or isinstance(level, bool) or not isinstance(level, (int, float)) or not 0.0 <= level <= 1.0:
+        raise MistakeError("message 'noise' takes a level between 0 and 1, and nothing else")
+    return Noise(float(level))

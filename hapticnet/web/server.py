@@ -18,9 +18,9 @@ from aiohttp import WSMsgType, web
 from hapticnet.node.master_events import NodeEvent
 from hapticnet.runtime.watching import Watcher
 from hapticnet.web.access import Access
+from hapticnet.web.audience import Audience
 from hapticnet.web.client import Client
 from hapticnet.web.messages import LARGEST_MESSAGE, CloseCode, View
-from hapticnet.web.page import Page
 
 HEARTBEAT_S: Final = 5.0
 """Time [s] between two pings, which find pages that have gone without a word."""
@@ -62,11 +62,11 @@ def static_files() -> dict[str, tuple[bytes, str]]:
 
 
 class Server(Watcher[NodeEvent]):
-    """Serves a `Page` while the master runs."""
+    """Serves pages while the master runs."""
 
     name = "page"
 
-    def __init__(self, page: Page, access: Access, sock: socket.socket) -> None:
+    def __init__(self, page: Audience, access: Access, sock: socket.socket) -> None:
         self._page = page
         self._access = access
         self._sock = sock
@@ -77,9 +77,10 @@ class Server(Watcher[NodeEvent]):
         """Begin to serve."""
         app = web.Application(middlewares=[self._guard])
         app.on_response_prepare.append(_add_headers)
-        app.router.add_get("/{view:watch|operator}", self._serve_view)
+        views = "|".join(self._page.views)
+        app.router.add_get(f"/{{view:{views}}}", self._serve_view)
         app.router.add_get("/static/{name:.+}", self._serve_file)
-        app.router.add_get("/socket/{view:watch|operator}", self._serve_socket)
+        app.router.add_get(f"/socket/{{view:{views}}}", self._serve_socket)
         logger = logging.getLogger("hapticnet.web")
         logger.disabled = True  # what strangers send is no news, and no traceback may reach a user
         runner = web.AppRunner(app, access_log=None, logger=logger, handle_signals=False, shutdown_timeout=1.0)
@@ -128,8 +129,9 @@ class Server(Watcher[NodeEvent]):
         if not self._access.opens(view, request.query.get("token", "")):
             await ws.close(code=CloseCode.WRONG_TOKEN, message=b"this link is not valid, or of an earlier run")
             return ws
-        if self._page.is_full:
-            await ws.close(code=CloseCode.TOO_MANY_PAGES, message=b"too many pages are open")
+        if (refusal := self._page.refusal()) is not None:
+            code, reason = refusal
+            await ws.close(code=code, message=reason.encode())
             return ws
         transport = request.transport
         if transport is not None:

@@ -301,7 +301,7 @@ def test_a_page_that_fails_is_switched_off_and_the_run_goes_on(monkeypatch: pyte
     async def scenario() -> None:
         async with rig() as run, run.open("watch") as client:
             await take(run, client)
-            monkeypatch.setattr(run.page, "_frame", lambda _: 1 / 0)
+            monkeypatch.setattr(run.page, "_send_frames", lambda *_: 1 / 0)
             await until(lambda: any("switched off" in line for line in run.said))
             ticks = run.node.ticks
             await until(lambda: run.node.ticks > ticks + 50)

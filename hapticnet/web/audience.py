@@ -1,0 +1,171 @@
+"""The pages that are connected, and the hand that one of them may have: what every kind of page is built on."""
+
+import asyncio
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Final
+
+from hapticnet.errors import PeerError
+from hapticnet.node.master_events import NodeEvent
+from hapticnet.operator.live import HandState, LiveHand
+from hapticnet.runtime.watching import Watcher
+from hapticnet.web import messages
+from hapticnet.web.client import Client
+from hapticnet.web.messages import CloseCode, Hand, MistakeError, PageMessage, Release, Take, View
+from hapticnet.web.mirror import Mirror
+from hapticnet.web.seat import Seat
+
+MOST_PAGES: Final = 16
+
+INTERVAL_S: Final = 1 / messages.MESSAGES_PER_S
+
+
+class Audience(Watcher[NodeEvent], ABC):
+    """A watcher that keeps pages up to date and does what they ask.
+
+    Everything but `_take_down` is done 60 times a second, right after a tick, so that it is over before the next one;
+    no page is waited for.
+
+    Parameters
+    ----------
+    hand
+        The hand that a page may take; None if the positions come from elsewhere.
+    say
+        Called with a line for the person at the terminal.
+
+    Attributes
+    ----------
+    views
+        The views that are served.
+    clients
+        The pages that are connected.
+    seat
+        Who has the hand.
+    """
+
+    name = "page"
+    views: tuple[View, ...] = messages.VIEWS
+
+    def __init__(self, hand: LiveHand | None, say: Callable[[str], None]) -> None:
+        self.clients: list[Client] = []
+        self.seat = Seat(hand)
+        self._say = say
+        self._frames = 0
+        self._told: dict[Client, tuple[str, HandState]] = {}
+        self._is_due = False
+        self._failure: Exception | None = None
+        self._timer: asyncio.TimerHandle | None = None
+
+    async def start(self) -> None:
+        """Begin to send."""
+        self._loop = asyncio.get_running_loop()
+        self._timer = self._loop.call_later(INTERVAL_S, self._ring)
+
+    def observe(self, now_us: int) -> None:
+        """Take down a tick, and send when it is time."""
+        if self._failure is not None:
+            raise self._failure  # as from any watcher: it is told and switched off, and the run goes on
+        self._take_down(now_us)
+        if self._is_due:
+            self._is_due = False
+            self._loop.call_soon(self._fire)
+
+    async def stop(self) -> None:
+        """Disconnect every page."""
+        if self._timer is not None:
+            self._timer.cancel()
+        for client in self.clients:
+            client.close(CloseCode.MASTER_ENDED, "the master has ended")
+        await asyncio.gather(*(client.finish() for client in self.clients))
+
+    def refusal(self) -> tuple[CloseCode, str] | None:
+        """Return why one page more is not served; None if it is."""
+        return (CloseCode.TOO_MANY_PAGES, "too many pages are open") if len(self.clients) >= MOST_PAGES else None
+
+    def connect(self, client: Client) -> None:
+        """Greet a page."""
+        self.clients.append(client)
+        self._greet(client)
+
+    def disconnect(self, client: Client) -> None:
+        """Forget a page; if it had the hand, the needle is withdrawn."""
+        self.clients.remove(client)
+        self._told.pop(client, None)
+        self.seat.release(client)
+
+    def receive(self, client: Client, data: str | bytes) -> None:
+        """Do what a page asks; what it may not ask, and what makes no sense, is answered with an error."""
+        try:
+            message = messages.parse_text(data) if isinstance(data, str) else messages.parse_binary(data)
+            if isinstance(message, Hand):
+                self.seat.move(client, message)
+            elif isinstance(message, Take):
+                self.seat.take(client)
+            elif isinstance(message, Release):
+                self.seat.release(client)
+            else:
+                self._obey(client, message)
+        except PeerError as error:
+            client.post_replaceable(messages.text("error", message=str(error)))
+            if isinstance(error, MistakeError):
+                self._count_mistake(client, str(error))
+
+    @abstractmethod
+    def _greet(self, client: Client) -> None:
+        """Send what a page gets first."""
+
+    @abstractmethod
+    def _obey(self, client: Client, message: PageMessage) -> None:
+        """Do what a page asks, other than about the hand; raise PeerError if it may not ask that."""
+
+    @abstractmethod
+    def _send(self) -> None:
+        """Send what is due, `messages.MESSAGES_PER_S` times a second."""
+
+    def _take_down(self, now_us: int) -> None:
+        """Take down a tick, in it."""
+
+    def _tell_all(self, message: str) -> None:
+        for client in self.clients:
+            client.post(message)
+
+    def _tell_hand(self, client: Client) -> None:
+        """Tell a page who has the hand, if that has changed."""
+        holder = self.seat.holder
+        who = "nobody" if holder is None else "you" if holder is client else "another"
+        told = who, self.seat.state
+        if self._told.get(client) != told:
+            self._told[client] = told
+            client.post(messages.text("hand", holder=who, state=self.seat.state.name.lower()))
+
+    def _send_frames(self, tip_m: float, mirror: Mirror | None) -> None:
+        """Tell each page who has the hand, and where needle and surfaces are."""
+        surfaces_m, contacts = ((), ()) if mirror is None else (mirror.surfaces_m, mirror.contacts)
+        for client in self.clients:
+            self._tell_hand(client)
+            time_ms = 0.0 if client.heard is None else client.heard.time_ms
+            client.post_replaceable(messages.frame(self.seat.state, self._frames, time_ms, tip_m, surfaces_m, contacts))
+
+    def _count_mistake(self, client: Client, text: str) -> None:
+        client.mistakes += 1
+        if client.mistakes == 1:
+            self._say(f"a page sent a message that makes no sense and was ignored: {text}")
+        elif client.mistakes >= messages.MOST_MISTAKES:
+            client.close(CloseCode.TOO_MANY_MISTAKES, "too many messages that make no sense")
+
+    def _ring(self) -> None:
+        self._timer = self._loop.call_later(INTERVAL_S, self._ring)
+        was_due, self._is_due = self._is_due, True
+        if was_due:  # there was no tick since the last time
+            self._fire()
+
+    def _fire(self) -> None:
+        try:
+            self.seat.check()
+            self._frames += 1
+            self._send()
+        except Exception as error:
+            self._failure = error
+            self.seat.let_go()
+            if self._timer is not None:
+                self._timer.cancel()
