@@ -29,6 +29,12 @@ def master(
     codec: options.Codec = "deadband",
     weber: options.Weber = PAPER_WEBER_FRACTION,
     floor: options.Floor = PAPER_FLOOR_N,
+    participant: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="The law that 'experiment limits' measured, in place of --weber and --floor."
+        ),
+    ] = None,
     multiplier: options.Multiplier = 1.0,
     rate: Annotated[float, typer.Option(help="Positions a second.")] = 1000.0,
     name: Annotated[str, typer.Option(help="What the slave's report calls this master.")] = "master",
@@ -74,6 +80,7 @@ def master(
     from hapticnet.checks import check_parameter
     from hapticnet.cli.console import Console, channel_account, check_outputs, deliver
     from hapticnet.cli.key import default_key
+    from hapticnet.cli.law import law_given
     from hapticnet.cli.master_messages import MasterMessages
     from hapticnet.cli.operators import make_operator
     from hapticnet.cli.pages import choose_operator
@@ -84,7 +91,6 @@ def master(
     from hapticnet.experiment.provenance import provenance
     from hapticnet.node.master import MasterNode
     from hapticnet.node.master_settings import MasterSettings
-    from hapticnet.perception import WeberLaw
     from hapticnet.protocol.settings import SessionSettings
     from hapticnet.recordings.session.archive import check_format
     from hapticnet.runtime import devices
@@ -95,7 +101,7 @@ def master(
     from hapticnet.runtime.session_recordings import MasterRecording
     from hapticnet.runtime.udp import is_loopback, open_toward, parse_host_port
 
-    law = WeberLaw(weber_fraction=weber, floor_n=floor, multiplier=multiplier)
+    law = law_given(weber, floor, multiplier, participant)
     check_parameter("--max-age", max_age, 0.01, 60.0, "s")
     known = devices.load(profile)
     address = parse_host_port(connect)
@@ -127,7 +133,9 @@ def master(
         duration = hand.operator.duration_us / 1e6
     if record is not None:
         check_format(record)
-    check_outputs(record, report, inputs=[profile, hand.file, None if keys is None else key or default_key()])
+    check_outputs(
+        record, report, inputs=[profile, participant, hand.file, None if keys is None else key or default_key()]
+    )
     scheduling = prefer_realtime() if realtime else OTHER
     kind = "an open session" if keys is None else "a sealed session"
     console.say(f"asking {address} for {kind}, {codec}, {rate:g} Hz, device {device}, {policy(scheduling)}")

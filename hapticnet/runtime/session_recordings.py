@@ -122,7 +122,7 @@ class MasterRecording(Watcher[NodeEvent]):
         await self._batches.stop()
 
     def _collect(self) -> bool:
-        self._track.collect(self._node.recording, self._node.datagrams, lambda: _of_master(self._node.settings))
+        self._track.collect(self._node.recording, self._node.datagrams, lambda: about_master(self._node.settings))
         return False
 
 
@@ -199,8 +199,8 @@ def file_name(master: str, session: int) -> str:
     return "".join(c if c.isalnum() or c in "-_" else "_" for c in master) + f"-{session:08x}"
 
 
-def _of_master(settings: MasterSettings) -> dict[str, Any]:
-    """Return a master's configuration for its file, without its key."""
+def about_master(settings: MasterSettings) -> dict[str, Any]:
+    """Return a master's configuration for its recording, without its key."""
     plain = asdict(replace(settings, key=None))
     del plain["key"]
     return {"settings": plain, "sealed": settings.key is not None, "wire_versions": WIRE_VERSIONS}

@@ -45,7 +45,8 @@ async def conduct(
     date
         Returns the date and time for the rows.
     on_outcome
-        Called with each row that an activity left and with what came of the activity, once the row is stored.
+        Called in a thread with each row that an activity left and with what came of the activity, once the row is
+        stored.
 
     Raises
     ------
@@ -80,7 +81,7 @@ async def conduct(
         flow.complete(outcome, rig.now_us())
         for row in save():
             if on_outcome is not None:
-                on_outcome(row, outcome)
+                await asyncio.to_thread(on_outcome, row, outcome)  # the device goes on meanwhile
     await front.show(flow)
     if flow.failure is not None:
         raise UnavailableError(f"{flow.failure}; everything answered is stored, go on with --resume")

@@ -139,7 +139,7 @@ def _felt(condition: ConditionPlan, tasks: Sequence[Task], played: Sequence[tupl
     ]
     return Felt(
         condition=condition.name,
-        multiplier=0.0 if condition.codec == "raw" else condition.multiplier,
+        multiplier=condition.threshold,
         cues={cue: table(field) for cue, field in CUE_FIELDS.items()},
         updates=table("updates"),
         steps=table("step"),

@@ -217,7 +217,7 @@ class OrderFlow(Flow[OrderRow]):
             "block": None if trial.condition is None else trial.block,
             "condition": self.condition.name,
             "codec": stimulus.codec,
-            "multiplier": self.condition.multiplier,
+            "multiplier": self.condition.threshold,
             "weber_fraction": law.weber_fraction,
             "floor_n": law.floor_n,
             "order_true": trial.order,

@@ -47,6 +47,11 @@ class ConditionPlan(BaseModel):
     codec: str = "deadband"
     multiplier: Annotated[float, Field(ge=0.0, le=1000.0)] = 1.0
 
+    @property
+    def threshold(self) -> float:
+        """Threshold in JNDs; 0 without compression."""
+        return 0.0 if self.codec == "raw" else self.multiplier
+
 
 class OrderPlan(BaseModel):
     """The ordering task.
@@ -279,4 +284,4 @@ def find_plan(spec: str) -> Plan:
 
 def law_of(condition: ConditionPlan, weber_fraction: float, floor_n: float) -> WeberLaw:
     """Return the law with the condition's threshold; a condition without one is described by that of 1 JND."""
-    return WeberLaw(weber_fraction=weber_fraction, floor_n=floor_n, multiplier=condition.multiplier or 1.0)
+    return WeberLaw(weber_fraction=weber_fraction, floor_n=floor_n, multiplier=condition.threshold or 1.0)

@@ -18,6 +18,7 @@ from hapticnet.operator.base import Operator
 from hapticnet.runtime.clock import now_us
 from hapticnet.runtime.entropy import SystemEntropy
 from hapticnet.runtime.master_run import MasterRunner
+from hapticnet.runtime.recorder import unix_offset_us
 from hapticnet.runtime.serial_port import SerialPort, Wire, open_wire
 from hapticnet.runtime.timer import Ticker
 from hapticnet.runtime.udp import HostPort, open_toward
@@ -25,7 +26,7 @@ from hapticnet.runtime.waiting import either, until
 from hapticnet.runtime.watching import Watcher, Watchers
 from hapticnet.study.hand import scripted_hand
 from hapticnet.study.rig import SETTLE_US, TICK_US, Activity, Fault, Meet, Outcome, Play, disturbance, procedure_of
-from hapticnet.study.trial import Played, Stimulus, measure
+from hapticnet.study.trial import Stimulus, played
 
 if TYPE_CHECKING:
     from hapticnet.node.procedures import Meeting
@@ -170,20 +171,17 @@ class RealRig:
             self._press_nothing(now_us())
             self._closing = asyncio.ensure_future(self._close(runner))
         fault = disturbances.fault
-        if fault is not None and (fault.lost or not node.recording):
+        if fault is not None and fault.lost:
             return fault
-        recording = node.recording
-        if recording is None or not len(recording):
-            return Fault("no position was sent", lost=False)
-        measures = measure(
-            node, stimulus, missed_ticks=runner.missed_ticks, link_stale=int(fault is not None and not fault.lost)
-        )
-        return Played(
-            stimulus=stimulus,
-            measures=measures,
-            ticks=recording.table(),
+        found = played(
+            node,
+            stimulus,
             failure=None if fault is None else fault.reason,
+            link_stale=fault is not None,
+            missed_ticks=runner.missed_ticks,
+            unix_offset_us=unix_offset_us(),
         )
+        return found or fault or Fault("no position was sent", lost=False)
 
     async def _close(self, runner: MasterRunner) -> None:
         try:

@@ -26,7 +26,7 @@ from hapticnet.scene.base import Touchable
 from hapticnet.study.hand import scripted_hand
 from hapticnet.study.scene import NamedTissues
 from hapticnet.study.stimulus import Pair, Presentation, Presented
-from hapticnet.study.trial import Measures, Played, Stimulus, measure
+from hapticnet.study.trial import Measures, Played, Stimulus, played
 
 TICK_US: Final = 1000
 
@@ -188,16 +188,9 @@ class VirtualRig:
         self._fingertip.press(0.0, self._now_us)
         if fault is not None and fault.lost:
             return fault
-        recording = node.recording
-        assert recording is not None  # noqa: S101 - it was asked for
-        if not len(recording):
-            return fault or Fault("no position was sent", lost=False)
-        return Played(
-            stimulus=stimulus,
-            measures=measure(node, stimulus, link_stale=int(fault is not None)),
-            ticks=recording.table(),
-            failure=None if fault is None else fault.reason,
-        )
+        reason = None if fault is None else fault.reason
+        found = played(node, stimulus, failure=reason, link_stale=fault is not None)
+        return found or fault or Fault("no position was sent", lost=False)
 
     def _loopback(self, stimulus: Stimulus, hand: Operator) -> Loopback:
         forward, feedback = (

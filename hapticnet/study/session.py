@@ -1,27 +1,24 @@
 """Set up a session: its plan, its schedule, its law, its table."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 import tomli_w
 
-from hapticnet.errors import FileError, SettingsError
+from hapticnet.errors import SettingsError
 from hapticnet.experiment.provenance import provenance
-from hapticnet.files import fresh_path, make_folder, replacing
+from hapticnet.files import make_folder, replacing
 from hapticnet.perception import WeberLaw
 from hapticnet.study.limits_flow import LimitsFlow, LimitsSchedule, device_errors_n, draw_limits
-from hapticnet.study.order_flow import PRACTICE, OrderFlow
+from hapticnet.study.order_flow import OrderFlow
 from hapticnet.study.plan import Plan, find_plan
-from hapticnet.study.rig import Outcome
-from hapticnet.study.rows import AnyRow, LimitsRow, OrderRow
+from hapticnet.study.rows import LimitsRow, OrderRow
 from hapticnet.study.schedule import OrderSchedule, draw_order, participant_number
 from hapticnet.study.store import Store, opened, session_folder, stored_schedule, table_name
-from hapticnet.study.trial import Played
 from hapticnet.study.weber import ParticipantFile, load_participant, participant_file
 
 PLAN_FILE: Final = "plan.toml"
@@ -210,26 +207,6 @@ def version() -> str:
 def _check_plan(digest: str, plan: Plan) -> None:
     if digest != plan.digest():
         raise SettingsError("the session was begun with another plan; go on with that one")
-
-
-def record_outcomes(settings: SessionSettings) -> Callable[[AnyRow, Outcome], None]:
-    """Return what keeps every tick of each trial beside the table; a recording is never overwritten."""
-    folder = settings.folder(ORDER) / "recordings"
-    make_folder(folder)
-
-    def keep(row: AnyRow, outcome: Outcome) -> None:
-        if not isinstance(outcome, Played):
-            return
-        number = 0 if row.this_n is None else row.this_n
-        kind = "practice" if getattr(row, "condition", None) == PRACTICE else "trial"
-        path = fresh_path(folder / f"{kind}-{number:03d}-{row.attempt or 0}.npz")
-        try:
-            with path.open("xb") as file:
-                np.savez_compressed(file, **outcome.ticks)  # type: ignore[arg-type]
-        except OSError as error:
-            raise FileError(f"{path}: the recording cannot be written: {error.strerror}; its answer is safe") from error
-
-    return keep
 
 
 def account_of(settings: SessionSettings, flow: OrderFlow) -> dict[str, Any]:

@@ -142,22 +142,57 @@ class Played:
     ----------
     failure
         Why it was aborted; None if it ended by itself or with an answer.
-    ticks
-        The recording of the master, by column (`node.recording.master_columns`), shape (n,).
+    ticks, datagrams
+        The recordings of the master by column (`node.recording.master_columns`, `DATAGRAM_COLUMNS`), shape (n,).
+    settings
+        Settings of the master.
+    unix_offset_us
+        Add it to the times of both for µs since 1970; 0 in virtual time.
     """
 
     stimulus: Stimulus
     measures: Measures
     ticks: dict[str, FloatArray]
+    datagrams: dict[str, FloatArray]
+    settings: MasterSettings
+    unix_offset_us: int = 0
     failure: str | None = None
 
 
-def measure(node: MasterNode, stimulus: Stimulus, *, missed_ticks: int = 0, link_stale: int = 0) -> Measures:
-    """Return the figures of a trial from the recordings of its master."""
+def played(
+    node: MasterNode,
+    stimulus: Stimulus,
+    *,
+    failure: str | None,
+    link_stale: bool,
+    missed_ticks: int = 0,
+    unix_offset_us: int = 0,
+) -> Played | None:
+    """Return what a master made of a trial; None if it sent no position."""
     assert node.recording is not None  # noqa: S101 - `Stimulus.master_settings` asks for both
     assert node.datagrams is not None  # noqa: S101
-    ticks = node.recording.table()
-    datagrams = node.datagrams.table()
+    if not len(node.recording):
+        return None
+    ticks, datagrams = node.recording.table(), node.datagrams.table()
+    return Played(
+        stimulus=stimulus,
+        measures=_measure(ticks, datagrams, stimulus, missed_ticks, int(link_stale)),
+        ticks=ticks,
+        datagrams=datagrams,
+        settings=node.settings,
+        unix_offset_us=unix_offset_us,
+        failure=failure,
+    )
+
+
+def _measure(
+    ticks: dict[str, FloatArray],
+    datagrams: dict[str, FloatArray],
+    stimulus: Stimulus,
+    missed_ticks: int,
+    link_stale: int,
+) -> Measures:
+    """Return the figures of a trial."""
     forces = (datagrams["direction"] == IN) & (datagrams["kind"] == float(Kind.FORCE))
     held_n, sensed_n = _peaks(ticks, stimulus.surfaces_m)
     touching = np.flatnonzero(ticks["held_n"] > 0.0)

@@ -1,7 +1,7 @@
 """``hapticnet experiment order``: let a participant order three tissues by stiffness."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -11,6 +11,7 @@ from hapticnet.cli.experiment import common
 if TYPE_CHECKING:
     from hapticnet.device.profile import Profile
     from hapticnet.study.observers import ObserverSettings
+    from hapticnet.study.recordings import RecordingForm
     from hapticnet.study.session import SessionSettings
 
 
@@ -39,8 +40,9 @@ def order(
     real_time: common.RealTime = False,
     jobs: common.Jobs = None,
     record: Annotated[
-        bool, typer.Option("--record/--no-record", help="Keep every tick of each trial, as NPZ beside the table.")
-    ] = True,
+        Literal["mcap", "npz", "none"] | None,
+        typer.Option(help="Form of the recordings, one a trial; default: mcap in real time if installed, else npz."),
+    ] = None,
     resume: common.Resume = False,
     dry_run: common.DryRun = False,
     json: options.Json = False,
@@ -54,6 +56,7 @@ def order(
     from hapticnet.cli.console import Console, deliver
     from hapticnet.experiment.workers import workers
     from hapticnet.runtime import devices
+    from hapticnet.study.recordings import usual_form
     from hapticnet.study.schedule import draw_order
     from hapticnet.study.session import SessionSettings, keep_plan
 
@@ -64,6 +67,7 @@ def order(
         return
     known = devices.load(profile)
     devices.check_device(device)
+    form = record or usual_form(real_time=asked.observer is None or real_time)
     console = Console("order", quiet=quiet)
     settings = [
         SessionSettings(
@@ -85,9 +89,9 @@ def order(
         from hapticnet.cli.experiment.real_time import Place, run_order
 
         place = Place(operator=operator, connect=connect, key=key, peer_key=peer_key, insecure=insecure)
-        accounts.append(run_order(settings[0], known, asked.observer, place, record=record, say=console.say))
+        accounts.append(run_order(settings[0], known, asked.observer, place, form=form, say=console.say))
     else:
-        shared = known, asked.observer, record
+        shared = known, asked.observer, form
         with workers(common.jobs_for(jobs, len(settings)), shared) as in_order:
             for account in in_order(_in_virtual_time, settings):
                 accounts.append(account)
@@ -97,17 +101,20 @@ def order(
     deliver({"title": title, "participant": accounts}, as_json=json, file=None)
 
 
-def _in_virtual_time(shared: "tuple[Profile, ObserverSettings, bool]", settings: "SessionSettings") -> dict[str, Any]:
+def _in_virtual_time(
+    shared: "tuple[Profile, ObserverSettings, RecordingForm]", settings: "SessionSettings"
+) -> dict[str, Any]:
     import asyncio
 
     from hapticnet.node.master_settings import MasterSettings
     from hapticnet.study.conduct import conduct
+    from hapticnet.study.recordings import record_trials
     from hapticnet.study.rig import VirtualRig
     from hapticnet.study.schedule import participant_number
-    from hapticnet.study.session import account_of, order_session, record_outcomes, today, version
+    from hapticnet.study.session import account_of, order_session, today, version
     from hapticnet.study.simulated_front import SimulatedFront
 
-    known, observer, record = shared
+    known, observer, form = shared
     number = participant_number(settings.participant)
     with common.virtual_fingertip(settings.device, known, settings.seed + number) as fingertip:
         rig = VirtualRig(fingertip, MasterSettings())
@@ -115,6 +122,6 @@ def _in_virtual_time(shared: "tuple[Profile, ObserverSettings, bool]", settings:
             observer, rig, seed=settings.seed, participant=number, session=settings.session, waits=True
         )
         with order_session(settings, rig.now_us()) as (flow, store):
-            keep = record_outcomes(settings) if record else None
+            keep = record_trials(settings, form, {"device": settings.device})
             asyncio.run(conduct(flow, rig, front, store, date=today, version=version(), on_outcome=keep))
         return account_of(settings, flow)

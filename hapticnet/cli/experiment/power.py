@@ -107,7 +107,7 @@ def _answers(
             values = tuple(float(part) for part in shares.split(","))
         except ValueError:
             raise SettingsError(f"shares {shares!r} must be numbers from 0 to 1, such as 0.775,0.8") from None
-        multipliers = tuple(0.0 if each.codec == "raw" else each.multiplier for each in plan.condition)
+        multipliers = tuple(each.threshold for each in plan.condition)
         assumed = ShareAnswers(tuple(each.name for each in plan.condition), multipliers, values)
         return assumed, f"assumed shares {shares}"
     settings = parse_observer(observer)

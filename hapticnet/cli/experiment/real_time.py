@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from hapticnet.node.master_settings import MasterSettings
     from hapticnet.runtime.udp import HostPort
     from hapticnet.study.observers import ObserverSettings
+    from hapticnet.study.recordings import RecordingForm
     from hapticnet.study.session import SessionSettings
 
 
@@ -33,7 +34,7 @@ def run_order(
     observer: "ObserverSettings | None",
     place: Place,
     *,
-    record: bool,
+    form: "RecordingForm",
     say: Callable[[str], None],
 ) -> dict[str, Any]:
     """Conduct the ordering task and return its account."""
@@ -41,7 +42,8 @@ def run_order(
     from hapticnet.runtime.clock import now_us
     from hapticnet.runtime.realtime import run
     from hapticnet.study.real_rig import Body, RealRig
-    from hapticnet.study.session import account_of, order_session, record_outcomes
+    from hapticnet.study.recordings import record_trials
+    from hapticnet.study.session import account_of, order_session
 
     hand = None if observer is not None else make_operator(place.operator, insertions=1, seed=settings.seed, say=say)
     with (
@@ -56,7 +58,8 @@ def run_order(
             hand_watchers=() if hand is None else hand.watchers,
         )
         rig = RealRig(body, master_settings, address, tell=say)
-        keep = record_outcomes(settings) if record else None
+        about = {"operator": place.operator if observer is None else "scripted", "connect": str(address)}
+        keep = record_trials(settings, form, about)
         run(common.conduct_in_real_time(rig, flow, store, settings, observer, keep))
         return account_of(settings, flow)
 
