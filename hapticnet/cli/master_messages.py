@@ -69,7 +69,7 @@ class MasterMessages(Watcher[NodeEvent]):
         elif isinstance(event, Hinted):
             self._hint = event.reason
         tell = self._console.warn if isinstance(event, DISTURBANCES) else self._console.say
-        tell(in_words(event, self._address), event=type(event).__name__)
+        tell(in_words(event, self._node, self._address), event=type(event).__name__)
 
     def check(self, now_us: int) -> None:  # noqa: ARG002 - the interval is fixed
         """Give advice if there is no session yet, and renew the status line."""
@@ -83,12 +83,14 @@ class MasterMessages(Watcher[NodeEvent]):
         return silence_advice(self._keys, self._node.session.received.malformed, self._hint)
 
 
-def in_words(event: NodeEvent, address: str) -> str:
-    """Return an event in words for a person; `address` is the slave's."""
+def in_words(event: NodeEvent, node: MasterNode, address: str) -> str:
+    """Return an event of `node` in words for a person; `address` is the slave's."""
     if isinstance(event, Connected):
         grant = event.grant
         resumed = ", as it was left" if grant.resumed else ""
-        return f"connected to {address}, scene {grant.scene}{resumed}, {grant.rate_hz:g} Hz granted"
+        codec = node.codec
+        jnd = "" if codec.name == "raw" else f" at {codec.law.multiplier:g} JND"
+        return f"connected to {address}, scene {grant.scene}{resumed}, {grant.rate_hz:g} Hz granted, {codec.name}{jnd}"
     if isinstance(event, LinkStale):
         if event.too_old_us is not None:
             return (

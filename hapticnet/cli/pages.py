@@ -66,7 +66,7 @@ class ServedPage:
             device=None if device == "none" else device,
             hand=hand if isinstance(hand, LiveHand) else None,
             operator_url=self._access.url("operator"),
-            in_words=lambda event: in_words(event, slave),
+            in_words=lambda event: in_words(event, node, slave),
             say=self._console.say,
         )
         page = Page(node, Controls(node, ways), settings)

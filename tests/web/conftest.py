@@ -25,7 +25,7 @@ def chromium() -> "Iterator[Browser]":
     """
     path = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     if sync_playwright is None or path is None:
-        pytest.skip("needs playwright and Chromium: make install")
+        pytest.skip("needs playwright and Chromium: make chromium, and pip install -e '.[dev]'")
     with sync_playwright() as playwright:
         # The sandbox cannot be used as root, as in containers; these pages are our own.
         browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])

@@ -163,7 +163,7 @@ def test_a_setting_is_sent_and_a_refused_one_is_shown_as_it_was(watch: Stage):
 
 
 def test_what_a_run_does_not_let_a_page_change_is_disabled(watch: Stage):
-    assert watch.page.get_by_label("Delay, each way").is_disabled()
+    assert watch.page.get_by_label("Delay each way").is_disabled()
     assert watch.page.get_by_label("Codec").is_enabled()
 
 

@@ -53,7 +53,7 @@ function configure(hello) {
   plot ??= makePlot(hello.history_s);
   settings.configure(hello);
   settings.enable(true);
-    const link = byId("operator-link");
+  const link = byId("operator-link");
   link.hidden = !hello.operator_url;
   if (hello.operator_url) link.href = hello.operator_url;
   document.querySelector('[data-line="sensed"]').hidden = hello.device === null;

@@ -56,7 +56,7 @@ export function hint(source, holder, { speed_m_per_s: speed, delay_ms: delay }) 
   if (source !== "page") return "This page watches.";
   if (holder === "another") return "You watch until it is given back.";
   const how = matchMedia("(pointer: coarse)").matches ? "Drag down to push." : "Drag down to push, or use ↑ ↓. Esc lets go.";
-  return `${how} The needle trails by ${delay} ms, at most ${count(speed * 1000)} mm/s.`;
+  return `${how} The needle follows ${delay} ms later, at up to ${count(speed * 1000)} mm/s.`;
 }
 
 /** The scene in words, for screen readers. */
@@ -75,5 +75,5 @@ export function sceneWords(tipM, tissues, contacts, forceN) {
 export function thresholdWords(multiplier, weberFraction, floorN) {
   if (!(multiplier > 0)) return "Every change is sent";
   const atOne = 1000 * multiplier * Math.max(weberFraction, floorN);
-  return `Holds changes within ${Number(atOne.toPrecision(3))} mN at 1 N`;
+  return `Changes within ${Number(atOne.toPrecision(3))}\u00a0mN of 1\u00a0N are not sent`;
 }
