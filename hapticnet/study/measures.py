@@ -61,6 +61,7 @@ MEASURES: Final[dict[str, tuple[str, Measure]]] = {
         lambda rows: mean(max((peak or 0.0) for peak in row.peaks_sensed_n) for row in rows),
     ),
     "delivered": ("sensed over held peak", _delivered),
+    "error": ("perceptual error of the held force", lambda rows: mean(row.perceptual_error for row in rows)),
     "speed_m_per_s": ("largest speed in contact [m/s]", lambda rows: mean(row.peak_speed_m_per_s for row in rows)),
 }
 """The measures: name in tables, and how it is computed from the trials of one participant."""

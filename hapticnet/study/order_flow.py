@@ -226,6 +226,7 @@ class OrderFlow(Flow[OrderRow]):
             "insertions": measures.insertions,
             "penetrations": measures.penetrations,
             "peak_speed_m_per_s": measures.peak_speed_m_per_s,
+            "perceptual_error": measures.perceptual_error,
             "force_packets": measures.force_packets,
             "wire_bytes": measures.wire_bytes,
             "missed_ticks": measures.missed_ticks,

@@ -43,6 +43,7 @@ NO_MEASURES: Final = Measures(
     peaks_held_n=(None, None, None),
     peaks_sensed_n=(None, None, None),
     peak_speed_m_per_s=None,
+    perceptual_error=None,
     force_packets=0,
     wire_bytes=0,
 )

@@ -95,6 +95,10 @@ class OrderRow(Row):
     peak_sensed_2_n: float | None = column("Largest force sensed at the finger in the second tissue, in newton.")
     peak_sensed_3_n: float | None = column("Largest force sensed at the finger in the third tissue, in newton.")
     peak_speed_m_per_s: float | None = column("Largest speed into the tissue while in contact, in metres per second.")
+    perceptual_error: float | None = column(
+        "Root mean square of ln(held force / force of the tissue at the same moment) while the tissue's is above"
+        " 0.3 N; a smaller held force counts as 0.3 N."
+    )
     force_packets: int | None = column("FORCE datagrams that the slave sent in this trial.")
     wire_bytes: int | None = column("Bytes of the FORCE datagrams with their UDP and IPv4 headers.")
     rating: int | None = column("Quality of experience of the block, 1 (bad) to 7 (excellent).")

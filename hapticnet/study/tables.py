@@ -22,6 +22,7 @@ FORMS: Final[dict[str, tuple[float, str]]] = {
     "penetrations": (1.0, "{:.1f}"),
     "peak_n": (1.0, "{:.2f}"),
     "delivered": (100.0, "{:.0f} %"),
+    "error": (1.0, "{:.3f}"),
     "speed_m_per_s": (1000.0, "{:.0f} mm/s"),
     "rating": (1.0, "{:.2f}"),
 }
