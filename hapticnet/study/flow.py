@@ -86,11 +86,15 @@ class Flow(ABC, Generic[AnyRow]):
     def press(self, key: str, now_us: int) -> None:
         """Take a key of the participant; keys that do nothing on this screen are ignored."""
         screen = self.screen
-        if self.done or self.answered or (screen.not_before_us is not None and now_us < screen.not_before_us):
+        early = screen.not_before_us is not None and now_us < screen.not_before_us
+        if self.done or self.answered or (early and key == screens.ENTER):
             return
         if key not in (each for each, _ in screen.keys):
             return
-        if key == screens.ESCAPE:
+        if key == screens.ESCAPE and self.activity is None:
+            self._emit("stopped", now_us, reason="the participant ended the session")
+            self._stop("the participant ended the session")
+        elif key == screens.ESCAPE:
             self.abort("the participant stopped", now_us)
         elif screen.kind is ScreenKind.CONSENT:
             if key == screens.YES:
@@ -101,6 +105,7 @@ class Flow(ABC, Generic[AnyRow]):
                 self._finish()
         elif screen.kind is ScreenKind.BREAK:
             self._emit("break", now_us, since_us=self._shown_us)
+            self._met = False  # the finger was out
             self._go_on(now_us)
         elif key == screens.ENTER and self.activity is None:
             self._go_on(now_us)
@@ -119,7 +124,7 @@ class Flow(ABC, Generic[AnyRow]):
         activity, self.activity = self.activity, None
         abort, self._abort = self._abort, None
         self.answered = False
-        if isinstance(outcome, Fault) and outcome.lost:
+        if abort is not None or (isinstance(outcome, Fault) and outcome.lost):
             self._met = False
         if isinstance(activity, Meet):
             self._complete_meeting(outcome, abort, now_us)

@@ -189,6 +189,7 @@ class LimitsFlow(Flow[LimitsRow]):
             reason=reason,
             **self._values(question, presented),
         )
+        self._met = False  # who knows where the finger is now?
         vain = self._in_vain(self._number())
         if vain >= self._plan.most_attempts:
             self._stop(f"a pair was presented {vain} times in vain; the last time: {reason}")

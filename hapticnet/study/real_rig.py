@@ -25,7 +25,19 @@ from hapticnet.runtime.udp import HostPort, open_toward
 from hapticnet.runtime.waiting import either, until
 from hapticnet.runtime.watching import Watcher, Watchers
 from hapticnet.study.hand import scripted_hand
-from hapticnet.study.rig import SETTLE_US, TICK_US, Activity, Fault, Meet, Outcome, Play, disturbance, procedure_of
+from hapticnet.study.rig import (
+    LINK_LOST,
+    SETTLE_US,
+    TICK_US,
+    Activity,
+    Fault,
+    LiftWatch,
+    Meet,
+    Outcome,
+    Play,
+    disturbance,
+    procedure_of,
+)
 from hapticnet.study.trial import Stimulus, played
 
 if TYPE_CHECKING:
@@ -171,13 +183,12 @@ class RealRig:
             self._press_nothing(now_us())
             self._closing = asyncio.ensure_future(self._close(runner))
         fault = disturbances.fault
-        if fault is not None and fault.lost:
-            return fault
+        reason = None if fault is None else fault.reason
         found = played(
             node,
             stimulus,
-            failure=None if fault is None else fault.reason,
-            link_stale=fault is not None,
+            failure=reason,
+            link_stale=reason == LINK_LOST,
             missed_ticks=runner.missed_ticks,
             unix_offset_us=unix_offset_us(),
         )
@@ -227,10 +238,17 @@ class _Disturbances(Watcher[NodeEvent]):
     def __init__(self, rig: RealRig) -> None:
         self.fault: Fault | None = None
         self._rig = rig
+        self._lift = LiftWatch()
 
     def observe(self, now_us: int) -> None:
-        """Pass a tick on."""
-        self._rig._after_tick(now_us)
+        """Pass a tick on; end the trial if the finger is lifted."""
+        rig = self._rig
+        rig._after_tick(now_us)
+        fingertip = rig._body.fingertip
+        if self.fault is None and not rig._stop.is_set():
+            self.fault = self._lift.check(fingertip.target_n, fingertip.sensed_n, now_us)
+            if self.fault is not None:
+                rig._stop.set()
 
     def note(self, event: NodeEvent, now_us: int) -> None:
         """End the trial if this event spoils it."""

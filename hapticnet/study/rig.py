@@ -36,6 +36,16 @@ SLICE_US: Final = 100_000
 SETTLE_US: Final = 300_000
 """Time [µs] after the last motion of a script, until the device has delivered the last force."""
 
+LINK_LOST: Final = "the link was lost"
+
+LIFTED_N: Final = 0.1
+PRESSED_N: Final = 0.5
+LIFTED_US: Final = 500_000
+"""A finger is lifted if so little is felt although so much is requested, for so long."""
+
+RECOVERY_US: Final = 1_000_000
+"""Longest time [µs] in which the force loop recovers from a fault, once it requests no force."""
+
 NO_MEASURES: Final = Measures(
     first_contact_s=None,
     insertions=0,
@@ -115,7 +125,7 @@ def procedure_of(activity: Meet | Present, fingertip: Fingertip) -> Meeting | Pr
 def disturbance(event: NodeEvent) -> Fault | None:
     """Return why an event ends a trial; None if it does not."""
     if isinstance(event, LinkStale | SessionLost):
-        return Fault("the link was lost", lost=False)
+        return Fault(LINK_LOST, lost=False)
     if isinstance(event, DeviceLost):
         return Fault(f"the device was lost: {event.reason}")
     if isinstance(event, ForceFault | Failed):
@@ -123,6 +133,29 @@ def disturbance(event: NodeEvent) -> Fault | None:
     if isinstance(event, Refused | Ended):
         return Fault(f"the session ended: {getattr(event, 'reason', 'refused')}", lost=False)
     return None
+
+
+class LiftWatch:
+    """Notices that the finger is no longer against the platform."""
+
+    def __init__(self) -> None:
+        self._since_us: int | None = None
+
+    def check(self, target_n: float, sensed_n: float, now_us: int) -> Fault | None:
+        """Return that the finger was lifted, once it is certain; call it every tick.
+
+        Parameters
+        ----------
+        target_n, sensed_n
+            Force requested of the device, and force sensed [N].
+        """
+        if target_n < PRESSED_N or sensed_n > LIFTED_N:
+            self._since_us = None
+        elif self._since_us is None:
+            self._since_us = now_us
+        elif now_us - self._since_us > LIFTED_US:
+            return Fault("the finger was lifted", lost=False)
+        return None
 
 
 def perform(procedure: Meeting | Presentation, now_us: int) -> int:
@@ -158,7 +191,12 @@ class VirtualRig:
 
     async def wait(self, duration_us: int) -> None:
         """Let time [µs] pass while nothing is felt."""
-        self._now_us += duration_us
+        end_us, fingertip = self._now_us + duration_us, self._fingertip
+        recovered_us = min(end_us, self._now_us + RECOVERY_US)
+        while fingertip.controller.fault is not None and self._now_us < recovered_us:
+            fingertip.press(0.0, self._now_us)
+            self._now_us += TICK_US
+        self._now_us = end_us
 
     def stop(self) -> None:
         """End the present activity; in virtual time it has ended already."""
@@ -187,10 +225,8 @@ class VirtualRig:
         node = loopback.master
         self._now_us = loopback.now_us
         self._fingertip.press(0.0, self._now_us)
-        if fault is not None and fault.lost:
-            return fault
         reason = None if fault is None else fault.reason
-        found = played(node, stimulus, failure=reason, link_stale=fault is not None)
+        found = played(node, stimulus, failure=reason, link_stale=reason == LINK_LOST)
         return found or fault or Fault("no position was sent", lost=False)
 
     def _loopback(self, stimulus: Stimulus, hand: Operator) -> Loopback:

@@ -15,7 +15,7 @@ from hapticnet.errors import FileError
 MISSING: Final = "n/a"
 
 Event: TypeAlias = Literal[
-    "begin", "consent", "meet", "practice", "trial", "aborted", "repeated", "rating", "break", "end"
+    "begin", "consent", "meet", "practice", "trial", "aborted", "repeated", "rating", "break", "stopped", "end"
 ]
 """What a row tells.
 
@@ -23,7 +23,8 @@ Event: TypeAlias = Literal[
 the finger. ``practice``: a practice trial was answered. ``trial``: a trial was answered; only these are analysed.
 ``aborted``: a trial ended without a valid answer, for ``reason``, and comes again. ``repeated``: a trial was answered,
 but the device did not deliver its forces; it comes again. ``rating``: a quality of experience was given for the block.
-``break``: a break is over. ``end``: the session is complete.
+``break``: a break is over. ``stopped``: the session was ended early, for ``reason``; it can go on. ``end``: the session
+is complete.
 """
 
 

@@ -71,7 +71,8 @@ class Screen:
     not_before_us: int | None = None
 
 
-NEXT: Final = ((ENTER, "go on"),)
+END: Final = (ESCAPE, "end the session")
+NEXT: Final = ((ENTER, "go on"), END)
 STOP: Final = (ESCAPE, "stop: the force goes to zero at once")
 
 ORDER_INSTRUCTIONS: Final = (
@@ -79,7 +80,8 @@ ORDER_INSTRUCTIONS: Final = (
     " needle through them, one after the other, slowly and as often as you like; you feel each at your fingertip. Then"
     " type the tissues from the softest to the hardest, for instance 2 1 3, and confirm with Enter. Until then you may"
     " change your answer with Backspace. Take your time. You may stop at any moment with Escape or by lifting your"
-    " finger; the force is then zero at once, and the trial comes again later."
+    " finger; the force is then zero at once, and the trial comes again later. Escape between two trials ends the"
+    " session."
 )
 ASCENDING_INSTRUCTIONS: Final = (
     "You feel two forces at your fingertip, one after the other. Then say whether they felt the same or different. Say"
@@ -157,7 +159,7 @@ def same_or_different(progress: str) -> Screen:
         kind=ScreenKind.QUESTION,
         title="Same or different?",
         text="Did the two forces feel the same or different?",
-        keys=((SAME, "same"), (DIFFERENT, "different")),
+        keys=((SAME, "same"), (DIFFERENT, "different"), END),
         progress=progress,
     )
 
@@ -168,7 +170,7 @@ def which_stronger(progress: str) -> Screen:
         kind=ScreenKind.QUESTION,
         title="Which was stronger?",
         text="Which force was stronger? If you are not sure, guess.",
-        keys=(("1", "the first"), ("2", "the second")),
+        keys=(("1", "the first"), ("2", "the second"), END),
         progress=progress,
     )
 
@@ -196,7 +198,7 @@ def rating(progress: str) -> Screen:
         kind=ScreenKind.RATING,
         title="How did the tissues of this block feel?",
         text="From 1, very artificial or disturbed, to 7, like real tissue.",
-        keys=tuple((key, "") for key in RATING_KEYS),
+        keys=(*((key, "") for key in RATING_KEYS), END),
         progress=progress,
     )
 

@@ -83,6 +83,24 @@ class SessionSettings:
         return self.folder(task) / table_name(self.participant, self.session, task)
 
 
+def check_number(settings: SessionSettings) -> None:
+    """Check the number of a participant, and that the folder does not have it in another spelling.
+
+    Raises
+    ------
+    SettingsError
+        If it is not a number, or the folder has the data of participant 03 and 3 is given.
+    """
+    number = participant_number(settings.participant)
+    for folder in settings.out.glob("sub-*"):
+        other = folder.name.removeprefix("sub-")
+        if other != settings.participant and other.isdecimal() and int(other) == number:
+            raise SettingsError(
+                f"participant {settings.participant}: {settings.out} has participant {other}, who has the same number;"
+                f" give --participant {other} to go on with that one, or another number"
+            )
+
+
 def participant_path(out: Path, participant: str) -> Path:
     """Return the file with a participant's JND."""
     return out / "participants" / f"{participant}.toml"
@@ -145,7 +163,7 @@ def law_of_participant(settings: SessionSettings) -> WeberLaw:
 @contextmanager
 def order_session(settings: SessionSettings, now_us: int) -> Iterator[tuple[OrderFlow, Store[OrderRow]]]:
     """Yield flow and table of the ordering task."""
-    participant_number(settings.participant)
+    check_number(settings)
     keep_plan(settings.plan, settings.out)
     law, schedule = law_of_participant(settings), order_schedule(settings)
     name = settings.table(ORDER).name
@@ -156,7 +174,7 @@ def order_session(settings: SessionSettings, now_us: int) -> Iterator[tuple[Orde
 @contextmanager
 def limits_session(settings: SessionSettings, now_us: int) -> Iterator[tuple[LimitsFlow, Store[LimitsRow]]]:
     """Yield flow and table of the measurement of the JND."""
-    participant_number(settings.participant)
+    check_number(settings)
     keep_plan(settings.plan, settings.out)
     schedule = limits_schedule(settings)
     name = settings.table(LIMITS).name

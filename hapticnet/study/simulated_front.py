@@ -22,11 +22,15 @@ READS_US: Final = 1_000_000
 """Time [µs] that an observer takes for a screen without a question."""
 
 
+COUNTED: Final = ("practice", "trial", "aborted", "repeated", "rating")
+"""Events after which an observer draws anew."""
+
+
 class SimulatedFront:
     """Answers for an observer.
 
-    The random numbers of an answer depend on the seed and on how many rows there are, not on the answers before, so a
-    session that goes on after a crash draws what it would have drawn.
+    The random numbers of an answer depend on the seed and on how many trials there were, so a session that goes on
+    after a crash draws what it would have drawn.
 
     Parameters
     ----------
@@ -82,7 +86,9 @@ class SimulatedFront:
         return outcome
 
     def _observer(self, flow: Flow[Any]) -> Observer:
-        return Observer(self._settings, np.random.default_rng([*self._key, len(flow.rows)]))
+        return Observer(
+            self._settings, np.random.default_rng([*self._key, sum(row.event in COUNTED for row in flow.rows)])
+        )
 
     async def _take(self, duration_s: float) -> None:
         if self._waits and math.isfinite(duration_s):
