@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from hapticnet.operator.base import Operator
     from hapticnet.runtime.watching import Watcher
     from hapticnet.web.access import Access
+    from hapticnet.web.messages import View
 
 PAGE: str = "live page: "
 """Start of the message with the page's address."""
@@ -85,6 +86,22 @@ def choose_operator(operator: str | None, page: str | None, console: "Console") 
     """
     if page is None and operator != "page":
         return operator or "scripted", None
+    sock, access = listen_for(page, ("operator", "watch"), console)
+    console.say(f"{PAGE}{access.url('watch')}", needed=True)
+    console.say(f"operator view, the scene only: {access.url('operator')}", needed=True)
+    return operator or "page", ServedPage(sock, access, console)
+
+
+def listen_for(page: str | None, views: "tuple[View, ...]", console: "Console") -> "tuple[socket.socket, Access]":
+    """Return the socket on which views will be served, and how to reach them.
+
+    Raises
+    ------
+    UnavailableError
+        If the extra is not installed or the address cannot be used.
+    SettingsError
+        If the address is malformed.
+    """
     try:
         from hapticnet.web.access import listen_for_pages
         from hapticnet.web.server import Server  # noqa: F401 - needs aiohttp
@@ -92,12 +109,10 @@ def choose_operator(operator: str | None, page: str | None, console: "Console") 
         raise UnavailableError("the live page needs aiohttp: pip install 'hapticnet[web]'") from error
     from hapticnet.runtime.udp import is_loopback, parse_host_port
 
-    sock, access = listen_for_pages(None if page in (None, AUTO) else parse_host_port(page, lowest_port=0))
-    console.say(f"{PAGE}{access.url('watch')}", needed=True)
-    console.say(f"operator view, the scene only: {access.url('operator')}", needed=True)
+    sock, access = listen_for_pages(None if page in (None, AUTO) else parse_host_port(page, lowest_port=0), views)
     if not is_loopback(sock.getsockname()):
         console.say(
             "warning: other hosts can reach the page, and it is not encrypted: whoever reads these addresses on"
             " the network can move the needle"
         )
-    return operator or "page", ServedPage(sock, access, console)
+    return sock, access

@@ -137,6 +137,18 @@ class LiveHand:
         else:
             self._target_m = min(max(self._target_m, rest_m), deepest_m)
 
+    def restart(self, rest_m: float, deepest_m: float) -> None:
+        """Put the needle at rest at once, for a scene that begins anew, with the range as for `set_range`.
+
+        The time of the next sample may begin again.
+        """
+        self.set_range(rest_m, deepest_m)
+        self.state = HandState.FREE
+        self.position_m = self._target_m = rest_m
+        self._velocity_m_per_s = 0.0
+        self._now_us = self._heard_us = 0
+        self._moved = False
+
     def take(self) -> None:
         """Follow a person from now on, from where the needle is."""
         self._target_m = self._stop_m()

@@ -78,6 +78,7 @@ async def conduct(
             if not activity.done():
                 rig.stop()
                 await activity
+        save()  # what was noted meanwhile did not come of the activity
         flow.complete(outcome, rig.now_us())
         for row in save():
             if on_outcome is not None:

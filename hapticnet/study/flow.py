@@ -119,6 +119,11 @@ class Flow(ABC, Generic[AnyRow]):
             self._abort = reason
             self.answered = True
 
+    def note_noise(self, level: float, now_us: int) -> None:
+        """Note that masking noise has another level now, as a share of full scale."""
+        if not self.done:
+            self._emit("noise", now_us, text=f"level {level:.2f}")
+
     def complete(self, outcome: Outcome, now_us: int) -> None:
         """Take what came of the activity."""
         activity, self.activity = self.activity, None

@@ -216,6 +216,8 @@ class Plan(BaseModel):
     ----------
     name
         Name of the study.
+    masking_noise
+        Whether the participant's page plays white noise from the first press on it; else once it is switched on there.
     consent
         Text that each participant agrees to. Its hash is stored with the consent.
     condition
@@ -225,6 +227,7 @@ class Plan(BaseModel):
     model_config = STRICT
 
     name: Annotated[str, Field(min_length=1, max_length=60)] = "paper"
+    masking_noise: bool = False
     consent: str = (
         "You will feel forces of up to 5 N at your right index finger. You may stop at any moment, without giving a"
         " reason, with the key Escape or by lifting your finger. Your answers are stored under a number, without your"

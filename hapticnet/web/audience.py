@@ -45,6 +45,8 @@ class Audience(Watcher[NodeEvent], ABC):
 
     name = "page"
     views: tuple[View, ...] = messages.VIEWS
+    farewell = "the master has ended"
+    """What pages are told at the end."""
 
     def __init__(self, hand: LiveHand | None, say: Callable[[str], None]) -> None:
         self.clients: list[Client] = []
@@ -75,7 +77,7 @@ class Audience(Watcher[NodeEvent], ABC):
         if self._timer is not None:
             self._timer.cancel()
         for client in self.clients:
-            client.close(CloseCode.MASTER_ENDED, "the master has ended")
+            client.close(CloseCode.MASTER_ENDED, self.farewell)
         await asyncio.gather(*(client.finish() for client in self.clients))
 
     def refusal(self) -> tuple[CloseCode, str] | None:
@@ -100,7 +102,7 @@ class Audience(Watcher[NodeEvent], ABC):
             if isinstance(message, Hand):
                 self.seat.move(client, message)
             elif isinstance(message, Take):
-                self.seat.take(client)
+                self._give_hand(client)
             elif isinstance(message, Release):
                 self.seat.release(client)
             else:
@@ -121,6 +123,10 @@ class Audience(Watcher[NodeEvent], ABC):
     @abstractmethod
     def _send(self) -> None:
         """Send what is due, `messages.MESSAGES_PER_S` times a second."""
+
+    def _give_hand(self, client: Client) -> None:
+        """Give the hand to a page; raise PeerError if it cannot have it."""
+        self.seat.take(client)
 
     def _take_down(self, now_us: int) -> None:
         """Take down a tick, in it."""

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from hapticnet import __version__
 from hapticnet.node.master import MasterNode
+from hapticnet.operator.live import LiveHand
 from hapticnet.web import messages
 from hapticnet.web.controls import Controls
 from hapticnet.web.messages import View
@@ -54,18 +55,7 @@ class Description:
     def hello(self, view: View) -> str:
         """Return the first message to a page."""
         settings = self._settings
-        hand = settings.hand.settings if settings.hand is not None else None
-        content: dict[str, Any] = {
-            "version": messages.VERSION,
-            "view": view,
-            "messages_per_s": messages.MESSAGES_PER_S,
-            "hand": {
-                "source": settings.source,
-                "speed_m_per_s": hand.speed_m_per_s if hand is not None else None,
-                "delay_ms": hand.delay_us / 1000 if hand is not None else None,
-                "repeat_ms": messages.REPEAT_MS,
-            },
-        }
+        content = hello(view, settings.source, settings.hand)
         if view == "watch":
             content |= {
                 "rate_hz": 1e6 / self._node.period_us,
@@ -100,3 +90,27 @@ class Description:
         else:
             content["tissues"] = [{"rest_m": tissue.rest_position_m} for tissue in tissues]
         return messages.text("scene", **content)
+
+
+def hello(view: View, source: str, hand: LiveHand | None) -> dict[str, Any]:
+    """Return what the first message to any page tells.
+
+    Parameters
+    ----------
+    source
+        Where the positions come from, in a word.
+    hand
+        The hand that a page may take, or None.
+    """
+    settings = None if hand is None else hand.settings
+    return {
+        "version": messages.VERSION,
+        "view": view,
+        "messages_per_s": messages.MESSAGES_PER_S,
+        "hand": {
+            "source": source,
+            "speed_m_per_s": None if settings is None else settings.speed_m_per_s,
+            "delay_ms": None if settings is None else settings.delay_us / 1000,
+            "repeat_ms": messages.REPEAT_MS,
+        },
+    }

@@ -151,13 +151,13 @@ front to back. Frames come, and the hand can be taken, only while a scene can be
 
 ``task``, after the hello and when it changes: what to show, and which keys do something (`hapticnet.study.screens`)::
 
-    {"type": "task", "number": 7, "kind": "trial", "title": "Feel the three tissues", "text": "…",
+    {"type": "task", "number": 7, "screen": "trial", "title": "Feel the three tissues", "text": "…",
      "keys": [{"key": "1", "does": "tissue 1"}, {"key": "escape", "does": "stop: …"}],
      "typed": "21",                         // what has been typed of an answer
      "progress": "3 of 40 trials",          // may be empty
      "wait_s": 0.0}                         // time until the key ``enter`` does something
 
-``kind`` is one of ``instructions``, ``consent``, ``meet``, ``practice``, ``trial``, ``stimuli``, ``question``,
+``screen`` is one of ``instructions``, ``consent``, ``meet``, ``practice``, ``trial``, ``stimuli``, ``question``,
 ``feedback``, ``repeat``, ``rating``, ``break``, ``stopped`` and ``done``; a page shows the scene in a ``trial``. No
 task names a condition or a force, or, outside of practice, the right answer.
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
 import typer
 
 if TYPE_CHECKING:
+    from hapticnet.cli.experiment.page import Screen
     from hapticnet.device.profile import Profile
     from hapticnet.node.fingertip import Fingertip
     from hapticnet.runtime.serial_port import Wire
@@ -142,13 +143,15 @@ async def conduct_in_real_time(
     store: "Store[AnyRow]",
     settings: "SessionSettings",
     observer: "ObserverSettings | None",
+    screen: "Screen | None",
     on_outcome: "Callable[[AnyRow, Outcome], None] | None" = None,
 ) -> None:
-    """Conduct a session in real time with a person at the terminal, or with a simulated observer."""
+    """Conduct a session in real time with a person at a page or at the terminal, or with a simulated observer."""
     import asyncio
     import signal
 
     from hapticnet.study.conduct import conduct
+    from hapticnet.study.keyboard import Keyboard
     from hapticnet.study.schedule import participant_number
     from hapticnet.study.session import today, version
     from hapticnet.study.simulated_front import SimulatedFront
@@ -168,6 +171,10 @@ async def conduct_in_real_time(
                 waits=False,
             )
             await conduct(flow, rig, front, store, date=today, version=version(), on_outcome=on_outcome)
+            return
+        if screen is not None:
+            with Keyboard(screen.front.hear_experimenter):
+                await conduct(flow, rig, screen.front, store, date=today, version=version(), on_outcome=on_outcome)
             return
         with TerminalFront() as terminal:
             await conduct(flow, rig, terminal, store, date=today, version=version(), on_outcome=on_outcome)

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from hapticnet.cli import options
 from hapticnet.cli.experiment import common
+from hapticnet.cli.experiment import page as pages
 
 if TYPE_CHECKING:
     from hapticnet.device.profile import Profile
@@ -20,6 +21,7 @@ def limits(
     out: common.Out = Path("study"),
     device: options.DeviceOption = "sim",
     profile: options.ProfileOption = None,
+    page: pages.PageOption = None,
     simulate: common.Simulate = None,
     real_time: common.RealTime = False,
     jobs: common.Jobs = None,
@@ -65,7 +67,8 @@ def limits(
     keep_plan(asked.plan, out)
     accounts = []
     if asked.observer is None or real_time:
-        accounts.append(_in_real_time(settings[0], known, asked.observer, console.say))
+        with pages.opened(page, simulate, console) as opened:
+            accounts.append(_in_real_time(settings[0], known, asked.observer, opened, console.say))
     else:
         shared = known, asked.observer
         with workers(common.jobs_for(jobs, len(settings)), shared) as in_order:
@@ -100,7 +103,11 @@ def _in_virtual_time(shared: "tuple[Profile, ObserverSettings]", settings: "Sess
 
 
 def _in_real_time(
-    settings: "SessionSettings", known: "Profile", observer: "ObserverSettings | None", say: Any
+    settings: "SessionSettings",
+    known: "Profile",
+    observer: "ObserverSettings | None",
+    opened: pages.OpenedPage | None,
+    say: Any,
 ) -> dict[str, Any]:
     from hapticnet.node.master_settings import MasterSettings
     from hapticnet.runtime.clock import now_us
@@ -108,12 +115,16 @@ def _in_real_time(
     from hapticnet.study.real_rig import Body, RealRig
     from hapticnet.study.session import limits_session
 
+    screen = None
+    if opened is not None:
+        screen = pages.make_screen(opened, None, "nobody", masking_noise=settings.plan.masking_noise)
     with (
         common.real_fingertip(settings.device, known, settings.seed) as (fingertip, wire),
         limits_session(settings, now_us()) as (flow, store),
     ):
-        rig = RealRig(Body(fingertip=fingertip, wire=wire), MasterSettings(), None, tell=say)
-        run(common.conduct_in_real_time(rig, flow, store, settings, observer))
+        body = Body(fingertip=fingertip, wire=wire, hand_watchers=() if screen is None else screen.watchers)
+        rig = RealRig(body, MasterSettings(), None, tell=say)
+        run(common.conduct_in_real_time(rig, flow, store, settings, observer, screen))
         return _account(settings, flow)
 
 

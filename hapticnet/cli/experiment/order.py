@@ -7,6 +7,7 @@ import typer
 
 from hapticnet.cli import options
 from hapticnet.cli.experiment import common
+from hapticnet.cli.experiment import page as pages
 
 if TYPE_CHECKING:
     from hapticnet.device.profile import Profile
@@ -23,9 +24,15 @@ def order(
     out: common.Out = Path("study"),
     device: options.DeviceOption = "sim",
     profile: options.ProfileOption = None,
+    page: pages.PageOption = None,
     operator: Annotated[
-        str, typer.Option(metavar="OPERATOR", help="A person's hand: udp:[HOST:]PORT, trace:FILE or a class of yours.")
-    ] = "udp:47810",
+        str | None,
+        typer.Option(
+            metavar="OPERATOR",
+            show_default="page with --page, else udp:47810",
+            help="A person's hand: page, udp:[HOST:]PORT, trace:FILE or a class of yours.",
+        ),
+    ] = None,
     connect: Annotated[
         str | None,
         typer.Option(
@@ -88,8 +95,11 @@ def order(
     if asked.observer is None or real_time:
         from hapticnet.cli.experiment.real_time import Place, run_order
 
-        place = Place(operator=operator, connect=connect, key=key, peer_key=peer_key, insecure=insecure)
-        accounts.append(run_order(settings[0], known, asked.observer, place, form=form, say=console.say))
+        with pages.opened(page, simulate, console) as opened:
+            place = Place(
+                operator=operator, page=opened, connect=connect, key=key, peer_key=peer_key, insecure=insecure
+            )
+            accounts.append(run_order(settings[0], known, asked.observer, place, form=form, say=console.say))
     else:
         shared = known, asked.observer, form
         with workers(common.jobs_for(jobs, len(settings)), shared) as in_order:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hapticnet.cli.experiment import common
+from hapticnet.cli.experiment.page import OpenedPage, make_screen
 
 if TYPE_CHECKING:
     from hapticnet.device.profile import Profile
@@ -21,7 +22,8 @@ if TYPE_CHECKING:
 class Place:
     """Where hand and slave are."""
 
-    operator: str
+    operator: str | None
+    page: OpenedPage | None
     connect: str | None
     key: Path | None
     peer_key: str | None
@@ -39,13 +41,21 @@ def run_order(
 ) -> dict[str, Any]:
     """Conduct the ordering task and return its account."""
     from hapticnet.cli.operators import make_operator
+    from hapticnet.errors import SettingsError
     from hapticnet.runtime.clock import now_us
     from hapticnet.runtime.realtime import run
     from hapticnet.study.real_rig import Body, RealRig
     from hapticnet.study.recordings import record_trials
     from hapticnet.study.session import account_of, order_session
 
-    hand = None if observer is not None else make_operator(place.operator, insertions=1, seed=settings.seed, say=say)
+    source = place.operator or ("udp:47810" if place.page is None else "page")
+    if source == "page" and place.page is None:
+        raise SettingsError("--operator page needs --page")
+    hand = None if observer is not None else make_operator(source, insertions=1, seed=settings.seed, say=say)
+    screen = None
+    if place.page is not None and hand is not None:
+        noise = settings.plan.masking_noise
+        screen = make_screen(place.page, hand.operator, source.partition(":")[0], masking_noise=noise)
     with (
         common.real_fingertip(settings.device, known, settings.seed) as (fingertip, wire),
         _slave(place) as (address, master_settings),
@@ -54,13 +64,13 @@ def run_order(
         body = Body(
             fingertip=fingertip,
             wire=wire,
-            hand=None if hand is None else hand.operator,
-            hand_watchers=() if hand is None else hand.watchers,
+            hand=screen.hand if screen is not None else None if hand is None else hand.operator,
+            hand_watchers=(*(() if hand is None else hand.watchers), *(() if screen is None else screen.watchers)),
         )
         rig = RealRig(body, master_settings, address, tell=say)
-        about = {"operator": place.operator if observer is None else "scripted", "connect": str(address)}
+        about = {"operator": source if observer is None else "scripted", "connect": str(address)}
         keep = record_trials(settings, form, about)
-        run(common.conduct_in_real_time(rig, flow, store, settings, observer, keep))
+        run(common.conduct_in_real_time(rig, flow, store, settings, observer, screen, keep))
         return account_of(settings, flow)
 
 
