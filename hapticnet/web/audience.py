@@ -55,6 +55,7 @@ class Audience(Watcher[NodeEvent], ABC):
         self._frames = 0
         self._told: dict[Client, tuple[str, HandState]] = {}
         self._is_due = False
+        self._has_told_mistake = False
         self._failure: Exception | None = None
         self._timer: asyncio.TimerHandle | None = None
 
@@ -154,7 +155,8 @@ class Audience(Watcher[NodeEvent], ABC):
 
     def _count_mistake(self, client: Client, text: str) -> None:
         client.mistakes += 1
-        if client.mistakes == 1:
+        if not self._has_told_mistake:  # a page that connects again and again must not fill the log
+            self._has_told_mistake = True
             self._say(f"a page sent a message that makes no sense and was ignored: {text}")
         elif client.mistakes >= messages.MOST_MISTAKES:
             client.close(CloseCode.TOO_MANY_MISTAKES, "too many messages that make no sense")

@@ -79,6 +79,11 @@ class Client:
         self._messages += 1
         return self._messages <= MOST_MESSAGES_PER_S
 
+    @property
+    def is_closing(self) -> bool:
+        """Whether the page is being disconnected."""
+        return self._closing is not None
+
     def close(self, code: CloseCode, reason: str) -> None:
         """Disconnect the page and tell it why."""
         if self._closing is None:

@@ -50,11 +50,13 @@ class Controls:
         self._asked_us = -ASK_EVERY_US
         self._channels = [(channel, settings) for channel, settings in channels]
         changeable = ["multiplier", "codec", *(CHANNEL_KEYS if channels else ())]
+        # Docstrings are read for it, which takes too long between two ticks.
+        self._codecs = [{"name": codec["name"], "summary": codec["summary"]} for codec in describe_codecs()]
         self.adjustable: tuple[str, ...] = () if is_fixed else tuple(changeable)
 
     def codecs(self) -> list[dict[str, str]]:
         """Return names and rules of the codecs to choose from."""
-        return [{"name": codec["name"], "summary": codec["summary"]} for codec in describe_codecs()]
+        return self._codecs
 
     def report(self) -> dict[str, Any]:
         """Return the present settings, for the state message."""

@@ -4,6 +4,7 @@ It runs on the master's event loop. Files are read into memory at the start, bec
 threads that contend with the tick for the interpreter.
 """
 
+import asyncio
 import logging
 import mimetypes
 import socket
@@ -19,7 +20,8 @@ from hapticnet.node.master_events import NodeEvent
 from hapticnet.runtime.watching import Watcher
 from hapticnet.web.access import Access
 from hapticnet.web.audience import Audience
-from hapticnet.web.client import Client
+from hapticnet.web.client import PARTING_S, Client
+from hapticnet.web.gate import Gate
 from hapticnet.web.messages import LARGEST_MESSAGE, CloseCode, View
 
 HEARTBEAT_S: Final = 5.0
@@ -72,6 +74,8 @@ class Server(Watcher[NodeEvent]):
         self._sock = sock
         self._files = static_files()
         self._runner: web.AppRunner | None = None
+        self._gate: Gate | None = None
+        self._listener: asyncio.Server | None = None
 
     async def start(self) -> None:
         """Begin to serve."""
@@ -85,17 +89,24 @@ class Server(Watcher[NodeEvent]):
         logger.disabled = True  # what strangers send is no news, and no traceback may reach a user
         runner = web.AppRunner(app, access_log=None, logger=logger, handle_signals=False, shutdown_timeout=1.0)
         await runner.setup()
-        await web.SockSite(runner, self._sock).start()
         self._runner = runner
+        assert runner.server is not None  # noqa: S101 - for the type checker: set up above
+        self._gate = Gate(runner.server)
+        self._listener = await asyncio.get_running_loop().create_server(self._gate, sock=self._sock)
 
     async def stop(self) -> None:
         """End every connection."""
+        if self._listener is not None:
+            self._listener.close()
         if self._runner is not None:
             await self._runner.cleanup()
+        if self._gate is not None:
+            self._gate.close()
 
     @web.middleware
     async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """Refuse requests that a page of a stranger may have caused."""
+        await asyncio.sleep(0)  # requests that arrive in one piece are answered one by one, with ticks between them
         if not self._access.is_ours(request.headers.get("Host", "")):
             raise web.HTTPMisdirectedRequest(text="This server has another name. Open the address that was printed.\n")
         return await handler(request)
@@ -124,7 +135,9 @@ class Server(Watcher[NodeEvent]):
         origin = urlsplit(request.headers.get("Origin", ""))
         if origin.netloc != request.headers["Host"]:
             return web.Response(status=403, text="This page may not connect here.\n")
-        ws = web.WebSocketResponse(heartbeat=HEARTBEAT_S, compress=False, max_msg_size=LARGEST_MESSAGE)
+        ws = web.WebSocketResponse(
+            timeout=PARTING_S, autoping=False, heartbeat=HEARTBEAT_S, compress=False, max_msg_size=LARGEST_MESSAGE
+        )
         await ws.prepare(request)
         if not self._access.opens(view, request.query.get("token", "")):
             await ws.close(code=CloseCode.WRONG_TOKEN, message=b"this link is not valid, or of an earlier run")
@@ -134,7 +147,8 @@ class Server(Watcher[NodeEvent]):
             await ws.close(code=code, message=reason.encode())
             return ws
         transport = request.transport
-        if transport is not None:
+        if transport is not None and self._gate is not None:
+            self._gate.trust(transport)
             await self._talk(Client(view, ws, transport), ws)
         return ws
 
@@ -143,12 +157,16 @@ class Server(Watcher[NodeEvent]):
         self._page.connect(client)
         try:
             async for message in ws:
-                if message.type not in (WSMsgType.TEXT, WSMsgType.BINARY):
-                    break
                 if not client.admits():
                     client.close(CloseCode.TOO_MANY_MESSAGES, "too many messages")
+                elif message.type is WSMsgType.PING:
+                    await ws.pong(message.data)
+                elif message.type in (WSMsgType.TEXT, WSMsgType.BINARY):
+                    self._page.receive(client, message.data)
+                elif message.type is not WSMsgType.PONG:
                     break
-                self._page.receive(client, message.data)
+                if client.is_closing:
+                    break
         finally:
             self._page.disconnect(client)
             await client.finish()

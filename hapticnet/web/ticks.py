@@ -1,7 +1,6 @@
 """What each tick of the master shows: taken down in the tick, turned into messages outside it."""
 
 import math
-from collections import deque
 from typing import Final
 
 import numpy as np
@@ -33,8 +32,8 @@ class Ticks:
         self._start_us = start_us
         self._rows: list[tuple[float, ...]] = []
         self._packets = 0.0
-        self._past: deque[tuple[float, FloatArray]] = deque()  # time [s] of the first row, and columns
-        self._past_rows = 0
+        self._past = np.empty((len(messages.COLUMNS), 2 * MOST_KEPT))  # times [s] since the server began come first
+        self._begin = self._end = 0  # of the rows that are kept
 
     def add(self, now_us: int) -> None:
         """Take down a tick; called in it."""
@@ -78,22 +77,31 @@ class Ticks:
 
     def history(self) -> list[bytes]:
         """Return SAMPLES messages of the past that is kept, for a page that opens now."""
-        if not self._past:
+        kept = self._past[:, self._begin : self._end].copy()
+        if not kept.shape[1]:
             return []
-        start_s = self._past[0][0]
-        parts = []
-        for part_s, columns in self._past:
-            shifted = columns.copy()
-            shifted[0] += part_s - start_s
-            parts.append(shifted)
-        return _in_messages(self.rows - self._past_rows, start_s, np.concatenate(parts, axis=1))
+        start_s = float(kept[0, 0])
+        kept[0] -= start_s
+        return _in_messages(self.rows - kept.shape[1], start_s, kept)
 
     def _keep(self, start_s: float, columns: FloatArray) -> None:
-        past = self._past
-        past.append((start_s, columns))
-        self._past_rows += columns.shape[1]
-        while len(past) > 1 and (start_s - past[0][0] > messages.HISTORY_S or self._past_rows > MOST_KEPT):
-            self._past_rows -= past.popleft()[1].shape[1]
+        # One array that is written to its end and then begun again: pieces would have to be joined for each page that
+        # opens, which takes longer than a tick.
+        past, count = self._past, columns.shape[1]
+        if count > MOST_KEPT:  # the loop has stopped for long
+            columns, count = columns[:, -MOST_KEPT:], MOST_KEPT
+        if self._end + count > past.shape[1]:
+            self._begin = max(self._begin, self._end - MOST_KEPT)
+            kept = past[:, self._begin : self._end].copy()
+            self._begin, self._end = 0, kept.shape[1]
+            past[:, : self._end] = kept
+        added = past[:, self._end : self._end + count]
+        added[:] = columns
+        added[0] += start_s
+        self._end += count
+        times_s = past[0, self._begin : self._end]
+        outdated = int(np.searchsorted(times_s, times_s[-1] - messages.HISTORY_S))
+        self._begin = max(self._begin + outdated, self._end - MOST_KEPT)
 
 
 def _in_messages(first: int, start_s: float, columns: FloatArray) -> list[bytes]:

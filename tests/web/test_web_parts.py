@@ -20,7 +20,7 @@ from hapticnet.web.access import DEFAULT, Access, listen_for_pages
 from hapticnet.web.client import LARGEST_BACKLOG, LONGEST_QUEUE, MOST_MESSAGES_PER_S, Client
 from hapticnet.web.mirror import Mirror, scene_called
 from hapticnet.web.server import static_files
-from hapticnet.web.ticks import Ticks
+from hapticnet.web.ticks import MOST_KEPT, Ticks
 from hapticnet.web.traffic import RecentMedian
 from tests.web.rig import read_samples
 
@@ -110,6 +110,25 @@ def test_the_history_is_bounded():
     (kept,) = map(read_samples, ticks.history())
     assert messages.HISTORY_S - 0.2 <= kept[2][0, -1] <= messages.HISTORY_S + 0.3
     assert kept[0] + kept[2].shape[1] == ticks.rows == 10_000
+
+
+@pytest.mark.parametrize(("rows", "batches"), [(1000, 30), (messages.MOST_ROWS - 1, 2)])
+def test_the_history_is_the_newest_rows_at_any_rate(rows: int, batches: int):
+    node = Node()
+    node.position_m = (0.5,)
+    ticks = Ticks(node, 0)
+    for batch in range(batches):
+        for row in range(rows):
+            tick = batch * rows + row
+            node.held_n = (float(tick),)
+            ticks.add(100 * tick)
+        ticks.take(None)
+    (first, start_s, kept), *_ = map(read_samples, ticks.history())
+    count = kept.shape[1]
+    assert first + count == ticks.rows == rows * batches
+    assert count == MOST_KEPT
+    assert kept[4].tolist() == list(range(first, first + count))
+    assert start_s + kept[0] == pytest.approx(1e-4 * np.arange(first, first + count))
 
 
 def test_a_force_of_several_axes_is_shown_by_its_norm():

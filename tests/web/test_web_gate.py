@@ -1,0 +1,142 @@
+"""What connections to the page may send, so that no flood delays a tick."""
+
+import asyncio
+from typing import Any
+
+import aiohttp
+import pytest
+
+from hapticnet.web import gate as gate_module
+from hapticnet.web.gate import MOST_CONNECTIONS, PORTION_BYTES, Connection, Gate
+from hapticnet.web.messages import CloseCode
+from tests.web.rig import play, rig, until
+
+
+class Server(asyncio.Protocol):
+    """The server's protocol: keeps the portions that it gets."""
+
+    def __init__(self) -> None:
+        self.portions: list[bytes] = []
+        self.ended = False
+
+    def connection_made(self, transport: Any) -> None:
+        self.transport = transport
+
+    def data_received(self, data: bytes) -> None:
+        self.portions.append(data)
+
+    def eof_received(self) -> None:
+        self.ended = True
+
+
+class Transport:
+    """A transport that can be paused."""
+
+    def __init__(self) -> None:
+        self.is_reading = True
+        self.closed = False
+
+    def pause_reading(self) -> None:
+        self.is_reading = False
+
+    def resume_reading(self) -> None:
+        self.is_reading = True
+
+    def is_closing(self) -> bool:
+        return self.closed
+
+    def close(self) -> None:
+        self.closed = True
+
+    abort = close
+
+
+def connect(gate: Gate) -> tuple[Connection, Any, Transport]:
+    connection, transport = gate(), Transport()
+    connection.connection_made(transport)  # type: ignore[arg-type]
+    return connection, connection._server, transport
+
+
+def test_bytes_are_passed_on_in_small_portions_and_nothing_more_is_read_meanwhile():
+    async def scenario() -> None:
+        connection, server, transport = connect(Gate(Server))
+        sent = bytes(range(256)) * 20
+        connection.data_received(sent)
+        connection.eof_received()
+        assert (server.portions, transport.is_reading) == ([], False)
+        await until(lambda: server.ended)
+        assert b"".join(server.portions) == sent
+        assert max(map(len, server.portions)) == PORTION_BYTES
+        assert transport.closed
+
+    play(scenario)
+
+
+def test_reading_goes_on_when_all_is_passed_on_and_the_server_is_ready():
+    async def scenario() -> None:
+        connection, server, transport = connect(Gate(Server))
+        connection.data_received(b"first")
+        await until(lambda: transport.is_reading)
+        server.transport.pause_reading()
+        connection.data_received(b"second")
+        await asyncio.sleep(0.01)
+        assert (server.portions, transport.is_reading) == ([b"first"], False)
+        server.transport.resume_reading()
+        await until(lambda: transport.is_reading)
+        assert server.portions == [b"first", b"second"]
+
+    play(scenario)
+
+
+def test_strangers_share_a_limit_that_does_not_hold_up_who_has_a_token(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(gate_module, "RESERVE_BYTES", 4 * PORTION_BYTES)
+    monkeypatch.setattr(gate_module, "BYTES_PER_S", 1)
+
+    async def scenario() -> None:
+        gate = Gate(Server)
+        (one, first, _), (two, second, _), (page, trusted, _) = connect(gate), connect(gate), connect(gate)
+        gate.trust(trusted.transport)
+        for connection in (one, two, page):
+            connection.data_received(bytes(20 * PORTION_BYTES))
+        await until(lambda: len(trusted.portions) == 20)
+        assert (len(first.portions), len(second.portions)) == (2, 2)
+        gate.close()
+
+    play(scenario)
+
+
+def test_the_oldest_connection_without_a_token_makes_room():
+    async def scenario() -> None:
+        gate = Gate(Server)
+        opened = [connect(gate) for _ in range(2)]
+        gate.trust(opened[0][1].transport)
+        opened += [connect(gate) for _ in range(MOST_CONNECTIONS - 1)]
+        assert [transport.closed for _, _, transport in opened[:4]] == [False, True, False, False]
+
+    play(scenario)
+
+
+@pytest.mark.parametrize("opcode", [aiohttp.WSMsgType.PING, aiohttp.WSMsgType.PONG])
+def test_a_flood_of_control_frames_ends_that_page_only(opcode: aiohttp.WSMsgType):
+    async def scenario() -> None:
+        async with rig() as run, run.open("watch") as good, run.open("watch") as bad:
+            for _ in range(2000):
+                await bad.socket._writer.send_frame(b"", opcode)
+            await until(lambda: bad.socket.closed)
+            assert bad.socket.close_code == CloseCode.TOO_MANY_MESSAGES
+            assert not good.socket.closed
+            assert await good.hear("state", link="established")
+
+    play(scenario)
+
+
+def test_pages_that_connect_again_and_again_with_nonsense_fill_no_log():
+    async def scenario() -> None:
+        async with rig() as run:
+            for _ in range(3):
+                async with run.open("watch") as client:
+                    await client.socket.send_str("{")
+                    await client.hear("error")
+            assert len(run.said) == 1
+
+    play(scenario)
