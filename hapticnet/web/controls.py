@@ -102,9 +102,9 @@ class Controls:
         now = self._node.codec
         codec, law = self._wanted or (now.name, now.law)
         codec = change.codec or codec
-        if change.multiplier is not None:
-            law = replace(law, multiplier=change.multiplier)
         try:
+            if change.multiplier is not None:
+                law = replace(law, multiplier=change.multiplier)
             make_codec(codec, law).decoder(self._node.axes)
         except SettingsError as error:
             raise PeerError(str(error)) from error

@@ -168,6 +168,7 @@ def test_a_setting_that_is_refused_changes_nothing():
             for content, complaint in (
                 ({"codec": "best", "delay_ms": 9}, "unknown codec 'best'"),
                 ({"codec": "evil.py:Codec"}, "unknown codec"),
+                ({"multiplier": 5e-324}, "multiplier"),
                 ({"loss_percent": 99}, "loss_percent is 99; it must be between 0 and 50"),
             ):
                 await client.say("set", **content)
