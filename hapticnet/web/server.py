@@ -132,8 +132,11 @@ class Server(Watcher[NodeEvent]):
 
     async def _serve_socket(self, request: web.Request) -> web.StreamResponse:
         view = _view(request)
-        origin = urlsplit(request.headers.get("Origin", ""))
-        if origin.netloc != request.headers["Host"]:
+        try:
+            origin = urlsplit(request.headers.get("Origin", "")).netloc
+        except ValueError:
+            origin = ""
+        if origin != request.headers["Host"]:
             return web.Response(status=403, text="This page may not connect here.\n")
         ws = web.WebSocketResponse(
             timeout=PARTING_S, autoping=False, heartbeat=HEARTBEAT_S, compress=False, max_msg_size=LARGEST_MESSAGE

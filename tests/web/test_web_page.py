@@ -276,8 +276,8 @@ def test_a_stranger_gets_nothing():
                 async with run.http.get(run.address(path), headers=headers) as answer:
                     assert answer.status == status, path
                     assert "default-src 'none'" in answer.headers["Content-Security-Policy"] or status == 404
-            for headers in ({}, {"Origin": "http://evil.example"}, {"Origin": "null"}):
-                with pytest.raises(aiohttp.WSServerHandshakeError):
+            for headers in ({}, {"Origin": "http://evil.example"}, {"Origin": "null"}, {"Origin": "http://[::1"}):
+                with pytest.raises(aiohttp.WSServerHandshakeError, match="403"):
                     await run.http.ws_connect(run.address(f"/socket/watch?token={token}"), headers=headers)
             for path in ("/socket/watch", f"/socket/operator?token={token}"):
                 async with run.http.ws_connect(run.address(path), headers=own) as socket:
