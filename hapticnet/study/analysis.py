@@ -7,10 +7,11 @@ from statistics import fmean
 
 import numpy as np
 
-from hapticnet.arrays import FloatArray
 from hapticnet.errors import SettingsError
 from hapticnet.experiment.conditions import CONDITIONS
-from hapticnet.study.measures import MEASURES, TESTED, mean
+from hapticnet.study.checking import accepted, check_design, missing
+from hapticnet.study.measures import COMPARED, MEASURES, WITH_MARGIN, mean
+from hapticnet.study.quality import predictors
 from hapticnet.study.results import MARGIN, PAPER_ERRORS, Comparison, ConditionResult, Figure, Results
 from hapticnet.study.rows import OrderRow
 from hapticnet.study.statistics import (
@@ -39,15 +40,12 @@ def analyse(rows: Sequence[OrderRow], *, margin: float = MARGIN, seed: int = 1) 
     Raises
     ------
     SettingsError
-        If no trial was answered, or people and simulated observers are mixed.
+        If no trial was answered, or the trials belong to two designs or to people and simulated observers.
     """
     trials = accepted(rows)
     if not trials:
         raise SettingsError("no answered trial of the ordering task was found")
-    if len({row.observer is None for row in rows if row.event == "trial"}) > 1:
-        raise SettingsError(
-            "the folder has answers of people and of simulated observers; analyse them in folders apart"
-        )
+    check_design(rows)
     participants = tuple(sorted({row.participant for row in trials}))
     ratings = [row for row in rows if row.event == "rating" and row.rating is not None]
     names = sorted({row.condition or "" for row in trials}, key=lambda name: _place(trials, name))
@@ -66,16 +64,11 @@ def analyse(rows: Sequence[OrderRow], *, margin: float = MARGIN, seed: int = 1) 
         comparisons=_comparisons(conditions, margin),
         margin=margin,
         curve=_curve(conditions, margin, seed),
-        predictors=_predictors(conditions),
+        predictors=predictors(conditions),
         repeated=sum(row.event == "repeated" for row in rows),
         aborted=sum(row.event == "aborted" for row in rows),
+        missing=missing(rows, trials, names),
     )
-
-
-def accepted(rows: Sequence[OrderRow]) -> list[OrderRow]:
-    """Return the answered trials; of a trial that was written twice, the last."""
-    last = {(row.participant, row.session, row.this_n): row for row in rows if row.event == "trial"}
-    return list(last.values())
 
 
 def _place(trials: Sequence[OrderRow], name: str) -> tuple[float, str]:
@@ -127,14 +120,14 @@ def _comparisons(conditions: Sequence[ConditionResult], margin: float) -> tuple[
     """Return each condition less the first one, for each tested measure."""
     found: list[Comparison] = []
     reference, *others = conditions
-    for key in TESTED:
+    for key in COMPARED:
         own: list[Comparison] = []
         for other in others:
             differences = np.array(other.figures[key].each) - np.array(reference.figures[key].each)
             differences = differences[np.isfinite(differences)]
             if not len(differences):
                 continue
-            probability, interval_90 = equivalence(differences, margin)
+            within, interval_90 = equivalence(differences, margin) if key in WITH_MARGIN else (None, None)
             own.append(
                 Comparison(
                     measure=key,
@@ -144,8 +137,7 @@ def _comparisons(conditions: Sequence[ConditionResult], margin: float) -> tuple[
                     interval=mean_interval(differences),
                     probability=two_sided(sign_flip(differences)),
                     adjusted=1.0,
-                    within_margin=probability,
-                    margin=margin,
+                    within_margin=within,
                     interval_90=interval_90,
                     participants=len(differences),
                 )
@@ -169,29 +161,6 @@ def _curve(conditions: Sequence[ConditionResult], margin: float, seed: int) -> L
     scores = np.array([each.figures["correct"].each for each in along]).T
     scores = scores[np.isfinite(scores).all(axis=1)]
     return leaving_point(values, scores, margin, np.random.default_rng(seed)) if len(scores) > 1 else None
-
-
-def _predictors(conditions: Sequence[ConditionResult]) -> dict[str, float]:
-    """Return the correlation of ratings with objective measures, each about its participant's mean."""
-    ratings = _centred(np.array([each.figures["rating"].each for each in conditions]))
-    found = {}
-    objective = {
-        key: np.array([each.figures[key].each for each in conditions])
-        for key in ("packets", "bytes", "correct", "delivered")
-    }
-    objective["threshold"] = np.array([[each.multiplier] * len(each.figures["correct"].each) for each in conditions])
-    for key, values in objective.items():
-        centred = _centred(values)
-        known = np.isfinite(ratings) & np.isfinite(centred)
-        if known.sum() > 2 and ratings[known].std() > 0.0 and centred[known].std() > 0.0:
-            found[key] = float(np.corrcoef(ratings[known], centred[known])[0, 1])
-    return found
-
-
-def _centred(values: FloatArray) -> FloatArray:
-    known = np.isfinite(values)
-    counts = np.maximum(known.sum(axis=0, keepdims=True), 1)
-    return np.asarray(values - np.where(known, values, 0.0).sum(axis=0, keepdims=True) / counts)
 
 
 def _figure(each: Sequence[float | None]) -> Figure:

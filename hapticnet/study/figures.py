@@ -9,13 +9,15 @@ import numpy as np
 
 from hapticnet.experiment.style import BLUE, COLOURS, DASHES, GREEN, INK, MARKERS, ORANGE, SKY, VERMILION, picture
 from hapticnet.study.power import Power
-from hapticnet.study.results import CHANCE, ConditionResult, Results
+from hapticnet.study.results import CHANCE, Results
 from hapticnet.study.statistics import falling
 
 HEIGHT_IN: Final = 3.6
 GREY: Final = "#9aa5b1"
 FORMS: Final = ("pdf", "png")
 PAPER: Final = "the paper"
+ASIDE: Final = 0.22
+"""Distance of the participants' points from the middle of a bar, which is 0.55 wide."""
 
 
 def draw_results(results: Results, folder: Path) -> list[Path]:
@@ -56,14 +58,20 @@ def _draw(folder: Path, name: str, paint: Callable[[Any], None]) -> list[Path]:
     return files
 
 
-def _people(axes: Any, place: float, values: Sequence[float], factor: float = 1.0) -> None:
-    """Draw each participant as a point; equal ones stand beside each other."""
+def _people(axes: Any, place: float, values: Sequence[float], factor: float, span: float, *, aside: float) -> None:
+    """Draw each participant as a point beside `place`; those within 2 % of the axis' span stand side by side."""
     known = sorted(value * factor for value in values if math.isfinite(value))
-    span = max(known, default=1.0) - min(known, default=0.0) or 1.0
-    for index, value in enumerate(known):
-        twins = [other for other in known if abs(other - value) < 0.01 * span]
-        offset = 0.035 * ((index - known.index(twins[0])) - (len(twins) - 1) / 2.0)
-        axes.plot(place + 0.22 + offset, value, "o", color=INK, markersize=2.6, alpha=0.7, zorder=4)
+    rows: list[list[float]] = []
+    for value in known:
+        if rows and value - rows[-1][0] < 0.02 * span:
+            rows[-1].append(value)
+        else:
+            rows.append([value])
+    for row in rows:
+        step = min(0.035, 0.3 / len(row))
+        for index, value in enumerate(row):
+            offset = step * (index - (len(row) - 1) / 2.0)
+            axes.plot(place + aside + offset, value, "o", color=INK, markersize=2.6, alpha=0.7, zorder=4)
 
 
 def _ticks(axes: Any, results: Results) -> None:
@@ -74,26 +82,32 @@ def _ticks(axes: Any, results: Results) -> None:
 
 def _bytes(axes: Any, results: Results) -> None:
     first = results.conditions[0].figures["bytes"].mean
+    span = max([0.0, *[each.figures["bytes"].mean or 0.0 for each in results.conditions]])
     for place, condition in enumerate(results.conditions):
         figure = condition.figures["bytes"]
         if figure.mean is None:
             continue
         axes.bar(place, figure.mean, width=0.55, color=SKY if place else GREY, zorder=2)
         axes.errorbar(place, figure.mean, yerr=figure.error, color=INK, capsize=4, linewidth=1.0, zorder=3)
-        _people(axes, place, figure.each)
-        text = f"{figure.mean:,.0f} B" + (f"\n−{1.0 - figure.mean / first:.1%}" if place and first else "")
+        _people(axes, place, figure.each, 1.0, span, aside=ASIDE)
+        text = f"{figure.mean:,.0f} B" + (f"\n{_saved(1.0 - figure.mean / first)}" if place and first else "")
         top = max([figure.mean + (figure.error or 0.0), *[each for each in figure.each if math.isfinite(each)]])
         axes.annotate(text, (place, top), xytext=(0, 3), textcoords="offset points", ha="center", va="bottom")
         if condition.paper_byte_reduction and first:
             paper = (1.0 - condition.paper_byte_reduction) * first
             axes.plot([place - 0.32, place + 0.32], [paper, paper], color=VERMILION, linestyle="--", zorder=5)
-            told = f"{PAPER}: −{condition.paper_byte_reduction:.1%}"
+            told = f"{PAPER}'s saving, {_saved(condition.paper_byte_reduction)},\nof the bytes measured here"
             axes.annotate(told, (place + 0.35, paper), color=VERMILION, va="center")
     _ticks(axes, results)
     axes.margins(y=0.2)
     axes.set_ylim(bottom=0.0)
-    axes.set_ylabel("bytes per penetration, headers included")
+    axes.yaxis.set_major_formatter("{x:,.0f}")
+    axes.set_ylabel("bytes per penetration, with headers")
     axes.set_title(titled("Bytes per penetration: mean, s.e., each participant", results.simulated))
+
+
+def _saved(share: float) -> str:
+    return f"{-100 * share:+.1f} %".replace("-", "−")
 
 
 def _correct(axes: Any, results: Results) -> None:
@@ -104,7 +118,7 @@ def _correct(axes: Any, results: Results) -> None:
         if figure.error is not None and figure.mean is not None:
             error = 100 * figure.error
             axes.errorbar(place, 100 * figure.mean, yerr=error, color=INK, capsize=4, linewidth=2.2, zorder=3)
-        _people(axes, place, figure.each, 100.0)
+        _people(axes, place, figure.each, 100.0, 100.0, aside=ASIDE)
         if condition.paper_correct is not None:
             paper_error = 100 * (condition.paper_error or 0.0)
             axes.errorbar(
@@ -125,41 +139,49 @@ def _pairs(axes: Any, results: Results) -> None:
     for number, name in enumerate(names):
         shares = [100 * each.pair_shares[number] for each in results.conditions]
         look = {"color": COLOURS[number], "marker": MARKERS[number], "linestyle": DASHES[number]}
-        axes.plot(range(len(shares)), shares, **look, label=name)
+        axes.plot(range(len(shares)), shares, **look, markersize=4.5, label=name)
     axes.axhline(50.0, color=INK, linestyle=":", linewidth=0.8)
+    axes.annotate("chance", (0.0, 50.0), xytext=(0, 2), textcoords="offset points", fontsize=7)
     _ticks(axes, results)
-    axes.set_ylim(40.0, 103.0)
+    lowest = min([100 * share for each in results.conditions for share in each.pair_shares if math.isfinite(share)])
+    axes.set_ylim(min(40.0, lowest - 5.0), 103.0)
     axes.set_ylabel("correct pairs [%]")
-    axes.legend(loc="lower left")
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), title="pair")
     axes.set_title(titled("Which pairs are told apart", results.simulated))
 
 
 def _curve(axes: Any, results: Results) -> None:
-    along: list[ConditionResult] = [each for each in results.conditions if each.figures["correct"].mean is not None]
-    x = [each.multiplier for each in along]
-    reference = np.array(along[0].figures["correct"].each)
-    for condition in along:
-        own = np.array(condition.figures["correct"].each) - reference
-        axes.plot(np.full(len(own), condition.multiplier), 100 * own, "o", color=GREY, markersize=2.6)
-    means = [100 * float(np.nanmean(np.array(each.figures["correct"].each) - reference)) for each in along]
-    axes.plot(x, means, color=BLUE, marker="o", label="mean difference to none")
+    codec = next(each.codec for each in results.conditions if each.codec != "raw")
+    along = [each for each in results.conditions if each.codec in ("raw", codec)]
     scores = np.array([each.figures["correct"].each for each in along])
-    scores = scores[:, np.isfinite(scores).all(axis=0)].mean(axis=1)
-    smooth = falling(scores)
-    axes.plot(x, 100 * (smooth - smooth[0]), color=VERMILION, linewidth=0.9, label="made to fall monotonically")
+    scores = 100 * scores[:, np.isfinite(scores).all(axis=0)]
+    lost = scores - scores[0]
+    x = np.array([each.multiplier for each in along])
+    width = 0.04 * (x.max() - x.min())
+    for place, own in zip(x[1:], lost[1:], strict=True):
+        _people(axes, place, own.tolist(), 1.0, float(np.ptp(lost)), aside=width)
+    means = lost.mean(axis=1)
+    axes.plot(x, means, color=BLUE, marker="o", markersize=5, label=f"mean difference to {along[0].name!r}")
+    smooth = falling(scores.mean(axis=1))
+    axes.plot(x, smooth - smooth[0], color=VERMILION, linewidth=0.9, label="made to fall monotonically")
     for comparison in results.comparisons:
         if comparison.measure == "correct" and all(map(math.isfinite, comparison.interval)):
-            place = next(each.multiplier for each in along if each.name == comparison.condition)
-            low, high = comparison.interval
-            axes.plot([place, place], [100 * low, 100 * high], color=BLUE, linewidth=1.0)
-    axes.axhspan(-100 * results.margin, 100 * results.margin, color=GREEN, alpha=0.15, linewidth=0, label="margin")
+            place = next((each.multiplier for each in along if each.name == comparison.condition), None)
+            if place is not None:
+                low, high = comparison.interval
+                axes.plot([place, place], [100 * low, 100 * high], color=BLUE, linewidth=1.0)
+    margin = 100 * results.margin
+    axes.axhspan(-margin, margin, color=GREEN, alpha=0.15, linewidth=0, label=f"margin of ±{margin:g} points")
     point = results.curve
     if point is not None and point.at is not None:
         axes.axvline(point.at, color=VERMILION, linestyle="--", label=f"leaves the margin at {point.at:.1f} JND")
-        axes.axvspan(point.low, min(point.high, max(x)), color=ORANGE, alpha=0.15, linewidth=0)
+        label = "95 % interval of that" + ("" if math.isfinite(point.high) else ", open to the right")
+        axes.axvspan(point.low, min(point.high, x.max()), color=ORANGE, alpha=0.2, linewidth=0, label=label)
+    axes.plot([], [], "o", color=INK, markersize=2.6, alpha=0.7, label="participants")
+    axes.set_xticks(x)
     axes.set_xlabel("threshold [JND]")
-    axes.set_ylabel("correct orders less those\nwithout compression [%]")
-    axes.legend(loc="lower left")
+    axes.set_ylabel("difference of correct orders [points]")
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     axes.set_title(titled("From which threshold on is performance worse?", results.simulated))
 
 
@@ -168,7 +190,7 @@ def _ratings(axes: Any, results: Results) -> None:
         figure = condition.figures["rating"]
         if figure.mean is not None:
             axes.errorbar(place, figure.mean, yerr=figure.error, fmt="o", color=BLUE, capsize=4)
-            _people(axes, place, figure.each)
+            _people(axes, place, figure.each, 1.0, 6.0, aside=0.17)
     _ticks(axes, results)
     axes.set_ylim(0.8, 7.2)
     axes.set_ylabel("rating, 1 (bad) to 7 (excellent)")

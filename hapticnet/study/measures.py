@@ -57,14 +57,20 @@ MEASURES: Final[dict[str, tuple[str, Measure]]] = {
     "insertions": ("insertions", lambda rows: mean(row.insertions for row in rows)),
     "penetrations": ("penetrations", lambda rows: mean(row.penetrations for row in rows)),
     "peak_n": (
-        "largest sensed force [N]",
+        "force at contact: largest sensed [N]",
         lambda rows: mean(max((peak or 0.0) for peak in row.peaks_sensed_n) for row in rows),
     ),
     "delivered": ("sensed over held peak", _delivered),
     "error": ("perceptual error of the held force", lambda rows: mean(row.perceptual_error for row in rows)),
-    "speed_m_per_s": ("largest speed in contact [m/s]", lambda rows: mean(row.peak_speed_m_per_s for row in rows)),
+    "speed_m_per_s": ("largest speed in contact", lambda rows: mean(row.peak_speed_m_per_s for row in rows)),
 }
 """The measures: name in tables, and how it is computed from the trials of one participant."""
 
-TESTED: Final = ("correct", "pairs")
+WITH_MARGIN: Final = ("correct",)
+"""Measures for which a margin of equivalence is stated."""
+
+COMPARED: Final = (*WITH_MARGIN, "pairs", "kendall", "time_s", "insertions", "peak_n", "rating")
 """Measures that are compared between conditions."""
+
+NAMES: Final[dict[str, str]] = {**{key: name for key, (name, _) in MEASURES.items()}, "rating": "rating, 1 to 7"}
+"""Name of every measure in tables, and of the rating."""

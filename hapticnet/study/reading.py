@@ -34,9 +34,21 @@ def read_rows(folder: Path, kind: type[AnyRow]) -> list[AnyRow]:
     Raises
     ------
     FileError
-        If the folder does not exist or a table cannot be read.
+        If the folder does not exist, a table cannot be read, or two tables have the same session of a participant.
     """
-    return [row for file in table_files(folder, kind) for row in store.read_rows(file, kind)]
+    found: list[AnyRow] = []
+    tables: dict[tuple[str, int], Path] = {}
+    for file in table_files(folder, kind):
+        rows = store.read_rows(file, kind)
+        for session in dict.fromkeys((row.participant, row.session) for row in rows):
+            if session in tables:
+                raise FileError(
+                    f"{tables[session]} and {file} both have session {session[1]} of participant {session[0]};"
+                    " keep one of them, or name the folder of one"
+                )
+            tables[session] = file
+        found += rows
+    return found
 
 
 def read_people(folder: Path) -> list[ParticipantFile]:

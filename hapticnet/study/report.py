@@ -6,8 +6,20 @@ from typing import Final
 
 from hapticnet.study.models import Effect
 from hapticnet.study.results import Results
-from hapticnet.study.tables import UNKNOWN, chance, comparison_table, condition_table, number
+from hapticnet.study.tables import (
+    UNKNOWN,
+    chance,
+    condition_table,
+    margin_table,
+    number,
+    other_table,
+    people_table,
+    signed,
+)
 from hapticnet.study.weber import ParticipantFile
+
+LEAST_PARTICIPANTS: Final = 6
+"""Participants below which no sign-flip test can find a difference at 5 %."""
 
 JND_HEAD: Final = (
     "| participant | method | Weber fraction, mean of ratios | 95 % interval | through the origin | residual |"
@@ -15,9 +27,20 @@ JND_HEAD: Final = (
 )
 
 COMPARED: Final = (
-    "Exact sign-flip test over participants; Holm's adjustment over the conditions of a measure. Equivalence: two"
-    " one-sided sign-flip tests with the margin of ±{margin:g} points. An interval is all shifts that the test does not"
-    " reject; with fewer than 6 participants there is none."
+    "p: exact sign-flip test over participants, two-sided; Holm's adjustment is over the conditions of a measure."
+    " Equivalence: two one-sided sign-flip tests with a margin of ±{margin:g} points{stated}. An interval is all shifts"
+    " that the test does not reject; a 95 % interval needs 6 participants, a 90 % interval 5."
+)
+
+PREDICTED: Final = (
+    "p: exact sign-flip test of the participants' covariances. The share is of the ratings of each participant,"
+    " predicted by a line fitted to the others; below 0 the participant's mean does better. After Chaudhari, Steinbach"
+    " & Hirche (2011): the perceptual error is a root mean square of differences of logarithms of forces."
+)
+
+BYTES: Final = (
+    "Bytes are those of FORCE datagrams with UDP and IPv4 headers. The paper states neither its sampling rate nor its"
+    " packets, so its saving is a comparison, not a target."
 )
 
 SIMULATED: Final = (
@@ -39,6 +62,7 @@ def markdown(
     models_note: str | None = None,
     people: Sequence[ParticipantFile] = (),
     origin: Sequence[str] = (),
+    stated: str = "",
 ) -> str:
     """Return the report.
 
@@ -52,6 +76,8 @@ def markdown(
         The measured JNDs.
     origin
         Lines on version, date and machine.
+    stated
+        Where the margin of equivalence was stated, such as "stated in plan.toml".
     """
     simulated = f" – SIMULATED ({', '.join(results.simulated)})" if results.simulated else ""
     parts = [f"# {title}{simulated}", ""]
@@ -60,22 +86,21 @@ def markdown(
             SIMULATED,
             "",
         ]
-    parts += [_summary(results), "", "## Conditions", "", *condition_table(results), ""]
+    parts += [_summary(results), "", *[f"- {line}" for line in results.missing], *([""] if results.missing else [])]
+    parts += ["## Conditions", "", *condition_table(results), ""]
     parts += [
         "Wilson's interval takes trials as independent; the standard error (s.e.) is over participants, n − 1. "
         + NO_PAPER_TEST,
         "",
+        BYTES,
+        "",
+        "Correct orders of each participant:",
+        "",
+        *people_table(results),
+        "",
         *[line for name in figures if name.endswith(".png") for line in (f"![{_plain(name)}]({name})", "")],
-        "## Differences to no compression",
-        "",
-        *comparison_table(results.comparisons),
-        "",
-        COMPARED.format(margin=100 * results.margin),
-        "",
-        "## From which threshold on is performance worse?",
-        "",
-        _curve_text(results),
-        "",
+        *_differences(results, stated),
+        *_curve_section(results),
         *_quality(results),
         *_models(effects, models_note),
         *_jnds(people),
@@ -95,13 +120,36 @@ def _summary(results: Results) -> str:
     )
 
 
+def _differences(results: Results, stated: str) -> list[str]:
+    reference = results.conditions[0].name
+    if not results.comparisons:
+        return ["## Differences", "", f"{reference!r} is the only condition, so there is nothing to compare.", ""]
+    text = COMPARED.format(margin=100 * results.margin, stated=f", {stated}" if stated else "")
+    lines = [f"## Differences to {reference!r}", "", *margin_table(results.comparisons), "", text, ""]
+    if len(results.participants) < LEAST_PARTICIPANTS:
+        smallest = 2.0 ** (1 - len(results.participants))
+        few = (
+            f"**Too few participants for a test at 5 %**: the smallest p that {len(results.participants)} can give is"
+            f" {smallest:.3g}."
+        )
+        lines += [few, ""]
+    return [*lines, *other_table(results.comparisons), ""]
+
+
+def _curve_section(results: Results) -> list[str]:
+    if not results.comparisons:
+        return []
+    return ["## From which threshold on is performance worse?", "", _curve_text(results), ""]
+
+
 def _curve_text(results: Results) -> str:
     shown = [each for each in results.comparisons if each.measure == "correct"]
     worse = [each for each in shown if each.adjusted < 0.05 and each.difference < 0.0]
-    equal = [each for each in shown if each.within_margin < 0.05]
+    equal = [each for each in shown if each.within_margin is not None and each.within_margin < 0.05]
+    reference = results.conditions[0].name
     text = [
-        "Shown to be equivalent to no compression: " + (", ".join(each.condition for each in equal) or "none") + ".",
-        "Shown to be worse: " + (", ".join(each.condition for each in worse) or "none") + ".",
+        f"Shown to be equivalent to {reference!r}: " + (", ".join(each.condition for each in equal) or "nothing") + ".",
+        "Shown to be worse: " + (", ".join(each.condition for each in worse) or "nothing") + ".",
         "What is in neither list is undecided by these data.",
     ]
     point = results.curve
@@ -129,36 +177,32 @@ def _quality(results: Results) -> list[str]:
     lines = [
         "## Quality of experience",
         "",
-        "Correlation of the ratings with objective measures, within participants:",
+        "How well objective measures of a block predict its rating, both about the mean of their participant:",
         "",
+        "| measure | correlation | p | share of variance predicted |",
+        "|---|---|---|---|",
     ]
-    lines += ["| measure | r |", "|---|---|"]
-    lines += [
-        f"| {key} | {value:+.2f} |" for key, value in sorted(results.predictors.items(), key=lambda each: -abs(each[1]))
-    ]
+    for each in results.predictors:
+        predicted = f"{100 * each.predicted:.0f} %" if math.isfinite(each.predicted) else UNKNOWN
+        lines.append(f"| {each.name} | {each.correlation:+.2f} | {chance(each.probability)} | {predicted} |")
+    lines += ["", PREDICTED]
     if results.simulated:
-        lines += [
-            "",
-            "A simulated rating follows the step of the force by assumption; these correlations show nothing.",
-        ]
+        lines += ["", "**A simulated rating follows the step of the force by assumption; this table shows nothing.**"]
     return [*lines, ""]
 
 
 def _models(effects: Sequence[Effect], note: str | None) -> list[str]:
     if not effects:
         return ["## Models", "", note, ""] if note else []
-    lines = [
-        "## Models",
-        "",
-        "| model | condition | log odds | 95 % interval | p | note |",
-        "|---|---|---|---|---|---|",
-    ]
+    lines = ["## Models", "", "| model | condition | log odds | 95 % interval | p |", "|---|---|---|---|---|"]
     for each in effects:
         known = math.isfinite(each.log_odds)
         against = f"{each.condition} − {each.reference}" if each.reference else each.condition
-        odds = f"{each.log_odds:+.2f} | {each.low:+.2f} to {each.high:+.2f}" if known else f"{UNKNOWN} | {UNKNOWN}"
-        lines.append(f"| {each.model} | {against} | {odds} | {chance(each.probability)} | {each.note} |")
-    return [*lines, ""]
+        estimate, low, high = (signed(value, 2) if known else UNKNOWN for value in (each.log_odds, each.low, each.high))
+        odds = f"{estimate} | {low} to {high}" if known else f"{UNKNOWN} | {UNKNOWN}"
+        lines.append(f"| {each.model} | {against} | {odds} | {chance(each.probability)} |")
+    notes = dict.fromkeys(f"{each.model}: {each.note}." for each in effects)
+    return [*lines, "", *[f"- {note}" for note in notes], ""]
 
 
 def _jnds(people: Sequence[ParticipantFile]) -> list[str]:

@@ -85,8 +85,9 @@ class Comparison:
         Mean difference and its 95 % interval by inversion of the sign-flip test.
     probability, adjusted
         Two-sided probability of the exact sign-flip test, and after Holm for the comparisons of this measure.
-    within_margin, margin, interval_90
-        Probability of the two one-sided tests of equivalence; the margin; the 90 % interval.
+    within_margin, interval_90
+        Probability of the two one-sided tests of equivalence, and the 90 % interval that belongs to them; None for a
+        measure without a margin.
     participants
         Number of participants with both conditions.
     """
@@ -98,9 +99,34 @@ class Comparison:
     interval: tuple[float, float]
     probability: float
     adjusted: float
-    within_margin: float
-    margin: float
-    interval_90: tuple[float, float]
+    within_margin: float | None
+    interval_90: tuple[float, float] | None
+    participants: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Predictor:
+    """How well an objective measure predicts the quality of experience.
+
+    Attributes
+    ----------
+    name
+        The measure.
+    correlation
+        Correlation with the ratings, both about the mean of their participant.
+    probability
+        Two-sided probability of the exact sign-flip test of each participant's covariance.
+    predicted
+        Share of the variance of a participant's ratings that a line fitted to the others predicts; negative if it is
+        worse than the participant's mean, NaN with one participant.
+    participants
+        Participants with at least two ratings.
+    """
+
+    name: str
+    correlation: float
+    probability: float
+    predicted: float
     participants: int
 
 
@@ -120,7 +146,9 @@ class Results:
         Where the share of correct orders leaves the margin below that of no compression, by multiplier; None with fewer
         than two thresholds.
     predictors
-        Correlation, within participants, of the rating with each objective measure.
+        How well objective measures predict the ratings, best first.
+    missing
+        What is missing or uneven in the data, as sentences.
     """
 
     simulated: tuple[str, ...]
@@ -129,6 +157,7 @@ class Results:
     comparisons: tuple[Comparison, ...]
     margin: float
     curve: Leaving | None
-    predictors: dict[str, float]
+    predictors: tuple[Predictor, ...]
     repeated: int
     aborted: int
+    missing: tuple[str, ...] = ()

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any, Final
 
-from hapticnet.study.measures import MEASURES
+from hapticnet.study.measures import NAMES
 from hapticnet.study.results import Comparison, ConditionResult, Figure, Results
 
 UNKNOWN: Final = "–"
@@ -30,7 +30,6 @@ FORMS: Final[dict[str, tuple[float, str]]] = {
 
 def condition_table(results: Results) -> list[str]:
     """Return the figures of each condition as lines of Markdown."""
-    names = {**{key: name for key, (name, _) in MEASURES.items()}, "rating": "rating, 1 to 7"}
     head = [condition.name for condition in results.conditions]
     lines = [
         "| | " + " | ".join(head) + " |",
@@ -39,7 +38,7 @@ def condition_table(results: Results) -> list[str]:
         _line("correct orders, Wilson 95 %", [_wilson(each) for each in results.conditions]),
         _line("the paper's, ± s.e.", [_paper(each) for each in results.conditions]),
     ]
-    for key, name in names.items():
+    for key, name in NAMES.items():
         shown = [each.figures[key] for each in results.conditions]
         if any(figure.mean is not None for figure in shown):
             lines.append(_line(f"{name}, mean ± s.e.", [_cell(key, figure) for figure in shown]))
@@ -70,17 +69,46 @@ def condition_table(results: Results) -> list[str]:
     return lines
 
 
-def comparison_table(comparisons: Sequence[Comparison]) -> list[str]:
-    """Return the comparisons as lines of Markdown."""
+def people_table(results: Results) -> list[str]:
+    """Return the correct orders of each participant as lines of Markdown."""
+    head = [condition.name for condition in results.conditions]
+    lines = ["| participant | " + " | ".join(head) + " |", "|---" * (len(head) + 1) + "|"]
+    for number, person in enumerate(results.participants):
+        shares = [condition.figures["correct"].each[number] for condition in results.conditions]
+        lines.append(_line(person, [UNKNOWN if math.isnan(share) else f"{100 * share:.0f} %" for share in shares]))
+    return lines
+
+
+def margin_table(comparisons: Sequence[Comparison]) -> list[str]:
+    """Return the comparisons of measures with a margin of equivalence as lines of Markdown."""
     lines = [
         "| measure | comparison | difference [points] | 95 % interval | p | p (Holm) | equivalence p | 90 % interval |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for each in comparisons:
+        if each.within_margin is not None and each.interval_90 is not None:
+            lines.append(
+                f"| {NAMES[each.measure]} | {each.condition} − {each.reference} | {signed(100 * each.difference, 1)} |"
+                f" {_points(each.interval)} | {chance(each.probability)} | {chance(each.adjusted)} |"
+                f" {chance(each.within_margin)} | {_points(each.interval_90)} |"
+            )
+    return lines
+
+
+def other_table(comparisons: Sequence[Comparison]) -> list[str]:
+    """Return the comparisons of the other measures as lines of Markdown."""
+    lines = ["| measure | comparison | difference | 95 % interval | p | p (Holm) |", "|---|---|---|---|---|---|"]
+    for each in comparisons:
+        if each.within_margin is not None:
+            continue
+        name, factor, digits = NAMES[each.measure], 1.0, 2
+        if FORMS[each.measure][1].endswith("%"):
+            name, factor, digits = f"{name} [points]", 100.0, 1
+        low, high = (factor * end for end in each.interval)
+        interval = f"{signed(low, digits)} to {signed(high, digits)}" if math.isfinite(low + high) else UNKNOWN
         lines.append(
-            f"| {MEASURES[each.measure][0]} | {each.condition} − {each.reference} | {100 * each.difference:+.1f} |"
-            f" {_points(each.interval)} | {chance(each.probability)} | {chance(each.adjusted)} |"
-            f" {chance(each.within_margin)} | {_points(each.interval_90)} |"
+            f"| {name} | {each.condition} − {each.reference} | {signed(factor * each.difference, digits)} |"
+            f" {interval} | {chance(each.probability)} | {chance(each.adjusted)} |"
         )
     return lines
 
@@ -166,7 +194,13 @@ def _paper(condition: ConditionResult) -> str:
 def _points(interval: tuple[float, float]) -> str:
     if not all(map(math.isfinite, interval)):
         return UNKNOWN
-    return f"{100 * interval[0]:+.1f} to {100 * interval[1]:+.1f}"
+    return f"{signed(100 * interval[0], 1)} to {signed(100 * interval[1], 1)}"
+
+
+def signed(value: float, digits: int) -> str:
+    """Return a number with its sign, and without one if it rounds to zero."""
+    rounded = round(value, digits)
+    return f"{rounded:+.{digits}f}" if rounded else f"{0:.{digits}f}"
 
 
 def chance(probability: float) -> str:

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 
+import numpy as np
 import pytest
 
 from hapticnet.errors import FileError, SettingsError
@@ -25,7 +26,7 @@ def test_an_observer_without_noise_is_right_in_every_trial():
     results = analyse(rows(observer="force-only"))
     assert [each.correct for each in results.conditions] == [80] * 4
     assert [each.name for each in results.conditions] == ["none", "1 JND", "2 JND", "4 JND"]
-    assert all(each.probability == 1.0 for each in results.comparisons)
+    assert all(each.probability == 1.0 for each in results.comparisons if each.measure in ("correct", "pairs"))
     assert result(results, "4 JND").interval[1] == 1.0
 
 
@@ -60,8 +61,23 @@ def test_the_paper_s_figures_stand_beside_its_conditions_only():
 
 
 def test_ratings_follow_the_threshold_of_an_annoyed_observer():
-    predictors = analyse(rows(people=10, observer="literature")).predictors
-    assert predictors["threshold"] < -0.6
+    best, *others = analyse(rows(people=10, observer="literature")).predictors
+    threshold = next(each for each in (best, *others) if each.name == "threshold [JND]")
+    assert threshold.correlation < -0.6
+    assert threshold.probability < 0.01
+    assert 0.4 < threshold.predicted < 1.0
+    assert abs(best.correlation) >= abs(threshold.correlation)
+
+
+def test_no_measure_predicts_ratings_given_at_random():
+    rng = np.random.default_rng(2)
+    made = [
+        dataclasses.replace(row, rating=int(rng.integers(1, 8))) if row.event == "rating" else row
+        for row in rows(people=16)
+    ]
+    found = analyse(made).predictors
+    assert found
+    assert all(each.probability > 0.01 and each.predicted < 0.2 for each in found)
 
 
 def test_repeated_and_aborted_trials_are_counted_and_left_out():
@@ -86,7 +102,7 @@ def test_one_participant_alone_has_shares_but_no_interval_of_differences():
 
 
 def test_people_and_simulated_observers_are_not_mixed():
-    with pytest.raises(SettingsError, match="folders apart"):
+    with pytest.raises(SettingsError, match="people and of simulated observers; analyse each in a folder of its own"):
         analyse([*rows(people=1), *rows(people=1, simulated=False)])
 
 

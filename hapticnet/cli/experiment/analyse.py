@@ -12,9 +12,9 @@ def analyse(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder of the study (--out of order and limits).")],
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder of results; default: DIR/results.")] = None,
     margin: Annotated[
-        float,
-        typer.Option(help="Margin of equivalence, in the share of correct orders; state it beforehand."),
-    ] = 0.1,
+        float | None,
+        typer.Option(help="Margin of equivalence, in the share of correct orders; default: that stated in the plan."),
+    ] = None,
     seed: options.Seed = 1,
     figures: Annotated[bool, typer.Option(help="Whether to draw figures.")] = True,
     force: options.Force = False,
@@ -27,8 +27,8 @@ def analyse(
     from hapticnet.cli.console import Console, check_new, check_outputs, write_text
     from hapticnet.errors import UnavailableError
     from hapticnet.experiment.provenance import provenance, provenance_lines
-    from hapticnet.study.analysis import accepted
     from hapticnet.study.analysis import analyse as analyse_rows
+    from hapticnet.study.checking import accepted
     from hapticnet.study.figures import draw_results
     from hapticnet.study.models import fit_models
     from hapticnet.study.reading import read_people, read_rows
@@ -38,7 +38,8 @@ def analyse(
 
     console = Console("experiment", quiet=json)
     rows = read_rows(folder, OrderRow)
-    results = analyse_rows(rows, margin=margin, seed=seed)
+    used, stated = _margin(folder, margin)
+    results = analyse_rows(rows, margin=used, seed=seed)
     target = folder / "results" if out is None else out
     files = {name: target / name for name in ("report.md", "conditions.csv", "conditions.tex", "results.json")}
     check_outputs(*files.values())
@@ -63,15 +64,37 @@ def analyse(
         models_note=note,
         people=read_people(folder),
         origin=origin,
+        stated=stated,
     )
     write_text(files["report.md"], report)
     write_text(files["conditions.csv"], csv_text(results, origin))
     write_text(files["conditions.tex"], latex(results, origin))
-    account = {"provenance": provenance(), "results": asdict(results), "models": [asdict(each) for each in effects]}
+    account = {
+        "provenance": provenance(),
+        "margin_stated": stated,
+        "results": asdict(results),
+        "models": [asdict(each) for each in effects],
+    }
     text = json_module.dumps(plain(account), indent=1)
     write_text(files["results.json"], text + "\n")
     print(text if json else report, end="" if not json else "\n")
     console.say(f"report, tables and {len(pictures)} pictures: {target}")
+
+
+def _margin(folder: Path, given: float | None) -> tuple[float, str]:
+    """Return the margin of equivalence, and where it was stated."""
+    from hapticnet.checks import check_parameter
+    from hapticnet.study.plan import find_plan
+    from hapticnet.study.results import MARGIN
+    from hapticnet.study.session import PLAN_FILE
+
+    planned = find_plan(str(folder / PLAN_FILE)).order.equivalence_margin if (folder / PLAN_FILE).exists() else None
+    if given is not None:
+        check_parameter("--margin", given, 0.001, 1.0)
+    if given is None or given == planned:
+        return (MARGIN, "a default, since there is no plan") if planned is None else (planned, "stated in the plan")
+    where = f"; the plan stated ±{100 * planned:g}" if planned is not None else ""
+    return given, f"given at the analysis, not beforehand{where}"
 
 
 def plain(value: object) -> object:
