@@ -65,7 +65,7 @@ app.command(
 app.add_typer(scene.app, name="scene")
 app.add_typer(device.app, name="device")
 app.add_typer(key.app, name="key")
-app.add_typer(experiment.app, name="experiment")
+app.add_typer(experiment.app, name="experiment", short_help="Run the paper's study, and analyse it.")
 equip(app)
 
 

@@ -18,7 +18,7 @@ def config(
     ctx: typer.Context,
     verb: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[VERB [OPTIONS]]", help="A verb and options for it, as one would run it."),
+        typer.Argument(metavar="VERB OPTIONS", help="A verb and options for it, as one would run it."),
     ] = None,
     file: Annotated[
         Path | None,

@@ -13,7 +13,7 @@ LONGEST_REPEATED_S: Final = 5.0
 
 
 def encode(
-    file: Annotated[Path, typer.Argument(help="Recording: .csv, .tsv, .npy, .npz, .mat or .parquet.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Recording: .csv, .tsv, .npy, .npz, .mat or .parquet.")],
     column: options.Column = None,
     rate: options.Rate = None,
     position: options.Position = None,

@@ -20,6 +20,7 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
     ("key",): ("hapticnet key new", "hapticnet key list"),
     ("demo",): (
         "hapticnet demo",
+        "hapticnet demo --page",
         "hapticnet demo --insertions 1 --codec adaptive-predictive --out results/mine",
     ),
     ("slave",): (

@@ -55,7 +55,11 @@ MissingValues: TypeAlias = Annotated[
 MaxSize: TypeAlias = Annotated[
     int,
     typer.Option(
-        "--max-size", metavar="SIZE", parser=parse_bytes, help="Largest file that is read, such as 500MB or 8GiB."
+        "--max-size",
+        metavar="SIZE",
+        parser=parse_bytes,
+        show_default=False,
+        help="Largest file that is read, such as 500MB or 8GiB; default: 2GiB.",
     ),
 ]
 RecordLimit: TypeAlias = Annotated[
@@ -63,8 +67,8 @@ RecordLimit: TypeAlias = Annotated[
     typer.Option(
         metavar="SIZE",
         parser=parse_bytes,
-        show_default="2GiB",
-        help="Disk space that recordings may take, such as 500MB or 8GiB.",
+        show_default=False,
+        help="Disk space that recordings may take, such as 500MB or 8GiB; default: 2GiB.",
     ),
 ]
 Json: TypeAlias = Annotated[bool, typer.Option("--json", help="Print the report as JSON on stdout.")]
@@ -113,8 +117,8 @@ OperatorOption: TypeAlias = Annotated[
     str | None,
     typer.Option(
         metavar="OPERATOR",
-        show_default="scripted; page with --page",
-        help="Source of positions: scripted, page (the live page), trace:FILE[:COLUMN,…] (a recording),"
+        help="Source of positions: scripted (the default), page (the live page; the default with --page),"
+        " trace:FILE[:COLUMN,…] (a recording),"
         " udp:[HOST:]PORT[:axes=N] (another program), or a class of yours with sample(t_us): FILE.py:CLASS or"
         " package.module:CLASS.",
     ),
@@ -126,7 +130,7 @@ PageOption: TypeAlias = Annotated[
         "--page",
         metavar="[HOST:PORT]",
         help="Serve the live page, by default on 127.0.0.1:47880 or a free port, and print its URL; needs"
-        " hapticnet[web]. Without --operator, the page is the hand.",
+        " hapticnet[web].",
     ),
 ]
 DeviceOption: TypeAlias = Annotated[
@@ -174,17 +178,14 @@ Insecure: TypeAlias = Annotated[
 ]
 KeyArgument: TypeAlias = Annotated[
     Path | None,
-    typer.Argument(
-        envvar="HAPTICNET_KEY", metavar="FILE", show_default="~/.config/hapticnet/key.toml", help="The key file."
-    ),
+    typer.Argument(envvar="HAPTICNET_KEY", metavar="FILE", help="The key file; default: ~/.config/hapticnet/key.toml."),
 ]
 MastersArgument: TypeAlias = Annotated[
     Path | None,
     typer.Argument(
         envvar="HAPTICNET_MASTERS",
         metavar="FILE",
-        show_default="masters.toml beside the key",
-        help="The slave's list of masters.",
+        help="The slave's list of masters; default: masters.toml beside the key.",
     ),
 ]
 ProfileOption: TypeAlias = Annotated[

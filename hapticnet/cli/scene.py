@@ -9,7 +9,9 @@ from hapticnet.cli import options
 
 app = typer.Typer(no_args_is_help=True, help="Look at a scene without a network.")
 
-Spec = Annotated[str, typer.Argument(help="paper, paper:SEED, a preset, a TOML file, or FILE.py:CLASS.")]
+Spec = Annotated[
+    str, typer.Argument(metavar="SCENE", help="paper, paper:SEED, a preset, a TOML file, or FILE.py:CLASS.")
+]
 
 
 @app.command(short_help="Print the tissues of a scene.")

@@ -18,6 +18,19 @@ from hapticnet.runtime.outlet import STDERR, keep_log
 LOGGING: Final = {("master",), ("slave",), ("channel",), ("replay",)}
 """Verbs that run until they are stopped: their lines on stderr have time and level."""
 
+UNITS: Final = {
+    "connect_timeout": "SECONDS",
+    "duration": "SECONDS",
+    "fastest_rate": "HZ",
+    "floor": "NEWTONS",
+    "rate": "HZ",
+    "weber": "FRACTION",
+}
+"""What the help calls the values of these parameters, wherever they have no name of their own."""
+
+VALUES: Final = {bool: None, int: "N", float: "NUMBER", Path: "FILE", str: "TEXT"}
+"""What it calls the values of other parameters, by type."""
+
 FOUND: Final = "hapticnet.found"
 """Where a context keeps what file and environment set."""
 
@@ -26,7 +39,7 @@ def equip(app: typer.Typer) -> None:
     """Add to each verb of an application what all verbs have."""
     for verb, info in _verbs(app, ()):
         function = info.callback
-        _complete_values(function)
+        _describe_values(function)
         if "ctx" not in inspect.signature(function).parameters:  # config prints the options of other verbs
             info.callback = _with_common_options(function, log=verb in LOGGING)
         info.epilog = _examples(verb)
@@ -62,12 +75,20 @@ def _examples(verb: Verb) -> str | None:
     return None if lines is None else "\b\nExamples:\n" + "\n".join(f"  {line}" for line in lines)
 
 
-def _complete_values(function: Callable[..., None]) -> None:
-    """Let the shell complete the values of the parameters that `COMPLETIONS` names."""
+def _describe_values(function: Callable[..., None]) -> None:
+    """Name the value of each parameter in the help, and let the shell complete those that `COMPLETIONS` names."""
     for parameter in inspect.signature(function).parameters.values():
         for info in getattr(parameter.annotation, "__metadata__", ()):
             if parameter.name in COMPLETIONS and info.autocompletion is None:
                 info.autocompletion = COMPLETIONS[parameter.name]
+            if info.metavar is None:
+                info.metavar = UNITS.get(parameter.name) or _value_of(parameter.annotation.__origin__)
+
+
+def _value_of(kind: Any) -> str | None:
+    """Return the name of a value of this type; None where the parser's is good: flags and choices."""
+    kinds = {kind, *getattr(kind, "__args__", ())}
+    return next((name for each, name in VALUES.items() if each in kinds), None)
 
 
 def _configure(ctx: typer.Context, path: Path | None) -> Path | None:

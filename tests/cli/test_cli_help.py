@@ -1,6 +1,7 @@
 """Each verb's help ends with examples that work, and the shell completes names and values."""
 
 import os
+import re
 import shlex
 import subprocess
 import sys
@@ -8,7 +9,7 @@ import sys
 import pytest
 import typer
 
-from hapticnet.cli import app
+from hapticnet.cli import app, with_page_address
 from hapticnet.cli.examples import EXAMPLES
 from hapticnet.cli.settings import leaves
 from tests.cli.test_cli_errors import ROOT
@@ -28,10 +29,15 @@ def test_every_verb_has_examples_which_its_help_shows(run, verb):
     assert [line.strip() for line in shown] == list(EXAMPLES[verb])
 
 
+@pytest.mark.parametrize("verb", VERBS, ids=" ".join)
+def test_the_help_names_the_values_of_options_and_not_their_types(run, verb):
+    assert re.findall(r"--\S+ <(?:int|float|str|path)\b.*?>", run(*verb, "--help").stdout) == []
+
+
 @pytest.mark.parametrize("line", [line for lines in EXAMPLES.values() for line in lines])
 def test_every_example_can_be_parsed(line):
     words = shlex.split(line.partition(">")[0].removesuffix(" 2"))
-    words = words[words.index("hapticnet") + 1 :]
+    words = with_page_address(words[words.index("hapticnet") + 1 :])
     count = next(count for count in (1, 2) if tuple(words[:count]) in VERBS)
     command = VERBS[tuple(words[:count])]
     arguments = command.make_parser(command.context_class(command, **command.context_settings)).parse_args(

@@ -103,7 +103,7 @@ def test_version_and_help():
 
 
 def test_help_says_what_each_verb_does_without_cutting_it_short():
-    for verb in ((), ("device",), ("key",), ("scene",)):
+    for verb in ((), ("device",), ("experiment",), ("key",), ("scene",)):
         _usage, *lines = hapticnet(*verb, "--help").stdout.splitlines()
         assert not [line for line in lines if line.endswith("...")]
 

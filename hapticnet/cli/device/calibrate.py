@@ -20,7 +20,7 @@ Pairs: TypeAlias = list[tuple[float, float]]
 
 
 def calibrate(
-    device: Annotated[str | None, typer.Argument(help="serial:PORT[@BAUD] or serial:auto.")] = None,
+    device: Annotated[str | None, typer.Argument(metavar="DEVICE", help="serial:PORT[@BAUD] or serial:auto.")] = None,
     pairs: Annotated[
         Path | None, typer.Option(metavar="FILE", help="CSV with columns force_n [N] and adc [counts], not a device.")
     ] = None,

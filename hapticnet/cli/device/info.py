@@ -8,7 +8,7 @@ from hapticnet.cli import options
 
 
 def info(
-    device: Annotated[str, typer.Argument(help="serial:PORT[@BAUD] or serial:auto.")] = "serial:auto",
+    device: Annotated[str, typer.Argument(metavar="DEVICE", help="serial:PORT[@BAUD] or serial:auto.")] = "serial:auto",
     json: options.Json = False,
 ) -> None:
     """Show the identity of a device; for another protocol version, tell how to flash the firmware."""

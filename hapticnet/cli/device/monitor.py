@@ -11,7 +11,7 @@ SHOW_EVERY_US = 100_000
 
 
 def monitor(
-    device: Annotated[str, typer.Argument(help="serial:PORT[@BAUD] or serial:auto.")] = "serial:auto",
+    device: Annotated[str, typer.Argument(metavar="DEVICE", help="serial:PORT[@BAUD] or serial:auto.")] = "serial:auto",
     duration: Annotated[
         float | None, typer.Option(min=0.0, help="Stop after this many seconds. Default: on Ctrl-C.")
     ] = None,

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def power(
-    plan: Annotated[str, typer.Argument(metavar="[PLAN]", help="Plan: paper, reachable or a TOML file.")] = "paper",
+    plan: Annotated[str, typer.Argument(metavar="PLAN", help="Plan: paper, reachable or a TOML file.")] = "paper",
     observer: Annotated[
         str, typer.Option(metavar="NAME[:KEY=VALUE,…]", help="Simulated observer; docs/observers.md lists them.")
     ] = "step-masking",
