@@ -2,6 +2,7 @@
 
 import reprlib
 import tomllib
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Final, TypeVar, get_args
 
@@ -26,6 +27,9 @@ _EXPECTED: Final = {
     "model_type": "a table",
 }
 """Expected value for pydantic's most frequent error types."""
+
+WHOLE: Final = "the table"
+"""What is wrong if no one key is."""
 
 Document = TypeVar("Document", bound=BaseModel)
 
@@ -83,11 +87,17 @@ def _first_mistake(error: ValidationError, model: type[BaseModel]) -> str:
     if mistake["type"] == "list_type" and isinstance(mistake["input"], dict) and table is not model:
         return f"{where}[{key}] is one table; write [[{key}]], with two brackets, above each"
     if mistake["type"] == "extra_forbidden":
-        return f"{where}unknown key {key!r}; the keys are {', '.join(table.model_fields)}"
+        close = get_close_matches(key.rpartition(".")[2], table.model_fields, n=1)
+        meant = f" (did you mean {close[0]!r}?)" if close else ""
+        return f"{where}unknown key {key!r}{meant}; the keys are {', '.join(table.model_fields)}"
     if mistake["type"] == "missing":
         return f"{where}{key} is missing"
+    if mistake["type"] == "value_error" and isinstance(mistake["input"], dict):  # of a whole table: it has no one value
+        table_name = "" if key == WHOLE else f"{key}: "
+        return f"{where}{table_name}{mistake['ctx']['error']}"
     expected = _EXPECTED.get(mistake["type"])
-    right = f"it must be {expected}" if expected else f"{mistake['msg'][0].lower()}{mistake['msg'][1:]}"
+    told = str(mistake["ctx"]["error"]) if mistake["type"] == "value_error" else mistake["msg"]
+    right = f"it must be {expected}" if expected else f"{told[0].lower()}{told[1:]}"
     field = table.model_fields.get(key)
     if field is not None and not field.repr:  # a secret
         return f"{where}{key} is invalid; {right}"
@@ -106,7 +116,7 @@ def _place(model: type[BaseModel], location: tuple[int | str, ...]) -> tuple[typ
         table = _table_in(field.annotation) if field is not None else None
         several = table is not None
         model = table or model
-    return model, where, key or "the table"
+    return model, where, key or WHOLE
 
 
 def _table_in(annotation: Any) -> type[BaseModel] | None:

@@ -5,8 +5,9 @@ import json
 from pathlib import Path
 from typing import Annotated, Final, Literal, TypeAlias
 
-from pydantic import BaseModel, Field, model_validator
+from pydantic import BaseModel, Field, field_validator, model_validator
 
+from hapticnet.channel.spec import parse_channel
 from hapticnet.codec.registry import make_codec, parse_codec
 from hapticnet.documents import STRICT, parse_document, read_document
 from hapticnet.errors import HapticnetError, SettingsError
@@ -202,6 +203,15 @@ class LinkPlan(BaseModel):
     rate_hz: Annotated[float, Field(ge=100.0, le=10_000.0)] = 1000.0
     forward: str = "perfect"
     feedback: str = "perfect"
+
+    @field_validator("forward", "feedback")
+    @classmethod
+    def _check(cls, spec: str) -> str:
+        try:
+            parse_channel(spec)
+        except HapticnetError as error:
+            raise ValueError(str(error)) from error
+        return spec
 
 
 def _paper_conditions() -> list[ConditionPlan]:

@@ -151,13 +151,21 @@ def law_of_participant(settings: SessionSettings) -> WeberLaw:
 
     Raises
     ------
-    FileError
+    SettingsError
         If the participant's JND was not measured but is needed.
+    FileError
+        If it cannot be read.
     """
     jnd = settings.plan.jnd
     if not jnd.measured:
         return WeberLaw(weber_fraction=jnd.weber_fraction, floor_n=jnd.floor_n)
-    return load_participant(participant_path(settings.out, settings.participant)).law
+    path = participant_path(settings.out, settings.participant)
+    if not path.exists():
+        raise SettingsError(
+            f"{path} does not exist, but the plan asks for the participant's own JND: measure it first, with"
+            f" 'hapticnet experiment limits --participant {settings.participant}'"
+        )
+    return load_participant(path).law
 
 
 @contextmanager

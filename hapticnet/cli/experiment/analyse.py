@@ -1,11 +1,14 @@
 """``hapticnet experiment analyse``: tables, figures and a report of a study."""
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
 from hapticnet.cli import options
+
+FILES: Final = ("report.md", "conditions.csv", "conditions.tex", "results.json")
 
 
 def analyse(
@@ -21,12 +24,43 @@ def analyse(
     json: options.Json = False,
 ) -> None:
     """Analyse the ordering task: report.md, tables as CSV and LaTeX, figures as PDF and PNG."""
+    from hapticnet.cli.console import Console, check_new, check_outputs
+
+    console = Console("experiment", quiet=json)
+    target = folder / "results" if out is None else out
+    files = [target / name for name in FILES]
+    check_outputs(*files)
+    check_new(*files, force=force)
+    report, account = write_results(folder, target, margin=margin, seed=seed, figures=figures, say=console.say)
+    print(account if json else report, end="" if not json else "\n")
+
+
+def write_results(
+    folder: Path, target: Path, *, margin: float | None, seed: int, figures: bool, say: Callable[[str], None]
+) -> tuple[str, str]:
+    """Analyse a study, write its results to a folder, and return the report and the account as JSON.
+
+    Parameters
+    ----------
+    margin
+        Margin of equivalence; None for that of the study's plan.
+    say
+        Called with lines for the experimenter.
+
+    Raises
+    ------
+    SettingsError
+        If there is nothing to analyse.
+    FileError
+        If a table cannot be read or a result cannot be written.
+    """
     import json as json_module
     from dataclasses import asdict
 
-    from hapticnet.cli.console import Console, check_new, check_outputs, write_text
+    from hapticnet.cli.console import write_text
     from hapticnet.errors import UnavailableError
     from hapticnet.experiment.provenance import provenance, provenance_lines
+    from hapticnet.files import make_folder
     from hapticnet.study.analysis import analyse as analyse_rows
     from hapticnet.study.checking import accepted
     from hapticnet.study.figures import draw_results
@@ -36,14 +70,10 @@ def analyse(
     from hapticnet.study.rows import OrderRow
     from hapticnet.study.tables import csv_text, latex
 
-    console = Console("experiment", quiet=json)
     rows = read_rows(folder, OrderRow)
     used, stated = _margin(folder, margin)
     results = analyse_rows(rows, margin=used, seed=seed)
-    target = folder / "results" if out is None else out
-    files = {name: target / name for name in ("report.md", "conditions.csv", "conditions.tex", "results.json")}
-    check_outputs(*files.values())
-    check_new(*files.values(), force=force)
+    make_folder(target)
     note, effects = None, []
     try:
         effects = fit_models(accepted(rows), [each.name for each in results.conditions])
@@ -54,7 +84,7 @@ def analyse(
         try:
             pictures = draw_results(results, target)
         except UnavailableError as error:
-            console.say(str(error))
+            say(str(error))
     origin = provenance_lines()
     report = markdown(
         results,
@@ -66,9 +96,6 @@ def analyse(
         origin=origin,
         stated=stated,
     )
-    write_text(files["report.md"], report)
-    write_text(files["conditions.csv"], csv_text(results, origin))
-    write_text(files["conditions.tex"], latex(results, origin))
     account = {
         "provenance": provenance(),
         "margin_stated": stated,
@@ -76,9 +103,11 @@ def analyse(
         "models": [asdict(each) for each in effects],
     }
     text = json_module.dumps(plain(account), indent=1)
-    write_text(files["results.json"], text + "\n")
-    print(text if json else report, end="" if not json else "\n")
-    console.say(f"report, tables and {len(pictures)} pictures: {target}")
+    contents = report, csv_text(results, origin), latex(results, origin), text + "\n"
+    for name, content in zip(FILES, contents, strict=True):
+        write_text(target / name, content)
+    say(f"report, tables and {len(pictures)} pictures: {target}")
+    return report, text
 
 
 def _margin(folder: Path, given: float | None) -> tuple[float, str]:

@@ -40,7 +40,7 @@ def limits(
     from hapticnet.experiment.workers import workers
     from hapticnet.runtime import devices
     from hapticnet.study.limits_flow import draw_limits
-    from hapticnet.study.session import SessionSettings, keep_plan
+    from hapticnet.study.session import SessionSettings, check_number, keep_plan
 
     asked = common.check(participant, plan, simulate, real_time=real_time)
     if dry_run:
@@ -64,6 +64,8 @@ def limits(
         )
         for each in asked.participants
     ]
+    for own in settings:
+        check_number(own)
     keep_plan(asked.plan, out)
     accounts = []
     if asked.observer is None or real_time:

@@ -58,14 +58,15 @@ def order(
     """Let a participant order three tissues by stiffness, under each condition of the plan.
 
     Trials come in balanced orders that are drawn first and stored. Each answer is stored at once; --resume goes on
-    after any interruption. Nothing that the participant sees tells the condition.
+    after any interruption. Nothing that the participant sees tells the condition. With simulated observers, report and
+    figures follow, as by 'hapticnet experiment analyse'.
     """
     from hapticnet.cli.console import Console, deliver
     from hapticnet.experiment.workers import workers
     from hapticnet.runtime import devices
     from hapticnet.study.recordings import usual_form
     from hapticnet.study.schedule import draw_order
-    from hapticnet.study.session import SessionSettings, keep_plan
+    from hapticnet.study.session import SessionSettings, check_number, keep_plan, law_of_participant
 
     asked = common.check(participant, plan, simulate, real_time=real_time)
     if dry_run:
@@ -90,6 +91,9 @@ def order(
         )
         for each in asked.participants
     ]
+    for own in settings:
+        check_number(own)
+        law_of_participant(own)
     keep_plan(asked.plan, out)
     accounts = []
     if asked.observer is None or real_time:
@@ -107,6 +111,10 @@ def order(
                 accounts.append(account)
                 console.status(f"{len(accounts)} of {len(settings)} participants")
     console.finish()
+    if asked.observer is not None:
+        from hapticnet.cli.experiment.analyse import write_results
+
+        write_results(out, out / "results", margin=None, seed=seed, figures=True, say=console.say)
     title = "Ordering task" if asked.observer is None else f"Ordering task, simulated observer {asked.observer.name}"
     deliver({"title": title, "participant": accounts}, as_json=json, file=None)
 
