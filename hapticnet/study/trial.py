@@ -260,7 +260,7 @@ def _peaks(
     delivered_n: list[float | None] = [None] * len(surfaces_m)
     edges = np.flatnonzero(np.diff((held_n > 0.0).astype(np.int8), prepend=0, append=0))
     starts, stops = edges[::2].tolist(), edges[1::2].tolist()
-    for start, stop, following in zip(starts, stops, [*starts[1:], len(held_n)], strict=True):
+    for start, stop, following in zip(starts, stops, [*starts, len(held_n)][1:], strict=True):
         peak = start + int(held_n[start:stop].argmax())
         if held_n[peak] < LEAST_HELD_N:
             continue

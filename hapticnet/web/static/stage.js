@@ -27,6 +27,8 @@ export class Stage {
     this._error = null;
     this._contacts = [];
     this._wordsMs = 0;
+    this._inExperiment = false;
+    this.isOver = false; // nothing more will come, and the server may close the page
     this.canvas = byId("scene");
     this.scene = new SceneView(this.canvas, { onBreach: (index) => this._breached(index) });
     this.connection = new Connection(view, {
@@ -86,6 +88,7 @@ export class Stage {
 
   _on_hello(message) {
     this._handInfo = message.hand;
+    this._inExperiment = message.experiment !== undefined;
     this.hand.configure({ repeatMs: message.hand.repeat_ms });
   }
 
@@ -126,10 +129,6 @@ export class Stage {
 
   _on_error({ message }) {
     this.complain(message);
-  }
-
-  _on_task() {
-    // Instructions of an experiment will be shown in #task; the server sends none yet.
   }
 
   _opened() {
@@ -174,7 +173,7 @@ export class Stage {
     const online = this.connection?.isOpen ?? false;
     if (this.hand) this.hand.obstacle = this._obstacle(online, source);
     byId("hand-state").textContent = online ? handWords(source, this._holder, this._handState) : "Not connected";
-    byId("hint").textContent = online ? hint(source, this._holder, this._handInfo) : "";
+    byId("hint").textContent = online ? hint(source, this._holder, this._handInfo, this._inExperiment) : "";
     const letsGo = this._holder === "you" || (this._letGoOfAnyone && this._holder === "another");
     const button = byId("hand-button");
     button.textContent = letsGo ? "Let go" : "Take the hand";
@@ -206,6 +205,7 @@ export class Stage {
 
   /** The most important thing to tell: level, title, detail, and whether there is a button to try again. */
   _notice(online) {
+    if (this._closed && this.isOver) return null;
     if (this._closed?.final) {
       return ["bad", "The server closed this page", sentence(this._closed.reason || "It gave no reason"), true];
     }
@@ -214,6 +214,7 @@ export class Stage {
     }
     if (!online) return ["wait", "Connecting to the master…", ""];
     if (this._error) return ["warn", "Not possible", sentence(this._error)];
+    if (this._inExperiment && !this._ready) return null; // what comes next is told by the task
     if (this._ready === false) {
       return ["warn", "The slave does not answer", "Force fades to zero. The needle moves, but it touches nothing."];
     }

@@ -52,9 +52,10 @@ export function handWords(source, holder, state) {
   return state === "withdrawing" ? "The needle is being withdrawn" : "Nobody has the hand";
 }
 
-export function hint(source, holder, { speed_m_per_s: speed, delay_ms: delay }) {
-  if (source !== "page") return "This page watches.";
+export function hint(source, holder, { speed_m_per_s: speed, delay_ms: delay }, inExperiment = false) {
+  if (source !== "page") return inExperiment ? "Move it with your hand." : "This page watches.";
   if (holder === "another") return "You watch until it is given back.";
+  if (inExperiment) return "Drag down to push and up to pull back, or use ↓ ↑. Move slowly.";
   const how = matchMedia("(pointer: coarse)").matches ? "Drag down to push." : "Drag down to push, or use ↑ ↓. Esc lets go.";
   return `${how} The needle follows ${delay} ms later, at up to ${count(speed * 1000)} mm/s.`;
 }
