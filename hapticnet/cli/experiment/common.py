@@ -150,6 +150,7 @@ async def conduct_in_real_time(
     import asyncio
     import signal
 
+    from hapticnet.runtime.realtime import prefer_realtime
     from hapticnet.study.conduct import conduct
     from hapticnet.study.keyboard import Keyboard
     from hapticnet.study.schedule import participant_number
@@ -157,6 +158,7 @@ async def conduct_in_real_time(
     from hapticnet.study.simulated_front import SimulatedFront
     from hapticnet.study.terminal_front import TerminalFront
 
+    prefer_realtime()
     task = asyncio.current_task()
     assert task is not None  # noqa: S101 - for the type checker
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, task.cancel)
