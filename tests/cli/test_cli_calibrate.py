@@ -18,8 +18,8 @@ from hapticnet.device.messages import ADC_FRACTION
 from hapticnet.device.parts import Sensor
 from hapticnet.device.profile import MeasuredFinger, Profile, dump_profile, load_profile
 from hapticnet.errors import FileError, SettingsError
-from tests.cli.test_cli_errors import ROOT
 from tests.device.standin import StandIn
+from tests.ready import ROOT
 
 FORCES_N = (0.2, 0.5, 1.0, 2.0, 3.0, 5.0, 3.0, 2.0, 1.0, 0.5)
 

@@ -13,7 +13,7 @@ from hapticnet.experiment.comparison import Trial, compare
 from hapticnet.experiment.comparison_table import COLUMNS, latex
 from hapticnet.perception import WeberLaw
 from hapticnet.recordings.tables import read_csv
-from tests.cli.test_cli_errors import hapticnet
+from tests.ready import hapticnet
 
 OWN = """
 from dataclasses import dataclass

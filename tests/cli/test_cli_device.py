@@ -17,8 +17,9 @@ from hapticnet.cli.device.monitor import Summary
 from hapticnet.device.messages import PROTOCOL_MAJOR
 from hapticnet.device.profile import load_profile
 from hapticnet.runtime import serial_port
-from tests.cli.test_cli_errors import REFUSED, ROOT, UNAVAILABLE, WRONG_SETTINGS, assert_one_line, hapticnet
+from tests.cli.test_cli_errors import REFUSED, UNAVAILABLE, WRONG_SETTINGS, assert_one_line
 from tests.device.standin import StandIn
+from tests.ready import ROOT, hapticnet
 from tests.runtime.plugged import Plugged
 
 

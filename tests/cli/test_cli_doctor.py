@@ -12,7 +12,8 @@ from hapticnet.experiment.provenance import provenance
 from hapticnet.runtime.doctor.checkup import probes
 from hapticnet.runtime.doctor.finding import Step, Topic, Verdict
 from hapticnet.runtime.doctor.machine import Machine
-from tests.cli.test_cli_errors import ROOT, assert_one_line, hapticnet
+from tests.cli.test_cli_errors import assert_one_line
+from tests.ready import ROOT, hapticnet
 
 KEYS = {"id", "subject", "title", "verdict", "value", "meaning", "scale", "to_do", "figures"}
 COMMAND = "echo " + 90 * "x"

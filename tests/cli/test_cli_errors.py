@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.ready import ROOT, hapticnet
+
 TISSUE = """name = "x"
 [[tissue]]
 name = "skin"
@@ -17,20 +19,6 @@ rest_position_m = 0.02
 stiffness_n_per_m = 300.0
 breach_force_n = 2.0
 """
-ROOT = Path(__file__).parents[2]
-
-
-def hapticnet(*arguments, **keywords):
-    return subprocess.run(
-        [sys.executable, "-m", "hapticnet", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        **keywords,
-    )
-
-
 WRONG_SETTINGS, WRONG_FILE, UNAVAILABLE, REFUSED = 2, 3, 4, 5
 """Exit codes, as docs/operations.md lists them."""
 

@@ -12,7 +12,7 @@ import typer
 from hapticnet.cli import app, with_page_address
 from hapticnet.cli.examples import EXAMPLES
 from hapticnet.cli.settings import leaves
-from tests.cli.test_cli_errors import ROOT
+from tests.ready import ROOT
 
 ROOT_COMMAND = typer.main.get_command(app)
 VERBS = dict(leaves(ROOT_COMMAND))

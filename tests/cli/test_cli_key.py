@@ -8,7 +8,8 @@ import pytest
 
 from hapticnet.protocol.key_files import load_key, load_roster
 from hapticnet.protocol.keys import format_key
-from tests.cli.test_cli_errors import assert_one_line, hapticnet
+from tests.cli.test_cli_errors import assert_one_line
+from tests.ready import hapticnet
 
 PSK = format_key(bytes(range(32)))
 

@@ -3,7 +3,8 @@
 import pytest
 
 from hapticnet.protocol.keys import format_key
-from tests.cli.test_cli_errors import assert_one_line, hapticnet
+from tests.cli.test_cli_errors import assert_one_line
+from tests.ready import hapticnet
 
 ANYWHERE = ("--listen", "0.0.0.0:0")
 ELSEWHERE = ("--connect", "192.0.2.1:47800")  # RFC 5737: never assigned, so nothing is reached

@@ -9,7 +9,7 @@ import pytest
 
 from hapticnet.codec.registry import CODECS, codec_parameters
 from hapticnet.recordings.tables import read_csv
-from tests.cli.test_cli_errors import ROOT, hapticnet
+from tests.ready import ROOT, hapticnet
 
 KEYS = {
     "samples", "sent", "packet_rate_reduction", "payload_bytes", "wire_bytes", "keepalives", "session_wire_bytes",

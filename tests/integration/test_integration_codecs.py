@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.test_cli_errors import REFUSED, THE_ERROR, hapticnet
+from tests.cli.test_cli_errors import REFUSED, THE_ERROR
+from tests.ready import hapticnet
 
 FAST = ("--no-realtime",)
 
