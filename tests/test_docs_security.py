@@ -1,9 +1,9 @@
 """docs/security.md names a test for each attack, and each of them exists."""
 
 import re
-import subprocess
-import sys
 from pathlib import Path
+
+from tests.ready import hapticnet
 
 ROOT = Path(__file__).parents[1]
 DOCUMENT = (ROOT / "docs" / "security.md").read_text()
@@ -41,7 +41,7 @@ def test_every_command_shown_has_the_verbs_and_options_it_shows():
     for command in commands:
         words = command.split()
         verb = [word for word in words[:2] if re.fullmatch("[a-z]+", word)]
-        done = subprocess.run([sys.executable, "-m", "hapticnet", *verb, "--help"], capture_output=True, text=True)
+        done = hapticnet(*verb, "--help")
         assert done.returncode == 0, command
         for option in re.findall(r"(--[a-z-]+)", command):
             assert option in done.stdout, command

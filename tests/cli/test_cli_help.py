@@ -1,10 +1,7 @@
 """Each verb's help ends with examples that work, and the shell completes names and values."""
 
-import os
 import re
 import shlex
-import subprocess
-import sys
 
 import pytest
 import typer
@@ -12,7 +9,7 @@ import typer
 from hapticnet.cli import app, with_page_address
 from hapticnet.cli.examples import EXAMPLES
 from hapticnet.cli.settings import leaves
-from tests.ready import ROOT
+from tests.ready import hapticnet
 
 ROOT_COMMAND = typer.main.get_command(app)
 VERBS = dict(leaves(ROOT_COMMAND))
@@ -50,22 +47,6 @@ def test_there_are_examples_of_the_verbs_that_exist():
     assert set(EXAMPLES) == set(VERBS) | GROUPS
 
 
-def complete(*words):
-    return subprocess.run(
-        [sys.executable, "-m", "hapticnet"],
-        capture_output=True,
-        text=True,
-        check=False,
-        env=os.environ
-        | {
-            "PYTHONPATH": str(ROOT),
-            "_HAPTICNET_COMPLETE": "complete_bash",
-            "COMP_WORDS": " ".join(["hapticnet", *words]),
-            "COMP_CWORD": str(len(words)),
-        },
-    ).stdout.split()
-
-
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
@@ -78,5 +59,8 @@ def complete(*words):
         (("config", "ma"), {"master"}),
     ],
 )
-def test_the_shell_completes(words, expected):
-    assert set(complete(*words)) == expected
+def test_the_shell_completes(monkeypatch, words, expected):
+    monkeypatch.setenv("_HAPTICNET_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", " ".join(["hapticnet", *words]))
+    monkeypatch.setenv("COMP_CWORD", str(len(words)))
+    assert set(hapticnet().stdout.split()) == expected

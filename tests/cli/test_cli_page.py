@@ -1,7 +1,6 @@
 """The options that serve the live page."""
 
 import socket
-import subprocess
 import sys
 
 import pytest
@@ -10,10 +9,7 @@ from hapticnet.cli import with_page_address
 from hapticnet.cli.console import Console
 from hapticnet.cli.pages import choose_operator
 from hapticnet.errors import SettingsError, UnavailableError
-
-
-def hapticnet(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-m", "hapticnet", *arguments], capture_output=True, text=True, timeout=60)
+from tests.ready import hapticnet
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.operator.remote import RemoteOperator
 from hapticnet.operator.user import UserOperator
 from hapticnet.runtime import devices
+from tests.ready import hapticnet
 
 RIG = """
 import sys
@@ -128,12 +129,6 @@ def test_a_class_of_the_user_is_a_device_that_is_retracted_and_closed_at_the_end
         devices.real_time_device("rig.py:Orbit", Profile(), 0, print).__enter__()
     with pytest.raises(SettingsError, match=r"unknown device 'dev/tty'; choose from sim.*FILE\.py:CLASS"):
         devices.check_device("dev/tty")
-
-
-def hapticnet(*arguments):
-    return subprocess.run(
-        [sys.executable, "-m", "hapticnet", *arguments], capture_output=True, text=True, timeout=60, check=False
-    )
 
 
 class Slave:

@@ -11,20 +11,15 @@ from pathlib import Path
 import pytest
 
 from tests.cli.test_cli_errors import REFUSED, THE_ERROR, UNAVAILABLE
+from tests.ready import ROOT, hapticnet
 
-ROOT = Path(__file__).parents[2]
 FAST = ("--no-realtime", "--device", "none")
 
 
 def make_key(path, name):
     """Make a key file; return the public key and the master's table for the slave's list."""
-    done = subprocess.run(
-        [sys.executable, "-m", "hapticnet", "key", "new", path, "--name", name],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    done = hapticnet("key", "new", path, "--name", name)
+    assert done.returncode == 0
     return done.stdout.strip(), done.stderr[done.stderr.index("[[master]]") :]
 
 
