@@ -25,6 +25,7 @@ def main(port: int = 47900, seconds: float = 5.0) -> float:
             try:
                 answer = json.loads(client.recv(1024))
             except (TimeoutError, ConnectionRefusedError):  # the master is not there, or a datagram was lost
+                time.sleep(0.1)
                 continue
             (force_n,) = answer["force_n"]
             largest_n = max(largest_n, force_n)

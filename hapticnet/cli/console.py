@@ -77,7 +77,14 @@ def complain(message: str) -> None:
     STDERR.line(log_line(" ".join(message.split()), who="hapticnet", level=Level.ERROR), needed=True)
 
 
-def deliver(report: Mapping[str, Any], *, as_json: bool, file: Path | None, real_time: bool = False) -> None:
+def deliver(
+    report: Mapping[str, Any],
+    *,
+    as_json: bool,
+    file: Path | None,
+    real_time: bool = False,
+    shown: Mapping[str, Any] | None = None,
+) -> None:
     """Write a report to `file` as JSON, then print it on stdout, as JSON or for a person.
 
     The JSON also has the provenance: version, date, machine and command.
@@ -86,6 +93,8 @@ def deliver(report: Mapping[str, Any], *, as_json: bool, file: Path | None, real
     ----------
     real_time
         Whether to give up when stdout is not read for `STALL_S`; otherwise its reader may take any time.
+    shown
+        What a person is shown instead of `report`.
 
     Raises
     ------
@@ -100,7 +109,7 @@ def deliver(report: Mapping[str, Any], *, as_json: bool, file: Path | None, real
             write_text(file, text)
     finally:
         STDERR.drain()  # so that on a terminal the report stands below the messages
-        _print(text if as_json else "\n".join(_lines(report)) + "\n", STALL_S if real_time else None)
+        _print(text if as_json else "\n".join(_lines(shown or report)) + "\n", STALL_S if real_time else None)
 
 
 def _print(text: str, stall_s: float | None) -> None:
@@ -168,8 +177,12 @@ def _lines(report: Mapping[str, Any], indent: str = "") -> list[str]:
             if value:
                 lines += [f"{indent}{key}:", *_lines(value, indent + "  ")]
         elif isinstance(value, list):
+            texts = [entry for entry in value[:MOST_ENTRIES] if not isinstance(entry, Mapping)]
+            if texts:
+                lines += [f"{indent}{key}:", *(f"{indent}  {text}" for text in texts)]
             for number, entry in enumerate(value[:MOST_ENTRIES], start=1):
-                lines += [f"{indent}{key} {number}:", *_lines(entry, indent + "  ")]
+                if isinstance(entry, Mapping):
+                    lines += [f"{indent}{key} {number}:", *_lines(entry, indent + "  ")]
             if len(value) > MOST_ENTRIES:
                 lines.append(f"{indent}… and {len(value) - MOST_ENTRIES} more {key} (--json shows all)")
         elif value is not None:

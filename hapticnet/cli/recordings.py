@@ -1,7 +1,7 @@
 """``hapticnet info``, ``recover`` and ``export``: recordings of sessions after the session."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
@@ -9,6 +9,9 @@ from hapticnet.cli import options
 
 if TYPE_CHECKING:
     from hapticnet.recordings.session.session import Session
+
+SETTINGS_SHOWN: Final = ("codec", "parameters", "law", "rate_hz", "on_error", "device_takes")
+"""Settings of a master that `info` shows a person; --json has all of them."""
 
 File = Annotated[Path, typer.Argument(metavar="FILE", help="A recording of master or slave: .mcap, .csv or .npz.")]
 
@@ -19,13 +22,17 @@ def info(
     json: options.Json = False,
     report: options.Report = None,
 ) -> None:
-    """Print what a recording holds: side, time, rows, events, configuration, and whether it is complete."""
+    """Print what a recording holds: side, time, rows, events, configuration, and whether it is complete.
+
+    With --json, every setting of the run is part of the configuration.
+    """
     from hapticnet.cli.console import check_outputs, deliver
     from hapticnet.recordings.session.reading import read_session
 
     check_outputs(report, inputs=[file])
     session = read_session(file, max_bytes=max_size)
-    deliver(_account(file, session), as_json=json, file=report)
+    account = _account(file, session)
+    deliver(account, as_json=json, file=report, shown=_overview(account))
 
 
 def recover(
@@ -127,3 +134,22 @@ def _account(file: Path, session: "Session") -> dict[str, Any]:
     account["unix_offset_us"] = session.unix_offset_us
     account["about"] = session.about
     return account
+
+
+def _overview(account: dict[str, Any]) -> dict[str, Any]:
+    """Return the part of an account that a person is shown: a line for each event, and the most important settings."""
+    about = {key: value for key, value in account["about"].items() if key != "wire_versions"}
+    if isinstance(settings := about.get("settings"), dict):
+        about["settings"] = {key: settings[key] for key in SETTINGS_SHOWN if key in settings}
+    return {
+        **account,
+        "complete": "yes" if account["complete"] else f"no; 'hapticnet recover {account['file']}' saves what is whole",
+        "notes": [each["note"] for each in account["notes"]],
+        "events": [_event_line(**each) for each in account["events"]],
+        "about": about,
+    }
+
+
+def _event_line(t_s: float | None, event: str, text: str) -> str:
+    time = "" if t_s is None else f"{t_s:10.3f} s  "
+    return f"{time}{event}" if text == "{}" else f"{time}{event}  {text}"

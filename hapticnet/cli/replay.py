@@ -12,6 +12,8 @@ from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from hapticnet.recordings.recording import Motion
+
 SLOWEST_HZ: Final = 10.0
 FASTEST_HZ: Final = 10_000.0
 """Range of rates at which recordings are replayed; slaves grant no others."""
@@ -66,7 +68,7 @@ def replay(
     if connect is not None and column is not None:
         raise SettingsError("--column chooses the force, but with --connect the slave's scene makes the force")
     motion = load_motion(file, position=position)
-    with _slave(file, column, codec, motion.position.shape[1], connect, realtime=realtime) as address:
+    with _slave(file, column, codec, motion, connect, realtime=realtime) as address:
         master(
             connect=address,
             key=key,
@@ -109,7 +111,7 @@ def _rate_hz(t_us: list[int]) -> float:
 
 @contextmanager
 def _slave(
-    file: Path, column: str | None, codec: str, axes: int, connect: str | None, *, realtime: bool
+    file: Path, column: str | None, codec: str, motion: "Motion", connect: str | None, *, realtime: bool
 ) -> "Iterator[str]":
     """Yield the address of the slave: the one that was named, or one of our own that plays the recorded force."""
     from hapticnet.cli.console import Console
@@ -122,12 +124,14 @@ def _slave(
         yield connect
         return
     force = RecordedForce(file, columns=column)
+    axes = motion.position.shape[1]
     if force.axes != axes:
         raise SettingsError(
             f"{file}: a force of {force.axes} axes for positions of {axes}; choose as many with --column and --position"
         )
     for note in force.notes:
-        Console("replay").say(f"{file}: {note}")
+        if note not in motion.notes:  # which the operator tells
+            Console("replay").say(f"{file}: {note}")
     scene = f"recording:{file}" if column is None else f"recording:{file}:{column}"
     arguments = ["slave", "--listen", "127.0.0.1:0", "--scene", scene, "--codec", split_codec(codec)[0]]
     slave = Child(arguments if realtime else [*arguments, "--no-realtime"])

@@ -137,6 +137,8 @@ def load_recording(
             )
         t_us, force, moved, notes = _read(source, force_at, position_at, position_scale, rate_hz, missing)
     names = tuple(source.names[index] for index in force_at)
+    if columns is None and any("received" in name for name in names):
+        notes = (*notes, f"no true force; {', '.join(names)} is what a master received, compressed already")
     return Recording(t_us=t_us, force=force, position=moved if position_at else None, names=names, notes=notes)
 
 

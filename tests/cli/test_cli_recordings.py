@@ -97,8 +97,16 @@ def test_an_existing_file_is_exported_over_only_with_force(run, recording, tmp_p
 def test_encode_reads_the_received_force_of_a_recording(run, tmp_path, suffix):
     path = tmp_path / f"run{suffix}"
     write_session(path, ticks=TICKS)
-    account = json.loads(run("encode", path, "--json").stdout)
-    assert account["samples"] == TICKS
+    done = run("encode", path, "--json")
+    assert json.loads(done.stdout)["samples"] == TICKS
+    assert done.stderr.count("no true force; received_n is what a master received, compressed already") == 1
+
+
+def test_info_shows_a_person_a_line_for_each_event_and_the_settings_that_matter(run, recording):
+    shown = run("info", recording).stdout.splitlines()
+    events = shown[shown.index("events:") + 1 :][: len(EVENTS)]
+    assert [line.split()[2] for line in events] == [name for _, name, _ in EVENTS]
+    assert "complete        yes" in shown
 
 
 def test_compare_and_trace_read_a_recording(run, recording):
