@@ -1,0 +1,164 @@
+"""What conducts a session without a device: a rig whose outcomes are given, and a front that answers at once."""
+
+from dataclasses import replace
+
+from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.procedures import Met
+from hapticnet.study import screens
+from hapticnet.study.plan import ConditionPlan, LimitsPlan, OrderPlan, Plan
+from hapticnet.study.rig import NO_MEASURES, Meet, Play, Present
+from hapticnet.study.screens import ScreenKind
+from hapticnet.study.stimulus import Presented
+from hapticnet.study.trial import Played
+
+DATE = "2026-11-22T10:00:00.000+00:00"
+
+SMALL = Plan(
+    name="small",
+    condition=[
+        ConditionPlan(name="none", codec="raw"),
+        ConditionPlan(name="1 JND"),
+        ConditionPlan(name="4 JND", multiplier=4.0),
+    ],
+    order=OrderPlan(trials=2, practice=2, practice_pairs=6, practice_rounds=2, break_s=5.0, most_attempts=3),
+    limits=LimitsPlan(references_n=[1.0, 2.0], repetitions=2, step=0.05, start=0.0, largest=0.3, break_s=5.0, pairs=5),
+)
+
+
+def met():
+    return Met(0.5, 0.003)
+
+
+def played(stimulus, *, delivered=1.0, failure=None, touched=(True, True, True)):
+    """Return a trial of which the device delivered a share of each force."""
+    held_n = tuple(force if here else None for force, here in zip(stimulus.breach_forces_n, touched, strict=True))
+    measures = replace(
+        NO_MEASURES,
+        first_contact_s=1.0,
+        insertions=1,
+        penetrations=3,
+        peaks_held_n=held_n,
+        peaks_sensed_n=tuple(None if force is None else delivered * force for force in held_n),
+        peak_speed_m_per_s=0.03,
+        force_packets=100,
+        wire_bytes=5000,
+    )
+    return Played(
+        stimulus=stimulus, measures=measures, ticks={}, datagrams={}, settings=MasterSettings(), failure=failure
+    )
+
+
+def presented(pair, error_n=0.0):
+    first_n, second_n = pair.forces_n
+    return Presented(held_n=pair.forces_n, sensed_n=(first_n + error_n, second_n), deviation_n=(0.0, 0.0))
+
+
+def outcome_of(activity):
+    """Return what a device without errors makes of an activity."""
+    if isinstance(activity, Meet):
+        return met()
+    return played(activity.stimulus) if isinstance(activity, Play) else presented(activity.pair)
+
+
+class GivenRig:
+    """Performs everything at once; a second passes with each activity."""
+
+    description = "given"
+
+    def __init__(self, outcome_of=outcome_of):
+        self.activities = []
+        self._outcome_of = outcome_of
+        self._now_us = 0
+
+    def now_us(self):
+        return self._now_us
+
+    async def run(self, activity):
+        self.activities.append(activity)
+        self._now_us += 1_000_000
+        return self._outcome_of(activity)
+
+    def stop(self):
+        pass
+
+    async def wait(self, duration_us):
+        self._now_us += duration_us
+
+
+def usual_key(flow):
+    """Return the key of a participant who always goes on."""
+    kind = flow.screen.kind
+    if kind is ScreenKind.CONSENT:
+        return screens.YES
+    if kind is ScreenKind.RATING:
+        return "4"
+    if kind is ScreenKind.QUESTION:
+        keys = dict(flow.screen.keys)
+        return screens.DIFFERENT if screens.DIFFERENT in keys else "2"
+    return screens.ENTER
+
+
+class WillingFront:
+    """Goes on at each screen, and gives the right order in each trial."""
+
+    def __init__(self, rig):
+        self._rig = rig
+
+    async def show(self, flow):
+        pass
+
+    async def key(self, flow):
+        if flow.screen.not_before_us is not None:
+            await self._rig.wait(max(0, flow.screen.not_before_us - self._rig.now_us()))
+        return usual_key(flow)
+
+    async def attend(self, flow, activity, rig):
+        outcome = await activity
+        if flow.screen.kind is ScreenKind.TRIAL:
+            answer(flow, flow.trial.order, rig.now_us())
+        return outcome
+
+
+def answer(flow, order, now_us):
+    for key in order:
+        flow.press(key, now_us)
+    flow.press(screens.ENTER, now_us)
+
+
+class Person:
+    """Drives a flow step by step; time passes as told."""
+
+    def __init__(self, flow, now_us=0):
+        self.flow = flow
+        self.now_us = now_us
+
+    def press(self, *keys, after_s=1.0):
+        for key in keys:
+            self.now_us += round(1e6 * after_s)
+            self.flow.press(key, self.now_us)
+
+    def complete(self, outcome=None, after_s=1.0):
+        self.now_us += round(1e6 * after_s)
+        self.flow.complete(outcome or outcome_of(self.flow.activity), self.now_us)
+
+    def go_on_to(self, kind):
+        """Go on, answering as usual, until there is a screen of a kind."""
+        for _ in range(10_000):
+            if self.flow.screen.kind is kind or self.flow.done:
+                assert self.flow.screen.kind is kind
+                return
+            if self.flow.activity is None:
+                self.now_us = max(self.now_us, self.flow.screen.not_before_us or 0)
+                self.press(usual_key(self.flow))
+            else:
+                if isinstance(self.flow.activity, Play):
+                    answer(self.flow, self.flow.trial.order, self.now_us)
+                self.complete()
+        raise AssertionError("the session does not end")
+
+    def rows(self, event):
+        return [row for row in self.flow.rows if row.event == event]
+
+
+def is_pair(activity):
+    return isinstance(activity, Present)

@@ -1,0 +1,152 @@
+"""Plans and schedules: what is balanced, what is drawn from the seed, and which plans are refused."""
+
+from collections import Counter
+from itertools import pairwise
+
+import pytest
+
+from hapticnet.errors import FileError, SettingsError
+from hapticnet.study.limits_flow import LimitsSchedule, draw_limits
+from hapticnet.study.plan import PRESETS, ConditionPlan, OrderPlan, Plan, find_plan
+from hapticnet.study.schedule import OrderSchedule, draw_order, williams_square
+
+PAPER = PRESETS["paper"]
+
+
+@pytest.mark.parametrize("conditions", range(2, 9))
+def test_each_condition_comes_equally_often_at_each_place_and_after_each_other(conditions):
+    square = williams_square(conditions)
+    places = Counter((place, each) for row in square for place, each in enumerate(row))
+    follows = Counter(pair for row in square for pair in pairwise(row))
+    assert len(places) == conditions**2
+    assert len(set(places.values())) == 1
+    assert len(follows) == conditions * (conditions - 1)
+    assert len(set(follows.values())) == 1
+
+
+def test_four_participants_have_the_four_orders_of_the_conditions():
+    orders = set()
+    for participant in ("01", "02", "03", "04"):
+        trials = draw_order(PAPER, participant, 1, 7).trials
+        orders.add(tuple(trials[block * 10].condition for block in range(4)))
+    assert orders == set(williams_square(4))
+
+
+def test_a_blocked_session_has_ten_trials_of_each_condition_one_after_the_other():
+    schedule = draw_order(PAPER, "03", 1, 7)
+    assert [trial.index for trial in schedule.trials] == list(range(40))
+    assert schedule.blocks == 4
+    for block in range(4):
+        own = [trial for trial in schedule.trials if trial.block == block]
+        assert len({trial.condition for trial in own}) == 1
+        assert [trial.repetition for trial in own] == list(range(10))
+
+
+def test_an_interleaved_session_has_each_condition_once_in_each_four_trials():
+    plan = Plan(order=OrderPlan(arrangement="interleaved"))
+    schedule = draw_order(plan, "03", 1, 7)
+    for start in range(0, 40, 4):
+        assert {trial.condition for trial in schedule.trials[start : start + 4]} == {0, 1, 2, 3}
+    assert Counter(trial.block for trial in schedule.trials) == dict.fromkeys(range(4), 10)
+
+
+def test_each_condition_runs_through_all_six_orders_before_one_comes_again():
+    schedule = draw_order(Plan(order=OrderPlan(trials=12)), "05", 2, 3)
+    for condition in range(4):
+        orders = [trial.order for trial in schedule.trials if trial.condition == condition]
+        assert len(set(orders[:6])) == len(set(orders[6:])) == 6
+
+
+def test_the_order_names_the_tissues_from_softest_to_hardest():
+    for trial in draw_order(PAPER, "01", 1, 0).trials:
+        forces = [trial.breach_forces_n[int(each) - 1] for each in trial.order]
+        assert forces == sorted(forces)
+
+
+def test_the_same_seed_draws_the_same_session_and_another_one_another():
+    first = draw_order(PAPER, "03", 1, 7)
+    assert draw_order(PAPER, "03", 1, 7) == first
+    for other in (draw_order(PAPER, "03", 1, 8), draw_order(PAPER, "03", 2, 7), draw_order(PAPER, "07", 1, 7)):
+        assert [trial.seed for trial in other.trials] != [trial.seed for trial in first.trials]
+    assert len({trial.seed for trial in (*first.trials, *first.practice)}) == 49
+
+
+def test_a_schedule_is_stored_and_read_without_change():
+    order, limits = draw_order(PAPER, "03", 1, 7), draw_limits(PAPER, "03", 1, 7)
+    assert OrderSchedule.from_json(order.to_json(), "a") == order
+    assert LimitsSchedule.from_json(limits.to_json(), "a") == limits
+    for kind in (OrderSchedule, LimitsSchedule):
+        for text in ("", "[]", "{}", '{"trials": 3, "series": 3}'):
+            with pytest.raises(FileError, match="schedule.json: not a schedule"):
+                kind.from_json(text, "schedule.json")
+
+
+@pytest.mark.parametrize("participant", ["Anna", "", "3a", "-1", "1234567", "٣"])
+def test_a_participant_is_a_number(participant):
+    with pytest.raises(SettingsError, match="names are not stored"):
+        draw_order(PAPER, participant, 1, 0)
+
+
+def test_references_come_in_a_latin_square_and_a_fifth_of_the_series_is_for_catching():
+    series = draw_limits(PAPER, "02", 1, 1).series
+    ascending = [each for each in series if not each.catch]
+    assert Counter(each.reference_n for each in ascending) == {0.5: 5, 1.0: 5, 1.5: 5}
+    assert sum(each.catch for each in series) == 3
+    for start in range(0, 15, 3):
+        assert {each.reference_n for each in ascending[start : start + 3]} == {0.5, 1.0, 1.5}
+    firsts = {draw_limits(PAPER, f"{number}", 1, 1).series for number in (1, 2, 3)}
+    assert len(firsts) == 3
+
+
+def test_starts_are_random_and_within_the_plan():
+    starts = {each.start for number in range(1, 9) for each in draw_limits(PAPER, f"{number}", 1, 1).series}
+    assert len(starts) > 10
+    assert 0.0 <= min(starts) <= max(starts) <= PAPER.limits.start
+
+
+WRONG = {
+    "[order]\ntrails = 3": "unknown key 'order.trails' (did you mean 'trials'?)",
+    "[oder]": "unknown key 'oder' (did you mean 'order'?)",
+    "[order]\ntrials = 1.5": "order.trials is 1.5; it must be a whole number",
+    "[order]\ntrials = 0": "order.trials is 0",
+    "[order]\nbreach_forces_n = [2.0, 2.0, 5.0]": "order: the three breach forces must differ",
+    "[order]\nbreach_forces_n = [2.0, 3.5, 6.0]": "order.breach_forces_n.2 is 6.0",
+    "[order]\npractice = 1": "practice_pairs is more",
+    '[link]\nforward = "wfi"': '"wfi" is not a preset',
+    '[[condition]]\nname = "a"\ncodec = "deadbnd"': "condition 'a': unknown codec 'deadbnd'",
+    '[condition]\nname = "a"': "write [[condition]]",
+    '[[condition]]\nname = "a"\n[[condition]]\nname = "a"': "two conditions have the same name",
+    "[limits]\nreferences_n = [4.0]": "the largest comparison is 5.6 N",
+    "[limits]\nstep = 0.5": "leave no room below largest",
+    '[limits]\nmethod = "descending"': "'ascending', 'up-down' or 'bayesian'",
+    "[order": "not a TOML file",
+}
+
+
+@pytest.mark.parametrize("text", WRONG)
+def test_a_wrong_plan_is_refused_in_one_line_that_says_what_would_be_right(tmp_path, text):
+    path = tmp_path / "plan.toml"
+    path.write_text(text)
+    with pytest.raises((SettingsError, FileError)) as error:
+        find_plan(str(path))
+    assert WRONG[text] in str(error.value)
+    assert str(error.value).startswith(str(path))
+    assert "\n" not in str(error.value)
+
+
+def test_a_plan_that_does_not_exist_is_told_with_the_presets():
+    with pytest.raises(SettingsError, match="choose paper, reachable or the path"):
+        find_plan("papre")
+    with pytest.raises(FileError, match=r"nowhere\.toml"):
+        find_plan("nowhere.toml")
+
+
+def test_the_reachable_forces_have_the_ratios_of_the_papers():
+    paper, reachable = (PRESETS[name].order.breach_forces_n for name in ("paper", "reachable"))
+    assert [force / reachable[0] for force in reachable] == pytest.approx([force / paper[0] for force in paper])
+    assert max(reachable) < 4.6
+
+
+def test_a_condition_that_sends_every_sample_has_no_threshold():
+    assert ConditionPlan(name="none", codec="raw").threshold == 0.0
+    assert ConditionPlan(name="2", multiplier=2.0).threshold == 2.0
