@@ -201,6 +201,7 @@ class OrderFlow(Flow[OrderRow]):
             self._go_on(now_us)
 
     def _repeat(self, trial: Trial, reason: str, why: Why, now_us: int) -> None:
+        self._met = False  # who knows where the finger is now?
         attempts = self._in_vain(trial.index)
         if attempts >= self._plan.order.most_attempts:
             self._stop(f"trial {trial.index} was begun {attempts} times in vain; the last time: {reason}")

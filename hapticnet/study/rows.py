@@ -23,8 +23,8 @@ Event: TypeAlias = Literal[
 the finger. ``practice``: a practice trial was answered. ``trial``: a trial was answered; only these are analysed.
 ``aborted``: a trial ended without a valid answer, for ``reason``, and comes again. ``repeated``: a trial was answered,
 but the device did not deliver its forces; it comes again. ``rating``: a quality of experience was given for the block.
-``break``: a break is over. ``noise``: the page plays masking noise at the level in ``text``, a share of full scale; 0 is
-off. ``stopped``: the session was ended early, for ``reason``; it can go on. ``end``: the session is complete.
+``break``: a break is over. ``noise``: the page plays masking noise at the level in ``text``, a share of full scale; 0
+is off. ``stopped``: the session was ended early, for ``reason``; it can go on. ``end``: the session is complete.
 """
 
 

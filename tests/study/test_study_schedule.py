@@ -77,7 +77,7 @@ def test_a_schedule_is_stored_and_read_without_change():
     assert LimitsSchedule.from_json(limits.to_json(), "a") == limits
     for kind in (OrderSchedule, LimitsSchedule):
         for text in ("", "[]", "{}", '{"trials": 3, "series": 3}'):
-            with pytest.raises(FileError, match="schedule.json: not a schedule"):
+            with pytest.raises(FileError, match=r"schedule\.json: not a schedule"):
                 kind.from_json(text, "schedule.json")
 
 

@@ -1,0 +1,342 @@
+"""The session as a state machine: what comes when, what is stored, and what an abort or a crash changes."""
+
+import pytest
+
+from hapticnet.perception import WeberLaw
+from hapticnet.study import screens
+from hapticnet.study.limits_flow import LimitsFlow, draw_limits
+from hapticnet.study.order_flow import OrderFlow
+from hapticnet.study.rig import Fault, Meet, Play
+from hapticnet.study.schedule import draw_order
+from hapticnet.study.screens import ScreenKind
+from tests.study.conducted import SMALL, Person, answer, is_pair, met, played, presented
+
+CONSTANTS = {"participant": "03", "session": 1, "observer": None, "device": "given"}
+LAW = WeberLaw(weber_fraction=0.07, floor_n=0.035)
+
+
+def ordering(rows=(), plan=SMALL, now_us=0):
+    return Person(OrderFlow(plan, draw_order(plan, "03", 1, 7), LAW, list(rows), now_us, CONSTANTS), now_us)
+
+
+def limits(rows=(), plan=SMALL, now_us=0):
+    return Person(LimitsFlow(plan, draw_limits(plan, "03", 1, 7), list(rows), now_us, CONSTANTS), now_us)
+
+
+def varied(part, **values):
+    return SMALL.model_copy(update={part: getattr(SMALL, part).model_copy(update=values)})
+
+
+NO_PRACTICE = varied("order", practice=0, practice_pairs=0)
+
+
+def test_a_session_runs_from_instructions_to_the_end_in_this_order():
+    person = ordering()
+    kinds = []
+    while not person.flow.done:
+        kinds.append(person.flow.screen.kind)
+        if person.flow.activity is None:
+            person.now_us = max(person.now_us, person.flow.screen.not_before_us or 0)
+            key = {ScreenKind.CONSENT: screens.YES, ScreenKind.RATING: "4"}.get(kinds[-1], screens.ENTER)
+            person.press(key)
+        else:
+            if isinstance(person.flow.activity, Play):
+                answer(person.flow, person.flow.trial.order, person.now_us)
+            person.complete()
+    block = [ScreenKind.TRIAL, ScreenKind.TRIAL, ScreenKind.RATING]
+    practice = [ScreenKind.PRACTICE, ScreenKind.MEET, *[ScreenKind.TRIAL, ScreenKind.FEEDBACK] * 2]
+    pause = [ScreenKind.BREAK, ScreenKind.MEET]
+    start = [ScreenKind.INSTRUCTIONS, ScreenKind.CONSENT]
+    assert kinds == [*start, *practice, *block, *pause, *block, *pause, *block]
+    events = [row.event for row in person.flow.rows]
+    assert events.count("trial") == 6
+    assert (events[:3], events[-1]) == (["begin", "consent", "meet"], "end")
+    assert person.flow.failure is None
+
+
+def test_nothing_is_performed_without_consent():
+    person = ordering()
+    person.press(screens.ENTER, screens.NO)
+    assert person.flow.done
+    assert [row.event for row in person.flow.rows] == ["begin", "end"]
+    assert person.flow.rows[-1].reason == "no consent"
+
+
+def test_consent_is_stored_with_the_hash_of_the_text_that_was_shown():
+    person = ordering()
+    person.press(screens.ENTER)
+    assert person.flow.screen.text == SMALL.consent
+    person.press(screens.YES)
+    assert person.rows("consent")[0].text == screens.hash_of(SMALL.consent)
+
+
+def test_an_answer_may_be_changed_until_enter_and_is_scored_in_whole_and_by_pairs():
+    person = ordering(plan=NO_PRACTICE)
+    person.go_on_to(ScreenKind.TRIAL)
+    true = person.flow.trial.order
+    wrong = true[1] + true[0] + true[2]
+    person.press(screens.ENTER, true[0], true[0], "4", "x")  # only the second does anything
+    assert person.flow.screen.typed == true[0]
+    person.press(screens.BACKSPACE, screens.BACKSPACE, *wrong)
+    assert not person.flow.answered
+    person.press(screens.ENTER)
+    assert person.flow.answered
+    person.press(screens.BACKSPACE, screens.ESCAPE)  # too late
+    person.complete()
+    row = person.rows("trial")[0]
+    assert (row.order_true, row.order_answered, row.correct) == (true, wrong, 0)
+    assert (row.pairs_correct, row.kendall) == (2, 1)
+    assert row.key == f"{true[0]}<{wrong}"
+
+
+def test_response_times_count_from_the_scene_and_from_the_first_contact():
+    person = ordering(plan=NO_PRACTICE)
+    person.go_on_to(ScreenKind.TRIAL)
+    begun_us = person.now_us
+    person.press(*person.flow.trial.order, screens.ENTER, after_s=2.0)
+    person.complete(after_s=0.1)
+    row = person.rows("trial")[0]
+    assert row.response_time_s == pytest.approx(8.0)
+    assert row.contact_to_answer_s == pytest.approx(7.0)
+    assert (row.onset_s, row.duration_s) == pytest.approx((begun_us / 1e6, 8.1))
+
+
+def test_the_conditions_reach_the_trial_but_no_screen():
+    person = ordering()
+    shown, laws = [], set()
+    while not person.flow.done:
+        shown.append(f"{person.flow.screen}")
+        if isinstance(person.flow.activity, Play):
+            stimulus = person.flow.activity.stimulus
+            laws.add((person.flow.condition.name, stimulus.codec, stimulus.law.multiplier, stimulus.law.weber_fraction))
+        person.go_on_to(person.flow.screen.kind)
+        if person.flow.activity is None:
+            person.now_us = max(person.now_us, person.flow.screen.not_before_us or 0)
+            key = {ScreenKind.CONSENT: screens.YES, ScreenKind.RATING: "4"}.get(person.flow.screen.kind, screens.ENTER)
+            person.press(key)
+        else:
+            if isinstance(person.flow.activity, Play):
+                answer(person.flow, person.flow.trial.order, person.now_us)
+            person.complete()
+    assert laws == {
+        ("practice", "raw", 1.0, 0.07),
+        ("none", "raw", 1.0, 0.07),
+        ("1 JND", "deadband", 1.0, 0.07),
+        ("4 JND", "deadband", 4.0, 0.07),
+    }
+    for text in shown:
+        assert "JND" not in text
+        assert "deadband" not in text
+
+
+def test_practice_comes_again_until_enough_pairs_are_right_or_its_rounds_are_over():
+    person = ordering()
+    for expected in (0, 1):
+        person.go_on_to(ScreenKind.PRACTICE)
+        assert ("once more" in person.flow.screen.text) == bool(expected)
+        person.press(screens.ENTER)
+        for _ in range(2):
+            person.go_on_to(ScreenKind.TRIAL)
+            answer(person.flow, person.flow.trial.order[::-1], person.now_us)
+            person.complete()
+            assert person.flow.screen.title == "Not quite"
+            assert " ".join(person.flow.trial.order) in person.flow.screen.text
+            person.press(screens.ENTER)
+    assert person.flow.trial.condition is not None
+    assert len(person.rows("practice")) == 4
+    assert all(row.block is None and row.condition == "practice" for row in person.rows("practice"))
+
+
+@pytest.mark.parametrize(
+    ("outcome", "event", "reason"),
+    [
+        (lambda _: Fault("the device was lost: unplugged"), "aborted", "the device was lost: unplugged"),
+        (lambda stimulus: played(stimulus, failure="the link was lost"), "aborted", "the link was lost"),
+        (lambda stimulus: played(stimulus, delivered=0.79), "repeated", "the device delivered"),
+        (lambda stimulus: played(stimulus, touched=(True, False, True)), "repeated", "tissue 2 was not touched"),
+    ],
+)
+def test_a_trial_in_vain_is_stored_and_comes_again_at_the_end_of_its_block_after_meeting_the_finger(
+    outcome, event, reason
+):
+    person = ordering(plan=NO_PRACTICE)
+    person.go_on_to(ScreenKind.TRIAL)
+    vain = person.flow.trial
+    answer(person.flow, vain.order, person.now_us)
+    person.complete(outcome(person.flow.activity.stimulus))
+    row = person.rows(event)[0]
+    assert (row.this_n, row.attempt) == (vain.index, 0)
+    assert row.reason.startswith(reason)
+    assert person.flow.screen.kind is ScreenKind.REPEAT
+    person.press(screens.ENTER)
+    assert isinstance(person.flow.activity, Meet)
+    person.go_on_to(ScreenKind.RATING)
+    assert [each.this_n for each in person.rows("trial")] == [vain.index + 1, vain.index]
+    assert person.rows("trial")[-1].attempt == 1
+
+
+def test_eighty_percent_of_the_held_force_are_enough():
+    person = ordering(plan=NO_PRACTICE)
+    person.go_on_to(ScreenKind.TRIAL)
+    answer(person.flow, "123", person.now_us)
+    person.complete(played(person.flow.activity.stimulus, delivered=0.81))
+    assert len(person.rows("trial")) == 1
+
+
+def test_escape_stops_a_trial_at_once_and_between_trials_the_session():
+    person = ordering(plan=NO_PRACTICE)
+    person.go_on_to(ScreenKind.TRIAL)
+    person.press("1", screens.ESCAPE)
+    assert person.flow.answered
+    person.complete(played(person.flow.activity.stimulus))
+    row = person.rows("aborted")[0]
+    assert (row.reason, row.order_answered) == ("the participant stopped", None)
+    person.press(screens.ESCAPE)
+    assert person.flow.done
+    assert person.flow.failure == "the participant ended the session"
+    assert person.rows("stopped")[0].reason == person.flow.failure
+    again = ordering(person.flow.rows, plan=NO_PRACTICE)
+    again.go_on_to(ScreenKind.DONE)
+    assert len(again.rows("trial")) == 6
+
+
+def test_a_trial_without_an_answer_is_aborted():
+    person = ordering(plan=NO_PRACTICE)
+    person.go_on_to(ScreenKind.TRIAL)
+    person.press("1", "2")
+    person.complete()
+    assert person.rows("aborted")[0].reason == "no answer within 180 s"
+
+
+def test_a_device_that_fails_again_and_again_interrupts_the_session():
+    person = ordering(plan=NO_PRACTICE)
+    person.go_on_to(ScreenKind.TRIAL)
+    index = person.flow.trial.index
+    while not person.flow.done:
+        person.go_on_to(ScreenKind.TRIAL)
+        answer(person.flow, person.flow.trial.order, person.now_us)
+        vain = person.flow.trial.index == index
+        person.complete(played(person.flow.activity.stimulus, delivered=0.5 if vain else 1.0))
+        if not person.flow.done and person.flow.screen.kind is ScreenKind.REPEAT:
+            person.press(screens.ENTER)
+    assert person.flow.failure.startswith(f"trial {index} was begun 3 times in vain")
+    again = ordering(person.flow.rows, plan=NO_PRACTICE)
+    again.go_on_to(ScreenKind.DONE)
+    assert sorted(row.this_n for row in again.rows("trial")) == list(range(6))
+
+
+def test_a_platform_that_does_not_meet_the_finger_interrupts_the_session():
+    person = ordering()
+    for attempt in range(3):
+        person.go_on_to(ScreenKind.MEET)
+        person.complete(Fault("the platform does not meet a finger"))
+        assert person.flow.done == (attempt == 2)
+        person.press(screens.ENTER)
+    assert person.flow.failure == "the platform does not meet a finger"
+    assert person.rows("meet") == []
+
+
+def test_a_break_cannot_be_cut_short():
+    person = ordering(plan=NO_PRACTICE)
+    person.go_on_to(ScreenKind.BREAK)
+    person.press(screens.ENTER, after_s=4.9)
+    assert person.flow.screen.kind is ScreenKind.BREAK
+    person.press(screens.ENTER, after_s=0.2)
+    assert isinstance(person.flow.activity, Meet)
+    assert person.rows("break")[0].duration_s == pytest.approx(5.1)
+
+
+def test_an_interleaved_session_asks_for_no_rating():
+    person = ordering(plan=varied("order", practice=0, practice_pairs=0, arrangement="interleaved"))
+    person.go_on_to(ScreenKind.DONE)
+    assert person.rows("rating") == []
+    assert len(person.rows("break")) == 2
+
+
+def test_a_rating_is_stored_with_the_condition_of_its_block():
+    person = ordering(plan=NO_PRACTICE)
+    person.go_on_to(ScreenKind.RATING)
+    person.press("8", "6")
+    row = person.rows("rating")[0]
+    assert (row.rating, row.block) == (6, 0)
+    assert row.condition == person.rows("trial")[0].condition
+
+
+@pytest.mark.parametrize("make", [ordering, limits])
+def test_a_session_goes_on_after_any_row_and_asks_nothing_twice(make):
+    whole = make()
+    whole.go_on_to(ScreenKind.DONE)
+    rows = whole.flow.rows
+    expected = [row.this_n for row in rows if row.event in ("trial", "practice")]
+    for cut in range(len(rows)):
+        again = make(rows[:cut], now_us=5_000_000)
+        again.now_us = 5_000_000
+        again.go_on_to(ScreenKind.DONE)
+        assert [row.this_n for row in again.flow.rows if row.event in ("trial", "practice")] == expected
+        for event in ("consent", "rating", "break"):
+            assert len(again.rows(event)) == len(whole.rows(event))
+        onsets = [row.onset_s for row in again.flow.rows]
+        assert onsets == sorted(onsets)
+
+
+def test_a_session_that_is_over_is_not_begun_again():
+    whole = ordering()
+    whole.go_on_to(ScreenKind.DONE)
+    again = ordering(whole.flow.rows)
+    assert again.flow.done
+    assert again.flow.take_rows() == []
+
+
+def test_each_pair_of_forces_is_asked_about_and_the_jnd_follows():
+    person = limits()
+    person.go_on_to(ScreenKind.QUESTION)
+    assert person.flow.screen.title == "Same or different?"
+    while not person.flow.done:
+        person.go_on_to(ScreenKind.QUESTION)
+        row_before = len(person.rows("trial"))
+        different = person.flow.presented.held_n[1] - person.flow.presented.held_n[0] > 0.09
+        person.press(screens.DIFFERENT if different else screens.SAME)
+        assert len(person.rows("trial")) == row_before + 1
+        if person.flow.procedure.question() is None:
+            break
+    assert person.flow.procedure.by_reference() == {1.0: pytest.approx([0.1, 0.1]), 2.0: pytest.approx([0.1, 0.1])}
+    assert person.flow.done
+
+
+def test_a_pair_that_the_device_missed_is_presented_again_and_not_asked_about():
+    person = limits()
+    person.go_on_to(ScreenKind.STIMULI)
+    assert is_pair(person.flow.activity)
+    question = person.flow.procedure.question()
+    person.complete(presented(person.flow.activity.pair, error_n=0.4))
+    row = person.rows("repeated")[0]
+    assert "was felt as" in row.reason
+    assert row.sensed_1_n == pytest.approx(row.held_1_n + 0.4)
+    person.press(screens.ENTER)
+    assert isinstance(person.flow.activity, Meet)
+    person.complete(met())
+    person.complete()
+    assert person.flow.screen.kind is ScreenKind.QUESTION
+    assert person.flow.procedure.question() == question
+
+
+def test_a_device_that_misses_every_pair_interrupts_the_measurement():
+    person = limits()
+    while not person.flow.done:
+        person.go_on_to(ScreenKind.STIMULI)
+        person.complete(presented(person.flow.activity.pair, error_n=0.4))
+        if not person.flow.done:
+            person.press(screens.ENTER)
+    assert person.flow.failure.startswith("a pair was presented 5 times in vain")
+
+
+@pytest.mark.parametrize("method", ["up-down", "bayesian"])
+def test_the_forced_choice_asks_for_the_stronger_of_two(method):
+    person = limits(plan=varied("limits", method=method))
+    person.go_on_to(ScreenKind.QUESTION)
+    assert person.flow.screen.title == "Which was stronger?"
+    first_n, second_n = person.flow.presented.held_n
+    person.press("1" if first_n > second_n else "2")
+    assert person.rows("trial")[0].correct == 1
+    person.go_on_to(ScreenKind.DONE)
+    assert len(person.flow.procedure.thresholds) == 4

@@ -1,0 +1,154 @@
+"""The methods that measure a JND, on observers whose JND is known, and Weber's law from it."""
+
+import math
+from statistics import NormalDist
+
+import numpy as np
+import pytest
+
+from hapticnet.errors import FileError, SettingsError
+from hapticnet.perception import PAPER_WEBER_FRACTION
+from hapticnet.study.forced_choice import Bayesian, ForcedChoice, UpDown
+from hapticnet.study.limits import Ascending, Series
+from hapticnet.study.plan import LimitsPlan
+from hapticnet.study.weber import fit, load_participant, participant_file, thresholds
+
+Z_75 = NormalDist().inv_cdf(0.75)
+
+
+def ascending(plan, series, says_different):
+    """Ask all questions of an observer; return the procedure and the questions."""
+    procedure = Ascending(plan, series)
+    asked = []
+    while (question := procedure.question()) is not None:
+        asked.append(question)
+        procedure.answer("different" if says_different(question) else "same")
+    return procedure, asked
+
+
+def test_a_series_ascends_by_steps_that_are_shares_of_the_reference_until_different():
+    plan = LimitsPlan(references_n=[1.0, 2.0], step=0.02, start=0.0)
+    series = [Series(reference_n=1.0, start=0.01), Series(reference_n=2.0, start=0.0)]
+    procedure, asked = ascending(plan, series, lambda question: question.difference_n > 0.065 * question.reference_n)
+    differences = [question.difference_n / question.reference_n for question in asked]
+    assert differences == pytest.approx([0.01, 0.03, 0.05, 0.07, 0.0, 0.02, 0.04, 0.06, 0.08])
+    assert procedure.thresholds == pytest.approx([0.07, 0.16])
+    assert procedure.by_reference() == {1.0: pytest.approx([0.07]), 2.0: pytest.approx([0.16])}
+
+
+def test_who_never_says_different_ends_each_series_at_the_largest_difference():
+    plan = LimitsPlan(references_n=[1.0], step=0.1, start=0.0, largest=0.4)
+    procedure, asked = ascending(plan, [Series(reference_n=1.0, start=0.0)], lambda _: False)
+    assert max(question.difference_n for question in asked) <= 0.4 + 1e-12
+    assert procedure.thresholds == [None]
+    assert thresholds(procedure.by_reference())[0].censored == 1
+    with pytest.raises(SettingsError, match="above the largest difference"):
+        fit(procedure.by_reference())
+
+
+def test_who_always_says_different_is_caught():
+    plan = LimitsPlan(references_n=[1.0], step=0.1, start=0.0)
+    series = [Series(reference_n=1.0, start=0.0), Series(reference_n=1.0, start=0.0, pairs=5)]
+    procedure, asked = ascending(plan, series, lambda _: True)
+    assert [question.catch for question in asked] == [False, True]
+    assert (procedure.false_alarms, procedure.catches) == (1, 1)
+    assert procedure.by_reference() == {1.0: [0.0]}
+
+
+def test_nothing_changes_in_a_catch_series_and_it_is_no_threshold():
+    plan = LimitsPlan(references_n=[1.0], step=0.1, start=0.0)
+    procedure, asked = ascending(plan, [Series(reference_n=1.0, start=0.0, pairs=4)], lambda _: False)
+    assert [question.forces_n for question in asked] == [(1.0, 1.0)] * 4
+    assert procedure.false_alarms == 0
+    assert procedure.by_reference() == {1.0: []}
+
+
+@pytest.mark.parametrize("staircase", [UpDown, Bayesian])
+@pytest.mark.parametrize("jnd", [0.03, 0.08])
+def test_a_staircase_finds_the_difference_that_is_told_right_in_three_of_four(staircase, jnd):
+    rng = np.random.default_rng(1)
+    found = []
+    for _ in range(12):
+        stairs = staircase(0.4, 60)
+        asked = 0
+        while not stairs.done:
+            felt = rng.normal(stairs.share(), jnd / Z_75)
+            stairs.answer(bool(felt > 0.0))
+            asked += 1
+        assert asked <= 60
+        found.append(math.log(stairs.jnd()))
+    assert math.exp(np.mean(found)) == pytest.approx(jnd, rel=0.35)
+
+
+@pytest.mark.parametrize("method", ["up-down", "bayesian"])
+def test_who_cannot_tell_the_largest_difference_has_no_jnd(method):
+    plan = LimitsPlan(method=method, references_n=[1.0], repetitions=1, pairs=30)
+    procedure = ForcedChoice(plan, [1.0], [1, 2] * 15)
+    while (question := procedure.question()) is not None:
+        assert question.difference_n <= 0.4 + 1e-12
+        procedure.answer(str(3 - question.comparison_interval))
+    assert procedure.by_reference() == {1.0: [None]}
+
+
+def test_the_comparison_is_in_the_interval_that_was_drawn():
+    plan = LimitsPlan(method="up-down", references_n=[1.0], pairs=5)
+    procedure = ForcedChoice(plan, [1.0], [1, 2, 2, 1, 2])
+    intervals = []
+    while (question := procedure.question()) is not None:
+        intervals.append(1 + int(question.forces_n[1] > question.forces_n[0]))
+        procedure.answer("1")
+    assert intervals == [1, 2, 2, 1, 2]
+
+
+def test_webers_law_is_found_where_it_holds():
+    fitted = fit({force: [0.05 * force] * 5 for force in (0.5, 1.0, 1.5)})
+    assert (fitted.mean_of_ratios, fitted.through_origin) == pytest.approx((0.05, 0.05))
+    assert (fitted.low, fitted.high, fitted.residual) == pytest.approx((0.05, 0.05, 0.0))
+
+
+def test_a_constant_jnd_departs_from_webers_law_and_the_two_fits_differ():
+    fitted = fit({force: [0.05] * 5 for force in (0.5, 1.0, 1.5)})
+    assert fitted.mean_of_ratios == pytest.approx(0.05 * (2.0 + 1.0 + 2.0 / 3.0) / 3.0)
+    assert fitted.through_origin == pytest.approx(0.05 * 3.0 / 3.5)
+    assert fitted.residual > 0.3
+
+
+def test_the_interval_contains_the_fraction_about_as_often_as_it_says():
+    rng = np.random.default_rng(2)
+    inside = 0
+    for trial in range(60):
+        found = {force: rng.normal(0.05 * force, 0.01 * force, 12).tolist() for force in (0.5, 1.0, 1.5)}
+        fitted = fit(found, seed=trial)
+        inside += fitted.low <= 0.05 <= fitted.high
+    assert inside >= 50
+
+
+def test_a_participants_file_is_read_as_it_was_written(tmp_path):
+    found = {0.5: [0.03, 0.04, None], 1.0: [0.05, 0.06], 1.5: [None, None]}
+    written = participant_file(
+        "03", "ascending", found, device_errors_n={0.5: [0.01, -0.02]}, simulated=None, false_alarms=1, catch_series=3
+    )
+    path = tmp_path / "03.toml"
+    path.write_text(written.to_toml())
+    read = load_participant(path)
+    assert read == written
+    assert [each.censored for each in read.reference] == [1, 0, 2]
+    assert read.reference[2].jnd_n is None
+    assert read.device_error_n == pytest.approx(math.sqrt((0.01**2 + 0.02**2) / 2))
+    assert read.law.weber_fraction == pytest.approx((0.035 / 0.5 + 0.055) / 2)
+
+
+def test_master_takes_the_law_of_a_participants_file(tmp_path):
+    from hapticnet.cli.law import law_given
+
+    path = tmp_path / "03.toml"
+    path.write_text(participant_file("03", "ascending", {1.0: [0.08]}, device_errors_n={}).to_toml())
+    law = law_given(PAPER_WEBER_FRACTION, 0.025, 2.0, path)
+    assert (law.weber_fraction, law.floor_n, law.multiplier) == pytest.approx((0.08, 0.08, 2.0))
+    with pytest.raises(SettingsError, match="leave out --weber and --floor"):
+        law_given(0.1, 0.025, 1.0, path)
+    with pytest.raises(FileError, match=r"04\.toml"):
+        law_given(PAPER_WEBER_FRACTION, 0.025, 1.0, tmp_path / "04.toml")
+    path.write_text('participant = "03"\nmethod = "ascending"\nweber_fractions = 0.1\n')
+    with pytest.raises(SettingsError, match="did you mean 'weber_fraction'"):
+        load_participant(path)
