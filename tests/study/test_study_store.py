@@ -1,0 +1,163 @@
+"""The table on disk: what a crash, a full disk, a second session or a strange file does to it."""
+
+import errno
+import json
+import os
+import subprocess
+import sys
+from collections import Counter
+from dataclasses import replace
+
+import pytest
+
+from hapticnet.errors import FileError, SettingsError
+from hapticnet.study.rows import LimitsRow, OrderRow, columns
+from hapticnet.study.session import check_number
+from hapticnet.study.store import opened, read_rows
+from tests.cli.test_cli_errors import ROOT
+from tests.study.killed import settings_of, task_of
+
+NAME = "sub-03_ses-1_task-order_beh.tsv"
+ROW = OrderRow(event="trial", participant="03", session=1, this_n=4, onset_s=1.25, order_answered="213", reason=None)
+
+
+def open_table(folder, *, resume=True, kind=OrderRow):
+    return opened(folder, NAME, kind, schedule="{}\n", resume=resume)
+
+
+def test_what_is_stored_is_read_as_it_was_written(tmp_path):
+    rows = [ROW, replace(ROW, this_n=5, reason="tab\tand\nline", peak_held_1_n=1.0 / 3.0, text="")]
+    with open_table(tmp_path) as store:
+        for row in rows:
+            store.append(row)
+    read = read_rows(tmp_path / NAME, OrderRow)
+    assert read[0] == ROW
+    assert (read[1].reason, read[1].text) == ("tab and line", None)
+    assert read[1].peak_held_1_n == pytest.approx(1.0 / 3.0, rel=1e-8)
+
+
+def test_the_table_has_psychopys_names_and_each_column_is_described(tmp_path):
+    with open_table(tmp_path) as store:
+        store.append(ROW)
+    header, line = (tmp_path / NAME).read_text().splitlines()
+    names = header.split("\t")
+    assert {"trials.thisN", "key_resp.rt", "key_resp.corr", "participant", "session"} <= set(names)
+    cells = dict(zip(names, line.split("\t"), strict=True))
+    assert (cells["trials.thisN"], cells["onset_s"], cells["key_resp.rt"]) == ("4", "1.25", "n/a")
+    described = json.loads((tmp_path / NAME).with_suffix(".json").read_text())
+    assert set(described) == set(names) == set(columns(OrderRow))
+    assert described["peak_held_1_n"]["Units"] == "N"
+
+
+@pytest.mark.parametrize("torn", ["trial\t03", "trial\t03\t1\t9", "\x00\x00", "trial\t03\xff"])
+def test_a_torn_last_line_is_dropped_and_nothing_else(tmp_path, torn):
+    with open_table(tmp_path) as store:
+        store.append(ROW)
+    path = tmp_path / NAME
+    whole = path.read_bytes()
+    path.write_bytes(whole + torn.encode("latin-1"))
+    assert read_rows(path, OrderRow) == [ROW]
+    with open_table(tmp_path) as store:
+        assert store.dropped
+        assert store.rows == [ROW]
+        store.append(replace(ROW, this_n=5))
+    assert path.read_bytes().startswith(whole)
+    assert [row.this_n for row in read_rows(path, OrderRow)] == [4, 5]
+
+
+def test_a_session_is_not_begun_twice(tmp_path):
+    with open_table(tmp_path, resume=False) as store:
+        store.append(ROW)
+    before = (tmp_path / NAME).read_bytes()
+    with pytest.raises(SettingsError, match="go on with it by --resume"), open_table(tmp_path, resume=False):
+        pass
+    assert (tmp_path / NAME).read_bytes() == before
+
+
+def test_the_schedule_of_the_first_begin_stays(tmp_path):
+    with opened(tmp_path, NAME, OrderRow, schedule="first", resume=False):
+        pass
+    with opened(tmp_path, NAME, OrderRow, schedule="second", resume=True):
+        pass
+    assert (tmp_path / "schedule.json").read_text() == "first"
+
+
+def test_two_sessions_do_not_share_a_table(tmp_path):
+    with (
+        open_table(tmp_path),
+        pytest.raises(SettingsError, match="another process runs this session"),
+        open_table(tmp_path),
+    ):
+        pass
+    with open_table(tmp_path):  # the lock goes with the session
+        pass
+
+
+@pytest.mark.parametrize("fails", ["write", "short", "fsync"])
+def test_a_full_disk_leaves_the_table_as_it_was_and_says_so_in_one_line(tmp_path, monkeypatch, fails):
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    write = os.write
+    with open_table(tmp_path) as store:
+        store.append(ROW)
+        before = (tmp_path / NAME).read_bytes()
+        with monkeypatch.context() as patch:
+            if fails == "short":
+                patch.setattr(os, "write", lambda file, data: write(file, data[:10]))
+            else:
+                patch.setattr(os, fails, full)
+            with pytest.raises(FileError) as error:
+                store.append(replace(ROW, this_n=5))
+        assert "No space left on device; everything before it is safe, go on with --resume" in str(error.value)
+        assert (tmp_path / NAME).read_bytes() == before
+        store.append(replace(ROW, this_n=5))
+    assert [row.this_n for row in read_rows(tmp_path / NAME, OrderRow)] == [4, 5]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda text: text.replace("\t4\t", "\tfour\t"), "line 2: column trials.thisN: 'four' is not a number"),
+        (lambda text: text + "trial\t03\n", "line 3: the row has 2 cells"),
+        (lambda text: text.replace("onset_s", "onset"), "written by another version"),
+        (lambda text: text.replace("03", "\udcff"), "not UTF-8"),
+    ],
+)
+def test_a_strange_table_is_refused_with_its_line_and_left_alone(tmp_path, change, words):
+    with open_table(tmp_path) as store:
+        store.append(ROW)
+    path = tmp_path / NAME
+    path.write_bytes(change(path.read_text()).encode("utf-8", "surrogateescape"))
+    before = path.read_bytes()
+    with pytest.raises(FileError, match=words), open_table(tmp_path):
+        pass
+    assert path.read_bytes() == before
+
+
+def test_a_number_in_two_spellings_is_one_participant(tmp_path):
+    (tmp_path / "sub-03").mkdir()
+    check_number(settings_of(tmp_path, 3))
+    with pytest.raises(SettingsError, match="has participant 03, who has the same number"):
+        check_number(replace(settings_of(tmp_path, 3), participant="3"))
+
+
+def test_sessions_killed_at_fifty_moments_lose_nothing_and_ask_nothing_twice(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.study.killed", str(tmp_path), "50", "1"],
+        capture_output=True, text=True, check=False, cwd=ROOT, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    runs = 0
+    for number in range(1, int(done.stdout) + 1):
+        task = task_of(number)
+        rows = read_rows(settings_of(tmp_path, number).table(task), OrderRow if task == "order" else LimitsRow)
+        stored = Counter((row.event, row.this_n) for row in rows)
+        runs += stored["begin", None]
+        asked = sorted(row.this_n for row in rows if row.event == "trial")
+        assert asked == list(range(len(asked)))
+        assert (stored["consent", None], stored["end", None]) == (1, 1)
+        seen = Counter(tuple(line.split()) for line in (tmp_path / f"witness-{number}").read_text().splitlines())
+        for (event, this_n), times in seen.items():
+            assert stored[event, None if this_n == "None" else int(this_n)] >= times
+    assert runs > 25, "most kills came before a session began"
