@@ -182,8 +182,8 @@ class ParticipantPage(Audience):
             self._hand.take()
         self._mirror = None if self._scene is None else Mirror(self._scene, is_new=True)
         self._tip_m = 0.0 if self._mirror is None else self._mirror.range_m[0]
-        if self._live is not None and self._mirror is not None:
-            self._live.restart(*self._mirror.range_m)
+        if self._live is not None:
+            self._live.restart(*(self._live.range_m if self._mirror is None else self._mirror.range_m))
         for client in self.clients:
             self._tell_hand(client)
 

@@ -80,6 +80,7 @@ class PageFront(KeyFront):
     def _note_change(self, is_open: bool) -> None:
         self._tell(f"the participant's page is {'open' if is_open else 'closed'}")
         if not is_open:
+            self._note_noise(0.0)
             self._said.put_nowait((None, CLOSED))
 
 
