@@ -5,7 +5,10 @@ Each message is written for a person: what was wrong, the value seen, and what w
 
 import traceback
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, Final
+
+LONGEST_MESSAGE: Final = 1000
+"""Most characters of a message of somebody else's exception that are shown."""
 
 
 class HapticnetError(Exception):
@@ -52,7 +55,7 @@ def in_words(error: BaseException) -> str:
     """Return kind and message of an error, and the line of a user's code it comes from, on one line."""
     kind = type(error)
     name = kind.__name__ if kind.__module__ in ("builtins", __name__) else f"{kind.__module__}.{kind.__name__}"
-    message = " ".join(str(error).split())
+    message = _message(error)
     if isinstance(error, UserCodeError):  # it names the class and says what happened
         return message
     text = f"{name}: {message}" if message else name
@@ -61,3 +64,23 @@ def in_words(error: BaseException) -> str:
     own = f"{Path(__file__).parent}/"
     places = [each for each in traceback.extract_tb(error.__traceback__) if not each.filename.startswith(("<", own))]
     return f"{text} ({Path(places[-1].filename).name}, line {places[-1].lineno})" if places else text
+
+
+def printable(text: str) -> str:
+    """Return a text for one line of a message: what would move the cursor of a terminal becomes spaces and "?"."""
+    return "".join(character if character.isprintable() else "?" for character in " ".join(text.split()))
+
+
+def _message(error: BaseException) -> str:
+    try:
+        text = str(error)
+    except BaseException as fault:  # a user's class may raise here, too
+        if isinstance(fault, KeyboardInterrupt):
+            raise
+        return f"its message raised {type(fault).__name__}"
+    return shortened(printable(text[: 2 * LONGEST_MESSAGE]), LONGEST_MESSAGE)
+
+
+def shortened(text: str, most: int) -> str:
+    """Return a text of at most `most` characters."""
+    return text if len(text) <= most else f"{text[: most - 3]}..."

@@ -8,21 +8,27 @@ import importlib
 import importlib.util
 import inspect
 import re
+import reprlib
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import islice
 from numbers import Real
 from operator import index
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Final, TypeAlias, cast
 
-from hapticnet.errors import SettingsError, UserCodeError, in_words
+from hapticnet.errors import SettingsError, UserCodeError, in_words, printable, shortened
 from hapticnet.samples import LARGEST_COMPONENT, MAX_AXES, Vector
 
 Option: TypeAlias = int | float | bool | str
 
 _SOURCE = re.compile(r"(?P<source>(?:.+?\.py|[A-Za-z_][\w.]*):[A-Za-z_]\w*)(?::(?P<options>.*))?", re.DOTALL)
+
+_REPR: Final = reprlib.Repr()
+"""Shows only the beginning of what is long."""
+_REPR.maxstring = _REPR.maxother = _REPR.maxlong = 200
 
 _BOOLS: Final = {"true": True, "false": False}
 
@@ -66,8 +72,8 @@ class UserClass:
         """Return a new object; raise SettingsError if that fails."""
         try:
             return self.found(**self.options)
-        except (Exception, SystemExit) as error:
-            raise SettingsError(f"{self.label}: making it raised {in_words(error)}") from error
+        except BaseException as error:
+            raise SettingsError(f"{self.label}: making it raised {raised(error)}") from error
 
 
 def split_user_code(text: str) -> tuple[str, str] | None:
@@ -113,8 +119,8 @@ def load_user_code(source: str, kind: str, folder: Path = Path()) -> Callable[..
     place, _, name = source.rpartition(":")
     try:
         module = _run_file(folder / place) if place.endswith(".py") else _import(place)
-    except (Exception, SystemExit) as error:
-        raise SettingsError(f"{kind} {source}: importing {place} raised {in_words(error)}") from error
+    except BaseException as error:
+        raise SettingsError(f"{kind} {source}: importing {place} raised {raised(error)}") from error
     if module is None:
         raise SettingsError(f"{kind} {source}: cannot find {place}")
     found = getattr(module, name, None)
@@ -150,8 +156,8 @@ def attribute_of(made: Any, name: str, default: Any, what: str) -> Any:
     """Return an attribute of a user's object, or `default`; raise SettingsError if it is a property that raises."""
     try:
         return getattr(made, name, default)
-    except (Exception, SystemExit) as error:
-        raise SettingsError(f"{what}: reading {name} raised {in_words(error)}") from error
+    except BaseException as error:
+        raise SettingsError(f"{what}: reading {name} raised {raised(error)}") from error
 
 
 def axes_of(made: Any, what: str) -> int:
@@ -184,8 +190,8 @@ def vector_from(result: Any, axes: int, method: str, unit: str) -> Vector:
             raise TypeError
         elif getattr(result, "ndim", None) == 0:  # an array of no dimension
             vector = (float(result),)
-        else:
-            vector = tuple([float(each) for each in result])
+        else:  # no more than one too many: it may be long, or endless
+            vector = tuple([float(each) for each in islice(result, axes + 1)])
     except (TypeError, ValueError, OverflowError):
         raise _unusable(result, axes, method, unit) from None
     if len(vector) != axes:
@@ -197,11 +203,17 @@ def vector_from(result: Any, axes: int, method: str, unit: str) -> Vector:
     return vector
 
 
-def failure(method: str, error: BaseException) -> UserCodeError:
-    """Return what an exception in a method of a user is reported as; a KeyboardInterrupt is raised again."""
+def raised(error: BaseException) -> str:
+    """Return in words what a user's code raised; a KeyboardInterrupt is raised again."""
     if isinstance(error, KeyboardInterrupt):
         raise error
-    return error if isinstance(error, UserCodeError) else UserCodeError(f"{method} raised {in_words(error)}")
+    return in_words(error)
+
+
+def failure(method: str, error: BaseException) -> UserCodeError:
+    """Return what an exception in a method of a user is reported as; a KeyboardInterrupt is raised again."""
+    words = raised(error)
+    return error if isinstance(error, UserCodeError) else UserCodeError(f"{method} raised {words}")
 
 
 def close_user_object(made: Any, what: str) -> str | None:
@@ -210,18 +222,19 @@ def close_user_object(made: Any, what: str) -> str | None:
         close = getattr(made, "close", None)
         if callable(close):
             close()
-    except (Exception, SystemExit) as error:
-        return f"{what}: close raised {in_words(error)}"
+    except BaseException as error:
+        return f"{what}: close raised {raised(error)}"
     return None
 
 
 def short(value: object) -> str:
     """Return a value for a message: one line of at most 60 characters."""
     try:
-        text = " ".join(repr(value).split())
-    except Exception:
+        text = printable(_REPR.repr(value))
+    except BaseException as error:
+        raised(error)
         text = f"an object of type {type(value).__name__}"
-    return text if len(text) <= 60 else f"{text[:57]}..."
+    return shortened(text, 60)
 
 
 def _unusable(result: Any, axes: int, method: str, unit: str) -> UserCodeError:

@@ -1,5 +1,6 @@
 """Classes of users: found in files and modules, made with options, and refused in one line."""
 
+import itertools
 import os
 import sys
 
@@ -135,6 +136,12 @@ def test_what_has_the_form_of_user_code(text, source):
         ("rig.py:Wall:1=2", RIG, "'1=2' must be KEY=VALUE"),
         ("rig.py:make_wall:a=1", RIG, r"raised TypeError: make_wall\(\) got an unexpected keyword argument 'a'$"),
         ("rig.py:Wall", "class Wall:\n    def __init__(self):\n        exit(3)", "making it raised SystemExit: 3"),
+        (
+            "rig.py:Wall",
+            "class Wall:\n    def __init__(self):\n        raise BaseException",
+            "making it raised BaseException",
+        ),
+        ("rig.py:Wall", "import asyncio\nraise asyncio.CancelledError", "raised asyncio.exceptions.CancelledError"),
     ],
 )
 def test_what_is_wrong_is_told_in_one_line(text, content, message):
@@ -218,6 +225,7 @@ def test_numbers_and_sequences_become_vectors(result, vector):
     [
         None, "1", b"1", {"force": 1.0}, {1.0: 2.0}, (), (1.0, 2.0), [None], [[1.0]], float("nan"), float("inf"), 1e300,
         10**400, (float("nan"),), np.zeros((1, 2)), object(), 1j, ["a"],
+        [1.0] * 1_000_000, itertools.count(),
     ],
 )  # fmt: skip
 def test_anything_else_is_refused_with_what_was_returned(result):
@@ -240,10 +248,20 @@ def test_failures_name_method_and_line_and_let_ctrl_c_through():
         failure("Mine.step", KeyboardInterrupt())
 
 
+def test_no_exception_can_spoil_its_message():
+    class RudeError(Exception):
+        def __str__(self):
+            raise SystemExit
+
+    assert str(failure("Mine.step", RudeError())).endswith("RudeError: its message raised SystemExit")
+    assert str(failure("Mine.step", ValueError("\x1b[2Jgone"))) == "Mine.step raised ValueError: ?[2Jgone"
+    assert 900 < len(str(failure("Mine.step", ValueError("x" * 1_000_000)))) < 1100
+
+
 def test_values_in_messages_are_short_whatever_they_are():
     class Rude:
         def __repr__(self):
-            raise RuntimeError
+            raise SystemExit
 
     assert short(Rude()) == "an object of type Rude"
     assert len(short("x" * 1000)) == 60

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from hapticnet.codec.base import Codec, Decoder, Encoder
-from hapticnet.errors import PeerError, SampleError, SettingsError, in_words
+from hapticnet.errors import PeerError, SampleError, SettingsError
 from hapticnet.samples import MAX_AXES, Vector
-from hapticnet.user_code import load_user_code, short
+from hapticnet.user_code import load_user_code, raised, short
 
 ENTRY_POINT_GROUP: Final = "hapticnet.codecs"
 
@@ -87,8 +87,8 @@ def checked_class(found: Any, source: str) -> type[Any]:
             raise SettingsError(f"codec {source}: parameter {name} is {field.default!r}; parameters are numbers")
     try:
         codec = found()
-    except (Exception, SystemExit) as error:
-        raise SettingsError(f"codec {source}: making it raised {in_words(error)}") from error
+    except BaseException as error:
+        raise SettingsError(f"codec {source}: making it raised {raised(error)}") from error
     rehearse(codec, source)
     return _guarded(found, source)
 
@@ -112,9 +112,9 @@ def rehearse(codec: Codec, source: str) -> None:
                     raise SettingsError(f"codec {source}: {error}") from error
             except _Fault as fault:
                 raise SettingsError(f"codec {source}: {fault}") from fault
-            except (Exception, SystemExit) as error:
+            except BaseException as error:
                 raise SettingsError(
-                    f"codec {source}: a rehearsal with {axes}-axis forces raised {in_words(error)}"
+                    f"codec {source}: a rehearsal with {axes}-axis forces raised {raised(error)}"
                 ) from error
 
 
@@ -174,8 +174,8 @@ def _guarded(found: type[Any], source: str) -> type[Any]:
     def started(method: Any, axes: int) -> Any:
         try:
             return method(axes)
-        except Exception as error:
-            raise SettingsError(f"codec {source}: {method.__name__}({axes}) raised {in_words(error)}") from error
+        except BaseException as error:
+            raise SettingsError(f"codec {source}: {method.__name__}({axes}) raised {raised(error)}") from error
 
     scope = {"__doc__": found.__doc__, "__module__": found.__module__, "source": source, "origin": origin}
     made: type[Any] = type(found.__name__, (found,), {**scope, "encoder": encoder, "decoder": decoder})
@@ -197,13 +197,16 @@ class _Encoder:
             _check_payload(payload)
         except SampleError:
             raise
-        except Exception as error:
-            raise SampleError(f"codec {self._source}: encode failed: {in_words(error)}") from error
+        except BaseException as error:
+            raise SampleError(f"codec {self._source}: encode failed: {raised(error)}") from error
         return payload
 
     def refresh(self) -> None:
-        """Transmit the next stimulus."""
-        self._refresh()
+        """Transmit the next stimulus; exceptions of the user's encoder become a SampleError."""
+        try:
+            self._refresh()
+        except BaseException as error:
+            raise SampleError(f"codec {self._source}: refresh failed: {raised(error)}") from error
 
 
 class _Decoder:
@@ -222,8 +225,8 @@ class _Decoder:
             self._decode(t_us, payload)
         except PeerError:
             raise
-        except Exception as error:
-            raise PeerError(f"codec {self._source}: decode failed: {in_words(error)}") from error
+        except BaseException as error:
+            raise PeerError(f"codec {self._source}: decode failed: {raised(error)}") from error
 
     def reconstruct(self, t_us: int, position: Vector | None = None) -> Vector:
         """Return the stimulus to apply; exceptions of the user's decoder become a SampleError."""
@@ -232,6 +235,6 @@ class _Decoder:
             if applied is not self._checked:  # a hold returns the same tuple again and again
                 _check_applied(applied, self._axes)
                 self._checked = applied
-        except Exception as error:
-            raise SampleError(f"codec {self._source}: reconstruct failed: {in_words(error)}") from error
+        except BaseException as error:
+            raise SampleError(f"codec {self._source}: reconstruct failed: {raised(error)}") from error
         return applied

@@ -7,16 +7,19 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from hapticnet.checks import check_above
 from hapticnet.device.base import Device, Reading
-from hapticnet.errors import SettingsError, UserCodeError, in_words
+from hapticnet.errors import SettingsError, UserCodeError, printable, shortened
 from hapticnet.hardware import MAX_FORCE_N
 from hapticnet.samples import LARGEST_COMPONENT
-from hapticnet.user_code import attribute_of, failure, method_of, short
+from hapticnet.user_code import attribute_of, failure, method_of, raised, short
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 TRAVEL_M: Final = 0.005
 """Travel [m] of a device that declares none."""
+
+LONGEST_TEXT: Final = 200
+"""Most characters of a description or status."""
 
 LARGEST_TRAVEL_M: Final = 1.0
 LARGEST_FORCE_N: Final = 1000.0
@@ -175,8 +178,11 @@ def as_user_device(made: Any, what: str = "the device") -> UserDevice | UserActu
 
 
 def _is_finite(value: Any) -> bool:
-    # Written so that NaN, which compares false with everything, is refused too.
-    return isinstance(value, Real) and -LARGEST_COMPONENT <= float(value) <= LARGEST_COMPONENT
+    try:
+        # Written so that NaN, which compares false with everything, is refused too.
+        return isinstance(value, Real) and -LARGEST_COMPONENT <= float(value) <= LARGEST_COMPONENT
+    except (TypeError, ValueError, ArithmeticError):
+        return False
 
 
 def _positive(made: Any, name: str, default: float, largest: float, unit: str, what: str) -> float:
@@ -188,19 +194,23 @@ def _positive(made: Any, name: str, default: float, largest: float, unit: str, w
 
 
 def _description(made: Any, what: str) -> str:
-    return str(attribute_of(made, "description", f"{type(made).__name__} (own device)", what))
+    return _text(attribute_of(made, "description", f"{type(made).__name__} (own device)", what))
 
 
 def _status(made: Any, otherwise: str) -> str:
     try:
-        return str(getattr(made, "status", otherwise))
-    except Exception as error:  # it is for messages only
-        return f"reading status raised {in_words(error)}"
+        return _text(getattr(made, "status", otherwise))
+    except BaseException as error:  # it is for messages only
+        return f"reading status raised {raised(error)}"
+
+
+def _text(value: Any) -> str:
+    return shortened(printable(str(value)), LONGEST_TEXT)
 
 
 def _report(made: Any) -> dict[str, Any]:
     try:
         # Through JSON, so that nothing in it can spoil the report of the run.
         return dict(json.loads(json.dumps(made.report(), default=str))) if hasattr(made, "report") else {}
-    except Exception as error:
+    except BaseException as error:
         return {"report": str(failure(f"{type(made).__name__}.report", error))}

@@ -7,7 +7,7 @@ from typing import Final, TypeAlias
 from hapticnet.checks import check_parameter
 from hapticnet.codec.base import Codec
 from hapticnet.codec.registry import all_codecs, make_codec
-from hapticnet.errors import HapticnetError, SampleError, SettingsError, in_words
+from hapticnet.errors import HapticnetError, SampleError, SettingsError
 from hapticnet.node.reception import Address
 from hapticnet.node.seats import NoSeatError, to_continue, who_gives_way
 from hapticnet.node.station import Station, StationSettings
@@ -29,6 +29,7 @@ from hapticnet.protocol.settings import Entropy, SessionSettings, random_bytes
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import SEALED, Kind, pack, pack_body
 from hapticnet.scene.base import Touchable
+from hapticnet.user_code import raised
 
 SMALLEST_SESSION: Final = 1 << 16
 """Smallest session number: from here on all take five bytes, so datagram sizes do not depend on chance."""
@@ -164,8 +165,8 @@ class Admission:
             if welcome is not None:
                 welcome(master)
             return scene
-        except Exception as error:  # a scene of the user's own may raise anything
-            raise RefusalError(Code.FAILED, f"the scene cannot be made: {in_words(error)}") from error
+        except BaseException as error:  # a scene of the user's own may raise anything
+            raise RefusalError(Code.FAILED, f"the scene cannot be made: {raised(error)}") from error
 
 
 def _codec(request: Request) -> Codec:

@@ -199,9 +199,9 @@ class Station:
             self.session.received.malformed += 1
             return None
         answer: bytes | None = None
-        if self.session.repair_is_due(now_us, force_n):
-            self._encoder.refresh()
         try:
+            if self.session.repair_is_due(now_us, force_n):
+                self._encoder.refresh()
             payload = self._encoder.encode(t_us, force_n, sample.position_m)
             if payload is not None and self._builds_on_earlier and self.session.complete:
                 self._encoder.refresh()  # so that this payload builds on no earlier one

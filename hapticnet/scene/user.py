@@ -5,7 +5,7 @@ from typing import Any, Final, Protocol
 
 from hapticnet.errors import SettingsError
 from hapticnet.samples import ForceSample, PositionSample
-from hapticnet.user_code import attribute_of, axes_of, failure, method_of, short, vector_from
+from hapticnet.user_code import attribute_of, axes_of, failure, method_of, raised, short, vector_from
 
 LONGEST_NAME: Final = 64
 """Most bytes of a scene's name, which travels to the master."""
@@ -54,14 +54,18 @@ class UserScene:
         """Number of breaches that the object counts; 0 if it does not."""
         try:
             return int(getattr(self.touched, "breaches", 0))
-        except Exception:  # it is for reports only
+        except BaseException as error:  # it is for reports only
+            raised(error)
             return 0
 
     def welcome(self, master: str) -> None:
         """Tell the object the name of its master, if it has a method ``welcome``."""
         welcome: Callable[[str], Any] | None = getattr(self.touched, "welcome", None)
         if welcome is not None:
-            welcome(master)
+            try:
+                welcome(master)
+            except BaseException as error:
+                raise failure(f"{type(self.touched).__name__}.welcome", error) from error
 
     def step(self, sample: PositionSample) -> ForceSample:
         """Return the force at a position.

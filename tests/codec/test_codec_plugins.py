@@ -215,6 +215,10 @@ def test_what_a_codec_raises_later_becomes_an_error_of_hapticnet():
     codec = make_codec("mine", WeberLaw())
     with pytest.raises(SampleError, match=r"codec mine.py:Mine: encode failed: ZeroDivisionError.*line 30"):
         codec.encoder(1).encode(0, (7.0,))
+    encoder = codec.encoder(1)
+    encoder._refresh = sys.exit
+    with pytest.raises(SampleError, match=r"codec mine.py:Mine: refresh failed: SystemExit"):
+        encoder.refresh()
     with pytest.raises(PeerError, match="unpack requires a buffer of 8 bytes"):
         codec.decoder(1).decode(0, b"\x00")
     decoder = codec.decoder(1)

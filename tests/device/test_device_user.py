@@ -62,7 +62,7 @@ def test_it_may_return_a_whole_reading_and_describe_itself():
     assert (device.description, device.status, device.max_force_n, device.travel_m) == ("my rig", "warm", 2.0, 0.01)
 
 
-@pytest.mark.parametrize("answer", ["1", float("nan"), 1e300, (1.0,), Reading(0, 0.0, math.inf, 0.0), [None]])
+@pytest.mark.parametrize("answer", ["1", float("nan"), 1e300, (1.0,), Reading(0, 0.0, math.inf, 0.0), [None], 10**400])
 def test_a_wrong_reading_is_an_error_of_the_user(answer):
     with pytest.raises(UserCodeError, match=r"^Platform.exchange returned .* a finite number \[N\], a Reading or"):
         UserDevice(Platform(lambda: answer)).exchange(0.0, 0)
@@ -81,6 +81,16 @@ def test_attributes_that_cannot_be_used_are_refused(attributes):
         UserDevice(Platform(**attributes), "device own.py:Platform")
 
 
+def test_what_it_says_of_itself_stays_on_one_line():
+    class Leaving(Platform):
+        @property
+        def status(self):
+            raise SystemExit(3)
+
+    assert UserDevice(Platform(description="two\nlines\x1b[2J")).description == "two lines?[2J"
+    assert UserDevice(Leaving()).status.startswith("reading status raised SystemExit: 3")
+
+
 def test_its_report_never_spoils_the_report_of_the_run():
     def endless():
         whole = {}
@@ -89,7 +99,7 @@ def test_its_report_never_spoils_the_report_of_the_run():
 
     assert UserDevice(Platform()).report() == {}
     assert UserDevice(Platform(report=lambda: {"volts": 5, "at": object})).report()["volts"] == 5
-    for report in (lambda: 1 / 0, lambda: 3, endless):
+    for report in (lambda: 1 / 0, lambda: 3, endless, lambda: exit(3)):
         assert "Platform.report raised" in json.dumps(UserDevice(Platform(report=report)).report())
 
 
