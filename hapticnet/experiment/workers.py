@@ -1,7 +1,11 @@
 """A map over several processes, in order, with large inputs that each process gets only once."""
 
 import multiprocessing
+import os
 import sys
+import threading
+import time
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -13,6 +17,7 @@ from hapticnet.checks import check_parameter
 from hapticnet.errors import UnavailableError
 
 MOST_JOBS: Final = 256
+PARENT_CHECK_S: Final = 0.5
 
 OrderedMap: TypeAlias = Callable[[Callable[[Any, Any], Any], Iterable[Any]], Iterator[Any]]
 """Called with a function and items; returns `function(shared, item)` for each item, in the order of the items."""
@@ -42,18 +47,41 @@ def workers(jobs: int, shared: Any) -> Iterator[OrderedMap]:
         yield lambda function, items: map(partial(function, shared), items)
         return
     context = multiprocessing.get_context("fork" if sys.platform == "linux" else "spawn")
-    pool = ProcessPoolExecutor(jobs, context, initializer=_keep, initargs=(shared,))
+    others = set(multiprocessing.active_children())
+    pool = ProcessPoolExecutor(jobs, context, initializer=_keep, initargs=(shared, os.getpid()))
     try:
-        yield lambda function, items: pool.map(partial(_call, function), items)
-    except BrokenProcessPool as error:
-        raise UnavailableError("a worker process ended unexpectedly, perhaps for lack of memory; try fewer") from error
+        yield partial(_in_order, pool)
+    except BaseException as error:
+        # Such as Ctrl-C: what the processes are at is of no use any more. Nothing is cancelled, because a pool that is
+        # broken at that moment would fail on a cancelled future and never end.
+        for process in set(multiprocessing.active_children()) - others:
+            process.terminate()
+        if isinstance(error, BrokenProcessPool):
+            raise UnavailableError(
+                "a worker process ended unexpectedly, perhaps for lack of memory; try fewer"
+            ) from error
+        raise
     finally:
-        pool.shutdown(cancel_futures=True)
+        pool.shutdown()
 
 
-def _keep(shared: Any) -> None:
+def _in_order(pool: ProcessPoolExecutor, function: Callable[[Any, Any], Any], items: Iterable[Any]) -> Iterator[Any]:
+    futures = deque(pool.submit(_call, function, item) for item in items)
+    while futures:
+        yield futures.popleft().result()
+
+
+def _keep(shared: Any, parent: int) -> None:
     global _shared
     _shared = shared
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(parent: int) -> None:
+    """End this process when its parent has ended, which a killed parent cannot tell."""
+    while os.getppid() == parent:
+        time.sleep(PARENT_CHECK_S)
+    os._exit(1)
 
 
 def _call(function: Callable[[Any, Any], Any], item: Any) -> Any:

@@ -118,7 +118,7 @@ def _bids(
     )
     for (task, person, session), own in sorted(rows.items()):
         kind = TASKS[task]
-        stem = f"sub-{person}/ses-{session}/beh/sub-{person}_ses-{session}_task-{task}_beh"
+        stem = f"sub-{person}/ses-{session}/beh/sub-{person}_ses-{session}_task-{task}_events"
         attributes = _bids_order(kind)
         old = {attribute: column for column, attribute in columns(kind).items()}
         shown = [BIDS_NAMES.get(attribute, attribute) for attribute in attributes]

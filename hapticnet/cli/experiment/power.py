@@ -62,16 +62,21 @@ def power(
         check_new(out / "power.csv", force=force)
     console = Console("experiment", quiet=json)
     cores = jobs or os.cpu_count() or 1
-    answers, source = _answers(chosen, observer, shares, motions, seed, cores, console.status)
-    found = simulate(
-        answers,
-        designs,
-        experiments=experiments,
-        margin=chosen.order.equivalence_margin if margin is None else margin,
-        seed=seed,
-        jobs=cores,
-        on_design=lambda people, each: console.status(f"{people} participants, {each} trials"),
-    )
+    try:
+        answers, source = _answers(chosen, observer, shares, motions, seed, cores, console.status)
+        found = simulate(
+            answers,
+            designs,
+            experiments=experiments,
+            margin=chosen.order.equivalence_margin if margin is None else margin,
+            seed=seed,
+            jobs=cores,
+            on_design=lambda people, each: console.status(f"{people} participants, {each} trials"),
+        )
+    except KeyboardInterrupt:
+        console.finish()
+        console.say("stopped; nothing was written")
+        raise
     console.finish()
     if out is not None:
         write_text(out / "power.csv", csv_text(found, [f"SIMULATED: {source}", *provenance_lines()]))
