@@ -24,8 +24,9 @@ from hapticnet.codec.recording import encode_array, encode_lossy, encode_streame
 from hapticnet.codec.registry import CODECS, make_codec
 from hapticnet.codec.schemes.deadband import Deadband
 from hapticnet.compiled import fast_extra_installed
-from hapticnet.experiment.comparison import REPAIR_US, Trial
+from hapticnet.experiment.comparison import REPAIR_US
 from hapticnet.experiment.paper_force import paper_recording
+from hapticnet.experiment.trial import Trial
 from hapticnet.measure.metrics import error_report
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector

@@ -18,8 +18,9 @@ from rate_distortion_variants import RIVALS, Row, averaged, mean, payloads, rate
 
 from hapticnet.codec.base import Codec
 from hapticnet.codec.registry import CODECS, codec_parameters, make_codec
-from hapticnet.experiment.comparison import REPAIR_US, Trial, compare
+from hapticnet.experiment.comparison import REPAIR_US, compare
 from hapticnet.experiment.comparison import Row as ComparisonRow
+from hapticnet.experiment.trial import Trial
 from hapticnet.perception import WeberLaw
 
 THRESHOLDS: Final = (0.5, 1.0, 2.0, 4.0)

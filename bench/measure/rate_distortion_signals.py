@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticnet.errors import SettingsError
-from hapticnet.experiment.comparison import Trial
 from hapticnet.experiment.paper_force import paper_recording
+from hapticnet.experiment.trial import Trial
 from hapticnet.recordings.recording import load_recording
 
 Array = npt.NDArray[np.float64]

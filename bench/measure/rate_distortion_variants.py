@@ -11,7 +11,8 @@ import numpy as np
 from hapticnet.codec.base import Codec
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.registry import codec_parameters, make_codec
-from hapticnet.experiment.comparison import Trial, compare
+from hapticnet.experiment.comparison import compare
+from hapticnet.experiment.trial import Trial
 from hapticnet.measure.bound import fewest_holds
 from hapticnet.measure.quality import perceptual_distances
 from hapticnet.node.offline import cost_report

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _SHOWN: Final = (
     "trial", "label", "multiplier", "packets_per_s", "wire_bytes_per_s", "over_optimum", "rmse_n", "max_error_n",
-    "exceed_jnd_fraction",
+    "exceed_jnd_fraction", "felt_exceed_jnd_fraction",
 )  # fmt: skip
 
 
@@ -59,6 +59,7 @@ def compare(
     weber_fraction: float = PAPER_WEBER_FRACTION,
     floor_n: float = PAPER_FLOOR_N,
     loss: float | Sequence[float] = 0.0,
+    delay_ms: float = 25.0,
     seed: int = 1,
     jobs: int = 1,
 ) -> Comparison:
@@ -79,6 +80,8 @@ def compare(
         The law of the person; default: 0.05 and 0.025 N, from the paper.
     loss
         Share of updates lost at random (0 to 1), or several; a lost update is repaired after 20 ms.
+    delay_ms
+        Delay of each way [ms] at which the force that is felt is compared with the true one (0 to 3.6e6).
     seed
         Seed of the losses, which are the same for all codecs.
     jobs
@@ -114,7 +117,9 @@ def compare(
             raise SettingsError(
                 f"{trial.name}: {len(trial.t_us)} samples over no time; at least two at different times are needed"
             )
-    return Comparison(comparison.compare(trials, chosen, loss=loss, seed=seed, jobs=jobs))
+    return Comparison(
+        comparison.compare(trials, chosen, loss=loss, delay_us=round(1e3 * delay_ms), seed=seed, jobs=jobs)
+    )
 
 
 def _named(force: Any) -> dict[str, Any]:

@@ -13,7 +13,8 @@ from hapticnet.arrays import FloatArray, IntArray
 from hapticnet.codec.base import Codec, Encoding
 from hapticnet.codec.recording import encode_array
 from hapticnet.errors import UnavailableError
-from hapticnet.experiment.comparison import Trial, codec_label
+from hapticnet.experiment.comparison import codec_label
+from hapticnet.experiment.trial import Trial
 from hapticnet.measure.quality import QualityReport, quality_report
 from hapticnet.node.offline import cost_report
 

@@ -11,7 +11,8 @@ from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from hapticnet.experiment.comparison import Row, Trial
+    from hapticnet.experiment.comparison import Row
+    from hapticnet.experiment.trial import Trial
     from hapticnet.recordings.recording import Recording
 
 THRESHOLDS = "1,2,4"
@@ -39,6 +40,9 @@ def compare(
     loss: Annotated[
         str, typer.Option(metavar="P", help="Share of updates lost at random, such as 5%; repaired after 20 ms.")
     ] = "0",
+    delay: Annotated[
+        str, typer.Option(metavar="TIME", help="Delay of each way at which the felt force is judged, such as 25ms.")
+    ] = "25ms",
     grid: Annotated[
         list[str] | None,
         typer.Option(
@@ -65,6 +69,7 @@ def compare(
     import json as json_module
     from functools import partial
 
+    from hapticnet.channel.quantities import parse_time_us
     from hapticnet.cli.console import Console, check_new, check_outputs, write_text
     from hapticnet.codec.registry import all_codecs, register_installed_codecs
     from hapticnet.errors import SettingsError
@@ -79,6 +84,7 @@ def compare(
         raise SettingsError("--column, --position and --rate say how to read a TRACE, and none is named")
     values = _grid(grid or [], thresholds, weber, floor, loss)
     losses = values.pop("loss")
+    delay_us = parse_time_us(delay)
     if codecs is None:
         for problem in register_installed_codecs():
             Console("compare").say(problem)
@@ -110,7 +116,7 @@ def compare(
     def on_row(row: "Row") -> None:
         console.status(f"{row.trial}: {row.label} at {row.multiplier:g} JND")
 
-    rows = compare_codecs(trials, chosen, loss=losses, seed=seed, jobs=jobs, on_row=on_row)
+    rows = compare_codecs(trials, chosen, loss=losses, delay_us=delay_us, seed=seed, jobs=jobs, on_row=on_row)
     console.finish()
     if figures is not None:
         for picture in figures.draw(rows):
@@ -120,7 +126,7 @@ def compare(
             write_text(file, table(rows, provenance_lines()))
             console.say(f"table: {file}")
     if json:
-        settings = {"seed": seed, **values, "loss": losses}
+        settings = {"seed": seed, **values, "loss": losses, "delay_us": delay_us}
         print(json_module.dumps({"provenance": provenance(), "settings": settings, **_account(trials, rows)}, indent=2))
     else:
         from hapticnet.cli.compare_table import print_rows
@@ -166,7 +172,7 @@ def _grid(texts: list[str], thresholds: str, weber: float, floor: float, loss: s
 def _trial(file: Path, name: str, read: "Callable[[Path], Recording]") -> "Trial":
     from hapticnet.cli.console import Console
     from hapticnet.errors import FileError
-    from hapticnet.experiment.comparison import Trial
+    from hapticnet.experiment.trial import Trial
 
     recording = read(file)
     for note in recording.notes:
@@ -178,8 +184,8 @@ def _trial(file: Path, name: str, read: "Callable[[Path], Recording]") -> "Trial
 
 
 def _paper(seed: int) -> "Trial":
-    from hapticnet.experiment.comparison import Trial
     from hapticnet.experiment.paper_force import paper_recording
+    from hapticnet.experiment.trial import Trial
 
     recorded = paper_recording(seed, rate_hz=1000.0, insertions=2)
     return Trial(

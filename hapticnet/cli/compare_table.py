@@ -12,9 +12,10 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from hapticnet.experiment.comparison import Row, Trial
+from hapticnet.experiment.comparison import Row
 from hapticnet.experiment.comparison_table import COLUMNS, Column, heading, notes
 from hapticnet.experiment.summary import Block, blocks, means
+from hapticnet.experiment.trial import Trial
 
 WIDEST: Final = 1000
 """Characters of a line that is not read on a terminal: more than any table needs."""

@@ -11,18 +11,21 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from hapticnet.arrays import FloatArray
+from hapticnet.channel.loss import BernoulliLoss
+from hapticnet.channel.quantities import LONGEST_US
+from hapticnet.channel.settings import ChannelSettings
 from hapticnet.checks import check_parameter
 from hapticnet.codec.base import Codec, Encoding
 from hapticnet.codec.recording import encode_array, encode_lossy, encode_streamed
 from hapticnet.codec.registry import codec_parameters
-from hapticnet.errors import SampleError
+from hapticnet.experiment.trial import Trial
 from hapticnet.experiment.workers import workers
 from hapticnet.measure.bound import fewest_holds, fewest_lines
+from hapticnet.measure.metrics import ErrorReport, error_report
 from hapticnet.measure.quality import QualityReport, quality_report
+from hapticnet.node.felt import feel
 from hapticnet.node.offline import CostReport, cost_report
 from hapticnet.perception import WeberLaw
-from hapticnet.samples import LARGEST_COMPONENT
 
 TIMED_SAMPLES: Final = 10_000
 TIMED_PASSES: Final = 3
@@ -31,65 +34,8 @@ TIMED_PASSES: Final = 3
 REPAIR_US: Final = 20_000
 """Time [µs] after which a lost update is replaced by the present force: about one round trip across a city."""
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Trial:
-    """A recording on which codecs are compared.
-
-    Attributes
-    ----------
-    name
-        Name in tables and figures.
-    t_us, stimuli
-        Time stamps [µs], shape (n,), and stimuli [N], shape (n, a).
-    positions
-        Positions of the tool [m], shape (n, a), if known.
-
-    Raises
-    ------
-    SampleError
-        If a stimulus or a position is not finite or is out of range.
-    """
-
-    name: str
-    t_us: npt.NDArray[np.int64]
-    stimuli: FloatArray
-    positions: FloatArray | None = None
-
-    def __post_init__(self) -> None:
-        for what, values in (("stimulus", self.stimuli), ("position", self.positions)):
-            if values is None:
-                continue
-            good = (np.abs(values) <= LARGEST_COMPONENT).all(axis=1)
-            if not good.all():
-                first = int(np.argmin(good))
-                raise SampleError(
-                    f"{self.name}, sample {first}: {what} {values[first].tolist()} is not finite and within"
-                    f" ±{LARGEST_COMPONENT:g}"
-                )
-
-    @property
-    def seconds(self) -> float:
-        """Duration [s], including the last sample period."""
-        samples = len(self.t_us)
-        span_s = float(self.t_us[-1] - self.t_us[0]) * 1e-6
-        return span_s * samples / (samples - 1) if samples > 1 else 1.0
-
-    def account(self) -> dict[str, Any]:
-        """Describe the recording itself, for JSON."""
-        gaps_us = np.diff(self.t_us)
-        return {
-            "name": self.name,
-            "samples": len(self.t_us),
-            "axes": self.stimuli.shape[1],
-            "seconds": self.seconds,
-            "period_ms": float(np.median(gaps_us)) / 1e3 if len(gaps_us) else 0.0,
-            "longest_gap_ms": float(gaps_us.max(initial=0)) / 1e3,
-            "peak_n": float(np.linalg.norm(self.stimuli, axis=1).max(initial=0.0)),
-            "mean_speed_m_per_s": None
-            if self.positions is None
-            else float(np.linalg.norm(np.diff(self.positions, axis=0), axis=1).sum()) / self.seconds,
-        }
+DELAY_US: Final = 25_000
+"""Delay of each way [µs] at which the felt force is compared with the true one: a link across a continent."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,6 +68,11 @@ class Row:
         The codec's law; see `perception.WeberLaw`.
     loss
         Share of the updates that were lost at random.
+    delay_us
+        Delay of each way [µs] for `felt`.
+    felt
+        Errors of the force that is applied at each tick against the true force of that tick, over a link with this
+        delay and loss; see `node.felt`.
     over_optimum
         Packets sent over the fewest that any zero-order hold needs.
     nanoseconds_per_sample
@@ -138,8 +89,10 @@ class Row:
     floor_n: float
     multiplier: float
     loss: float
+    delay_us: int
     cost: CostReport
     quality: QualityReport
+    felt: ErrorReport
     limits: Limits
     over_optimum: float
     packets_per_s: float
@@ -150,9 +103,9 @@ class Row:
     def flat(self) -> dict[str, Any]:
         """Return all figures in one level, for JSON and CSV. Infinite values become None: JSON has no infinity."""
         row = dataclasses.asdict(self)
-        cost, quality, limits = row.pop("cost"), row.pop("quality"), row.pop("limits")
+        cost, quality, felt, limits = (row.pop(part) for part in ("cost", "quality", "felt", "limits"))
         optimum = {f"optimum_{name}": packets for name, packets in limits.items()}
-        level = row | optimum | cost | quality
+        level = row | optimum | cost | quality | {f"felt_{name}": value for name, value in felt.items()}
         return {key: None if isinstance(value, float) and math.isinf(value) else value for key, value in level.items()}
 
 
@@ -161,6 +114,7 @@ def compare(
     codecs: Sequence[Codec],
     *,
     loss: float | Sequence[float] = 0.0,
+    delay_us: int = DELAY_US,
     seed: int = 0,
     jobs: int = 1,
     on_row: Callable[[Row], None] | None = None,
@@ -172,6 +126,8 @@ def compare(
     loss
         Share of the updates that are lost, each at random, or several such shares. A lost update is replaced after
         `REPAIR_US`.
+    delay_us
+        Delay of each way [µs] at which the felt force is compared with the true one.
     seed
         Seed of the losses; all codecs meet the same.
     jobs
@@ -187,7 +143,7 @@ def compare(
     Raises
     ------
     SettingsError
-        If a loss is outside 0 to 1, or `jobs` is out of range.
+        If a loss is outside 0 to 1, or `delay_us` or `jobs` is out of range.
     SampleError
         If a codec refuses a sample.
     UnavailableError
@@ -196,7 +152,8 @@ def compare(
     losses = tuple(loss) if isinstance(loss, Sequence) else (loss,)
     for each in losses:
         check_parameter("loss", each, 0, 1)
-    shared = _Shared(trials, codecs, seed)
+    check_parameter("delay_us", delay_us, 0, LONGEST_US)
+    shared = _Shared(trials, codecs, seed, delay_us)
     laws = list(product(range(len(trials)), dict.fromkeys(codec.law for codec in codecs)))
     cases = list(product(range(len(trials)), losses, range(len(codecs))))
     rows: list[Row] = []
@@ -205,13 +162,13 @@ def compare(
         limits = dict(zip(laws, limits_found, strict=True))
         for (trial, each, codec), found in zip(cases, measured, strict=True):
             law = codecs[codec].law
-            rows.append(_row(trials[trial], codecs[codec], each, limits[trial, law], found))
+            rows.append(_row(trials[trial], codecs[codec], each, delay_us, limits[trial, law], found))
             if on_row is not None:
                 on_row(rows[-1])
     return rows
 
 
-_Measured: TypeAlias = tuple[CostReport, QualityReport, float]
+_Measured: TypeAlias = tuple[CostReport, QualityReport, ErrorReport, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,6 +178,7 @@ class _Shared:
     trials: Sequence[Trial]
     codecs: Sequence[Codec]
     seed: int
+    delay_us: int
 
 
 def find_limits(law: WeberLaw, trial: Trial) -> Limits:
@@ -239,6 +197,23 @@ def encode_trial(
     return encode_lossy(codec, trial.t_us, trial.stimuli, trial.positions, loss=loss, repair_us=REPAIR_US, rng=rng)
 
 
+def felt_error(codec: Codec, trial: Trial, *, loss: float, delay_us: int, seed: int) -> ErrorReport:
+    """Return the errors of the force applied at each tick over a link that delays both ways and loses updates."""
+    forward = ChannelSettings(delay_us=delay_us)
+    feedback = ChannelSettings(delay_us=delay_us, loss=BernoulliLoss(loss) if loss else None)
+    felt = feel(
+        codec,
+        trial.t_us,
+        trial.stimuli,
+        trial.positions,
+        forward=forward,
+        feedback=feedback,
+        repair_us=REPAIR_US + 2 * delay_us,
+        rng=np.random.default_rng(seed),
+    )
+    return error_report(codec.law, trial.stimuli, felt.applied)
+
+
 def codec_label(codec: Codec) -> str:
     """Return a codec as it is written on a command line, with the parameters that differ from their defaults."""
     usual = {field.name: field.default for field in dataclasses.fields(codec)}
@@ -246,10 +221,8 @@ def codec_label(codec: Codec) -> str:
     return f"{codec.name}:{','.join(changed)}" if changed else codec.name
 
 
-def _row(
-    trial: Trial, codec: Codec, loss: float, limits: Limits, measured: tuple[CostReport, QualityReport, float]
-) -> Row:
-    cost, quality, nanoseconds_per_sample = measured
+def _row(trial: Trial, codec: Codec, loss: float, delay_us: int, limits: Limits, measured: _Measured) -> Row:
+    cost, quality, felt, nanoseconds_per_sample = measured
     return Row(
         trial=trial.name,
         codec=codec.name,
@@ -260,8 +233,10 @@ def _row(
         floor_n=codec.law.floor_n,
         multiplier=codec.law.multiplier,
         loss=loss,
+        delay_us=delay_us,
         cost=cost,
         quality=quality,
+        felt=felt,
         limits=limits,
         over_optimum=cost.sent / limits.holds if limits.holds else 1.0,
         packets_per_s=cost.sent / trial.seconds,
@@ -282,7 +257,8 @@ def _measured(shared: _Shared, case: tuple[int, float, int]) -> _Measured:
     quality = quality_report(
         codec.law, trial.t_us, trial.stimuli, encoding.decoded, encoding.sent, trial.positions, received=received
     )
-    return cost, quality, _nanoseconds_per_sample(codec, trial)
+    felt = felt_error(codec, trial, loss=loss, delay_us=shared.delay_us, seed=shared.seed)
+    return cost, quality, felt, _nanoseconds_per_sample(codec, trial)
 
 
 def _nanoseconds_per_sample(codec: Codec, trial: Trial) -> float:

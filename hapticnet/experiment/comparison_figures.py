@@ -9,10 +9,11 @@ import numpy as np
 
 from hapticnet.codec.base import Codec
 from hapticnet.errors import SettingsError
-from hapticnet.experiment.comparison import Row, Trial, codec_label, encode_trial
+from hapticnet.experiment.comparison import Row, codec_label, encode_trial
 from hapticnet.experiment.signal_figure import Signal, draw_signal
 from hapticnet.experiment.style import BLUE, INK, check_format, draw_codecs, finish_axes, picture, pyplot
 from hapticnet.experiment.summary import HOLD_OPTIMUM, LINE_OPTIMUM, METHOD, Block, blocks, means
+from hapticnet.experiment.trial import Trial
 
 HEIGHT_IN: Final = 4.0
 SHOWN_S: Final = 4.0

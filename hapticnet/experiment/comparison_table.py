@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
-from hapticnet.channel.quantities import format_share
+from hapticnet.channel.quantities import format_share, format_time
 from hapticnet.experiment.comparison import REPAIR_US, Row
 from hapticnet.experiment.summary import METHOD, Block, Line, blocks, means
 
@@ -56,6 +56,10 @@ OPTIMUM_MEANING: Final = (
 )
 KEEPALIVES_MEANING: Final = "the same with the keepalives that a session sends while no update is due"
 EXCEED_MEANING: Final = "share of the samples with an error above one JND, whatever the threshold"
+FELT_MEANING: Final = (
+    "share of the ticks at which the applied force is more than one JND from the true force of that tick, over a link"
+    " with delay"
+)
 SPEED_MEANING: Final = "time to encode and decode a sample in a stream, in plain Python on this machine"
 
 COLUMNS: Final = (
@@ -68,6 +72,7 @@ COLUMNS: Final = (
     Column("rmse_n", "RMSE\nN", ".4f", "root mean square error of the applied force"),
     Column("max_error_n", "max\nN", ".3f", "largest error", in_papers=False),
     Column("exceed_jnd_fraction", "exceed\nJND", ".1%", EXCEED_MEANING),
+    Column("felt_exceed_jnd_fraction", "felt\n> JND", ".1%", FELT_MEANING),
     Column("jump_max_jnd", "jump\nJND", ".1f", "largest step between successive applied samples", in_papers=False),
     Column("age_mean_us", "age\nms", ".1f", "mean age of the applied update", 1e-3, in_papers=False),
     Column("nanoseconds_per_sample", "µs per\nsample", ".2f", SPEED_MEANING, 1e-3, in_papers=False),
@@ -83,6 +88,7 @@ def heading(block: Block, shown: Sequence[Block]) -> str:
         ("weber_fraction", f"Weber fraction {settings.weber_fraction:g}"),
         ("floor_n", f"floor {settings.floor_n:g} N"),
         ("loss", f"{format_share(settings.loss)} loss"),
+        ("delay_us", f"{format_time(settings.delay_us)} each way"),
     ):
         if len({getattr(each.settings, key) for each in shown}) > 1:
             parts.append(text)
@@ -94,6 +100,8 @@ def notes(shown: Sequence[Block]) -> list[str]:
     told = [f"{column.heading.replace(chr(10), ' ')}: {column.meaning}." for column in COLUMNS]
     if any(line.label.endswith("(at rest)") for block in shown for line in block.lines):
         told.append("(at rest): depends on motion, but no positions were given (--position).")
+    delays = dict.fromkeys(format_time(block.settings.delay_us) for block in shown)
+    told.append(f"The delay for the felt force is {' or '.join(delays)} each way.")
     if any(block.settings.loss for block in shown):
         told.append(f"Updates lost at random are replaced {REPAIR_US / 1000:g} ms later, if not lost again.")
     return told

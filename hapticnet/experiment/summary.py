@@ -23,6 +23,7 @@ class Settings:
     weber_fraction: float
     floor_n: float
     loss: float
+    delay_us: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,7 +67,11 @@ def blocks(rows: Sequence[Row]) -> list[Block]:
     found: dict[tuple[str, Settings], list[Row]] = {}
     for row in rows:
         settings = Settings(
-            multiplier=row.multiplier, weber_fraction=row.weber_fraction, floor_n=row.floor_n, loss=row.loss
+            multiplier=row.multiplier,
+            weber_fraction=row.weber_fraction,
+            floor_n=row.floor_n,
+            loss=row.loss,
+            delay_us=row.delay_us,
         )
         found.setdefault((row.trial, settings), []).append(row)
     return [

@@ -9,8 +9,9 @@ import pytest
 
 from hapticnet.cli.compare_table import print_rows
 from hapticnet.codec.registry import CODECS, make_codec
-from hapticnet.experiment.comparison import Trial, compare
+from hapticnet.experiment.comparison import compare
 from hapticnet.experiment.comparison_table import COLUMNS, latex
+from hapticnet.experiment.trial import Trial
 from hapticnet.perception import WeberLaw
 from hapticnet.recordings.tables import read_csv
 from tests.ready import hapticnet

@@ -9,7 +9,8 @@ import pytest
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.registry import CODECS, make_codec
 from hapticnet.errors import SampleError, SettingsError
-from hapticnet.experiment.comparison import Trial, compare
+from hapticnet.experiment.comparison import compare
+from hapticnet.experiment.trial import Trial
 from hapticnet.perception import WeberLaw
 
 

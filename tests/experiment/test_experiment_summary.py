@@ -5,9 +5,10 @@ import pytest
 
 from hapticnet.codec.registry import make_codec
 from hapticnet.errors import SettingsError
-from hapticnet.experiment.comparison import Trial, codec_label, compare
+from hapticnet.experiment.comparison import codec_label, compare
 from hapticnet.experiment.grid import grid_codecs, parse_grid
 from hapticnet.experiment.summary import blocks, means, t_quantile
+from hapticnet.experiment.trial import Trial
 from hapticnet.perception import WeberLaw
 
 

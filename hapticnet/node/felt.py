@@ -1,0 +1,166 @@
+"""What a hand feels over a network: the force that is applied at each tick, beside the true force of that tick.
+
+A position takes time to reach the slave, and the force that it causes takes time to come back. Meanwhile the hand moves
+on. The error of a codec does not show that; this measure does. It needs the recording of a hand: its positions, and the
+true force of each. Sessions, keepalives and the decay of a stale link are left out, so that the codec's share is seen.
+"""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from hapticnet.arrays import FloatArray, IntArray
+from hapticnet.channel.emulator import Emulator
+from hapticnet.channel.settings import ChannelSettings
+from hapticnet.codec.base import Codec
+from hapticnet.errors import PeerError
+from hapticnet.samples import Vector
+
+POSITION_BYTES: Final = 20
+"""Size of a datagram with a position [B], for a bottleneck."""
+
+
+class Felt(NamedTuple):
+    """What was sent and applied over a network.
+
+    Attributes
+    ----------
+    applied
+        Stimulus [N] applied at each tick, after all that has arrived by then, shape (n, a).
+    sent, received
+        Number of updates sent, and of those that the decoder took in.
+    """
+
+    applied: FloatArray
+    sent: int
+    received: int
+
+
+class _Update(NamedTuple):
+    """A payload, and the time [µs] of the position that it answers."""
+
+    t_us: int
+    payload: bytes
+
+
+def feel(
+    codec: Codec,
+    t_us: IntArray,
+    stimuli: FloatArray,
+    positions: FloatArray | None = None,
+    *,
+    forward: ChannelSettings,
+    feedback: ChannelSettings,
+    repair_us: int,
+    rng: np.random.Generator,
+) -> Felt:
+    """Play a recorded hand over a network: a master with a tick at each sample, and a slave that answers on arrival.
+
+    Parameters
+    ----------
+    t_us
+        Times of the ticks [µs], not decreasing, shape (n,).
+    stimuli
+        True stimulus at each tick [N], shape (n, a).
+    positions
+        Position of the tool at each tick [m], shape (n, a), if known.
+    forward, feedback
+        The channels from master to slave and back.
+    repair_us
+        Time [µs] after which the slave knows that an update was lost. It then sends the next stimulus, unless a later
+        update got through.
+    rng
+        Random generator of both channels.
+
+    Raises
+    ------
+    SampleError
+        If the codec refuses a sample.
+    """
+    link = _Link(codec, t_us, stimuli, positions, forward, feedback, repair_us, rng)
+    applied = [link.tick(index) for index in range(len(t_us))]
+    return Felt(np.array(applied, dtype=np.float64).reshape(stimuli.shape), link.sent, link.received)
+
+
+class _Link:
+    """Slave, master and two channels that play one recording."""
+
+    def __init__(
+        self,
+        codec: Codec,
+        t_us: IntArray,
+        stimuli: FloatArray,
+        positions: FloatArray | None,
+        forward: ChannelSettings,
+        feedback: ChannelSettings,
+        repair_us: int,
+        rng: np.random.Generator,
+    ) -> None:
+        axes = stimuli.shape[1]
+        self._times_us: list[int] = t_us.tolist()
+        self._stimuli: list[Vector] = list(zip(*stimuli.T.tolist(), strict=True))
+        self._positions: list[Vector | None] = [None] * len(stimuli)
+        if positions is not None:
+            self._positions = list(zip(*positions.T.tolist(), strict=True))
+        self._encoder, self._decoder = codec.encoder(axes), codec.decoder(axes)
+        forward_rng, feedback_rng = rng.spawn(2)
+        self._forward = Emulator[int](forward, forward_rng)
+        self._feedback = Emulator[_Update](feedback, feedback_rng)
+        self._repair_us = repair_us
+        self._newest = -1
+        self._missing_since_us: int | None = None
+        self._heard: tuple[int, int] | None = None  # the time of the newest update, and when it came
+        self.sent = self.received = 0
+
+    def tick(self, index: int) -> Vector:
+        """Send the position of a tick, process all that arrives until then, and return what is applied."""
+        now_us = self._times_us[index]
+        self._forward.push(index, POSITION_BYTES, now_us)
+        while True:
+            timers = self._forward.next_timer_us(), self._feedback.next_timer_us()
+            due_us = min((timer for timer in timers if timer is not None), default=now_us + 1)
+            if due_us > now_us:
+                break
+            for position in self._forward.due(due_us):
+                self._answer(position, due_us)
+            for update in self._feedback.due(due_us):
+                self._take_in(update, due_us)
+        at_us = now_us
+        if self._heard is not None:  # a prediction for the newest position that can have been answered by now
+            t_us, heard_us = self._heard
+            at_us = t_us + now_us - heard_us
+        return self._decoder.reconstruct(at_us, self._positions[index])
+
+    def _answer(self, index: int, now_us: int) -> None:
+        """Let the slave answer the position of a tick, unless it has answered a later one."""
+        if index <= self._newest:
+            return
+        self._newest = index
+        since_us = self._missing_since_us
+        if since_us is not None and now_us - since_us >= self._repair_us:
+            self._encoder.refresh()
+            self._missing_since_us = None
+        t_us = self._times_us[index]
+        payload = self._encoder.encode(t_us, self._stimuli[index], self._positions[index])
+        if payload is None:
+            return
+        self.sent += 1
+        lost = self._feedback.counters.lost
+        self._feedback.push(_Update(t_us, payload), len(payload), now_us)
+        if self._feedback.counters.lost == lost:
+            self._missing_since_us = None
+        elif self._missing_since_us is None:
+            self._missing_since_us = now_us
+
+    def _take_in(self, update: _Update, now_us: int) -> None:
+        """Let the master decode an update, unless it has a later one."""
+        if self._heard is not None and update.t_us <= self._heard[0]:
+            return
+        try:
+            self._decoder.decode(update.t_us, update.payload)
+        except PeerError:  # it builds on an update that was lost
+            if self._missing_since_us is None:
+                self._missing_since_us = now_us
+            return
+        self.received += 1
+        self._heard = update.t_us, now_us

@@ -1,0 +1,89 @@
+"""The felt force: what is applied at each tick over a network, beside the true force of that tick."""
+
+import numpy as np
+import pytest
+
+from hapticnet.channel.loss import BernoulliLoss
+from hapticnet.channel.settings import ChannelSettings
+from hapticnet.codec.recording import encode_array
+from hapticnet.codec.registry import CODECS, make_codec
+from hapticnet.experiment.analysis import felt_error
+from hapticnet.experiment.paper_force import paper_recording
+from hapticnet.measure.metrics import error_report
+from hapticnet.node.felt import Felt, feel
+from hapticnet.perception import WeberLaw
+
+LAW = WeberLaw()
+PAPER = paper_recording(1, rate_hz=1000.0, insertions=1)
+LOSSLESS_CODECS = [name for name in CODECS if not make_codec(name, LAW).needs_position]
+
+
+def felt(name: str, delay_us: int = 0, loss: float = 0.0, seed: int = 1, repair_us: int = 20_000) -> Felt:
+    one_way = ChannelSettings(delay_us=delay_us)
+    lossy = ChannelSettings(delay_us=delay_us, loss=BernoulliLoss(loss) if loss else None)
+    return feel(
+        make_codec(name, LAW),
+        PAPER.t_us,
+        PAPER.force_n,
+        PAPER.position_m,
+        forward=one_way,
+        feedback=lossy,
+        repair_us=repair_us,
+        rng=np.random.default_rng(seed),
+    )
+
+
+@pytest.mark.parametrize("name", CODECS)
+def test_without_delay_and_loss_it_is_what_the_codec_applies(name):
+    encoding = encode_array(make_codec(name, LAW), PAPER.t_us, PAPER.force_n, PAPER.position_m)
+    result = felt(name)
+    assert np.array_equal(result.applied, encoding.decoded)
+    assert result.sent == result.received == len(encoding.sent)
+
+
+@pytest.mark.parametrize("delay_us", [1_500, 10_000])
+def test_the_uncompressed_force_is_late_by_the_round_trip(delay_us):
+    late = 2 * delay_us // 1000
+    applied = felt("raw", delay_us).applied
+    assert np.array_equal(applied[late:], PAPER.force_n[:-late].astype(np.float32))
+    assert not applied[:late].any()
+
+
+@pytest.mark.parametrize("name", LOSSLESS_CODECS)
+def test_with_delay_the_same_stimuli_are_applied_later(name):
+    assert np.array_equal(felt(name, 5_000).applied[10:], felt(name).applied[:-10])
+
+
+def test_positions_and_forces_that_are_overtaken_are_left_out():
+    reordered = ChannelSettings(delay_us=2_000, reorder_probability=0.2)
+    codec = make_codec("raw", LAW)
+    arguments = {"forward": reordered, "feedback": reordered, "repair_us": 0, "rng": np.random.default_rng(3)}
+    result = feel(codec, PAPER.t_us, np.arange(len(PAPER.t_us), dtype=np.float64)[:, None], **arguments)
+    assert (np.diff(result.applied[:, 0]) >= 0.0).all()
+    assert result.received < result.sent < len(PAPER.t_us)
+
+
+def test_a_lost_update_is_replaced_once_it_is_known_to_be_lost():
+    lossless = error_report(LAW, PAPER.force_n, felt("deadband").applied).exceed_jnd_fraction
+    soon, late, never = (
+        error_report(LAW, PAPER.force_n, felt("deadband", loss=0.3, repair_us=each).applied).exceed_jnd_fraction
+        for each in (2_000, 50_000, 10**9)
+    )
+    assert lossless == 0.0 < soon < late < never
+
+
+def test_the_same_seed_gives_the_same_felt_force():
+    again = [felt("adaptive-predictive", 5_000, loss=0.1, seed=seed).applied for seed in (7, 7, 8)]
+    assert np.array_equal(again[0], again[1])
+    assert not np.array_equal(again[0], again[2])
+
+
+def test_it_agrees_with_a_session_in_virtual_time():
+    import hapticnet as hn
+
+    link = hn.virtual_link(scene="paper:1", codec="raw", forward="delay=10ms", feedback="delay=10ms", seed=1)
+    link.run(seconds=4.0)
+    session = felt_error(LAW, link.slave_samples(), link.master_samples())
+    alone = felt("raw", 10_000).applied[:4000]
+    expected = error_report(LAW, PAPER.force_n[:4000], alone)
+    assert session.exceed_jnd_fraction == pytest.approx(expected.exceed_jnd_fraction, abs=0.03)
