@@ -137,8 +137,7 @@ export class Hand {
       this._link.letGo();
       return;
     }
-    const focused = document.activeElement;
-    if (focused !== document.body && focused !== this._surface) return; // sliders and lists use the same keys
+    if (document.activeElement.closest("input, select, dialog, [popover]")) return; // they use the same keys
     const moves = { ArrowDown: KEY_STEP_M, ArrowUp: -KEY_STEP_M, PageDown: PAGE_STEP_M, PageUp: -PAGE_STEP_M, Home: -1 };
     if (!(event.key in moves)) return;
     event.preventDefault();

@@ -5,6 +5,7 @@ const PLACES = ["front", "middle", "back"];
 const KEY_NAMES = { enter: "Enter", escape: "Esc", backspace: "⌫" };
 const RATING_ENDS = ["very artificial or disturbed", "like real tissue"];
 const MAIN_KEYS = ["enter", "y"];
+const ANSWER_KEYS = [...TISSUES, "backspace", "enter"];
 
 /** The key of the task that an event means; "" if it is none. */
 export function keyOf({ code, key }) {
@@ -153,13 +154,18 @@ export class TaskView {
     const key = keyOf(event);
     const focused = document.activeElement;
     if (focused instanceof HTMLButtonElement && (key === "enter" || key === " ")) return; // that presses the button
-    if (!this._does.has(key)) return;
+    if (!this._takes(key)) return;
     event.preventDefault();
     this._press(key);
   }
 
+  /** Whether a key does something. A fast typist is ahead of the server's answers, which decide in a trial. */
+  _takes(key) {
+    return this._does.has(key) || (this._task.screen === "trial" && ANSWER_KEYS.includes(key));
+  }
+
   _press(key) {
-    if (!this._does.has(key) || (key === "enter" && performance.now() < this._goOnMs)) return;
+    if (!this._takes(key) || (key === "enter" && performance.now() < this._goOnMs)) return;
     const endsSession = key === "escape" && !labelOf(this._does.get(key))[1];
     if (endsSession) this._ending.showModal();
     else this._send(key);
