@@ -12,7 +12,7 @@ import hapticnet as hn
 from hapticnet.device.plant import PlantSettings
 from hapticnet.device.simulated import SimulatedDevice
 from hapticnet.node.master_events import Failed, Paused
-from hapticnet.node.slave import MasterJoined, MasterLeft, ScenePaused
+from hapticnet.node.slave_events import MasterJoined, MasterLeft, ScenePaused
 from hapticnet.protocol.events import Connected, Ended, LinkRecovered, LinkStale
 
 ANY_PORT = "127.0.0.1:0"

@@ -61,7 +61,7 @@ def test_every_public_name_has_an_entry_with_its_signature():
     assert sorted(documented) == sorted(public)
     for name in public:
         thing = getattr(hn, name)
-        if inspect.isfunction(thing):
+        if inspect.isfunction(thing) or documented[name]:
             parameters = inspect.signature(thing).parameters
             written = re.sub(r"\s", "", documented[name])
             shown = re.findall(r"[(,](?:\*,)?(\*{0,2}\w+)", re.sub(r'"[^"]*"|=\([^)]*\)', "", written))

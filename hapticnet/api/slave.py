@@ -11,7 +11,7 @@ from hapticnet.api.slave_setup import SlaveSetup, address_of
 from hapticnet.api.threads import LoopThread
 from hapticnet.api.views import SlaveView
 from hapticnet.errors import SettingsError
-from hapticnet.node.slave import SlaveEvent
+from hapticnet.node.slave_events import SlaveEvent
 from hapticnet.runtime.clock import now_us
 from hapticnet.runtime.slave_run import SlaveRunner
 from hapticnet.runtime.udp import DRAIN_AT_MOST, READ_BYTES, SocketAddress

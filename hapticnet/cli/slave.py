@@ -8,6 +8,7 @@ import typer
 from hapticnet.cli import options
 
 if TYPE_CHECKING:
+    from hapticnet.node.slave_events import SlaveEvent
     from hapticnet.runtime.watching import Watcher
 
 
@@ -75,7 +76,7 @@ def slave(
     from hapticnet.experiment.provenance import provenance
     from hapticnet.files import check_folder
     from hapticnet.node.admission import SlaveSettings
-    from hapticnet.node.slave import SlaveEvent, SlaveNode
+    from hapticnet.node.slave import SlaveNode
     from hapticnet.protocol.handshake import Door, OpenDoor, SealedDoor
     from hapticnet.protocol.keys import MasterEntry
     from hapticnet.protocol.settings import SessionSettings

@@ -2,7 +2,8 @@
 
 from typing import TYPE_CHECKING, Any
 
-from hapticnet.node.slave import MasterJoined, MasterLeft, MasterRefused, ScenePaused, SlaveEvent, SlaveNode
+from hapticnet.node.slave import SlaveNode
+from hapticnet.node.slave_events import MasterJoined, MasterLeft, MasterRefused, ScenePaused, SlaveEvent
 from hapticnet.protocol.keys import format_key
 from hapticnet.runtime.udp import HostPort
 from hapticnet.runtime.watching import Watcher

@@ -2,13 +2,13 @@
 
 from collections import deque
 from collections.abc import Callable, Hashable, Iterable
-from dataclasses import dataclass
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
 from hapticnet.errors import PeerError
 from hapticnet.node.admission import Admission, MakeScene, RefusalError, SlaveSettings
 from hapticnet.node.reception import Address, Reception
 from hapticnet.node.seats import NoSeatError, surplus_half_open, who_gives_way
+from hapticnet.node.slave_events import MasterJoined, MasterLeft, MasterRefused, ScenePaused, SlaveEvent
 from hapticnet.node.station import SceneFailedError, Station
 from hapticnet.protocol.handshake import Door, OpenDoor, SealedDoor
 from hapticnet.protocol.keys import Roster
@@ -20,45 +20,6 @@ from hapticnet.protocol.wire import OPEN, SEALED, Datagram, Kind, pack, unpack
 
 REPORTS_KEPT: Final = 1000
 """Accounts of ended sessions that are kept: one or two megabytes, so that memory is bounded."""
-
-
-@dataclass(frozen=True, slots=True)
-class MasterJoined:
-    """A master has a session."""
-
-    station: Station
-
-
-@dataclass(frozen=True, slots=True)
-class MasterLeft:
-    """A master's session has ended; `station` holds its final account."""
-
-    station: Station
-
-
-@dataclass(frozen=True, slots=True)
-class ScenePaused:
-    """The scene of a session raised an exception; its master feels nothing until `SlaveNode.resume`."""
-
-    station: Station
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
-class MasterRefused:
-    """A master that has proved its address was refused a session, for `reason`.
-
-    `public` is the public key it proved to have; None for an open session.
-    """
-
-    name: str
-    address: Address
-    public: bytes | None
-    code: Code
-    reason: str
-
-
-SlaveEvent: TypeAlias = MasterJoined | MasterLeft | MasterRefused | ScenePaused
 
 
 class SlaveNode:

@@ -121,6 +121,11 @@ class Grant(NamedTuple):
     ticket: bytes
     resumed: bool
 
+    def __repr__(self) -> str:
+        """Return the fields without the ticket, which is not for logs."""
+        shown = {name: value for name, value in self._asdict().items() if name != "ticket"}
+        return f"Grant({', '.join(f'{name}={value!r}' for name, value in shown.items())})"
+
 
 class Refuse(NamedTuple):
     """Slave to master: no session, and why. Not authenticated in any version."""

@@ -11,7 +11,8 @@ from typing import Any, Final, Generic, TypeAlias
 from hapticnet.errors import UnavailableError
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_events import NodeEvent
-from hapticnet.node.slave import MasterLeft, SlaveEvent, SlaveNode
+from hapticnet.node.slave import SlaveNode
+from hapticnet.node.slave_events import MasterLeft, SlaveEvent
 from hapticnet.node.station import Station
 from hapticnet.protocol.stats import Distribution, Traffic
 from hapticnet.protocol.wire import Kind

@@ -9,7 +9,8 @@ from hapticnet.node.master import MasterNode
 from hapticnet.node.master_events import NodeEvent
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.recording import Recording
-from hapticnet.node.slave import MasterJoined, MasterLeft, MasterRefused, SlaveEvent, SlaveNode
+from hapticnet.node.slave import SlaveNode
+from hapticnet.node.slave_events import MasterJoined, MasterLeft, MasterRefused, SlaveEvent
 from hapticnet.node.station import Station
 from hapticnet.protocol.wire import OPEN, SEALED
 from hapticnet.recordings.session.frames import Table

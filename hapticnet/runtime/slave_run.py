@@ -5,7 +5,8 @@ import signal
 from collections.abc import Callable, Sequence
 from socket import socket
 
-from hapticnet.node.slave import SlaveEvent, SlaveNode
+from hapticnet.node.slave import SlaveNode
+from hapticnet.node.slave_events import SlaveEvent
 from hapticnet.runtime.clock import now_us
 from hapticnet.runtime.master_run import PARTING_S
 from hapticnet.runtime.overload import Overload

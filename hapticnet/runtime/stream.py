@@ -14,7 +14,8 @@ from typing import Final, Generic
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_events import NodeEvent
 from hapticnet.node.recording import axis_columns, master_columns
-from hapticnet.node.slave import MasterLeft, SlaveEvent, SlaveNode
+from hapticnet.node.slave import SlaveNode
+from hapticnet.node.slave_events import MasterLeft, SlaveEvent
 from hapticnet.node.station import Station
 from hapticnet.protocol.wire import Kind
 from hapticnet.runtime.side_process import SideProcess

@@ -7,7 +7,7 @@ import pytest
 
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
-from hapticnet.node.slave import MasterJoined
+from hapticnet.node.slave_events import MasterJoined
 from hapticnet.protocol.events import SessionLost
 from hapticnet.protocol.settings import SessionSettings
 from tests.attacks.network import SECOND, Hand, Network, make_master, make_slave

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hapticnet.node.slave import MasterJoined, MasterLeft
+from hapticnet.node.slave_events import MasterJoined, MasterLeft
 from hapticnet.protocol.messages import TICKET_BYTES, Close
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.states import SlaveState

@@ -6,7 +6,7 @@ import pytest
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.node.master_events import Failed
-from hapticnet.node.slave import MasterLeft
+from hapticnet.node.slave_events import MasterLeft
 from hapticnet.protocol.events import Ended, SessionLost
 from hapticnet.protocol.messages import Code
 from hapticnet.samples import ForceSample, PositionSample

@@ -12,7 +12,8 @@ from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_events import Paused
 from hapticnet.node.master_settings import MasterSettings
-from hapticnet.node.slave import ScenePaused, SlaveNode
+from hapticnet.node.slave import SlaveNode
+from hapticnet.node.slave_events import ScenePaused
 from hapticnet.samples import ForceSample, PositionSample
 
 SECOND = 1_000_000

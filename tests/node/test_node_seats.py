@@ -3,7 +3,7 @@
 import pytest
 
 from hapticnet.node.seats import MOST_HALF_OPEN, MOST_HALF_OPEN_EACH
-from hapticnet.node.slave import MasterLeft
+from hapticnet.node.slave_events import MasterLeft
 from hapticnet.protocol.keys import MasterEntry, MasterKey, PrivateKey
 from hapticnet.protocol.messages import Code
 from hapticnet.protocol.settings import SessionSettings

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hapticnet.node.slave import MasterJoined, MasterLeft
+from hapticnet.node.slave_events import MasterJoined, MasterLeft
 from hapticnet.protocol.arrivals import BEHIND_IN_A_ROW, MISORDER
 from hapticnet.protocol.messages import Close, Position
 from hapticnet.protocol.settings import SessionSettings

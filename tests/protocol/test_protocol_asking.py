@@ -178,3 +178,8 @@ def test_a_sealed_request_does_not_show_on_the_wire():
     (data,) = session.datagrams_to_send()
     for secret in (b"deadband", b"test", KEY.own.public, KEY.own.private, KEY.peer):
         assert secret not in data
+
+
+def test_a_grant_does_not_show_its_ticket_in_a_log():
+    assert "scene=" in repr(GRANT)
+    assert "ticket" not in repr(GRANT)

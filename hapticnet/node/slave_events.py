@@ -1,0 +1,47 @@
+"""What a slave tells the program that runs it."""
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from hapticnet.node.reception import Address
+from hapticnet.node.station import Station
+from hapticnet.protocol.messages import Code
+
+
+@dataclass(frozen=True, slots=True)
+class MasterJoined:
+    """A master has a session."""
+
+    station: Station
+
+
+@dataclass(frozen=True, slots=True)
+class MasterLeft:
+    """A master's session has ended; `station` holds its final account."""
+
+    station: Station
+
+
+@dataclass(frozen=True, slots=True)
+class ScenePaused:
+    """The scene of a session raised an exception; its master feels nothing until `SlaveNode.resume`."""
+
+    station: Station
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class MasterRefused:
+    """A master that has proved its address was refused a session, for `reason`.
+
+    `public` is the public key it proved to have; None for an open session.
+    """
+
+    name: str
+    address: Address
+    public: bytes | None
+    code: Code
+    reason: str
+
+
+SlaveEvent: TypeAlias = MasterJoined | MasterLeft | MasterRefused | ScenePaused
