@@ -1,0 +1,259 @@
+"""Play the ordering task under many thresholds, and show what simulated observers of several kinds make of it.
+
+::
+
+    python bench/measure/observers.py --out results/observers
+
+Every number of docs/observers.md comes from here. No person takes part.
+"""
+
+import argparse
+import dataclasses
+import json
+import math
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from hapticnet.arrays import FloatArray
+from hapticnet.experiment.provenance import provenance
+from hapticnet.experiment.style import COLOURS, DASHES, INK, MARKERS, VERMILION, picture
+from hapticnet.study import hand
+from hapticnet.study.library import Felt, play_library
+from hapticnet.study.observers import OBSERVERS, Observer, ObserverSettings, judged
+from hapticnet.study.plan import ConditionPlan, JndPlan, Plan
+from hapticnet.study.results import PAPER_ERRORS
+from hapticnet.study.trial import Stimulus
+
+PAPER: Final = {0.0: 0.775, 1.0: 0.8, 2.0: 0.675, 4.0: 0.5375}
+THRESHOLDS: Final = (0.0, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 8.0)
+FIXED_STEPS_N: Final = (0.0, 0.4, 0.8)
+"""Thresholds that are the same at every force; 0.4 and 0.8 N are 11 and 23 % of the middle breach force."""
+PUSHES_S: Final = (1.1, 0.7, 0.45)
+PEOPLE: Final = 8
+TRIALS: Final = 10
+FATIGUE: Final = 1.75
+"""By which factor noise grows from the first block to the last to turn 77.5 % into 53.75 %: closed form, .448/.257."""
+
+MECHANISMS: Final[dict[str, ObserverSettings]] = {
+    "deadband alone": OBSERVERS["fitted"],
+    "step masking": OBSERVERS["step-masking"],
+    "step lapses": OBSERVERS["step-lapses"],
+    "rhythm": OBSERVERS["rhythm"],
+}
+
+
+def plan_of(thresholds: tuple[float, ...]) -> Plan:
+    """Return the paper's plan with other thresholds [JND]."""
+    conditions = [
+        ConditionPlan(name=f"{each:g} JND", codec="deadband" if each else "raw", multiplier=each) for each in thresholds
+    ]
+    return Plan(condition=conditions)
+
+
+def fixed_plan(steps_n: tuple[float, ...]) -> Plan:
+    """Return the paper's plan with thresholds in newton, the same at every force."""
+    conditions = [
+        ConditionPlan(name=f"{each:g} N", codec="deadband" if each else "raw", multiplier=each) for each in steps_n
+    ]
+    return Plan(condition=conditions, jnd=JndPlan(weber_fraction=0.0, floor_n=1.0))
+
+
+def linear_plan() -> Plan:
+    """Return a plan whose threshold of 4 JND is never felt as steps: between updates a line is followed."""
+    return Plan(condition=[ConditionPlan(name="linear, 4 JND", codec="linear-predictive", multiplier=4.0)])
+
+
+def quick_hand(stimulus: Stimulus, push_s: float) -> Any:
+    """Return a hand whose pushes last so long; see `hand.scripted_hand`."""
+    hand.PUSH_S = push_s  # type: ignore[misc]  # each process plays one trial at a time
+    return hand.scripted_hand(stimulus)
+
+
+def answered(
+    observer: ObserverSettings, felt: Felt, rng: np.random.Generator, experiments: int, factor: FloatArray | float = 1.0
+) -> "np.ndarray[tuple[int, ...], np.dtype[np.int64]]":
+    """Return orders, shape (experiments · people · trials, 3); a perfect observer always answers 0, 1, 2."""
+    people = np.exp(rng.normal(0.0, observer.spread, (experiments * PEOPLE, 1)))
+    noisier = np.repeat(people, TRIALS, axis=0) * factor
+    drawn = rng.integers(len(felt.steps), size=len(noisier))
+    cues = felt.cues[observer.cue][drawn]
+    return judged(observer, cues, felt.updates[drawn], felt.steps[drawn], felt.counts[drawn], rng, factor=noisier)
+
+
+def figures(orders: Any, experiments: int) -> dict[str, Any]:
+    """Return shares of correct orders and of errors by kind."""
+    right = (orders == np.arange(3)).all(axis=1)
+    each = right.reshape(experiments, PEOPLE * TRIALS).mean(axis=1)
+    place = np.argsort(orders, axis=1)
+    wrong = {f"{low}{high}": float((place[:, low] > place[:, high]).mean()) for low, high in ((0, 1), (1, 2), (0, 2))}
+    return {
+        "correct": float(right.mean()),
+        "low": float(np.quantile(each, 0.025)),
+        "high": float(np.quantile(each, 0.975)),
+        "wrong_pairs": wrong,
+        "ends_swapped_among_wrong": float((place[:, 0] > place[:, 2])[~right].mean()) if (~right).any() else math.nan,
+    }
+
+
+def measured(library: list[Felt], observers: dict[str, ObserverSettings], experiments: int) -> list[dict[str, Any]]:
+    """Return the figures of each observer under each condition."""
+    rows = []
+    for name, observer in observers.items():
+        for felt in library:
+            rng = np.random.default_rng([7, len(rows)])
+            row = {"observer": name, "condition": felt.condition, "threshold": felt.multiplier}
+            rows.append({**row, **figures(answered(observer, felt, rng, experiments), experiments)})
+    return rows
+
+
+def limits_rows(settings: ObserverSettings, people: int = 200) -> list[dict[str, float]]:
+    """Return the Weber fraction that an ascending method of limits finds, for several steps and criteria.
+
+    Each series starts between 0 and 3 % of the reference and ends with the first "different"; five for each of 0.5, 1
+    and 1.5 N.
+    """
+    rows = []
+    for criterion in (1.0, 1.64, 2.33):
+        for step in (0.005, 0.01, 0.02, 0.05):
+            rng = np.random.default_rng(5)
+            observer = Observer(dataclasses.replace(settings, criterion=criterion), rng)
+            found = []
+            for reference_n in (0.5, 1.0, 1.5):
+                for _ in range(5 * people):
+                    share = float(rng.uniform(0.0, 0.03))
+                    while share < 1.0 and not observer.different(reference_n, reference_n * (1.0 + share)):
+                        share += step
+                    found.append(share)
+            rows.append({"criterion": criterion, "step": step, "weber_fraction": float(np.mean(found))})
+    return rows
+
+
+def felt_row(felt: Felt) -> dict[str, Any]:
+    """Return what the finger felt under one condition."""
+    peaks = felt.cues["peak"]
+    return {
+        "condition": felt.condition,
+        "peaks_n": peaks.mean(axis=0).round(3).tolist(),
+        "sd_of_ln": np.log(peaks).std(axis=0).round(4).tolist(),
+        "slopes_n_per_m": felt.cues["slope"].mean(axis=0).round(1).tolist(),
+        "updates": felt.updates.mean(axis=0).round(1).tolist(),
+        "step": round(float(felt.steps.mean()), 4),
+        "bytes": round(felt.bytes_per_penetration, 1),
+    }
+
+
+def main() -> None:
+    """Measure, print the tables, and draw the picture."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--motions", type=int, default=2, help="motions of the hand for each order of tissues")
+    parser.add_argument("--experiments", type=int, default=2000)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--out", type=Path, default=Path("results/observers"))
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    play = partial(play_library, motions=arguments.motions, jobs=arguments.jobs)
+    library = play(plan_of(THRESHOLDS))
+    of_paper = [felt for felt in library if felt.multiplier in PAPER]
+    middle = [felt for felt in library if felt.multiplier in (0.0, 4.0)]
+    cues = {
+        f"literature, cue {cue}": dataclasses.replace(OBSERVERS["literature"], cue=cue)
+        for cue in ("peak", "slope", "early", "work", "updates")
+    }
+    result: dict[str, Any] = {
+        "provenance": provenance(),
+        "motions": arguments.motions,
+        "felt": [felt_row(felt) for felt in library],
+        "observers": measured(of_paper, {**cues, "force-only": OBSERVERS["force-only"]}, arguments.experiments),
+        "mechanisms": measured(library, MECHANISMS, arguments.experiments),
+        "fixed_steps": measured(play(fixed_plan(FIXED_STEPS_N)), MECHANISMS, arguments.experiments),
+        "linear": measured(play(linear_plan()), MECHANISMS, arguments.experiments),
+        "pushes": [
+            {"push_s": push_s, **row}
+            for push_s in PUSHES_S
+            for row in measured(
+                play(plan_of((0.0, 4.0)), make_hand=partial(quick_hand, push_s=push_s)),
+                {"force-only": OBSERVERS["force-only"], "fitted": OBSERVERS["fitted"]},
+                arguments.experiments,
+            )
+        ],
+        "limits": limits_rows(OBSERVERS["literature"]),
+        "fatigue": [
+            {
+                "factor": factor,
+                **figures(
+                    answered(OBSERVERS["fitted"], middle[0], np.random.default_rng(3), arguments.experiments, factor),
+                    arguments.experiments,
+                ),
+            }
+            for factor in (1.0, math.sqrt(FATIGUE), FATIGUE)
+        ],
+    }
+    (arguments.out / "observers.json").write_text(json.dumps(result, indent=1) + "\n")
+    draw(result, arguments.out / "observers.png")
+    print("\n".join(tables(result)))
+
+
+def tables(result: dict[str, Any]) -> list[str]:
+    """Return every table as lines of Markdown."""
+    lines = ["| | felt peaks [N] | sd of ln | slopes [N/m] | updates a contact | step |", "|---|---|---|---|---|---|"]
+    for row in result["felt"]:
+        cells = [" ".join(map(str, row[key])) for key in ("peaks_n", "sd_of_ln", "slopes_n_per_m", "updates")]
+        lines.append(f"| {row['condition']} | {' | '.join(cells)} | {row['step']:.3f} |")
+    for key in ("observers", "mechanisms", "fixed_steps", "linear"):
+        conditions = list(dict.fromkeys(row["condition"] for row in result[key]))
+        lines += ["", key, "", f"| | {' | '.join(conditions)} |", "|---" * (len(conditions) + 1) + "|"]
+        for name in dict.fromkeys(row["observer"] for row in result[key]):
+            own = [row for row in result[key] if row["observer"] == name]
+            cells = [f"{100 * row['correct']:.1f} [{100 * row['low']:.0f}, {100 * row['high']:.0f}]" for row in own]
+            lines.append(f"| {name} | {' | '.join(cells)} |")
+    lines += ["", "pairs wrong at 4 JND [%]", "", "| | soft–middle | middle–hard | soft–hard | soft–hard, of wrong |"]
+    lines.append("|---|---|---|---|---|")
+    fatigued = {"observer": "fatigue", "threshold": 4.0, **result["fatigue"][-1]}
+    for row in [*result["mechanisms"], fatigued]:
+        if row["threshold"] == 4.0:
+            cells = [f"{100 * share:.1f}" for share in row["wrong_pairs"].values()]
+            lines.append(f"| {row['observer']} | {' | '.join(cells)} | {100 * row['ends_swapped_among_wrong']:.0f} % |")
+    lines += ["", "pushes", "", "| push [s] | observer | condition | correct |", "|---|---|---|---|"]
+    for row in result["pushes"]:
+        lines.append(f"| {row['push_s']} | {row['observer']} | {row['condition']} | {100 * row['correct']:.1f} |")
+    lines += ["", "ascending limits: criterion, step, Weber fraction", ""]
+    lines += [
+        f"- {row['criterion']}, {100 * row['step']:.1f} %: {row['weber_fraction']:.3f}" for row in result["limits"]
+    ]
+    lines += ["", "noise grown by, and correct", ""]
+    lines += [f"- {row['factor']:.2f}: {100 * row['correct']:.1f} %" for row in result["fatigue"]]
+    return lines
+
+
+def draw(result: dict[str, Any], file: Path) -> None:
+    """Draw the shares of correct orders beside the paper's, for thresholds in JNDs and in newton."""
+    with picture(file, 3.6) as figure:
+        axes = figure.subplots(1, 2, width_ratios=(3, 2), sharey=True)
+        for number, name in enumerate(MECHANISMS):
+            look = {"color": COLOURS[(0, 2, 3, 5)[number]], "marker": MARKERS[number], "linestyle": DASHES[number]}
+            for panel, key in zip(axes, ("mechanisms", "fixed_steps"), strict=True):
+                own = [row for row in result[key] if row["observer"] == name]
+                shares = [100 * row["correct"] for row in own]
+                panel.plot([row["threshold"] for row in own], shares, **look, markersize=4, label=name)
+        errors = [100 * PAPER_ERRORS[key] for key in ("none", "1 JND", "2 JND", "4 JND")]
+        axes[0].errorbar(
+            list(PAPER), [100 * share for share in PAPER.values()], yerr=errors, fmt="D", color=VERMILION, capsize=3,
+            markersize=4, zorder=5, label="the paper's people, s.e.",
+        )  # fmt: skip
+        for panel, unit in zip(axes, ("share of the force [JND]", "the same at every force [N]"), strict=True):
+            panel.axhline(100 / 6, color=INK, linestyle=":", linewidth=0.8)
+            panel.set_xlabel(f"threshold: {unit}")
+        axes[0].annotate("chance", (6.8, 100 / 6), xytext=(0, 2), textcoords="offset points", fontsize=7)
+        axes[0].set_ylim(0, 102)
+        axes[0].set_ylabel("correct orders [%]")
+        axes[0].set_title("deadband alone fitted at 0 JND only; the others at 2 and 4 JND, too", fontsize=7.5)
+        axes[1].set_title("a prediction of each", fontsize=7.5)
+        figure.suptitle("SIMULATED: four observers who order three tissues", fontsize=9)
+        axes[0].legend(loc="lower left", bbox_to_anchor=(0.0, 0.17), fontsize=7)
+
+
+if __name__ == "__main__":
+    main()
