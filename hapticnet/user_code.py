@@ -10,6 +10,7 @@ import inspect
 import re
 import reprlib
 import sys
+import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import islice
@@ -204,8 +205,8 @@ def vector_from(result: Any, axes: int, method: str, unit: str) -> Vector:
 
 
 def raised(error: BaseException) -> str:
-    """Return in words what a user's code raised; a KeyboardInterrupt is raised again."""
-    if isinstance(error, KeyboardInterrupt):
+    """Return in words what a user's code raised; a KeyboardInterrupt is raised again where Ctrl-C can cause it."""
+    if isinstance(error, KeyboardInterrupt) and threading.current_thread() is threading.main_thread():
         raise error
     return in_words(error)
 

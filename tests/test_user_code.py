@@ -3,6 +3,7 @@
 import itertools
 import os
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -246,6 +247,9 @@ def test_failures_name_method_and_line_and_let_ctrl_c_through():
     assert isinstance(failure("Mine.step", SystemExit(2)), HapticnetError)
     with pytest.raises(KeyboardInterrupt):
         failure("Mine.step", KeyboardInterrupt())
+    with ThreadPoolExecutor() as threads:  # where Ctrl-C never arrives
+        told = threads.submit(failure, "Mine.step", KeyboardInterrupt()).result()
+    assert str(told) == "Mine.step raised KeyboardInterrupt"
 
 
 def test_no_exception_can_spoil_its_message():

@@ -68,7 +68,7 @@ class ServedPage:
             hand=hand if isinstance(hand, LiveHand) else None,
             operator_url=self._access.url("operator"),
             in_words=lambda event: in_words(event, node, slave),
-            say=self._console.say,
+            say=self._console.warn,
         )
         page = Page(node, Controls(node, ways), settings)
         return [Server(page, self._access, self._sock), page]
