@@ -73,6 +73,7 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
     ("experiment", "order"): (
         "hapticnet experiment order --participant 03 --dry-run",
         "hapticnet experiment order --participant 03 --plan reachable --device serial:auto --profile device.toml",
+        "hapticnet experiment order --participant 03 --page --device serial:auto --profile device.toml",
         "hapticnet experiment order --participant 01-08 --simulate literature --out rehearsal",
     ),
     ("experiment", "analyse"): ("hapticnet experiment analyse study --margin 0.1",),

@@ -138,7 +138,7 @@ def trial(typed: str, progress: str) -> Screen:
     return Screen(
         kind=ScreenKind.TRIAL,
         title="Feel the three tissues",
-        text="Type them from the softest to the hardest.",
+        text="Put them in order, from the softest to the hardest.",
         keys=(*keys, STOP),
         typed=typed,
         progress=progress,
