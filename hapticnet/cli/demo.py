@@ -74,7 +74,8 @@ def demo(
     # Python does not clean up on SIGTERM by default; exiting this way ends the two processes first.
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     console = Console("demo", quiet=quiet)
-    console.say(f"a needle, three tissues and {insertions} insertions, felt four ways; about a minute")
+    times = "1 insertion" if insertions == 1 else f"{insertions} insertions"
+    console.say(f"a needle, three tissues and {times}, felt four ways; about a minute")
     announced: set[str] = set()
 
     def on_progress(condition: "Condition", seconds: float) -> None:

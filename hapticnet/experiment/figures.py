@@ -89,7 +89,7 @@ def draw_run(slave: Columns, master: Columns, file: Path) -> None:
             ticks.set_xlabel("time [s]")
             ticks.set_xlim(window_s)
             if axes is force:
-                figure.suptitle(share, color=VERMILION, fontweight="bold")
+                figure.suptitle(share, color=BLUE, fontweight="bold")
         force.axvspan(*near_s, color=ORANGE, alpha=0.2, linewidth=0)
         force.legend(loc="upper left")
         near.set_facecolor("#fdf5e6")

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticnet.arrays import FloatArray
-from hapticnet.experiment.style import BLUE, INK, ORANGE, VERMILION, picture
+from hapticnet.experiment.style import BLUE, INK, SKY, VERMILION, picture
 from hapticnet.perception import WeberLaw
 
 HEIGHT_IN: Final = 4.4
@@ -57,13 +57,13 @@ def fill_figure(figure: Any, signal: Signal, *, window_s: tuple[float, float], t
     force.legend(loc="upper left", ncols=3)
     force.set_title(title, loc="left")
     share = draw_sent(sent, signal, window_s)
-    sent.set_title(share, loc="left", color=VERMILION)
+    sent.set_title(share, loc="left", color=BLUE)
     shown = _shown(signal, window_s)
     difference = signal.applied_n[shown] - signal.true_n[shown]
     error_n = difference[:, 0] if one_axis else np.linalg.norm(difference, axis=1)
     threshold_n = signal.law.thresholds_n(np.linalg.norm(signal.applied_n[shown], axis=1))
     t_s = signal.t_s[shown]
-    error.fill_between(t_s, -threshold_n, threshold_n, color=ORANGE, alpha=0.35, linewidth=0, label="threshold")
+    error.fill_between(t_s, -threshold_n, threshold_n, color=SKY, alpha=0.35, linewidth=0, label="threshold")
     error.plot(t_s, error_n, color=INK, linewidth=0.7, label="error")
     error.set_ylabel("error [N]" if one_axis else "|error| [N]")
     if not one_axis:
@@ -82,10 +82,12 @@ def draw_force(axes: Any, signal: Signal, window_s: tuple[float, float], *, widt
         for values in (signal.true_n, signal.applied_n)
     )
     axes.plot(t_s, true_n, color=INK, linewidth=0.9 * width, label="true force")
-    axes.step(t_s, applied_n, where="post", color=VERMILION, linewidth=1.1 * width, label="applied (held) force")
+    axes.step(t_s, applied_n, where="post", color=BLUE, linewidth=1.1 * width, label="applied (held) force")
     if signal.felt_n is not None:
         felt_n = signal.felt_n[shown]
-        axes.plot(t_s, felt_n, color=BLUE, linewidth=width, linestyle=(0, (4, 1.5)), label="force at the fingertip")
+        axes.plot(
+            t_s, felt_n, color=VERMILION, linewidth=width, linestyle=(0, (4, 1.5)), label="force at the fingertip"
+        )
     axes.set_ylabel("force [N]" if one_axis else "|force| [N]")
 
 
@@ -93,16 +95,16 @@ def draw_sent(axes: Any, signal: Signal, window_s: tuple[float, float]) -> str:
     """Draw a tick for each sample that was sent, and return how many these are of all."""
     shown = _shown(signal, window_s)
     sent, lost = (indices[shown[indices]] for indices in (signal.sent, signal.lost))
-    axes.vlines(signal.t_s[sent], 0.0, 1.0, color=VERMILION, linewidth=0.6)
+    axes.vlines(signal.t_s[sent], 0.0, 1.0, color=BLUE, linewidth=0.6)
     if len(lost):
-        axes.vlines(signal.t_s[lost], -0.6, 0.0, color=BLUE, linewidth=0.6)
+        axes.vlines(signal.t_s[lost], -0.6, 0.0, color=VERMILION, linewidth=0.6)
     axes.set_yticks([])
     axes.grid(visible=False)
     axes.spines["left"].set_visible(False)
     axes.set_ylabel("sent", rotation=0, ha="right", va="center")
     count = int(shown.sum())
     saved = f"{len(sent):,} of {count:,} samples sent: {1 - len(sent) / max(count, 1):.1%} fewer packets"
-    return saved + (f", {len(lost):,} lost (blue)" if len(lost) else "")
+    return saved + (f", {len(lost):,} lost (orange)" if len(lost) else "")
 
 
 def _shown(signal: Signal, window_s: tuple[float, float]) -> npt.NDArray[np.bool_]:

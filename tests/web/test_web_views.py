@@ -198,8 +198,10 @@ def test_a_page_that_the_server_sent_away_comes_back_only_when_asked(watch: Stag
     watch.until(lambda: "The master ended." in watch.text("#notice"))
     watch.page.wait_for_timeout(700)
     assert len(watch.sockets) == 1
+    assert watch.page.locator("[data-offline] .tiles").count() == 1, "figures that are out of date look so"
     watch.page.get_by_role("button", name="Try again").click()
     watch.until(lambda: len(watch.sockets) == 2 and watch.text("#link-state") == "Connected")
+    assert watch.page.locator("[data-offline]").count() == 0
 
 
 def test_everything_is_reached_by_the_tab_key(watch: Stage):

@@ -49,6 +49,7 @@ export class ForcePlot {
     this._zoom = null;
     this._onPause(paused);
     this._draw(this._frozen ?? this._plot.data);
+    this._plot.redraw(false, true); // the label of the right edge changes although the axis does not
   }
 
   show(line, visible) {

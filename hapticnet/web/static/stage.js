@@ -171,6 +171,7 @@ export class Stage {
   _show() {
     const { source } = this._handInfo;
     const online = this.connection?.isOpen ?? false;
+    document.body.toggleAttribute("data-offline", !online);
     if (this.hand) this.hand.obstacle = this._obstacle(online, source);
     byId("hand-state").textContent = online ? handWords(source, this._holder, this._handState) : "Not connected";
     byId("hint").textContent = online ? hint(source, this._holder, this._handInfo, this._inExperiment) : "";
