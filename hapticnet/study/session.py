@@ -236,12 +236,13 @@ def _check_plan(digest: str, plan: Plan) -> None:
 
 
 def account_of(settings: SessionSettings, flow: OrderFlow) -> dict[str, Any]:
-    """Return the account of an ordering task for the command line; it names no condition."""
+    """Return the account of an ordering task for the command line: no condition, and no score of a person."""
     trials = [row for row in flow.rows if row.event == "trial"]
+    score = {} if settings.observer is None else {"correct": sum(row.correct or 0 for row in trials)}
     return {
         "participant": settings.participant,
         "trials": len(trials),
-        "correct": sum(row.correct or 0 for row in trials),
+        **score,
         "repeated": sum(row.event == "repeated" for row in flow.rows),
         "aborted": sum(row.event == "aborted" for row in flow.rows),
         "table": str(settings.table(ORDER)),

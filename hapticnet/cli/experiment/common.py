@@ -2,11 +2,11 @@
 
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Coroutine, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
 
 import typer
 
@@ -135,6 +135,20 @@ def real_fingertip(device: str, known: "Profile", seed: int) -> Iterator["tuple[
         if made is None or isinstance(made, UserActuator):
             raise SettingsError(f"device {device} renders forces by itself; the study measures its force loop")
         yield Fingertip(made, LimitSettings(), devices.control_settings(known)), wire
+
+
+def run_session(session: "Coroutine[Any, Any, None]") -> None:
+    """Run a session in real time; say how to go on if it is interrupted."""
+    import asyncio
+
+    from hapticnet.cli.console import complain
+    from hapticnet.runtime.realtime import run
+
+    try:
+        run(session)
+    except (KeyboardInterrupt, asyncio.CancelledError) as error:
+        complain("interrupted; everything answered is stored, go on with --resume")
+        raise KeyboardInterrupt from error
 
 
 async def conduct_in_real_time(

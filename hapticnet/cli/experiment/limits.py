@@ -113,7 +113,6 @@ def _in_real_time(
 ) -> dict[str, Any]:
     from hapticnet.node.master_settings import MasterSettings
     from hapticnet.runtime.clock import now_us
-    from hapticnet.runtime.realtime import run
     from hapticnet.study.real_rig import Body, RealRig
     from hapticnet.study.session import limits_session
 
@@ -126,7 +125,7 @@ def _in_real_time(
     ):
         body = Body(fingertip=fingertip, wire=wire, hand_watchers=() if screen is None else screen.watchers)
         rig = RealRig(body, MasterSettings(), None, tell=say)
-        run(common.conduct_in_real_time(rig, flow, store, settings, observer, screen))
+        common.run_session(common.conduct_in_real_time(rig, flow, store, settings, observer, screen))
         return _account(settings, flow)
 
 

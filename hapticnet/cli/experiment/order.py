@@ -50,6 +50,9 @@ def order(
         Literal["mcap", "npz", "none"] | None,
         typer.Option(help="Form of the recordings, one a trial; default: mcap in real time if installed, else npz."),
     ] = None,
+    report: Annotated[
+        bool, typer.Option("--report/--no-report", help="With --simulate, end with report and figures.")
+    ] = True,
     resume: common.Resume = False,
     dry_run: common.DryRun = False,
     json: options.Json = False,
@@ -111,7 +114,7 @@ def order(
                 accounts.append(account)
                 console.status(f"{len(accounts)} of {len(settings)} participants")
     console.finish()
-    if asked.observer is not None:
+    if asked.observer is not None and report:
         from hapticnet.cli.experiment.analyse import write_results
 
         write_results(out, out / "results", margin=None, seed=seed, figures=True, say=console.say)

@@ -43,7 +43,6 @@ def run_order(
     from hapticnet.cli.operators import make_operator
     from hapticnet.errors import SettingsError
     from hapticnet.runtime.clock import now_us
-    from hapticnet.runtime.realtime import run
     from hapticnet.study.real_rig import Body, RealRig
     from hapticnet.study.recordings import record_trials
     from hapticnet.study.session import account_of, order_session
@@ -70,7 +69,7 @@ def run_order(
         rig = RealRig(body, master_settings, address, tell=say)
         about = {"operator": source if observer is None else "scripted", "connect": str(address)}
         keep = record_trials(settings, form, about)
-        run(common.conduct_in_real_time(rig, flow, store, settings, observer, screen, keep))
+        common.run_session(common.conduct_in_real_time(rig, flow, store, settings, observer, screen, keep))
         return account_of(settings, flow)
 
 

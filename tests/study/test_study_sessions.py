@@ -1,0 +1,195 @@
+"""Sessions of simulated observers from the command line: complete, over UDP, interrupted, refused."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from hapticnet.study.rows import LimitsRow, OrderRow
+from hapticnet.study.store import read_rows
+from hapticnet.study.weber import load_participant
+from tests.cli.test_cli_errors import ROOT
+from tests.ready import hapticnet
+
+PLAN = """
+name = "short"
+[[condition]]
+name = "none"
+codec = "raw"
+[[condition]]
+name = "4 JND"
+multiplier = 4.0
+[order]
+trials = 1
+practice = 1
+practice_pairs = 0
+practice_rounds = 1
+[limits]
+references_n = [1.0]
+repetitions = 3
+step = 0.05
+stimulus_s = 0.3
+gap_s = 0.1
+catch = 0.3
+[link]
+rate_hz = 250.0
+"""
+
+TABLE = "study/sub-{0}/ses-1/order/sub-{0}_ses-1_task-order_beh.tsv"
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "plan.toml").write_text(PLAN)
+    return tmp_path
+
+
+def experiment(folder, verb, *words):
+    return hapticnet("experiment", verb, *words, cwd=folder)
+
+
+def answers(folder, participant):
+    rows = read_rows(folder / TABLE.format(participant), OrderRow)
+    return [(row.event, row.this_n, row.order_answered, row.rating) for row in rows if row.event in ASKED]
+
+
+ASKED = ("practice", "trial", "rating")
+
+
+def test_a_study_of_simulated_observers_ends_with_report_and_figures_and_is_not_begun_twice(folder):
+    words = ("--participant", "01-02", "--plan", "plan.toml", "--simulate", "literature")
+    done = experiment(folder, "order", *words, "--json")
+    assert done.returncode == 0, done.stderr
+    account = json.loads(done.stdout)
+    assert "simulated observer literature" in account["title"]
+    assert [each["trials"] for each in account["participant"]] == [2, 2]
+    results = folder / "study/results"
+    assert "SIMULATED" in (results / "report.md").read_text().splitlines()[0]
+    assert (results / "correct-orders.pdf").stat().st_size > 1000
+    tables = {number: (folder / TABLE.format(number)).read_bytes() for number in ("01", "02")}
+    assert b"simulated" not in tables["01"]
+    rows = read_rows(folder / TABLE.format("01"), OrderRow)
+    assert {row.observer for row in rows} == {"literature"}
+    assert {row.condition: row.multiplier for row in rows if row.event == "trial"} == {"none": 0.0, "4 JND": 4.0}
+    for row in rows:
+        if row.event == "trial":
+            shares = [felt / held for felt, held in zip(row.peaks_sensed_n, row.peaks_held_n, strict=True)]
+            assert min(shares) > 0.8
+
+    refused = {
+        words: "go on with it by --resume, or choose another --session",
+        ("--participant", "1", *words[2:]): "has participant 01, who has the same number",
+        ("--participant", "03", "--simulate", "literature"): "is another plan than the one given",
+        ("--participant", "Anna", *words[2:]): "names are not stored",
+        ("--participant", "03", "--simulate", "nobody"): "unknown observer 'nobody'",
+        ("--participant", "03", "--real-time"): "--real-time is for simulated observers",
+        ("--participant", "03-04",): "several at once are for --simulate",
+        ("--participant", "03", "--plan", "plan.toml", "--device", "none"): "unknown device 'none'",
+    }  # fmt: skip
+    for wrong, told in refused.items():
+        done = experiment(folder, "order", *wrong)
+        assert done.returncode == 2, done.stderr
+        assert told in done.stderr
+        assert len(done.stderr.splitlines()) == 1
+    assert tables == {number: (folder / TABLE.format(number)).read_bytes() for number in tables}
+
+
+def test_a_dry_run_prints_the_schedule_and_leaves_nothing(folder):
+    before = sorted(folder.iterdir())
+    for verb, part in (("order", "trials"), ("limits", "series")):
+        done = experiment(folder, verb, "--participant", "03", "--plan", "plan.toml", "--dry-run")
+        assert len(json.loads(done.stdout)[part]) in (2, 4)
+    assert sorted(folder.iterdir()) == before
+
+
+def test_the_jnd_is_measured_and_the_ordering_task_uses_it(folder):
+    (folder / "plan.toml").write_text(PLAN + "[jnd]\nmeasured = true\n")
+    words = ("--participant", "03", "--plan", "plan.toml", "--simulate", "literature")
+    done = experiment(folder, "order", *words)
+    assert done.returncode == 2
+    assert "measure it first, with 'hapticnet experiment limits --participant 03'" in done.stderr
+    assert not (folder / "study").exists()
+
+    done = experiment(folder, "limits", *words)
+    assert done.returncode == 0, done.stderr
+    assert "simulated observer literature" in done.stdout
+    measured = load_participant(folder / "study/participants/03.toml")
+    assert measured.simulated == "literature"
+    assert 0.01 < measured.weber_fraction < 0.4
+    assert measured.device_error_n is not None
+
+    assert experiment(folder, "order", *words, "--no-report").returncode == 0
+    trials = [row for row in read_rows(folder / TABLE.format("03"), OrderRow) if row.event == "trial"]
+    assert {row.weber_fraction for row in trials} == {float(f"{measured.weber_fraction:.9g}")}
+
+
+@pytest.mark.parametrize(("observer", "told"), [("never-different", "no_jnd"), ("always-same", "catch_series")])
+def test_observers_without_a_jnd_end_with_an_account_of_it(folder, observer, told):
+    words = ("--participant", "03", "--plan", "plan.toml", "--simulate", observer)
+    done = experiment(folder, "limits", *words)
+    assert done.returncode == 0, done.stderr
+    assert told in done.stdout or "no_jnd" in done.stdout
+    rows = read_rows(folder / "study/sub-03/ses-1/limits/sub-03_ses-1_task-limits_beh.tsv", LimitsRow)
+    assert rows[-1].event == "end"
+    assert not (folder / "study/participants/03.toml").exists() or told != "no_jnd"
+
+
+def test_a_killed_session_goes_on_and_asks_what_it_would_have_asked(folder):
+    words = ("--plan", "plan.toml", "--simulate", "literature", "--record", "none", "--no-report")
+    whole = experiment(folder, "order", "--participant", "01", *words, "--out", "whole")
+    assert whole.returncode == 0, whole.stderr
+    command = [sys.executable, "-m", "hapticnet", "experiment", "order", "--participant", "01", *words, "--jobs", "1"]
+    process = subprocess.Popen(
+        command, cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    table, end = folder / TABLE.format("01"), time.monotonic() + 60.0
+    while not (table.exists() and b"\npractice" in table.read_bytes()):
+        assert time.monotonic() < end
+        assert process.poll() is None
+        time.sleep(0.02)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    before = table.read_bytes()
+    done = experiment(folder, "order", "--participant", "01", *words, "--resume")
+    assert done.returncode == 0, done.stderr
+    assert table.read_bytes().startswith(before[: before.rfind(b"\n") + 1])
+    events = [row.event for row in read_rows(table, OrderRow)]
+    assert (events.count("begin"), events.count("consent"), events.count("trial")) == (2, 1, 2)
+    assert answers(folder, "01") == [
+        (row.event, row.this_n, row.order_answered, row.rating)
+        for row in read_rows(folder / TABLE.format("01").replace("study", "whole", 1), OrderRow)
+        if row.event in ASKED
+    ]
+
+
+def test_a_simulated_session_over_udp_ends_with_report_and_recordings(folder):
+    text = PLAN.replace("practice = 1", "practice = 0").replace("trials = 1", "trials = 1\nleast_delivered = 0.2")
+    (folder / "plan.toml").write_text(text)
+    words = ("--participant", "01", "--plan", "plan.toml", "--simulate", "force-only", "--real-time")
+    done = experiment(folder, "order", *words)
+    assert done.returncode == 0, done.stderr
+    rows = read_rows(folder / TABLE.format("01"), OrderRow)
+    assert sorted(row.this_n for row in rows if row.event == "trial") == [0, 1]
+    assert (folder / "study/results/report.md").exists()
+    recordings = list((folder / "study/sub-01/ses-1/order/recordings").iterdir())
+    assert {file.suffix for file in recordings} == {".mcap"}
+    told = hapticnet("info", recordings[0], "--json")
+    assert json.loads(told.stdout)["complete"] is True
+
+
+def test_a_full_disk_ends_the_session_with_one_line(folder):
+    command = f"ulimit -f 4; exec '{sys.executable}' -m hapticnet experiment limits --participant 01 --plan plan.toml"
+    done = subprocess.run(
+        ["bash", "-c", f"{command} --simulate never-different --jobs 1 --quiet"],
+        cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode != 0
+    assert "could not be stored" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    rows = read_rows(folder / "study/sub-01/ses-1/limits/sub-01_ses-1_task-limits_beh.tsv", LimitsRow)
+    assert [row.this_n for row in rows if row.event == "trial"] == list(range(len(rows) - 3))
