@@ -21,8 +21,9 @@ from hapticnet.web import messages
 from hapticnet.web.audience import Audience
 from hapticnet.web.client import Client
 from hapticnet.web.description import hello
-from hapticnet.web.messages import CloseCode, Key, MistakeError, Noise, PageMessage, View
+from hapticnet.web.messages import CloseCode, View
 from hapticnet.web.mirror import Mirror
+from hapticnet.web.requests import Key, MistakeError, Noise, PageMessage
 
 OTHER_PAGE: Final = "the session is open on another page; close that one first"
 

@@ -9,10 +9,11 @@ from hapticnet.errors import PeerError
 from hapticnet.node.master_events import NodeEvent
 from hapticnet.operator.live import HandState, LiveHand
 from hapticnet.runtime.watching import Watcher
-from hapticnet.web import messages
+from hapticnet.web import messages, requests
 from hapticnet.web.client import Client
-from hapticnet.web.messages import CloseCode, Hand, MistakeError, PageMessage, Release, Take, View
+from hapticnet.web.messages import CloseCode, View
 from hapticnet.web.mirror import Mirror
+from hapticnet.web.requests import Hand, MistakeError, PageMessage, Release, Take
 from hapticnet.web.seat import Seat
 
 MOST_PAGES: Final = 16
@@ -99,7 +100,7 @@ class Audience(Watcher[NodeEvent], ABC):
     def receive(self, client: Client, data: str | bytes) -> None:
         """Do what a page asks; what it may not ask, and what makes no sense, is answered with an error."""
         try:
-            message = messages.parse_text(data) if isinstance(data, str) else messages.parse_binary(data)
+            message = requests.parse_text(data) if isinstance(data, str) else requests.parse_binary(data)
             if isinstance(message, Hand):
                 self.seat.move(client, message)
             elif isinstance(message, Take):
@@ -158,7 +159,7 @@ class Audience(Watcher[NodeEvent], ABC):
         if not self._has_told_mistake:  # a page that connects again and again must not fill the log
             self._has_told_mistake = True
             self._say(f"a page sent a message that makes no sense and was ignored: {text}")
-        elif client.mistakes >= messages.MOST_MISTAKES:
+        elif client.mistakes >= requests.MOST_MISTAKES:
             client.close(CloseCode.TOO_MANY_MISTAKES, "too many messages that make no sense")
 
     def _ring(self) -> None:

@@ -2,12 +2,15 @@
 
 import asyncio
 from collections import deque
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from aiohttp import web
 
 from hapticnet.runtime.clock import now_us
-from hapticnet.web.messages import CloseCode, Hand, View
+from hapticnet.web.messages import CloseCode, View
+
+if TYPE_CHECKING:
+    from hapticnet.web.requests import Hand
 
 LARGEST_BACKLOG: Final = 1 << 18
 """Bytes waiting for a page above which binary messages are left out for it; a second of the watch view is 40 kB."""

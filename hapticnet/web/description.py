@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from hapticnet import __version__
 from hapticnet.node.master import MasterNode
 from hapticnet.operator.live import LiveHand
-from hapticnet.web import messages
+from hapticnet.web import messages, requests
 from hapticnet.web.controls import Controls
 from hapticnet.web.messages import View
 from hapticnet.web.mirror import Mirror, scene_called
@@ -66,7 +66,7 @@ class Description:
                 "columns": messages.COLUMNS,
                 "history_s": messages.HISTORY_S,
                 "codecs": self._controls.codecs(),
-                "limits": messages.LIMITS,
+                "limits": requests.LIMITS,
                 "adjustable": self._controls.adjustable,
                 "operator_url": settings.operator_url,
             }

@@ -15,7 +15,7 @@ from hapticnet.web import messages
 from hapticnet.web.audience import Audience
 from hapticnet.web.controls import Controls
 from hapticnet.web.description import Description
-from hapticnet.web.messages import Change, LetGo, MistakeError
+from hapticnet.web.requests import Change, LetGo, MistakeError, PageMessage
 from hapticnet.web.ticks import Ticks
 from hapticnet.web.traffic import RecentMedian, TrafficMeter
 
@@ -121,7 +121,7 @@ class Page(Audience):
             for block in self._ticks.history():
                 client.post_replaceable(block)
 
-    def _obey(self, client: "Client", message: messages.PageMessage) -> None:
+    def _obey(self, client: "Client", message: PageMessage) -> None:
         if client.view != "watch":
             raise MistakeError("the operator view cannot do that")
         if isinstance(message, LetGo):

@@ -3,7 +3,7 @@
 from hapticnet.errors import PeerError
 from hapticnet.operator.live import HandState, LiveHand
 from hapticnet.web.client import Client
-from hapticnet.web.messages import Hand
+from hapticnet.web.requests import Hand
 
 
 class Seat:

@@ -22,7 +22,8 @@ from hapticnet.web.access import Access
 from hapticnet.web.audience import Audience
 from hapticnet.web.client import PARTING_S, Client
 from hapticnet.web.gate import Gate
-from hapticnet.web.messages import LARGEST_MESSAGE, CloseCode, View
+from hapticnet.web.messages import CloseCode, View
+from hapticnet.web.requests import LARGEST_MESSAGE
 
 HEARTBEAT_S: Final = 5.0
 """Time [s] between two pings, which find pages that have gone without a word."""

@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -24,7 +24,7 @@ from hapticnet.study.session import SessionSettings, order_session
 from hapticnet.study.trial import Played
 from hapticnet.web.access import Access, listen_for_pages
 from hapticnet.web.server import Server
-from tests.web.rig import WITHIN_S, Client
+from tests.web.rig import WITHIN_S, Client, connected
 
 GRANT = object()
 
@@ -90,17 +90,9 @@ class Session:
     def address(self, path: str) -> str:
         return f"http://{self.access.host}:{self.access.port}{path}"
 
-    @asynccontextmanager
-    async def open(self) -> "AsyncIterator[Participant]":
+    def open(self) -> "AbstractAsyncContextManager[Participant]":
         """Connect as the participant's page does."""
-        query = f"/socket/operator?token={self.access.tokens['operator']}"
-        async with self.http.ws_connect(self.address(query), headers={"Origin": self.address("")}) as socket:
-            client = Participant(socket)
-            reader = asyncio.ensure_future(client.read())
-            try:
-                yield client
-            finally:
-                reader.cancel()
+        return connected(self.http, self.access, "operator", Participant)
 
     def events(self) -> list[str]:
         return [row.event for row in self.rows]

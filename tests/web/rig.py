@@ -4,9 +4,9 @@ import asyncio
 import json
 import struct
 from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import aiohttp
 import numpy as np
@@ -29,7 +29,7 @@ from hapticnet.runtime.udp import HostPort, bound_address, host_of, listen, open
 from hapticnet.scene.presets import find_scene
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.tissue import SceneSettings
-from hapticnet.web import messages
+from hapticnet.web import messages, requests
 from hapticnet.web.access import Access, listen_for_pages
 from hapticnet.web.controls import Controls
 from hapticnet.web.messages import View
@@ -55,17 +55,9 @@ class Rig:
     def address(self, path: str) -> str:
         return f"http://{self.access.host}:{self.access.port}{path}"
 
-    @asynccontextmanager
-    async def open(self, view: View) -> "AsyncIterator[Client]":
+    def open(self, view: View) -> "AbstractAsyncContextManager[Client]":
         """Connect as a page of this view does."""
-        query = f"/socket/{view}?token={self.access.tokens[view]}"
-        async with self.http.ws_connect(self.address(query), headers={"Origin": self.address("")}) as socket:
-            client = Client(socket)
-            reader = asyncio.ensure_future(client.read())
-            try:
-                yield client
-            finally:
-                reader.cancel()
+        return connected(self.http, self.access, view, Client)
 
 
 @dataclass
@@ -94,7 +86,7 @@ class Client:
         await self.socket.send_str(json.dumps({"type": kind, **content}))
 
     async def move(self, position_m: float, time_ms: float = 1.0) -> None:
-        await self.socket.send_bytes(struct.pack("<BBHfd", messages.HAND, 0, 0, position_m, time_ms))
+        await self.socket.send_bytes(struct.pack("<BBHfd", requests.HAND, 0, 0, position_m, time_ms))
 
     def last(self, kind: str) -> dict[str, Any]:
         return next((each for each in reversed(self.json) if each["type"] == kind), {})
@@ -116,6 +108,25 @@ class Client:
             part[0] += start_s
             parts.append(part)
         return dict(zip(messages.COLUMNS, np.concatenate(parts, axis=1), strict=True))
+
+
+AnyClient = TypeVar("AnyClient", bound=Client)
+
+
+@asynccontextmanager
+async def connected(
+    http: aiohttp.ClientSession, access: Access, view: View, kind: type[AnyClient]
+) -> AsyncIterator[AnyClient]:
+    """Connect as a page of a view does."""
+    place = f"http://{access.host}:{access.port}"
+    query = f"/socket/{view}?token={access.tokens[view]}"
+    async with http.ws_connect(place + query, headers={"Origin": place}) as socket:
+        client = kind(socket)
+        reader = asyncio.ensure_future(client.read())
+        try:
+            yield client
+        finally:
+            reader.cancel()
 
 
 def read_frame(data: bytes) -> dict[str, Any]:

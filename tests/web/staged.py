@@ -9,8 +9,9 @@ import numpy as np
 from playwright.sync_api import Browser, Page, Route, WebSocketRoute
 
 from hapticnet.operator.live import HandState
-from hapticnet.web import messages
-from hapticnet.web.messages import Hand, View
+from hapticnet.web import messages, requests
+from hapticnet.web.messages import View
+from hapticnet.web.requests import Hand
 from hapticnet.web.server import HEADERS, static_files
 
 ORIGIN = "http://127.0.0.1:47880"
@@ -96,9 +97,9 @@ def open_view(browser: Browser, view: View, **context: Any) -> Stage:
     def receive(data: str | bytes) -> None:
         if isinstance(data, str):
             stage.said.append(json.loads(data))
-            messages.parse_text(data)  # a page says only what is specified
+            requests.parse_text(data)  # a page says only what is specified
         else:
-            stage.hands.append(messages.parse_binary(data))
+            stage.hands.append(requests.parse_binary(data))
 
     def connect(socket: WebSocketRoute) -> None:
         socket.on_message(receive)
@@ -119,7 +120,7 @@ def greet(stage: Stage, view: View) -> None:
     if view == "watch":
         hello |= {
             "rate_hz": 1000, "axes": 1, "device": "sim", "master": "m", "hapticnet": "0", "history_s": 5.0,
-            "columns": messages.COLUMNS, "limits": messages.LIMITS,
+            "columns": messages.COLUMNS, "limits": requests.LIMITS,
             "adjustable": ["multiplier", "codec", "loss_percent"],
             "codecs": [{"name": "deadband", "summary": "d"}, {"name": "raw", "summary": "r"}],
             "operator_url": f"{ORIGIN}/operator?token=o",
