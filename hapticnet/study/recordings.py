@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import asdict
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from hapticnet.arrays import FloatArray
 from hapticnet.errors import FileError, UnavailableError
 from hapticnet.experiment.provenance import provenance
-from hapticnet.files import fresh_path, make_folder
+from hapticnet.files import make_folder
 from hapticnet.recordings.session.archive import FORMATS, check_mcap
 from hapticnet.recordings.session.frames import Heading, Table
 from hapticnet.runtime.session_recordings import about_master
@@ -63,7 +64,7 @@ def record_trials(
         make_folder(folder)
         number = 0 if row.this_n is None else row.this_n
         kind = "practice" if getattr(row, "condition", None) == PRACTICE else "trial"
-        path = fresh_path(folder / f"{kind}-{number:03d}-{row.attempt or 0}.{form}")
+        path = _fresh(folder, f"{kind}-{number:03d}-{row.attempt or 0}", form)
         account = asdict(row)
         tables = {"tick": outcome.ticks, "datagram": outcome.datagrams}
         heading = Heading(
@@ -84,6 +85,14 @@ def record_trials(
             raise FileError(f"{path}: the recording cannot be written: {reason}; its answer is safe") from error
 
     return keep
+
+
+def _fresh(folder: Path, stem: str, form: RecordingForm) -> Path:
+    """Return the path of a file that does not exist."""
+    path, number = folder / f"{stem}.{form}", 2
+    while path.exists():
+        path, number = folder / f"{stem}-{number}.{form}", number + 1
+    return path
 
 
 def _rows(columns: dict[str, FloatArray]) -> list[FloatArray]:

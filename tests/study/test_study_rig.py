@@ -1,0 +1,159 @@
+"""The chain that plays stimuli, in virtual time: meeting the finger, trials, pairs, and what is kept of them."""
+
+import asyncio
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hapticnet.control.force import ForceControlSettings
+from hapticnet.control.limits import LimitSettings
+from hapticnet.device.plant import PlantSettings
+from hapticnet.device.simulated import SimulatedDevice
+from hapticnet.errors import FileError
+from hapticnet.node.fingertip import Fingertip
+from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.procedures import Met
+from hapticnet.operator.trace import TraceOperator
+from hapticnet.perception import WeberLaw
+from hapticnet.recordings.session.reading import read_session
+from hapticnet.study.conduct import conduct
+from hapticnet.study.recordings import record_trials
+from hapticnet.study.rig import LIFTED_US, NO_MEASURES, Fault, LiftWatch, Meet, Play, Present, VirtualRig
+from hapticnet.study.rows import OrderRow
+from hapticnet.study.session import ORDER, order_session
+from hapticnet.study.stimulus import Pair
+from hapticnet.study.store import read_rows
+from hapticnet.study.trial import Stimulus
+from tests.study.conducted import GivenRig, WillingFront
+from tests.study.killed import settings_of
+
+STIMULUS = Stimulus(
+    number=4,
+    breach_forces_n=(1.0, 1.75, 2.5),
+    gap_m=0.02,
+    codec="deadband",
+    law=WeberLaw(weber_fraction=0.05, floor_n=0.025),
+    rate_hz=1000.0,
+    forward="perfect",
+    feedback="perfect",
+    seed=1,
+    limit_s=10.0,
+)
+
+
+def push(contact_s):
+    """Return a hand that pushes the first tissue only, at an even speed."""
+
+    def make_hand(_):
+        speed_m_per_s = 0.01 / contact_s
+        times_s = np.array([0.0, 0.1, 0.1 + 0.036 / speed_m_per_s])
+        return TraceOperator((times_s * 1e6).astype(np.int64), np.array([[0.0], [0.0], [0.036]]))
+
+    return make_hand
+
+
+def rig_with(make_hand=None):
+    device = SimulatedDevice(PlantSettings(), np.random.default_rng(1))
+    fingertip = Fingertip(device, LimitSettings(), ForceControlSettings())
+    hand = {} if make_hand is None else {"make_hand": make_hand}
+    return VirtualRig(fingertip, MasterSettings(), **hand)
+
+
+def run(rig, *activities):
+    return [asyncio.run(rig.run(activity)) for activity in activities]
+
+
+def test_a_first_contact_that_is_fast_is_felt_once_the_platform_has_met_the_finger():
+    (unmet,) = run(rig_with(push(0.145)), Play(STIMULUS))
+    assert unmet.measures.peaks_sensed_n[0] < 0.05
+    met, played = run(rig_with(push(0.145)), Meet(), Play(STIMULUS))
+    assert isinstance(met, Met)
+    assert met.sensed_n == pytest.approx(0.5, abs=0.1)
+    assert played.measures.peaks_sensed_n[0] > 0.4 * played.measures.peaks_held_n[0]
+
+
+def test_a_trial_tells_what_was_held_and_felt_in_each_tissue():
+    _, played = run(rig_with(), Meet(), Play(STIMULUS))
+    measures = played.measures
+    assert measures.peaks_held_n == pytest.approx(STIMULUS.breach_forces_n, rel=0.06)
+    assert measures.peaks_sensed_n == pytest.approx(STIMULUS.breach_forces_n, rel=0.12)
+    assert (measures.insertions, measures.penetrations) == (2, 6)
+    assert 0.01 < measures.peak_speed_m_per_s < 0.1
+    assert 0 < measures.force_packets < 1000
+    assert measures.wire_bytes > 28 * measures.force_packets
+    assert measures.undelivered(0.8) is None
+
+
+def test_a_push_that_the_device_cannot_follow_and_a_tissue_left_out_are_told():
+    _, played = run(rig_with(push(0.145)), Meet(), Play(STIMULUS))
+    assert played.measures.undelivered(0.95).startswith("the device delivered")
+    assert played.measures.undelivered(0.1) == "tissue 2 was not touched"
+    assert NO_MEASURES.undelivered(0.1) == "tissue 1 was not touched"
+
+
+def test_a_trial_without_a_link_does_not_count():
+    (outcome,) = run(rig_with(push(0.3)), Play(replace(STIMULUS, feedback="loss=100%")))
+    assert outcome.measures.force_packets == 0
+    assert outcome.measures.undelivered(0.8) == "tissue 1 was not touched"
+
+
+def test_both_forces_of_a_pair_are_delivered():
+    rig = rig_with()
+    pair = Pair(forces_n=(1.0, 1.1), stimulus_us=800_000, gap_us=300_000)
+    _, presented = run(rig, Meet(), Present(pair))
+    assert presented.sensed_n == pytest.approx((1.0, 1.1), abs=0.06)
+    assert presented.missed(0.1) is None
+    assert replace(presented, sensed_n=(1.2, 1.1)).missed(0.1) == "1.000 N was felt as 1.200 N"
+
+
+def test_a_finger_that_is_lifted_is_noticed_and_one_that_is_not_pressed_is_not():
+    def lifted_us(target_n, sensed_n):
+        watch = LiftWatch()
+        seen = [now_us for now_us in range(0, 2_000_000, 1000) if watch.check(target_n, sensed_n(now_us), now_us)]
+        return seen[0] if seen else None
+
+    assert lifted_us(2.0, lambda _: 0.0) == LIFTED_US + 1000
+    assert lifted_us(0.3, lambda _: 0.0) is None
+    assert lifted_us(2.0, lambda now_us: 0.5 if now_us % 400_000 == 0 else 0.0) is None
+    assert lifted_us(2.0, lambda now_us: 2.0 if now_us < 700_000 else 0.0) == 700_000 + LIFTED_US + 1000
+
+
+@pytest.mark.parametrize("form", ["npz", "mcap"])
+def test_each_trial_is_recorded_beside_the_table_and_no_recording_is_overwritten(tmp_path, form):
+    settings = settings_of(tmp_path, 3)
+    row = OrderRow(event="repeated", participant="03", session=1, this_n=4, attempt=1, condition="1 JND")
+    _, played = run(rig_with(push(0.3)), Meet(), Play(STIMULUS))
+    keep = record_trials(settings, form, {"device": "sim"})
+    keep(row, played)
+    keep(row, played)
+    keep(row, Fault("nothing to keep"))
+    folder = settings.folder(ORDER) / "recordings"
+    assert sorted(file.name for file in folder.iterdir()) == [f"trial-004-1-2.{form}", f"trial-004-1.{form}"]
+    session = read_session(folder / f"trial-004-1.{form}")
+    assert len(session.tables["tick"]["t_us"]) == len(played.ticks["t_us"])
+    assert session.about["trial"]["event"] == "repeated"
+    assert record_trials(settings, "none", {}) is None
+
+
+def test_a_recording_that_cannot_be_written_ends_the_session_but_loses_no_answer(tmp_path):
+    settings = settings_of(tmp_path, 3)
+    settings.folder(ORDER).mkdir(parents=True)
+    (settings.folder(ORDER) / "recordings").write_text("a file where the folder should be")
+    _, played = run(rig_with(push(0.3)), Meet(), Play(STIMULUS))
+    keep = record_trials(settings, "npz", {})
+    with pytest.raises(FileError, match="recordings"):
+        keep(OrderRow(event="trial", participant="03", session=1, this_n=0), played)
+
+
+def test_a_clock_that_is_set_back_changes_the_date_and_nothing_else(tmp_path):
+    dates = iter(f"2026-11-{day:02}" for day in range(29, 0, -1))
+    settings, rig = settings_of(tmp_path, 3), GivenRig()
+    with order_session(settings, rig.now_us()) as (flow, store):
+        asyncio.run(conduct(flow, rig, WillingFront(rig), store, date=lambda: next(dates), version="test"))
+    rows = read_rows(settings.table(ORDER), OrderRow)
+    assert rows[-1].event == "end"
+    assert [row.date for row in rows] == sorted((row.date for row in rows), reverse=True)
+    onsets = [row.onset_s for row in rows]
+    assert onsets == sorted(onsets)
+    assert all(row.duration_s >= 0.0 for row in rows)
