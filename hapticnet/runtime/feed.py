@@ -18,6 +18,7 @@ from hapticnet.runtime.writer import DONE, FAILED, PIPE_BYTES, STOPPED
 if TYPE_CHECKING:
     import threading
     from array import array
+    from pathlib import Path
 
 MOST_WAITING_BYTES: Final = 64 * 2**20
 """Most bytes that wait for the writer: 10 minutes of one session of 1 kHz, 10 s of 64."""
@@ -54,6 +55,7 @@ class Feed:
         self._said = b""
         self._done = False
         self._began = False
+        self._path: Path | None = None  # of the only recording
         self._start_fault: str | None = None
 
     @property
@@ -68,6 +70,7 @@ class Feed:
 
     def begin(self, recording: int, heading: Heading) -> None:
         """Begin a recording; the writer starts with the first one."""
+        self._path = None if self._began else heading.path
         if not self._began:
             self._began = True
             # From a thread at normal priority: the writer inherits that, and nothing here waits for its start.
@@ -173,8 +176,10 @@ class Feed:
             if code is None:  # it is about to end
                 return
             how = f"signal {-code}" if code < 0 else f"exit code {code}"
+            which = self._path if self._path is not None else "FILE"
             self.stop(
-                f"its writer process ended ({how}); 'hapticnet recover' completes what was written", is_fault=True
+                f"its writer process ended ({how}); 'hapticnet recover {which}' completes what was written",
+                is_fault=True,
             )
         *lines, self._said = (self._said + data).split(b"\n")
         for line in lines:

@@ -198,11 +198,11 @@ async def run_master(
     await runner.start()
     reason = "stopped"
     try:
-        reason = "done"
         if not await either(runner.connected, stop, connect_timeout_s):
             reason = "no slave answered"
         elif not stop.is_set() and duration_s is not None:
             await until(stop, duration_s)
+            reason = "done"
         else:
             await stop.wait()
         if stop.is_set():

@@ -119,7 +119,7 @@ def test_a_writer_that_is_killed_is_told_in_one_line_and_its_file_can_be_recover
     recorder.end(number, {})
     recorder.finish()
     assert said == [
-        "recording stops: its writer process ended (signal 9); 'hapticnet recover' completes what was written"
+        f"recording stops: its writer process ended (signal 9); 'hapticnet recover {path}' completes what was written"
     ]
     with pytest.raises(FileError, match="incomplete: its writer process ended"):
         recorder.check()
