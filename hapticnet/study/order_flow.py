@@ -8,7 +8,7 @@ from hapticnet.perception import WeberLaw
 from hapticnet.study import screens
 from hapticnet.study.flow import Flow
 from hapticnet.study.plan import ConditionPlan, Plan, law_of
-from hapticnet.study.rig import NO_MEASURES, Activity, Fault, Outcome, Play
+from hapticnet.study.rig import LIFTED, NO_MEASURES, Activity, Fault, Outcome, Play
 from hapticnet.study.rows import OrderRow
 from hapticnet.study.schedule import OrderSchedule, Trial
 from hapticnet.study.screens import ScreenKind, Why
@@ -177,7 +177,8 @@ class OrderFlow(Flow[OrderRow]):
             return
         reason, why = abort, Why.STOPPED
         if reason is None and isinstance(outcome, Fault | Played):
-            reason, why = outcome.reason if isinstance(outcome, Fault) else outcome.failure, Why.FAULT
+            reason = outcome.reason if isinstance(outcome, Fault) else outcome.failure
+            why = Why.LIFTED if reason == LIFTED else Why.FAULT
         if reason is None and self._answer_us is None:
             why = Why.LATE
             reason = f"no answer within {self._plan.order.time_limit_s:g} s"

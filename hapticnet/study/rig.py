@@ -38,6 +38,8 @@ SETTLE_US: Final = 300_000
 
 LINK_LOST: Final = "the link was lost"
 
+LIFTED: Final = "the finger was lifted"
+
 LIFTED_N: Final = 0.1
 PRESSED_N: Final = 0.5
 LIFTED_US: Final = 500_000
@@ -154,7 +156,7 @@ class LiftWatch:
         elif self._since_us is None:
             self._since_us = now_us
         elif now_us - self._since_us > LIFTED_US:
-            return Fault("the finger was lifted", lost=False)
+            return Fault(LIFTED, lost=False)
         return None
 
 

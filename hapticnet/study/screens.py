@@ -41,6 +41,7 @@ class Why(enum.StrEnum):
     LATE = "the time was over before you answered"
     UNMET = "the platform did not find your finger"
     UNDELIVERED = "the forces did not reach your finger in full"
+    LIFTED = "your finger was lifted"
     FAULT = "there was a technical fault"
 
 

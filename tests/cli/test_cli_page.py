@@ -76,3 +76,19 @@ def test_the_demo_on_the_page_writes_no_results():
     assert done.returncode == 2
     assert "omit --out and --json" in done.stderr
     assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (("order", "--page", "--simulate", "literature"), "--page is for a person"),
+        (("limits", "--page=127.0.0.1:0", "--simulate", "literature"), "--page is for a person"),
+        (("order", "--operator", "page"), "--operator page needs --page"),
+        (("order", "--page=8080"), "must be HOST:PORT"),
+    ],
+)
+def test_a_page_of_the_experiment_that_makes_no_sense_is_told_in_one_line(run, tmp_path, arguments, complaint):
+    done = run("experiment", *arguments, "--participant", "01", "--out", tmp_path)
+    assert done.returncode == 2
+    assert complaint in done.stderr
+    assert done.stderr.count("\n") == 1

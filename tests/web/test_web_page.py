@@ -50,17 +50,22 @@ def test_samples_arrive_without_gaps_and_the_force_follows_the_hand():
     play(scenario)
 
 
+def told(client: Client) -> list[str]:
+    """Return which messages came; those about the hand depend on how busy this machine is."""
+    return [each["type"] for each in client.json if each["type"] != "hand"]
+
+
 def test_the_operator_view_gets_nothing_that_gives_an_answer_away():
     async def scenario() -> None:
         async with rig(scene="paper:3") as run, run.open("operator") as operator, run.open("watch") as watcher:
             await take(run, operator)
             await push(operator, 0.027, 0.4)
-            before = len(operator.json)
+            before = told(operator)
             await watcher.say("set", codec="raw", multiplier=4, delay_ms=5, loss_percent=1)
             await watcher.hear("state", codec="raw", multiplier=4.0)
             await until(lambda: watcher.last("state")["connections"] == 2)
             await push(operator, 0.027, 0.4)
-            assert len(operator.json) == before  # a change of the condition cannot be seen
+            assert told(operator) == before  # a change of the condition cannot be seen
             assert {each["type"] for each in operator.json} == {"hello", "scene", "ready", "hand"}
             for message in operator.json:
                 assert message.keys() <= {

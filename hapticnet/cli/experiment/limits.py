@@ -42,6 +42,7 @@ def limits(
     from hapticnet.study.limits_flow import draw_limits
     from hapticnet.study.session import SessionSettings, check_number, keep_plan
 
+    pages.check_page(page, simulate)
     asked = common.check(participant, plan, simulate, real_time=real_time)
     if dry_run:
         for each in asked.participants:
@@ -69,7 +70,7 @@ def limits(
     keep_plan(asked.plan, out)
     accounts = []
     if asked.observer is None or real_time:
-        with pages.opened(page, simulate, console) as opened:
+        with pages.opened(page, console) as opened:
             accounts.append(_in_real_time(settings[0], known, asked.observer, opened, console.say))
     else:
         shared = known, asked.observer

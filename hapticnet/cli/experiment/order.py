@@ -71,6 +71,7 @@ def order(
     from hapticnet.study.schedule import draw_order
     from hapticnet.study.session import SessionSettings, check_number, keep_plan, law_of_participant
 
+    pages.check_page(page, simulate, operator)
     asked = common.check(participant, plan, simulate, real_time=real_time)
     if dry_run:
         for each in asked.participants:
@@ -102,7 +103,7 @@ def order(
     if asked.observer is None or real_time:
         from hapticnet.cli.experiment.real_time import Place, run_order
 
-        with pages.opened(page, simulate, console) as opened:
+        with pages.opened(page, console) as opened:
             place = Place(
                 operator=operator, page=opened, connect=connect, key=key, peer_key=peer_key, insecure=insecure
             )

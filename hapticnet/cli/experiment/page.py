@@ -58,25 +58,32 @@ class Screen:
     watchers: "tuple[Watcher[NodeEvent], ...]"
 
 
+def check_page(page: str | None, simulate: str | None, operator: str | None = None) -> None:
+    """Raise SettingsError if nobody would look at the page, or if it must be the hand but is not there."""
+    from hapticnet.errors import SettingsError
+
+    if page is not None and simulate is not None:
+        raise SettingsError("--page is for a person; a simulated observer needs none")
+    if page is None and operator == "page":
+        raise SettingsError("--operator page needs --page")
+
+
 @contextmanager
-def opened(page: str | None, simulate: str | None, console: "Console") -> Iterator[OpenedPage | None]:
+def opened(page: str | None, console: "Console") -> Iterator[OpenedPage | None]:
     """Yield the page that was asked for, if any, and print its address.
 
     Raises
     ------
     SettingsError
-        If nobody would look at it, or its address is malformed.
+        If its address is malformed.
     UnavailableError
         If the extra is not installed or the address cannot be used.
     """
     from hapticnet.cli.pages import listen_for
-    from hapticnet.errors import SettingsError
 
     if page is None:
         yield None
         return
-    if simulate is not None:
-        raise SettingsError("--page is for a person; a simulated observer needs none")
     sock, access = listen_for(page, ("operator",), console)
     with sock:
         console.say(f"{PARTICIPANT}{access.url('operator')}", needed=True)

@@ -41,15 +41,12 @@ def run_order(
 ) -> dict[str, Any]:
     """Conduct the ordering task and return its account."""
     from hapticnet.cli.operators import make_operator
-    from hapticnet.errors import SettingsError
     from hapticnet.runtime.clock import now_us
     from hapticnet.study.real_rig import Body, RealRig
     from hapticnet.study.recordings import record_trials
     from hapticnet.study.session import account_of, order_session
 
     source = place.operator or ("udp:47810" if place.page is None else "page")
-    if source == "page" and place.page is None:
-        raise SettingsError("--operator page needs --page")
     hand = None if observer is not None else make_operator(source, insertions=1, seed=settings.seed, say=say)
     screen = None
     if place.page is not None and hand is not None:

@@ -76,8 +76,8 @@ export class TaskView {
 
   _content() {
     const { screen, title, text, progress } = this._task;
-    const heading = make("h2", { tabIndex: -1 }, title);
-    const parts = [heading, make("p", { className: "text" }, text)];
+    const heading = make("h2", { tabIndex: -1, "aria-describedby": "task-text" }, title);
+    const parts = [heading, make("p", { className: "text", id: "task-text" }, text)];
     if (progress) parts.unshift(make("p", { className: "quiet progress" }, progress));
     if (screen === "trial") parts.push(this._slots(), this._tissues(), this._choices(["backspace", "enter"]));
     else if (screen === "rating") parts.push(this._scale());
