@@ -93,6 +93,7 @@ def master(
     from hapticnet.node.master_settings import MasterSettings
     from hapticnet.protocol.settings import SessionSettings
     from hapticnet.recordings.session.archive import check_format
+    from hapticnet.recordings.session.recovery import refuse_if_recorded
     from hapticnet.runtime import devices
     from hapticnet.runtime.entropy import SystemEntropy
     from hapticnet.runtime.master_run import run_master
@@ -133,6 +134,9 @@ def master(
         duration = hand.operator.duration_us / 1e6
     if record is not None:
         check_format(record)
+        refuse_if_recorded(record)
+        if record.exists():
+            console.warn(f"{record} exists; it is replaced when this run ends")
     check_outputs(
         record, report, inputs=[profile, participant, hand.file, None if keys is None else key or default_key()]
     )

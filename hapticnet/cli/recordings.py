@@ -105,7 +105,7 @@ def export(
 
 def _account(file: Path, session: "Session") -> dict[str, Any]:
     """Return what is known about a recording, for JSON."""
-    from datetime import UTC, datetime
+    from datetime import UTC, datetime, timedelta
 
     from hapticnet.recordings.notes import time_notes
 
@@ -117,7 +117,7 @@ def _account(file: Path, session: "Session") -> dict[str, Any]:
         "side": session.side,
     }
     if len(t_us):
-        begun = datetime.fromtimestamp((int(t_us[0]) + session.unix_offset_us) / 1e6, UTC)
+        begun = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=max(0, int(t_us[0]) + session.unix_offset_us))
         duration_s = int(t_us[-1] - t_us[0]) / 1e6
         account |= {
             "begun": begun.isoformat(timespec="milliseconds"),

@@ -3,6 +3,7 @@
 import json
 import zipfile
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,6 +18,9 @@ from hapticnet.recordings.session.mcap_reader import read_mcap
 from hapticnet.recordings.session.npz_writer import ABOUT, EVENTS
 from hapticnet.recordings.session.session import Event, Session, SessionTable
 from hapticnet.recordings.session.sink import UNFINISHED
+
+LATEST_US: Final = 100_000_000_000_000_000
+"""Largest plausible time [µs], on any clock: 3,000 years."""
 
 _MCAP_MAGIC: Final = b"\x89MCAP"
 _ZIP_MAGIC: Final = b"PK"
@@ -38,10 +42,12 @@ def read_session(path: Path, *, max_bytes: int = MAX_BYTES) -> Session:
     with path.open("rb") as file:
         magic = file.read(8)
     if magic.startswith(_MCAP_MAGIC):
-        return read_mcap(path, max_bytes)
-    if magic.startswith(_ZIP_MAGIC):
-        return _read_npz(path, max_bytes)
-    return _read_csv(path, max_bytes)
+        session = read_mcap(path, max_bytes)
+    elif magic.startswith(_ZIP_MAGIC):
+        session = _read_npz(path, max_bytes)
+    else:
+        session = _read_csv(path, max_bytes)
+    return _checked(path, session)
 
 
 def check_readable_file(path: Path, max_bytes: int) -> None:
@@ -54,6 +60,22 @@ def check_readable_file(path: Path, max_bytes: int) -> None:
     check_readable(path, max_bytes)
 
 
+def _checked(path: Path, session: Session) -> Session:
+    """Return a recording whose tables can be worked with; raise FileError if they are damaged."""
+    for name, columns in session.tables.items():
+        if "t_us" not in columns:
+            raise FileError(f"{path}: damaged: its table of {name}s has no times")
+        for column in columns.values():
+            if column.ndim != 1 or column.dtype.kind not in "if" or len(column) != len(columns["t_us"]):
+                raise FileError(f"{path}: damaged: the columns of its table of {name}s do not fit together")
+        t_us = columns["t_us"]
+        if len(t_us) and not (t_us.min() >= -LATEST_US and t_us.max() <= LATEST_US):
+            raise FileError(f"{path}: damaged: the times of its table of {name}s are out of range")
+    if abs(session.unix_offset_us) > LATEST_US:
+        return replace(session, unix_offset_us=0)
+    return session
+
+
 def _read_npz(path: Path, max_bytes: int) -> Session:
     try:
         with zipfile.ZipFile(path) as archive:
@@ -62,13 +84,17 @@ def _read_npz(path: Path, max_bytes: int) -> Session:
             raise FileError(f"{path}: unpacks to {unpacked} bytes; the limit is {max_bytes}")
         with np.load(path, allow_pickle=False) as arrays:
             columns = {name: arrays[name] for name in arrays.files}
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
+    except FileError:
+        raise
+    except Exception as error:  # zlib.error, TokenError, NotImplementedError, and what else damage leads to
         raise FileError(f"{path}: a damaged NumPy archive") from error
     try:
         about = json.loads(str(columns.pop(ABOUT)))
-        events = tuple(Event(*event) for event in json.loads(str(columns.pop(EVENTS))))
+        events = tuple(
+            Event(int(t_us), str(name), str(text)) for t_us, name, text in json.loads(str(columns.pop(EVENTS)))
+        )
         side, offset_us = str(about.pop("side")), int(about.pop("unix_offset_us"))
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise FileError(f"{path}: {_NO_RECORDING}; its arrays are {', '.join(list(columns)[:20])}") from error
     tables: dict[str, dict[str, Any]] = {_main_name(side): {}}
     for name, column in columns.items():
@@ -84,7 +110,7 @@ def _read_csv(path: Path, max_bytes: int) -> Session:
     try:
         about = json.loads(read_text(sidecar))
         side, offset_us = str(about.pop("side")), int(about.pop("unix_offset_us"))
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise FileError(f"{sidecar}: {_NO_RECORDING}") from error
     tables = {_main_name(side): _csv_table(path, max_bytes)}
     for name in _OTHER_TABLES:

@@ -1,6 +1,7 @@
 """Recordings completed after their writer was killed or the disk was full."""
 
 import fcntl
+import glob
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -97,6 +98,12 @@ def _refuse_existing(target: Path) -> None:
     if target.exists():
         raise FileError(f"{target} exists; name another file with --out")
     check_replaceable(target)
+
+
+def refuse_if_recorded(path: Path) -> None:
+    """Raise FileError if a session still writes the recording that is to get this name."""
+    for unfinished in sorted(path.parent.glob(f"{glob.escape(path.name)}{UNFINISHED}*")):
+        _refuse_if_written(unfinished)
 
 
 def _refuse_if_written(path: Path) -> None:

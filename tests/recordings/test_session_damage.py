@@ -1,0 +1,67 @@
+"""Damaged recordings are read as far as they are whole, or refused in one line."""
+
+import json
+
+import numpy as np
+import pytest
+
+from hapticnet.errors import FileError
+from hapticnet.recordings.session.export import export
+from hapticnet.recordings.session.reading import read_session
+from hapticnet.recordings.session.recovery import refuse_if_recorded
+from tests.recordings.session_cases import SUFFIXES, begin, give_rows, make_archive, tick_rows, write_session
+
+FLIPS = 60
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_flipped_bits_are_refused_in_one_line_or_harm_nothing(tmp_path, suffix):
+    path = tmp_path / f"run{suffix}"
+    write_session(path, ticks=100)
+    whole, rng = path.read_bytes(), np.random.default_rng(5)
+    refused: list[str] = []
+    for flip in range(FLIPS):
+        data = bytearray(whole)
+        for at in rng.integers(len(data), size=1 + flip % 8):
+            data[at] ^= 1 << rng.integers(8)
+        path.write_bytes(data)
+        try:
+            export(read_session(path), tmp_path / "again.mcap")
+        except FileError as error:
+            refused.append(str(error))
+    assert not any("\n" in message for message in refused)
+    assert len(refused) > (0 if suffix == ".mcap" else FLIPS // 2)  # of an .mcap file, the other chunks are whole
+
+
+def test_a_numpy_archive_whose_arrays_do_not_fit_together_is_refused(tmp_path):
+    path = tmp_path / "run.npz"
+    write_session(path, ticks=100)
+    with np.load(path) as arrays:
+        whole = dict(arrays)
+    for damage, message in (
+        ({"held_n": whole["held_n"][:50]}, "the columns of its table of ticks do not fit together"),
+        ({"held_n": np.array(["1"] * 100)}, "the columns of its table of ticks do not fit together"),
+        ({"other.direction": np.zeros(3)}, "its table of others has no times"),
+        ({"t_us": whole["t_us"] * 10**12}, "the times of its table of ticks are out of range"),
+        ({"events": np.array(json.dumps([["now", "Connected", ""]]))}, "not a recording of hapticnet"),
+    ):
+        np.savez(path, **{**whole, **damage})
+        with pytest.raises(FileError, match=message):
+            read_session(path)
+    about = json.loads(str(whole["about"])) | {"unix_offset_us": 10**30}
+    np.savez(path, **{**whole, "about": np.array(json.dumps(about))})
+    assert read_session(path).unix_offset_us == 0
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_name_that_another_session_records_under_is_refused(tmp_path, suffix):
+    path = tmp_path / f"run [1]{suffix}"
+    refuse_if_recorded(path)
+    archive = make_archive([])
+    begin(archive, path)
+    give_rows(archive, tick_rows(10))
+    archive.flush()
+    with pytest.raises(FileError, match="is still being written"):
+        refuse_if_recorded(path)
+    archive.finish()
+    refuse_if_recorded(path)
