@@ -38,6 +38,7 @@ from hapticnet.study.rig import (
     disturbance,
     procedure_of,
 )
+from hapticnet.study.scene import SCENE_SPEC, NamedTissues
 from hapticnet.study.trial import Stimulus, played
 
 if TYPE_CHECKING:
@@ -174,6 +175,9 @@ class RealRig:
         try:
             if not await either(runner.connected, self._stop, CONNECT_WITHIN_S):
                 return Fault(f"no session with the slave at {self._address}: is it running there?", lost=False)
+            if node.scene_name not in (None, NamedTissues.name):
+                wrong = f"the slave at {self._address} serves the scene {node.scene_name!r}"
+                return Fault(f"{wrong}; start it with --scene {SCENE_SPEC}", lost=False)
             limit_s = stimulus.limit_s
             if body.hand is None and hand.duration_us is not None:
                 limit_s = (hand.duration_us + SETTLE_US) / 1e6

@@ -16,7 +16,7 @@ from hapticnet.perception import WeberLaw
 from hapticnet.study.limits_flow import LimitsFlow, LimitsSchedule, device_errors_n, draw_limits
 from hapticnet.study.order_flow import OrderFlow
 from hapticnet.study.plan import Plan, find_plan
-from hapticnet.study.rows import LimitsRow, OrderRow
+from hapticnet.study.rows import AnyRow, LimitsRow, OrderRow
 from hapticnet.study.schedule import OrderSchedule, draw_order, participant_number
 from hapticnet.study.store import Store, opened, session_folder, stored_schedule, table_name
 from hapticnet.study.weber import ParticipantFile, load_participant, participant_file
@@ -176,6 +176,7 @@ def order_session(settings: SessionSettings, now_us: int) -> Iterator[tuple[Orde
     law, schedule = law_of_participant(settings), order_schedule(settings)
     name = settings.table(ORDER).name
     with opened(settings.folder(ORDER), name, OrderRow, schedule=schedule.to_json(), resume=settings.resume) as store:
+        _check_observer(settings, store)
         yield OrderFlow(settings.conducted_plan, schedule, law, store.rows, now_us, settings.constants), store
 
 
@@ -187,6 +188,7 @@ def limits_session(settings: SessionSettings, now_us: int) -> Iterator[tuple[Lim
     schedule = limits_schedule(settings)
     name = settings.table(LIMITS).name
     with opened(settings.folder(LIMITS), name, LimitsRow, schedule=schedule.to_json(), resume=settings.resume) as store:
+        _check_observer(settings, store)
         yield LimitsFlow(settings.conducted_plan, schedule, store.rows, now_us, settings.constants), store
 
 
@@ -228,6 +230,14 @@ def today() -> str:
 def version() -> str:
     """Return the version of hapticnet."""
     return str(provenance()["version"])
+
+
+def _check_observer(settings: SessionSettings, store: Store[AnyRow]) -> None:
+    """Raise SettingsError if a session of a person would go on with an observer, or of one observer with another."""
+    for row in store.rows[:1]:
+        if row.observer != settings.observer:
+            began = "a person" if row.observer is None else f"the simulated observer {row.observer!r}"
+            raise SettingsError(f"{store.path} was begun by {began}; it can only go on so")
 
 
 def _check_plan(digest: str, plan: Plan) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from hapticnet.errors import FileError, SettingsError
 from hapticnet.study.rows import LimitsRow, OrderRow, columns
-from hapticnet.study.session import check_number
+from hapticnet.study.session import check_number, order_session
 from hapticnet.study.store import opened, read_rows
 from tests.cli.test_cli_errors import ROOT
 from tests.study.killed import settings_of, task_of
@@ -140,6 +140,20 @@ def test_a_number_in_two_spellings_is_one_participant(tmp_path):
     check_number(settings_of(tmp_path, 3))
     with pytest.raises(SettingsError, match="has participant 03, who has the same number"):
         check_number(replace(settings_of(tmp_path, 3), participant="3"))
+
+
+def test_a_session_of_a_person_does_not_go_on_with_an_observer(tmp_path):
+    settings = replace(settings_of(tmp_path, 3), resume=False)
+    with order_session(settings, 0) as (flow, store):
+        store.append(flow.take_rows()[0])
+    for observer, began in (("literature", "a person"), (None, None)):
+        again = replace(settings, observer=observer, resume=True)
+        if began is None:
+            with order_session(again, 0) as (flow, _):
+                assert [row.text for row in flow.take_rows()] == ["resumed"]
+        else:
+            with pytest.raises(SettingsError, match=f"was begun by {began}; it can only"), order_session(again, 0):
+                pass
 
 
 def test_sessions_killed_at_fifty_moments_lose_nothing_and_ask_nothing_twice(tmp_path):
