@@ -40,6 +40,14 @@ def parse_bytes(text: str | int) -> int:
     return int(float(number) * (1024 if binary else 1000) ** " KMGT".index(prefix.upper() or " "))
 
 
+def bytes_in_words(size: int) -> str:
+    """Return a size [B] as `parse_bytes` reads it, with the largest unit that leaves a whole number."""
+    for unit, name in ((2**30, "GiB"), (10**9, "GB"), (2**20, "MiB"), (10**6, "MB")):
+        if size > 0 and size % unit == 0:
+            return f"{size // unit}{name}"
+    return str(size)
+
+
 def check_readable(path: Path, max_bytes: int = MAX_BYTES) -> None:
     """Check, without opening it, that `path` is a regular file of at most `max_bytes`.
 

@@ -7,7 +7,15 @@ import pytest
 
 from hapticnet.documents import read_document
 from hapticnet.errors import FileError, SettingsError
-from hapticnet.files import check_readable, check_replaceable, fresh_path, parse_bytes, read_text, replacing
+from hapticnet.files import (
+    bytes_in_words,
+    check_readable,
+    check_replaceable,
+    fresh_path,
+    parse_bytes,
+    read_text,
+    replacing,
+)
 
 
 def test_a_file_replaces_the_old_one_and_keeps_its_permissions(tmp_path):
@@ -118,3 +126,8 @@ def test_a_fresh_path_is_the_first_that_does_not_exist(tmp_path):
     for name in ("demo", "demo-2"):
         (tmp_path / name).mkdir()
     assert fresh_path(tmp_path / "demo") == tmp_path / "demo-3"
+
+
+@pytest.mark.parametrize("text", ["2GiB", "500MB", "3MiB", "7GB", "1234567"])
+def test_a_size_in_words_can_be_read_again(text):
+    assert bytes_in_words(parse_bytes(text)) == text

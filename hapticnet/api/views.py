@@ -1,6 +1,6 @@
 """What a program sees of a master or slave at work, however it is run."""
 
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from hapticnet.api.inputs import as_codec, served
 from hapticnet.api.master_setup import Hand, PositionLike
@@ -11,11 +11,31 @@ from hapticnet.node.master import MasterNode
 from hapticnet.node.slave import SlaveNode
 from hapticnet.samples import Vector
 
+Node = TypeVar("Node", MasterNode, SlaveNode)
 
-class MasterView:
+
+class NodeView(Generic[Node]):
+    """A node at work, or none."""
+
+    _node: Node | None = None
+
+    @property
+    def node(self) -> Node:
+        """The node itself, for what is not shown here; its interface may change.
+
+        Raises
+        ------
+        UnavailableError
+            If it is not running.
+        """
+        if self._node is None:
+            raise UnavailableError(f"this {type(self).__name__} is not running; enter it with 'with' or 'async with'")
+        return self._node
+
+
+class MasterView(NodeView[MasterNode]):
     """A master at work: where the tool is, what is felt, and how the session is."""
 
-    _node: MasterNode | None = None
     _hand: Hand | None = None
 
     @property
@@ -69,19 +89,6 @@ class MasterView:
         """Why the operator is not asked for positions; None if it is."""
         return self.node.paused
 
-    @property
-    def node(self) -> MasterNode:
-        """The node itself, for what is not shown here; its interface may change.
-
-        Raises
-        ------
-        UnavailableError
-            If it is not running.
-        """
-        if self._node is None:
-            raise UnavailableError(f"this {type(self).__name__} is not running; enter it with 'with' or 'async with'")
-        return self._node
-
     def report(self) -> dict[str, Any]:
         """Return the account of this master, as ``hapticnet master --json`` prints it."""
         return self.node.report()
@@ -132,7 +139,7 @@ class MasterView:
             raise UnavailableError(f"the session has ended: {node.failure or node.end_reason}")
 
 
-class SlaveView:
+class SlaveView(NodeView[SlaveNode]):
     """A slave at work.
 
     Attributes
@@ -141,26 +148,12 @@ class SlaveView:
         Where it listens, HOST:PORT; empty if it does not.
     """
 
-    _node: SlaveNode | None = None
     address: str = ""
 
     @property
     def connected(self) -> tuple[str, ...]:
         """Names of the masters that have a session now."""
         return tuple(station.session.request.name for station in self.node.stations if station.seated)
-
-    @property
-    def node(self) -> SlaveNode:
-        """The node itself, for what is not shown here; its interface may change.
-
-        Raises
-        ------
-        UnavailableError
-            If it is not running.
-        """
-        if self._node is None:
-            raise UnavailableError(f"this {type(self).__name__} is not running; enter it with 'with' or 'async with'")
-        return self._node
 
     def report(self) -> dict[str, Any]:
         """Return the account of all sessions, as ``hapticnet slave --json`` prints it."""

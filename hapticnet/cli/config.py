@@ -63,6 +63,7 @@ def _resolve(root: Any, arguments: list[str], file: Path | None) -> list[dict[st
     from hapticnet.cli.settings import leaves, option_key, settable, verb_of
     from hapticnet.cli.verbs import found_of
     from hapticnet.errors import SettingsError
+    from hapticnet.files import bytes_in_words
 
     verbs = dict(leaves(root.command))
     words = next((tuple(arguments[:count]) for count in (1, 2) if tuple(arguments[:count]) in verbs), None)
@@ -84,6 +85,8 @@ def _resolve(root: Any, arguments: list[str], file: Path | None) -> list[dict[st
             "DEFAULT_MAP": found[option.name].source if option.name in found else DEFAULT,
         }.get(source.name if source is not None else "", DEFAULT)
         value = context.params.get(option.name)
+        if option.metavar == "SIZE" and isinstance(value, int):
+            value = bytes_in_words(value)
         rows.append(
             {"verb": " ".join(verb_of(context)), "option": option_key(option), "value": value, "source": described}
         )

@@ -1,6 +1,7 @@
 """Options come from the command line, the environment and a file, in this order; what is misspelt is told."""
 
 import json
+import re
 
 import pytest
 
@@ -126,3 +127,7 @@ def test_a_misspelt_variable_is_a_warning_because_other_programs_set_some_too(ru
     assert "did you mean 'HAPTICNET_CODECS_JSON'?" in done.stderr
     assert done.stderr.count("codecs: warning: ") == 2
     assert run("scene", "show", HAPTICNET_CODECS_JSN="1").stderr == "", "it concerns another verb"
+
+
+def test_a_size_is_shown_as_one_writes_it(run):
+    assert re.search(r"^--record-limit +2GiB +default$", run("config", "master").stdout, re.MULTILINE)
