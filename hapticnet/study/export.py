@@ -129,6 +129,10 @@ def _bids(
             {
                 "TaskName": task,
                 "TaskDescription": TITLES[task],
+                "StimulusPresentation": {
+                    "SoftwareName": "hapticnet",
+                    **({"SoftwareVersion": version} if version else {}),
+                },
                 **{label: described[old[each]] for each, label in zip(attributes, shown, strict=True)},
             }
         )

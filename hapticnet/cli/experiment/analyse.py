@@ -24,13 +24,11 @@ def analyse(
     json: options.Json = False,
 ) -> None:
     """Analyse the ordering task: report.md, tables as CSV and LaTeX, figures as PDF and PNG."""
-    from hapticnet.cli.console import Console, check_new, check_outputs
+    from hapticnet.cli.console import Console, check_new
 
     console = Console("experiment", quiet=json)
     target = folder / "results" if out is None else out
-    files = [target / name for name in FILES]
-    check_outputs(*files)
-    check_new(*files, force=force)
+    check_new(*(target / name for name in FILES), force=force)
     report, account = write_results(folder, target, margin=margin, seed=seed, figures=figures, say=console.say)
     print(account if json else report, end="" if not json else "\n")
 
@@ -57,10 +55,9 @@ def write_results(
     import json as json_module
     from dataclasses import asdict
 
-    from hapticnet.cli.console import write_text
+    from hapticnet.cli.console import check_outputs, write_text
     from hapticnet.errors import UnavailableError
     from hapticnet.experiment.provenance import provenance, provenance_lines
-    from hapticnet.files import make_folder
     from hapticnet.study.analysis import analyse as analyse_rows
     from hapticnet.study.checking import accepted
     from hapticnet.study.figures import draw_results
@@ -73,7 +70,8 @@ def write_results(
     rows = read_rows(folder, OrderRow)
     used, stated = _margin(folder, margin)
     results = analyse_rows(rows, margin=used, seed=seed)
-    make_folder(target)
+    people = read_people(folder)
+    check_outputs(*(target / name for name in FILES))
     note, effects = None, []
     try:
         effects = fit_models(accepted(rows), [each.name for each in results.conditions])
@@ -92,7 +90,7 @@ def write_results(
         figures=[file.name for file in pictures],
         effects=effects,
         models_note=note,
-        people=read_people(folder),
+        people=people,
         origin=origin,
         stated=stated,
     )

@@ -1,0 +1,173 @@
+"""``hapticnet experiment analyse``, ``power`` and ``export`` on made data."""
+
+import csv
+import dataclasses
+import json
+import sys
+
+import pytest
+
+from hapticnet.study.rows import OrderRow, header, to_line
+from tests.study.made import rows
+
+FIGURES = ("bytes-per-penetration", "correct-orders", "pairs", "curve", "ratings")
+TABLES = ("report.md", "conditions.csv", "conditions.tex", "results.json")
+
+
+def write(folder, made, name="order.tsv"):
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / name).write_text(header(OrderRow) + "".join(map(to_line, made)))
+    return folder
+
+
+@pytest.fixture
+def study(tmp_path):
+    return write(tmp_path / "study", rows())
+
+
+def test_analyse_writes_report_tables_and_pictures(run, study):
+    pytest.importorskip("matplotlib")
+    done = run("experiment", "analyse", study)
+    assert done.returncode == 0
+    assert done.stdout.startswith("# Results of study – SIMULATED (step-masking)\n")
+    results = study / "results"
+    assert {file.name for file in results.iterdir()} == {
+        *TABLES, *(f"{name}.{form}" for name in FIGURES for form in ("png", "pdf"))
+    }  # fmt: skip
+    for name in FIGURES:
+        assert (results / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+        assert (results / f"{name}.pdf").read_bytes().startswith(b"%PDF")
+    assert (results / "report.md").read_text() == done.stdout
+    assert all(f"({name}.png)" in done.stdout for name in FIGURES)
+    assert "a default, since there is no plan" in done.stdout
+
+
+def test_tables_have_every_participant_and_say_that_they_are_simulated(run, study):
+    run("experiment", "analyse", study, "--no-figures")
+    text = (study / "results" / "conditions.csv").read_text()
+    assert text.startswith("# SIMULATED")
+    table = list(csv.DictReader(line for line in text.splitlines() if not line.startswith("#")))
+    shares = [row for row in table if row["measure"] == "correct" and row["condition"] == "4 JND"]
+    assert [row["participant"] for row in shares] == [
+        "mean", "standard error", *(f"{person:02}" for person in range(1, 9))
+    ]  # fmt: skip
+    tex = (study / "results" / "conditions.tex").read_text()
+    assert tex.startswith("% SIMULATED")
+    assert tex.count("\\begin{tabular}") == tex.count("\\end{tabular}") == 1
+    body = [line for line in tex.splitlines() if line.endswith("\\\\")]
+    assert {line.count(" & ") for line in body} == {4}
+    assert all("%" not in line.replace("\\%", "") for line in body)
+
+
+def test_analyse_as_json_has_no_number_that_json_does_not_have(run, study):
+    done = run("experiment", "analyse", study, "--no-figures", "--json")
+    account = json.loads(done.stdout, parse_constant=lambda name: pytest.fail(name))
+    assert account["results"]["simulated"] == ["step-masking"]
+    assert len(account["results"]["conditions"]) == 4
+
+
+def test_results_are_not_overwritten_unless_forced(run, study):
+    assert run("experiment", "analyse", study, "--no-figures").returncode == 0
+    again = run("experiment", "analyse", study, "--no-figures")
+    assert again.returncode != 0
+    assert "report.md" in again.stderr
+    assert run("experiment", "analyse", study, "--no-figures", "--force").returncode == 0
+
+
+def test_the_margin_is_the_plan_s_and_another_one_is_told(run, study):
+    (study / "plan.toml").write_text("[order]\nequivalence_margin = 0.2\n")
+    assert "a margin of ±20 points, stated in the plan" in run("experiment", "analyse", study, "--no-figures").stdout
+    other = run("experiment", "analyse", study, "--no-figures", "--force", "--margin", "0.3").stdout
+    assert "±30 points, given at the analysis, not beforehand; the plan stated ±20" in other
+    assert run("experiment", "analyse", study, "--force", "--margin", "0").returncode != 0
+
+
+def test_without_matplotlib_and_statsmodels_the_rest_is_done_and_the_commands_are_told(run, study, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    monkeypatch.setitem(sys.modules, "statsmodels", None)
+    monkeypatch.setitem(sys.modules, "statsmodels.api", None)
+    done = run("experiment", "analyse", study)
+    assert done.returncode == 0
+    assert "pip install 'hapticnet[plot]'" in done.stderr
+    assert "pip install 'hapticnet[stats]'" in done.stdout
+    assert {file.name for file in (study / "results").iterdir()} == set(TABLES)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("", "no answered trial of the ordering task was found"),
+        (header(OrderRow), "no answered trial"),
+        (header(OrderRow) + "trial\t01\n", "order.tsv: line 2: the row has 2 cells; the table has"),
+        (header(OrderRow) + "\t".join(["trial", "01", "one"] + ["n/a"] * 200) + "\n", "order.tsv: line 2"),
+        ("event\torder_true\ntrial\t123\n", "no column event, participant or session"),
+        ("\x00\x01\ufffd\n\x00", "no answered trial"),
+    ],
+)
+def test_a_malformed_table_is_one_line(run, tmp_path, text, told):
+    (tmp_path / "order.tsv").write_text(text)
+    done = run("experiment", "analyse", tmp_path)
+    assert done.returncode not in (0, 1)
+    assert told in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert not (tmp_path / "results").exists()
+
+
+def test_a_folder_with_data_that_do_not_belong_together_is_one_line(run, tmp_path):
+    study = write(tmp_path / "study", rows(people=2))
+    people = [dataclasses.replace(row, participant="09") for row in rows(people=1, simulated=False)]
+    write(study, people, "people.tsv")
+    done = run("experiment", "analyse", study)
+    assert done.returncode != 0
+    assert "people and of simulated observers; analyse each in a folder of its own" in done.stderr
+    assert "no such folder" in run("experiment", "analyse", tmp_path / "absent").stderr
+
+
+@pytest.mark.parametrize("made", [rows(people=1), [row for row in rows(people=3) if row.condition == "none"]])
+def test_little_data_give_an_honest_report_with_its_pictures(run, tmp_path, made):
+    pytest.importorskip("matplotlib")
+    done = run("experiment", "analyse", write(tmp_path / "study", made))
+    assert done.returncode == 0
+    assert " nan" not in done.stdout
+    assert (tmp_path / "study" / "results" / "correct-orders.png").exists()
+    assert not (tmp_path / "study" / "results" / "curve.png").exists()
+
+
+def test_power_of_assumed_shares_is_printed_and_written(run, tmp_path):
+    pytest.importorskip("matplotlib")
+    options = ("--shares", "0.775,0.8,0.675,0.5375", "--participants", "6,8", "--experiments", "100", "--jobs", "1")
+    done = run("experiment", "power", *options, "--out", tmp_path / "power")
+    assert done.returncode == 0
+    assert done.stdout.startswith("SIMULATED, assumed shares 0.775,0.8,0.675,0.5375")
+    assert {file.name for file in (tmp_path / "power").iterdir()} == {"power.csv", "power.png", "power.pdf"}
+    assert (tmp_path / "power" / "power.csv").read_text().startswith("# SIMULATED")
+    again = run("experiment", "power", *options, "--out", tmp_path / "power")
+    assert again.returncode != 0
+    account = json.loads(run("experiment", "power", *options, "--json").stdout)
+    assert len(account["designs"]) == 8
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (("--shares", "0.7,0.8"), "2 shares are given for 4 conditions"),
+        (("--shares", "most"), "shares 'most' must be numbers"),
+        (("--shares", "0.7,0.7,0.7,0.7", "--participants", "many"), "participants 'many' must be whole numbers"),
+        (("--shares", "0.7,0.7,0.7,0.7", "--participants", "1"), "number of participants"),
+        (("--observer", "nobody"), "unknown observer 'nobody'"),
+        (("absent.toml",), "absent.toml"),
+    ],
+)
+def test_a_design_that_cannot_be_is_one_line(run, options, told):
+    done = run("experiment", "power", *options)
+    assert done.returncode not in (0, 1)
+    assert told in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_export_writes_both_forms_and_asks_for_one(run, study, tmp_path):
+    done = run("experiment", "export", study, "--bids", tmp_path / "bids", "--psych-ds", tmp_path / "ds")
+    assert done.returncode == 0
+    assert (tmp_path / "bids" / "participants.tsv").exists()
+    assert (tmp_path / "ds" / "dataset_description.json").exists()
+    assert "--bids DIR or --psych-ds DIR" in run("experiment", "export", study).stderr
