@@ -10,13 +10,13 @@ from typing import Any, Self
 from hapticnet.api.events import EventQueue
 from hapticnet.api.master_setup import LOG, MasterSetup, PositionLike
 from hapticnet.api.threads import LoopThread
+from hapticnet.api.ticked import TickedSocket
 from hapticnet.api.views import MasterView
 from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.node.master_events import NodeEvent
 from hapticnet.protocol.events import Ended
 from hapticnet.runtime.clock import now_us
 from hapticnet.runtime.master_run import MasterRunner
-from hapticnet.runtime.udp import DRAIN_AT_MOST, READ_BYTES
 from hapticnet.runtime.waiting import either
 from hapticnet.runtime.watching import Watcher
 from hapticnet.samples import Vector
@@ -223,10 +223,15 @@ class TickedMaster(MasterSetup, MasterView):
         if wire is not None:
             self._opened.close()
             raise SettingsError("a serial device needs hn.Master or hn.ThreadedMaster, which have an event loop")
-        self._node, self._hand, self._sock, self._slave = self.make(device)
+        self._node, self._hand, sock, self._slave = self.make(device)
+        self._socket = TickedSocket(sock, "master")
         self._events = EventQueue[NodeEvent]()
         self._sent_us = 0
-        self.send_errors = 0
+
+    @property
+    def send_errors(self) -> int:
+        """Datagrams that could not be sent or delivered."""
+        return self._socket.errors
 
     def tick(self, position: PositionLike | None = None) -> Vector:
         """Set the position [m] if there is one, exchange datagrams, and return the force [N] that is held.
@@ -243,7 +248,9 @@ class TickedMaster(MasterSetup, MasterView):
         if position is not None:
             self.position = position
         node = self.node
-        self._receive()
+        for data, address in self._socket.arrived():
+            if address == self._slave:
+                node.receive_datagram(data, now_us())
         now = now_us()
         if now - self._sent_us >= 0.9 * node.period_us:
             self._sent_us = now
@@ -258,10 +265,10 @@ class TickedMaster(MasterSetup, MasterView):
 
     def close(self) -> None:
         """End the session and close the socket. The slave is told, but its answer is not waited for."""
-        if self._sock.fileno() >= 0:
+        if self._socket.is_open:
             self.node.close("done", now_us())
             self._send()
-            self._sock.close()
+            self._socket.close()
             self._opened.close()
 
     def __enter__(self) -> Self:
@@ -272,25 +279,8 @@ class TickedMaster(MasterSetup, MasterView):
     ) -> None:
         self.close()
 
-    def _receive(self) -> None:
-        for _ in range(DRAIN_AT_MOST):
-            try:
-                data, address = self._sock.recvfrom(READ_BYTES)
-            except BlockingIOError:
-                return
-            except OSError:  # an earlier datagram could not be delivered; it counts as lost
-                self.send_errors += 1
-                if self._sock.fileno() < 0:
-                    raise SettingsError("this master is closed") from None
-                continue
-            if address == self._slave:
-                self.node.receive_datagram(data, now_us())
-
     def _send(self) -> None:
         for data in self.node.datagrams_to_send():
-            try:
-                self._sock.sendto(data, self._slave)
-            except OSError:
-                self.send_errors += 1
+            self._socket.send(data, self._slave)
         while (event := self.node.next_event()) is not None:
             self._events.note(event, now_us())

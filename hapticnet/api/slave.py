@@ -9,12 +9,11 @@ from typing import Self
 from hapticnet.api.events import EventQueue
 from hapticnet.api.slave_setup import SlaveSetup, address_of
 from hapticnet.api.threads import LoopThread
+from hapticnet.api.ticked import TickedSocket
 from hapticnet.api.views import SlaveView
-from hapticnet.errors import SettingsError
 from hapticnet.node.slave_events import SlaveEvent
 from hapticnet.runtime.clock import now_us
 from hapticnet.runtime.slave_run import SlaveRunner
-from hapticnet.runtime.udp import DRAIN_AT_MOST, READ_BYTES, SocketAddress
 
 
 @dataclass(eq=False)
@@ -98,15 +97,20 @@ class TickedSlave(SlaveSetup, SlaveView):
     """
 
     def __post_init__(self) -> None:
-        self._node, self._sock = self.make()
-        self.address = address_of(self._sock)
+        self._node, sock = self.make()
+        self.address = address_of(sock)
+        self._socket = TickedSocket(sock, "slave")
         self._events = EventQueue[SlaveEvent]()
-        self.send_errors = 0
+
+    @property
+    def send_errors(self) -> int:
+        """Datagrams that could not be sent or delivered."""
+        return self._socket.errors
 
     def tick(self) -> None:
         """Answer what has arrived; each session gets the force at its newest position."""
         node, now = self.node, now_us()
-        node.receive_datagrams(self._arrived(), now)
+        node.receive_datagrams(self._socket.arrived(), now)
         self._send()
         node.settle(now)
         expires_us = node.next_timer_us()
@@ -120,10 +124,10 @@ class TickedSlave(SlaveSetup, SlaveView):
 
     def close(self) -> None:
         """End every session and close the socket."""
-        if self._sock.fileno() >= 0:
+        if self._socket.is_open:
             self.node.close("shutting down", now_us())
             self._send()
-            self._sock.close()
+            self._socket.close()
 
     def __enter__(self) -> Self:
         return self
@@ -133,25 +137,8 @@ class TickedSlave(SlaveSetup, SlaveView):
     ) -> None:
         self.close()
 
-    def _arrived(self) -> list[tuple[bytes, SocketAddress]]:
-        if self._sock.fileno() < 0:
-            raise SettingsError("this slave is closed")
-        batch: list[tuple[bytes, SocketAddress]] = []
-        for _ in range(DRAIN_AT_MOST):
-            try:
-                batch.append(self._sock.recvfrom(READ_BYTES))
-            except BlockingIOError:
-                break
-            except OSError:  # an earlier datagram could not be delivered; it counts as lost
-                self.send_errors += 1
-        return batch
-
     def _send(self) -> None:
-        address: SocketAddress
         for data, address in self.node.datagrams_to_send():
-            try:
-                self._sock.sendto(data, address)
-            except OSError:
-                self.send_errors += 1
+            self._socket.send(data, address)
         while (event := self.node.next_event()) is not None:
             self._events.note(event, now_us())
