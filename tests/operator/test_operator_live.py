@@ -181,3 +181,17 @@ def test_nan_is_refused_and_changes_nothing():
     with pytest.raises(SampleError, match="NaN"):
         person.hand.move(math.nan)
     assert person.wait(0.1).path_m[-1] == pytest.approx(0.03, abs=1e-4)
+
+
+def test_a_scene_that_begins_anew_finds_the_needle_at_rest_though_its_time_begins_again():
+    person = person_with_hand().stay(0.05, 2.0)
+    person.hand.restart(-0.01, 0.06)
+    assert (person.hand.state, person.hand.position_m) == (HandState.FREE, -0.01)
+    person.t_us = 0
+    person.wait(0.5)
+    assert person.path_m[-1] == -0.01
+    person.hand.take()
+    person.stay(0.02, 2.0)
+    assert person.path_m[-1] == pytest.approx(0.02, abs=1e-6)
+    person.wait(2.0)  # it falls silent
+    assert person.hand.state in (HandState.WITHDRAWING, HandState.FREE)
