@@ -6,12 +6,15 @@ Where a session stands follows from its rows alone, so a session that was killed
 """
 
 from abc import ABC, abstractmethod
-from typing import Any, Generic
+from typing import Any, Final, Generic
 
 from hapticnet.study import screens
 from hapticnet.study.rig import Activity, Fault, Meet, Outcome
 from hapticnet.study.rows import AnyRow, Event
 from hapticnet.study.screens import Screen, ScreenKind, Why
+
+CALM_US: Final = 1_000_000
+"""Time [µs] for which a screen is shown before Escape ends the session: a second press was meant for the trial."""
 
 
 class Flow(ABC, Generic[AnyRow]):
@@ -92,6 +95,8 @@ class Flow(ABC, Generic[AnyRow]):
         if key not in (each for each, _ in screen.keys):
             return
         if key == screens.ESCAPE and self.activity is None:
+            if now_us - self._shown_us < CALM_US:
+                return
             self._emit("stopped", now_us, reason="the participant ended the session")
             self._stop("the participant ended the session")
         elif key == screens.ESCAPE:

@@ -191,7 +191,9 @@ def test_escape_stops_a_trial_at_once_and_between_trials_the_session():
     person.complete(played(person.flow.activity.stimulus))
     row = person.rows("aborted")[0]
     assert (row.reason, row.order_answered) == ("the participant stopped", None)
-    person.press(screens.ESCAPE)
+    person.press(screens.ESCAPE, after_s=0.9)  # pressed twice by mistake
+    assert not person.flow.done
+    person.press(screens.ESCAPE, after_s=0.2)
     assert person.flow.done
     assert person.flow.failure == "the participant ended the session"
     assert person.rows("stopped")[0].reason == person.flow.failure

@@ -172,6 +172,7 @@ def test_ctrl_c_ends_a_session_at_once_and_another_process_goes_on_with_it(labor
     assert [row.event for row in rows_of(laboratory)] == ["begin", "consent", "meet"]
     with Terminal(*ORDER, "--resume", cwd=laboratory) as terminal:
         terminal.expect("The session goes on")
+        time.sleep(1.1)
         terminal.type(ESCAPE)
         code, shown = terminal.end()
     assert code == UnavailableError.exit_code
