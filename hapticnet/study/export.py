@@ -122,7 +122,7 @@ def _bids(
         attributes = _bids_order(kind)
         old = {attribute: column for column, attribute in columns(kind).items()}
         shown = [BIDS_NAMES.get(attribute, attribute) for attribute in attributes]
-        cells = [[row_cells(row)[old[attribute]] for attribute in attributes] for row in own]
+        cells = [[row[old[attribute]] for attribute in attributes] for row in map(row_cells, own)]
         texts[f"{stem}.tsv"] = "\n".join("\t".join(line) for line in [shown, *cells]) + "\n"
         described = sidecar(kind)
         texts[f"{stem}.json"] = _json(
@@ -151,7 +151,7 @@ def _psych_ds(
         buffer = io.StringIO()
         writer = csv.writer(buffer, lineterminator="\n")
         writer.writerow(names)
-        writer.writerows([row_cells(row)[column] for column in names.values()] for row in own)
+        writer.writerows([row[column] for column in names.values()] for row in map(row_cells, own))
         texts[f"data/subject-{person}_session-{session}_task-{task}_data.csv"] = buffer.getvalue()
         for attribute, column in names.items():
             described.setdefault(attribute, {"name": attribute, **_property(sidecar(kind)[column])})
