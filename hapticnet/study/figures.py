@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from textwrap import wrap
 from typing import Any, Final
 
 import numpy as np
@@ -15,6 +16,8 @@ from hapticnet.study.statistics import falling
 HEIGHT_IN: Final = 3.6
 GREY: Final = "#9aa5b1"
 FORMS: Final = ("pdf", "png")
+TITLE_WIDTH: Final = 80
+"""Characters in a line of a title."""
 PAPER: Final = "the paper"
 ASIDE: Final = 0.22
 """Distance of the participants' points from the middle of a bar, which is 0.55 wide."""
@@ -41,13 +44,17 @@ def draw_results(results: Results, folder: Path) -> list[Path]:
 
 
 def draw_power(powers: Sequence[Power], source: str, folder: Path) -> list[Path]:
-    """Draw the power of each condition against the number of participants as PDF and PNG; return the files."""
-    return _draw(folder, "power", lambda axes: _power(axes, powers, source))
+    """Draw power, equivalence and widths of intervals against the participants, as PDF and PNG; return the files."""
+    files = [folder / f"power.{form}" for form in FORMS]
+    for file in files:
+        with picture(file, HEIGHT_IN) as figure:
+            _power(figure, powers, source)
+    return files
 
 
 def titled(text: str, simulated: Sequence[str]) -> str:
-    """Return a title that says so if the data are simulated."""
-    return f"{text} – SIMULATED ({', '.join(simulated)})" if simulated else text
+    """Return a title that says so, in lines of its own, if the data are simulated."""
+    return "\n".join([text, *wrap(f"SIMULATED ({', '.join(simulated)})", TITLE_WIDTH)]) if simulated else text
 
 
 def _draw(folder: Path, name: str, paint: Callable[[Any], None]) -> list[Path]:
@@ -197,25 +204,34 @@ def _ratings(axes: Any, results: Results) -> None:
     axes.set_title(titled("Quality of experience: mean, s.e., each participant", results.simulated))
 
 
-def _power(axes: Any, powers: Sequence[Power], source: str) -> None:
-    lines = sorted({(each.condition, each.trials) for each in powers if each.difference or each.power})
+def _power(figure: Any, powers: Sequence[Power], source: str) -> None:
+    panels = figure.subplots(1, 3)
     conditions = list(dict.fromkeys(each.condition for each in powers))
     trials = sorted({each.trials for each in powers})
-    for condition, each_trials in lines:
-        own = sorted(
-            (each.participants, each.power)
-            for each in powers
-            if (each.condition, each.trials) == (condition, each_trials)
-        )
-        number = conditions.index(condition) - 1
-        axes.plot(
-            *zip(*own, strict=True), color=COLOURS[number % len(COLOURS)], marker=MARKERS[number % len(MARKERS)],
-            linestyle=DASHES[trials.index(each_trials) % len(DASHES)], label=f"{condition}, {each_trials} trials",
-        )  # fmt: skip
-    axes.axhline(0.8, color=INK, linestyle=":", linewidth=0.8)
-    axes.axhline(0.05, color=INK, linestyle=":", linewidth=0.8)
-    axes.set_ylim(0.0, 1.02)
-    axes.set_xlabel("participants")
-    axes.set_ylabel("power of the sign-flip test at 5 %")
-    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=6.5)
-    axes.set_title(titled("Power to find a difference to no compression", [source]))
+    people = sorted({each.participants for each in powers})
+    shown: tuple[tuple[str, Callable[[Power], float], str], ...] = (
+        ("a difference is found", lambda each: 100 * each.power, "experiments [%]"),
+        ("equivalence is shown", lambda each: 100 * each.equivalent, ""),
+        ("half width of the difference", lambda each: 100 * each.half_width, "points"),
+    )
+    for axes, (title, value, unit) in zip(panels, shown, strict=True):
+        for number, condition in enumerate(conditions[1:]):
+            for line, count in enumerate(trials):
+                own = [each for each in powers if (each.condition, each.trials) == (condition, count)]
+                known = sorted((each.participants, value(each)) for each in own if math.isfinite(value(each)))
+                look = {"color": COLOURS[number % len(COLOURS)], "marker": MARKERS[number % len(MARKERS)]}
+                name = f"{condition}, {count} trials"
+                style = DASHES[line % len(DASHES)]
+                axes.plot(
+                    [x for x, _ in known], [y for _, y in known], **look, linestyle=style, markersize=4, label=name
+                )
+        axes.set_title(title, fontsize=8)
+        axes.set_xlabel("participants")
+        axes.set_xticks(people)
+        axes.set_ylabel(unit)
+        axes.set_ylim(0.0, 102.0 if axes is not panels[2] else None)
+    panels[0].axhline(80.0, color=INK, linestyle=":", linewidth=0.8)
+    panels[0].axhline(5.0, color=INK, linestyle=":", linewidth=0.8)
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(len(conditions) - 1, 4) or 1, fontsize=7)
+    figure.suptitle(titled(f"Each condition against {conditions[0]!r}, sign-flip tests at 5 %", [source]), fontsize=9)
