@@ -227,7 +227,8 @@ class Plan(BaseModel):
     name
         Name of the study.
     masking_noise
-        Whether the participant's page plays white noise from the first press on it; else once it is switched on there.
+        Whether white noise is played: by the page from the first press on it, else only once it is switched on there;
+        at a terminal by a player of the system.
     consent
         Text that each participant agrees to. Its hash is stored with the consent.
     condition

@@ -1,10 +1,12 @@
 """Sessions of a person at a terminal, in real time: keys, a slave that dies, a device that is unplugged, Ctrl-C."""
 
+import os
 import socket
 import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
 
 from hapticnet.errors import UnavailableError
@@ -180,7 +182,12 @@ def test_ctrl_c_ends_a_session_at_once_and_another_process_goes_on_with_it(labor
     assert [row.event for row in rows_of(laboratory)] == ["begin", "consent", "meet", "begin", "stopped"]
 
 
-def test_a_jnd_is_measured_at_the_terminal(laboratory):
+def test_a_jnd_is_measured_at_the_terminal_under_masking_noise(laboratory, monkeypatch):
+    player = laboratory / "pacat"
+    player.write_text("#!/bin/sh\nexec head -c 1000000 >noise.raw\n")
+    player.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{laboratory}{os.pathsep}{os.environ['PATH']}")
+    (laboratory / "plan.toml").write_text("masking_noise = true\n" + PLAN)
     words = ("experiment", "limits", "--participant", "03", "--plan", "plan.toml")
     with Terminal(*words, cwd=laboratory) as terminal:
         begin(terminal)
@@ -190,3 +197,6 @@ def test_a_jnd_is_measured_at_the_terminal(laboratory):
         code, shown = terminal.end()
     assert code == 0, shown
     assert [row.answer for row in rows_of(laboratory, "limits") if row.event == "trial"] == ["2"] * 5
+    assert [row.text for row in rows_of(laboratory, "limits") if row.event == "noise"] == ["level 0.10"]
+    noise = np.frombuffer((laboratory / "noise.raw").read_bytes()[:400_000], "<i2")
+    assert noise.std() == pytest.approx(0.1 * 32767, rel=0.05)

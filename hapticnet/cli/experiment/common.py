@@ -163,10 +163,13 @@ async def conduct_in_real_time(
     """Conduct a session in real time with a person at a page or at the terminal, or with a simulated observer."""
     import asyncio
     import signal
+    from contextlib import nullcontext
 
+    from hapticnet.cli.console import complain
     from hapticnet.runtime.realtime import prefer_realtime
     from hapticnet.study.conduct import conduct
     from hapticnet.study.keyboard import Keyboard
+    from hapticnet.study.noise import masking_noise
     from hapticnet.study.schedule import participant_number
     from hapticnet.study.session import today, version
     from hapticnet.study.simulated_front import SimulatedFront
@@ -192,5 +195,8 @@ async def conduct_in_real_time(
             with Keyboard(screen.front.hear_experimenter):
                 await conduct(flow, rig, screen.front, store, date=today, version=version(), on_outcome=on_outcome)
             return
-        with TerminalFront() as terminal:
+        noise = masking_noise(complain) if settings.plan.masking_noise else nullcontext(0.0)
+        with TerminalFront() as terminal, noise as level:
+            if level:
+                flow.note_noise(level, rig.now_us())
             await conduct(flow, rig, terminal, store, date=today, version=version(), on_outcome=on_outcome)
