@@ -3,12 +3,14 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
 
 import pytest
 
+from hapticnet.errors import UnavailableError
 from hapticnet.study.rows import LimitsRow, OrderRow
 from hapticnet.study.store import read_rows
 from hapticnet.study.weber import load_participant
@@ -181,6 +183,25 @@ def test_a_simulated_session_over_udp_ends_with_report_and_recordings(folder):
     assert {file.suffix for file in recordings} == {".mcap"}
     told = hapticnet("info", recordings[0], "--json")
     assert json.loads(told.stdout)["complete"] is True
+
+
+def test_a_slave_with_another_scene_is_told_and_plays_no_trial(folder):
+    (folder / "plan.toml").write_text(PLAN.replace("trials = 1", "trials = 1\nmost_attempts = 1"))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+    slave = subprocess.Popen(
+        [sys.executable, "-m", "hapticnet", "slave", "-q", "--listen", address, "--scene", "paper"],
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=ROOT,
+    )  # fmt: skip
+    try:
+        words = ("--participant", "01", "--plan", "plan.toml", "--simulate", "literature", "--real-time", "--connect")
+        done = experiment(folder, "order", *words, address)
+    finally:
+        slave.kill()
+        slave.wait()
+    assert done.returncode == UnavailableError.exit_code
+    assert "start it with --scene hapticnet.study.scene:NamedTissues" in done.stderr.splitlines()[-1]
 
 
 def test_a_full_disk_ends_the_session_with_one_line(folder):
