@@ -226,7 +226,7 @@ class Watched:
         sample = PositionSample(now_us, self._positions.reconstruct(now_us))
         self.true_n.append(self._truth.step(sample).force_n[0])
         self.applied_n.append(self.master.held_force_n(now_us)[0])
-        hold = self.master._hold
+        hold = self.master._applied._hold
         released = hold._age_us > hold._age_limit_us
         self.releases += released and not self._released
         self._released = released

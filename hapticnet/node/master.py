@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 from hapticnet.codec.base import Codec
 from hapticnet.codec.registry import codec_parameters, make_codec
 from hapticnet.codec.schemes.raw import Raw
-from hapticnet.control.hold import Hold
 from hapticnet.device.base import Device
 from hapticnet.device.user import UserActuator
 from hapticnet.errors import PeerError, SampleError, in_words
 from hapticnet.measure.metrics import RunningError
 from hapticnet.node.actuator import Actuator
+from hapticnet.node.applied import AppliedForce
 from hapticnet.node.fingertip import Fingertip
 from hapticnet.node.master_events import Failed, NodeEvent, Paused
 from hapticnet.node.master_settings import MasterSettings, device_axis
@@ -53,15 +53,12 @@ class MasterNode:
     ----------
     position_m
         Position [m] of the newest tick; None before there is a session.
-    received_n, held_n
-        Force [N] of all axes as the decoder reconstructs it, and as it is held: decayed where the link is stale, zero
-        after a failure.
+    held_n
+        Force [N] of all axes as it is held: decayed where the link is stale, zero after a failure.
     target_n, sensed_n, displacement_m
         Force [N] requested of the device and sensed by it, and the displacement [m] of its platform.
     scene_name
         What the slave calls the scene; None before there is a session.
-    age
-        Age [µs] of the force that is applied, in each tick.
     paused
         Why the operator is not asked for positions; None if it is.
     recording, datagrams
@@ -90,8 +87,7 @@ class MasterNode:
         self._next_codec = self._codec
         self.session = MasterSession(self._request(self._codec), settings.session, rng, settings.key)
         self._positions = Raw().encoder(operator.axes)
-        self._decoder = self._codec.decoder(operator.axes)
-        self._hold = Hold(settings.hold, axes=operator.axes)
+        self._applied = AppliedForce(self._codec, settings.hold, operator.axes)
         self._fingertip: Fingertip | Actuator | None
         if isinstance(device, UserActuator):
             self._fingertip = Actuator(device, settings.limits)
@@ -102,13 +98,9 @@ class MasterNode:
         self._script_start_us: int | None = None
         self.position_m: Vector | None = None
         self._zero_n: Vector = (0.0,) * operator.axes
-        self.received_n = self.held_n = self._zero_n
+        self.held_n = self._zero_n
         self.target_n = self.sensed_n = self.displacement_m = 0.0
         self._device_axis = device_axis(settings.device_takes, operator.axes) if device is not None else None
-        self._heard_us: int | None = None  # when the newest force arrived, on the master's clock
-        self._heard_t_us = 0  # and its time stamp
-        self._valid_t_us = 0  # time of the newest position for which what is applied is known to be right
-        self.age = Distribution()
         self._connections = 0
         self._tracking = RunningError(settings.law)
         self.scene_name: str | None = None
@@ -119,6 +111,16 @@ class MasterNode:
     def codec(self) -> Codec:
         """The codec that is used, or that was asked for last with `change`."""
         return self._next_codec
+
+    @property
+    def received_n(self) -> Vector:
+        """Force [N] of all axes as the decoder reconstructs it."""
+        return self._applied.received_n
+
+    @property
+    def age(self) -> Distribution:
+        """Age [µs] of the force that is applied, in each tick."""
+        return self._applied.age
 
     @property
     def axes(self) -> int:
@@ -172,17 +174,11 @@ class MasterNode:
 
     def drive(self, now_us: int) -> None:
         """Move the device one step toward the held force."""
-        if self._heard_us is not None and self.failure is None:
-            # The time of the newest position whose answer could have arrived by now. A prediction for that time is
-            # not contradicted; the answer to the next position comes within this period.
-            at_us = self._heard_t_us + max(0, now_us - self._heard_us - self.period_us)
+        if self.failure is None:
             try:
-                self.received_n = self._decoder.reconstruct(at_us, self.position_m)
-                self._hold.follow(self.received_n)
+                self._applied.advance(now_us, self.period_us, self.position_m)
             except Exception as error:  # a user's codec may raise anything
                 self._fail(f"the codec failed: {in_words(error)}", now_us)
-            if not self._hold.is_released(now_us):
-                self.age.add(now_us - self._valid_t_us)
         self.held_n = held_n = self.held_force_n(now_us)
         fingertip = self._fingertip
         if fingertip is None:
@@ -235,9 +231,9 @@ class MasterNode:
     def held_force_n(self, now_us: int) -> Vector:
         """Return the force being held [N]: decayed where the link is stale, zero after a failure and while paused."""
         if self.failure is not None or self.paused is not None:
-            self._hold.release()
+            self._applied.release()
             return self._zero_n
-        return self._hold.value(now_us)
+        return self._applied.value(now_us)
 
     def datagrams_to_send(self) -> list[bytes]:
         """Return the datagrams to send to the slave now."""
@@ -316,23 +312,16 @@ class MasterNode:
     def _digest(self, event: MasterEvent, now_us: int) -> None:
         if isinstance(event, ForceArrived):
             try:
-                self._decoder.decode(event.t_us, event.payload)
-                force_n = self._decoder.reconstruct(event.t_us, self.position_m)
-                self._hold.receive(force_n, now_us)
+                self._applied.take_in(event, self.position_m, now_us)
             except PeerError:
                 self.session.payload_was_malformed()
             except Exception as error:  # a user's codec may raise anything
                 self._fail(f"the codec failed: {in_words(error)}", now_us)
             else:
                 self.session.applied(event)
-                self._heard_us, self._heard_t_us = now_us, event.t_us
-                self._valid_t_us = event.t_us
             return
         if isinstance(event, HoldConfirmed):
-            if self._heard_us is None:  # what is held is of an earlier session, and nobody confirms that
-                return
-            self._hold.confirm(now_us)
-            self._valid_t_us = event.t_us
+            self._applied.confirm(event, now_us)
             return
         if isinstance(event, Connected):
             self._connections += 1
@@ -340,9 +329,7 @@ class MasterNode:
             rate_hz = max(self.settings.session.slowest_hz, min(self.settings.rate_hz, event.grant.rate_hz))
             self.period_us = round(1e6 / rate_hz)
             self._codec = self._next_codec
-            self._decoder = self._codec.decoder(self._operator.axes)
-            self._heard_us = None
-            self._hold.restart()
+            self._applied.begin(self._codec)
             if self._script_start_us is None:
                 self._script_start_us = now_us
         elif isinstance(event, ChangeRefused):

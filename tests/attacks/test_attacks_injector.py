@@ -97,7 +97,7 @@ def run_watched(network: Network, line: Line, witness: Witness, duration_us: int
         if network.now_us - witness.alive_us > RELEASED_US + TICK_US and held_n:
             witness.wrong.append(f"{held_n} N held in silence at {network.now_us}")
         # Once the share is whole, the stimulus itself may change within the tick.
-        was_whole, whole = whole, line.master._hold._whole
+        was_whole, whole = whole, line.master._applied._hold._whole
         if not was_whole and not whole and held_n > before_n + SLEW_N_PER_S * 2e-3:
             witness.wrong.append(f"{before_n} to {held_n} N in a tick at {network.now_us}")
         before_n = held_n

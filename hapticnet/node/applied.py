@@ -1,0 +1,74 @@
+"""The force that a master applies: decoded from what arrives, held in between, and how old it is."""
+
+from hapticnet.codec.base import Codec
+from hapticnet.control.hold import Hold, HoldSettings
+from hapticnet.protocol.events import ForceArrived, HoldConfirmed
+from hapticnet.protocol.stats import Distribution
+from hapticnet.samples import Vector
+
+
+class AppliedForce:
+    """The decoder of a session and the hold behind it.
+
+    Attributes
+    ----------
+    received_n
+        Force [N] of all axes as the decoder reconstructs it.
+    age
+        Age [µs] of the force that is applied, in each tick.
+    """
+
+    def __init__(self, codec: Codec, settings: HoldSettings, axes: int) -> None:
+        self.received_n: Vector = (0.0,) * axes
+        self.age = Distribution()
+        self._axes = axes
+        self._decoder = codec.decoder(axes)
+        self._hold = Hold(settings, axes=axes)
+        self._heard_us: int | None = None  # when the newest force arrived, on the master's clock
+        self._heard_t_us = 0  # and its time stamp
+        self._valid_t_us = 0  # time of the newest position for which what is applied is known to be right
+
+    def begin(self, codec: Codec) -> None:
+        """Begin a session: what is held stays until the first force arrives."""
+        self._decoder = codec.decoder(self._axes)
+        self._heard_us = None
+        self._hold.restart()
+
+    def take_in(self, event: ForceArrived, position_m: Vector | None, now_us: int) -> None:
+        """Apply a force that has arrived.
+
+        Raises
+        ------
+        PeerError
+            If its payload is malformed. A user's codec may raise anything.
+        """
+        self._decoder.decode(event.t_us, event.payload)
+        self._hold.receive(self._decoder.reconstruct(event.t_us, position_m), now_us)
+        self._heard_us, self._heard_t_us = now_us, event.t_us
+        self._valid_t_us = event.t_us
+
+    def confirm(self, event: HoldConfirmed, now_us: int) -> None:
+        """Note that what is applied was still right at a position."""
+        if self._heard_us is not None:  # else what is held is of an earlier session, and nobody confirms that
+            self._hold.confirm(now_us)
+            self._valid_t_us = event.t_us
+
+    def advance(self, now_us: int, period_us: int, position_m: Vector | None) -> None:
+        """Follow the decoder for a tick. A user's codec may raise anything."""
+        if self._heard_us is None:
+            return
+        # The time of the newest position whose answer could have arrived by now. A prediction for that time is not
+        # contradicted; the answer to the next position comes within this period.
+        at_us = self._heard_t_us + max(0, now_us - self._heard_us - period_us)
+        self.received_n = self._decoder.reconstruct(at_us, position_m)
+        self._hold.follow(self.received_n)
+        if not self._hold.is_released(now_us):
+            self.age.add(now_us - self._valid_t_us)
+
+    def value(self, now_us: int) -> Vector:
+        """Return the force being held [N], decayed where the link is stale."""
+        return self._hold.value(now_us)
+
+    def release(self) -> None:
+        """Let the force go to zero; it rises from there."""
+        self._hold.release()
