@@ -1,6 +1,8 @@
 """Damaged recordings are read as far as they are whole, or refused in one line."""
 
 import json
+import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ import pytest
 from hapticnet.errors import FileError
 from hapticnet.recordings.session.export import export
 from hapticnet.recordings.session.reading import read_session
-from hapticnet.recordings.session.recovery import refuse_if_recorded
+from hapticnet.recordings.session.recovery import recover_file, refuse_if_recorded
 from tests.recordings.session_cases import SUFFIXES, begin, give_rows, make_archive, tick_rows, write_session
 
 FLIPS = 60
@@ -65,3 +67,13 @@ def test_a_name_that_another_session_records_under_is_refused(tmp_path, suffix):
         refuse_if_recorded(path)
     archive.finish()
     refuse_if_recorded(path)
+
+
+def test_what_is_no_file_is_refused_without_waiting_for_it(tmp_path):
+    pipe = tmp_path / "pipe.mcap"
+    os.mkfifo(pipe)
+    for path in (pipe, Path("/dev/zero"), Path("/dev/null"), Path()):
+        with pytest.raises(FileError, match=r"expected a regular file|can be recovered"):
+            recover_file(path, tmp_path / "out.mcap")
+        with pytest.raises(FileError, match=r"expected a regular file"):
+            read_session(path)

@@ -39,8 +39,11 @@ def read_session(path: Path, *, max_bytes: int = MAX_BYTES) -> Session:
         If its format needs an extra.
     """
     check_readable_file(path, max_bytes)
-    with path.open("rb") as file:
-        magic = file.read(8)
+    try:
+        with path.open("rb") as file:
+            magic = file.read(8)
+    except OSError as error:
+        raise FileError(f"{path}: cannot be read: {error.strerror}") from error
     if magic.startswith(_MCAP_MAGIC):
         session = read_mcap(path, max_bytes)
     elif magic.startswith(_ZIP_MAGIC):
@@ -52,7 +55,7 @@ def read_session(path: Path, *, max_bytes: int = MAX_BYTES) -> Session:
 
 def check_readable_file(path: Path, max_bytes: int) -> None:
     """Raise FileError if there is no file to read; name the unfinished one if there is one."""
-    unfinished = path.with_name(path.name + UNFINISHED)
+    unfinished = path.parent / (path.name + UNFINISHED)
     if not path.exists() and unfinished.exists():
         raise FileError(f"{path} is not complete: run 'hapticnet recover {unfinished}'")
     if path.is_dir() and UNFINISHED in path.name:

@@ -2,12 +2,13 @@
 
 import fcntl
 import glob
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from hapticnet.errors import FileError
-from hapticnet.files import check_replaceable
+from hapticnet.files import check_readable, check_replaceable
 from hapticnet.recordings.session.csv_writer import beside
 from hapticnet.recordings.session.mcap_reader import recover
 from hapticnet.recordings.session.npz_writer import pack_folder
@@ -52,11 +53,13 @@ def recover_file(path: Path, out: Path | None = None) -> Recovered:
     UnavailableError
         If its format needs an extra.
     """
-    unfinished = path.with_name(path.name + UNFINISHED)
+    unfinished = path.parent / (path.name + UNFINISHED)
     if not path.exists() and unfinished.exists():
         path = unfinished
     if not path.exists():
         raise FileError(f"{path}: no such file")
+    if not path.is_dir():
+        check_readable(path, max_bytes=sys.maxsize)
     try:
         if UNFINISHED not in path.name:
             return _mend(path, out or path.with_name(f"{path.stem}-recovered{path.suffix}"))
