@@ -17,11 +17,12 @@ from hapticnet.node.procedures import Met
 from hapticnet.operator.trace import TraceOperator
 from hapticnet.perception import WeberLaw
 from hapticnet.recordings.session.reading import read_session
+from hapticnet.study import screens
 from hapticnet.study.conduct import conduct
 from hapticnet.study.recordings import record_trials
 from hapticnet.study.rig import LIFTED_US, NO_MEASURES, Fault, LiftWatch, Meet, Play, Present, VirtualRig
 from hapticnet.study.rows import OrderRow
-from hapticnet.study.session import ORDER, order_session
+from hapticnet.study.session import LIMITS, ORDER, limits_session, order_session, write_participant
 from hapticnet.study.stimulus import Pair
 from hapticnet.study.store import read_rows
 from hapticnet.study.trial import Stimulus
@@ -157,3 +158,19 @@ def test_a_clock_that_is_set_back_changes_the_date_and_nothing_else(tmp_path):
     onsets = [row.onset_s for row in rows]
     assert onsets == sorted(onsets)
     assert all(row.duration_s >= 0.0 for row in rows)
+
+
+def test_a_second_measurement_keeps_the_first(tmp_path):
+    paths = []
+    for session, key in ((1, screens.DIFFERENT), (2, screens.DIFFERENT), (2, screens.SAME)):
+        settings, rig = replace(settings_of(tmp_path, 3), session=session), GivenRig()
+        folder = settings.folder(LIMITS)
+        if folder.exists():
+            folder.rename(folder.with_name("earlier"))
+        front = WillingFront(rig)
+        with limits_session(settings, rig.now_us()) as (flow, store):
+            asyncio.run(conduct(flow, rig, front, store, date=lambda: "", version="test"))
+            if key == screens.SAME:
+                flow.procedure.thresholds = [None if each is None else each + 0.1 for each in flow.procedure.thresholds]
+            paths.append(write_participant(settings, flow)[0].name)
+    assert paths == ["03.toml", "03.toml", "03-session-2.toml"]
