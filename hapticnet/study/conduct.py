@@ -2,10 +2,13 @@
 
 import asyncio
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from typing import Protocol
 
 from hapticnet.errors import UnavailableError
+from hapticnet.runtime.background import start_background
 from hapticnet.study.flow import Flow
 from hapticnet.study.rig import Outcome, Rig
 from hapticnet.study.rows import AnyRow
@@ -82,7 +85,33 @@ async def conduct(
         flow.complete(outcome, rig.now_us())
         for row in save():
             if on_outcome is not None:
-                await asyncio.to_thread(on_outcome, row, outcome)  # the device goes on meanwhile
+                await _beside(partial(on_outcome, row, outcome))  # the device goes on meanwhile
     await front.show(flow)
     if flow.failure is not None:
         raise UnavailableError(f"{flow.failure}; everything answered is stored, go on with --resume")
+
+
+async def _beside(work: Callable[[], None]) -> None:
+    """Do work in a thread at normal priority, and wait for it without holding up the loop."""
+    loop = asyncio.get_running_loop()
+    done: asyncio.Future[None] = loop.create_future()
+
+    def body() -> None:
+        error: BaseException | None = None
+        try:
+            work()
+        except BaseException as caught:  # it is raised where it is awaited
+            error = caught
+        with suppress(RuntimeError):  # the loop is closed: nobody waits any more
+            loop.call_soon_threadsafe(settle, error)
+
+    def settle(error: BaseException | None) -> None:
+        if done.cancelled():
+            return
+        if error is None:
+            done.set_result(None)
+        else:
+            done.set_exception(error)
+
+    start_background(body, "recording of a trial")
+    await done

@@ -2,12 +2,14 @@
 
 import shutil
 import subprocess
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from typing import Final
 
 import numpy as np
+
+from hapticnet.runtime.background import start_background
 
 RATE_HZ: Final = 48_000
 LOOP_S: Final = 10
@@ -46,7 +48,7 @@ def masking_noise(tell: Callable[[str], None]) -> Iterator[float]:
     process = subprocess.Popen(  # noqa: S603 - a fixed command
         player, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
     )
-    threading.Thread(target=_feed, args=(process, tell), daemon=True).start()
+    start_background(partial(_feed, process, tell), "masking noise")
     try:
         yield LEVEL
     finally:

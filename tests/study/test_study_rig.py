@@ -174,3 +174,13 @@ def test_a_second_measurement_keeps_the_first(tmp_path):
                 flow.procedure.thresholds = [None if each is None else each + 0.1 for each in flow.procedure.thresholds]
             paths.append(write_participant(settings, flow)[0].name)
     assert paths == ["03.toml", "03.toml", "03-session-2.toml"]
+
+
+def test_what_fails_beside_a_session_ends_it_after_the_row_is_stored(tmp_path):
+    def fail(*_):
+        raise FileError("the recording cannot be written")
+
+    settings, rig = settings_of(tmp_path, 3), GivenRig()
+    with order_session(settings, rig.now_us()) as (flow, store), pytest.raises(FileError, match="cannot be written"):
+        asyncio.run(conduct(flow, rig, WillingFront(rig), store, date=lambda: "", version="test", on_outcome=fail))
+    assert [row.event for row in read_rows(settings.table(ORDER), OrderRow)] == ["begin", "consent", "meet"]
