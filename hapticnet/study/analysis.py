@@ -9,7 +9,7 @@ import numpy as np
 
 from hapticnet.errors import SettingsError
 from hapticnet.experiment.conditions import CONDITIONS
-from hapticnet.study.checking import accepted, check_design, missing
+from hapticnet.study.checking import accepted, check_design, missing, ratings_of
 from hapticnet.study.measures import COMPARED, MEASURES, WITH_MARGIN, mean
 from hapticnet.study.quality import predictors
 from hapticnet.study.results import MARGIN, PAPER_ERRORS, Comparison, ConditionResult, Figure, Results
@@ -47,7 +47,7 @@ def analyse(rows: Sequence[OrderRow], *, margin: float = MARGIN, seed: int = 1) 
         raise SettingsError("no answered trial of the ordering task was found")
     check_design(rows)
     participants = tuple(sorted({row.participant for row in trials}))
-    ratings = [row for row in rows if row.event == "rating" and row.rating is not None]
+    ratings = ratings_of(rows)
     names = sorted({row.condition or "" for row in trials}, key=lambda name: _place(trials, name))
     conditions = tuple(
         _condition(

@@ -15,6 +15,20 @@ def accepted(rows: Sequence[OrderRow]) -> list[OrderRow]:
     return [row for row in last.values() if row.correct is not None]
 
 
+def ratings_of(rows: Sequence[OrderRow]) -> list[OrderRow]:
+    """Return the ratings of blocks with one condition; a rating of interleaved conditions is of none of them."""
+    conditions: dict[tuple[str, int, int | None], set[str | None]] = {}
+    for row in accepted(rows):
+        conditions.setdefault((row.participant, row.session, row.block), set()).add(row.condition)
+    return [
+        row
+        for row in rows
+        if row.event == "rating"
+        and row.rating is not None
+        and len(conditions.get((row.participant, row.session, row.block), ())) <= 1
+    ]
+
+
 def check_design(rows: Sequence[OrderRow]) -> None:
     """Refuse rows whose trials do not belong to one study.
 
@@ -78,7 +92,11 @@ def missing(rows: Sequence[OrderRow], trials: Sequence[OrderRow], conditions: Se
                 told.append(f"Participant {person} has no trial of {name} and is left out of comparisons with it.")
             elif own < most:
                 told.append(f"Participant {person} has {own} trials of {name}; others have {most}.")
-    rated = {(row.participant, row.condition) for row in rows if row.event == "rating" and row.rating is not None}
+    ratings = ratings_of(rows)
+    mixed = sum(row.event == "rating" and row.rating is not None for row in rows) - len(ratings)
+    if mixed:
+        told.append(f"{mixed} ratings of blocks with several conditions are left out.")
+    rated = {(row.participant, row.condition) for row in ratings}
     unrated = sorted({person for person, name in counts if (person, name) not in rated})
     if rated and unrated:
         told.append(f"Ratings are missing of participants {', '.join(unrated)}.")

@@ -2,10 +2,12 @@
 
 import math
 from collections.abc import Sequence
+from statistics import fmean
 from typing import Final
 
 from hapticnet.study.models import Effect
 from hapticnet.study.results import Results
+from hapticnet.study.statistics import standard_error
 from hapticnet.study.tables import (
     UNKNOWN,
     chance,
@@ -24,6 +26,12 @@ LEAST_PARTICIPANTS: Final = 6
 JND_HEAD: Final = (
     "| participant | method | Weber fraction, mean of ratios | 95 % interval | through the origin | residual |"
     " false alarms | error of the device [N] | simulated |"
+)
+
+JND_NOTE: Final = (
+    "Residual: root mean square of the relative deviations from Weber's law; false alarms: series without a difference"
+    " that were called different. The paper printed one JND per subject in newton, mean 0.05, SD 0.0076, without its"
+    " reference forces or a Weber fraction."
 )
 
 COMPARED: Final = (
@@ -222,7 +230,10 @@ def _jnds(people: Sequence[ParticipantFile]) -> list[str]:
             f" {number(each.through_origin)} | {number(each.residual)} | {alarms} | {number(each.device_error_n)} |"
             f" {each.simulated or 'no'} |"
         )
-    return [*lines, ""]
+    fractions = [each.weber_fraction for each in people]
+    error = standard_error(fractions)
+    spread = "" if error is None else f" ± {error:.4f} (s.e.)"
+    return [*lines, "", f"Mean Weber fraction {fmean(fractions):.4f}{spread}. {JND_NOTE}", ""]
 
 
 def _plain(name: str) -> str:

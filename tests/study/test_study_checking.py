@@ -9,6 +9,7 @@ from hapticnet.study.analysis import analyse
 from hapticnet.study.reading import read_rows
 from hapticnet.study.report import markdown
 from hapticnet.study.rows import OrderRow, header, to_line
+from hapticnet.study.weber import ParticipantFile
 from tests.study.made import rows
 
 
@@ -75,6 +76,13 @@ def test_missing_ratings_are_told_and_none_at_all_are_no_gap():
     assert results.missing == ()
 
 
+def test_a_rating_of_a_block_with_several_conditions_is_of_none_of_them():
+    made = [dataclasses.replace(row, block=0) for row in rows(people=3)]
+    results = analyse(made)
+    assert results.missing == ("12 ratings of blocks with several conditions are left out.",)
+    assert all(each.figures["rating"].mean is None for each in results.conditions)
+
+
 def test_a_participant_who_gave_no_answer_is_named():
     begun = OrderRow(event="begin", participant="11", session=1, observer="step-masking")
     assert analyse([*rows(people=2), begun]).missing == ("Participants 11 have no answered trial.",)
@@ -124,3 +132,13 @@ def test_one_session_in_two_tables_is_an_error(tmp_path):
         (tmp_path / name).write_text(text)
     with pytest.raises(FileError, match=r"a\.tsv and .*b\.tsv both have session 1 of participant 01"):
         read_rows(tmp_path, OrderRow)
+
+
+def test_measured_jnds_stand_in_the_report_beside_what_the_paper_printed():
+    people = [
+        ParticipantFile(participant=f"{number:02}", method="ascending", weber_fraction=fraction, floor_n=0.02)
+        for number, fraction in ((1, 0.05), (2, 0.07))
+    ]
+    text = markdown(analyse(rows(people=2)), title="x", people=people)
+    assert "Mean Weber fraction 0.0600 ± 0.0100 (s.e.)" in text
+    assert "without its reference forces or a Weber fraction" in text
