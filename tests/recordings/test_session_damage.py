@@ -1,8 +1,11 @@
 """Damaged recordings are read as far as they are whole, or refused in one line."""
 
+import errno
 import json
 import os
+import shutil
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -11,6 +14,7 @@ from hapticnet.errors import FileError
 from hapticnet.recordings.session.export import export
 from hapticnet.recordings.session.reading import read_session
 from hapticnet.recordings.session.recovery import recover_file, refuse_if_recorded
+from hapticnet.recordings.session.sink import UNFINISHED
 from tests.recordings.session_cases import SUFFIXES, begin, give_rows, make_archive, tick_rows, write_session
 
 FLIPS = 60
@@ -77,3 +81,36 @@ def test_what_is_no_file_is_refused_without_waiting_for_it(tmp_path):
             recover_file(path, tmp_path / "out.mcap")
         with pytest.raises(FileError, match=r"expected a regular file"):
             read_session(path)
+
+
+def full_disk(part: Path, *_: object, **__: object) -> int:
+    part.open("w").close()
+    raise OSError(errno.ENOSPC, "No space left on device", str(part))
+
+
+def test_a_disk_that_is_full_at_the_end_costs_nothing_that_was_written(tmp_path, monkeypatch):
+    path, said = tmp_path / "run.npz", []
+    archive = make_archive(said)
+    begin(archive, path)
+    give_rows(archive, tick_rows(100))
+    archive.flush()
+    monkeypatch.setattr(Path, "write_text", full_disk)
+    archive.finish()
+    monkeypatch.undo()
+    assert ["No space left" in line for line in said] == [True]
+    assert recover_file(tmp_path / f"run.npz{UNFINISHED}").count == 100
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_recording_can_be_recovered_to_another_disk(tmp_path, suffix):
+    copy = tmp_path / "copy"  # since this process still has the originals open
+    write_session(tmp_path / f"run{suffix}", ticks=100, finish=False)
+    shutil.copytree(tmp_path, copy, ignore=shutil.ignore_patterns("copy"))
+    unfinished = copy / f"run{suffix}{UNFINISHED}"
+    with TemporaryDirectory(dir="/dev/shm") as other:
+        if os.stat(other).st_dev == os.stat(tmp_path).st_dev:
+            pytest.skip("there is only one file system")
+        target = Path(other) / f"run{suffix}"
+        assert recover_file(unfinished, target).count >= 100
+        assert len(read_session(target).main["t_us"]) == 100
+        assert not list(copy.iterdir())

@@ -88,7 +88,9 @@ class NpzWriter:
     def _write_about(self) -> None:
         tables = [{"name": table.name, "columns": table.columns, "types": table.types} for table in self._tables]
         text = json.dumps({"about": self._about, "tables": tables}, default=str)
-        (self.folder / f"{ABOUT}.json").write_text(text, encoding="utf-8")
+        part = self.folder / f"{ABOUT}.json.part"  # a full disk must not cost the one that is there
+        part.write_text(text, encoding="utf-8")
+        part.replace(self.folder / f"{ABOUT}.json")
 
 
 def pack_folder(folder: Path, target: Path) -> int:
@@ -104,7 +106,7 @@ def pack_folder(folder: Path, target: Path) -> int:
     """
     known = json.loads((folder / f"{ABOUT}.json").read_text(encoding="utf-8"))
     tables = [Table(table["name"], tuple(table["columns"]), tuple(table["types"])) for table in known["tables"]]
-    part = folder / "archive.part"
+    part = target.with_name(f".{target.name}.part")  # where there is room: the folder's disk may be full
     counts = []
     try:
         with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED, compresslevel=COMPRESSION) as archive:

@@ -2,6 +2,7 @@
 
 import fcntl
 import glob
+import shutil
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -130,8 +131,8 @@ def _complete_csv(path: Path, target: Path) -> int:
         if other.exists():
             if what.endswith(".csv"):
                 _cut_to_lines(other)
-            other.replace(beside(target, what))
-    path.replace(target)
+            shutil.move(other, beside(target, what))  # perhaps to another disk
+    shutil.move(path, target)
     return rows
 
 
