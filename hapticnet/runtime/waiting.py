@@ -2,6 +2,7 @@
 
 import asyncio
 import signal
+import time
 from collections.abc import Callable
 from typing import Final
 
@@ -11,11 +12,29 @@ from hapticnet.runtime.overload import Overload
 STATUS_INTERVAL_S: Final = 0.5
 
 
+PATIENCE_S: Final = 0.5
+"""Time [s] in which a loop that runs reacts to a signal."""
+
+
 def stop_on_signals(loop: asyncio.AbstractEventLoop) -> asyncio.Event:
-    """Return an event that SIGINT and SIGTERM set."""
+    """Return an event that SIGINT and SIGTERM set.
+
+    A loop that is stuck, perhaps in a method of a user's class that does not return, cannot set it. There, a second
+    signal raises KeyboardInterrupt.
+    """
     stop = asyncio.Event()
+    first_s: float | None = None
+
+    def insist(*_: object) -> None:
+        nonlocal first_s
+        first_s = time.monotonic() if first_s is None else first_s
+        if time.monotonic() - first_s > PATIENCE_S and not stop.is_set():
+            raise KeyboardInterrupt
+
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
+        signal.signal(number, insist)  # Python calls it in the middle of what the loop does; the loop then sets `stop`
+        signal.siginterrupt(number, False)  # as the loop itself does
     return stop
 
 
