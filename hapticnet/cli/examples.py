@@ -79,7 +79,7 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
     ("experiment", "analyse"): ("hapticnet experiment analyse study --margin 0.1",),
     ("experiment", "power"): (
         "hapticnet experiment power paper",
-        "hapticnet experiment power paper --observer step-masking --participants 8,16,24 --trials 10,20",
+        "hapticnet experiment power paper --observer literature --participants 8,16,24 --trials 10,20",
     ),
     ("experiment", "export"): ('hapticnet experiment export study --bids study-bids --authors "A. Author; B. Author"',),
     ("scene", "show"): ("hapticnet scene show paper:1", "hapticnet scene show my.toml --json"),

@@ -11,6 +11,7 @@ from hapticnet.errors import SettingsError
 from hapticnet.experiment.conditions import CONDITIONS
 from hapticnet.study.checking import accepted, check_design, missing, ratings_of
 from hapticnet.study.measures import COMPARED, MEASURES, WITH_MARGIN, mean
+from hapticnet.study.observers import labelled
 from hapticnet.study.quality import predictors
 from hapticnet.study.results import MARGIN, PAPER_ERRORS, Comparison, ConditionResult, Figure, Results
 from hapticnet.study.rows import OrderRow
@@ -58,7 +59,7 @@ def analyse(rows: Sequence[OrderRow], *, margin: float = MARGIN, seed: int = 1) 
         for name in names
     )
     return Results(
-        simulated=tuple(sorted({row.observer for row in trials if row.observer})),
+        simulated=tuple(sorted({labelled(row.observer) for row in trials if row.observer})),
         participants=participants,
         conditions=conditions,
         comparisons=_comparisons(conditions, margin),

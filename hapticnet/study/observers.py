@@ -134,8 +134,9 @@ class ObserverSettings:
 
     @property
     def fitted(self) -> bool:
-        """Whether a mechanism that was fitted to the paper's results is on."""
-        return bool(self.step_masking or self.step_lapses or self.rhythm)
+        """Whether a mechanism or a JND that was fitted to the paper's results is on."""
+        mechanism = self.step_masking or self.step_lapses or self.rhythm
+        return bool(mechanism) or self.stiffness_jnd == FITTED_STIFFNESS_JND
 
     def of_participant(self, rng: np.random.Generator) -> "ObserverSettings":
         """Return the settings of one participant, whose noise differs by `spread`."""
@@ -200,6 +201,15 @@ def parse_observer(text: str) -> ObserverSettings:
             raise SettingsError(f"observer {name!r}: {key} is {value!r}; it must be a number") from None
     settings = replace(OBSERVERS[name], **values)  # type: ignore[arg-type]
     return replace(settings, name=text) if values else settings
+
+
+def labelled(name: str) -> str:
+    """Return the name of an observer for titles, which says if it was fitted to the paper's results."""
+    try:
+        settings = parse_observer(name)
+    except SettingsError:  # data of another version
+        return name
+    return f"{name}, fitted to the paper" if settings.fitted else name
 
 
 class Observer:

@@ -29,7 +29,7 @@ def test_analyse_writes_report_tables_and_pictures(run, study):
     pytest.importorskip("matplotlib")
     done = run("experiment", "analyse", study)
     assert done.returncode == 0
-    assert done.stdout.startswith("# Results of study – SIMULATED (step-masking)\n")
+    assert done.stdout.startswith("# Results of study – SIMULATED (step-masking, fitted to the paper)\n")
     results = study / "results"
     assert {file.name for file in results.iterdir()} == {
         *TABLES, *(f"{name}.{form}" for name in FIGURES for form in ("png", "pdf"))
@@ -62,7 +62,7 @@ def test_tables_have_every_participant_and_say_that_they_are_simulated(run, stud
 def test_analyse_as_json_has_no_number_that_json_does_not_have(run, study):
     done = run("experiment", "analyse", study, "--no-figures", "--json")
     account = json.loads(done.stdout, parse_constant=lambda name: pytest.fail(name))
-    assert account["results"]["simulated"] == ["step-masking"]
+    assert account["results"]["simulated"] == ["step-masking, fitted to the paper"]
     assert len(account["results"]["conditions"]) == 4
 
 

@@ -118,7 +118,7 @@ def test_the_report_of_two_participants_says_that_they_are_too_few():
 
 def test_every_title_of_simulated_data_says_so_and_no_test_is_said_to_be_the_paper_s():
     text = markdown(analyse(rows()), title="Results", figures=["curve.png"], stated="stated in the plan")
-    assert text.splitlines()[0] == "# Results – SIMULATED (step-masking)"
+    assert text.splitlines()[0] == "# Results – SIMULATED (step-masking, fitted to the paper)"
     assert "No person took part" in text
     assert "It made no test" in text
     assert "a margin of ±10 points, stated in the plan" in text

@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from hapticnet.errors import SettingsError
-from hapticnet.study.observers import OBSERVERS, Observer, ObserverSettings, judged, parse_observer
+from hapticnet.study.observers import OBSERVERS, Observer, ObserverSettings, judged, labelled, parse_observer
 from tests.study.made import FORCES_N, look
 
 TRIALS = 4000
@@ -38,9 +38,18 @@ def test_every_parameter_names_its_source_or_says_that_it_is_assumed_or_fitted()
 
 def test_nothing_fitted_to_the_paper_is_on_unless_asked_for():
     assert not ObserverSettings().fitted
-    assert {name for name, each in OBSERVERS.items() if each.fitted} == {"step-masking", "step-lapses", "rhythm"}
+    assert {name for name, each in OBSERVERS.items() if each.fitted} == {
+        "fitted", "step-masking", "step-lapses", "rhythm"
+    }  # fmt: skip
     assert not parse_observer("literature").fitted
     assert parse_observer("literature:step_masking=2.1").fitted
+
+
+def test_titles_say_which_observers_were_fitted_to_the_paper():
+    assert labelled("literature") == "literature"
+    assert labelled("step-masking") == "step-masking, fitted to the paper"
+    assert labelled("literature:rhythm=3") == "literature:rhythm=3, fitted to the paper"
+    assert labelled("of another version") == "of another version"
 
 
 def test_an_observer_is_named_by_all_that_was_changed():

@@ -16,7 +16,7 @@ def power(
     plan: Annotated[str, typer.Argument(metavar="PLAN", help="Plan: paper, reachable or a TOML file.")] = "paper",
     observer: Annotated[
         str, typer.Option(metavar="NAME[:KEY=VALUE,…]", help="Simulated observer; docs/observers.md lists them.")
-    ] = "step-masking",
+    ] = "literature",
     shares: Annotated[
         str | None,
         typer.Option(
@@ -104,7 +104,7 @@ def _answers(
 ) -> "tuple[Answers, str]":
     from hapticnet.errors import SettingsError
     from hapticnet.study.library import play_library
-    from hapticnet.study.observers import parse_observer
+    from hapticnet.study.observers import labelled, parse_observer
     from hapticnet.study.power import ObserverAnswers, ShareAnswers
 
     if shares is not None:
@@ -123,7 +123,7 @@ def _answers(
         jobs=jobs,
         on_trial=lambda done, of: status(f"playing {done} of {of} trials"),  # type: ignore[operator]
     )
-    return ObserverAnswers(tuple(library), settings), f"observer {settings.name}"
+    return ObserverAnswers(tuple(library), settings), f"observer {labelled(settings.name)}"
 
 
 def _numbers(name: str, text: str) -> list[int]:
