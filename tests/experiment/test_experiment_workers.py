@@ -20,7 +20,7 @@ import os, time
 from hapticnet.experiment.workers import workers
 
 def nap(shared, item):
-    print(os.getpid(), flush=True)
+    os.write(1, b"%d\\n" % os.getpid())  # at once, or the lines of two processes mix
     time.sleep(600)
 
 with workers(2, None) as run:
@@ -88,6 +88,8 @@ def test_a_caller_that_gives_up_does_not_wait_for_the_workers():
 def test_workers_end_with_a_killed_parent():
     with subprocess.Popen([sys.executable, "-c", PARENT], stdout=subprocess.PIPE, text=True) as parent:
         assert parent.stdout is not None
-        children = [int(parent.stdout.readline()) for _ in range(2)]
-        parent.kill()
+        try:
+            children = [int(parent.stdout.readline()) for _ in range(2)]
+        finally:
+            parent.kill()
         assert wait_until(lambda: all(map(gone, children)))
