@@ -118,7 +118,7 @@ def in_words(event: NodeEvent, node: MasterNode, address: str) -> str:
         return f"{event.reason}; the force goes to zero and the session is closed"
     if isinstance(event, ForceFault):
         return f"platform retracted: {event.reason}"
-    return f"session ended: {event.reason}"
+    return "session ended" if event.reason == node.failure else f"session ended: {event.reason}"
 
 
 def status(node: MasterNode) -> str:

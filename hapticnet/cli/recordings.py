@@ -56,8 +56,10 @@ def recover(
     console = Console("recover")
     if done.was_complete:
         console.say(f"{file} is complete; there is nothing to recover")
-    else:
+    elif done.count:
         console.say(f"wrote {done.path}")
+    else:
+        console.warn(f"nothing in {file} is whole; {done.path} has no rows")
     account = {"file": str(done.path), "recovered": done.count, "was_complete": done.was_complete}
     deliver(account, as_json=json, file=report)
 

@@ -51,6 +51,13 @@ def test_recover_completes_and_says_so(run, tmp_path):
     assert "there is nothing to recover" in run("recover", tmp_path / "copy.mcap").stderr
 
 
+def test_recover_says_if_nothing_is_whole(run, tmp_path):
+    (tmp_path / "run.mcap").write_bytes(b"\x89MCAP0\r\n")
+    done = run("recover", tmp_path / "run.mcap", "--json")
+    assert "nothing in" in done.stderr
+    assert json.loads(done.stdout)["recovered"] == 0
+
+
 @pytest.mark.parametrize("suffix", ["csv", "npz", "mcap"])
 def test_export_keeps_everything(run, recording, tmp_path, suffix):
     out = tmp_path / f"out.{suffix}"
