@@ -4,6 +4,7 @@ import os
 import sys
 from collections.abc import Callable, Hashable, Iterable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import hypothesis
@@ -40,6 +41,21 @@ hypothesis.settings.register_profile("ci", deadline=None, derandomize=True)
 hypothesis.settings.register_profile("fresh", deadline=None)
 hypothesis.settings.register_profile("thorough", deadline=None, max_examples=2000)
 hypothesis.settings.load_profile("ci" if IN_CI else "fresh")
+
+REAL_TIME = ("examples", "integration", "runtime", "systemd", "test_api_live.py", "web")
+"""Where tests wait for processes, sockets and browsers: one after the other, beside at most the tests of one worker."""
+
+SHARED = ("bench", "firmware")
+"""Where tests share what takes long to make."""
+
+
+@pytest.hookimpl(tryfirst=True)  # before xdist reads the marks
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Group tests that one worker of ``pytest -n 2 --dist loadgroup`` runs one after the other."""
+    for item in items:
+        room = item.path.relative_to(Path(__file__).parent).parts[0]
+        if room in REAL_TIME or room in SHARED:
+            item.add_marker(pytest.mark.xdist_group("real time" if room in REAL_TIME else room))
 
 
 def make_slave(

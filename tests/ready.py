@@ -19,6 +19,8 @@ from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
+import hapticnet as package
+
 ROOT = Path(__file__).parents[1]
 PATIENCE_S = 60
 MOST_BYTES = 1 << 17
@@ -85,18 +87,9 @@ def _fork_on_request(requests: socket.socket) -> None:
 
 
 if __name__ == "__main__":
-    for package in (
-        "hapticnet.cli",
-        "hapticnet.experiment",
-        "hapticnet.runtime",
-        "hapticnet.scene",
-        "hapticnet.device",
-    ):
-        folder = importlib.import_module(package).__path__
-        for module in pkgutil.walk_packages(folder, f"{package}."):
-            importlib.import_module(module.name)
-    for module in ("matplotlib.backends.backend_agg", "typer._adapters"):
-        with suppress(ImportError):
+    rooms = [room.name for room in pkgutil.walk_packages(package.__path__, "hapticnet.") if "__" not in room.name]
+    for module in (*rooms, "matplotlib.backends.backend_agg", "typer._adapters"):
+        with suppress(ImportError):  # of an extra
             importlib.import_module(module)
     gc.freeze()  # otherwise each process would copy all objects at its end, only to look for cycles among them
     _fork_on_request(socket.socket(fileno=int(sys.argv[1])))
