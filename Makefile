@@ -23,7 +23,7 @@ demo: $(VENV)/installed-$(if $(PAGE),web,plot)
 	$(BIN)/hapticnet demo $(if $(PAGE),--page)
 
 test: system-packages chromium check
-	$(BIN)/pytest -n 2 --dist loadgroup
+	$(BIN)/pytest -n 2
 
 check: $(VENV)/installed-dev
 	$(BIN)/ruff check

@@ -4,12 +4,12 @@ import os
 import sys
 from collections.abc import Callable, Hashable, Iterable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import hypothesis
 import numpy as np
 import pytest
+from xdist.scheduler import LoadScopeScheduling
 
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
@@ -43,19 +43,28 @@ hypothesis.settings.register_profile("thorough", deadline=None, max_examples=200
 hypothesis.settings.load_profile("ci" if IN_CI else "fresh")
 
 REAL_TIME = ("examples", "integration", "runtime", "systemd", "test_api_live.py", "web")
-"""Where tests wait for processes, sockets and browsers: one after the other, beside at most the tests of one worker."""
+"""Where tests wait for processes, sockets and browsers."""
 
 SHARED = ("bench", "firmware")
-"""Where tests share what takes long to make."""
+"""Where tests of several files share what takes long to make."""
 
 
-@pytest.hookimpl(tryfirst=True)  # before xdist reads the marks
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Group tests that one worker of ``pytest -n 2 --dist loadgroup`` runs one after the other."""
-    for item in items:
-        room = item.path.relative_to(Path(__file__).parent).parts[0]
-        if room in REAL_TIME or room in SHARED:
-            item.add_marker(pytest.mark.xdist_group("real time" if room in REAL_TIME else room))
+class InGroups(LoadScopeScheduling):
+    """Gives whole files to the workers of ``pytest -n``, and all tests in real time to one of them.
+
+    So a test in real time shares the machine with at most the tests of the other workers, which wait for nothing.
+    """
+
+    def _split_scope(self, nodeid: str) -> str:
+        file = nodeid.partition("::")[0]
+        room = file.split("/")[1]
+        return "real time" if room in REAL_TIME else room if room in SHARED else file
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> InGroups:
+    """Let xdist distribute the tests in groups."""
+    return InGroups(config, log)
 
 
 def make_slave(
