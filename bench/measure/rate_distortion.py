@@ -174,7 +174,7 @@ def measure(arguments: argparse.Namespace) -> Row:
     """Return all results on the signals of each kind."""
     seed, quick = arguments.seed, arguments.quick
     if quick:
-        arguments.seeds, arguments.seconds = 1, 2.0
+        arguments.seeds, arguments.seconds = 1, 1.0
     signals = {
         "scene": paper_signals(range(seed, seed + arguments.seeds), 1 if quick else 2),
         "recorded": recorded_signals(arguments.recordings),
@@ -230,7 +230,7 @@ def main() -> None:
     )
     parser.add_argument("--seeds", type=record.within(1), default=3, help="how many orders of tissues and hands")
     parser.add_argument("--seconds", type=record.within(1.0, 1e4), default=15.0, help="length of each made signal")
-    parser.add_argument("--quick", action="store_true", help="2 s, one scene, one threshold")
+    parser.add_argument("--quick", action="store_true", help="1 s, one scene, one threshold")
     unit = "as in each name; wire bytes with UDP and IPv4 headers, fractions and reductions 0 to 1"
     record.run(parser, measure, unit=unit)
 
