@@ -269,7 +269,7 @@ def test_a_list_may_be_read_by_others_unless_it_holds_a_secret(tmp_path):
         ('[[master]]\nname = "a"', "master 1: public is missing"),
         (f'[[master]]\npublic = "{PUBLIC_TEXT}"', "master 1: name is missing"),
         (f'{ENTRY}[[master]]\nname = "b"\npublic = "abc"', "master 2: public is 'abc' (3 characters)"),
-        (f"{ENTRY}scenes = 1", "master 1: unknown key 'scenes'; the keys are name, public, psk, scene"),
+        (f"{ENTRY}scenes = 1", "master 1: unknown key 'scenes' (did you mean 'scene'?); the keys are name,"),
         (f"{ENTRY}psk = 1", "master 1: psk is invalid; it must be text in quotes"),
         (f'{ENTRY}psk = "{PSK_TEXT[:9]}"', "master 1: psk has 9 characters"),
         (f"{ENTRY}fastest_rate_hz = 5", "master 1: fastest_rate_hz is 5.0 Hz; it must be between 20"),
@@ -285,7 +285,7 @@ def test_a_list_may_be_read_by_others_unless_it_holds_a_secret(tmp_path):
         (ENTRY.replace(PUBLIC_TEXT, format_key(bytes(32))), "is not a public key"),
         ("master = 5", "master is 5; it must be a list"),
         (ENTRY.replace("[[master]]", "[master]"), "[master] is one table; write [[master]], with two brackets"),
-        (ENTRY.replace("[[master]]", "[[masters]]"), "unknown key 'masters'; the keys are master"),
+        (ENTRY.replace("[[master]]", "[[masters]]"), "unknown key 'masters' (did you mean 'master'?);"),
         (f'private = "{ALICE_TEXT}"', "unknown key 'private'"),
     ],
 )
