@@ -94,6 +94,7 @@ class RealRig:
         self._procedure: Meeting | Presentation | None = None
         self._performed: asyncio.Future[Outcome] | None = None
         self._stop = asyncio.Event()
+        self._stopped = False
         self._playing = False
         self._closing: asyncio.Task[Any] | None = None
         self._lost: str | None = None
@@ -132,6 +133,7 @@ class RealRig:
 
     def stop(self) -> None:
         """End the present activity: the force goes to zero at once."""
+        self._stopped = True
         self._stop.set()
         if self._performed is not None and not self._performed.done():
             self._performed.set_result(Fault("stopped", lost=False))
@@ -140,9 +142,12 @@ class RealRig:
 
     async def run(self, activity: Activity) -> Outcome:
         """Perform an activity until it is over or `stop` is called."""
+        self._stopped = False
         if self._closing is not None:
             await self._closing
             self._closing = None
+        if self._stopped:  # meanwhile
+            return Fault("stopped", lost=False)
         if not isinstance(activity, Meet) and self._lost is not None:
             return Fault(self._lost)
         self._stop.clear()

@@ -17,8 +17,11 @@ from hapticnet.node.procedures import Met
 from hapticnet.operator.trace import TraceOperator
 from hapticnet.perception import WeberLaw
 from hapticnet.recordings.session.reading import read_session
+from hapticnet.runtime.master_run import MasterRunner
+from hapticnet.runtime.udp import HostPort
 from hapticnet.study import screens
 from hapticnet.study.conduct import conduct
+from hapticnet.study.real_rig import Body, RealRig
 from hapticnet.study.recordings import record_trials
 from hapticnet.study.rig import LIFTED_US, NO_MEASURES, Fault, LiftWatch, Meet, Play, Present, VirtualRig
 from hapticnet.study.rows import OrderRow
@@ -106,6 +109,27 @@ def test_both_forces_of_a_pair_are_delivered():
     assert presented.sensed_n == pytest.approx((1.0, 1.1), abs=0.06)
     assert presented.missed(0.1) is None
     assert replace(presented, sensed_n=(1.2, 1.1)).missed(0.1) == "1.000 N was felt as 1.200 N"
+
+
+def test_an_activity_is_stopped_even_while_the_session_before_it_closes(monkeypatch):
+    finish = MasterRunner.finish
+
+    async def finish_later(runner, reason):
+        await asyncio.sleep(0.1)
+        await finish(runner, reason)
+
+    async def stop_each():
+        device = SimulatedDevice(PlantSettings(), np.random.default_rng(1))
+        body = Body(fingertip=Fingertip(device, LimitSettings(), ForceControlSettings()))
+        async with RealRig(body, MasterSettings(), HostPort("127.0.0.1", 9), tell=print) as rig:
+            for _ in range(3):
+                activity = asyncio.ensure_future(rig.run(Play(STIMULUS)))
+                await asyncio.sleep(0)
+                rig.stop()
+                assert isinstance(await asyncio.wait_for(activity, 2.0), Fault)
+
+    monkeypatch.setattr(MasterRunner, "finish", finish_later)
+    asyncio.run(stop_each())
 
 
 def test_a_finger_that_is_lifted_is_noticed_and_one_that_is_not_pressed_is_not():
