@@ -53,9 +53,10 @@ def workers(jobs: int, shared: Any) -> Iterator[OrderedMap]:
         yield partial(_in_order, pool)
     except BaseException as error:
         # Such as Ctrl-C: what the processes are at is of no use any more. Nothing is cancelled, because a pool that is
-        # broken at that moment would fail on a cancelled future and never end.
+        # broken at that moment would fail on a cancelled future and never end. They are killed, because they may have
+        # inherited a handler that ignores SIGTERM.
         for process in set(multiprocessing.active_children()) - others:
-            process.terminate()
+            process.kill()
         if isinstance(error, BrokenProcessPool):
             raise UnavailableError(
                 "a worker process ended unexpectedly, perhaps for lack of memory; try fewer"

@@ -79,9 +79,14 @@ def give_up_after_one() -> None:
         raise KeyboardInterrupt
 
 
-def test_a_caller_that_gives_up_does_not_wait_for_the_workers():
-    with pytest.raises(KeyboardInterrupt):
-        give_up_after_one()
+@pytest.mark.parametrize("inherited", [signal.SIG_DFL, signal.SIG_IGN])
+def test_a_caller_that_gives_up_does_not_wait_for_the_workers(inherited):
+    before = signal.signal(signal.SIGTERM, inherited)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            give_up_after_one()
+    finally:
+        signal.signal(signal.SIGTERM, before)
     assert multiprocessing.active_children() == []
 
 
