@@ -20,13 +20,17 @@ def stop_on_signals(loop: asyncio.AbstractEventLoop) -> asyncio.Event:
     """Return an event that SIGINT and SIGTERM set.
 
     A loop that is stuck, perhaps in a method of a user's class that does not return, cannot set it. There, a second
-    signal raises KeyboardInterrupt.
+    signal raises KeyboardInterrupt. Once the loop is closed, signals do what they do by default.
     """
     stop = asyncio.Event()
     first_s: float | None = None
 
-    def insist(*_: object) -> None:
+    def insist(number: int, _: object) -> None:
         nonlocal first_s
+        if loop.is_closed():  # uvloop leaves this handler behind
+            signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
+            signal.raise_signal(number)
+            return
         first_s = time.monotonic() if first_s is None else first_s
         if time.monotonic() - first_s > PATIENCE_S and not stop.is_set():
             raise KeyboardInterrupt

@@ -10,7 +10,7 @@ import pytest
 from hapticnet.runtime.waiting import PATIENCE_S
 
 PROGRAM = """
-import asyncio, sys
+import asyncio, sys, time
 import uvloop
 from hapticnet.runtime.waiting import stop_on_signals
 
@@ -28,6 +28,9 @@ with asyncio.Runner(loop_factory=loop_factory) as runner:
         runner.run(main(sys.argv[2] == "stuck"))
     except KeyboardInterrupt:
         print("interrupted", flush=True)
+if sys.argv[2] == "goes on":
+    print("closed", flush=True)
+    time.sleep(60)
 """
 
 
@@ -44,5 +47,20 @@ def test_a_second_signal_ends_a_loop_that_is_stuck(number, loop, state, said):
                 assert process.poll() is None
                 process.send_signal(number)
             assert process.communicate(timeout=30)[0] == f"{said}\n"
+        finally:
+            process.kill()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("loop", ["uvloop", "asyncio"])
+def test_a_signal_ends_a_program_that_goes_on_after_the_loop(number, loop):
+    command = [sys.executable, "-c", PROGRAM, loop, "goes on"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+        try:
+            assert process.stdout.readline() == "ready\n"
+            process.send_signal(number)
+            assert [process.stdout.readline() for _ in range(2)] == ["stopped\n", "closed\n"]
+            process.send_signal(number)
+            assert process.wait(30) == -number
         finally:
             process.kill()

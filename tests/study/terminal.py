@@ -79,8 +79,10 @@ class Terminal:
 
 
 def take_terminal():
-    """Make the terminal of stdin that of the process, so that Ctrl-C reaches it."""
+    """Make the terminal of stdin that of the process, and let Ctrl-C end it, as a shell does."""
     import fcntl
+    import signal
     import termios
 
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # tests that run in the background ignore it
     fcntl.ioctl(0, termios.TIOCSCTTY, 0)
