@@ -197,7 +197,9 @@ def test_pierced_tissue_stays_pierced_when_a_master_comes_back(start, skin, path
     felt = master.end()
     assert felt["held_n"][felt["t_s"] > at_s].max() == 0.0
     assert felt["t_s"][-1] > at_s + 0.1
-    assert master.process.report()["connections"] == 1 + (not sealed)
+    # After 1 s of silence a master asks for a session, too; which answer comes first is a race.
+    expected = (1, 2) if sealed and what != "another port" else (1 + (not sealed),)
+    assert master.process.report()["connections"] in expected
     assert server.end() == 0
     first, *others = server.report()["sessions"]
     assert first["breaches"] == 1
