@@ -197,14 +197,14 @@ def test_pierced_tissue_stays_pierced_when_a_master_comes_back(start, skin, path
     felt = master.end()
     assert felt["held_n"][felt["t_s"] > at_s].max() == 0.0
     assert felt["t_s"][-1] > at_s + 0.1
-    # After 1 s of silence a master asks for a session, too; which answer comes first is a race.
-    expected = (1, 2) if sealed and what != "another port" else (1 + (not sealed),)
-    assert master.process.report()["connections"] in expected
+    again = master.process.report()["connections"] - 1
+    # A sealed session roams; but a request from the time of silence may arrive before a position does.
+    assert again == 1 if not sealed else again <= (what != "another port")
     assert server.end() == 0
     first, *others = server.report()["sessions"]
     assert first["breaches"] == 1
-    assert [(each["breaches"], each["continues"]) for each in others] == [(1, first["session"])] * (not sealed)
-    assert (first if sealed else others[0])["steps"] > 100
+    assert [(each["breaches"], each["continues"]) for each in others] == [(1, first["session"])] * again
+    assert [first, *others][-1]["steps"] > 100
 
 
 def test_forces_that_answer_positions_of_long_ago_are_not_applied(start, gel, paths, keys, tmp_path):
