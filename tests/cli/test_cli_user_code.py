@@ -43,7 +43,7 @@ class Orbit:
     def feel(self, t_us, force_n):
         self.felt = max(self.felt, force_n)
     def close(self):
-        print("felt", *(round(f, 2) for f in self.felt), file=sys.stderr)
+        print(" ".join(["felt", *(str(round(f, 2)) for f in self.felt)]), file=sys.stderr)  # at once: others write, too
 
 class Push(Orbit):
     axes = 1
