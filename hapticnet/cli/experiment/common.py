@@ -1,6 +1,5 @@
 """Options and steps that both parts of a study share."""
 
-import os
 import re
 from collections.abc import Callable, Coroutine, Iterator
 from contextlib import contextmanager
@@ -100,23 +99,29 @@ def _participants(text: str) -> tuple[str, ...]:
     return tuple(f"{number:0{width}d}" for number in range(first, last + 1))
 
 
-def jobs_for(jobs: int | None, participants: int) -> int:
-    """Return the number of processes."""
-    return min(jobs or len(os.sched_getaffinity(0)), participants)
+def sessions_of(
+    asked: Asked, *, session: int, seed: int, out: Path, device: str, resume: bool, real_time: bool
+) -> "list[SessionSettings]":
+    """Return the settings of each participant's session; raise SettingsError if a number cannot be used."""
+    from hapticnet.study.session import SessionSettings, check_number
 
-
-@contextmanager
-def virtual_fingertip(device: str, known: "Profile", seed: int) -> Iterator["Fingertip"]:
-    """Yield a simulated device with its force loop for virtual time; raise SettingsError for a real one."""
-    from hapticnet.control.limits import LimitSettings
-    from hapticnet.errors import SettingsError
-    from hapticnet.node.fingertip import Fingertip
-    from hapticnet.runtime import devices
-
-    with devices.virtual_device(device, known, seed) as made:
-        if made is None:
-            raise SettingsError(f"device {device!r} cannot run in virtual time; add --real-time")
-        yield Fingertip(made, LimitSettings(), devices.control_settings(known))
+    sessions = [
+        SessionSettings(
+            participant=each,
+            session=session,
+            seed=seed,
+            plan=asked.plan,
+            out=out,
+            observer=None if asked.observer is None else asked.observer.name,
+            device=device,
+            resume=resume,
+            hurried=real_time,
+        )
+        for each in asked.participants
+    ]
+    for each in sessions:
+        check_number(each)
+    return sessions
 
 
 @contextmanager

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 from hapticnet.cli import options
 from hapticnet.cli.experiment import common
 from hapticnet.cli.experiment import page as pages
+from hapticnet.cli.experiment.virtual_time import conduct_all, conduct_in_virtual_time
 
 if TYPE_CHECKING:
     from hapticnet.device.profile import Profile
@@ -37,10 +38,9 @@ def limits(
     presented again. Each answer is stored at once; --resume goes on after any interruption.
     """
     from hapticnet.cli.console import Console, deliver
-    from hapticnet.experiment.workers import workers
     from hapticnet.runtime import devices
     from hapticnet.study.limits_flow import draw_limits
-    from hapticnet.study.session import SessionSettings, check_number, keep_plan
+    from hapticnet.study.session import keep_plan
 
     pages.check_page(page, simulate)
     asked = common.check(participant, plan, simulate, real_time=real_time)
@@ -51,58 +51,25 @@ def limits(
     known = devices.load(profile)
     devices.check_device(device)
     console = Console("limits", quiet=quiet)
-    settings = [
-        SessionSettings(
-            participant=each,
-            session=session,
-            seed=seed,
-            plan=asked.plan,
-            out=out,
-            observer=None if asked.observer is None else asked.observer.name,
-            device=device,
-            resume=resume,
-            hurried=real_time,
-        )
-        for each in asked.participants
-    ]
-    for own in settings:
-        check_number(own)
+    sessions = common.sessions_of(
+        asked, session=session, seed=seed, out=out, device=device, resume=resume, real_time=real_time
+    )
     keep_plan(asked.plan, out)
-    accounts = []
     if asked.observer is None or real_time:
         with pages.opened(page, console) as opened:
-            accounts.append(_in_real_time(settings[0], known, asked.observer, opened, console.say))
+            accounts = [_in_real_time(sessions[0], known, asked.observer, opened, console.say)]
     else:
         shared = known, asked.observer
-        with workers(common.jobs_for(jobs, len(settings)), shared) as in_order:
-            for account in in_order(_in_virtual_time, settings):
-                accounts.append(account)
-                console.status(f"{len(accounts)} of {len(settings)} participants")
+        accounts = conduct_all(_in_virtual_time, shared, sessions, jobs, console)
     console.finish()
     title = "JND" if asked.observer is None else f"JND, simulated observer {asked.observer.name}"
     deliver({"title": title, "participant": accounts}, as_json=json, file=None)
 
 
 def _in_virtual_time(shared: "tuple[Profile, ObserverSettings]", settings: "SessionSettings") -> dict[str, Any]:
-    import asyncio
+    from hapticnet.study.session import limits_session
 
-    from hapticnet.node.master_settings import MasterSettings
-    from hapticnet.study.conduct import conduct
-    from hapticnet.study.rig import VirtualRig
-    from hapticnet.study.schedule import participant_number
-    from hapticnet.study.session import limits_session, today, version
-    from hapticnet.study.simulated_front import SimulatedFront
-
-    known, observer = shared
-    number = participant_number(settings.participant)
-    with common.virtual_fingertip(settings.device, known, settings.seed + number) as fingertip:
-        rig = VirtualRig(fingertip, MasterSettings())
-        front = SimulatedFront(
-            observer, rig, seed=settings.seed, participant=number, session=settings.session, waits=True
-        )
-        with limits_session(settings, rig.now_us()) as (flow, store):
-            asyncio.run(conduct(flow, rig, front, store, date=today, version=version()))
-        return _account(settings, flow)
+    return conduct_in_virtual_time(*shared, settings, limits_session, _account)
 
 
 def _in_real_time(

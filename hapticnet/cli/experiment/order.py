@@ -8,6 +8,7 @@ import typer
 from hapticnet.cli import options
 from hapticnet.cli.experiment import common
 from hapticnet.cli.experiment import page as pages
+from hapticnet.cli.experiment.virtual_time import conduct_all, conduct_in_virtual_time
 
 if TYPE_CHECKING:
     from hapticnet.device.profile import Profile
@@ -65,11 +66,10 @@ def order(
     figures follow, as by 'hapticnet experiment analyse'.
     """
     from hapticnet.cli.console import Console, deliver
-    from hapticnet.experiment.workers import workers
     from hapticnet.runtime import devices
     from hapticnet.study.recordings import usual_form
     from hapticnet.study.schedule import draw_order
-    from hapticnet.study.session import SessionSettings, check_number, keep_plan, law_of_participant
+    from hapticnet.study.session import keep_plan, law_of_participant
 
     pages.check_page(page, simulate, operator)
     asked = common.check(participant, plan, simulate, real_time=real_time)
@@ -81,25 +81,12 @@ def order(
     devices.check_device(device)
     form = record or usual_form(real_time=asked.observer is None or real_time)
     console = Console("order", quiet=quiet)
-    settings = [
-        SessionSettings(
-            participant=each,
-            session=session,
-            seed=seed,
-            plan=asked.plan,
-            out=out,
-            observer=None if asked.observer is None else asked.observer.name,
-            device=device,
-            resume=resume,
-            hurried=real_time,
-        )
-        for each in asked.participants
-    ]
-    for own in settings:
-        check_number(own)
-        law_of_participant(own)
+    sessions = common.sessions_of(
+        asked, session=session, seed=seed, out=out, device=device, resume=resume, real_time=real_time
+    )
+    for each_session in sessions:
+        law_of_participant(each_session)
     keep_plan(asked.plan, out)
-    accounts = []
     if asked.observer is None or real_time:
         from hapticnet.cli.experiment.real_time import Place, run_order
 
@@ -107,13 +94,10 @@ def order(
             place = Place(
                 operator=operator, page=opened, connect=connect, key=key, peer_key=peer_key, insecure=insecure
             )
-            accounts.append(run_order(settings[0], known, asked.observer, place, form=form, say=console.say))
+            accounts = [run_order(sessions[0], known, asked.observer, place, form=form, say=console.say)]
     else:
         shared = known, asked.observer, form
-        with workers(common.jobs_for(jobs, len(settings)), shared) as in_order:
-            for account in in_order(_in_virtual_time, settings):
-                accounts.append(account)
-                console.status(f"{len(accounts)} of {len(settings)} participants")
+        accounts = conduct_all(_in_virtual_time, shared, sessions, jobs, console)
     console.finish()
     if asked.observer is not None and report:
         from hapticnet.cli.experiment.analyse import write_results
@@ -126,24 +110,9 @@ def order(
 def _in_virtual_time(
     shared: "tuple[Profile, ObserverSettings, RecordingForm]", settings: "SessionSettings"
 ) -> dict[str, Any]:
-    import asyncio
-
-    from hapticnet.node.master_settings import MasterSettings
-    from hapticnet.study.conduct import conduct
     from hapticnet.study.recordings import record_trials
-    from hapticnet.study.rig import VirtualRig
-    from hapticnet.study.schedule import participant_number
-    from hapticnet.study.session import account_of, order_session, today, version
-    from hapticnet.study.simulated_front import SimulatedFront
+    from hapticnet.study.session import account_of, order_session
 
     known, observer, form = shared
-    number = participant_number(settings.participant)
-    with common.virtual_fingertip(settings.device, known, settings.seed + number) as fingertip:
-        rig = VirtualRig(fingertip, MasterSettings())
-        front = SimulatedFront(
-            observer, rig, seed=settings.seed, participant=number, session=settings.session, waits=True
-        )
-        with order_session(settings, rig.now_us()) as (flow, store):
-            keep = record_trials(settings, form, {"device": settings.device})
-            asyncio.run(conduct(flow, rig, front, store, date=today, version=version(), on_outcome=keep))
-        return account_of(settings, flow)
+    keep = record_trials(settings, form, {"device": settings.device})
+    return conduct_in_virtual_time(known, observer, settings, order_session, account_of, keep)
