@@ -98,8 +98,8 @@ class Session:
         if self._master.finished or jumps or self.step % RENEWED_EVERY == 0:
             self._renew_master()
         self._slave.tick(self._now_us)
-        self._master.drive(self._now_us)
         self._master.tick(self._now_us)
+        self._master.drive(self._now_us)
         for _ in range(3):
             for data in self._master.datagrams_to_send():
                 self._note(data)

@@ -254,8 +254,9 @@ class TickedMaster(MasterSetup, MasterView):
         now = now_us()
         if now - self._sent_us >= 0.9 * node.period_us:
             self._sent_us = now
+            node.tick(now)
+            self._send()
             node.drive(now)
-            node.tick(now_us())
         self._send()
         return node.held_n
 

@@ -41,8 +41,8 @@ class Loopback:
         end_us = self.now_us + duration_us
         while self.now_us < end_us and not self.master.finished:
             if self.now_us >= self._next_tick_us:
-                self.master.drive(self.now_us)
                 self.master.tick(self.now_us)
+                self.master.drive(self.now_us)
                 self._next_tick_us += self.master.period_us
             self._exchange()
             next_us = self._next_tick_us

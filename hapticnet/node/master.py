@@ -155,7 +155,7 @@ class MasterNode:
         self._digest_events(now_us)
 
     def tick(self, now_us: int) -> None:
-        """Send the operator's position. Call `drive` before it in the same tick, so that nothing delays the answer."""
+        """Send the operator's position. Then send what there is to send, and call `drive`."""
         self.ticks += 1
         self._ticked_us = now_us
         self.session.tick(now_us)
@@ -167,23 +167,27 @@ class MasterNode:
                 payload = self._positions.encode(now_us, self.position_m)
                 if payload is not None:
                     self.session.send_position(now_us, payload)
+
+    def drive(self, now_us: int) -> None:
+        """Hold the force of the present position, move the device one step toward it, and record the tick."""
+        self._apply(now_us)
+        if self._fingertip is not None:
+            self._press(self._fingertip, now_us)
         if self.recording is not None:
             at_m = self.position_m or self._zero_n
             felt = self.target_n, self.sensed_n, self.displacement_m
             self.recording.add((now_us, *at_m, *self.received_n, *self.held_n, *felt))
 
-    def drive(self, now_us: int) -> None:
-        """Move the device one step toward the held force."""
+    def _apply(self, now_us: int) -> None:
         if self.failure is None:
             try:
                 self._applied.advance(now_us, self.period_us, self.position_m)
             except Exception as error:  # a user's codec may raise anything
                 self._fail(f"the codec failed: {in_words(error)}", now_us)
-        self.held_n = held_n = self.held_force_n(now_us)
-        fingertip = self._fingertip
-        if fingertip is None:
-            return
-        axis = self._device_axis
+        self.held_n = self.held_force_n(now_us)
+
+    def _press(self, fingertip: Fingertip | Actuator, now_us: int) -> None:
+        held_n, axis = self.held_n, self._device_axis
         try:
             fingertip.press(math.hypot(*held_n) if axis is None else held_n[axis], now_us)
         except Exception as error:  # what drives a device may raise anything; it is asked for no force from now on

@@ -146,12 +146,11 @@ class MasterRunner:
 
     def _tick(self, now: int) -> None:
         node = self.node
+        node.tick(now)
+        self._flush()  # the position first: while the slave computes its answer, this process moves the device
         node.drive(now)
         if self._serial is not None:
             self._serial.flush(now)
-        # The position is sampled last and sent at once: then this process sleeps, and the slave can run on a warm core.
-        node.tick(now_us())
-        self._flush()
         if self._watchers.observers:
             self._watchers.observe(now)
 

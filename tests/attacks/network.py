@@ -162,8 +162,8 @@ class Network:
         if expiry_us is not None and now_us >= expiry_us:
             self.slave.tick(now_us)
         if not line.stopped and now_us >= line.next_tick_us:
-            line.master.drive(now_us)
             line.master.tick(now_us)
+            line.master.drive(now_us)
             line.next_tick_us = now_us + line.master.period_us
         for _ in range(4):  # a perfect channel delivers at once, and an answer may have an answer
             for data in line.master.datagrams_to_send():

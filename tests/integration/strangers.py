@@ -60,8 +60,8 @@ class Client:
             self._next_us = max(
                 self._next_us + (self.node.period_us if period_us is None else period_us), now_us() - 10_000
             )
-            self.node.drive(now_us())
             self.node.tick(now_us())
+            self.node.drive(now_us())
         self.send()
 
     def send(self) -> None:

@@ -291,8 +291,8 @@ def test_one_slave_serves_many_masters_each_with_a_scene_of_its_own():
     for now in range(0, 5 * SECOND, 1000):
         for number, (address, master) in enumerate(masters.items()):
             if now >= number * 200_000:
-                master.drive(now)
                 master.tick(now)
+                master.drive(now)
             for datagram in master.datagrams_to_send():
                 slave.receive_datagram(datagram, address, now)
         for datagram, address in slave.datagrams_to_send():

@@ -60,8 +60,8 @@ def test_no_payload_brings_a_master_down_or_presses_harder_than_the_device_may(c
         master.tick(arrives_us)
         slave.say(Kind.FORCE, number, Force(arrives_us, payload), arrives_us)
         for now_us in range(arrives_us, arrives_us + HELD_US, 1000):
-            master.drive(now_us)
             master.tick(now_us)
+            master.drive(now_us)
             held_n.add(master.held_force_n(now_us)[0])
             largest_n = max(largest_n, device.contact_force_n)
     report = master.report()

@@ -164,8 +164,8 @@ def test_a_forged_sequence_in_a_welcome_makes_no_true_datagram_late():
     master = make_master()
     peer = Slave(SLAVE.private, SLAVE.public, GRANT, sequence=0x7FFF_FFFF)
     for now_us in range(0, 100_000, 1000):
-        master.drive(now_us)
         master.tick(now_us)
+        master.drive(now_us)
         for data in master.datagrams_to_send():
             kind, fields, answer = peer.receive(data)
             if kind == POSITION:
@@ -224,8 +224,8 @@ def test_what_an_outsider_sends_ends_nothing():
     steps = station.steps
     rng = np.random.default_rng(3)
     for now_us in range(100_000, 150_000, 1000):
-        pair.master.drive(now_us)
         pair.master.tick(now_us)
+        pair.master.drive(now_us)
         for data in pair.master.datagrams_to_send():
             changed = bytearray(data)
             changed[rng.integers(len(data))] ^= 1 << int(rng.integers(8))
