@@ -23,8 +23,9 @@ from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
-from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
+from hapticnet.operator.hands import scripted_hand
 from hapticnet.operator.user import HasSample, UserOperator
+from hapticnet.scene.bodies import BodyScene
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.sources import as_touchable, find_source
 from hapticnet.scene.user import HasStep
@@ -208,7 +209,8 @@ def virtual_link(
     rate_hz
         Positions per second.
     operator
-        Source of the positions, any object with a method ``sample(t_us)``; default: the scripted needle insertions.
+        Source of the positions, any object with a method ``sample(t_us)``; default: scripted needle insertions, or
+        palpation of a scene on several axes.
     seed
         Seed of hand and network.
 
@@ -229,8 +231,11 @@ def virtual_link(
     for name, text in (("forward", forward), ("feedback", feedback)):
         if not isinstance(text, str):
             raise SettingsError(f"{name} is {text!r}; it must be text, such as 'wifi' or 'delay=20ms,loss=2%'")
+    touched: Touchable
     if isinstance(scene, Scene):  # its tissues as they are at rest, so that every run is the same
-        touched: Touchable = Scene(scene.tissues, name=scene.name)
+        touched = Scene(scene.tissues, name=scene.name)
+    elif isinstance(scene, BodyScene):
+        touched = BodyScene(scene.bodies, name=scene.name)
     else:
         touched = find_source(scene).make() if isinstance(scene, str) else as_touchable(scene)
     to_master, to_slave = (
@@ -239,7 +244,7 @@ def virtual_link(
     )
     hand: Operator
     if operator is None:
-        hand = ScriptedOperator(InsertionSettings(insertions=100), np.random.default_rng([seed, 3]))
+        hand = scripted_hand(touched.axes, 100, np.random.default_rng([seed, 3]))
     else:
         hand = UserOperator(operator, "operator")
     settings = MasterSettings(

@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from hapticnet.runtime.watching import Watcher
 
 OPERATORS: Final = (
-    "scripted, page, trace:FILE[:COLUMN,…], udp:[HOST:]PORT[:axes=N], FILE.py:CLASS[:KEY=VALUE,…] and"
-    " package.module:CLASS[:KEY=VALUE,…]"
+    "scripted, palpation[:axes=2], page, trace:FILE[:COLUMN,…], udp:[HOST:]PORT[:axes=N],"
+    " FILE.py:CLASS[:KEY=VALUE,…] and package.module:CLASS[:KEY=VALUE,…]"
 )
 
 
@@ -64,6 +64,13 @@ def make_operator(spec: str, *, insertions: int, seed: int, say: Callable[[str],
         return Hand(LiveHand())
     if spec == "scripted":
         return Hand(ScriptedOperator(InsertionSettings(insertions=insertions), np.random.default_rng([seed, 3])))
+    if kind == "palpation":
+        from hapticnet.operator.palpation import PalpatingOperator, PalpationSettings
+
+        if rest not in ("", "axes=2", "axes=3"):
+            raise SettingsError(f"operator {spec!r}: expected palpation, palpation:axes=2 or palpation:axes=3")
+        motion = PalpationSettings(palpations=insertions, axes=2 if rest == "axes=2" else 3)
+        return Hand(PalpatingOperator(motion, np.random.default_rng([seed, 3])))
     if kind == "trace" and rest:
         file, columns = _trace(rest)
         operator, notes = load_trace(file, position=columns)

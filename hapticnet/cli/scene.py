@@ -14,12 +14,13 @@ Spec = Annotated[
 ]
 
 
-@app.command(short_help="Print the tissues of a scene.")
+@app.command(short_help="Print the tissues or bodies of a scene.")
 def show(scene: Spec = "paper", json: options.Json = False, report: options.Report = None) -> None:
-    """Print the tissues of a scene, from front to back; of a class of yours, its name and axes."""
+    """Print the tissues of a scene, from front to back, or its bodies; of a class of yours, its name and axes."""
     from dataclasses import asdict
 
     from hapticnet.cli.console import check_outputs, deliver
+    from hapticnet.scene.body import BodySceneSettings
     from hapticnet.scene.presets import find_scene, scene_names
     from hapticnet.scene.sources import UserSource, find_source
 
@@ -30,14 +31,19 @@ def show(scene: Spec = "paper", json: options.Json = False, report: options.Repo
         deliver({"name": made.name, "axes": made.axes}, as_json=json, file=report)
         return
     settings = find_scene(scene)
+    others = {"other_scenes": ", ".join(["paper:SEED", *scene_names()])}
+    if isinstance(settings, BodySceneSettings):
+        bodies = [{key: value for key, value in asdict(body).items() if value != 0.0} for body in settings.bodies]
+        account = {"name": settings.name, "axes": settings.axes, "body": bodies}
+        deliver({**account, **others}, as_json=json, file=report)
+        return
     tissues = []
     for tissue in settings.tissues:
         declared = {key: value for key, value in asdict(tissue).items() if value != 0.0}
         if not tissue.shaft_friction_n:
             del declared["shaft_presliding_m"]  # says how friction sets in, and there is none
         tissues.append({**declared, "breaches_at_m": tissue.rest_position_m + tissue.breach_depth_m})
-    others = ["paper:SEED", *scene_names()]
-    deliver({"name": settings.name, "tissue": tissues, "other_scenes": ", ".join(others)}, as_json=json, file=report)
+    deliver({"name": settings.name, "tissue": tissues, **others}, as_json=json, file=report)
 
 
 @app.command("run", short_help="Move the tool along recorded positions.")
@@ -67,6 +73,7 @@ def run_scene(
     from hapticnet.recordings.tables import write_csv
     from hapticnet.samples import PositionSample
     from hapticnet.scene.base import breaches_of
+    from hapticnet.scene.bodies import BodyScene
     from hapticnet.scene.scene import Scene
     from hapticnet.scene.sources import find_source
 
@@ -82,11 +89,17 @@ def run_scene(
     rows = []
     for t_us, position_m in zip(motion.t_us.tolist(), map(tuple, motion.position.tolist()), strict=True):
         force = world.step(PositionSample(t_us, position_m))
-        state = (*world.contacts(), *world.surfaces_m()) if isinstance(world, Scene) else ()
+        state: tuple[float, ...] = ()
+        if isinstance(world, Scene):
+            state = (*world.contacts(), *world.surfaces_m())
+        elif isinstance(world, BodyScene):
+            state = (*world.contacts(), *world.depths_m())
         rows.append((t_us, *position_m, *force.force_n, breaches_of(world), *state))
     layers = [tissue.name for tissue in world.tissues] if isinstance(world, Scene) else []
+    layers += [body.name for body in world.bodies] if isinstance(world, BodyScene) else []
+    where = "surface_m" if isinstance(world, Scene) else "depth_m"
     names = ["t_us", *axis_columns("position", "m", axes), *axis_columns("force", "n", axes), "breaches"]
-    names += [f"{layer}_contact" for layer in layers] + [f"{layer}_surface_m" for layer in layers]
+    names += [f"{layer}_contact" for layer in layers] + [f"{layer}_{where}" for layer in layers]
     table = np.array(rows, dtype=np.float64).reshape(-1, len(names))
     whole = {"t_us", "breaches", *(f"{layer}_contact" for layer in layers)}
     columns = {

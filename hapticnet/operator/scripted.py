@@ -130,7 +130,7 @@ class ScriptedOperator:
         self.axes = 1
         self._rest = (settings.start_m,)
         # Drawn first and always: a longer script starts like a shorter one, and tremor changes nothing else.
-        waves = _tremor_waves(rng)
+        waves = tremor_waves(rng)
         self._waves = waves if settings.tremor_rms_m else ()
         self._amplitude_m = settings.tremor_rms_m * math.sqrt(2.0 / TREMOR_SINUSOIDS)
         # A phase is (start [µs], 1/duration [1/µs], from [m], by [m]).
@@ -182,7 +182,7 @@ def _insertion(settings: InsertionSettings, rng: np.random.Generator) -> list[tu
     return phases
 
 
-def _tremor_waves(rng: np.random.Generator) -> tuple[tuple[float, float], ...]:
+def tremor_waves(rng: np.random.Generator) -> tuple[tuple[float, float], ...]:
     """Return the angular frequency [rad/µs] and phase [rad] of each sinusoid."""
     low_hz, high_hz = TREMOR_BAND_HZ
     part_hz = (high_hz - low_hz) / TREMOR_SINUSOIDS

@@ -3,12 +3,15 @@
 import re
 from importlib.resources import files
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from hapticnet.errors import SettingsError
 from hapticnet.scene.tissue import SceneSettings, Tissue
+
+if TYPE_CHECKING:
+    from hapticnet.scene.config import AnySceneSettings
 
 PAPER_BREACH_FORCES_N: Final = (2.0, 3.5, 5.0)
 """Breach forces [N] of the three tissues of "Cutaneous haptic deadband compression"."""
@@ -53,7 +56,7 @@ def scene_file(spec: str) -> Path | None:
     return path if path.suffix == ".toml" and spec not in scene_names() else None
 
 
-def find_scene(spec: str, folder: Path = Path()) -> SceneSettings:
+def find_scene(spec: str, folder: Path = Path()) -> "AnySceneSettings":
     """Return the scene named by ``paper``, ``paper:SEED``, a preset's name or the path of a TOML file.
 
     ``paper`` alone is ``paper:0``. A path is relative to `folder`.

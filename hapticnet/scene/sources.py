@@ -1,10 +1,12 @@
-"""Where the scenes of a slave come from, as ``--scene`` names them: tissues, or a class of the user's."""
+"""Where the scenes of a slave come from, as ``--scene`` names them: tissues, bodies, recordings, or a user's class."""
 
 import weakref
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from hapticnet.errors import SettingsError
+from hapticnet.scene.bodies import BodyScene
+from hapticnet.scene.body import BodySceneSettings
 from hapticnet.scene.presets import find_scene, scene_file, scene_names
 from hapticnet.scene.recorded import RecordedForce
 from hapticnet.scene.scene import Scene
@@ -13,7 +15,7 @@ from hapticnet.user_code import close_user_object, find_user_class
 
 if TYPE_CHECKING:
     from hapticnet.scene.base import Touchable
-    from hapticnet.scene.tissue import SceneSettings
+    from hapticnet.scene.config import AnySceneSettings
     from hapticnet.scene.user import HasStep
     from hapticnet.user_code import UserClass
 
@@ -24,8 +26,15 @@ MOST_FAULTS: Final = 10
 """Most exceptions of ``close()`` that are remembered until the end of the run."""
 
 
+def make_scene(settings: "AnySceneSettings") -> Scene | BodyScene:
+    """Return a new scene of tissues or bodies."""
+    if isinstance(settings, BodySceneSettings):
+        return BodyScene(settings.bodies, name=settings.name)
+    return Scene(settings.tissues, name=settings.name)
+
+
 class SceneSource:
-    """Makes a scene for each master. This one makes scenes of tissues.
+    """Makes a scene for each master. This one makes scenes of tissues or bodies.
 
     Attributes
     ----------
@@ -37,7 +46,7 @@ class SceneSource:
         What the user should know about that file.
     """
 
-    def __init__(self, settings: "SceneSettings", file: Path | None = None) -> None:
+    def __init__(self, settings: "AnySceneSettings", file: Path | None = None) -> None:
         self.name = settings.name
         self.file = file
         self.notes: tuple[str, ...] = ()
@@ -48,7 +57,7 @@ class SceneSource:
 
     def make(self) -> "Touchable":
         """Return a new scene; raise SettingsError if it cannot be made."""
-        return Scene(self._settings.tissues, name=self._settings.name)
+        return make_scene(self._settings)
 
     def close(self) -> list[str]:
         """Close what was made, at the end of the run; return what went wrong."""
@@ -142,7 +151,7 @@ def find_source(spec: str, folder: Path = Path()) -> SceneSource:
 
 def as_touchable(scene: "HasStep") -> "Touchable":
     """Return what masters touch from an object of a user; raise SettingsError if it has no usable ``step``."""
-    if isinstance(scene, (Scene, UserScene)):
+    if isinstance(scene, (Scene, BodyScene, UserScene)):
         return scene
     if isinstance(scene, type):
         raise SettingsError(f"scene is the class {scene.__name__}; pass an object of it, {scene.__name__}()")

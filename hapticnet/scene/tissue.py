@@ -116,6 +116,18 @@ def front_to_back(tissues: Sequence[Tissue]) -> tuple[Tissue, ...]:
     return tuple(ordered)
 
 
+def check_names(scene: str, names: Sequence[str], what: str) -> None:
+    """Check the names of a scene and its parts; raise SettingsError if one is not unique or does not fit a message."""
+    for name in (scene, *names):
+        if not name.isprintable() or not 0 < len(name.encode()) <= LONGEST_NAME:
+            raise SettingsError(
+                f"name {reprlib.repr(name)} has {len(name.encode())} bytes; names are 1 to {LONGEST_NAME} bytes of"
+                " printable characters"
+            )
+        if names.count(name) > 1:
+            raise SettingsError(f"{names.count(name)} {what} are called {name!r}; names must be unique")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SceneSettings:
     """A scene's name and its tissues, sorted from front to back.
@@ -131,12 +143,4 @@ class SceneSettings:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "tissues", front_to_back(self.tissues))
-        names = [tissue.name for tissue in self.tissues]
-        for name in (self.name, *names):
-            if not name.isprintable() or not 0 < len(name.encode()) <= LONGEST_NAME:
-                raise SettingsError(
-                    f"name {reprlib.repr(name)} has {len(name.encode())} bytes; names are 1 to {LONGEST_NAME} bytes of"
-                    " printable characters"
-                )
-            if names.count(name) > 1:
-                raise SettingsError(f"{names.count(name)} tissues are called {name!r}; names must be unique")
+        check_names(self.name, [tissue.name for tissue in self.tissues], "tissues")

@@ -31,9 +31,10 @@ def scene_called(name: str, given: SceneSettings | None = None) -> SceneSettings
     if given is not None and given.name == name:
         return given
     try:
-        return find_scene(name) if scene_file(name) is None else None
+        found = find_scene(name) if scene_file(name) is None else None
     except HapticnetError:
         return None
+    return found if isinstance(found, SceneSettings) else None  # bodies have no surfaces to draw on one axis
 
 
 class Mirror:

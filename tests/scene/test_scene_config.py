@@ -4,6 +4,7 @@ from pathlib import Path
 import pytest
 
 from hapticnet.errors import FileError, SettingsError
+from hapticnet.scene.body import BodySceneSettings, Plane, Sphere
 from hapticnet.scene.config import load_scene, parse_scene
 from hapticnet.scene.tissue import SceneSettings, Tissue
 
@@ -52,7 +53,11 @@ def test_every_attribute_of_a_tissue_is_a_key() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('name = "two"\n', 'name = "two"\nspeed = 1\n', r"unknown key 'speed'; the keys are name, tissue"),
+        (
+            'name = "two"\n',
+            'name = "two"\nspeed = 1\n',
+            r"unknown key 'speed' .*the keys are name, tissue, plane, sphere",
+        ),
         ("shaft_friction_n", "friction_n", r"tissue 1: unknown key 'friction_n' .*; the keys are .*shaft_friction_n"),
         ("breach_force_n = 2.0\n", "", r"tissue 2: breach_force_n is missing"),
         ('name = "two"\n', "", r"name is missing"),
@@ -88,6 +93,54 @@ def test_a_mistake_is_reported_in_one_line_with_file_and_key(old: str, new: str,
 def test_malformed_toml_is_refused_with_line_and_column(text: str, message: str) -> None:
     with pytest.raises(FileError, match=r"^bad\.toml: not a TOML file: .*" + message):
         parse_scene(text, "bad.toml")
+
+
+BODIES = """
+name = "hill"
+[[plane]]
+name = "ground"
+point_m = [0, 0.01]
+inward = [3.0, 4.0]
+stiffness_n_per_m = 200
+friction = 0.2
+[[sphere]]
+name = "ball"
+centre_m = [0.01, 0.0]
+radius_m = 0.005
+stiffness_n_per_m = 300
+"""
+
+
+def test_planes_and_spheres_are_read_with_their_vectors() -> None:
+    hill = parse_scene(BODIES, "hill.toml")
+    assert isinstance(hill, BodySceneSettings)
+    ground, ball = hill.bodies
+    assert isinstance(ground, Plane)
+    assert (ground.point_m, ground.inward, ground.friction) == ((0.0, 0.01), (0.6, 0.8), 0.2)
+    assert isinstance(ball, Sphere)
+    assert (ball.centre_m, ball.radius_m, hill.axes) == ((0.01, 0.0), 0.005, 2)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("friction = 0.2", "friktion = 0.2", r"plane 1: unknown key 'friktion' \(did you mean 'friction'"),
+        ("[0, 0.01]", "[0.01]", r"body 'ground': point_m is \[0.01\]; it must be 2 or 3 numbers"),
+        ("[0, 0.01]", "0.01", r"plane 1: point_m is 0.01; it must be a list"),
+        ("[0.01, 0.0]", "[0.01, 0.0, 0.0]", r"body 'ground' has 2 axes and body 'ball' 3"),
+        ("radius_m = 0.005", "radius_m = -1", r"body 'ball': radius_m is -1"),
+        ("[[sphere]]", "[[tissue]]", r"tissue 1: unknown key"),
+    ],
+)
+def test_a_mistake_in_a_body_is_reported_in_one_line(old: str, new: str, message: str) -> None:
+    assert old in BODIES
+    with pytest.raises(SettingsError, match=r"^hill\.toml: " + message):
+        parse_scene(BODIES.replace(old, new, 1), "hill.toml")
+
+
+def test_tissues_and_bodies_in_one_scene_are_refused() -> None:
+    with pytest.raises(SettingsError, match="2 tissues and 1 bodies"):
+        parse_scene(SCENE + BODIES[BODIES.index("[[sphere]]") :], "both.toml")
 
 
 def test_a_file_is_loaded_from_its_path(tmp_path: Path) -> None:

@@ -5,8 +5,9 @@ from subprocess import run
 import pytest
 
 from hapticnet.errors import FileError, SettingsError
+from hapticnet.samples import PositionSample
 from hapticnet.scene.presets import find_scene, paper_scene, scene_names
-from hapticnet.scene.scene import Scene
+from hapticnet.scene.sources import make_scene
 
 
 def test_the_papers_scene_has_its_three_breach_forces_in_the_order_of_the_seed() -> None:
@@ -41,7 +42,9 @@ def test_a_scene_is_found_by_name_seed_or_path(tmp_path: Path) -> None:
 def test_every_preset_makes_a_scene_of_its_name(name: str) -> None:
     settings = find_scene(name)
     assert settings.name == name
-    assert Scene(settings.tissues, name=settings.name).tissues == settings.tissues
+    made = make_scene(settings)
+    assert made.name == name
+    assert made.step(PositionSample(0, (-1.0,) * made.axes)).force_n == (0.0,) * made.axes
 
 
 def test_an_unknown_scene_is_refused_with_the_choices() -> None:
