@@ -42,6 +42,7 @@ BENCHMARKS := codec_speed codec_stability packet_rate scene_accuracy scene_cost 
 bench: system-packages $(VENV)/installed-dev
 	$(BIN)/python bench/measure/rate_distortion.py $(RECORDINGS) --json results/bench/rate_distortion.json
 	$(BIN)/python bench/measure/repair.py $(RECORDINGS) --json results/bench/repair.json
+	$(BIN)/python bench/measure/felt.py $(RECORDINGS) --json results/bench/felt.json
 	set -e; for name in $(BENCHMARKS); do \
 		$(BIN)/python bench/measure/$$name.py --json results/bench/$$name.json; done
 	$(BIN)/python bench/report/pages.py results/bench

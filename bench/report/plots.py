@@ -20,6 +20,9 @@ CODECS: Final = (
 )  # fmt: skip
 CONDITIONS: Final = {"none": (GREY, "."), "1 JND": (BLUE, "o"), "2 JND": (ORANGE, "s"), "4 JND": (GREEN, "^")}
 REPAIRS: Final = {"no repair": (GREY, "."), "replace": (ORANGE, "s"), "all": (BLUE, "o")}
+FELT: Final = {"raw": (GREY, "."), "deadband": (BLUE, "o"), "linear-predictive": (GREEN, "^"),
+               "adaptive-predictive": (ORANGE, "s"), "passive-extrapolative": (PURPLE, "v"),
+               "motion-predictive": (VERMILION, "D")}  # fmt: skip
 REDUCTIONS: Final = (0.0, 0.5, 0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 0.998)
 
 
@@ -171,6 +174,38 @@ def force_loop(results: Row) -> Figure:
     return figure
 
 
+def felt(results: Row) -> Figure:
+    """Draw what a hand feels above 1 JND, and the energy created, over the delay."""
+    kinds = [kind for kind in dict.fromkeys(row["kind"] for row in results["means"]) if kind != "recorded"]
+    figure, grid = plt.subplots(2, len(kinds), figsize=(4.3 * len(kinds), 7.4), sharex=True, layout="constrained")
+    codecs = [codec for codec in dict.fromkeys(row["codec"] for row in results["means"]) if codec in FELT]
+    for (above, below), kind in zip(grid.T, kinds, strict=True):
+        for codec in codecs:
+            colour, marker = FELT[codec]
+            key = (kind, codec, "delay alone")
+            own = [row for row in results["means"] if (row["kind"], row["codec"], row["link"]) == key]
+            # The passive codecs are above 1 JND most of the time, which would hide the others.
+            shown = (below,) if codec == "passive-extrapolative" else (above, below)
+            for axes in shown:
+                figure_name = "exceed_jnd_fraction" if axes is above else "created_share"
+                rows = [row | {"percent": 100 * row[figure_name]} for row in own if row[figure_name] is not None]
+                _line(axes, rows, "delay_ms", "percent", colour, marker, "--" if codec == "raw" else "-", label=codec)
+        above.set_title(kind, fontsize=11)
+        below.set_xlabel("delay of each way [ms]")
+        below.set_yscale("symlog", linthresh=10.0)
+        below.set_yticks([0, 2, 5, 10, 20, 50, 100, 200], ["0", "2", "5", "10", "20", "50", "100", "200"])
+        for axes in (above, below):
+            axes.set_xscale("symlog", linthresh=5.0)
+            axes.set_xticks(results["delays_ms"], [f"{each}" for each in results["delays_ms"]])
+            axes.xaxis.set_minor_locator(NullLocator())
+            axes.set_ylim(bottom=0.0)
+    grid[0][0].set_ylabel("ticks at which the force felt is off by\nmore than 1 JND [%]")
+    grid[1][0].set_ylabel("energy created / work of the hand [%]")
+    handles = grid[1][0].get_legend_handles_labels()
+    figure.legend(*handles, loc="outside lower center", ncols=len(codecs), frameon=False)
+    return figure
+
+
 def repair(results: Row) -> Figure:
     """Draw exceedance that loss causes over extra bytes, a point for each loss, on three links."""
     links = (("datagrams", 100_000), ("ms", 100_000), ("datagrams", 20_000))
@@ -225,5 +260,6 @@ FIGURES: Final[tuple[tuple[str, Callable[[Row], Figure]], ...]] = (
     ("scene_accuracy", scene_accuracy),
     ("force_loop", force_loop),
     ("repair", repair),
+    ("felt", felt),
 )
 """Benchmark and the function that draws from its results."""

@@ -21,6 +21,7 @@ from hapticnet.codec.registry import codec_parameters
 from hapticnet.experiment.trial import Trial
 from hapticnet.experiment.workers import workers
 from hapticnet.measure.bound import fewest_holds, fewest_lines
+from hapticnet.measure.energy import energy_report
 from hapticnet.measure.metrics import ErrorReport, error_report
 from hapticnet.measure.quality import QualityReport, quality_report
 from hapticnet.node.felt import feel
@@ -73,6 +74,9 @@ class Row:
     felt
         Errors of the force that is applied at each tick against the true force of that tick, over a link with this
         delay and loss; see `node.felt`.
+    felt_created_share
+        Energy that this force creates, as a share of the work that the hand does against the true force; see
+        `measure.energy`. None without positions.
     over_optimum
         Packets sent over the fewest that any zero-order hold needs.
     nanoseconds_per_sample
@@ -93,6 +97,7 @@ class Row:
     cost: CostReport
     quality: QualityReport
     felt: ErrorReport
+    felt_created_share: float | None
     limits: Limits
     over_optimum: float
     packets_per_s: float
@@ -168,7 +173,7 @@ def compare(
     return rows
 
 
-_Measured: TypeAlias = tuple[CostReport, QualityReport, ErrorReport, float]
+_Measured: TypeAlias = tuple[CostReport, QualityReport, ErrorReport, float | None, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,8 +202,16 @@ def encode_trial(
     return encode_lossy(codec, trial.t_us, trial.stimuli, trial.positions, loss=loss, repair_us=REPAIR_US, rng=rng)
 
 
-def felt_error(codec: Codec, trial: Trial, *, loss: float, delay_us: int, seed: int) -> ErrorReport:
-    """Return the errors of the force applied at each tick over a link that delays both ways and loses updates."""
+def felt_report(
+    codec: Codec, trial: Trial, *, loss: float, delay_us: int, seed: int
+) -> tuple[ErrorReport, float | None]:
+    """Return what the hand feels over a link that delays both ways and loses updates.
+
+    Returns
+    -------
+    tuple
+        The errors of the force applied at each tick, and the share of energy that it creates; None without positions.
+    """
     forward = ChannelSettings(delay_us=delay_us)
     feedback = ChannelSettings(delay_us=delay_us, loss=BernoulliLoss(loss) if loss else None)
     felt = feel(
@@ -211,7 +224,10 @@ def felt_error(codec: Codec, trial: Trial, *, loss: float, delay_us: int, seed: 
         repair_us=REPAIR_US + 2 * delay_us,
         rng=np.random.default_rng(seed),
     )
-    return error_report(codec.law, trial.stimuli, felt.applied)
+    errors = error_report(codec.law, trial.stimuli, felt.applied)
+    if trial.positions is None:
+        return errors, None
+    return errors, energy_report(codec.law, trial.stimuli, felt.applied, trial.positions).created_share
 
 
 def codec_label(codec: Codec) -> str:
@@ -222,7 +238,7 @@ def codec_label(codec: Codec) -> str:
 
 
 def _row(trial: Trial, codec: Codec, loss: float, delay_us: int, limits: Limits, measured: _Measured) -> Row:
-    cost, quality, felt, nanoseconds_per_sample = measured
+    cost, quality, felt, felt_created_share, nanoseconds_per_sample = measured
     return Row(
         trial=trial.name,
         codec=codec.name,
@@ -237,6 +253,7 @@ def _row(trial: Trial, codec: Codec, loss: float, delay_us: int, limits: Limits,
         cost=cost,
         quality=quality,
         felt=felt,
+        felt_created_share=felt_created_share,
         limits=limits,
         over_optimum=cost.sent / limits.holds if limits.holds else 1.0,
         packets_per_s=cost.sent / trial.seconds,
@@ -257,8 +274,8 @@ def _measured(shared: _Shared, case: tuple[int, float, int]) -> _Measured:
     quality = quality_report(
         codec.law, trial.t_us, trial.stimuli, encoding.decoded, encoding.sent, trial.positions, received=received
     )
-    felt = felt_error(codec, trial, loss=loss, delay_us=shared.delay_us, seed=shared.seed)
-    return cost, quality, felt, _nanoseconds_per_sample(codec, trial)
+    felt, created_share = felt_report(codec, trial, loss=loss, delay_us=shared.delay_us, seed=shared.seed)
+    return cost, quality, felt, created_share, _nanoseconds_per_sample(codec, trial)
 
 
 def _nanoseconds_per_sample(codec: Codec, trial: Trial) -> float:

@@ -60,6 +60,9 @@ FELT_MEANING: Final = (
     "share of the ticks at which the applied force is more than one JND from the true force of that tick, over a link"
     " with delay"
 )
+CREATED_MEANING: Final = (
+    "energy that the applied force creates over that link, as a share of the work of the hand against the true force"
+)
 SPEED_MEANING: Final = "time to encode and decode a sample in a stream, in plain Python on this machine"
 
 COLUMNS: Final = (
@@ -73,6 +76,7 @@ COLUMNS: Final = (
     Column("max_error_n", "max\nN", ".3f", "largest error", in_papers=False),
     Column("exceed_jnd_fraction", "exceed\nJND", ".1%", EXCEED_MEANING),
     Column("felt_exceed_jnd_fraction", "felt\n> JND", ".1%", FELT_MEANING),
+    Column("felt_created_share", "energy\ncreated", ".1%", CREATED_MEANING),
     Column("jump_max_jnd", "jump\nJND", ".1f", "largest step between successive applied samples", in_papers=False),
     Column("age_mean_us", "age\nms", ".1f", "mean age of the applied update", 1e-3, in_papers=False),
     Column("nanoseconds_per_sample", "µs per\nsample", ".2f", SPEED_MEANING, 1e-3, in_papers=False),

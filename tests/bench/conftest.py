@@ -12,6 +12,7 @@ QUICK = {
     "codec_speed": ("--samples", 20_000, "--repetitions", 1),
     "codec_stability": ("--quick",),
     "endurance": ("--hours", 0.05, "--wrap-hours", 0.011),
+    "felt": ("--quick",),
     "floods": ("--quick", "--seconds", 0.3, "--repetitions", 1),
     "force_loop": ("--quick", "--seeds", 1),
     "fuzz": ("--datagrams", 20_000),

@@ -249,3 +249,17 @@ def test_recording_costs_little_beside_a_tick_and_little_is_lost(measured):
     assert 0.0 < collecting["1 axis"] < results["a tick of the master"]["off"]
     assert 10 < results["bytes a tick"][".mcap"] < 500
     assert set(results["lost by kill -9"]) == {"node", "writer"}
+
+
+def test_felt_measures_every_codec_with_and_without_delay(measured):
+    results = measured("felt")
+    rows = results["rows"]
+    assert {row["codec"] for row in rows} == set(CODECS)
+    assert {row["kind"] for row in rows} == {"paper's scene", "other scenes", "three axes"}
+    raw = {(row["signal"], row["delay_ms"]): row for row in rows if row["codec"] == "raw"}
+    for (_, delay_ms), row in raw.items():
+        late = delay_ms > 0  # without delay, float32 payloads round
+        assert (row["exceed_jnd_fraction"] > 0.0, row["rmse_n"] > 1e-6, row["created_share"] > 1e-6) == (late,) * 3
+    assert {row["exceed_jnd_fraction"] for row in rows if row["codec"] == "deadband" and not row["delay_ms"]} == {0.0}
+    assert all(row["active_share"] <= row["created_share"] + 0.01 for row in raw.values())
+    assert {row["codec"] for row in results["means"]} == set(CODECS)

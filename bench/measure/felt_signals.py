@@ -1,0 +1,103 @@
+"""What is touched and how, for felt.py: scenes and hands, and recordings with positions.
+
+Each signal has a kind, over which felt.py averages. The motions and the properties of the tissues are assumptions,
+chosen to be typical; each scene has one feature that the paper's lacks.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from rate_distortion_signals import recorded_signals
+
+from hapticnet.experiment.scene_force import scene_trial
+from hapticnet.experiment.trial import Trial
+from hapticnet.operator.palpation import PalpatingOperator, PalpationSettings
+from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
+from hapticnet.scene.body import BodySceneSettings
+from hapticnet.scene.presets import find_scene, paper_scene
+from hapticnet.scene.sources import make_scene
+from hapticnet.scene.tissue import SceneSettings, Tissue
+
+HAND: Final = InsertionSettings(insertions=2)
+THRUST: Final = InsertionSettings(
+    insertions=4, push_steps=1, push_s=0.5625, withdraw_s=0.69, approach_s=0.3, pause_s=0.3, rest_s=0.3, variation=0.0
+)
+"""A push of 60 mm in 0.56 s: 200 mm/s at its fastest, 1.875 times the mean of a minimum-jerk movement."""
+
+SLOW: Final = InsertionSettings(insertions=1, depth_m=0.0285, push_s=6.0, push_steps=3, pause_s=0.5, withdraw_s=2.0)
+"""Presses on the paper's first tissue that do not breach it."""
+
+VISCOUS: Final = SceneSettings(
+    name="viscous",
+    tissues=tuple(
+        Tissue(
+            name=f"tissue {number}",
+            rest_position_m=0.02 * number,
+            stiffness_n_per_m=150.0,
+            breach_force_n=breach_force_n,
+            viscosity_n_s_per_m=10.0,
+            shaft_friction_n=0.3,
+        )
+        for number, breach_force_n in ((1, 1.5), (2, 2.0), (3, 2.5))
+    ),
+)
+STIFFENING: Final = SceneSettings(
+    name="stiffening",
+    tissues=tuple(
+        Tissue(
+            name=f"tissue {number}",
+            rest_position_m=0.02 * number,
+            stiffness_n_per_m=60.0,
+            breach_force_n=breach_force_n,
+            stiffening_per_m=200.0,
+        )
+        for number, breach_force_n in ((1, 2.0), (2, 3.5), (3, 5.0))
+    ),
+)
+
+PAPER: Final = "paper's scene"
+KINDS: Final = (PAPER, "other scenes", "three axes", "recorded")
+
+
+def signals(seeds: Sequence[int], recordings: Sequence[str], seconds: float) -> list[tuple[str, Trial]]:
+    """Return kind and signal of each; recordings without positions are left out, and cut after `seconds`."""
+    found = [(PAPER, _inserted(paper_scene(seed), HAND, seed, f"paper's scene, hand {seed}")) for seed in seeds]
+    seed = seeds[0]
+    found += [
+        (PAPER, _inserted(paper_scene(seed), THRUST, seed, "paper's scene, thrusts of 200 mm/s")),
+        (PAPER, _inserted(paper_scene(seed), SLOW, seed, "paper's scene, slow palpation")),
+        (KINDS[1], _inserted(VISCOUS, HAND, seed, "viscous, with friction on the shaft")),
+        (KINDS[1], _inserted(STIFFENING, HAND, seed, "stiffening")),
+    ]
+    phantom = find_scene("phantom")
+    found += [
+        (KINDS[2], _palpated(phantom, PalpationSettings(palpations=1), seed, "phantom, palpation")),
+        (
+            KINDS[2],
+            _palpated(_without_friction(phantom), PalpationSettings(palpations=1), seed, "the same, no friction"),
+        ),
+    ]
+    recorded = [trial for trial in recorded_signals(recordings) if trial.positions is not None]
+    return found + [(KINDS[3], _first(trial, seconds)) for trial in recorded]
+
+
+def _inserted(settings: SceneSettings, motion: InsertionSettings, seed: int, name: str) -> Trial:
+    return scene_trial(make_scene(settings), ScriptedOperator(motion, np.random.default_rng(seed)), name=name)
+
+
+def _palpated(settings: SceneSettings | BodySceneSettings, motion: PalpationSettings, seed: int, name: str) -> Trial:
+    return scene_trial(make_scene(settings), PalpatingOperator(motion, np.random.default_rng(seed)), name=name)
+
+
+def _without_friction(settings: SceneSettings | BodySceneSettings) -> BodySceneSettings:
+    assert isinstance(settings, BodySceneSettings)
+    return replace(settings, bodies=tuple(replace(body, friction=0.0, static_friction=0.0) for body in settings.bodies))
+
+
+def _first(trial: Trial, seconds: float) -> Trial:
+    """Return the beginning of a recording, so that all take about as long."""
+    samples = slice(0, int(np.searchsorted(trial.t_us, trial.t_us[0] + round(1e6 * seconds))))
+    assert trial.positions is not None
+    return replace(trial, t_us=trial.t_us[samples], stimuli=trial.stimuli[samples], positions=trial.positions[samples])
