@@ -22,6 +22,7 @@ from hapticnet.cli import (
     replay,
     scene,
     slave,
+    sweep,
 )
 from hapticnet.cli.console import complain
 from hapticnet.cli.options import AUTO
@@ -65,6 +66,7 @@ app.command(
 app.add_typer(scene.app, name="scene")
 app.add_typer(device.app, name="device")
 app.add_typer(key.app, name="key")
+app.add_typer(sweep.app, name="sweep", short_help="Compute every combination of the settings in a study.")
 app.add_typer(experiment.app, name="experiment", short_help="Run the paper's study, and analyse it.")
 equip(app)
 

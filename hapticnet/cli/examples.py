@@ -15,6 +15,21 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
         "hapticnet experiment order --participant 01-08 --simulate literature",
         "hapticnet experiment analyse study",
     ),
+    ("sweep",): (
+        "hapticnet sweep run studies/rate-distortion.toml --dry-run",
+        "hapticnet sweep studies/rate-distortion.toml --out results/rates",
+        "hapticnet sweep show results/rates --plot rates.png",
+    ),
+    ("sweep", "run"): (
+        "hapticnet sweep run studies/rate-distortion.toml --out results/rates",
+        "hapticnet sweep run studies/rate-distortion.toml --repeats 100 --out results/rates --workers 8",
+        "hapticnet sweep run studies/repair.toml --out results/repair --scheduler tcp://192.0.2.7:8786",
+    ),
+    ("sweep", "show"): (
+        "hapticnet sweep show results/rates",
+        "hapticnet sweep show results/rates --by codec,multiplier --of felt_rmse_n --where 'delay_ms = 25'",
+        "hapticnet sweep show results/rates --x packets_per_s --y felt_rms_jnd --line codec --plot rates.pdf",
+    ),
     ("scene",): ("hapticnet scene show paper:1",),
     ("device",): ("hapticnet device find", "hapticnet device step sim:0.6"),
     ("key",): ("hapticnet key new", "hapticnet key list"),

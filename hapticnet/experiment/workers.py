@@ -75,11 +75,15 @@ def _in_order(pool: ProcessPoolExecutor, function: Callable[[Any, Any], Any], it
 def _keep(shared: Any, parent: int) -> None:
     global _shared
     _shared = shared
-    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    end_with_parent(parent)
 
 
-def _end_with(parent: int) -> None:
-    """End this process when its parent has ended, which a killed parent cannot tell."""
+def end_with_parent(parent: int) -> None:
+    """End this process when the process with this number is no longer its parent; a killed parent cannot tell."""
+    threading.Thread(target=_watch, args=(parent,), daemon=True).start()
+
+
+def _watch(parent: int) -> None:
     while os.getppid() == parent:
         time.sleep(PARENT_CHECK_S)
     os._exit(1)

@@ -109,16 +109,28 @@ def _play(shared: tuple[Plan, MakeHand], task: Task) -> tuple[list[Look], float]
         seed=seed,
         limit_s=plan.order.time_limit_s,
     )
-    device = SimulatedDevice(PlantSettings(), np.random.default_rng([seed, 9]))
+    outcome = play_trial(stimulus, make_hand=make_hand)
+    measures = outcome.measures
+    return contacts(outcome), measures.wire_bytes / max(measures.penetrations, 1)
+
+
+def play_trial(stimulus: Stimulus, *, make_hand: MakeHand = scripted_hand) -> Played:
+    """Play one trial through the chain in virtual time, with a device that has just met the finger.
+
+    Raises
+    ------
+    UnavailableError
+        If it cannot be played.
+    """
+    device = SimulatedDevice(PlantSettings(), np.random.default_rng([stimulus.seed, 9]))
     rig = VirtualRig(Fingertip(device, LimitSettings(), ForceControlSettings()), MasterSettings(), make_hand=make_hand)
     for activity in (Meet(), Play(stimulus)):
         outcome = asyncio.run(rig.run(activity))
         if isinstance(outcome, Fault):
-            raise UnavailableError(f"a simulated trial of condition {condition.name!r} failed: {outcome.reason}")
+            raise UnavailableError(f"a simulated trial with {stimulus.codec} failed: {outcome.reason}")
     if not isinstance(outcome, Played):
-        raise UnavailableError(f"a simulated trial of condition {condition.name!r} was not played")
-    measures = outcome.measures
-    return contacts(outcome), measures.wire_bytes / max(measures.penetrations, 1)
+        raise UnavailableError(f"a simulated trial with {stimulus.codec} was not played")
+    return outcome
 
 
 def _felt(condition: ConditionPlan, tasks: Sequence[Task], played: Sequence[tuple[list[Look], float]]) -> Felt:

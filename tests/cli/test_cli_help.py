@@ -35,6 +35,8 @@ def test_the_help_names_the_values_of_options_and_not_their_types(run, verb):
 def test_every_example_can_be_parsed(line):
     words = shlex.split(line.partition(">")[0].removesuffix(" 2"))
     words = with_page_address(words[words.index("hapticnet") + 1 :])
+    if words[0] == "sweep" and words[1] not in ("run", "show"):
+        words.insert(1, "run")
     count = next(count for count in (1, 2) if tuple(words[:count]) in VERBS)
     command = VERBS[tuple(words[:count])]
     arguments = command.make_parser(command.context_class(command, **command.context_settings)).parse_args(
@@ -57,6 +59,9 @@ def test_there_are_examples_of_the_verbs_that_exist():
         (("slave", "--scene", "pa"), {"paper"}),
         (("slave", "--channel-out", "w"), {"wifi"}),
         (("config", "ma"), {"master"}),
+        (("sweep", "s"), {"show"}),
+        (("sweep", "study.toml", "--sch"), {"--scheduler"}),
+        (("sweep", "run", "study.toml", "--dry"), {"--dry-run"}),
     ],
 )
 def test_the_shell_completes(monkeypatch, words, expected):

@@ -1,0 +1,137 @@
+"""``hapticnet sweep show``: tables and figures of a study's results."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hapticnet.cli import options
+
+if TYPE_CHECKING:
+    from hapticnet.sweep.query import Results, Summary
+    from hapticnet.sweep.study import Shown
+
+
+def show(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder of a sweep, finished or not.")],
+    by: Annotated[
+        str | None, typer.Option(metavar="COLUMN[,COLUMN…]", help="Settings that make groups; default: the study's.")
+    ] = None,
+    of: Annotated[
+        str | None, typer.Option(metavar="COLUMN[,COLUMN…]", help="Measures to show; default: the study's.")
+    ] = None,
+    quantiles: Annotated[str, typer.Option(metavar="Q[,Q…]", help="Quantiles beside the mean.")] = "0.05,0.5,0.95",
+    where: Annotated[
+        str | None, typer.Option(metavar="SQL", help="Only these rows, such as \"codec = 'deadband' AND loss > 0\".")
+    ] = None,
+    csv: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the table to FILE as CSV.")] = None,
+    plot: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw a figure: .png, .pdf or .svg.")] = None,
+    x: Annotated[str | None, typer.Option(metavar="COLUMN", help="Column across the figure.")] = None,
+    y: Annotated[str | None, typer.Option(metavar="COLUMN", help="Column up the figure.")] = None,
+    line: Annotated[str | None, typer.Option(metavar="COLUMN", help="Setting with a line for each value.")] = None,
+    panel: Annotated[str | None, typer.Option(metavar="COLUMN", help="Setting with a panel for each value.")] = None,
+    json: options.Json = False,
+    force: options.Force = False,
+) -> None:
+    """Print mean and quantiles of the results for each group of runs, or draw them."""
+    from hapticnet.cli.console import Console, check_new, check_outputs, write_text
+    from hapticnet.errors import SettingsError
+    from hapticnet.sweep.folder import STUDY, Folder
+    from hapticnet.sweep.query import chosen, open_results, summary
+    from hapticnet.sweep.study import read_study
+
+    try:
+        shares = [float(part) for part in quantiles.split(",") if part]
+    except ValueError:
+        raise SettingsError(f"--quantiles {quantiles!r} must be numbers from 0 to 1, such as 0.05,0.5,0.95") from None
+    results = open_results(Folder(folder))
+    shown = read_study(folder / STUDY).study.show
+    check_outputs(csv, plot)
+    check_new(csv, plot, force=force)
+    groups, measures = chosen(results, shown, _names(by), _names(of))
+    found = summary(results, groups, measures, quantiles=shares, where=where)
+    console = Console("sweep", quiet=json)
+    if csv is not None:
+        write_text(csv, _csv_text(found))
+        console.say(f"table: {csv}")
+    if plot is not None:
+        _draw(results, shown, groups, plot, where, {"x": x, "y": y, "line": line, "panel": panel})
+        console.say(f"picture: {plot}")
+    if json:
+        _print_json(results, found)
+    elif csv is None and plot is None:
+        _print_table(results, found)
+
+
+def _names(text: str | None) -> list[str] | None:
+    return None if text is None else [name.strip() for name in text.split(",") if name.strip()]
+
+
+def _draw(
+    results: "Results",
+    shown: "Shown",
+    groups: tuple[str, ...],
+    file: Path,
+    where: str | None,
+    given: dict[str, str | None],
+) -> None:
+    from hapticnet.errors import SettingsError
+    from hapticnet.sweep.figure import Drawing, draw
+
+    values = {key: value if value is not None else getattr(shown, key) for key, value in given.items()}
+    if values["x"] is None or values["y"] is None:
+        raise SettingsError("--plot needs --x and --y, because the study's [show] does not name them")
+    draw(results, Drawing(**values, by=groups), file, where=where)
+
+
+def _csv_text(found: "Summary") -> str:
+    import csv
+    import io
+
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(found.columns)
+    writer.writerows(found.rows)
+    return text.getvalue()
+
+
+def _print_json(results: "Results", found: "Summary") -> None:
+    import json
+
+    from hapticnet.experiment.provenance import provenance
+
+    rows: list[dict[str, Any]] = [dict(zip(found.columns, row, strict=True)) for row in found.rows]
+    about = {key: results.about[key] for key in ("name", "study", "runs", "versions")}
+    print(json.dumps({**about, "rows": rows, "provenance": provenance()}, indent=2))
+
+
+def _print_table(results: "Results", found: "Summary") -> None:
+    import sys
+
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    for name in (*found.by, "runs"):
+        table.add_column(name, justify="left" if name in found.by else "right")
+    span = [f"{100 * each:g}" for each in (found.quantiles[:1] + found.quantiles[-1:])]
+    for name in found.of:
+        table.add_column(f"{name}, mean" + (f"\n({'–'.join(span)} %)" if span else ""), justify="right")
+    each = 1 + len(found.quantiles)
+    for row in found.rows:
+        start = len(found.by) + 1
+        cells = [_mean_and_span(row[at : at + each]) for at in range(start, len(row), each)]
+        table.add_row(*map(_text, row[:start]), *cells)
+    runs = sum(row[len(found.by)] for row in found.rows)
+    print(f"{results.about['name']}: {runs:,} of {results.about['runs']:,} runs")
+    Console(highlight=False, width=None if sys.stdout.isatty() else 1000).print(table)
+
+
+def _mean_and_span(values: tuple[Any, ...]) -> str:
+    mean, *quantiles = map(_text, values)
+    return f"{mean} ({quantiles[0]}–{quantiles[-1]})" if quantiles else mean
+
+
+def _text(value: Any) -> str:
+    return "" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,195 @@
+"""From a study to a plan: read its scenes and recordings, count its combinations, and take its fingerprint."""
+
+import dataclasses
+import hashlib
+import json
+from itertools import product
+from pathlib import Path
+from typing import Any, Final, TypeAlias
+
+from hapticnet.channel.quantities import parse_time_us
+from hapticnet.checks import check_integer
+from hapticnet.errors import FileError, SettingsError
+from hapticnet.experiment.trial import Trial
+from hapticnet.files import MAX_BYTES, check_readable
+from hapticnet.operator.scripted import InsertionSettings
+from hapticnet.recordings.recording import load_recording
+from hapticnet.scene.presets import find_scene
+from hapticnet.study.observers import parse_observer
+from hapticnet.sweep.felt import FeltPlan, Recorded, Repair, Source, Touched
+from hapticnet.sweep.grid import Grid
+from hapticnet.sweep.link import coders, links
+from hapticnet.sweep.ordering import OrderingPlan
+from hapticnet.sweep.study import MOST_REPEATS, MOST_RUNS, FeltStudy, OrderingStudy, Reading, StudyFile
+
+DEFAULT_SCENES: Final = ("paper:1",)
+DEFAULT_HANDS: Final = ("scripted:insertions=1",)
+HAND: Final = "scripted"
+NEVER_US: Final = 2**61
+"""Later than the end of any recording [µs]."""
+
+SHOWN_ONLY: Final = {"show", "name", "repeats"}
+"""What a study may change without changing the numbers of a run."""
+
+AnyPlan: TypeAlias = FeltPlan | OrderingPlan
+
+
+def plan_of(file: StudyFile, repeats: int | None = None) -> AnyPlan:
+    """Return the plan of a study.
+
+    Parameters
+    ----------
+    repeats
+        In the place of the study's own.
+
+    Raises
+    ------
+    SettingsError
+        If a value cannot be used, or there are too many runs.
+    FileError
+        If a file that the study names cannot be used.
+    """
+    study = file.study
+    if repeats is not None:
+        check_integer("repeats", repeats, 1, MOST_REPEATS)
+        study = study.model_copy(update={"repeats": repeats})
+    axes = study.axes.model_copy(update={"codec": [_located(text, file.folder) for text in study.axes.codec]})
+    study = study.model_copy(update={"axes": axes})
+    try:
+        plan = _felt(study, file.folder) if isinstance(study, FeltStudy) else _ordering(study)
+    except SettingsError as error:
+        raise SettingsError(f"{file.source}: {error}") from error
+    runs = plan.cells * plan.repeats
+    if runs > MOST_RUNS:
+        raise SettingsError(
+            f"{file.source}: {plan.cells:,} combinations × {plan.repeats:,} repeats are {runs:,} runs; at most"
+            f" {MOST_RUNS:,} are possible"
+        )
+    return dataclasses.replace(plan, digest=_digest(file, plan))
+
+
+def _felt(study: FeltStudy, folder: Path) -> FeltPlan:
+    axes = study.axes
+    if axes.recording is None:
+        if study.reading is not None:
+            raise SettingsError("[reading] says how recordings are read, and axes.recording names none")
+        sources = _touched(study, folder)
+    else:
+        for key in ("scene", "hand", "rate_hz"):
+            if key in axes.model_fields_set:
+                raise SettingsError(f"axes: recording takes the place of {key}; remove one of them")
+        sources = _recorded(axes.recording, study.reading or Reading(), folder)
+    repairs = tuple(Repair(text, _repair_us(text)) for text in axes.repair)
+    return FeltPlan(
+        name=study.name,
+        digest="",
+        seed=study.seed,
+        repeats=study.repeats,
+        sources=sources,
+        grid=Grid((tuple(range(len(sources))), coders(axes), links(axes), repairs)),
+        swept=tuple(axes.parameters),
+    )
+
+
+def _ordering(study: OrderingStudy) -> OrderingPlan:
+    axes = study.axes
+    for rate_hz in axes.rate_hz:
+        if not 100.0 <= rate_hz <= 10_000.0:
+            raise SettingsError(f"axes: rate_hz is {rate_hz:g}; it must be between 100 and 10000")
+    return OrderingPlan(
+        name=study.name,
+        digest="",
+        seed=study.seed,
+        repeats=study.repeats,
+        grid=Grid((coders(axes), links(axes), tuple(axes.rate_hz), tuple(map(parse_observer, axes.observer)))),
+        swept=tuple(axes.parameters),
+        answers=study.answers,
+    )
+
+
+def _touched(study: FeltStudy, folder: Path) -> tuple[Source, ...]:
+    axes = study.axes
+    scenes = [find_scene(text, folder) for text in axes.scene or DEFAULT_SCENES]
+    hands = [(text, _motion(text)) for text in axes.hand or DEFAULT_HANDS]
+    for rate_hz in axes.rate_hz:
+        if not 10.0 <= rate_hz <= 100_000.0:
+            raise SettingsError(f"axes: rate_hz is {rate_hz:g}; it must be between 10 and 100000")
+    return tuple(
+        Touched(scene.name, scene, text, motion, rate_hz)
+        for scene, (text, motion), rate_hz in product(scenes, hands, axes.rate_hz)
+    )
+
+
+def _motion(text: str) -> InsertionSettings:
+    """Return the motion written as ``scripted[:KEY=VALUE,…]``."""
+    name, _, given = text.partition(":")
+    kinds: dict[str, Any] = {field.name: field.type for field in dataclasses.fields(InsertionSettings)}
+    if name != HAND:
+        raise SettingsError(f"axes: hand {text!r} must be {HAND}, or {HAND}:KEY=VALUE,… as in {DEFAULT_HANDS[0]}")
+    values: dict[str, Any] = {}
+    for part in filter(None, given.split(",")):
+        key, _, value = (each.strip() for each in part.partition("="))
+        if key not in kinds:
+            raise SettingsError(f"axes: hand {text!r}: there is no {key!r}; there are: {', '.join(kinds)}")
+        try:
+            values[key] = kinds[key](value)
+        except ValueError:
+            expected = "a whole number" if kinds[key] is int else "a number"
+            raise SettingsError(f"axes: hand {text!r}: {key} is {value!r}; it must be {expected}") from None
+    return InsertionSettings(**values)
+
+
+def _recorded(names: list[str], reading: Reading, folder: Path) -> tuple[Source, ...]:
+    return tuple(_recording(folder / name, name, reading) for name in names)
+
+
+def _recording(path: Path, name: str, reading: Reading) -> Recorded:
+    found = load_recording(
+        path,
+        columns=reading.column,
+        position=reading.position,
+        position_scale=reading.position_scale,
+        rate_hz=reading.rate_hz,
+        missing=reading.missing,
+        max_bytes=MAX_BYTES,
+    )
+    t_us = found.t_us
+    if t_us[-1] == t_us[0]:
+        raise FileError(f"{path}: {len(t_us)} samples over no time; at least two different times are needed")
+    return Recorded(Trial(name=name, t_us=t_us, stimuli=found.force, positions=found.position))
+
+
+def _repair_us(text: str) -> int | None:
+    if text == "round-trip":
+        return None
+    return NEVER_US if text == "never" else parse_time_us(text)
+
+
+def _located(codec: str, folder: Path) -> str:
+    """Return a codec with the path of a file of the user relative to the folder of the study."""
+    file, separator, rest = codec.partition(".py:")
+    return f"{folder / file}.py:{rest}" if separator else codec
+
+
+def _digest(file: StudyFile, plan: AnyPlan) -> str:
+    """Return a SHA-256 of all that determines the numbers of a run: settings, scenes, recordings, files of codecs."""
+    content: dict[str, Any] = {"study": file.study.model_dump(mode="json", exclude=SHOWN_ONLY), "code": {}}
+    for text in file.study.axes.codec:
+        name, separator, _ = text.partition(".py:")
+        if separator:
+            path = file.folder / f"{name}.py"
+            check_readable(path)
+            content["code"][name] = hashlib.sha256(path.read_bytes()).hexdigest()
+    if isinstance(plan, FeltPlan):
+        content["sources"] = [_fingerprint(source) for source in plan.sources]
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _fingerprint(source: Source) -> Any:
+    if isinstance(source, Touched):
+        return dataclasses.asdict(source)
+    trial = source.recorded
+    parts = hashlib.sha256()
+    for array in (trial.t_us, trial.stimuli, trial.positions):
+        parts.update(b"none" if array is None else repr(array.shape).encode() + array.tobytes())
+    return parts.hexdigest()
