@@ -9,11 +9,8 @@ from hapticnet.cli import options
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from hapticnet.experiment.comparison import Row
     from hapticnet.experiment.trial import Trial
-    from hapticnet.recordings.recording import Recording
 
 THRESHOLDS = "1,2,4"
 
@@ -25,6 +22,13 @@ def compare(
             metavar="TRACE", help="Recordings: .csv, .tsv, .npy, .npz, .mat or .parquet; default: the paper's scene."
         ),
     ] = None,
+    scene: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SCENE", help="Scene that is touched along the positions of TRACE, or by a scripted hand."
+        ),
+    ] = None,
+    start: options.Start = None,
     column: options.Column = None,
     position: options.Position = None,
     position_scale: options.PositionScale = None,
@@ -67,9 +71,9 @@ def compare(
 ) -> None:
     """Run every codec over recordings and compare packets, bytes, errors and cost with the best possible."""
     import json as json_module
-    from functools import partial
 
     from hapticnet.channel.quantities import parse_time_us
+    from hapticnet.cli.compare_trials import recorded_trials, scene_trials
     from hapticnet.cli.console import Console, check_new, check_outputs, write_text
     from hapticnet.codec.registry import all_codecs, register_installed_codecs
     from hapticnet.errors import SettingsError
@@ -78,10 +82,13 @@ def compare(
     from hapticnet.experiment.comparison_table import latex as latex_tables
     from hapticnet.experiment.grid import grid_codecs
     from hapticnet.experiment.provenance import provenance, provenance_lines
-    from hapticnet.recordings.recording import load_recording
 
     if not traces and any(option is not None for option in (column, position, rate)):
         raise SettingsError("--column, --position and --rate say how to read a TRACE, and none is named")
+    if scene is not None and column is not None:
+        raise SettingsError("--column names a recorded force; with --scene the force is the scene's")
+    if start is not None and (scene is None or not traces):
+        raise SettingsError("--start moves the positions of a TRACE in a --scene; name both")
     values = _grid(grid or [], thresholds, weber, floor, loss)
     losses = values.pop("loss")
     delay_us = parse_time_us(delay)
@@ -90,18 +97,13 @@ def compare(
             Console("compare").say(problem)
     chosen = grid_codecs(list(all_codecs()) if codecs is None else codecs.split(";"), values)
     files = dict.fromkeys(traces or ())
-    stems = [file.stem for file in files]
-    read = partial(
-        load_recording,
-        columns=column,
-        position=position,
-        position_scale=position_scale,
-        rate_hz=rate,
-        missing=missing,
-        max_bytes=max_size,
-    )
-    trials = [_trial(file, file.stem if stems.count(file.stem) == 1 else str(file), read) for file in files]
-    trials = trials or [_paper(seed)]
+    say = Console("compare").say
+    reading = {"position": position, "position_scale": position_scale, "rate_hz": rate, "missing": missing}
+    if scene is not None:
+        trials = scene_trials(scene, list(files), say, start=start, seed=seed, **reading, max_bytes=max_size)
+    else:
+        trials = recorded_trials(list(files), say, columns=column, **reading, max_bytes=max_size)
+        trials = trials or [_paper(seed)]
     check_outputs(csv, latex, inputs=files)
     check_new(csv, latex, force=force)
     figures = None
@@ -167,20 +169,6 @@ def _grid(texts: list[str], thresholds: str, weber: float, floor: float, loss: s
         raise SettingsError(f"thresholds {thresholds!r} must be numbers of JNDs, such as 1,2,4") from None
     usual = {"multiplier": multipliers, "weber_fraction": [weber], "floor_n": [floor], "loss": [parse_share(loss)]}
     return usual | grid
-
-
-def _trial(file: Path, name: str, read: "Callable[[Path], Recording]") -> "Trial":
-    from hapticnet.cli.console import Console
-    from hapticnet.errors import FileError
-    from hapticnet.experiment.trial import Trial
-
-    recording = read(file)
-    for note in recording.notes:
-        Console("compare").say(f"{file}: {note}")
-    t_us = recording.t_us
-    if t_us[-1] == t_us[0]:
-        raise FileError(f"{file}: {len(t_us)} samples over no time; at least two different times are needed")
-    return Trial(name=name, t_us=t_us, stimuli=recording.force, positions=recording.position)
 
 
 def _paper(seed: int) -> "Trial":

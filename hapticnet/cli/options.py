@@ -46,6 +46,12 @@ PositionScale: TypeAlias = Annotated[
         " the direction of a positive force.",
     ),
 ]
+Start: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        metavar="X[,Y[,Z]]", help="Move all positions so that the first is there [m], as a hand's recording needs it."
+    ),
+]
 MissingValues: TypeAlias = Annotated[
     Missing,
     typer.Option(

@@ -53,6 +53,8 @@ def run_scene(
     column: Annotated[
         str | None, typer.Option(help="Position column [m], by name or number from 0; else the one called position.")
     ] = None,
+    position_scale: options.PositionScale = None,
+    start: options.Start = None,
     rate: options.Rate = None,
     missing: options.MissingValues = "refuse",
     max_size: options.MaxSize = options.MAX_SIZE,
@@ -66,8 +68,10 @@ def run_scene(
 
     import numpy as np
 
+    from hapticnet.cli.compare_trials import parse_start
     from hapticnet.cli.console import Console, check_outputs
     from hapticnet.errors import SettingsError
+    from hapticnet.experiment.scene_force import placed
     from hapticnet.node.recording import axis_columns
     from hapticnet.recordings.recording import load_motion
     from hapticnet.recordings.tables import write_csv
@@ -79,7 +83,15 @@ def run_scene(
 
     source = find_source(scene)
     check_outputs(out, inputs=[positions, source.file])
-    motion = load_motion(positions, position=column, rate_hz=rate, missing=missing, max_bytes=max_size)
+    motion = load_motion(
+        positions,
+        position=column,
+        position_scale=position_scale,
+        rate_hz=rate,
+        missing=missing,
+        max_bytes=max_size,
+    )
+    path_m = placed(motion.position, None if start is None else parse_start(start))
     world = source.make()
     axes = motion.position.shape[1]
     if axes != world.axes:
@@ -87,7 +99,7 @@ def run_scene(
     for note in motion.notes:
         Console("scene").say(f"{positions}: {note}")
     rows = []
-    for t_us, position_m in zip(motion.t_us.tolist(), map(tuple, motion.position.tolist()), strict=True):
+    for t_us, position_m in zip(motion.t_us.tolist(), map(tuple, path_m.tolist()), strict=True):
         force = world.step(PositionSample(t_us, position_m))
         state: tuple[float, ...] = ()
         if isinstance(world, Scene):

@@ -1,5 +1,6 @@
 """The force of a scene along the motion of a hand, without a network: a recording to test codecs on."""
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -34,6 +35,22 @@ def scene_trial(scene: Touchable, hand: Operator, *, name: str, rate_hz: float =
     return moved_trial(scene, t_us, positions, name=name)
 
 
+def placed(positions: FloatArray, start_m: Sequence[float] | None) -> FloatArray:
+    """Return positions [m], shape (n, a), moved so that the first is at `start_m`; as they are if that is None.
+
+    Raises
+    ------
+    SettingsError
+        If the start has another number of axes.
+    """
+    if start_m is None:
+        return positions
+    if len(start_m) != positions.shape[1]:
+        raise SettingsError(f"the start has {len(start_m)} coordinates; the positions have {positions.shape[1]} axes")
+    moved: FloatArray = positions - positions[0] + np.asarray(start_m, dtype=np.float64)
+    return moved
+
+
 def moved_trial(scene: Touchable, t_us: IntArray, positions: FloatArray, *, name: str) -> Trial:
     """Return the forces of a scene along positions [m], shape (n, a), that a hand passed at `t_us` [µs], shape (n,).
 
@@ -45,7 +62,7 @@ def moved_trial(scene: Touchable, t_us: IntArray, positions: FloatArray, *, name
         If the scene refuses a position, or its force is not finite.
     """
     if positions.shape[1] != scene.axes:
-        raise SettingsError(f"{name}: positions have {positions.shape[1]} axes; {scene.name} has {scene.axes}")
+        raise SettingsError(f"{name}: the positions have {positions.shape[1]} axes; {scene.name} has {scene.axes}")
     sent = positions.astype(np.float32).astype(np.float64)  # as on the wire
     forces = [
         scene.step(PositionSample(at_us, tuple(at_m))).force_n

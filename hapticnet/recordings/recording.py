@@ -146,6 +146,7 @@ def load_motion(
     path: str | PathLike[str],
     *,
     position: Columns | None = None,
+    position_scale: float | None = None,
     rate_hz: float | None = None,
     missing: Missing = "refuse",
     max_bytes: int = MAX_BYTES,
@@ -157,13 +158,13 @@ def load_motion(
     position
         One to three position columns; None: those called position or pos (``position_m``, ``pos_x [mm]``), or else
         the only column that is not time.
-    rate_hz, missing, max_bytes
+    position_scale, rate_hz, missing, max_bytes
         As for `load_recording`, which lists the errors raised, too.
     """
     source = _open(Path(path), rate_hz, missing, max_bytes)
     with file_errors(source.path):
         chosen = _choose(source, position, "position")
-        t_us, _, moved, notes = _read(source, [], chosen, None, rate_hz, missing)
+        t_us, _, moved, notes = _read(source, [], chosen, position_scale, rate_hz, missing)
     return Motion(t_us=t_us, position=moved, notes=notes)
 
 

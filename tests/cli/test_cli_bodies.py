@@ -1,0 +1,84 @@
+"""The scene of bodies on the command line: shown, moved along a recorded hand, and compared on."""
+
+import json
+
+import numpy as np
+import pytest
+
+from hapticnet.recordings.tables import read_csv
+
+HAND = ("--position", "x,y,z", "--position-scale", "0.001", "--start", "0.018,0,0")
+
+
+@pytest.fixture
+def hand(tmp_path):
+    """Return a hand recorded in mm at 100 Hz, far from the phantom's origin."""
+    t_s = np.arange(300) / 100
+    columns = [t_s, 500 + 9 * np.sin(t_s), 100 + 12 * np.sin(2 * t_s), 8 * np.cos(t_s)]
+    file = tmp_path / "hand.csv"
+    np.savetxt(file, np.column_stack(columns), delimiter=",", header="t_s,x,y,z", comments="")
+    return file
+
+
+def test_scene_show_lists_the_bodies(run):
+    account = json.loads(run("scene", "show", "phantom", "--json").stdout)
+    assert account["axes"] == 3
+    assert [body["name"] for body in account["body"]] == ["skin", "lump"]
+    assert "static_friction" not in account["body"][1]
+
+
+def test_scene_run_puts_a_recorded_hand_into_the_scene(run, hand, tmp_path):
+    out = tmp_path / "felt.csv"
+    arguments = ("scene", "run", "phantom", "--positions", hand, "--column", *HAND[1:], "--out", out)
+    assert run(*arguments).returncode == 0
+    table = read_csv(out)
+    first = [table[f"position_{axis}_m"][0] for axis in "xyz"]
+    assert first == pytest.approx([0.018, 0.0, 0.0])
+    assert np.ptp(table["position_y_m"]) == pytest.approx(0.024, rel=0.01)
+    assert set(table["skin_contact"]) == {0.0, 1.0}
+    assert (table["skin_depth_m"][table["skin_contact"] == 1.0] > 0.0).all()
+    assert all(np.abs(table[f"force_{axis}_n"]).max() > 0.1 for axis in "xyz")
+
+
+def test_compare_tries_codecs_on_a_recorded_hand_in_a_scene(run, hand):
+    done = run("compare", hand, "--scene", "phantom", *HAND, "--codecs", "raw;deadband", "--thresholds", "1", "--json")
+    account = json.loads(done.stdout)
+    (recording,) = account["recordings"]
+    assert (recording["name"], recording["axes"], recording["period_ms"]) == ("phantom, hand", 3, 1.0)
+    raw, deadband = account["rows"]
+    assert raw["exceed_jnd_fraction"] == deadband["exceed_jnd_fraction"] == 0.0
+    assert raw["felt_created_share"] > 0.0
+
+
+def test_compare_tries_codecs_on_a_scene_under_its_scripted_hand(run):
+    arguments = ("--codecs", "deadband", "--thresholds", "1", "--json", "--seed", "3")
+    account = json.loads(run("compare", "--scene", "phantom", *arguments).stdout)
+    (recording,) = account["recordings"]
+    assert (recording["name"], recording["axes"]) == ("phantom, scripted hand 3", 3)
+    assert recording["peak_n"] > 2.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--start", "0,0,0"), "--start moves the positions of a TRACE in a --scene"),
+        (("--scene", "phantom", "--column", "x"), "--column names a recorded force"),
+        (("--scene", "phantom", "--position", "x,y,z", "--start", "1,b"), "start '1,b' must be one to three numbers"),
+        (("--scene", "phantom", "--position", "x,y,z", "--start", "1"), "the start has 1 coordinates; the positions"),
+        (("--scene", "paper", "--position", "x,y,z"), "the positions have 3 axes; paper:0 has 1"),
+    ],
+)
+def test_what_does_not_fit_together_is_told_in_one_line(run, hand, arguments, message):
+    done = run("compare", hand, *arguments)
+    assert done.returncode != 0
+    assert message in done.stderr.splitlines()[-1]
+
+
+def test_an_operator_palpates_on_as_many_axes_as_asked():
+    from hapticnet.cli.operators import make_operator
+    from hapticnet.errors import SettingsError
+
+    for spec, axes in (("palpation", 3), ("palpation:axes=2", 2)):
+        assert make_operator(spec, insertions=1, seed=1, say=print).operator.axes == axes
+    with pytest.raises(SettingsError, match="expected palpation"):
+        make_operator("palpation:axes=4", insertions=1, seed=1, say=print)
