@@ -24,7 +24,9 @@ class Hold:
 
     def decode(self, t_us: int, payload: bytes) -> None: ...
 
-    def reconstruct(self, t_us: int, position: tuple[float, ...] | None = None) -> tuple[float, ...]:
+    def reconstruct(
+        self, t_us: int, position: tuple[float, ...] | None = None, position_us: int | None = None
+    ) -> tuple[float, ...]:
         return self.held
 
 

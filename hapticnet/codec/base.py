@@ -52,11 +52,25 @@ class Decoder(Protocol):
         """
         ...
 
-    def reconstruct(self, t_us: int, position: Vector | None = None) -> Vector:
+    def reconstruct(self, t_us: int, position: Vector | None = None, position_us: int | None = None) -> Vector:
         """Return the stimulus to apply at time `t_us`, finite; zeros before the first payload.
 
-        Called at every sample, with the tool's position [m] at that time where it is known. SampleError if a position
-        that the rule uses is not finite, out of range or has other axes.
+        Called at every sample, with the tool's position where it is known.
+
+        Parameters
+        ----------
+        t_us
+            Time [µs] on the time line of the payloads.
+        position
+            Where the tool is [m].
+        position_us
+            Time of that position [µs]; None: `t_us`. Over a network it is later: the position is that of now, while the
+            newest payload that can have arrived belongs to an earlier one.
+
+        Raises
+        ------
+        SampleError
+            If a position that the rule uses is not finite, out of range or has other axes.
         """
         ...
 

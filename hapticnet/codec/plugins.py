@@ -141,7 +141,7 @@ def _rehearse(codec: Codec, axes: int, moving: bool) -> None:
             raise _Fault(f"encode must send {which}; it returned None")
         if payload is not None:
             decoder.decode(t_us, payload)
-        _check_applied(decoder.reconstruct(t_us, position), axes)
+        _check_applied(decoder.reconstruct(t_us, position, t_us), axes)
 
 
 def _check_payload(payload: Any) -> None:
@@ -228,10 +228,10 @@ class _Decoder:
         except BaseException as error:
             raise PeerError(f"codec {self._source}: decode failed: {raised(error)}") from error
 
-    def reconstruct(self, t_us: int, position: Vector | None = None) -> Vector:
+    def reconstruct(self, t_us: int, position: Vector | None = None, position_us: int | None = None) -> Vector:
         """Return the stimulus to apply; exceptions of the user's decoder become a SampleError."""
         try:
-            applied = self._reconstruct(t_us, position)
+            applied = self._reconstruct(t_us, position, position_us)
             if applied is not self._checked:  # a hold returns the same tuple again and again
                 _check_applied(applied, self._axes)
                 self._checked = applied

@@ -10,7 +10,7 @@ import numpy as np
 
 from hapticnet.arrays import FloatArray, IntArray, as_recording, refuse_out_of_range
 from hapticnet.codec.base import Codec, Encoding
-from hapticnet.codec.steps import Past, Scheme, Steps, ignore_motion, not_mirrored
+from hapticnet.codec.steps import Past, Scheme, Steps, ignore_motion, learn_nothing, not_mirrored
 from hapticnet.compiled import compiled, fast_extra_installed
 from hapticnet.errors import PeerError, SampleError
 from hapticnet.vectors import in_range, put, row
@@ -30,9 +30,10 @@ Loading the machine code takes 0.4 s, in which a stream encodes several hundred 
 
 STEPS: Final = Steps(*[ignore_motion] * 8)
 IN_MOTION: Final = False
+LEARNS: Final = False
 MIRRORED: Final = False
-"""Placeholders: `run_steps` is compiled with the steps of a scheme, whether it uses the motion, and whether it has a
-`mirror`."""
+"""Placeholders: `run_steps` is compiled with the steps of a scheme, whether it uses the motion, whether it learns from
+every sample, and whether it has a `mirror`."""
 
 LARGEST_TIME_US: Final = 2**61
 """Times [µs] up to which differences fit 64 bits."""
@@ -161,7 +162,12 @@ def _encode_compiled(scheme: Scheme, t_us: IntArray, stimuli: FloatArray, positi
     loop = compiled(
         run_steps,
         name=f"{scheme.name} {'in motion' if in_motion else 'at rest'}",
-        using={"STEPS": steps, "IN_MOTION": in_motion, "MIRRORED": mirrored},
+        using={
+            "STEPS": steps,
+            "IN_MOTION": in_motion,
+            "LEARNS": steps.learn is not learn_nothing,
+            "MIRRORED": mirrored,
+        },
     )
     rules = _rule_of_arrays(scheme, axes), _rule_of_arrays(scheme, axes)
     sent, sizes = np.empty(samples, dtype=np.int64), np.empty(samples, dtype=np.uint16)
@@ -206,6 +212,11 @@ def run_steps(
         now_us, x = t_us[i], row(stimuli, i, zeros)
         if IN_MOTION:
             sender = STEPS.watch(rule, sender, now_us, row(positions, i, zeros))
+        if LEARNS:
+            sent[count] = i
+            if not in_range(x):
+                return ~count
+            sender = STEPS.learn(rule, sender, now_us, x)
         if not STEPS.is_silent(rule, sender, now_us, x):
             sent[count] = i
             if not in_range(x):

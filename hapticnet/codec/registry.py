@@ -13,6 +13,7 @@ from hapticnet.codec.schemes.least_squares import LeastSquares
 from hapticnet.codec.schemes.level_crossing import LevelCrossing
 from hapticnet.codec.schemes.linear_predictive import LinearPredictive
 from hapticnet.codec.schemes.merging import Merging
+from hapticnet.codec.schemes.motion_predictive import MotionPredictive
 from hapticnet.codec.schemes.passive import PassiveExtrapolative, PassiveInterpolative
 from hapticnet.codec.schemes.probabilistic import Probabilistic
 from hapticnet.codec.schemes.raw import Raw
@@ -26,6 +27,7 @@ CODECS: Final[Mapping[str, type[Any]]] = {
     for codec in (
         Raw,
         Deadband,
+        MotionPredictive,
         AdaptivePredictive,
         LinearPredictive,
         LeastSquares,

@@ -65,6 +65,11 @@ def ignore_motion(rule: Any, state: Any, t_us: int, position: Vector) -> Any:
     return state
 
 
+def learn_nothing(rule: Any, sender: Any, t_us: int, x: Vector) -> Any:
+    """Default of `Steps.learn`: return the state unchanged."""
+    return sender
+
+
 EMPTY_INTERVAL: Final = (math.inf, -math.inf)
 """An interval that contains no number."""
 
@@ -101,6 +106,8 @@ class Steps(NamedTuple):
         at the receiver before `apply`.
     at_rest
         ``(sender) -> sender``: what the sender does instead of `watch` if the position is not known. Never compiled.
+    learn
+        ``(rule, sender, t_us, x) -> sender``: take in every stimulus, before `is_silent` and after `watch`.
     ends_past
         ``(rule, sender, t_us, x) -> bool``: whether to forget the samples before x, for example at an impact.
     silent_interval
@@ -120,6 +127,7 @@ class Steps(NamedTuple):
     watch: Callable[..., Any] = ignore_motion
     move: Callable[..., Any] = ignore_motion
     at_rest: Callable[..., Any] = unchanged
+    learn: Callable[..., Any] = learn_nothing
     ends_past: Callable[..., bool] = never
     silent_interval: Callable[..., tuple[float, float]] = no_interval
 
@@ -161,6 +169,8 @@ class Scheme:
 
     def encoder(self, axes: int) -> "StepEncoder":
         """Return a new encoder for stimuli of 1 to 3 axes."""
+        if self.steps.learn is not learn_nothing:
+            return LearningEncoder(self, axes)
         if self.steps.watch is not ignore_motion:
             return MotionEncoder(self, axes)
         if self.steps.silent_interval is not no_interval and axes == 1:
@@ -260,6 +270,32 @@ class MotionEncoder(StepEncoder):
             raise
 
 
+class LearningEncoder(StepEncoder):
+    """Encoder of a scheme that learns from every sample, and from the motion of the tool."""
+
+    __slots__ = ("_learn",)
+
+    def __init__(self, scheme: Scheme, axes: int) -> None:
+        super().__init__(scheme, axes)
+        self._learn = scheme.steps.learn
+
+    def encode(self, t_us: int, stimulus: Vector, position: Vector | None = None) -> bytes | None:
+        """Return the payload to transmit, or None."""
+        if len(stimulus) != self._axes:
+            refuse_axes(stimulus, self._axes, "stimulus")
+        x = checked_vector(stimulus, "stimulus")
+        rule, sender = self._rule, self._sender
+        if position is None:
+            sender = self._steps.at_rest(sender)
+        else:
+            sender = self._steps.watch(rule, sender, t_us, checked_position(position, self._axes))
+        self._sender = sender = self._learn(rule, sender, t_us, x)
+        if self._is_silent(rule, sender, t_us, x):
+            return None
+        message, self._sender = self._send(rule, sender, t_us, x, NO_PAST)
+        return self._pack(message)
+
+
 class PastEncoder(StepEncoder):
     """Encoder of a scheme whose messages depend on past samples."""
 
@@ -319,7 +355,12 @@ class StepDecoder:
         receiver = self._receiver
         self._receiver = self._receive(self._rule, receiver, t_us, self._unpack(payload, receiver))
 
-    def reconstruct(self, t_us: int, position: Vector | None = None) -> Vector:  # noqa: ARG002
+    def reconstruct(
+        self,
+        t_us: int,
+        position: Vector | None = None,  # noqa: ARG002
+        position_us: int | None = None,  # noqa: ARG002
+    ) -> Vector:
         """Return the stimulus to apply."""
         return self._apply(self._rule, self._receiver, t_us)
 
@@ -334,11 +375,12 @@ class MotionDecoder(StepDecoder):
         self._axes = axes
         self._move = scheme.steps.move
 
-    def reconstruct(self, t_us: int, position: Vector | None = None) -> Vector:
+    def reconstruct(self, t_us: int, position: Vector | None = None, position_us: int | None = None) -> Vector:
         """Return the stimulus to apply."""
         if position is not None:
             position = checked_position(position, self._axes)
-            self._receiver = self._move(self._rule, self._receiver, t_us, position)
+            moved_us = t_us if position_us is None else position_us
+            self._receiver = self._move(self._rule, self._receiver, moved_us, position)
         return self._apply(self._rule, self._receiver, t_us)
 
 
@@ -351,7 +393,12 @@ class HoldDecoder(StepDecoder):
         """Take in a payload, as `hold` does."""
         self._receiver = self._unpack(payload, self._receiver)[1]
 
-    def reconstruct(self, t_us: int, position: Vector | None = None) -> Vector:  # noqa: ARG002
+    def reconstruct(
+        self,
+        t_us: int,  # noqa: ARG002
+        position: Vector | None = None,  # noqa: ARG002
+        position_us: int | None = None,  # noqa: ARG002
+    ) -> Vector:
         """Return the held stimulus."""
         held: Vector = self._receiver
         return held

@@ -26,6 +26,8 @@ class AppliedForce:
         self._hold = Hold(settings, axes=axes)
         self._heard_us: int | None = None  # when the newest force arrived, on the master's clock
         self._heard_t_us = 0  # and its time stamp
+        self._position_m: Vector | None = None  # of the newest tick, and its time
+        self._position_us = 0
         self._valid_t_us = 0  # time of the newest position for which what is applied is known to be right
 
     def begin(self, codec: Codec) -> None:
@@ -34,7 +36,7 @@ class AppliedForce:
         self._heard_us = None
         self._hold.restart()
 
-    def take_in(self, event: ForceArrived, position_m: Vector | None, now_us: int) -> None:
+    def take_in(self, event: ForceArrived, now_us: int) -> None:
         """Apply a force that has arrived.
 
         Raises
@@ -43,7 +45,7 @@ class AppliedForce:
             If its payload is malformed. A user's codec may raise anything.
         """
         self._decoder.decode(event.t_us, event.payload)
-        self._hold.receive(self._decoder.reconstruct(event.t_us, position_m), now_us)
+        self._hold.receive(self._decoder.reconstruct(event.t_us, self._position_m, self._position_us), now_us)
         self._heard_us, self._heard_t_us = now_us, event.t_us
         self._valid_t_us = event.t_us
 
@@ -54,13 +56,14 @@ class AppliedForce:
             self._valid_t_us = event.t_us
 
     def advance(self, now_us: int, period_us: int, position_m: Vector | None) -> None:
-        """Follow the decoder for a tick. A user's codec may raise anything."""
+        """Follow the decoder for a tick at a position. A user's codec may raise anything."""
+        self._position_m, self._position_us = position_m, now_us
         if self._heard_us is None:
             return
         # The time of the newest position whose answer could have arrived by now. A prediction for that time is not
         # contradicted; the answer to the next position comes within this period.
         at_us = self._heard_t_us + max(0, now_us - self._heard_us - period_us)
-        self.received_n = self._decoder.reconstruct(at_us, position_m)
+        self.received_n = self._decoder.reconstruct(at_us, position_m, now_us)
         self._hold.follow(self.received_n)
         if not self._hold.is_released(now_us):
             self.age.add(now_us - self._valid_t_us)

@@ -129,7 +129,7 @@ class _Link:
         if self._heard is not None:  # a prediction for the newest position that can have been answered by now
             t_us, heard_us = self._heard
             at_us = t_us + now_us - heard_us
-        return self._decoder.reconstruct(at_us, self._positions[index])
+        return self._decoder.reconstruct(at_us, self._positions[index], now_us)
 
     def _answer(self, index: int, now_us: int) -> None:
         """Let the slave answer the position of a tick, unless it has answered a later one."""

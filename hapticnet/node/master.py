@@ -316,7 +316,7 @@ class MasterNode:
     def _digest(self, event: MasterEvent, now_us: int) -> None:
         if isinstance(event, ForceArrived):
             try:
-                self._applied.take_in(event, self.position_m, now_us)
+                self._applied.take_in(event, now_us)
             except PeerError:
                 self.session.payload_was_malformed()
             except Exception as error:  # a user's codec may raise anything

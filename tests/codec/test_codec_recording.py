@@ -16,6 +16,7 @@ from hapticnet.codec.schemes.least_squares import LeastSquares
 from hapticnet.codec.schemes.level_crossing import LevelCrossing
 from hapticnet.codec.schemes.linear_predictive import LinearPredictive
 from hapticnet.codec.schemes.merging import Merging
+from hapticnet.codec.schemes.motion_predictive import MotionPredictive
 from hapticnet.codec.schemes.passive import PassiveExtrapolative, PassiveInterpolative
 from hapticnet.codec.schemes.probabilistic import Probabilistic
 from hapticnet.codec.schemes.raw import Raw
@@ -33,6 +34,9 @@ made = {
         window_ms=ms,
         jump_thresholds=st.one_of(st.just(0.0), st.floats(0.1, 10.0)),
         step_n=steps,
+    ),
+    MotionPredictive: st.builds(
+        MotionPredictive, law=laws, horizon_ms=ms, window_ms=ms, stiffest_n_per_m=st.floats(1.0, 6e4)
     ),
     LinearPredictive: st.builds(
         LinearPredictive, law=laws, slope_samples=st.integers(2, 64), horizon_ms=ms, step_n=steps

@@ -54,7 +54,7 @@ class Holder:
     def decode(self, t_us, payload):
         self.held = struct.unpack(f">{self.axes}d", payload)
 
-    def reconstruct(self, t_us, position=None):
+    def reconstruct(self, t_us, position=None, position_us=None):
         return self.held
 '''
 

@@ -35,8 +35,8 @@ class BreaksDown:
     def step(self, sample):
         return self._call(self._inner.step, sample)
 
-    def reconstruct(self, t_us, position=None):
-        return self._call(lambda t_us: self._inner.reconstruct(t_us, position), t_us)
+    def reconstruct(self, t_us, position=None, position_us=None):
+        return self._call(lambda t_us: self._inner.reconstruct(t_us, position, position_us), t_us)
 
 
 def events(node):

@@ -13,6 +13,7 @@ DEFAULTS = {
     "raw": {"step_n": 0},
     "deadband": {"step_n": 0},
     "adaptive-predictive": {"horizon_ms": 200, "window_ms": 17, "jump_thresholds": 0, "step_n": 0},
+    "motion-predictive": {"horizon_ms": 200, "window_ms": 17, "stiffest_n_per_m": 10000},
     "linear-predictive": {"slope_samples": 5, "horizon_ms": 100, "step_n": 0},
     "least-squares": {"updates": 2, "horizon_ms": 100, "step_fraction": 0.5, "absolute_every": 16, "step_n": 0},
     "level-crossing": {"hysteresis": 0.25},
@@ -39,6 +40,13 @@ def norm(x):
     for component in x:
         total += component * component
     return math.sqrt(total)
+
+
+def inner(x, y):
+    total = x[0] * y[0]
+    for a, b in zip(x[1:], y[1:], strict=True):
+        total += a * b
+    return total
 
 
 def read(data, letter, axes):
@@ -101,6 +109,8 @@ class Receiver:
         self.travel = [0.0] * axes
         self.number = None
         self.before = self.direction = None
+        self.at = None
+        self.velocity = [0.0] * axes
         self.ramp_from, self.ramp_us, self.delta = self.value, 0, 0.0
         if codec == "level-crossing":
             share = ((1.0 - self.set["hysteresis"]) / math.sqrt(axes)) * multiplier
@@ -119,6 +129,8 @@ class Receiver:
                 raise Refused(multiples)
             in_range([v + way for v, way in zip(value, travel, strict=True)])
             self.value, self.travel = value, travel
+        elif self.codec == "motion-predictive":
+            self.decode_motion(payload)
         elif self.codec == "linear-predictive":
             self.value, self.slope = self.read_line(payload)
         elif self.codec == "least-squares":
@@ -137,15 +149,80 @@ class Receiver:
     def applied(self, t, position=None):
         if self.codec.startswith("passive"):
             return self.applied_passive(t, position)
+        if self.codec == "motion-predictive":
+            return self.applied_in_motion(t, position)
         if self.t0 is None:
             return self.value
         if self.codec == "adaptive-predictive":
-            s = (t - self.t0) / (self.set["horizon_ms"] * 1000.0)
-            share = 0.0 if s <= 0 else 1.0 if s >= 1 else s * (2.0 - s)
+            share = self.share(t)
             return [v + way * share for v, way in zip(self.value, self.travel, strict=True)]
         if self.codec in ("linear-predictive", "least-squares"):
             return self.on_line(t)
         return self.value
+
+    def share(self, t):
+        s = (t - self.t0) / (self.set["horizon_ms"] * 1000.0)
+        return 0.0 if s <= 0 else 1.0 if s >= 1 else s * (2.0 - s)
+
+    def decode_motion(self, payload):
+        axes = self.axes
+        first = payload[0] if payload else 255
+        letter, kind = ("d", first - 8) if first & 8 else ("f", first)
+        size = axes * (8 if letter == "d" else 4)
+        lengths = {0: 0, 1: 2 * axes, 2: 2 * axes, 3: 4 * axes + 4}
+        if kind not in lengths or len(payload) != 1 + size + lengths[kind]:
+            raise Refused(payload)
+        value, rest = in_range(read(payload[1 : 1 + size], letter, axes)), payload[1 + size :]
+        travel, normal, stiffness, viscosity = [0.0] * axes, None, 0.0, 0.0
+        if kind == 1:
+            multiples = read(rest, "e", axes)
+            travel = [m * self.threshold(norm(value)) for m in multiples]
+            if not all(abs(m) <= 1024 for m in multiples):
+                raise Refused(multiples)
+            in_range([v + way for v, way in zip(value, travel, strict=True)])
+        elif kind == 2:
+            normal = read(rest, "e", axes)
+            if not 0.0 < inner(normal, normal) <= 1.002 * self.set["stiffest_n_per_m"]:
+                raise Refused(normal)
+        elif kind == 3:
+            travel = in_range(read(rest[: 4 * axes], "f", axes))
+            stiffness, viscosity = read(rest[4 * axes :], "e", 2)
+            if not (0.0 <= stiffness <= 1.002 * self.set["stiffest_n_per_m"] and 0.0 <= viscosity <= 1000.0):
+                raise Refused((stiffness, viscosity))
+        self.value, self.travel = value, travel
+        self.line = kind, normal, stiffness, viscosity
+
+    def applied_in_motion(self, t, position):
+        if position is not None and (self.at is None or self.at[0] != t):
+            if self.at is None or t < self.at[0]:
+                self.velocity = [0.0] * self.axes
+            else:
+                before_t, before = self.at
+                self.velocity = [
+                    ((p - q) + 0.005 * v) / (0.005 + (t - before_t) * 1e-6)
+                    for p, q, v in zip(position, before, self.velocity, strict=True)
+                ]
+            self.at = t, list(position)
+        if self.t0 is None:
+            return self.value
+        kind, normal, stiffness, viscosity = self.line
+        share = self.share(t)
+        if kind < 2:
+            return [v + share * way for v, way in zip(self.value, self.travel, strict=True)]
+        if self.at is None:
+            return [0.0] * self.axes
+        at = self.at[1]
+        if kind == 2:
+            depth = inner(normal, at)
+            x = [c + depth * k for c, k in zip(self.value, normal, strict=True)]
+            out = inner(normal, x)
+            if out < 0.0:
+                back = -out / inner(normal, normal)
+                x = [c + back * k for c, k in zip(x, normal, strict=True)]
+            return [limit(c) for c in x]
+        x = [c + share * way for c, way in zip(self.value, self.travel, strict=True)]
+        x = [c + stiffness * p for c, p in zip(x, at, strict=True)]
+        return [limit(c + viscosity * v) for c, v in zip(x, self.velocity, strict=True)]
 
     def read_value(self, data):
         axes, step = self.axes, self.set.get("step_n", 0)

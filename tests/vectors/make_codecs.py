@@ -61,6 +61,8 @@ CASES = [
     ],
     ("passive-interpolative", {"interval_ms": 0.0}, FINE, 1),
     ("passive-extrapolative", {}, FINE, 1),
+    *[("motion-predictive", {}, law, axes) for law in ({}, COARSE) for axes in (1, 2, 3)],
+    *[("motion-predictive", {"horizon_ms": 9.0, "stiffest_n_per_m": 200.0}, FINE, axes) for axes in (1, 3)],
 ]
 
 
@@ -86,6 +88,34 @@ def ties(axes, samples=36):
     moves = (0.3, 0.3, -0.3, 0.25, 0.35, -0.3, -0.3, 0.2, 0.15, 0.1)
     force = np.cumsum([[moves[(n + axis) % len(moves)] for axis in range(axes)] for n in range(samples)], axis=0)
     return t_us, force.round(4).tolist(), np.zeros((samples, axes)).tolist()
+
+
+def contact(axes, seed, samples=240):
+    """Return times, forces and positions of a hand on a surface, then on a spring with viscosity, then off both."""
+    rng = np.random.default_rng(seed)
+    t_us = (9_000_000 + 1000 * np.arange(samples)).tolist()
+    depth = 4e-3 * np.sin(np.arange(samples) / 25.0) + rng.normal(0.0, 2e-6, samples)
+    position = depth[:, None] * np.array([1.0, -0.5, 0.2])[:axes] + rng.normal(0.0, 1e-5, (samples, axes))
+    position = position.round(7)
+    velocity = np.diff(position, axis=0, prepend=position[:1]) / 1e-3
+    force = 900.0 * np.clip(position, 0.0, None)
+    force[100:] = 300.0 * position[100:] + 1.5 * velocity[100:] + 0.4
+    force[220:] = 0.0
+    return t_us, force.round(4).tolist(), position.tolist()
+
+
+def far(axes, samples=300):
+    """Return times, forces and positions whose values need float64: a steep slope, then a spring far away."""
+    ticks = np.arange(samples)
+    t_us = (3_000_000 + 1000 * ticks).tolist()
+    sway = np.where(ticks < 60, 0.0, 4e-3 * np.sin((ticks - 60) / 25.0))
+    position = 1e5 + (sway[:, None] * np.array([1.0, -0.5, 0.2])[:axes]).round(9)
+    velocity, force = np.zeros(axes), np.zeros((samples, axes))
+    for tick in range(samples):
+        before = position[max(tick - 1, 0)]
+        velocity = ((position[tick] - before) + 0.005 * velocity) / 0.006
+        force[tick] = 1e6 + 0.05 * tick if tick < 60 else 300.0 * (position[tick] - 1e5) + 1.5 * velocity
+    return t_us, force.tolist(), position.tolist()
 
 
 def case(number, name, parameters, law, axes, lost=(), samples_of=None):
@@ -159,6 +189,15 @@ def bad_payloads(name, axes, good):
     yield bytes.fromhex("3f800000" * axes + "7fc00000" * axes)
     yield bytes([good[0] ^ 0x40]) + good[1:]
     yield bytes([good[0] & 0x7F]) + b"\xff" * (4 * axes + 1)
+    if name == "motion-predictive":
+        single = bytes.fromhex("3f800000" * axes)
+        yield b"\x04" + single
+        yield b"\x02" + single + bytes.fromhex("0000" * axes)
+        yield b"\x02" + single + bytes.fromhex("7bff" * axes)
+        yield b"\x01" + single + bytes.fromhex("6401" * axes)
+        yield b"\x03" + single * 2 + bytes.fromhex("bc003c00")
+        yield b"\x03" + single * 2 + bytes.fromhex("3c0063d1")
+        yield b"\x03" + single + bytes.fromhex("7fc00000" * axes + "3c003c00")
 
 
 def form_of(name, payload, axes):
@@ -170,6 +209,9 @@ def form_of(name, payload, axes):
         size = (len(payload) - 1) / axes
     if name in ("linear-predictive", "least-squares"):
         return {4: "line of counts", 8: "line of singles", 12: "line of doubles"}[size]
+    if name == "motion-predictive":
+        kind = ("hold", "curve", "surface", "coupled")[payload[0] & 7]
+        return f"{kind} of doubles" if payload[0] & 8 else f"{kind} of singles"
     if name == "adaptive-predictive":
         return {4: "curve of counts", 6: "curve of singles", 10: "curve of doubles"}[size]
     return {2: "levels" if name == "level-crossing" else "counts", 4: "single", 8: "double"}[size]
@@ -191,6 +233,14 @@ def document():
         )
         for number, (axes, fraction) in enumerate(((1, 0.5), (2, 0.5), (1, 0.8), (3, 0.8)))
     ]
+    cases += [
+        case(120 + number, "motion-predictive", parameters, law, axes, samples_of=contact(axes, number))
+        for number, (parameters, law, axes) in enumerate(
+            ((parameters, law, axes) for parameters, law in (({}, {}), ({}, FINE)) for axes in (1, 2, 3))
+        )
+    ]
+    narrow = {"weber_fraction": 0.0, "floor_n": 0.01}
+    cases += [case(130 + axes, "motion-predictive", {}, narrow, axes, samples_of=far(axes)) for axes in (1, 2, 3)]
     return {"protocol_version": 1, "note": NOTE, "cases": cases}
 
 

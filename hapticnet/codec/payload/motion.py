@@ -1,0 +1,231 @@
+"""A stimulus as a function of time and of the receiver's own motion.
+
+The payload begins with a byte: the kind of the message, plus `WIDE` if its value is float64 instead of float32. Then,
+big-endian, for n axes:
+
+======= ============ =========================================================================================
+kind    byte         rest
+======= ============ =========================================================================================
+hold    0            value (n)
+curve   1            value (n), travel (n float16, in thresholds around the value)
+surface 2            offset (n), normal (n float16)
+coupled 3            offset (n), travel (n float32 [N]), stiffness (float16 [N/m]), viscosity (float16 [N·s/m])
+======= ============ =========================================================================================
+
+Offsets, normals, stiffness and viscosity are absolute: they do not name the position for which they were computed. A
+receiver whose position differs from the one that the sender knew therefore applies what holds at its own.
+"""
+
+import struct
+from collections.abc import Mapping
+from typing import Final, NamedTuple, Protocol
+
+from hapticnet.codec.motion import Motion
+from hapticnet.codec.payload.curves import LARGEST_TRAVEL, CurveNumbers, ends_in_range
+from hapticnet.codec.payload.values import DOUBLE, SINGLE, threshold_around
+from hapticnet.errors import PeerError
+from hapticnet.perception import WeberLaw
+from hapticnet.samples import LARGEST_COMPONENT, MAX_AXES, Vector
+from hapticnet.vectors import along, dot, in_range, largest_component, limited, magnitude, times
+
+UNSENT: Final = -1
+HOLD: Final = 0
+CURVE: Final = 1
+SURFACE: Final = 2
+COUPLED: Final = 3
+
+WIDE: Final = 8
+"""Added to the first byte if the value is float64."""
+
+HALVES: Final[Mapping[int, struct.Struct]] = {axes: struct.Struct(f">{axes}e") for axes in range(1, MAX_AXES + 1)}
+COUPLING: Final[Mapping[int, struct.Struct]] = {axes: struct.Struct(f">{axes}fee") for axes in range(1, MAX_AXES + 1)}
+
+LARGEST_STIFFNESS: Final = 60_000.0
+"""Largest stiffness [N/m] that can be negotiated; float16 ends at 65 504."""
+
+LARGEST_VISCOSITY: Final = 1000.0
+"""Largest viscosity [N·s/m]: a hand at 1 mm/s would feel 1 N."""
+
+ROUNDING: Final = 1.002
+"""How far rounding to float16 may take a stiffness above its bound."""
+
+
+class MotionNumbers(CurveNumbers, Protocol):
+    """The numbers of a rule that lines depend on."""
+
+    @property
+    def stiffest(self) -> float:
+        """Largest stiffness [N/m]."""
+        ...
+
+
+class Message(NamedTuple):
+    """What is transmitted. Fields that a kind does not have are zero.
+
+    Attributes
+    ----------
+    kind
+        `HOLD`, `CURVE`, `SURFACE` or `COUPLED`.
+    is_wide
+        Whether the value is sent as float64.
+    value
+        Stimulus at the start of a curve, or the offset of a line [N].
+    travel
+        In thresholds around the value for a curve, in newtons for a coupling.
+    normal
+        Direction of a surface, times the square root of its stiffness [N/m].
+    stiffness, viscosity
+        Of a coupling [N/m, N·s/m].
+    """
+
+    kind: int
+    is_wide: bool
+    value: Vector
+    travel: Vector
+    normal: Vector
+    stiffness: float
+    viscosity: float
+
+
+class Line(NamedTuple):
+    """What the receiver applies after a message: see `line_at`. The travel is in newtons."""
+
+    kind: int
+    t_us: int
+    offset: Vector
+    travel: Vector
+    normal: Vector
+    stiffness: float
+    viscosity: float
+
+
+def no_line(axes: int) -> Line:
+    """Return what is applied before the first message: zeros."""
+    zeros = (0.0,) * axes
+    return Line(UNSENT, 0, zeros, zeros, zeros, 0.0, 0.0)
+
+
+def line_of(rule: CurveNumbers, t_us: int, message: Message) -> Line:
+    """Return the line of a message."""
+    kind, _, value, travel, normal, stiffness, viscosity = message
+    if kind == CURVE:
+        travel = times(travel, threshold_around(rule, value))
+    return Line(kind, t_us, value, travel, normal, stiffness, viscosity)
+
+
+def line_at(rule: CurveNumbers, line: Line, motion: Motion, t_us: int) -> Vector:
+    """Return the stimulus [N] at a time, for a motion.
+
+    With offset c, travel d, share s of the time (a parabola that is level at the horizon), position p, velocity v,
+    normal κ, stiffness K and viscosity B::
+
+        hold      c
+        curve     c + d·s
+        surface   c + κ (κ·p), without its part along κ where that is negative: a surface does not pull
+        coupled   c + d·s + K p + B v
+
+    The last two are zero where the position has never been known, and limited to `LARGEST_COMPONENT`.
+    """
+    if line.kind <= CURVE:
+        return along(line.offset, share_at(rule, line, t_us), line.travel)
+    if not motion.is_known:
+        return times(line.offset, 0.0)
+    if line.kind == SURFACE:
+        x = along(line.offset, dot(line.normal, motion.position), line.normal)
+        out = dot(line.normal, x)
+        if out < 0.0:
+            x = along(x, -out / dot(line.normal, line.normal), line.normal)
+        return limited(x, LARGEST_COMPONENT)
+    x = along(line.offset, share_at(rule, line, t_us), line.travel)
+    return limited(along(along(x, line.stiffness, motion.position), line.viscosity, motion.velocity), LARGEST_COMPONENT)
+
+
+def share_at(rule: CurveNumbers, line: Line, t_us: int) -> float:
+    """Return the share of its travel that a line has completed at a time, 0 to 1."""
+    s = (t_us - line.t_us) / rule.horizon_us
+    if s >= 1.0:
+        return 1.0
+    return s * (2.0 - s) if s > 0.0 else 0.0
+
+
+def message_bytes(rule: object, message: Message) -> int:
+    """Return the size of the payload of a message."""
+    axes = len(message.value)
+    size = 1 + (8 if message.is_wide else 4) * axes
+    if message.kind == HOLD:
+        return size
+    return size + (4 * axes + 4 if message.kind == COUPLED else 2 * axes)
+
+
+class MotionForm:
+    """Messages as bytes. Satisfies `Form`."""
+
+    __slots__ = ("_coupling", "_halves", "_law", "_stiffest", "_values", "axes")
+
+    def __init__(self, axes: int, law: WeberLaw, *, stiffest: float) -> None:
+        self.axes = axes
+        self._law = law
+        self._stiffest = stiffest
+        self._values = SINGLE[axes], DOUBLE[axes]
+        self._halves, self._coupling = HALVES[axes], COUPLING[axes]
+
+    def pack(self, message: Message) -> bytes:
+        """Return the payload of a message."""
+        kind, is_wide, value, travel, normal, stiffness, viscosity = message
+        head = bytes((kind + WIDE if is_wide else kind,)) + self._values[is_wide].pack(*value)
+        if kind == HOLD:
+            return head
+        if kind == COUPLED:
+            return head + self._coupling.pack(*travel, stiffness, viscosity)
+        return head + self._halves.pack(*(travel if kind == CURVE else normal))
+
+    def unpack(self, payload: bytes, receiver: object = None) -> Message:  # noqa: ARG002
+        """Return the message in a payload.
+
+        Raises
+        ------
+        PeerError
+            If its kind is unknown, its length is not that of its kind, or a number is not finite or out of range.
+        """
+        first = payload[0] if payload else -1
+        kind, is_wide = first & ~WIDE, bool(first & WIDE)
+        if not HOLD <= kind <= COUPLED:
+            raise PeerError(f"payload of kind {first}; it must be 0 to {COUPLED}, plus {WIDE} for float64")
+        zeros: Vector = (0.0,) * self.axes
+        size = message_bytes(None, Message(kind, is_wide, zeros, zeros, zeros, 0.0, 0.0))
+        if len(payload) != size:
+            raise PeerError(f"payload of {len(payload)} bytes; kind {first} with {self.axes} axes takes {size}")
+        values = self._values[is_wide]
+        value: Vector = values.unpack_from(payload, 1)
+        if not in_range(value):
+            raise PeerError(f"payload holds {value}; it must be finite and within ±{LARGEST_COMPONENT:g}")
+        rest = payload[1 + values.size :]
+        if kind == HOLD:
+            return Message(kind, is_wide, value, zeros, zeros, 0.0, 0.0)
+        if kind == COUPLED:
+            *moved, stiffness, viscosity = self._coupling.unpack(rest)
+            return self._checked_coupling(is_wide, value, tuple(moved), stiffness, viscosity)
+        numbers: Vector = self._halves.unpack(rest)
+        if kind == SURFACE:
+            square = dot(numbers, numbers)
+            if not 0.0 < square <= ROUNDING * self._stiffest:
+                raise PeerError(f"payload holds a stiffness of {square:g} N/m; it is above 0, up to {self._stiffest:g}")
+            return Message(kind, is_wide, value, zeros, numbers, 0.0, 0.0)
+        threshold = self._law.threshold_n(magnitude(value))
+        if not (largest_component(numbers) <= LARGEST_TRAVEL and ends_in_range(value, numbers, threshold)):
+            raise PeerError(
+                f"payload holds a travel of {numbers} thresholds; it must be within ±{LARGEST_TRAVEL:g} and end"
+                f" within ±{LARGEST_COMPONENT:g}"
+            )
+        return Message(kind, is_wide, value, numbers, zeros, 0.0, 0.0)
+
+    def _checked_coupling(
+        self, is_wide: bool, value: Vector, travel: Vector, stiffness: float, viscosity: float
+    ) -> Message:
+        if not in_range(travel):
+            raise PeerError(f"payload holds a travel of {travel} N; it must be finite, within ±{LARGEST_COMPONENT:g}")
+        if not 0.0 <= stiffness <= ROUNDING * self._stiffest:
+            raise PeerError(f"payload holds a stiffness of {stiffness} N/m; it is 0 to {self._stiffest:g}")
+        if not 0.0 <= viscosity <= LARGEST_VISCOSITY:
+            raise PeerError(f"payload holds a viscosity of {viscosity} N·s/m; it is 0 to {LARGEST_VISCOSITY:g}")
+        return Message(COUPLED, is_wide, value, travel, (0.0,) * self.axes, stiffness, viscosity)

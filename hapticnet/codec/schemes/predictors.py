@@ -1,0 +1,242 @@
+"""The predictors of the motion-predictive deadband: what each would transmit, given the newest samples."""
+
+import math
+from typing import Any, Final, NamedTuple
+
+from hapticnet.codec.motion import Motion
+from hapticnet.codec.payload.curves import ends_in_range, in_halves
+from hapticnet.codec.payload.motion import (
+    COUPLED,
+    CURVE,
+    HOLD,
+    LARGEST_VISCOSITY,
+    SURFACE,
+    UNSENT,
+    Line,
+    Message,
+    line_at,
+    line_of,
+    share_at,
+)
+from hapticnet.codec.payload.values import is_within, threshold_around
+from hapticnet.codec.schemes.adaptive_predictive import BAND, LARGEST_OFFSET
+from hapticnet.codec.schemes.contact import Coupling, local_stiffness
+from hapticnet.codec.schemes.linear_predictive import is_impact
+from hapticnet.codec.schemes.trend import (
+    MOST_SAMPLES,
+    Regression,
+    Trend,
+    measured_trend,
+    predicted_travel,
+    updated,
+)
+from hapticnet.codec.steps import Past
+from hapticnet.rounding import as_half
+from hapticnet.samples import LARGEST_COMPONENT, Vector
+from hapticnet.vectors import along, dot, in_range, limited, minus, moved, put, row, single, times
+
+KEPT: Final = 256
+"""Samples for which there is room. When it is full, the newest `MOST_SAMPLES` move to the front."""
+
+
+class MotionRule(NamedTuple):
+    """The numbers of the rule, and the newest samples. Satisfies `MotionNumbers`.
+
+    Attributes
+    ----------
+    times_us, samples, positions, velocities
+        The newest samples: a row of times [µs], and a row each of stimuli [N], positions [m] and velocities [m/s].
+    residual_times_us, residuals
+        Room for the part of the newest stimuli that stiffness and viscosity do not explain.
+    """
+
+    weber: float
+    floor: float
+    horizon_us: float
+    window_us: float
+    stiffest: float
+    times_us: Any
+    samples: Any
+    positions: Any
+    velocities: Any
+    residual_times_us: Any
+    residuals: Any
+
+
+class Predictor(NamedTuple):
+    """A predictor that draws curves: its line, for what it was drawn, and what it has learned.
+
+    Attributes
+    ----------
+    line
+        The line drawn last.
+    sent, position, velocity
+        Stimulus [N], position [m] and velocity [m/s] for which it was drawn.
+    trend
+        The trend at that time, of what the line's stiffness and viscosity do not explain.
+    regression
+        How much of trends to use.
+    """
+
+    line: Line
+    sent: Vector
+    position: Vector
+    velocity: Vector
+    trend: Trend
+    regression: Regression
+
+
+def follows(rule: MotionRule, line: Line, motion: Motion, t_us: int, x: Vector) -> bool:
+    """Tell whether a stimulus is within the threshold around a line."""
+    return line.kind != UNSENT and is_within(rule, x, line_at(rule, line, motion, t_us))
+
+
+def remember(rule: MotionRule, newest: int, t_us: int, x: Vector, motion: Motion) -> int:
+    """Write a sample to the tables, and return its index."""
+    newest += 1
+    if newest == KEPT:
+        first = KEPT - MOST_SAMPLES
+        for k in range(MOST_SAMPLES):
+            rule.times_us[0][k] = rule.times_us[0][first + k]
+            put(rule.samples, k, row(rule.samples, first + k, x))
+            put(rule.positions, k, row(rule.positions, first + k, x))
+            put(rule.velocities, k, row(rule.velocities, first + k, x))
+        newest = MOST_SAMPLES
+    rule.times_us[0][newest] = t_us
+    if len(x) == 1:  # as below without three calls, because this runs at every sample
+        rule.samples[newest][0] = x[0]
+        rule.positions[newest][0] = motion.position[0]
+        rule.velocities[newest][0] = motion.velocity[0]
+        return newest
+    put(rule.samples, newest, x)
+    put(rule.positions, newest, motion.position)
+    put(rule.velocities, newest, motion.velocity)
+    return newest
+
+
+def usable(rule: MotionRule, coupling: Coupling, motion: Motion) -> tuple[float, float]:
+    """Return stiffness and viscosity as they are transmitted; zeros without a position."""
+    if motion.samples == 0:
+        return 0.0, 0.0
+    return as_half(min(coupling.stiffness, rule.stiffest)), as_half(min(coupling.viscosity, LARGEST_VISCOSITY))
+
+
+def redrawn(
+    rule: MotionRule,
+    predictor: Predictor,
+    motion: Motion,
+    newest: int,
+    t_us: int,
+    x: Vector,
+    stiffness: float,
+    viscosity: float,
+) -> Predictor:
+    """Learn from how the last curve ended, and draw the next one."""
+    line, sent, position, velocity, trend, regression = predictor
+    if line.kind != UNSENT and not is_impact(rule, x, line_at(rule, line, motion, t_us)):
+        change = along(minus(x, sent), -line.stiffness, minus(motion.position, position))
+        change = along(change, -line.viscosity, minus(motion.velocity, velocity))
+        share = share_at(rule, line, t_us)
+        regression = updated(regression, trend, change, share, threshold_around(rule, sent))
+    trend = trend_beside(rule, motion, newest, x, stiffness, viscosity)
+    message = drawn_curve(rule, regression, trend, motion, x, stiffness, viscosity)
+    return Predictor(line_of(rule, t_us, message), x, motion.position, motion.velocity, trend, regression)
+
+
+def trend_beside(rule: MotionRule, motion: Motion, newest: int, x: Vector, stiffness: float, viscosity: float) -> Trend:
+    """Return the trend of the newest stimuli, without what stiffness and viscosity explain."""
+    half_us, band_n = 0.5 * rule.horizon_us, BAND * threshold_around(rule, x)
+    if stiffness == 0.0 and viscosity == 0.0:
+        return measured_trend(Past(rule.times_us[0], rule.samples, 0, newest), x, half_us, rule.window_us, band_n)
+    count = min(newest + 1, motion.samples, MOST_SAMPLES)
+    for k in range(count):
+        index = newest + 1 - count + k
+        rule.residual_times_us[0][k] = rule.times_us[0][index]
+        left = along(row(rule.samples, index, x), stiffness, minus(motion.position, row(rule.positions, index, x)))
+        left = along(left, viscosity, minus(motion.velocity, row(rule.velocities, index, x)))
+        put(rule.residuals, k, left)
+    past = Past(rule.residual_times_us[0], rule.residuals, 0, count - 1)
+    return measured_trend(past, x, half_us, rule.window_us, band_n)
+
+
+def drawn_hold(rule: MotionRule, motion: Motion, x: Vector) -> Message:
+    """Return a message that holds a stimulus."""
+    zeros = times(x, 0.0)
+    return checked(rule, Message(HOLD, False, x, zeros, zeros, 0.0, 0.0), motion, x)
+
+
+def drawn_surface(rule: MotionRule, motion: Motion, newest: int, x: Vector, learned: float) -> Message:
+    """Return the message of a surface as it was touched lately; a hold if there is none."""
+    first = max(newest + 1 - motion.samples, 0)
+    stiffness, normal = local_stiffness(
+        rule.times_us[0], rule.samples, rule.positions, first, newest, BAND * threshold_around(rule, x), learned, x
+    )
+    if stiffness > 0.0:
+        root = math.sqrt(min(stiffness, rule.stiffest))
+        normal = halves(times(normal, root))
+        if dot(normal, normal) > 0.0:
+            offset = along(x, -dot(normal, motion.position), normal)
+            zeros = times(x, 0.0)
+            return checked(rule, Message(SURFACE, False, offset, zeros, normal, 0.0, 0.0), motion, x)
+    return drawn_hold(rule, motion, x)
+
+
+def drawn_curve(
+    rule: MotionRule,
+    regression: Regression,
+    trend: Trend,
+    motion: Motion,
+    x: Vector,
+    stiffness: float,
+    viscosity: float,
+) -> Message:
+    """Return the message of a curve with the travel that a regression predicts, beside stiffness and viscosity."""
+    zeros = times(x, 0.0)
+    threshold = threshold_around(rule, x)
+    travel = predicted_travel(regression, trend, threshold)
+    # If the curve starts nearer to zero, the threshold is smaller, by at most the Weber fraction of the offset.
+    room = LARGEST_OFFSET * threshold / (1.0 + rule.weber)
+    begin = limited(moved(x, times(trend.level, regression.coefficients[2]), room), LARGEST_COMPONENT)
+    if stiffness == 0.0 and viscosity == 0.0:
+        return checked(rule, Message(CURVE, False, begin, travel, zeros, 0.0, 0.0), motion, x)
+    offset = along(along(begin, -stiffness, motion.position), -viscosity, motion.velocity)
+    travel = single(limited(travel, LARGEST_COMPONENT))
+    return checked(rule, Message(COUPLED, False, offset, travel, zeros, stiffness, viscosity), motion, x)
+
+
+def halves(x: Vector) -> Vector:
+    """Return a vector whose components are rounded to float16."""
+    if len(x) == 1:
+        return (as_half(x[0]),)
+    if len(x) == 2:
+        return as_half(x[0]), as_half(x[1])
+    return as_half(x[0]), as_half(x[1]), as_half(x[2])
+
+
+def checked(rule: MotionRule, message: Message, motion: Motion, x: Vector) -> Message:
+    """Return a message as it is rounded for the wire: float32 if the stimulus is then within the threshold.
+
+    If it is not with float64 either, hold the stimulus.
+    """
+    kind, _, value, travel, normal, stiffness, viscosity = message
+    if in_range(value):
+        narrow = single(value)
+        message = rounded_curve(rule, Message(kind, False, narrow, travel, normal, stiffness, viscosity))
+        if follows(rule, line_of(rule, 0, message), motion, 0, x):
+            return message
+        message = rounded_curve(rule, Message(kind, True, value, travel, normal, stiffness, viscosity))
+        if follows(rule, line_of(rule, 0, message), motion, 0, x):
+            return message
+    zeros = times(x, 0.0)
+    return Message(HOLD, True, x, zeros, zeros, 0.0, 0.0)
+
+
+def rounded_curve(rule: MotionRule, message: Message) -> Message:
+    """Return a message whose travel is as it is transmitted."""
+    kind, is_wide, value, travel, normal, stiffness, viscosity = message
+    if kind == CURVE:
+        threshold = threshold_around(rule, value)
+        travel = in_halves(travel, threshold)
+        if not ends_in_range(value, travel, threshold):
+            travel = minus(travel, travel)
+    return Message(kind, is_wide, value, travel, normal, stiffness, viscosity)

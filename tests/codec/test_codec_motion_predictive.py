@@ -1,0 +1,314 @@
+import math
+import struct
+
+import numpy as np
+import pytest
+from codec_cases import assert_within_threshold, laws, timed
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from hapticnet.codec.payload.motion import COUPLED, CURVE, HOLD, SURFACE, MotionForm
+from hapticnet.codec.recording import encode_array, encode_streamed
+from hapticnet.codec.schemes.adaptive_predictive import AdaptivePredictive
+from hapticnet.codec.schemes.contact import local_stiffness
+from hapticnet.codec.schemes.deadband import Deadband
+from hapticnet.codec.schemes.motion_predictive import MotionPredictive
+from hapticnet.errors import PeerError, SampleError, SettingsError
+from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
+from hapticnet.perception import WeberLaw
+from hapticnet.samples import PositionSample
+from hapticnet.scene.presets import paper_scene
+from hapticnet.scene.scene import Scene
+
+LAW = WeberLaw(weber_fraction=0.05, floor_n=0.025)
+TICK_US = 1000
+
+codecs = st.builds(
+    MotionPredictive,
+    law=laws,
+    horizon_ms=st.sampled_from([1.0, 200.0, 10_000.0]),
+    window_ms=st.sampled_from([1.0, 20.0, 1000.0]),
+    stiffest_n_per_m=st.sampled_from([1.0, 1e4, 6e4]),
+)
+
+
+def times(count: int):
+    return TICK_US * np.arange(count, dtype=np.int64)
+
+
+def played(codec, forces, positions):
+    forces, positions = np.atleast_2d(np.transpose(forces)).T, np.atleast_2d(np.transpose(positions)).T
+    return encode_streamed(codec, times(len(forces)), forces, positions)
+
+
+def kinds_sent(codec, forces, positions):
+    encoder, form = codec.encoder(1), codec.form(1)
+    sent = []
+    for t_us, force, position in zip(times(len(forces)).tolist(), forces, positions, strict=True):
+        payload = encoder.encode(t_us, (float(force),), (float(position),))
+        if payload is not None:
+            sent.append(form.unpack(payload))
+    return sent
+
+
+def hand(samples=4000, seed=1, speed_hz=0.5, reach_m=0.01):
+    """Return the positions of a hand that goes to and fro, with tremor."""
+    rng = np.random.default_rng(seed)
+    t_s = 1e-3 * np.arange(samples)
+    tremor = np.convolve(rng.normal(0.0, 2e-5, samples), np.ones(20) / 20, "same")
+    return reach_m * np.sin(2 * math.pi * speed_hz * t_s) + tremor
+
+
+def paper(insertions=2, seed=1):
+    operator = ScriptedOperator(InsertionSettings(insertions=insertions), np.random.default_rng(seed))
+    scene = Scene(paper_scene(seed).tissues)
+    positions = [operator.sample(t_us).position_m for t_us in range(0, operator.duration_us, TICK_US)]
+    forces = [scene.step(PositionSample(TICK_US * k, at)).force_n for k, at in enumerate(positions)]
+    return np.array(forces), np.array(positions)
+
+
+@given(timed(), codecs)
+@example((np.arange(4), np.array([[1e15], [1e15], [-1e15], [1e15]]), np.full((4, 1), -1e15)), MotionPredictive(law=LAW))
+@example(
+    (1000 * np.arange(3), np.array([[5e-324], [1e-310], [0.0]]), np.array([[0.0], [1e15], [-1e15]])),
+    MotionPredictive(law=WeberLaw(floor_n=0)),
+)
+def test_the_applied_force_is_within_the_threshold_at_every_sample(case, codec):
+    t_us, stimuli, positions = case
+    assert_within_threshold(codec.law, stimuli, encode_array(codec, t_us, stimuli, positions).decoded)
+    assert_within_threshold(codec.law, stimuli, encode_array(codec, t_us, stimuli).decoded)
+
+
+@given(st.integers(0, 1000), st.integers(1, 3), st.floats(0.0, 5.0), st.floats(0.0, 1e6))
+def test_so_it_is_in_contact_whatever_the_stiffness(seed, axes, viscosity, stiffness):
+    rng = np.random.default_rng(seed)
+    positions = hand(400, seed, speed_hz=2.0)[:, None] * rng.normal(1.0, 0.3, (1, axes))
+    velocities = np.gradient(positions, 1e-3, axis=0)
+    forces = stiffness * np.clip(positions, 0.0, None) + viscosity * velocities + rng.normal(0.0, 0.01, positions.shape)
+    assert_within_threshold(LAW, forces, played(MotionPredictive(law=LAW), forces, positions).decoded)
+
+
+def test_the_paper_s_scene_takes_few_packets():
+    forces, positions = paper()
+    codec = MotionPredictive(law=LAW)
+    encoding = played(codec, forces, positions)
+    assert len(encoding.sent) <= 20
+    assert len(encoding.sent) < len(played(AdaptivePredictive(law=LAW), forces, positions).sent) / 2
+
+
+def test_a_spring_with_a_damper_is_learned_and_then_needs_hardly_a_packet():
+    positions = hand(8000, speed_hz=0.7)
+    velocities, before, velocity = [], positions[0], 0.0
+    for position in positions:  # as the codec sees it
+        velocity = (position - before + 0.005 * velocity) / 0.006
+        before = position
+        velocities.append(velocity)
+    forces = 150.0 * positions + 4.0 * np.array(velocities) + 2.0
+    sent = played(MotionPredictive(law=LAW), forces, positions).sent
+    assert np.sum(sent > 4000) <= 2
+    assert len(played(AdaptivePredictive(law=LAW), forces, positions).sent) > 50
+
+
+@pytest.mark.parametrize("noise_n", [0.0, 0.02, 0.2])
+def test_where_positions_say_nothing_it_needs_about_as_many_packets_as_the_better_of_curve_and_hold(noise_n):
+    rng = np.random.default_rng(4)
+    forces = 1.5 + np.sin(np.arange(6000) / 150.0) + rng.normal(0.0, noise_n, 6000)
+    positions = hand(6000, seed=9, speed_hz=3.1)
+    of = {
+        made: len(played(made(law=LAW), forces, positions).sent)
+        for made in (MotionPredictive, AdaptivePredictive, Deadband)
+    }
+    assert of[MotionPredictive] <= 1.05 * min(of[AdaptivePredictive], of[Deadband]) + 5
+
+
+def test_without_positions_no_surface_and_no_coupling_is_sent():
+    codec = MotionPredictive(law=LAW)
+    encoder, form = codec.encoder(1), codec.form(1)
+    forces = 400.0 * np.clip(hand(2000), 0.0, None)
+    payloads = [encoder.encode(t_us, (float(force),)) for t_us, force in enumerate(forces)]
+    assert {form.unpack(payload).kind for payload in payloads if payload is not None} <= {HOLD, CURVE}
+
+
+def test_a_receiver_that_is_elsewhere_applies_what_holds_there():
+    """A hand that is pushed on while the answer to its first touch is under way feels the surface grow at once."""
+    codec = MotionPredictive(law=LAW)
+    encoder, decoder = codec.encoder(1), codec.decoder(1)
+    depths = np.arange(0.0, 0.003, 1e-4)
+    payloads = [encoder.encode(TICK_US * k, (500.0 * d,), (float(d),)) for k, d in enumerate(depths)]
+    newest = max(k for k, payload in enumerate(payloads) if payload is not None)
+    assert newest < 10
+    for k, payload in enumerate(payloads):
+        if payload is not None:
+            decoder.decode(TICK_US * k, payload)
+    for depth in (0.0005, 0.004, 0.01):
+        now_us = int(1e9 * depth)
+        (applied,) = decoder.reconstruct(TICK_US * newest, (depth,), now_us)
+        assert applied == pytest.approx(500.0 * depth, abs=LAW.threshold_n(500.0 * depth))
+    assert decoder.reconstruct(TICK_US * newest, (-0.01,), 10**9) == (0.0,), "a surface does not pull"
+
+
+@pytest.mark.parametrize("axes", [1, 2, 3])
+def test_a_tilted_surface_acts_along_its_normal(axes):
+    normal = np.array([0.8, -0.5, 0.33])[:axes]
+    normal /= np.linalg.norm(normal)
+    depth = np.concatenate([np.linspace(-1e-3, 4e-3, 100), np.full(200, 4e-3)])
+    slide = np.linspace(0.0, 0.05, 300)[:, None] * np.cross(np.pad(normal, (0, 3 - axes)), [0.2, 0.4, 0.9])[:axes]
+    if axes > 1:
+        slide -= (slide @ normal)[:, None] * normal
+    positions = depth[:, None] * normal + (slide if axes > 1 else 0.0)
+    forces = 600.0 * np.clip(depth, 0.0, None)[:, None] * normal
+    sent = played(MotionPredictive(law=LAW), forces, positions).sent
+    assert len(sent) <= 5, "sliding along a plane changes no force"
+
+
+@pytest.mark.parametrize(
+    ("name", "forces", "positions"),
+    [
+        ("rest", np.ones(600) + np.random.default_rng(1).normal(0.0, 0.05, 600), np.full(600, 0.02)),
+        ("repeated positions", 300.0 * np.repeat(hand(60, speed_hz=20.0), 10), np.repeat(hand(60, speed_hz=20.0), 10)),
+        ("sign changes", 300.0 * hand(3000, speed_hz=5.0), hand(3000, speed_hz=5.0)),
+        ("a wall of 1e6 N/m", 1e6 * np.clip(hand(3000), 0.0, None), hand(3000)),
+        ("vibration", 1.0 + 0.5 * np.sin(np.arange(3000) * 1.6), hand(3000)),
+        ("a hand that jumps", 200.0 * np.clip(hand(3000), 0.0, None), hand(3000) + (np.arange(3000) % 97 == 0) * 10.0),
+        ("positions in a far frame", 300.0 * np.clip(hand(3000), 0.0, None), hand(3000) + 1e6),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_hard_cases_stay_within_the_threshold_and_cost_little_more_than_the_deadband(name, forces, positions):
+    assert name
+    codec = MotionPredictive(law=LAW)
+    encoding = played(codec, forces, positions)
+    assert_within_threshold(LAW, forces[:, None], encoding.decoded)
+    assert len(encoding.sent) <= 1.05 * len(played(Deadband(law=LAW), forces, positions).sent) + 5
+    for message in kinds_sent(codec, forces, positions):
+        assert 0.0 <= message.stiffness <= 1.002 * codec.stiffest_n_per_m
+        assert message.normal[0] ** 2 <= 1.002 * codec.stiffest_n_per_m
+
+
+def test_the_local_stiffness_is_that_of_the_surface_and_the_learned_one_where_the_tool_hardly_moved():
+    def estimated(positions, forces, learned):
+        table = [[float(x)] for x in positions], [[float(x)] for x in forces]
+        return local_stiffness(
+            times(len(forces)).tolist(), table[1], table[0], 0, len(forces) - 1, 0.05, learned, (0.0,)
+        )[0]
+
+    rng = np.random.default_rng(2)
+    moving = np.linspace(0.001, 0.003, 20)
+    assert estimated(moving, 700.0 * moving, 0.0) == pytest.approx(700.0)
+    at_rest = 0.002 + rng.normal(0.0, 1e-7, 20)
+    assert estimated(at_rest, 1.0 + rng.normal(0.0, 0.01, 20), 250.0) == 250.0
+    assert estimated(moving, np.zeros(20), 250.0) == 0.0, "no force, no surface"
+    assert estimated(moving, 2.0 - 300.0 * moving, 250.0) == 0.0, "what grows softer as one pushes is no surface"
+    after_breach = np.where(moving < 0.002, 5.0, 700.0 * moving)
+    assert estimated(moving, after_breach, 0.0) == pytest.approx(700.0), "samples before an impact do not count"
+
+
+def test_one_payload_is_all_a_decoder_needs():
+    codec = MotionPredictive(law=LAW)
+    forces, positions = paper(1)
+    encoder, all_along = codec.encoder(1), codec.decoder(1)
+    late, payloads = None, 0
+    for t_us, force, position in zip(times(len(forces)).tolist(), forces.tolist(), positions.tolist(), strict=True):
+        payload = encoder.encode(t_us, tuple(force), tuple(position))
+        if payload is not None:
+            all_along.decode(t_us, payload)
+            payloads += 1
+            if payloads == 4:
+                late = codec.decoder(1)
+            if late is not None:
+                late.decode(t_us, payload)
+        applied = all_along.reconstruct(t_us, tuple(position))
+        if late is not None:
+            assert late.reconstruct(t_us, tuple(position)) == applied
+    assert late is not None
+
+
+def test_a_receiver_without_a_position_applies_nothing_for_a_surface():
+    decoder = MotionPredictive(law=LAW).decoder(1)
+    decoder.decode(0, struct.pack(">Bfe", SURFACE, 1.0, 20.0))
+    assert decoder.reconstruct(0) == (0.0,)
+    assert decoder.reconstruct(1000, (0.001,)) == pytest.approx((1.4,))
+
+
+def test_the_last_known_motion_counts_while_positions_are_missing():
+    codec = MotionPredictive(law=LAW)
+    encoder, decoder = codec.encoder(1), codec.decoder(1)
+    rng = np.random.default_rng(6)
+    for k, at in enumerate(hand(2000, speed_hz=2.0).tolist()):
+        position = (at,) if rng.random() < 0.7 else None
+        force = 300.0 * max(at, 0.0) + 0.5
+        payload = encoder.encode(TICK_US * k, (force,), position)
+        if payload is not None:
+            decoder.decode(TICK_US * k, payload)
+        (applied,) = decoder.reconstruct(TICK_US * k, position)
+        assert abs(applied - force) <= LAW.threshold_n(applied)
+
+
+def test_a_position_that_is_refused_leaves_the_encoder_as_if_the_sample_had_not_come():
+    codec = MotionPredictive(law=LAW)
+    encoder, twin = codec.encoder(1), codec.encoder(1)
+    for k, at in enumerate(hand(500, speed_hz=4.0).tolist()):
+        for force, position in (((math.nan,), (at,)), ((1.0,), (math.inf,)), ((1.0,), (at, at)), ((1.0, 2.0), (at,))):
+            with pytest.raises(SampleError):
+                encoder.encode(TICK_US * k, force, position)
+        sample = TICK_US * k, (200.0 * max(at, 0.0),), (at,)
+        assert encoder.encode(*sample) == twin.encode(*sample)
+
+
+@pytest.mark.parametrize(
+    ("payload", "words"),
+    [
+        (b"", "kind -1"),
+        (struct.pack(">Bf", 4, 1.0), "kind 4"),
+        (struct.pack(">Bf", 16, 1.0), "kind 16"),
+        (struct.pack(">Bf", HOLD, math.nan), "finite"),
+        (struct.pack(">Bd", HOLD, 1.0), "kind 0 with 1 axes takes 5"),
+        (struct.pack(">Bfe", CURVE, 1.0, 2000.0), "thresholds"),
+        (struct.pack(">Bfe", SURFACE, 1.0, 0.0), "stiffness of 0 N/m"),
+        (struct.pack(">Bfe", SURFACE, 1.0, 200.0), "stiffness of 40000 N/m"),
+        (struct.pack(">Bfe", SURFACE, 1.0, math.nan), "stiffness of nan N/m"),
+        (struct.pack(">Bffee", COUPLED, 1.0, math.inf, 1.0, 1.0), "travel"),
+        (struct.pack(">Bffee", COUPLED, 1.0, 0.0, -1.0, 1.0), "stiffness"),
+        (struct.pack(">Bffee", COUPLED, 1.0, 0.0, 1.0, 1200.0), "viscosity"),
+    ],
+)
+def test_what_no_encoder_sends_is_refused_and_changes_nothing(payload, words):
+    decoder = MotionPredictive(law=LAW).decoder(1)
+    decoder.decode(0, struct.pack(">Bfe", SURFACE, 0.5, 20.0))
+    before = decoder.reconstruct(0, (0.001,))
+    with pytest.raises(PeerError, match=words):
+        decoder.decode(1000, payload)
+    assert decoder.reconstruct(0, (0.001,)) == before
+
+
+@given(st.integers(1, 3), st.binary(max_size=40), st.integers(0, 15))
+def test_any_bytes_are_refused_or_give_a_finite_force(axes, data, first):
+    decoder = MotionPredictive(law=LAW).decoder(axes)
+    try:
+        decoder.decode(0, bytes([first]) + data)
+    except PeerError:
+        return
+    for t_us, at in ((0, 0.0), (1, 1e15), (2, -1e15), (10**12, 0.01)):
+        assert all(abs(x) <= 1e15 * (1 + 1e-9) for x in decoder.reconstruct(t_us, (at,) * axes))
+
+
+def test_messages_survive_their_bytes():
+    form = MotionForm(2, LAW, stiffest=1e4)
+    codec = MotionPredictive(law=LAW)
+    encoder = codec.encoder(2)
+    positions = np.stack([hand(3000, 1, 2.0), hand(3000, 2, 1.3)], axis=1)
+    forces = 300.0 * np.clip(positions, 0.0, None) + 0.3 * np.sin(np.arange(3000) / 40.0)[:, None]
+    kinds = set()
+    for k, (force, position) in enumerate(zip(forces.tolist(), positions.tolist(), strict=True)):
+        payload = encoder.encode(TICK_US * k, tuple(force), tuple(position))
+        if payload is not None:
+            message = form.unpack(payload)
+            kinds.add(message.kind)
+            assert form.pack(message) == payload
+    assert len(kinds) >= 3
+
+
+def test_parameters_out_of_range_are_refused():
+    for wrong in ({"stiffest_n_per_m": 0.5}, {"stiffest_n_per_m": 1e6}, {"horizon_ms": 0.0}, {"window_ms": 1e4}):
+        with pytest.raises(SettingsError):
+            MotionPredictive(law=LAW, **wrong)
