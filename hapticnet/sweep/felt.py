@@ -3,24 +3,22 @@
 import math
 from collections import OrderedDict
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from hapticnet.codec.recording import encode_array
 from hapticnet.experiment.comparison import REPAIR_US
 from hapticnet.experiment.trial import Trial
+from hapticnet.measure.energy import energy_report
 from hapticnet.measure.metrics import error_report
 from hapticnet.measure.quality import perceptual_distances
 from hapticnet.node.felt import feel
 from hapticnet.node.offline import cost_report
-from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
-from hapticnet.samples import PositionSample
-from hapticnet.scene.scene import Scene
-from hapticnet.scene.tissue import SceneSettings
 from hapticnet.sweep.grid import Grid
 from hapticnet.sweep.link import LINK_COLUMNS, Coder, Columns, Link, Row, coder_columns
 from hapticnet.sweep.runs import rng_of_repeat
+from hapticnet.sweep.sources import SOURCE_COLUMNS, Source
 
 if TYPE_CHECKING:
     from hapticnet.codec.base import Codec
@@ -39,63 +37,11 @@ MEASURES: Final[Columns] = {
     "felt_max_error_n": "float",
     "felt_exceed_jnd": "float",
     "felt_rms_jnd": "float",
+    "felt_created_share": "float",
     "coded_rmse_n": "float",
     "coded_exceed_jnd": "float",
 }
 """What a run measures; docs/sweep.md explains each."""
-
-
-@dataclass(frozen=True, slots=True)
-class Touched:
-    """A scene that a scripted hand touches. Every repeat has another motion."""
-
-    name: str
-    scene: SceneSettings
-    hand: str
-    motion: InsertionSettings
-    rate_hz: float
-
-    def trial(self, rng: np.random.Generator) -> Trial:
-        """Return positions, as they come out of a session, and the force of each."""
-        operator = ScriptedOperator(self.motion, rng)
-        scene = Scene(self.scene.tissues, name=self.scene.name)
-        period_us = round(1e6 / self.rate_hz)
-        times_us = range(period_us, operator.duration_us, period_us)
-        positions_m = np.array([operator.sample(t_us).position_m[0] for t_us in times_us], dtype=np.float32)
-        forces_n = [
-            scene.step(PositionSample(t_us, (position_m,))).force_n[0]
-            for t_us, position_m in zip(times_us, positions_m.tolist(), strict=True)
-        ]
-        return Trial(
-            name=self.name,
-            t_us=np.array(times_us, dtype=np.int64),
-            stimuli=np.array(forces_n, dtype=np.float64)[:, np.newaxis],
-            positions=positions_m.astype(np.float64)[:, np.newaxis],
-        )
-
-    def row(self) -> Row:
-        """Return the columns of `SOURCE_COLUMNS`."""
-        return {"source": self.name, "hand": self.hand, "rate_hz": self.rate_hz}
-
-
-@dataclass(frozen=True, slots=True)
-class Recorded:
-    """A recording, the same in every repeat."""
-
-    recorded: Trial
-
-    def trial(self, _rng: np.random.Generator) -> Trial:
-        """Return the recording."""
-        return self.recorded
-
-    def row(self) -> Row:
-        """Return the columns of `SOURCE_COLUMNS`."""
-        return {"source": self.recorded.name, "hand": None, "rate_hz": None}
-
-
-Source: TypeAlias = Touched | Recorded
-
-SOURCE_COLUMNS: Final[Columns] = {"source": "text", "hand": "text", "rate_hz": "float"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,6 +140,9 @@ class FeltRunner:
             rng=rng,
         )
         error = error_report(codec.law, trial.stimuli, felt.applied)
+        created = None
+        if trial.positions is not None:
+            created = energy_report(codec.law, trial.stimuli, felt.applied, trial.positions).created_share
         distances = perceptual_distances(codec.law, trial.stimuli, felt.applied)
         return {
             "samples": len(trial.t_us),
@@ -205,6 +154,7 @@ class FeltRunner:
             "felt_max_error_n": error.max_error_n,
             "felt_exceed_jnd": error.exceed_jnd_fraction,
             "felt_rms_jnd": None if distances is None else math.sqrt(float(np.mean(distances * distances))),
+            "felt_created_share": created,
             **self._coded_alone(number, repeat, coder),
         }
 

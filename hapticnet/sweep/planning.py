@@ -9,22 +9,17 @@ from typing import Any, Final, TypeAlias
 
 from hapticnet.channel.quantities import parse_time_us
 from hapticnet.checks import check_integer
-from hapticnet.errors import FileError, SettingsError
-from hapticnet.experiment.trial import Trial
-from hapticnet.files import MAX_BYTES, check_readable
-from hapticnet.operator.scripted import InsertionSettings
-from hapticnet.recordings.recording import load_recording
-from hapticnet.scene.presets import find_scene
+from hapticnet.errors import SettingsError
+from hapticnet.files import check_readable
 from hapticnet.study.observers import parse_observer
-from hapticnet.sweep.felt import FeltPlan, Recorded, Repair, Source, Touched
+from hapticnet.sweep.felt import FeltPlan, Repair
 from hapticnet.sweep.grid import Grid
 from hapticnet.sweep.link import coders, links
 from hapticnet.sweep.ordering import OrderingPlan
+from hapticnet.sweep.sources import Source, recorded, touched
 from hapticnet.sweep.study import MOST_REPEATS, MOST_RUNS, FeltStudy, OrderingStudy, Reading, StudyFile
 
 DEFAULT_SCENES: Final = ("paper:1",)
-DEFAULT_HANDS: Final = ("scripted:insertions=1",)
-HAND: Final = "scripted"
 NEVER_US: Final = 2**61
 """Later than the end of any recording [µs]."""
 
@@ -73,19 +68,20 @@ def _felt(study: FeltStudy, folder: Path) -> FeltPlan:
     if axes.recording is None:
         if study.reading is not None:
             raise SettingsError("[reading] says how recordings are read, and axes.recording names none")
-        sources = _touched(study, folder)
+        combinations = product(axes.scene or DEFAULT_SCENES, axes.hand or (None,), axes.rate_hz)
+        sources: list[Source] = [touched(scene, hand, rate_hz, folder) for scene, hand, rate_hz in combinations]
     else:
         for key in ("scene", "hand", "rate_hz"):
             if key in axes.model_fields_set:
                 raise SettingsError(f"axes: recording takes the place of {key}; remove one of them")
-        sources = _recorded(axes.recording, study.reading or Reading(), folder)
+        sources = [recorded(folder / name, name, study.reading or Reading()) for name in axes.recording]
     repairs = tuple(Repair(text, _repair_us(text)) for text in axes.repair)
     return FeltPlan(
         name=study.name,
         digest="",
         seed=study.seed,
         repeats=study.repeats,
-        sources=sources,
+        sources=tuple(sources),
         grid=Grid((tuple(range(len(sources))), coders(axes), links(axes), repairs)),
         swept=tuple(axes.parameters),
     )
@@ -105,58 +101,6 @@ def _ordering(study: OrderingStudy) -> OrderingPlan:
         swept=tuple(axes.parameters),
         answers=study.answers,
     )
-
-
-def _touched(study: FeltStudy, folder: Path) -> tuple[Source, ...]:
-    axes = study.axes
-    scenes = [find_scene(text, folder) for text in axes.scene or DEFAULT_SCENES]
-    hands = [(text, _motion(text)) for text in axes.hand or DEFAULT_HANDS]
-    for rate_hz in axes.rate_hz:
-        if not 10.0 <= rate_hz <= 100_000.0:
-            raise SettingsError(f"axes: rate_hz is {rate_hz:g}; it must be between 10 and 100000")
-    return tuple(
-        Touched(scene.name, scene, text, motion, rate_hz)
-        for scene, (text, motion), rate_hz in product(scenes, hands, axes.rate_hz)
-    )
-
-
-def _motion(text: str) -> InsertionSettings:
-    """Return the motion written as ``scripted[:KEY=VALUE,…]``."""
-    name, _, given = text.partition(":")
-    kinds: dict[str, Any] = {field.name: field.type for field in dataclasses.fields(InsertionSettings)}
-    if name != HAND:
-        raise SettingsError(f"axes: hand {text!r} must be {HAND}, or {HAND}:KEY=VALUE,… as in {DEFAULT_HANDS[0]}")
-    values: dict[str, Any] = {}
-    for part in filter(None, given.split(",")):
-        key, _, value = (each.strip() for each in part.partition("="))
-        if key not in kinds:
-            raise SettingsError(f"axes: hand {text!r}: there is no {key!r}; there are: {', '.join(kinds)}")
-        try:
-            values[key] = kinds[key](value)
-        except ValueError:
-            expected = "a whole number" if kinds[key] is int else "a number"
-            raise SettingsError(f"axes: hand {text!r}: {key} is {value!r}; it must be {expected}") from None
-    return InsertionSettings(**values)
-
-
-def _recorded(names: list[str], reading: Reading, folder: Path) -> tuple[Source, ...]:
-    return tuple(_recording(folder / name, name, reading) for name in names)
-
-
-def _recording(path: Path, name: str, reading: Reading) -> Recorded:
-    found = load_recording(
-        path,
-        columns=reading.column,
-        position=reading.position,
-        position_scale=reading.position_scale,
-        rate_hz=reading.rate_hz,
-        missing=reading.missing,
-        max_bytes=MAX_BYTES,
-    )
-    t_us = found.t_us
-    if t_us[-1] == t_us[0]:
-        raise FileError(f"{path}: {len(t_us)} samples over no time; at least two different times are needed")
-    return Recorded(Trial(name=name, t_us=t_us, stimuli=found.force, positions=found.position))
 
 
 def _repair_us(text: str) -> int | None:
@@ -181,15 +125,5 @@ def _digest(file: StudyFile, plan: AnyPlan) -> str:
             check_readable(path)
             content["code"][name] = hashlib.sha256(path.read_bytes()).hexdigest()
     if isinstance(plan, FeltPlan):
-        content["sources"] = [_fingerprint(source) for source in plan.sources]
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-
-
-def _fingerprint(source: Source) -> Any:
-    if isinstance(source, Touched):
-        return dataclasses.asdict(source)
-    trial = source.recorded
-    parts = hashlib.sha256()
-    for array in (trial.t_us, trial.stimuli, trial.positions):
-        parts.update(b"none" if array is None else repr(array.shape).encode() + array.tobytes())
-    return parts.hexdigest()
+        content["sources"] = [source.fingerprint() for source in plan.sources]
+    return hashlib.sha256(json.dumps(content, sort_keys=True, default=repr).encode()).hexdigest()

@@ -58,7 +58,8 @@ class FeltAxes(LinkAxes):
     scene
         Scenes as for ``--scene``: paper:SEED, a preset or a TOML file.
     hand
-        Scripted hands that touch them: "scripted", or "scripted:KEY=VALUE,…" with keys of `InsertionSettings`.
+        Hands that touch them: "scripted" (insertions) or "palpation", or one of them with ":KEY=VALUE,…", whose keys
+        are those of `InsertionSettings` and `PalpationSettings`. By default the one that suits each scene, once.
     recording
         Recordings of force and, if possible, position, in the place of scene and hand.
     repair

@@ -1,4 +1,4 @@
-"""A study on a Dask cluster of several hosts: network namespaces, then containers. One worker is killed in the middle."""
+"""A study on a Dask cluster of several hosts, network namespaces or containers; one worker is killed in the middle."""
 
 import json
 import os
