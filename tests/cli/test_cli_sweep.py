@@ -1,0 +1,196 @@
+"""``hapticnet sweep`` and ``hapticnet sweep show`` on the command line."""
+
+import csv
+import fcntl
+import json
+import shutil
+import signal
+import sys
+
+import numpy as np
+import pytest
+
+from hapticnet.sweep import cluster
+from hapticnet.sweep.conduct import Progress
+
+STUDY = """
+name = "small"
+task = "felt"
+repeats = 3
+
+[axes]
+recording = "force.csv"
+codec = ["raw", "deadband"]
+multiplier = [1, 2.5]
+loss = [0, "10%"]
+
+[show]
+by = ["codec", "multiplier"]
+of = ["packets_per_s"]
+x = "packets_per_s"
+y = "felt_rmse_n"
+line = "codec"
+"""
+
+
+@pytest.fixture
+def study(tmp_path):
+    t_s = np.arange(200) * 1e-3
+    lines = [f"{t},{1.0 + np.sin(20.0 * t)}" for t in t_s.tolist()]
+    (tmp_path / "force.csv").write_text("\n".join(["t_s,force_n", *lines]))
+    path = tmp_path / "study.toml"
+    path.write_text(STUDY)
+    return path
+
+
+@pytest.fixture
+def swept(run, study, tmp_path, tmp_path_factory):
+    """Return a folder with the results of the study, which are computed once for all tests."""
+    kept = tmp_path_factory.getbasetemp() / "swept"
+    out = tmp_path / "out"
+    if not kept.exists():
+        done = run("sweep", study, "--out", out, "--workers", "1", "--shard", "5", "--json")
+        assert done.returncode == 0, done.stderr
+        report = json.loads(done.stdout)
+        assert report["complete"]
+        assert (report["runs"], report["computed"], report["shards"], report["failed"]) == (18, 18, 4, 0)
+        shutil.copytree(out, kept)
+    shutil.copytree(kept, out, dirs_exist_ok=True)
+    return out
+
+
+def one_line(done, code, text):
+    assert done.returncode == code
+    assert done.stderr.startswith("hapticnet: ")
+    assert done.stderr.count("\n") == 1
+    assert text in done.stderr
+
+
+def test_a_dry_run_counts_the_runs_and_times_some(run, study, tmp_path):
+    done = run("sweep", "run", study, "--dry-run", "--json", "--workers", "3", "--repeats", "1000")
+    told = json.loads(done.stdout)
+    assert (told["combinations"], told["repeats"], told["runs"], told["workers"]) == (6, 1000, 6000, 3)
+    assert told["timed"] == 20
+    assert told["seconds"] == pytest.approx(told["worker_seconds"] / 3)
+    assert told["shards"] >= 1
+    assert told["bytes"] > 10_000
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["force.csv", "study.toml"]
+
+
+def test_show_prints_a_table_csv_and_json_that_agree_and_draws_a_figure(run, swept, tmp_path):
+    table = run("sweep", "show", swept)
+    assert table.returncode == 0
+    assert "small: 18 of 18 runs" in table.stdout
+    assert [line.split()[:3] for line in table.stdout.splitlines() if "(" in line][-3:] == [
+        ["deadband", "1", "6"],
+        ["deadband", "2.5", "6"],
+        ["raw", "1", "6"],
+    ]
+    told = json.loads(run("sweep", "show", swept, "--json", "--of", "sent,felt_rmse_n").stdout)
+    assert [row["runs"] for row in told["rows"]] == [6, 6, 6]
+    assert {"codec", "multiplier", "runs", "sent_mean", "sent_q5", "felt_rmse_n_q95"} <= set(told["rows"][0])
+    file, picture = tmp_path / "table.csv", tmp_path / "figure.svg"
+    done = run("sweep", "show", swept, "--of", "sent,felt_rmse_n", "--csv", file, "--plot", picture)
+    assert done.returncode == 0, done.stderr
+    with file.open() as lines:
+        rows = list(csv.DictReader(lines))
+    assert [float(row["sent_mean"]) for row in rows] == [row["sent_mean"] for row in told["rows"]]
+    assert "</svg>" in picture.read_text()
+
+
+def test_show_groups_and_selects_as_asked(run, swept):
+    asked = ("--by", "loss", "--of", "received", "--quantiles", "0.5", "--where", "codec = 'deadband'", "--json")
+    rows = json.loads(run("sweep", "show", swept, *asked).stdout)["rows"]
+    assert [(row["loss"], row["runs"]) for row in rows] == [(0.0, 6), (0.1, 6)]
+    assert set(rows[0]) == {"loss", "runs", "received_mean", "received_q50"}
+
+
+def test_the_files_are_plain_parquet(swept):
+    pandas = pytest.importorskip("pandas")
+    table = pandas.concat(map(pandas.read_parquet, sorted(swept.glob("shard-*.parquet"))))
+    assert sorted(table["run"]) == list(range(18))
+    assert table.groupby("codec")["felt_rmse_n"].mean()["raw"] < 0.1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (("--by", "colour"), "there is no setting 'colour'; there are: run, repeat, source"),
+        (("--of", "beauty"), "there is no measure 'beauty'"),
+        (("--quantiles", "2"), "quantile is 2"),
+        (("--quantiles", "half"), "must be numbers from 0 to 1"),
+        (("--where", "colour = 'red'"), "DuckDB does not understand the condition"),
+        (("--where", "codec = = 1"), "DuckDB does not understand the condition"),
+        (("--plot", "figure.gif"), "figure format is 'gif'"),
+        (("--plot", "figure.png", "--x", "codec"), "there is no column 'codec' of numbers"),
+        (("--plot", "figure.png", "--panel", "day"), "there is no setting 'day'"),
+        (("--plot", "figure.png", "--where", "loss > 2"), "nothing to draw"),
+    ],
+)
+def test_show_tells_what_it_does_not_have(run, swept, monkeypatch, tmp_path, arguments, text):
+    monkeypatch.chdir(tmp_path)
+    one_line(run("sweep", "show", swept, *arguments), 2, text)
+
+
+def test_the_folder_of_another_study_is_refused_and_kept(run, study, swept):
+    before = {path.name: path.read_bytes() for path in swept.iterdir()}
+    study.write_text(STUDY.replace("[1, 2.5]", "[1, 3]"))
+    one_line(run("sweep", study, "--out", swept), 2, "another study ('small'), or this study was changed since")
+    study.write_text(STUDY)
+    (study.parent / "force.csv").write_text("t_s,force_n\n0,1\n0.001,2\n")
+    one_line(run("sweep", study, "--out", swept), 2, "this study was changed since")
+    assert {path.name: path.read_bytes() for path in swept.iterdir()} == before
+
+
+def test_a_damaged_or_foreign_shard_is_named(run, study, swept):
+    shard = swept / "shard-0000000005-0000000010.parquet"
+    content = shard.read_bytes()
+    shard.write_bytes(content[:-20])
+    one_line(run("sweep", study, "--out", swept), 3, f"{shard} is not a whole shard of a study; remove it")
+    shard.unlink()
+    (swept / "shard-0000000006-0000000011.parquet").write_bytes(content)
+    one_line(run("sweep", study, "--out", swept), 3, "which its name does not say")
+    (swept / "shard-0000000006-0000000011.parquet").unlink()
+    done = run("sweep", study, "--out", swept, "--workers", "1", "--json")
+    assert json.loads(done.stdout)["computed"] == 5
+
+
+def test_a_folder_that_another_sweep_writes_to_is_left_alone(run, study, swept):
+    with (swept / "sweep.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        one_line(run("sweep", study, "--out", swept), 4, "another sweep is at work in this folder")
+
+
+def test_what_is_missing_on_the_command_line_or_the_machine_is_told(run, study, swept, tmp_path, monkeypatch):
+    one_line(run("sweep", study), 2, "--out DIR is missing")
+    one_line(run("sweep", tmp_path / "none.toml", "--out", tmp_path / "x"), 3, "No such file")
+    one_line(run("sweep", study, "--out", study), 3, "study.toml")
+    one_line(run("sweep", study, "--out", tmp_path / "x", "--workers", "0"), 2, "workers is 0")
+    both = ("--workers", "1", "--scheduler", "tcp://127.0.0.1:1")
+    one_line(run("sweep", study, "--out", tmp_path / "x", *both), 2, "give one of them")
+    one_line(run("sweep", "show", tmp_path), 3, "is not a folder that hapticnet sweep wrote")
+    monkeypatch.setattr(cluster, "CONNECT_S", 0.3)
+    gone = ("--scheduler", "tcp://127.0.0.1:1")
+    one_line(run("sweep", study, "--out", tmp_path / "x", *gone), 4, "no Dask scheduler answers at tcp://127.0.0.1:1")
+    for package, arguments in (
+        ("pyarrow", (study, "--out", tmp_path / "x")),
+        ("duckdb", ("show", swept)),
+        ("distributed", (study, "--out", tmp_path / "x", *gone)),
+    ):
+        with monkeypatch.context() as patch:
+            patch.setitem(sys.modules, package, None)
+            one_line(run("sweep", *arguments), 4, "pip install 'hapticnet[")
+
+
+def test_a_signal_ends_the_sweep_with_its_code_after_the_shards_in_hand(run, study, tmp_path, monkeypatch):
+    def conduct(plan, folder, there, pool, *, sizes, is_stopped, on_progress):  # noqa: ARG001
+        assert not is_stopped()
+        signal.raise_signal(number)
+        assert is_stopped()
+        return Progress(runs=18, done=5, computed=5, stopped=True)
+
+    monkeypatch.setattr("hapticnet.sweep.conduct.conduct", conduct)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        done = run("sweep", study, "--out", tmp_path / "out")
+        assert done.returncode == 128 + number
+        assert "stopped with 5 of 18 runs; the same command goes on" in done.stderr
