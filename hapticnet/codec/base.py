@@ -1,6 +1,6 @@
 """What every codec is: a frozen description that makes encoders and decoders."""
 
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -71,6 +71,25 @@ class Decoder(Protocol):
         ------
         SampleError
             If a position that the rule uses is not finite, out of range or has other axes.
+        """
+        ...
+
+
+@runtime_checkable
+class Foretelling(Protocol):
+    """A decoder that can be asked for the future. Optional: without it, the force ahead is estimated from updates."""
+
+    def foretell(self, t_us: int, position: Vector, position_us: int) -> Vector:
+        """Return what `reconstruct` would return for times to come, without changing the state.
+
+        Parameters
+        ----------
+        t_us
+            Time [µs] ahead, on the time line of the payloads.
+        position
+            Where the tool is expected [m].
+        position_us
+            When it is expected there [µs].
         """
         ...
 

@@ -364,6 +364,10 @@ class StepDecoder:
         """Return the stimulus to apply."""
         return self._apply(self._rule, self._receiver, t_us)
 
+    def foretell(self, t_us: int, position: Vector, position_us: int) -> Vector:  # noqa: ARG002
+        """Return the stimulus to apply at a time to come."""
+        return self._apply(self._rule, self._receiver, t_us)
+
 
 class MotionDecoder(StepDecoder):
     """Decoder of a scheme that applies a stimulus which depends on the motion of the tool."""
@@ -383,6 +387,11 @@ class MotionDecoder(StepDecoder):
             self._receiver = self._move(self._rule, self._receiver, moved_us, position)
         return self._apply(self._rule, self._receiver, t_us)
 
+    def foretell(self, t_us: int, position: Vector, position_us: int) -> Vector:
+        """Return the stimulus to apply at a time and a position to come; the receiver stays where it is."""
+        receiver = self._move(self._rule, self._receiver, position_us, checked_position(position, self._axes))
+        return self._apply(self._rule, receiver, t_us)
+
 
 class HoldDecoder(StepDecoder):
     """Decoder of the zero-order hold, whose state is the stimulus it applies."""
@@ -399,6 +408,11 @@ class HoldDecoder(StepDecoder):
         position: Vector | None = None,  # noqa: ARG002
         position_us: int | None = None,  # noqa: ARG002
     ) -> Vector:
+        """Return the held stimulus."""
+        held: Vector = self._receiver
+        return held
+
+    def foretell(self, t_us: int, position: Vector, position_us: int) -> Vector:  # noqa: ARG002
         """Return the held stimulus."""
         held: Vector = self._receiver
         return held

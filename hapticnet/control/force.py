@@ -84,6 +84,8 @@ class ForceControlSettings:
     max_force_n: float = MAX_FORCE_N
     headroom_n: float = 0.4
     lead_s: float = 0.01
+    foresight_s: float = 0.03
+    early_n: float = 0.1
     press_speed_m_s: float = 0.06
     approach_speed_m_s: float = 0.01
     touch_n: float = SENSOR_THRESHOLD_N
@@ -103,6 +105,8 @@ class ForceControlSettings:
         check_parameter("largest force", self.max_force_n, 0.01, MAX_FORCE_N, "N")
         check_parameter("force headroom", self.headroom_n, 0.0, self.max_force_n, "N")
         check_parameter("lead", self.lead_s, 0.0, 0.1, "s")
+        check_parameter("foresight", self.foresight_s, 0.0, 0.1, "s")
+        check_parameter("early change", self.early_n, 0.0, 5.0, "N")
         check_parameter("press speed", self.press_speed_m_s, 1e-4, 1.0, "m/s")
         check_parameter("approach speed", self.approach_speed_m_s, 1e-4, 1.0, "m/s")
         check_parameter("touch force", self.touch_n, 0.0, 1.0, "N")
@@ -150,13 +154,15 @@ class ForceController:
     """
 
     __slots__ = (
-        "_before_m", "_largest_n", "_now_us", "_readings", "_sensed_sum_n", "_settings", "_smallest_n", "_stood_sum_m",
-        "_target_n", "_touching", "_watch", "displacement_m", "fault", "finger",
+        "_before_m", "_largest_n", "_lead", "_moved_us", "_now_us", "_readings", "_resting", "_sensed_n",
+        "_sensed_sum_n", "_settings", "_smallest_n", "_stood_m", "_stood_sum_m", "_target_n", "_touching", "_wanted_n",
+        "_watch", "displacement_m", "fault", "finger",
     )  # fmt: skip
 
     def __init__(self, settings: ForceControlSettings) -> None:
         self._settings = settings
         self._now_us: int | None = None
+        self._moved_us = 0
         self.finger = LearnedFinger(settings.finger)
         self.reset()
 
@@ -167,15 +173,20 @@ class ForceController:
         self._watch = SensorWatch()
         self.displacement_m = 0.0
         self._before_m = 0.0
-        self._target_n = 0.0
-        self._touching = False
+        self._target_n = self._wanted_n = self._sensed_n = self._stood_m = self._lead = 0.0
+        self._resting = self._touching = False
         self._sensed_sum_n = 0.0
         self._stood_sum_m = 0.0
         self._readings = 0
         self._smallest_n, self._largest_n = math.inf, -math.inf
 
-    def update(self, target_n: float, sensed_n: float, stood_m: float, now_us: int) -> float:
-        """Return the platform displacement [m] toward the finger; it changes once per control period.
+    def update(
+        self, target_n: float, sensed_n: float, stood_m: float, now_us: int, *, ahead_n: float | None = None
+    ) -> float:
+        """Return the platform displacement [m] toward the finger.
+
+        It changes once per control period, and at once when the force to press with falls by `early_n`, or, where it
+        is foretold, rises by that.
 
         Parameters
         ----------
@@ -186,6 +197,8 @@ class ForceController:
             or is out of range resets the controller, which retracts the platform.
         now_us
             Current time [µs].
+        ahead_n
+            Target [N] expected `foresight_s` from now, to which the platform already moves; None: unknown.
         """
         if not -LARGEST_COMPONENT < sensed_n < LARGEST_COMPONENT or not -1.0 < stood_m < 1.0:
             self.reset()
@@ -197,11 +210,17 @@ class ForceController:
         self._stood_sum_m += stood_m
         self._readings += 1
         before_us = self._now_us
+        target_n = self._allowed_n(target_n)
+        wanted_n = target_n if ahead_n is None else self._allowed_n(ahead_n)
         if before_us is None or now_us < before_us:
-            self._now_us = now_us
+            self._now_us = self._moved_us = now_us
+            self._wanted_n = wanted_n
             return self.displacement_m
         elapsed_us = now_us - before_us
         if elapsed_us < self._settings.period_us:
+            change_n = wanted_n - self._wanted_n
+            if -change_n > self._settings.early_n or (ahead_n is not None and change_n > self._settings.early_n):
+                self._move(target_n, wanted_n, now_us)
             return self.displacement_m
         self._now_us = now_us
         # After a late call, do not make up for the lost time in one step.
@@ -210,16 +229,26 @@ class ForceController:
         sensed_n, stood_m = self._sensed_sum_n / self._readings, self._stood_sum_m / self._readings
         self._sensed_sum_n = self._stood_sum_m = 0.0
         self._readings = 0
-        if not 0.0 <= target_n < math.inf:
-            target_n = 0.0
-        target_n = min(target_n, self._settings.max_force_n - self._settings.headroom_n)
-        self._control(target_n, sensed_n, newest_n, stood_m, elapsed_s)
+        self._learn(sensed_n, newest_n, stood_m, elapsed_s)
+        self._sensed_n, self._stood_m = sensed_n, stood_m
         self._smallest_n, self._largest_n = math.inf, -math.inf
+        self._lead = 0.0
+        if ahead_n is None:
+            before = compressed(self._target_n)
+            self._lead = self._settings.lead_s / elapsed_s * (compressed(target_n) - before)
+        self._resting = abs(target_n - self._target_n) <= RESTING_N
+        self._move(target_n, wanted_n, now_us)
         self._target_n = target_n
         self._before_m = stood_m
         return self.displacement_m
 
-    def _control(self, target_n: float, sensed_n: float, newest_n: float, stood_m: float, elapsed_s: float) -> None:
+    def _allowed_n(self, force_n: float) -> float:
+        """Return a force [N] limited to what is pressed with."""
+        if not 0.0 <= force_n < math.inf:
+            return 0.0
+        return min(force_n, self._settings.max_force_n - self._settings.headroom_n)
+
+    def _learn(self, sensed_n: float, newest_n: float, stood_m: float, elapsed_s: float) -> None:
         settings = self._settings
         # Half the threshold separates a sensor that conducts from one that does not, despite noise. The mean may mix
         # both states, so the newest reading counts as well.
@@ -236,43 +265,49 @@ class ForceController:
         self._touching = touching
         if touching and not watch.fallen:
             self.finger.learn(stood_m, sensed_n, (stood_m - self._before_m) / elapsed_s, elapsed_s)
+
+    def _move(self, target_n: float, wanted_n: float, now_us: int) -> None:
+        """Set the displacement for a target [N], moving to where the finger is pressed with `wanted_n` [N]."""
+        settings = self._settings
+        elapsed_s = min(max(now_us - self._moved_us, 0), 2 * settings.period_us) * 1e-6
+        self._moved_us = now_us
+        self._wanted_n = wanted_n
         if target_n <= settings.release_n:
-            watch.release()
+            self._watch.release()
         if self.fault is not None:
             self.displacement_m = 0.0
-            if target_n <= settings.release_n and stood_m <= settings.clearance_m:
+            if target_n <= settings.release_n and self._stood_m <= settings.clearance_m:
                 self.reset()
-        elif touching:
-            self._press(target_n, sensed_n, stood_m, elapsed_s)
+        elif self._touching:
+            self._press(target_n, wanted_n, elapsed_s)
         elif self.finger.felt:
-            self._return(target_n, stood_m, elapsed_s)
+            self._return(target_n, wanted_n, elapsed_s)
         elif target_n <= settings.release_n:
             self._go(0.0, elapsed_s)
         elif target_n >= settings.touch_n:
             self._go(min(self.displacement_m + settings.approach_speed_m_s * elapsed_s, settings.reach_m), elapsed_s)
 
-    def _press(self, target_n: float, sensed_n: float, stood_m: float, elapsed_s: float) -> None:
-        settings, finger = self._settings, self.finger
-        if target_n <= settings.release_n:
+    def _press(self, target_n: float, wanted_n: float, elapsed_s: float) -> None:
+        settings, finger, sensed_n = self._settings, self.finger, self._sensed_n
+        if wanted_n <= settings.release_n:
             self._go(finger.contact_m - settings.clearance_m, elapsed_s)
             return
         deadband_n = max(settings.deadband_n, settings.deadband_fraction * target_n)
-        if abs(sensed_n - target_n) <= deadband_n and abs(target_n - self._target_n) <= RESTING_N:
+        if self._resting and max(abs(sensed_n - target_n), abs(wanted_n - target_n)) <= deadband_n:
             return
         from_m = finger.displacement_m(sensed_n)
-        if sensed_n - target_n > max(settings.yield_n, settings.yield_fraction * target_n):
-            from_m = min(from_m, stood_m)
-        wanted, sensed, before = compressed(target_n), compressed(sensed_n), compressed(self._target_n)
-        lead = settings.lead_s / elapsed_s * (wanted - before)
-        self._go(from_m + finger.cautious_m_n * (wanted - sensed + lead), elapsed_s)
+        if sensed_n - max(target_n, wanted_n) > max(settings.yield_n, settings.yield_fraction * target_n):
+            from_m = min(from_m, self._stood_m)
+        change = compressed(wanted_n) - compressed(sensed_n) + self._lead
+        self._go(from_m + finger.cautious_m_n * change, elapsed_s)
 
-    def _return(self, target_n: float, stood_m: float, elapsed_s: float) -> None:
+    def _return(self, target_n: float, wanted_n: float, elapsed_s: float) -> None:
         settings, finger = self._settings, self.finger
-        if target_n <= settings.release_n:
+        if wanted_n <= settings.release_n:
             self._go(finger.contact_m - settings.clearance_m, elapsed_s)
             return
-        goal_m = finger.contact_m + finger.cautious_m_n * compressed(min(target_n, settings.search_n))
-        if target_n >= settings.touch_n and stood_m > goal_m - settings.clearance_m / 2.0:
+        goal_m = finger.contact_m + finger.cautious_m_n * compressed(min(wanted_n, settings.search_n))
+        if min(target_n, wanted_n) >= settings.touch_n and self._stood_m > goal_m - settings.clearance_m / 2.0:
             furthest_m = max(settings.search_m, finger.compliance_m_n * compressed(settings.search_n))
             further_m = self.displacement_m + settings.approach_speed_m_s * elapsed_s
             goal_m = min(max(goal_m, further_m), finger.contact_m + furthest_m)

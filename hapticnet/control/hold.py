@@ -12,6 +12,9 @@ from hapticnet.samples import MAX_AXES, Vector
 LONGEST_US: Final = 10_000_000
 """Longest age limit or decay [µs]; no application needs to hold a stimulus longer than ten seconds."""
 
+FRESH_US: Final = 100_000
+"""Longest silence of the link [µs] in which the force ahead is still foretold: two keepalives."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HoldSettings:
@@ -136,6 +139,11 @@ class Hold:
             self._rise()
         share = self._share
         return tuple([component * share for component in self._force_n]) if share else self._zero_n
+
+    def is_fresh(self, now_us: int) -> bool:
+        """Return whether the whole stimulus is applied and the link has been alive within `FRESH_US`."""
+        self._grow_older(now_us)
+        return self._whole and self._age_us <= FRESH_US
 
     def is_released(self, now_us: int) -> bool:
         """Return whether the link has been silent for so long that nothing of the stimulus is applied."""

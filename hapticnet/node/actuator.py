@@ -43,8 +43,8 @@ class Actuator:
         """What the device says of itself."""
         return self.device.status
 
-    def press(self, force_n: float, now_us: int) -> None:
-        """Ask the device for a force [N]; called every tick."""
+    def press(self, force_n: float, now_us: int, ahead_n: float | None = None) -> None:  # noqa: ARG002
+        """Ask the device for a force [N]; called every tick. What it does about its own delay is its own matter."""
         self.target_n = self._limiter.limit(force_n, now_us)
         sensed_n = self.device.apply(self.target_n, now_us)
         self.reading = None if sensed_n is None else Reading(now_us, 0.0, sensed_n, 0.0)

@@ -1,7 +1,8 @@
 """The force that a master applies: decoded from what arrives, held in between, and how old it is."""
 
-from hapticnet.codec.base import Codec
+from hapticnet.codec.base import Codec, Foretelling
 from hapticnet.control.hold import Hold, HoldSettings
+from hapticnet.node.foresight import Foresight
 from hapticnet.protocol.events import ForceArrived, HoldConfirmed
 from hapticnet.protocol.stats import Distribution
 from hapticnet.samples import Vector
@@ -23,16 +24,19 @@ class AppliedForce:
         self.age = Distribution()
         self._axes = axes
         self._decoder = codec.decoder(axes)
+        self._foresight = Foresight(axes)
         self._hold = Hold(settings, axes=axes)
         self._heard_us: int | None = None  # when the newest force arrived, on the master's clock
         self._heard_t_us = 0  # and its time stamp
         self._position_m: Vector | None = None  # of the newest tick, and its time
         self._position_us = 0
+        self._at_us = 0  # time for which the decoder was asked last
         self._valid_t_us = 0  # time of the newest position for which what is applied is known to be right
 
     def begin(self, codec: Codec) -> None:
         """Begin a session: what is held stays until the first force arrives."""
         self._decoder = codec.decoder(self._axes)
+        self._foresight = Foresight(self._axes)
         self._heard_us = None
         self._hold.restart()
 
@@ -45,7 +49,9 @@ class AppliedForce:
             If its payload is malformed. A user's codec may raise anything.
         """
         self._decoder.decode(event.t_us, event.payload)
-        self._hold.receive(self._decoder.reconstruct(event.t_us, self._position_m, self._position_us), now_us)
+        force_n = self._decoder.reconstruct(event.t_us, self._position_m, self._position_us)
+        self._hold.receive(force_n, now_us)
+        self._foresight.learn(event.t_us, force_n)
         self._heard_us, self._heard_t_us = now_us, event.t_us
         self._valid_t_us = event.t_us
 
@@ -62,8 +68,8 @@ class AppliedForce:
             return
         # The time of the newest position whose answer could have arrived by now. A prediction for that time is not
         # contradicted; the answer to the next position comes within this period.
-        at_us = self._heard_t_us + max(0, now_us - self._heard_us - period_us)
-        self.received_n = self._decoder.reconstruct(at_us, position_m, now_us)
+        self._at_us = self._heard_t_us + max(0, now_us - self._heard_us - period_us)
+        self.received_n = self._decoder.reconstruct(self._at_us, position_m, now_us)
         self._hold.follow(self.received_n)
         if not self._hold.is_released(now_us):
             self.age.add(now_us - self._valid_t_us)
@@ -71,6 +77,22 @@ class AppliedForce:
     def value(self, now_us: int) -> Vector:
         """Return the force being held [N], decayed where the link is stale."""
         return self._hold.value(now_us)
+
+    def expected(self, now_us: int, lead_us: int) -> Vector:
+        """Return the force [N] expected `lead_us` from now; the held one unless the link is alive and all of it held.
+
+        Called once a tick, after `advance`. A user's codec may raise anything.
+        """
+        if self._position_m is not None:
+            self._foresight.move(now_us, self._position_m)
+        if not self._hold.is_fresh(now_us):
+            return self._hold.value(now_us)
+        foretell = self._foretell if isinstance(self._decoder, Foretelling) else None
+        return self._foresight.expected(now_us, self._at_us, lead_us, self.received_n, foretell)
+
+    def _foretell(self, lead_us: int, position_m: Vector) -> Vector:
+        assert isinstance(self._decoder, Foretelling)
+        return self._decoder.foretell(self._at_us + lead_us, position_m, self._position_us + lead_us)
 
     def release(self) -> None:
         """Let the force go to zero; it rises from there."""

@@ -1,5 +1,6 @@
 """The fingertip: limits, force loop and device, in the order in which a force passes them."""
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
@@ -45,6 +46,8 @@ class Fingertip:
         The force loop.
     largest_n
         Largest force [N] that is requested, so that the overshoot of the loop stays within the device's limit.
+    lead_us
+        How far ahead [µs] the force is to be foretold, so that the servos reach it in time.
     target_n
         Force [N] requested of the device, after the limits.
     displacement_m
@@ -54,8 +57,8 @@ class Fingertip:
     """
 
     __slots__ = (
-        "_events", "_fault", "_found", "_limiter", "_times_lost", "controller", "device", "displacement_m", "largest_n",
-        "reading", "target_n",
+        "_events", "_fault", "_found", "_limiter", "_rise_n", "_times_lost", "controller", "device", "displacement_m",
+        "largest_n", "lead_us", "reading", "target_n",
     )  # fmt: skip
 
     def __init__(self, device: Device, limits: LimitSettings, control: ForceControlSettings) -> None:
@@ -75,6 +78,8 @@ class Fingertip:
         self.target_n = 0.0
         self.displacement_m = 0.0
         self.reading: Reading | None = None
+        self.lead_us = round(1e6 * within_device.foresight_s)
+        self._rise_n = limits.slew_n_per_s * within_device.foresight_s
         self._limiter = ForceLimiter(replace(limits, max_force_n=min(limits.max_force_n, self.largest_n)))
         self._found = False
         self._times_lost = 0
@@ -91,8 +96,19 @@ class Fingertip:
         """State of the force loop, if it has a fault, or else of the device, in words."""
         return self.controller.fault or self.device.status
 
-    def press(self, force_n: float, now_us: int) -> None:
-        """Move the device one step toward a force [N]; called every tick."""
+    def press(self, force_n: float, now_us: int, ahead_n: float | None = None) -> None:
+        """Move the device one step toward a force [N]; called every tick.
+
+        Parameters
+        ----------
+        force_n
+            Force [N] that is to be felt now.
+        now_us
+            Current time [µs].
+        ahead_n
+            Force [N] expected `lead_us` from now; None if nobody says. It rises no further above the target than the
+            target can within that time.
+        """
         reading = self.reading
         if reading is None:
             # Without a device the limiter falls to zero, from where the force rises when the device returns.
@@ -100,7 +116,11 @@ class Fingertip:
             self.displacement_m = 0.0
         else:
             self.target_n = self._limiter.limit(force_n, now_us)
-            self.displacement_m = self.controller.update(self.target_n, reading.force_n, reading.displacement_m, now_us)
+            if ahead_n is not None:
+                ahead_n = min(ahead_n, self.target_n + self._rise_n) if math.isfinite(force_n) else 0.0
+            self.displacement_m = self.controller.update(
+                self.target_n, reading.force_n, reading.displacement_m, now_us, ahead_n=ahead_n
+            )
         self.reading = self.device.exchange(self.displacement_m, now_us)
         if (self.reading is not None) != self._found or self.controller.fault != self._fault:
             self._note_changes()

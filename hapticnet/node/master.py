@@ -98,7 +98,7 @@ class MasterNode:
         self._script_start_us: int | None = None
         self.position_m: Vector | None = None
         self._zero_n: Vector = (0.0,) * operator.axes
-        self.held_n = self._zero_n
+        self.held_n = self._ahead_n = self._zero_n
         self.target_n = self.sensed_n = self.displacement_m = 0.0
         self._device_axis = device_axis(settings.device_takes, operator.axes) if device is not None else None
         self._connections = 0
@@ -184,12 +184,16 @@ class MasterNode:
                 self._applied.advance(now_us, self.period_us, self.position_m)
             except Exception as error:  # a user's codec may raise anything
                 self._fail(f"the codec failed: {in_words(error)}", now_us)
-        self.held_n = self.held_force_n(now_us)
+        self.held_n = self._ahead_n = self.held_force_n(now_us)
+        if isinstance(self._fingertip, Fingertip) and self.failure is None:
+            try:
+                self._ahead_n = self._applied.expected(now_us, self._fingertip.lead_us)
+            except Exception as error:  # a user's codec may raise anything
+                self._fail(f"the codec failed: {in_words(error)}", now_us)
 
     def _press(self, fingertip: Fingertip | Actuator, now_us: int) -> None:
-        held_n, axis = self.held_n, self._device_axis
         try:
-            fingertip.press(math.hypot(*held_n) if axis is None else held_n[axis], now_us)
+            fingertip.press(self._rendered_n(self.held_n), now_us, self._rendered_n(self._ahead_n))
         except Exception as error:  # what drives a device may raise anything; it is asked for no force from now on
             self._fail(f"the device failed: {in_words(error)}", now_us)
             return
@@ -197,6 +201,11 @@ class MasterNode:
             self._tracking.add((fingertip.target_n,), (fingertip.sensed_n,))
         self.target_n, self.sensed_n = fingertip.target_n, fingertip.sensed_n
         self.displacement_m = fingertip.displacement_m
+
+    def _rendered_n(self, force_n: Vector) -> float:
+        """Return the part of a force [N] that the device renders."""
+        axis = self._device_axis
+        return math.hypot(*force_n) if axis is None else force_n[axis]
 
     def change(
         self,
