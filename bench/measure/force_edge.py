@@ -13,7 +13,7 @@ import numpy as np
 from force_scenarios import FROM_N, TICK_US, TO_N, Row, Simulated, played
 
 from hapticnet.control.finger import FingerSettings, compressed
-from hapticnet.control.force import ForceControlSettings
+from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.control.margins import Actuator, loop_margins
 from hapticnet.device.kinematics import Linkage
 from hapticnet.device.parts import Finger, Sensor, Servo

@@ -19,7 +19,7 @@ from force_edge import edge_rows
 from force_scenarios import FROM_N, SEED_SHIFT_US, TICK_US, TO_N, Row, largest_rows, started
 
 from hapticnet.control.finger import compressed
-from hapticnet.control.force import ForceControlSettings
+from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.control.limits import LimitSettings
 from hapticnet.device.base import Device, Reading
 from hapticnet.device.kinematics import ROUNDING, Linkage

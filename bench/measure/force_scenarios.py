@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from hapticnet.control.force import ForceControlSettings
+from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.control.limits import LimitSettings
 from hapticnet.device.base import Reading
 from hapticnet.device.parts import Finger

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticnet.control.finger import LearnedFinger, compressed
-from hapticnet.control.force import ForceControlSettings
+from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.hardware import SERVO_FRAME_US, SERVO_LAG_S
 
 FREQUENCIES: int = 4000

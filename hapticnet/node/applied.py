@@ -2,7 +2,7 @@
 
 from hapticnet.codec.base import Codec, Foretelling
 from hapticnet.control.hold import Hold, HoldSettings
-from hapticnet.node.foresight import Foresight
+from hapticnet.node.foresight import Foresight, Foretell
 from hapticnet.protocol.events import ForceArrived, HoldConfirmed
 from hapticnet.protocol.stats import Distribution
 from hapticnet.samples import Vector
@@ -87,12 +87,13 @@ class AppliedForce:
             self._foresight.move(now_us, self._position_m)
         if not self._hold.is_fresh(now_us):
             return self._hold.value(now_us)
-        foretell = self._foretell if isinstance(self._decoder, Foretelling) else None
+        foretell = self._foretelling(self._decoder) if isinstance(self._decoder, Foretelling) else None
         return self._foresight.expected(now_us, self._at_us, lead_us, self.received_n, foretell)
 
-    def _foretell(self, lead_us: int, position_m: Vector) -> Vector:
-        assert isinstance(self._decoder, Foretelling)
-        return self._decoder.foretell(self._at_us + lead_us, position_m, self._position_us + lead_us)
+    def _foretelling(self, decoder: Foretelling) -> Foretell:
+        return lambda lead_us, position_m: decoder.foretell(
+            self._at_us + lead_us, position_m, self._position_us + lead_us
+        )
 
     def release(self) -> None:
         """Let the force go to zero; it rises from there."""

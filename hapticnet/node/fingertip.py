@@ -4,7 +4,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
-from hapticnet.control.force import ForceController, ForceControlSettings
+from hapticnet.control.force import ForceController
+from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.control.limits import ForceLimiter, LimitSettings
 from hapticnet.device.base import Device, Reading
 

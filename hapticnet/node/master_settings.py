@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from typing import Final, Literal, TypeAlias
 
 from hapticnet.checks import check_parameter
-from hapticnet.control.force import ForceControlSettings
+from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.control.hold import HoldSettings
 from hapticnet.control.limits import LimitSettings
 from hapticnet.errors import SettingsError

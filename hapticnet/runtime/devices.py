@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     import numpy as np
 
-    from hapticnet.control.force import ForceControlSettings
+    from hapticnet.control.force_settings import ForceControlSettings
     from hapticnet.device.base import Device
     from hapticnet.device.plant import PlantSettings
     from hapticnet.device.profile import Profile
@@ -105,7 +105,7 @@ def load(path: Path | None) -> "Profile":
 
 def control_settings(profile: "Profile") -> "ForceControlSettings":
     """Return the force loop's settings for the finger in a profile."""
-    from hapticnet.control.force import ForceControlSettings, for_known_finger
+    from hapticnet.control.force_settings import ForceControlSettings, for_known_finger
 
     if profile.finger is None:
         return ForceControlSettings()

@@ -8,7 +8,7 @@ from itertools import permutations
 import numpy as np
 
 from hapticnet.arrays import FloatArray
-from hapticnet.control.force import ForceControlSettings
+from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.control.limits import LimitSettings
 from hapticnet.device.plant import PlantSettings
 from hapticnet.device.simulated import SimulatedDevice

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.control.force import ForceController, ForceControlSettings
+from hapticnet.control.force import ForceController
+from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.errors import SettingsError
 
 SETTINGS = ForceControlSettings()

@@ -3,7 +3,7 @@
 import pytest
 
 from hapticnet.control.finger import FingerSettings
-from hapticnet.control.force import ForceControlSettings
+from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.control.margins import Actuator, loop_margins
 
 SETTINGS = ForceControlSettings()

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from hapticnet.control.force import ForceControlSettings
+from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.control.limits import LimitSettings
 from hapticnet.device.base import Reading
 from hapticnet.device.user import UserActuator, UserDevice, as_user_device

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import hapticnet as hn
-from hapticnet.control.force import ForceControlSettings
+from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.control.limits import LimitSettings
 from hapticnet.device.user import UserDevice
 from hapticnet.node.fingertip import Fingertip

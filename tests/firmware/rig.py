@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from hapticnet.control.force import ForceControlSettings
+from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.control.limits import LimitSettings
 from hapticnet.node.fingertip import Fingertip, FingertipEvent
 from hapticnet.runtime.nano import SimulatedNano

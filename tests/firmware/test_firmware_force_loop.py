@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapticnet.control.force import ForceControlSettings
+from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.control.limits import LimitSettings
 from hapticnet.device.parts import Finger
 from hapticnet.device.plant import PlantSettings

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from hapticnet.control.force import ForceControlSettings, for_known_finger
+from hapticnet.control.force_settings import ForceControlSettings, for_known_finger
 from hapticnet.control.limits import LimitSettings
 from hapticnet.device.base import Reading
 from hapticnet.device.parts import Finger, Servo

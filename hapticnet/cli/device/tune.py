@@ -33,7 +33,7 @@ def tune(
     from hapticnet.cli.console import deliver, write_text
     from hapticnet.cli.device.driving import drive
     from hapticnet.cli.profiles import profile_to_write
-    from hapticnet.control.force import ForceControlSettings
+    from hapticnet.control.force_settings import ForceControlSettings
     from hapticnet.control.limits import LimitSettings
     from hapticnet.control.margins import Actuator, loop_margins
     from hapticnet.device.profile import MeasuredFinger, dump_profile

@@ -1,0 +1,123 @@
+"""Limits of the force loop, and prior knowledge of the finger."""
+
+from dataclasses import dataclass, field
+from typing import Final
+
+from hapticnet.checks import check_parameter
+from hapticnet.control.finger import FingerSettings
+from hapticnet.hardware import CONTACT_M, MAX_FORCE_N, SENSOR_THRESHOLD_N, SOFTEST_N_M, STIFFEST_N_M
+from hapticnet.perception import PAPER_FLOOR_N
+
+BEYOND_M: Final = 0.0011
+"""Distance [m] past its contact at which the sensor detects a 0.3 N/mm finger."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForceControlSettings:
+    """Limits of the force loop, and prior knowledge of the finger.
+
+    Attributes
+    ----------
+    finger
+        Prior knowledge of the finger and how fast it may change.
+    period_us
+        Control period [µs]; readings within it are averaged. bench/measure/force_loop.py compares periods.
+    travel_m
+        Largest displacement [m] of the platform.
+    max_force_n
+        Largest force [N] on the finger.
+    headroom_n
+        Margin [N] between that and the largest target, for overshoot and for one servo step on a 3 N/mm finger
+        (0.37 N with the serial device).
+    lead_s
+        Time [s] by which the platform leads a moving target, to compensate the servos' lag. Half the shortest lag
+        typical of the HS-55; a longer lead would make a 3 N/mm finger overshoot. Used where nothing foretells the
+        target.
+    foresight_s
+        Time [s] for which the target is to be foretold: the servos' lag. bench/measure/finger_limit.py compares times.
+    early_n
+        Change [N] of the wanted force that is not left to the next control period.
+    press_speed_m_s
+        Largest speed [m/s] toward the finger; the limit of the servos is 74 mm/s.
+    approach_speed_m_s
+        Largest speed [m/s] while searching for the finger. The sensor reports a touch about 60 ms late, after 0.6 mm:
+        about 2 N on a 3 N/mm finger.
+    touch_n
+        Smallest force [N] the sensor detects.
+    release_n
+        Target [N] below which the finger is released. An assumption: half the JND's floor.
+    clearance_m
+        Distance [m] from the finger at which the platform then waits. An assumption, several times the gears' play.
+    deadband_n, deadband_fraction
+        Largest error, as a force [N] or as a share of the target, at which the platform rests under a resting target.
+        Without this deadband, noise would slowly lower the platform through the sensor's hysteresis, where the reading
+        does not change. Several times the noise of an averaged reading; less than half a JND.
+    yield_n, yield_fraction
+        Excess of the sensed force over the target, as a force [N] and as a share of the target, at which the platform
+        retreats from its present position instead of waiting for the model.
+    search_m, search_n
+        Distance [m] past the last contact to search for the finger, or the compression of the known finger at this
+        force [N] if that is further. Up to that force the platform does not slow down.
+    reach_m
+        Largest displacement [m] in the search for a finger not yet felt. An assumption for a finger 2 mm from the
+        retracted platform: far enough to detect a 0.3 N/mm finger; below 5 N on a 3 N/mm finger if the sensor is dead.
+
+    Raises
+    ------
+    SettingsError
+        If a value is out of range.
+    """
+
+    finger: FingerSettings = field(default_factory=FingerSettings)
+    period_us: int = 10_000
+    travel_m: float = 0.015
+    max_force_n: float = MAX_FORCE_N
+    headroom_n: float = 0.4
+    lead_s: float = 0.01
+    foresight_s: float = 0.03
+    early_n: float = 0.1
+    press_speed_m_s: float = 0.06
+    approach_speed_m_s: float = 0.01
+    touch_n: float = SENSOR_THRESHOLD_N
+    release_n: float = 0.5 * PAPER_FLOOR_N
+    clearance_m: float = 0.0005
+    deadband_n: float = 0.03
+    deadband_fraction: float = 0.02
+    yield_n: float = 0.3
+    yield_fraction: float = 0.15
+    search_m: float = 0.0005
+    search_n: float = 1.0
+    reach_m: float = CONTACT_M + BEYOND_M
+
+    def __post_init__(self) -> None:
+        check_parameter("control period", self.period_us, 1, 1_000_000, "µs")
+        check_parameter("travel", self.travel_m, 1e-4, 0.1, "m")
+        check_parameter("largest force", self.max_force_n, 0.01, MAX_FORCE_N, "N")
+        check_parameter("force headroom", self.headroom_n, 0.0, self.max_force_n, "N")
+        check_parameter("lead", self.lead_s, 0.0, 0.1, "s")
+        check_parameter("foresight", self.foresight_s, 0.0, 0.1, "s")
+        check_parameter("early change", self.early_n, 0.0, 5.0, "N")
+        check_parameter("press speed", self.press_speed_m_s, 1e-4, 1.0, "m/s")
+        check_parameter("approach speed", self.approach_speed_m_s, 1e-4, 1.0, "m/s")
+        check_parameter("touch force", self.touch_n, 0.0, 1.0, "N")
+        check_parameter("release force", self.release_n, 0.0, 1.0, "N")
+        check_parameter("clearance", self.clearance_m, 0.0, 0.1, "m")
+        check_parameter("force deadband", self.deadband_n, 0.0, 1.0, "N")
+        check_parameter("force deadband fraction", self.deadband_fraction, 0.0, 1.0)
+        check_parameter("yield force", self.yield_n, 0.0, self.max_force_n, "N")
+        check_parameter("yield fraction", self.yield_fraction, 0.0, 1.0)
+        check_parameter("search", self.search_m, 0.0, 0.1, "m")
+        check_parameter("search force", self.search_n, 0.0, self.max_force_n, "N")
+        check_parameter("reach", self.reach_m, 0.0, 0.1, "m")
+
+
+def for_known_finger(*, stiffness_n_m: float, contact_m: float) -> ForceControlSettings:
+    """Return the settings for a tuned finger with a stiffness [N/m] and a contact position [m].
+
+    The search extends past the contact by the distance at which a soft finger is detected.
+    """
+    usual = FingerSettings()
+    finger = FingerSettings(
+        stiffness_n_m=min(max(stiffness_n_m, SOFTEST_N_M), STIFFEST_N_M), uncertainty=usual.largest_uncertainty
+    )
+    return ForceControlSettings(finger=finger, reach_m=max(0.0, contact_m) + BEYOND_M)
