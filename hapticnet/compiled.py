@@ -26,6 +26,10 @@ from hapticnet import rounding
 SOURCES: Final = ("*.py", "codec/**/*.py", "measure/*.py")
 """Files of hapticnet whose content names the folder of machine code."""
 
+LARGEST_INLINED: Final = 400
+"""Size of the bytecode [B] up to which a function is compiled into its callers. Larger ones are called: they run only at
+updates, and inlined they would multiply the time that compiling takes."""
+
 KEPT_FOLDERS: Final = 3
 """Folders of machine code that are kept, the newest first."""
 
@@ -57,7 +61,8 @@ def compiled(
         raise TypeError(f"{function!r} is not a plain function")
     if (function, name) not in _compiled:
         _compiled[function, name] = _bodies().get(function) or _jit(
-            _linked(function, name, using or {}), inline=not using
+            _linked(function, name, using or {}),
+            inline=not using and len(function.__code__.co_code) <= LARGEST_INLINED,
         )
     return _compiled[function, name]
 
