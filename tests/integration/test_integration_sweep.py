@@ -1,0 +1,81 @@
+"""A sweep as a process of its own: interrupted, then killed with its workers, then finished."""
+
+import json
+import os
+import signal
+import time
+
+from pyarrow import parquet
+
+from hapticnet.sweep.folder import SHARDS
+from hapticnet.sweep.grid import Shard
+from hapticnet.sweep.planning import plan_of
+from hapticnet.sweep.runs import rows_of, runs_of
+from hapticnet.sweep.study import read_study
+
+STUDY = """
+name = "interrupted"
+task = "felt"
+repeats = 10
+
+[axes]
+hand = "scripted:insertions=1,approach_s=0.1,push_s=0.5,withdraw_s=0.1,rest_s=0.1"
+codec = ["deadband", "linear-predictive"]
+multiplier = [1, 2, 4]
+loss = [0, "5%"]
+"""
+PATIENCE_S = 60.0
+
+
+def wait_until(condition):
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline, "it takes too long"
+        time.sleep(0.01)
+
+
+def children(pid):
+    with open(f"/proc/{pid}/task/{pid}/children") as file:
+        return [int(each) for each in file.read().split()]
+
+
+def is_running(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    with open(f"/proc/{pid}/stat") as file:
+        return file.read().rpartition(")")[2].split()[0] != "Z"
+
+
+def test_an_interrupted_and_a_killed_sweep_go_on_where_they_were(start, tmp_path):
+    study, out = tmp_path / "study.toml", tmp_path / "out"
+    study.write_text(STUDY)
+    command = ("sweep", "run", str(study), "--out", str(out), "--workers", "2", "--shard", "3", "--json")
+    count = 0
+
+    def grows():
+        return len(list(out.glob(SHARDS))) > count
+
+    first = start(*command)
+    wait_until(grows)
+    assert first.end(signal.SIGINT) == 130
+    assert first.said() == ""
+    count = len(list(out.glob(SHARDS)))
+    assert first.report()["shards"] == count
+    assert 0 < first.report()["done"] < 120
+
+    second = start(*command)
+    wait_until(grows)
+    workers = children(second.process.pid)
+    assert len(workers) >= 2
+    assert second.end(signal.SIGKILL) == -signal.SIGKILL
+    wait_until(lambda: not any(map(is_running, workers)))
+    assert len(list(out.glob(SHARDS))) < 40
+
+    third = start(*command)
+    assert third.process.wait(PATIENCE_S) == 0, third.said()
+    assert json.loads(third.output.read_text())["complete"]
+    rows = [row for file in sorted(out.glob(SHARDS)) for row in parquet.read_table(file).to_pylist()]
+    plan = plan_of(read_study(study))
+    assert rows == rows_of(plan, plan.runner(), Shard(0, runs_of(plan)))
