@@ -18,7 +18,13 @@ SHOWN = "1 JND"
 
 def demo(
     seed: options.Seed = 1,
-    insertions: Annotated[int, typer.Option(min=1, help="Insertions per condition, three penetrations each.")] = 2,
+    scene: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SCENE", help="Scene that is touched, such as phantom; default: the paper's, of the seed."
+        ),
+    ] = None,
+    insertions: Annotated[int, typer.Option(min=1, help="Insertions, or palpations, per condition.")] = 2,
     device: options.DeviceOption = "sim",
     codec: options.Codec = "deadband",
     rate: Annotated[float, typer.Option(help="Positions a second.")] = 1000.0,
@@ -54,7 +60,8 @@ def demo(
     from hapticnet.perception import WeberLaw
     from hapticnet.runtime.devices import check_device
     from hapticnet.runtime.simavr import simavr_build
-    from hapticnet.scene.presets import paper_scene
+    from hapticnet.scene.body import BodySceneSettings
+    from hapticnet.scene.presets import find_scene
 
     name, parameters = parse_codec(codec)
     make_codec(name, WeberLaw(), parameters)  # refuse it before anything is played
@@ -62,6 +69,10 @@ def demo(
     if device.startswith("simavr"):
         simavr_build()
     if page is not None:
+        if scene is not None:
+            raise SettingsError(
+                "--page plays the paper's scene; for another: hapticnet slave --scene, and master --page"
+            )
         if json or out is not None:
             raise SettingsError("--page is played live and writes no results; omit --out and --json")
         signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
@@ -74,8 +85,11 @@ def demo(
     # Python does not clean up on SIGTERM by default; exiting this way ends the two processes first.
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     console = Console("demo", quiet=quiet)
-    times = "1 insertion" if insertions == 1 else f"{insertions} insertions"
-    console.say(f"a needle, three tissues and {times}, felt four ways; about a minute")
+    scene = scene or f"paper:{seed}"
+    found = find_scene(scene)
+    bodies = isinstance(found, BodySceneSettings)
+    what = "palpation" if bodies else "insertion"
+    console.say(f"{found.name}, {insertions} {what}{'s' if insertions > 1 else ''}, felt four ways; about a minute")
     announced: set[str] = set()
 
     def on_progress(condition: "Condition", seconds: float) -> None:
@@ -85,14 +99,29 @@ def demo(
         console.status(f"{condition.name}: {seconds:.0f} s")
 
     played = play_conditions(
-        out, codec=codec, seed=seed, insertions=insertions, device=device, rate_hz=rate, on_progress=on_progress
+        out,
+        scene=scene,
+        axes=found.axes if isinstance(found, BodySceneSettings) else 1,
+        codec=codec,
+        seed=seed,
+        insertions=insertions,
+        device=device,
+        rate_hz=rate,
+        on_progress=on_progress,
     )
     console.finish()
     disturbed = disturbances(played)
     if disturbed is not None:
         console.warn(f"delays and tracking may be worse than the system's own: {disturbed}")
-    rows = results(played, paper_scene(seed).tissues)
-    settings = {"seed": seed, "insertions": insertions, "rate_hz": rate, "device": device, "codec": codec}
+    rows = results(played, () if isinstance(found, BodySceneSettings) else found.tissues)
+    settings = {
+        "scene": scene,
+        "seed": seed,
+        "insertions": insertions,
+        "rate_hz": rate,
+        "device": device,
+        "codec": codec,
+    }
     text = json_module.dumps({"provenance": provenance(), **settings, "conditions": rows}, indent=2)
     write_text(report, text + "\n")
     print(text) if json else print_table(rows)

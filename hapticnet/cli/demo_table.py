@@ -12,18 +12,21 @@ Row = dict[str, Any]
 
 def print_table(rows: list[Row]) -> None:
     """Print the results of the conditions on stdout."""
-    table = Table(title="Four conditions, the same insertions", box=box.SIMPLE_HEAD, padding=(0, 2, 0, 0))
+    table = Table(title="Four conditions, the same motion", box=box.SIMPLE_HEAD, padding=(0, 2, 0, 0))
     table.add_column("")
     for row in rows:
         table.add_column(row["condition"], justify="right")
+    counted = rows[0]["counted"]
     for label, cell in _LINES:
-        table.add_row(label, *(cell(row) for row in rows))
+        if counted == "contact" and label.strip().startswith("paper"):
+            continue
+        table.add_row(label.replace("penetration", counted), *(cell(row) for row in rows))
         if label == "  standard deviation":
             for tissue in rows[0]["bytes_of_each_tissue"]:
                 means = [_of_tissue(row, tissue["tissue"]) for row in rows]
                 table.add_row(f"  {tissue['tissue']} ({tissue['breach_force_n']:g} N)", *means)
     Console(highlight=False).print(table)
-    print(_FOOTNOTE)
+    print((_PAPER if counted == "penetration" else "") + _FOOTNOTE.replace("penetration", counted))
 
 
 def _of_tissue(row: Row, name: str) -> str:
@@ -57,15 +60,21 @@ def _tracking(row: Row) -> str:
     return "–" if row["tracking_rmse_n"] is None else f"{row['tracking_rmse_n']:.3f} N"
 
 
-_FOOTNOTE = """\
+_PAPER = """\
 Paper: "Cutaneous haptic deadband compression". It states neither its sampling
 rate nor its motion, and the reduction depends on both.
+"""
+
+_FOOTNOTE = """\
 Bytes include keepalives and UDP and IPv4 headers. The standard deviation is
-over all penetrations; the lines below it are the means of each tissue, with its
+over all penetrations; lines below it are the means of each tissue, with its
 breach force. The packet-rate reduction counts force packets only. "As felt"
 compares the force held at each tick with the true force at the position of that
-tick, so it includes the delay. The device lags because its platform must first
-travel to the finger; its sensor reads nothing below 0.2 N.
+tick, so it includes the delay. "Over 25 ms" does the same in virtual time, with
+the recorded motion and that delay each way; energy created is what the hand then
+has to put in less, or gets back more, as a share of its work. The device lags
+because its platform must first travel to the finger; its sensor reads nothing
+below 0.2 N.
 """
 
 _LINES: tuple[tuple[str, Callable[[Row], str]], ...] = (
@@ -83,6 +92,8 @@ _LINES: tuple[tuple[str, Callable[[Row], str]], ...] = (
     ("largest error", lambda row: f"{row['max_error_n']:.4f} N"),
     ("exceed-JND fraction", lambda row: _percent(row["exceed_jnd_fraction"])),
     ("RMSE as felt", lambda row: f"{row['felt']['rmse_n']:.4f} N"),
+    ("above 1 JND over 25 ms", lambda row: _percent(row["felt_over_link"]["exceed_jnd_fraction"])),
+    ("  energy created", lambda row: _percent(row["felt_over_link"]["created_share"])),
     ("device tracking RMSE", _tracking),
     ("round trip p50", _milliseconds("round_trip", "p50_us")),
     ("  p99", _milliseconds("round_trip", "p99_us")),

@@ -32,7 +32,7 @@ class BytesPerPenetration:
     each
         Bytes of each penetration, in order of time.
     depths_m
-        Positions of the tip at the breaches [m], in the same order.
+        Positions of the tip at the breaches [m], in the same order; on the first axis if there are several.
     """
 
     each: tuple[int, ...]
@@ -61,16 +61,27 @@ class BytesPerPenetration:
         return found
 
 
-def bytes_per_penetration(slave: Columns) -> BytesPerPenetration:
+def bytes_per_penetration(slave: Columns, *, contacts: bool = False) -> BytesPerPenetration:
     """Return the cost of every penetration in a slave's recording.
 
     A penetration starts after the last sample without force or after the previous breach, and ends with the breach.
+
+    Parameters
+    ----------
+    contacts
+        Count contacts instead, from the first sample with a force to the last, for a scene that nothing breaches.
     """
     datagrams = slave["datagram_bytes"]
     wire = np.where(datagrams > 0, datagrams + UDP_IPV4_HEADER_BYTES, 0.0)
     spent = np.concatenate([[0.0], np.cumsum(wire)])
-    breaches = np.flatnonzero(np.diff(slave["breaches"], prepend=0.0) > 0)
-    free = np.flatnonzero(slave["force_n"] <= 0.0)
+    force = vectors(slave, "force", "n")
+    # On one axis a shaft that is held back has a negative force, which ends a contact.
+    touching = np.any(force > 0.0 if force.shape[1] == 1 else force != 0.0, axis=1)
+    free = np.flatnonzero(~touching)
+    if contacts:
+        breaches = np.flatnonzero(touching & ~np.append(touching[1:], [False]))
+    else:
+        breaches = np.flatnonzero(np.diff(slave["breaches"], prepend=0.0) > 0)
     each = []
     begin = 0
     for end in breaches:
@@ -79,7 +90,7 @@ def bytes_per_penetration(slave: Columns) -> BytesPerPenetration:
             begin = max(begin, int(before[-1]) + 1)
         each.append(int(spent[end + 1] - spent[begin]))
         begin = int(end) + 1
-    return BytesPerPenetration(each=tuple(each), depths_m=tuple(slave["position_m"][breaches].tolist()))
+    return BytesPerPenetration(each=tuple(each), depths_m=tuple(vectors(slave, "position", "m")[breaches, 0].tolist()))
 
 
 def felt_error(law: WeberLaw, slave: Columns, master: Columns) -> ErrorReport:
@@ -88,10 +99,13 @@ def felt_error(law: WeberLaw, slave: Columns, master: Columns) -> ErrorReport:
     Unlike the error of the codec, this includes the round trip and every packet that was lost or late.
     """
     at_slave, at_master = matched(slave, master)
-    axes = 1 if "force_n" in slave else sum(name in slave for name in axis_columns("force", "n", MAX_AXES))
-    true = np.column_stack([slave[name][at_slave] for name in axis_columns("force", "n", axes)])
-    held = np.column_stack([master[name][at_master] for name in axis_columns("held", "n", axes)])
-    return error_report(law, true, held)
+    return error_report(law, vectors(slave, "force", "n")[at_slave], vectors(master, "held", "n")[at_master])
+
+
+def vectors(columns: Columns, quantity: str, unit: str) -> FloatArray:
+    """Return a quantity of a recording on all of its axes, shape (n, a)."""
+    several = [name for name in axis_columns(quantity, unit, MAX_AXES) if name in columns]
+    return np.column_stack([columns[name] for name in several or axis_columns(quantity, unit, 1)])
 
 
 def matched(slave: Columns, master: Columns) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:

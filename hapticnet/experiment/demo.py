@@ -9,10 +9,15 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any, Final
 
-from hapticnet.codec.registry import split_codec
+import numpy as np
+
+from hapticnet.codec.registry import make_codec, parse_codec, split_codec
 from hapticnet.errors import UnavailableError
-from hapticnet.experiment.analysis import Columns, bytes_per_penetration, felt_error
+from hapticnet.experiment.analysis import Columns, bytes_per_penetration, felt_error, vectors
+from hapticnet.experiment.comparison import DELAY_US, felt_report
 from hapticnet.experiment.conditions import Condition, conditions_with
+from hapticnet.experiment.trial import Trial
+from hapticnet.measure.metrics import ErrorReport
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION, WeberLaw
 from hapticnet.recordings.tables import read_csv
 from hapticnet.runtime.children import Child
@@ -54,14 +59,26 @@ class Played:
 
 
 def play_conditions(
-    folder: Path, *, codec: str, seed: int, insertions: int, device: str, rate_hz: float, on_progress: Progress
+    folder: Path,
+    *,
+    scene: str,
+    axes: int,
+    codec: str,
+    seed: int,
+    insertions: int,
+    device: str,
+    rate_hz: float,
+    on_progress: Progress,
 ) -> list[Played]:
-    """Play the same insertions under each condition, one after the other, and return what both sides recorded.
+    """Play the same motion under each condition, one after the other, and return what both sides recorded.
 
     Parameters
     ----------
     folder
         Where recordings and reports of the processes go.
+    scene, axes
+        The scene, as written for ``--scene``, and its axes. On one the hand inserts a needle; on several it palpates,
+        and the device renders the magnitude of the force.
     codec
         What compresses the force in all conditions but the first; the paper's is the deadband.
 
@@ -72,12 +89,19 @@ def play_conditions(
     """
     conditions = conditions_with(codec)
     slave_report = folder / "slave.json"
-    with _slave(folder, seed, codec, slave_report) as address:
+    hand = [] if axes == 1 else ["--operator", f"palpation:axes={axes}", "--device-takes", "norm"]
+    with _slave(folder, scene, codec, slave_report) as address:
         for condition in conditions:
             arguments = ["master", "--connect", address, "--name", condition.slug, "--seed", str(seed)]
             arguments += ["--codec", condition.codec, "--multiplier", str(condition.multiplier)]
             arguments += ["--insertions", str(insertions), "--device", device, "--rate", str(rate_hz)]
-            arguments += ["--connect-timeout", str(CONNECT_TIMEOUT_S), "--record", str(_samples(folder, condition))]
+            arguments += [
+                *hand,
+                "--connect-timeout",
+                str(CONNECT_TIMEOUT_S),
+                "--record",
+                str(_samples(folder, condition)),
+            ]
             arguments += ["--report", str(folder / f"master-{condition.slug}.json"), "--quiet"]
             _play(condition, arguments, on_progress)
     report = json.loads(slave_report.read_text())
@@ -99,14 +123,15 @@ def results(played: list[Played], tissues: Sequence[Tissue]) -> list[dict[str, A
     Parameters
     ----------
     tissues
-        The tissues of the scene that was played.
+        The tissues of the scene that was played; none if it has bodies, whose contacts are counted instead.
     """
     law = WeberLaw(weber_fraction=PAPER_WEBER_FRACTION, floor_n=PAPER_FLOOR_N)
     rows: list[dict[str, Any]] = []
     for each in played:
         condition, slave, master = each.condition, each.slave, each.master
-        penetrations = bytes_per_penetration(each.slave_samples)
-        by_tissue = zip(tissues, penetrations.by_tissue(tissues), strict=True)
+        penetrations = bytes_per_penetration(each.slave_samples, contacts=not tissues)
+        late, created_share = _over_a_link(condition, each.slave_samples)
+        by_tissue = zip(tissues, penetrations.by_tissue(tissues) if tissues else (), strict=True)
         uncompressed = rows[0]["bytes_per_penetration"] if rows else penetrations.mean
         rows.append(
             {
@@ -116,6 +141,7 @@ def results(played: list[Played], tissues: Sequence[Tissue]) -> list[dict[str, A
                 "samples": slave["steps"],
                 "force_packets": slave["sent"]["by_kind"].get("force", 0),
                 "keepalives": slave["sent"]["by_kind"].get("keepalive", 0),
+                "counted": "penetration" if tissues else "contact",
                 "penetrations": len(penetrations.each),
                 "bytes_of_each_penetration": penetrations.each,
                 "bytes_per_penetration": penetrations.mean,
@@ -130,6 +156,7 @@ def results(played: list[Played], tissues: Sequence[Tissue]) -> list[dict[str, A
                 "paper_correct": condition.paper_correct,
                 "feedback_wire_bytes": slave["sent"]["wire_bytes"],
                 "felt": asdict(felt_error(law, each.slave_samples, each.master_samples)),
+                "felt_over_link": {"delay_us": DELAY_US, **asdict(late), "created_share": created_share},
                 "lost": master["received"]["lost"] + slave["received"]["lost"],
                 **{key: slave[key] for key in FROM_SLAVE},
                 **{key: master[key] for key in FROM_MASTER},
@@ -140,9 +167,9 @@ def results(played: list[Played], tissues: Sequence[Tissue]) -> list[dict[str, A
 
 
 @contextmanager
-def _slave(folder: Path, seed: int, codec: str, report: Path) -> Iterator[str]:
+def _slave(folder: Path, scene: str, codec: str, report: Path) -> Iterator[str]:
     """Run a slave on a free port and yield its address; its report is written when it ends."""
-    arguments = ["slave", "--listen", "127.0.0.1:0", "--scene", f"paper:{seed}"]
+    arguments = ["slave", "--listen", "127.0.0.1:0", "--scene", scene]
     arguments += ["--codec", split_codec(codec)[0]]  # the slave must know a codec of the user's too
     slave = Child([*arguments, "--record", str(folder / "slave"), "--report", str(report)])
     try:
@@ -176,6 +203,19 @@ def _played(condition: Condition, folder: Path, report: dict[str, Any]) -> Playe
         slave_samples=read_csv(slave_file),
         master_samples=read_csv(_samples(folder, condition)),
     )
+
+
+def _over_a_link(condition: Condition, samples: Columns) -> tuple[ErrorReport, float | None]:
+    """Return what the hand would feel over a link of `DELAY_US` each way, computed from a slave's recording."""
+    trial = Trial(
+        name=condition.name,
+        t_us=samples["t_us"].astype(np.int64),
+        stimuli=vectors(samples, "force", "n"),
+        positions=vectors(samples, "position", "m"),
+    )
+    name, parameters = parse_codec(condition.codec)
+    law = WeberLaw(weber_fraction=PAPER_WEBER_FRACTION, floor_n=PAPER_FLOOR_N, multiplier=condition.multiplier)
+    return felt_report(make_codec(name, law, parameters), trial, loss=0.0, delay_us=DELAY_US, seed=0)
 
 
 def _samples(folder: Path, condition: Condition) -> Path:

@@ -6,7 +6,7 @@ from typing import Any, Final
 import numpy as np
 
 from hapticnet.arrays import FloatArray
-from hapticnet.experiment.analysis import STAMP_MODULUS, Columns, matched
+from hapticnet.experiment.analysis import STAMP_MODULUS, Columns, matched, vectors
 from hapticnet.experiment.signal_figure import Signal, draw_force, draw_sent
 from hapticnet.experiment.style import BLUE, GREEN, INK, ORANGE, PURPLE, SKY, VERMILION, picture
 from hapticnet.perception import WeberLaw
@@ -46,10 +46,11 @@ def draw_bytes_per_penetration(rows: list[dict[str, Any]], file: Path) -> None:
                     zorder=4,
                     label=None if place else f"{tissue['tissue']}, breaks at {tissue['breach_force_n']:g} N",
                 )
-            label = f"{mean:,.0f} B" + (f"\n−{row['byte_reduction']:.1%}" if place else "")
+            saved = "" if row["byte_reduction"] is None else f"\n−{row['byte_reduction']:.1%}"
+            label = f"{mean:,.0f} B" + (saved if place else "")
             highest = max([mean + row["bytes_deviation"], *each])
             axes.annotate(label, (place, highest + 0.02 * top), ha="center", va="bottom", zorder=5)
-            if row["paper_byte_reduction"]:
+            if row["paper_byte_reduction"] and row["counted"] == "penetration":
                 paper = (1.0 - row["paper_byte_reduction"]) * rows[0]["bytes_per_penetration"]
                 axes.plot([place - 0.36, place + 0.36], [paper, paper], color=BLUE, linestyle="--", zorder=5)
                 told = f"paper: −{row['paper_byte_reduction']:.1%}"
@@ -57,9 +58,10 @@ def draw_bytes_per_penetration(rows: list[dict[str, Any]], file: Path) -> None:
         axes.set_xticks(range(len(rows)), [row["condition"] for row in rows])
         axes.grid(visible=False, axis="x")
         axes.set_ylim(0, 1.22 * top if top else 1)
-        axes.set_ylabel("feedback bytes per penetration\n(with keepalives and UDP/IPv4 headers)")
+        counted = rows[0]["counted"]
+        axes.set_ylabel(f"feedback bytes per {counted}\n(with keepalives and UDP/IPv4 headers)")
         axes.set_xlabel("deadband threshold")
-        axes.set_title("Bytes per penetration: mean, standard deviation, every penetration")
+        axes.set_title(f"Bytes per {counted}: mean, standard deviation, every {counted}")
         if axes.get_legend_handles_labels()[1]:
             axes.legend(loc="upper right")
 
@@ -70,8 +72,8 @@ def draw_run(slave: Columns, master: Columns, file: Path) -> None:
     stamps_us = slave["t_us"][at_slave]
     signal = Signal(
         t_s=(stamps_us - stamps_us[0]) % STAMP_MODULUS * 1e-6,
-        true_n=slave["force_n"][at_slave][:, np.newaxis],
-        applied_n=slave["held_n"][at_slave][:, np.newaxis],
+        true_n=vectors(slave, "force", "n")[at_slave],
+        applied_n=vectors(slave, "held", "n")[at_slave],
         sent=np.flatnonzero(slave["transmitted"][at_slave] > 0),
         lost=np.empty(0, dtype=np.int64),
         law=WeberLaw(),
@@ -101,7 +103,7 @@ def draw_run(slave: Columns, master: Columns, file: Path) -> None:
 def _windows(signal: Signal, breaches: FloatArray) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return the first insertion and the time around its last breach [s]; all there is if nothing is breached."""
     t_s = signal.t_s
-    touching, through = np.flatnonzero(signal.true_n[:, 0] > 0.0), np.flatnonzero(breaches >= TISSUES)
+    touching, through = np.flatnonzero(signal.true_n.any(axis=1)), np.flatnonzero(breaches >= TISSUES)
     start_s = max(t_s[touching[0]] - MARGIN_S, 0.0) if len(touching) else 0.0
     breach_s = t_s[through[0]] if len(through) else t_s[-1]
     return (start_s, min(breach_s + MARGIN_S, t_s[-1])), (breach_s - ZOOM_S, breach_s + ZOOM_S / 8)

@@ -48,6 +48,17 @@ def test_penetrations_are_kept_apart_by_tissue():
     assert report.by_tissue(paper_scene(1).tissues) == [[38, 2 * 38], [3 * 38], []]
 
 
+def test_contacts_are_paid_for_a_scene_that_nothing_breaches():
+    slave = columns([0, 1, 2, 0, 3, 0, 1], [0] * 7, [10, 10, 0, 10, 10, 10, 10])
+    assert bytes_per_penetration(slave, contacts=True).each == (38, 38, 38)
+    sideways = {
+        f"{name}_{axis}_{unit}": np.zeros(5) for name, unit in (("force", "n"), ("position", "m")) for axis in "xyz"
+    }
+    sideways["force_y_n"] = np.array([0.0, -1.0, -1.0, 0.0, 0.0])
+    table = sideways | {"breaches": np.zeros(5), "datagram_bytes": np.full(5, 10.0)}
+    assert bytes_per_penetration(table, contacts=True).each == (2 * 38,)
+
+
 def test_every_condition_of_the_paper_penetrates_three_tissues_and_costs_less_than_the_one_before(loopback):
     means = []
     for condition in CONDITIONS:
