@@ -27,8 +27,8 @@ SOURCES: Final = ("*.py", "codec/**/*.py", "measure/*.py")
 """Files of hapticnet whose content names the folder of machine code."""
 
 LARGEST_INLINED: Final = 400
-"""Size of the bytecode [B] up to which a function is compiled into its callers. Larger ones are called: they run only at
-updates, and inlined they would multiply the time that compiling takes."""
+"""Size of the bytecode [B] up to which a function is compiled into its callers. Larger ones are called: they run only
+at updates, and inlined they would multiply the time that compiling takes."""
 
 KEPT_FOLDERS: Final = 3
 """Folders of machine code that are kept, the newest first."""

@@ -130,7 +130,7 @@ def learn(rule: MotionRule, sender: Sender, t_us: int, x: Vector) -> Sender:
     coupling = observed(coupling, motion, t_us, x, threshold_around(rule, x))
     of_surface, of_coupled, of_curve, of_hold = packets
     if not follows(rule, hold, motion, t_us, x):
-        hold = line_of(rule, t_us, drawn_hold(rule, motion, x))
+        hold = line_of(rule, t_us, drawn_hold(rule, motion, x, x))
         of_hold += 1.0
     if not follows(rule, surface, motion, t_us, x):
         surface = line_of(rule, t_us, drawn_surface(rule, motion, newest, x, coupling.stiffness))
@@ -166,7 +166,9 @@ def send(rule: MotionRule, sender: Sender, t_us: int, x: Vector, past: Any) -> t
         trend = trend_beside(rule, motion, newest, x, 0.0, 0.0)
         message = drawn_curve(rule, curve.regression, trend, motion, x, 0.0, 0.0)
     else:
-        message = drawn_hold(rule, motion, x)
+        # A value that is still good is better than that of a sample which must be sent: an outlier, if there is noise.
+        value = hold.offset if follows(rule, hold, motion, t_us, x) else x
+        message = drawn_hold(rule, motion, value, x)
     packets = FORGETTING * of_surface, FORGETTING * of_coupled, FORGETTING * of_curve, FORGETTING * of_hold
     line = line_of(rule, t_us, message)
     return message, Sender(True, motion, line, newest, hold, surface, curve, coupled, coupling, packets)

@@ -159,10 +159,10 @@ def trend_beside(rule: MotionRule, motion: Motion, newest: int, x: Vector, stiff
     return measured_trend(past, x, half_us, rule.window_us, band_n)
 
 
-def drawn_hold(rule: MotionRule, motion: Motion, x: Vector) -> Message:
-    """Return a message that holds a stimulus."""
+def drawn_hold(rule: MotionRule, motion: Motion, value: Vector, x: Vector) -> Message:
+    """Return a message that holds a value, near a stimulus x."""
     zeros = times(x, 0.0)
-    return checked(rule, Message(HOLD, False, x, zeros, zeros, 0.0, 0.0), motion, x)
+    return checked(rule, Message(HOLD, False, value, zeros, zeros, 0.0, 0.0), motion, x)
 
 
 def drawn_surface(rule: MotionRule, motion: Motion, newest: int, x: Vector, learned: float) -> Message:
@@ -178,7 +178,7 @@ def drawn_surface(rule: MotionRule, motion: Motion, newest: int, x: Vector, lear
             offset = along(x, -dot(normal, motion.position), normal)
             zeros = times(x, 0.0)
             return checked(rule, Message(SURFACE, False, offset, zeros, normal, 0.0, 0.0), motion, x)
-    return drawn_hold(rule, motion, x)
+    return drawn_hold(rule, motion, x, x)
 
 
 def drawn_curve(
