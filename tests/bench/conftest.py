@@ -23,6 +23,7 @@ QUICK = {
     "repair": ("--quick",),
     "scene_accuracy": ("--quick",),
     "scene_cost": ("--repetitions", 1),
+    "tilt": ("--seeds", 1),
     "virtual_time": ("--insertions", 1, "--repetitions", 2),
 }
 """Every benchmark, with arguments that take seconds."""

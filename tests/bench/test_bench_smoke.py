@@ -263,3 +263,11 @@ def test_felt_measures_every_codec_with_and_without_delay(measured):
     assert {row["exceed_jnd_fraction"] for row in rows if row["codec"] == "deadband" and not row["delay_ms"]} == {0.0}
     assert all(row["active_share"] <= row["created_share"] + 0.01 for row in raw.values())
     assert {row["codec"] for row in results["means"]} == set(CODECS)
+
+
+def test_tilt_brings_the_direction_nearer(measured):
+    rows = measured("tilt")["rows"]
+    for level, tilted in zip(rows[::2], rows[1::2], strict=True):
+        assert (level["tilts"], tilted["tilts"]) == (False, True)
+        assert tilted["angle_median_deg"] < level["angle_median_deg"]
+        assert tilted["vector_rmse_n"] < level["vector_rmse_n"]

@@ -6,6 +6,7 @@ import pytest
 
 from hapticnet.errors import FileError, SettingsError
 from hapticnet.samples import PositionSample
+from hapticnet.scene.config import parse_scene
 from hapticnet.scene.presets import find_scene, paper_scene, scene_names
 from hapticnet.scene.sources import make_scene
 
@@ -45,6 +46,12 @@ def test_every_preset_makes_a_scene_of_its_name(name: str) -> None:
     made = make_scene(settings)
     assert made.name == name
     assert made.step(PositionSample(0, (-1.0,) * made.axes)).force_n == (0.0,) * made.axes
+
+
+def test_the_scene_of_the_documentation_can_be_read() -> None:
+    page = Path(__file__).parents[2] / "docs" / "scenes.md"
+    example = page.read_text(encoding="utf-8").split("```toml\n")[1].split("```")[0]
+    assert make_scene(parse_scene(example, "hill.toml")).axes == 3
 
 
 def test_an_unknown_scene_is_refused_with_the_choices() -> None:
