@@ -1,4 +1,4 @@
-"""The code of docs/tutorial.md, docs/api.md and docs/embedding.md runs in order and prints what the pages show."""
+"""The code of docs/tutorial.md, docs/api.md, docs/embedding.md and docs/sweep.md runs in order and prints what the pages show."""
 
 import contextlib
 import inspect
@@ -30,7 +30,7 @@ def in_a_folder_of_its_own(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", sys.path[:])
 
 
-@pytest.mark.parametrize("page", ["tutorial.md", "api.md", "embedding.md"])
+@pytest.mark.parametrize("page", ["tutorial.md", "api.md", "embedding.md", "sweep.md"])
 def test_the_code_of_a_page_runs_and_prints_what_it_shows(page):
     names = {}
     printed = ""

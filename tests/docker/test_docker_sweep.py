@@ -131,3 +131,41 @@ def test_a_worker_on_another_host_is_killed_and_nothing_is_lost_or_comes_twice(h
     assert report["poison"] == []
     assert report["computed"] == len(truth) == 432
     assert rows(out) == truth
+
+
+@pytest.fixture
+def compose(tool_is_missing):
+    """Return a function that runs a compose command; containers and results are removed afterwards."""
+    if shutil.which("docker") is None or subprocess.run(["docker", "info"], capture_output=True).returncode:
+        tool_is_missing("no Docker engine runs here")
+    plugin = subprocess.run(["docker", "compose", "version"], capture_output=True).returncode == 0
+    program = ["docker", "compose"] if plugin else ["docker-compose"]
+    environment = {"BUILD_NETWORK": "host", "REPEATS": "2", "STUDY": "repair"} | os.environ
+
+    def run(*arguments, check=True):
+        command = [*program, "-f", str(ROOT / "docker" / "compose.sweep.yaml"), *arguments]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+        assert done.returncode == 0 or not check, done.stdout[-2000:] + done.stderr[-2000:]
+        return done.stdout
+
+    yield run
+    run("down", "--volumes", "--rmi", "local", check=False)
+    shutil.rmtree(ROOT / "docker" / "results", ignore_errors=True)
+
+
+def test_a_worker_in_a_container_is_killed_and_nothing_is_lost_or_comes_twice(compose, tmp_path):
+    results = ROOT / "docker" / "results"
+    compose("build")
+    compose("up", "-d")
+    wait_until(lambda: len(list((results / "sweep").glob(SHARDS))) >= 2)
+    compose("kill", "-s", "SIGKILL", "worker1")
+    wait_until((results / "sweep.json").exists)
+    report = json.loads((results / "sweep.json").read_text())
+    assert report["complete"]
+    assert report["poison"] == []
+    command = [sys.executable, "-m", "hapticnet", "sweep", "run", "studies/repair.toml", "--repeats", "2"]
+    subprocess.run([*command, "--out", tmp_path / "here"], check=True, cwd=ROOT, capture_output=True)
+    there, here = rows(results / "sweep"), rows(tmp_path / "here")
+    assert [row["run"] for row in there] == [row["run"] for row in here] == list(range(288))
+    # Another build of numpy may round the last digit differently, so only counts are compared to the bit.
+    assert [(row["sent"], row["received"]) for row in there] == [(row["sent"], row["received"]) for row in here]
