@@ -1,4 +1,4 @@
-"""The code of docs/tutorial.md, docs/api.md, docs/embedding.md and docs/sweep.md runs in order and prints what the pages show."""
+"""The code of docs/tutorial.md, api.md, embedding.md and sweep.md runs in order and prints what the pages show."""
 
 import contextlib
 import inspect
