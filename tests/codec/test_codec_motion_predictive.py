@@ -264,7 +264,7 @@ def test_a_position_that_is_refused_leaves_the_encoder_as_if_the_sample_had_not_
         (struct.pack(">Bf", HOLD, math.nan), "finite"),
         (struct.pack(">Bd", HOLD, 1.0), "kind 0 with 1 axes takes 5"),
         (struct.pack(">Bfe", CURVE, 1.0, 2000.0), "thresholds"),
-        (struct.pack(">Bfe", SURFACE, 1.0, 0.0), "stiffness of 0 N/m"),
+        (struct.pack(">Bfe", SURFACE, 1.0, 0.0), "normal is zero"),
         (struct.pack(">Bfe", SURFACE, 1.0, 200.0), "stiffness of 40000 N/m"),
         (struct.pack(">Bfe", SURFACE, 1.0, math.nan), "stiffness of nan N/m"),
         (struct.pack(">Bffee", COUPLED, 1.0, math.inf, 1.0, 1.0), "travel"),

@@ -169,7 +169,7 @@ class Receiver:
         first = payload[0] if payload else 255
         letter, kind = ("d", first - 8) if first & 8 else ("f", first)
         size = axes * (8 if letter == "d" else 4)
-        lengths = {0: 0, 1: 2 * axes, 2: 2 * axes, 3: 4 * axes + 4}
+        lengths = {0: 0, 1: 2 * axes, 2: 2 * axes + (2 if axes > 1 else 0), 3: 4 * axes + 4}
         if kind not in lengths or len(payload) != 1 + size + lengths[kind]:
             raise Refused(payload)
         value, rest = in_range(read(payload[1 : 1 + size], letter, axes)), payload[1 + size :]
@@ -181,8 +181,10 @@ class Receiver:
                 raise Refused(multiples)
             in_range([v + way for v, way in zip(value, travel, strict=True)])
         elif kind == 2:
-            normal = read(rest, "e", axes)
-            if not 0.0 < inner(normal, normal) <= 1.002 * self.set["stiffest_n_per_m"]:
+            normal = read(rest[: 2 * axes], "e", axes)
+            stiffness = read(rest[2 * axes :], "e", 1)[0] if axes > 1 else 0.0
+            largest = 1.002 * self.set["stiffest_n_per_m"]
+            if not (any(normal) and inner(normal, normal) <= largest and 0.0 <= stiffness <= largest):
                 raise Refused(normal)
         elif kind == 3:
             travel = in_range(read(rest[: 4 * axes], "f", axes))
@@ -214,7 +216,12 @@ class Receiver:
         at = self.at[1]
         if kind == 2:
             depth = inner(normal, at)
-            x = [c + depth * k for c, k in zip(self.value, normal, strict=True)]
+            added = [depth * k for k in normal]
+            if stiffness:
+                back = -depth / inner(normal, normal)
+                across = [p + back * k for p, k in zip(at, normal, strict=True)]
+                added = [a + stiffness * p for a, p in zip(added, across, strict=True)]
+            x = [c + a for c, a in zip(self.value, added, strict=True)]
             out = inner(normal, x)
             if out < 0.0:
                 back = -out / inner(normal, normal)

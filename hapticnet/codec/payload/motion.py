@@ -8,7 +8,7 @@ kind    byte         rest
 ======= ============ =========================================================================================
 hold    0            value (n)
 curve   1            value (n), travel (n float16, in thresholds around the value)
-surface 2            offset (n), normal (n float16)
+surface 2            offset (n), normal (n float16), for n > 1 stiffness across the normal (float16 [N/m])
 coupled 3            offset (n), travel (n float32 [N]), stiffness (float16 [N/m]), viscosity (float16 [N·s/m])
 ======= ============ =========================================================================================
 
@@ -26,7 +26,7 @@ from hapticnet.codec.payload.values import DOUBLE, SINGLE, threshold_around
 from hapticnet.errors import PeerError
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import LARGEST_COMPONENT, MAX_AXES, Vector
-from hapticnet.vectors import along, dot, in_range, largest_component, limited, magnitude, times
+from hapticnet.vectors import along, dot, in_range, largest_component, limited, magnitude, plus, times
 
 UNSENT: Final = -1
 HOLD: Final = 0
@@ -75,7 +75,7 @@ class Message(NamedTuple):
     normal
         Direction of a surface, times the square root of its stiffness [N/m].
     stiffness, viscosity
-        Of a coupling [N/m, N·s/m].
+        Of a coupling [N/m, N·s/m]; `stiffness` is also that across the normal of a surface.
     """
 
     kind: int
@@ -117,11 +117,11 @@ def line_at(rule: CurveNumbers, line: Line, motion: Motion, t_us: int) -> Vector
     """Return the stimulus [N] at a time, for a motion.
 
     With offset c, travel d, share s of the time (a parabola that is level at the horizon), position p, velocity v,
-    normal κ, stiffness K and viscosity B::
+    normal κ, its unit vector n, stiffness K and viscosity B::
 
         hold      c
         curve     c + d·s
-        surface   c + κ (κ·p), without its part along κ where that is negative: a surface does not pull
+        surface   c + κ (κ·p) + K (p - n (n·p)), without its part along κ if that is below 0: it does not pull
         coupled   c + d·s + K p + B v
 
     The last two are zero where the position has never been known, and limited to `LARGEST_COMPONENT`.
@@ -131,13 +131,22 @@ def line_at(rule: CurveNumbers, line: Line, motion: Motion, t_us: int) -> Vector
     if not motion.is_known:
         return times(line.offset, 0.0)
     if line.kind == SURFACE:
-        x = along(line.offset, dot(line.normal, motion.position), line.normal)
+        x = plus(line.offset, pressed(line, motion.position))
         out = dot(line.normal, x)
         if out < 0.0:
             x = along(x, -out / dot(line.normal, line.normal), line.normal)
         return limited(x, LARGEST_COMPONENT)
     x = along(line.offset, share_at(rule, line, t_us), line.travel)
     return limited(along(along(x, line.stiffness, motion.position), line.viscosity, motion.velocity), LARGEST_COMPONENT)
+
+
+def pressed(line: Line, position: Vector) -> Vector:
+    """Return what a position adds to the offset of a surface [N]."""
+    depth = dot(line.normal, position)
+    if len(position) == 1 or line.stiffness == 0.0:
+        return times(line.normal, depth)
+    across = along(position, -depth / dot(line.normal, line.normal), line.normal)
+    return along(times(line.normal, depth), line.stiffness, across)
 
 
 def share_at(rule: CurveNumbers, line: Line, t_us: int) -> float:
@@ -154,7 +163,9 @@ def message_bytes(rule: object, message: Message) -> int:
     size = 1 + (8 if message.is_wide else 4) * axes
     if message.kind == HOLD:
         return size
-    return size + (4 * axes + 4 if message.kind == COUPLED else 2 * axes)
+    if message.kind == COUPLED:
+        return size + 4 * axes + 4
+    return size + 2 * axes + (2 if message.kind == SURFACE and axes > 1 else 0)
 
 
 class MotionForm:
@@ -177,7 +188,9 @@ class MotionForm:
             return head
         if kind == COUPLED:
             return head + self._coupling.pack(*travel, stiffness, viscosity)
-        return head + self._halves.pack(*(travel if kind == CURVE else normal))
+        if kind == CURVE:
+            return head + self._halves.pack(*travel)
+        return head + self._halves.pack(*normal) + (HALVES[1].pack(stiffness) if self.axes > 1 else b"")
 
     def unpack(self, payload: bytes, receiver: object = None) -> Message:  # noqa: ARG002
         """Return the message in a payload.
@@ -205,12 +218,15 @@ class MotionForm:
         if kind == COUPLED:
             *moved, stiffness, viscosity = self._coupling.unpack(rest)
             return self._checked_coupling(is_wide, value, tuple(moved), stiffness, viscosity)
-        numbers: Vector = self._halves.unpack(rest)
+        numbers: Vector = self._halves.unpack_from(rest)
         if kind == SURFACE:
-            square = dot(numbers, numbers)
-            if not 0.0 < square <= ROUNDING * self._stiffest:
-                raise PeerError(f"payload holds a stiffness of {square:g} N/m; it is above 0, up to {self._stiffest:g}")
-            return Message(kind, is_wide, value, zeros, numbers, 0.0, 0.0)
+            (across,) = HALVES[1].unpack(rest[self._halves.size :]) if self.axes > 1 else (0.0,)
+            for stiffness in dot(numbers, numbers), across:
+                if not 0.0 <= stiffness <= ROUNDING * self._stiffest:
+                    raise PeerError(f"payload holds a stiffness of {stiffness:g} N/m; it is 0 to {self._stiffest:g}")
+            if numbers == zeros:
+                raise PeerError("payload holds a surface whose normal is zero")
+            return Message(kind, is_wide, value, zeros, numbers, across, 0.0)
         threshold = self._law.threshold_n(magnitude(value))
         if not (largest_component(numbers) <= LARGEST_TRAVEL and ends_in_range(value, numbers, threshold)):
             raise PeerError(

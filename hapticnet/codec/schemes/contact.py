@@ -118,12 +118,14 @@ def local_stiffness(
     band_n: float,
     learned: float,
     like: Vector,
-) -> tuple[float, Vector]:
-    """Return the stiffness [N/m] of a surface that is touched, and its normal: the direction of the force.
+) -> tuple[float, float, Vector]:
+    """Return the stiffness [N/m] of a surface that is touched along and across its normal, and the normal.
+
+    The normal is the direction of the force. Across it, a curved surface has a stiffness because its normal turns.
 
     It is the slope, along the normal, of a line through the newest sample, fitted to those of the last `LOCAL_US`. A
     sample without force, or further than `band_n` from the line so far, ends the window, because there was an impact.
-    The less movement there was, the nearer it is to the learned one. Stiffness 0 if there is no force.
+    Where there was hardly any movement, it is the learned one. Stiffness 0 if there is no force.
 
     Parameters
     ----------
@@ -139,20 +141,26 @@ def local_stiffness(
     x, at = row(samples, newest, like), row(positions, newest, like)
     size = magnitude(x)
     if not size > SMALLEST_THRESHOLD_N:
-        return 0.0, x
+        return 0.0, 0.0, x
     normal = over(x, size)
-    square = product = 0.0
+    square = product = square_across = product_across = 0.0
     for k in range(newest - 1, first - 1, -1):
         if times_us[newest] - times_us[k] > LOCAL_US and newest - k > LEAST_PERIODS:
             break
         then = row(samples, k, like)
         if magnitude(then) == 0.0:
             break
-        moved, change = dot(normal, minus(row(positions, k, like), at)), dot(normal, minus(then, x))
+        movement, difference = minus(row(positions, k, like), at), minus(then, x)
+        moved, change = dot(normal, movement), dot(normal, difference)
         if square > 0.0 and not abs(change - product / square * moved) <= band_n:
             break
         square += moved * moved
         product += moved * change
+        square_across += dot(movement, movement) - moved * moved
+        product_across += dot(movement, difference) - moved * change
+    across = 0.0
+    if len(x) > 1 and square_across >= PRIOR_SQUARE_M2:
+        across = max(0.0, product_across / square_across)
     if square < PRIOR_SQUARE_M2:
-        return learned, normal
-    return max(0.0, product / square), normal
+        return learned, across, normal
+    return max(0.0, product / square), across, normal

@@ -16,6 +16,7 @@ from hapticnet.codec.payload.motion import (
     Message,
     line_at,
     line_of,
+    pressed,
     share_at,
 )
 from hapticnet.codec.payload.values import is_within, threshold_around
@@ -168,16 +169,18 @@ def drawn_hold(rule: MotionRule, motion: Motion, value: Vector, x: Vector) -> Me
 def drawn_surface(rule: MotionRule, motion: Motion, newest: int, x: Vector, learned: float) -> Message:
     """Return the message of a surface as it was touched lately; a hold if there is none."""
     first = max(newest + 1 - motion.samples, 0)
-    stiffness, normal = local_stiffness(
+    stiffness, across, normal = local_stiffness(
         rule.times_us[0], rule.samples, rule.positions, first, newest, BAND * threshold_around(rule, x), learned, x
     )
     if stiffness > 0.0:
         root = math.sqrt(min(stiffness, rule.stiffest))
         normal = halves(times(normal, root))
         if dot(normal, normal) > 0.0:
-            offset = along(x, -dot(normal, motion.position), normal)
+            across = as_half(min(across, rule.stiffest))
             zeros = times(x, 0.0)
-            return checked(rule, Message(SURFACE, False, offset, zeros, normal, 0.0, 0.0), motion, x)
+            flat = Line(SURFACE, 0, zeros, zeros, normal, across, 0.0)
+            offset = minus(x, pressed(flat, motion.position))
+            return checked(rule, Message(SURFACE, False, offset, zeros, normal, across, 0.0), motion, x)
     return drawn_hold(rule, motion, x, x)
 
 
