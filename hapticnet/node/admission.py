@@ -28,7 +28,7 @@ from hapticnet.protocol.messages import (
 from hapticnet.protocol.settings import Entropy, SessionSettings, random_bytes
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import SEALED, Kind, pack, pack_body
-from hapticnet.scene.base import Touchable
+from hapticnet.scene.base import Touchable, look_ahead_of
 from hapticnet.user_code import raised
 
 SMALLEST_SESSION: Final = 1 << 16
@@ -136,7 +136,15 @@ class Admission:
         ticket = random_bytes(self._rng, TICKET_BYTES)
         station = Station(
             session,
-            Grant(session.number, rate_hz, timings.keepalive_us, scene.name, ticket, old is not None),
+            Grant(
+                session.number,
+                rate_hz,
+                timings.keepalive_us,
+                scene.name,
+                ticket,
+                old is not None,
+                request.announced and self._settings.announces and look_ahead_of(scene) is not None,
+            ),
             address,
             identity,
             scene,

@@ -1,7 +1,8 @@
 """The force that a master applies: decoded from what arrives, held in between, and how old it is."""
 
-from hapticnet.codec.base import Codec, Foretelling
+from hapticnet.codec.base import Codec, Decoder, Foretelling
 from hapticnet.control.hold import Hold, HoldSettings
+from hapticnet.node.announced import AnnouncedDecoder
 from hapticnet.node.foresight import Foresight, Foretell
 from hapticnet.protocol.events import ForceArrived, HoldConfirmed
 from hapticnet.protocol.stats import Distribution
@@ -17,13 +18,17 @@ class AppliedForce:
         Force [N] of all axes as the decoder reconstructs it.
     age
         Age [µs] of the force that is applied, in each tick.
+    ticks_on_model
+        Ticks in which the force was that of an announced model.
     """
 
     def __init__(self, codec: Codec, settings: HoldSettings, axes: int) -> None:
         self.received_n: Vector = (0.0,) * axes
         self.age = Distribution()
+        self.ticks_on_model = 0
         self._axes = axes
-        self._decoder = codec.decoder(axes)
+        self._decoder: Decoder = codec.decoder(axes)
+        self._announced: AnnouncedDecoder | None = None
         self._foresight = Foresight(axes)
         self._hold = Hold(settings, axes=axes)
         self._heard_us: int | None = None  # when the newest force arrived, on the master's clock
@@ -33,12 +38,24 @@ class AppliedForce:
         self._at_us = 0  # time for which the decoder was asked last
         self._valid_t_us = 0  # time of the newest position for which what is applied is known to be right
 
-    def begin(self, codec: Codec) -> None:
-        """Begin a session: what is held stays until the first force arrives."""
-        self._decoder = codec.decoder(self._axes)
+    def begin(self, codec: Codec, stiffest_n_per_m: float | None = None) -> None:
+        """Begin a session: what is held stays until the first force arrives.
+
+        `stiffest_n_per_m` is the limit of models of the contact ahead [N/m]; None if nothing is announced.
+        """
+        self._decoder, self._announced = codec.decoder(self._axes), None
+        if stiffest_n_per_m is not None:
+            self._decoder = self._announced = AnnouncedDecoder(self._decoder, self._axes, stiffest_n_per_m)
         self._foresight = Foresight(self._axes)
         self._heard_us = None
         self._hold.restart()
+
+    def move(self, now_us: int, position_m: Vector) -> int | None:
+        """Move the tool; return which layers of an announced model are pierced, or None if nothing is announced."""
+        if self._announced is None:
+            return None
+        self._announced.move(now_us, position_m)
+        return self._announced.state
 
     def take_in(self, event: ForceArrived, now_us: int) -> None:
         """Apply a force that has arrived.
@@ -71,6 +88,8 @@ class AppliedForce:
         self._at_us = self._heard_t_us + max(0, now_us - self._heard_us - period_us)
         self.received_n = self._decoder.reconstruct(self._at_us, position_m, now_us)
         self._hold.follow(self.received_n)
+        if self._announced is not None and self._announced.on_model:
+            self.ticks_on_model += 1
         if not self._hold.is_released(now_us):
             self.age.add(now_us - self._valid_t_us)
 

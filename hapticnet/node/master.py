@@ -17,6 +17,7 @@ from hapticnet.node.applied import AppliedForce
 from hapticnet.node.fingertip import Fingertip
 from hapticnet.node.master_events import Failed, NodeEvent, Paused
 from hapticnet.node.master_settings import MasterSettings, device_axis
+from hapticnet.node.model_wire import with_state
 from hapticnet.node.recording import DATAGRAM_COLUMNS, IN, OUT, Recording, frame_kind, master_columns
 from hapticnet.operator.base import Operator
 from hapticnet.perception import WeberLaw
@@ -33,6 +34,7 @@ from hapticnet.protocol.messages import NAME_BYTES, Code, Request, clipped
 from hapticnet.protocol.settings import Entropy
 from hapticnet.protocol.stats import Distribution
 from hapticnet.samples import Vector, checked_vector
+from hapticnet.scene.ahead import stiffest_at
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -164,8 +166,11 @@ class MasterNode:
             if self.paused is None:
                 self._ask_operator(now_us - self._script_start_us, now_us)
             if self.position_m is not None:
+                state = self._applied.move(now_us, self.position_m)
                 payload = self._positions.encode(now_us, self.position_m)
                 if payload is not None:
+                    if state is not None:
+                        payload = with_state(state, payload)
                     self.session.send_position(now_us, payload)
 
     def drive(self, now_us: int) -> None:
@@ -280,6 +285,7 @@ class MasterNode:
             "tracking_max_n": tracking.max_error_n if tracking else None,
             "round_trip": self.session.round_trip.report(),
             "age_of_applied_force": self.age.report(),
+            "ticks_on_model": self._applied.ticks_on_model,
             "sent": self.session.sent.report(),
             "received": self.session.received.report(),
         }
@@ -292,6 +298,7 @@ class MasterNode:
             rate_hz=self.settings.rate_hz,
             axes=self._operator.axes,
             name=clipped(self.settings.name, NAME_BYTES),
+            announced=self.settings.announced,
         )
 
     def _ask_operator(self, t_us: int, now_us: int) -> None:
@@ -342,7 +349,7 @@ class MasterNode:
             rate_hz = max(self.settings.session.slowest_hz, min(self.settings.rate_hz, event.grant.rate_hz))
             self.period_us = round(1e6 / rate_hz)
             self._codec = self._next_codec
-            self._applied.begin(self._codec)
+            self._applied.begin(self._codec, stiffest_at(event.grant.rate_hz) if event.grant.announced else None)
             if self._script_start_us is None:
                 self._script_start_us = now_us
         elif isinstance(event, ChangeRefused):

@@ -43,6 +43,8 @@ class MasterSettings:
         zero in either case. An exception of the codec or the device always ends the session.
     device_takes
         The axis of the force that the device renders, or its norm.
+    announced
+        Whether to ask for models of the contact ahead, and to render them at the own position.
     """
 
     codec: str = "deadband"
@@ -55,6 +57,7 @@ class MasterSettings:
     record_datagrams: bool = False
     on_error: OnError = "end"
     device_takes: DeviceTakes = "x"
+    announced: bool = False
     session: SessionSettings = field(default_factory=SessionSettings)
     hold: HoldSettings = field(default_factory=HoldSettings)
     limits: LimitSettings = field(default_factory=LimitSettings)

@@ -4,12 +4,14 @@ from collections.abc import Hashable
 from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal, NamedTuple
 
-from hapticnet.codec.base import Codec
+from hapticnet.codec.base import Codec, Decoder, Encoder
 from hapticnet.codec.plugins import LARGEST_PAYLOAD
 from hapticnet.codec.registry import codec_parameters
 from hapticnet.codec.schemes.raw import Raw
 from hapticnet.errors import HapticnetError, PeerError, SampleError, in_words
 from hapticnet.measure.metrics import RunningError
+from hapticnet.node.announcing import Announcing, announcing
+from hapticnet.node.model_wire import read_state
 from hapticnet.node.recording import DATAGRAM_COLUMNS, IN, OUT, Recording, frame_kind, slave_columns
 from hapticnet.protocol.messages import Grant
 from hapticnet.protocol.slave_session import SlaveSession
@@ -33,11 +35,14 @@ class StationSettings:
         Whether every datagram is recorded.
     on_error
         What an exception of the scene does: end the session, or answer with zero force until `resume`.
+    announces
+        Whether scenes that can tell what is ahead do so, to masters that ask for it.
     """
 
     record: bool = False
     record_datagrams: bool = False
     on_error: Literal["end", "pause"] = "end"
+    announces: bool = True
 
 
 class SceneFailedError(HapticnetError):
@@ -122,9 +127,15 @@ class Station:
         self._pending: PositionSample | None = None
         self._answered: _Answered | None = None
         self._positions = Raw().decoder(scene.axes)
-        self._encoder = codec.encoder(scene.axes)
+        self._encoder: Encoder = codec.encoder(scene.axes)
         # A decoder of what is sent: it holds what the master holds if nothing is lost.
-        self._mirror = codec.decoder(scene.axes)
+        self._mirror: Decoder = codec.decoder(scene.axes)
+        self._announcing: Announcing | None = None
+        if grant.announced:
+            self._encoder, self._mirror = self._announcing = announcing(
+                self._encoder, self._mirror, codec.law, scene, grant.rate_hz
+            )
+        self._told: int | None = None  # which layers of the model the master has pierced
         self._held_n = self._zero_n = (0.0,) * scene.axes
         # A user's codec need not say so; completing an update that is complete does no harm.
         self._builds_on_earlier: bool = getattr(codec, "builds_on_earlier", True)
@@ -168,7 +179,11 @@ class Station:
         if self.session.seal is not None:
             self.address = address  # the newest datagram that opens tells where the master is
         try:
-            self._positions.decode(position.t_us, position.payload)
+            payload, self._told = position.payload, None
+            if self._announcing is not None:
+                state, payload = read_state(payload)
+                self._told = state if self.session.in_step else None
+            self._positions.decode(position.t_us, payload)
             sample = PositionSample(position.t_us, self._positions.reconstruct(position.t_us))
         except (PeerError, SampleError):  # counted as a datagram already, so not by `add_malformed`
             self.session.received.malformed += 1
@@ -200,10 +215,15 @@ class Station:
             return None
         answer: bytes | None = None
         try:
-            if self.session.repair_is_due(now_us, force_n):
+            repair = self.session.repair_is_due(now_us, force_n)
+            # A model that has arrived goes on by itself: it is confirmed with fewer bytes than it takes to repeat it.
+            confirm = repair and self._on_model and self.session.in_step
+            if repair and not confirm:
                 self._encoder.refresh()
+            if self._announcing is not None and self._told is not None:
+                self._announcing.encoder.told(self._told)
             payload = self._encoder.encode(t_us, force_n, sample.position_m)
-            if payload is not None and self._builds_on_earlier and self.session.complete:
+            if payload is not None and self._builds_on_earlier and self.session.complete and not self._on_model:
                 self._encoder.refresh()  # so that this payload builds on no earlier one
                 payload = self._encoder.encode(t_us, force_n, sample.position_m)
             if payload is not None and len(payload) > LARGEST_PAYLOAD:
@@ -212,11 +232,13 @@ class Station:
             self.steps += 1
             raise SceneFailedError(f"the force cannot be encoded: {in_words(error)}") from error
         if payload is not None:
-            answer = self.session.force(t_us, payload, now_us, before=self._held_n)
+            repeated, right = (False, False) if self._announcing is None else self._announcing.encoder.newest
+            before = None if right else self._held_n
+            answer = self.session.force(t_us, payload, now_us, before=before, repeated=repeated)
         self.steps += 1
         self._stepped_us = now_us
-        if answer is None and self.session.keepalive_is_due(now_us):
-            answer = self.session.keepalive(t_us, now_us, held=self._held_n)
+        if answer is None and (confirm or self.session.keepalive_is_due(now_us)):
+            answer = self.session.keepalive(t_us, now_us, held=None if self._on_model else self._held_n)
         self._answered = _Answered(sample, force_n, payload, answer, now_us)
         return answer
 
@@ -233,6 +255,8 @@ class Station:
             return
         sample, force_n, payload, datagram, now_us = answered
         try:
+            if self._announcing is not None:
+                self._announcing.mirror.move(sample.t_us, sample.position_m, self._told)
             if payload is not None:
                 self._mirror.decode(sample.t_us, payload)
             held_n = self._mirror.reconstruct(sample.t_us, sample.position_m)
@@ -252,6 +276,11 @@ class Station:
     def resume(self) -> None:
         """Step the scene again after it has failed."""
         self.paused = None
+
+    @property
+    def _on_model(self) -> bool:
+        """Whether the newest update is a model of the contact ahead."""
+        return self._announcing is not None and self._announcing.encoder.on_model
 
     def _step(self, sample: PositionSample) -> Vector:
         """Return the force of the scene at a position; zero while paused."""
@@ -298,6 +327,7 @@ class Station:
             "steps": self.steps,
             "superseded": self.superseded,
             "breaches": breaches_of(self.scene),
+            "announced": None if self._announcing is None else asdict(self._announcing.encoder.account),
             "packet_rate_reduction": 1.0 - forces / self.steps if self.steps else None,
             **asdict(self._error.report()),
             "sent": self.session.sent.report(),

@@ -219,7 +219,7 @@ class MasterSession:
             t_us = self._fresh_t_us(keepalive.t_us, arrival, now_us)
             if t_us is not None and arrival is Arrival.NEW:
                 self._hear(arrival, t_us, now_us)
-                if keepalive.newest_force == self._newest_force:
+                if self._holds(keepalive.newest_force):
                     self._confirmed = datagram.sequence
                     self._events.append(HoldConfirmed(t_us))
         elif kind is Kind.CLOSE:
@@ -229,6 +229,12 @@ class MasterSession:
                 self._receive_close(close)
         else:
             self._count_stray(kind, size)
+
+    def _holds(self, named: int | None) -> bool:
+        """Return whether a KEEPALIVE that names a FORCE confirms what is applied: that FORCE or one after it."""
+        if named is None or self._newest_force is None:
+            return named is self._newest_force
+        return distance(self._newest_force, named) >= 0
 
     def _receive_close(self, close: Close) -> None:
         if self.state is MasterState.CLOSING:

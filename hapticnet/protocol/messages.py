@@ -66,7 +66,7 @@ class Request(NamedTuple):
 
     `ticket` is that of a session whose scene it wants to go on with, or None. `clock_us` is what the master's clock
     shows when it asks [µs]: time stamps of positions are its lower 32 bits, so that with it both sides record the same
-    times.
+    times. `announced` tells whether it renders models of the contact ahead.
     """
 
     codec: str
@@ -79,6 +79,7 @@ class Request(NamedTuple):
     name: str
     ticket: bytes | None = None
     clock_us: int = 0
+    announced: bool = False
 
 
 class Cookie(NamedTuple):
@@ -112,6 +113,8 @@ class Grant(NamedTuple):
         With it, a later session goes on with this one's scene.
     resumed
         Whether this session goes on with the scene of an earlier one.
+    announced
+        Whether the contact ahead is announced: payloads then begin with a byte (docs/payloads.md).
     """
 
     session: int
@@ -120,6 +123,7 @@ class Grant(NamedTuple):
     scene: str
     ticket: bytes
     resumed: bool
+    announced: bool = False
 
     def __repr__(self) -> str:
         """Return the fields without the ticket, which is not for logs."""
@@ -202,7 +206,7 @@ def unpack_hello(body: bytes) -> Hello:
 
 def unpack_request(packed: bytes) -> Request:
     """Return the request of a HELLO; raise PeerError if it is invalid."""
-    codec, parameters, *law, rate_hz, axes, name, ticket, clock_us = unpack_body(packed, 10)
+    codec, parameters, *law, rate_hz, axes, name, ticket, clock_us, announced = unpack_body(packed, 11)
     _require(_is_text(codec, NAME_BYTES), "codec", codec)
     _require(type(parameters) is dict, "parameters", parameters)
     for key, value in parameters.items():
@@ -213,9 +217,12 @@ def unpack_request(packed: bytes) -> Request:
     _require(_is_text(name, NAME_BYTES), "name", name)
     _require(ticket is None or _is_bytes(ticket, TICKET_BYTES), "ticket", ticket)
     _require(type(clock_us) is int and 0 <= clock_us < LATEST_US, "clock", clock_us)
+    _require(type(announced) is bool, "announced", announced)
     numbers = {key: float(value) for key, value in parameters.items()}
     weber_fraction, floor_n, multiplier = map(float, law)
-    return Request(codec, numbers, weber_fraction, floor_n, multiplier, float(rate_hz), axes, name, ticket, clock_us)
+    return Request(
+        codec, numbers, weber_fraction, floor_n, multiplier, float(rate_hz), axes, name, ticket, clock_us, announced
+    )
 
 
 def unpack_cookie(body: bytes) -> Cookie:
@@ -236,14 +243,15 @@ def unpack_welcome(body: bytes) -> Welcome:
 
 def unpack_grant(packed: bytes) -> Grant:
     """Return the grant of a WELCOME; raise PeerError if it is invalid."""
-    session, rate_hz, keepalive_us, scene, ticket, resumed = unpack_body(packed, 6)
+    session, rate_hz, keepalive_us, scene, ticket, resumed, announced = unpack_body(packed, 7)
     _require(is_uint32(session) and session > 0, "session", session)
     _require(_is_number(rate_hz) and 0.0 < rate_hz <= 1e6, "rate", rate_hz)
     _require(is_uint32(keepalive_us), "keepalive interval", keepalive_us)
     _require(_is_text(scene, NAME_BYTES), "scene", scene)
     _require(_is_bytes(ticket, TICKET_BYTES), "ticket", ticket)
     _require(type(resumed) is bool, "resumed", resumed)
-    return Grant(session, float(rate_hz), keepalive_us, scene, ticket, resumed)
+    _require(type(announced) is bool, "announced", announced)
+    return Grant(session, float(rate_hz), keepalive_us, scene, ticket, resumed, announced)
 
 
 def unpack_grant_or_refusal(packed: bytes) -> Grant | Refusal:

@@ -82,11 +82,14 @@ class RepairSettings:
 
 
 class _Sent(NamedTuple):
-    """A datagram without acknowledgement: its number, its time, and what is held where it did not arrive."""
+    """A datagram without acknowledgement: its number, its time, and what is held where it did not arrive.
+
+    `before` is None where that is as right as what was sent.
+    """
 
     sequence: int
     sent_us: int
-    before: Vector
+    before: Vector | None
 
 
 class Repair:
@@ -163,13 +166,13 @@ class Repair:
         """Whether each FORCE must need no earlier one, so that the first to arrive ends a loss."""
         return self._recovering or self._loss.share > self._settings.complete_above
 
-    def sent(self, sequence: int, now_us: int, before: Vector) -> None:
-        """Record a FORCE; `before` is what is held where it does not arrive."""
+    def sent(self, sequence: int, now_us: int, before: Vector | None) -> None:
+        """Record a FORCE; `before` is what is held where it does not arrive, None if that is as right."""
         if not self._sent:
             self._since_us = now_us
         self._sent.append(_Sent(sequence, now_us, before))
 
-    def kept_alive(self, sequence: int, now_us: int, held: Vector) -> None:
+    def kept_alive(self, sequence: int, now_us: int, held: Vector | None) -> None:
         """Record a KEEPALIVE, which confirms what is held; it is waited for only while there is loss."""
         if self._settings.paces and self._loss.share:
             self.sent(sequence, now_us, held)
@@ -269,10 +272,7 @@ class Repair:
         for entry in reversed(self._sent):
             if doubt + all_lost <= limit:
                 break
-            # A Weber law without floor has no JND at 0: any miss is then infinite.
-            jnd_n = self._law.jnd_n(magnitude(entry.before))
-            away_n = apart(x, entry.before)
-            miss = away_n / jnd_n if jnd_n else (math.inf if away_n else 0.0)
+            miss = 0.0 if entry.before is None else self._miss(x, entry.before)
             if miss > 1.0:
                 doubt += all_lost * (1.0 - again)
                 newest_miss = newest_miss or miss
@@ -283,6 +283,13 @@ class Repair:
         if doubt <= limit:
             return math.inf
         return max(self._settings.shortest_wait_us, self._settings.longest_wait_us / newest_miss)
+
+    def _miss(self, x: Vector, before: Vector) -> float:
+        """Return how many JNDs x is from what is held."""
+        jnd_n = self._law.jnd_n(magnitude(before))
+        away_n = apart(x, before)
+        # A Weber law without floor has no JND at 0: any miss is then infinite.
+        return away_n / jnd_n if jnd_n else (math.inf if away_n else 0.0)
 
     def _pace(self) -> None:
         """Choose the longest silence: the largest that leaves enough chances for a datagram within the age limit."""

@@ -20,7 +20,7 @@ from hapticnet.protocol.messages import (
 )
 from hapticnet.protocol.repair import Repair
 from hapticnet.protocol.seal import LAST_SEQUENCE, Seal
-from hapticnet.protocol.serial_number import unwrap, wrap
+from hapticnet.protocol.serial_number import distance, unwrap, wrap
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.states import SLAVE_TRANSITIONS, SlaveState, Trigger
 from hapticnet.protocol.stats import Traffic
@@ -65,6 +65,7 @@ class SlaveSession:
         self.sent = Traffic()
         self.received = Traffic()
         self.end_reason: str | None = None
+        self.in_step = False  # whether the master had the newest FORCE when it sent the newest position
         self._first_sequence = first_sequence
         self._settings = settings
         self._sequence = wrap(settings.first_sequence + 1)
@@ -120,8 +121,10 @@ class SlaveSession:
             if self.state is SlaveState.HALF_OPEN:
                 self._move(Trigger.POSITION)
             t_us, newest, payload, loss = position
+            self.in_step = False
             if newest is not None:
                 self._repair.acknowledged(newest, now_us)
+                self.in_step = self._newest_force is not None and distance(newest, self._newest_force) >= 0
             if loss is not None:
                 self._repair.reported(loss, now_us)
             self._position_t_us = t_us = unwrap(t_us, clock_us)
@@ -152,9 +155,19 @@ class SlaveSession:
         """Whether each force must need no earlier one, because one may be lost."""
         return self._repair.complete
 
-    def force(self, t_us: int, payload: bytes, now_us: int, *, before: Vector) -> bytes:
-        """Return a FORCE that answers the position of time `t_us`; `before` is what is held if it is lost."""
-        self._newest_force = sequence = self._sequence
+    def force(self, t_us: int, payload: bytes, now_us: int, *, before: Vector | None, repeated: bool = False) -> bytes:
+        """Return a FORCE that answers the position of time `t_us`.
+
+        Parameters
+        ----------
+        before
+            What is held if it is lost; None if that is as right.
+        repeated
+            Whether a master that has the FORCE before needs this one not.
+        """
+        sequence = self._sequence
+        if not repeated:
+            self._newest_force = sequence
         datagram = self._datagram(Kind.FORCE, Force(wrap(t_us), payload), now_us)
         self._repair.sent(sequence, now_us, before)
         return datagram
@@ -163,7 +176,7 @@ class SlaveSession:
         """Return whether the master has gone without a datagram for the keepalive interval."""
         return self._repair.keepalive_is_due(now_us)
 
-    def keepalive(self, t_us: int, now_us: int, *, held: Vector) -> bytes:
+    def keepalive(self, t_us: int, now_us: int, *, held: Vector | None) -> bytes:
         """Return a KEEPALIVE that answers the position of time `t_us` and confirms what is held."""
         self._repair.kept_alive(self._sequence, now_us, held)
         return self._datagram(Kind.KEEPALIVE, Keepalive(wrap(t_us), self._newest_force), now_us)

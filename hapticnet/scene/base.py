@@ -3,6 +3,7 @@
 from typing import Protocol
 
 from hapticnet.samples import ForceSample, PositionSample
+from hapticnet.scene.ahead import LookAhead
 
 
 class Touchable(Protocol):
@@ -10,7 +11,9 @@ class Touchable(Protocol):
 
     If it also has an attribute ``breaches``, recordings and reports show it: surfaces breached so far. If it has a
     method ``welcome(master: str)``, that is called once, before the first step, with the name of the master; an
-    exception refuses the session.
+    exception refuses the session. If it has a method ``ahead()``, that tells which layers can be met from the newest
+    position on: a sequence of `scene.ahead.LayerAhead`, the nearest first, or None where it cannot tell now. It is
+    called after a step, at most as often as ``step``, and must not wait.
     """
 
     @property
@@ -30,6 +33,12 @@ class Touchable(Protocol):
         position, which is counted; any other exception ends or pauses the session.
         """
         ...
+
+
+def look_ahead_of(scene: Touchable) -> LookAhead | None:
+    """Return the method ``ahead`` of a scene; None if it announces nothing."""
+    ahead: LookAhead | None = getattr(scene, "ahead", None)
+    return ahead
 
 
 def breaches_of(scene: Touchable) -> int:

@@ -79,17 +79,17 @@ class Shaft:
     model with a viscous term, which is omitted here.
     """
 
-    __slots__ = ("_force_n", "_friction_n", "_presliding_m", "_tip_m")
+    __slots__ = ("_friction_n", "_presliding_m", "_tip_m", "force_n")
 
     def __init__(self, tissue: Tissue) -> None:
         self._friction_n = tissue.shaft_friction_n
         self._presliding_m = tissue.shaft_presliding_m
-        self._force_n = 0.0
+        self.force_n = 0.0
         self._tip_m = 0.0
 
     def grip(self, tip_m: float) -> None:
         """Grip, with zero force, a needle whose tip is at `tip_m`."""
-        self._force_n = 0.0
+        self.force_n = 0.0
         self._tip_m = tip_m
 
     def slide(self, tip_m: float) -> float:
@@ -99,8 +99,8 @@ class Shaft:
             self._tip_m = tip_m
             sliding_n = math.copysign(self._friction_n, travel_m)
             held = math.exp(-abs(travel_m) / self._presliding_m)
-            self._force_n = sliding_n + (self._force_n - sliding_n) * held
-        return self._force_n
+            self.force_n = sliding_n + (self.force_n - sliding_n) * held
+        return self.force_n
 
 
 def contact_law(tissue: Tissue, surface: Surface, needle: Needle) -> Law:

@@ -2,6 +2,7 @@
 
 from typing import Final
 
+from hapticnet.scene.ahead import LayerAhead
 from hapticnet.scene.laws import Law, RecoveringSurface, RestingSurface, Shaft, Surface, contact_law
 from hapticnet.scene.needle import Needle
 from hapticnet.scene.tissue import Contact, Tissue
@@ -33,9 +34,10 @@ class Layer:
         Whether the layer can exert a force on a needle past its surface.
     """
 
-    __slots__ = ("_breach_depth_m", "_press", "_shaft", "breached", "feel", "is_felt", "rest_m", "surface")
+    __slots__ = ("_breach_depth_m", "_press", "_shaft", "_tissue", "breached", "feel", "is_felt", "rest_m", "surface")
 
     def __init__(self, tissue: Tissue, needle: Needle) -> None:
+        self._tissue = tissue
         self.rest_m: Final = tissue.rest_position_m
         self.surface: Final[Surface] = (
             RecoveringSurface(tissue, needle) if tissue.recovery_time_s else RestingSurface(tissue)
@@ -73,6 +75,24 @@ class Layer:
         if self.breached:
             return Contact.PENETRATED
         return Contact.CONTACT if tip_m > self.surface.position_m() else Contact.NONE
+
+    def ahead(self) -> LayerAhead:
+        """Return the layer as it is announced."""
+        tissue = self._tissue
+        surface_m = self.surface.position_m()
+        return LayerAhead(
+            tissue.rest_position_m,
+            tissue.stiffness_n_per_m,
+            tissue.breach_force_n,
+            tissue.viscosity_n_s_per_m,
+            tissue.stiffening_per_m,
+            tissue.shaft_friction_n,
+            tissue.shaft_presliding_m,
+            tissue.recovery_time_s,
+            pierced=self.breached,
+            raised_m=surface_m - self.rest_m,
+            shaft_n=self._shaft.force_n if self._shaft is not None and self.breached else 0.0,
+        )
 
     def surface_m(self, tip_m: float) -> float:
         """Return the position [m] of the visible surface for a tip at `tip_m`."""

@@ -21,12 +21,17 @@ import heapq
 from bisect import insort
 from collections.abc import Sequence
 from operator import attrgetter
+from typing import Final
 
 from hapticnet.errors import SampleError
 from hapticnet.samples import LARGEST_COMPONENT, ForceSample, PositionSample, checked_vector
+from hapticnet.scene.ahead import LayerAhead
 from hapticnet.scene.layer import Layer
 from hapticnet.scene.needle import Needle
 from hapticnet.scene.tissue import Contact, Tissue, front_to_back
+
+REACH_M: Final = 0.05
+"""How far from the tip layers are announced [m]: as far as a hand comes in a round trip of 250 ms at 200 mm/s."""
 
 _rest_m = attrgetter("rest_m")
 
@@ -44,6 +49,8 @@ class Scene:
         The tissues, in any order, with different rest positions.
     name
         Name of the scene.
+    reach_m
+        How far from the tip [m] layers are announced (`ahead`).
 
     Attributes
     ----------
@@ -62,8 +69,9 @@ class Scene:
 
     axes = 1
 
-    def __init__(self, tissues: Sequence[Tissue], *, name: str = "scene") -> None:
+    def __init__(self, tissues: Sequence[Tissue], *, name: str = "scene", reach_m: float = REACH_M) -> None:
         self.name = name
+        self.reach_m = reach_m
         self.tissues = front_to_back(tissues)
         self.breaches = 0
         if any(tissue.depends_on_time for tissue in self.tissues):
@@ -112,6 +120,16 @@ class Scene:
     def contacts(self) -> tuple[Contact, ...]:
         """Return the contact of the needle with each tissue, front to back."""
         return tuple(layer.contact(self._needle.tip_m) for layer in self._layers)
+
+    def ahead(self) -> tuple[LayerAhead, ...]:
+        """Return the layers within `reach_m` of the tip, the nearest first, and those that it presses on."""
+        tip_m = self._needle.tip_m
+        near = [
+            layer
+            for layer in self._layers
+            if abs(layer.rest_m - tip_m) <= self.reach_m or (layer.is_felt and layer.rest_m <= tip_m)
+        ]
+        return tuple(layer.ahead() for layer in sorted(near, key=lambda layer: abs(layer.rest_m - tip_m)))
 
     def _step_in_time(self, sample: PositionSample) -> ForceSample:
         """Replace `step` if a tissue depends on time."""

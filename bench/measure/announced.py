@@ -1,0 +1,234 @@
+"""What a hand feels of a scene that announces the contact ahead, and of one that announces what is not true.
+
+Each run is a whole session in virtual time over a link with delay and loss in both directions. At each tick of the
+master, the held force is compared with the force of the scene at that position.
+"""
+
+import argparse
+import math
+import multiprocessing
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Final
+
+import numpy as np
+import record
+
+from hapticnet.arrays import FloatArray
+from hapticnet.channel.emulator import Emulator
+from hapticnet.channel.spec import parse_channel
+from hapticnet.measure.metrics import error_report
+from hapticnet.measure.quality import created_energy_j
+from hapticnet.node.admission import SlaveSettings
+from hapticnet.node.loopback import Loopback
+from hapticnet.node.master import MasterNode
+from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.slave import SlaveNode
+from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
+from hapticnet.perception import WeberLaw
+from hapticnet.protocol.wire import Kind
+from hapticnet.samples import PositionSample
+from hapticnet.scene.ahead import LayerAhead
+from hapticnet.scene.presets import find_scene
+from hapticnet.scene.scene import REACH_M, Scene
+
+Row = dict[str, Any]
+
+LAW: Final = WeberLaw()
+RATE_HZ: Final = 1000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Case:
+    """One session.
+
+    Attributes
+    ----------
+    codec
+        The codec, with " + announced" where the scene announces what is ahead.
+    says
+        How what is announced differs from the scene; "" if it does not.
+    delay_ms, jitter_ms, loss
+        Of each direction. Jitter is normal and keeps the order.
+    reach_m
+        How far from the tip layers are announced.
+    """
+
+    scene: str = "paper:1"
+    codec: str = "deadband"
+    announced: bool = False
+    says: str = ""
+    delay_ms: int = 50
+    jitter_ms: int = 0
+    loss: float = 0.0
+    reach_m: float = REACH_M
+    seed: int = 1
+    hand: InsertionSettings = field(default_factory=lambda: InsertionSettings(insertions=2))
+
+
+def stiffer(layer: LayerAhead, factor: float) -> LayerAhead:
+    return layer._replace(stiffness_n_per_m=factor * layer.stiffness_n_per_m)
+
+
+LIES: Final[dict[str, Callable[[LayerAhead], LayerAhead]]] = {
+    "stiffness 2x": lambda layer: stiffer(layer, 2.0),
+    "stiffness 0.5x": lambda layer: stiffer(layer, 0.5),
+    "stiffness 1.1x": lambda layer: stiffer(layer, 1.1),
+    "surface 1 mm deeper": lambda layer: layer._replace(surface_m=layer.surface_m + 1e-3),
+    "surface 1 mm nearer": lambda layer: layer._replace(surface_m=layer.surface_m - 1e-3),
+    "breach force 1.2x": lambda layer: layer._replace(breach_force_n=1.2 * layer.breach_force_n),
+    "breach force 0.8x": lambda layer: layer._replace(breach_force_n=0.8 * layer.breach_force_n),
+    "a wall of 1e6 N/m": lambda layer: layer._replace(stiffness_n_per_m=1e6, breach_force_n=math.inf),
+    "a wall of 9 kN/m": lambda layer: layer._replace(stiffness_n_per_m=9e3, breach_force_n=math.inf),
+    "nonsense": lambda layer: layer._replace(stiffness_n_per_m=-1.0, surface_m=math.nan),
+    "nothing": lambda layer: layer._replace(surface_m=1e3),
+}
+
+
+class Says(Scene):
+    """A scene that announces what it is told to."""
+
+    lie: Callable[[LayerAhead], LayerAhead] | None = None
+
+    def ahead(self) -> tuple[LayerAhead, ...]:
+        layers = super().ahead()
+        return layers if self.lie is None else tuple(map(self.lie, layers))
+
+
+def run(case: Case) -> Row:
+    """Return what is felt and sent in a session."""
+    settings = find_scene(case.scene)
+
+    def make_scene(_: object) -> Scene:
+        scene = Says(settings.tissues, name=settings.name, reach_m=case.reach_m)
+        scene.lie = LIES.get(case.says)
+        return scene
+
+    spec = f"delay={case.delay_ms}ms,loss={100 * case.loss}%"
+    spec += f",jitter=normal:{case.jitter_ms}ms" if case.jitter_ms else ""
+    forward, feedback = (
+        Emulator[bytes](parse_channel(spec), np.random.default_rng([case.seed, side])) for side in (1, 2)
+    )
+    hand = ScriptedOperator(case.hand, np.random.default_rng(case.seed))
+    master = MasterNode(
+        hand,
+        None,
+        MasterSettings(codec=case.codec, announced=case.announced, record=True),
+        np.random.default_rng([case.seed, 3]),
+    )
+    slave = SlaveNode(make_scene, SlaveSettings(), np.random.default_rng([case.seed, 4]))
+    link = Loopback(master, slave, forward=forward, feedback=feedback)
+    link.run(hand.duration_us + 4_000 * case.delay_ms + 500_000)
+    assert master.recording is not None
+    table = master.recording.table()
+    t_us, positions, held = table["t_us"], table["position_m"][:, None], table["held_n"][:, None]
+    true = true_force(Scene(settings.tissues), t_us, positions)
+    station = slave.stations[0]
+    seconds = len(t_us) / RATE_HZ
+    report = error_report(LAW, true, held)
+    forces = station.session.sent.by_kind[Kind.FORCE]
+    account = station.report()["announced"] or {}
+    away = error_runs(true, held)
+    return {
+        **asdict(replace(case, hand=InsertionSettings())),
+        "felt_above_jnd": report.exceed_jnd_fraction,
+        "felt_rmse_n": report.rmse_n,
+        "energy_peak_j": float(created_energy_j(true, held, positions).max(initial=0.0)),
+        "worst_run_ms": max(away, default=0),
+        "forces": forces,
+        "keepalives": station.session.sent.by_kind[Kind.KEEPALIVE],
+        "feedback_bytes_per_s": station.session.sent.wire_bytes / seconds,
+        "on_model": master.report()["ticks_on_model"] / len(t_us),
+        "refused": master.session.received.malformed,
+        **{name: account.get(name) for name in ("models", "corrections", "unusable")},
+    }
+
+
+def true_force(scene: Scene, t_us: FloatArray, positions: FloatArray) -> FloatArray:
+    """Return the force of a scene that sees every position of the master, shape (n, 1)."""
+    samples = zip(t_us.tolist(), positions.tolist(), strict=True)
+    return np.array([scene.step(PositionSample(int(t), tuple(x))).force_n for t, x in samples])
+
+
+def error_runs(true: FloatArray, held: FloatArray) -> list[int]:
+    """Return how many ticks in a row [ms] the error was more than a JND, for each such run."""
+    wrong = np.abs(true - held)[:, 0] > LAW.jnds_n(np.abs(held)[:, 0])
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], wrong, [False]]).astype(int)))
+    return [int(length) for length in edges[1::2] - edges[::2]]
+
+
+def cases(arguments: argparse.Namespace) -> list[Case]:
+    """Return the grid: links, codecs, wrong announcements, reaches."""
+    ways = [("raw", False), ("deadband", False), ("adaptive-predictive", False), ("deadband", True)]
+    links = [(0, 0, 0.0), (5, 0, 0.0), (25, 0, 0.0), (50, 0, 0.0), (100, 0, 0.0)]
+    links += [(50, 0, 0.05), (50, 0, 0.1), (25, 5, 0.05), (100, 0, 0.05)]
+    if arguments.quick:
+        links = [(50, 0, 0.05)]
+    grid = []
+    for seed in range(arguments.seed, arguments.seed + arguments.seeds):
+        base = Case(seed=seed, scene=f"paper:{seed}")
+        for delay_ms, jitter_ms, loss in links:
+            link = replace(base, delay_ms=delay_ms, jitter_ms=jitter_ms, loss=loss)
+            grid += [replace(link, codec=codec, announced=announced) for codec, announced in ways]
+        bad = replace(base, announced=True, loss=0.0)
+        grid += [replace(bad, says=says) for says in LIES]
+        grid += [replace(bad, loss=0.05, reach_m=reach) for reach in (0.002, 0.005, 0.01, 0.02)]
+        for scene in ("example-viscous",):
+            grid += [replace(base, scene=scene, codec=codec, announced=on, loss=0.05) for codec, on in ways]
+    return grid
+
+
+KEY: Final = ("scene", "codec", "announced", "says", "delay_ms", "jitter_ms", "loss", "reach_m")
+
+
+def averaged(rows: Sequence[Row]) -> list[Row]:
+    """Return a row for each case, averaged over the seeds; of the longest run, the maximum."""
+    blocks: dict[tuple[Any, ...], list[Row]] = {}
+    for row in rows:
+        scene = row["scene"].partition(":")[0]
+        blocks.setdefault((scene, *(row[key] for key in KEY[1:])), []).append(row)
+    made = []
+    for key, block in blocks.items():
+        mean: Row = dict(zip(KEY, key, strict=True))
+        for name, value in block[0].items():
+            if name not in mean and name not in ("seed", "hand"):
+                values = [row[name] for row in block]
+                mean[name] = None if value is None else max(values) if "worst" in name else float(np.mean(values))
+        made.append(mean)
+    return made
+
+
+def show(rows: Sequence[Row]) -> None:
+    """Print the rows as a table."""
+    print(f"{'scene':16}{'codec':32}{'says':22}{'link':>18}{'reach':>7}   >JND   RMSE worst energy forces bytes/s")
+    for row in rows:
+        codec = row["codec"] + (" + announced" if row["announced"] else "")
+        link = f"{row['delay_ms']} ±{row['jitter_ms']} ms {100 * row['loss']:.0f} %"
+        print(
+            f"{row['scene'][:15]:16}{codec:32}{row['says']:22}{link:>18}{1e3 * row['reach_m']:4.0f} mm"
+            f" {100 * row['felt_above_jnd']:5.1f} % {row['felt_rmse_n']:6.3f} {row['worst_run_ms']:4.0f}"
+            f" {1e3 * row['energy_peak_j']:6.2f} {row['forces']:6.0f} {row['feedback_bytes_per_s']:7.0f}"
+            f"  models {row['models'] or 0:.0f} corrections {row['corrections'] or 0:.0f}"
+            f" on model {100 * row['on_model']:.0f} % refused {row['refused']:.0f}"
+        )
+
+
+def measure(arguments: argparse.Namespace) -> list[Row]:
+    """Run all cases and return the averages over the seeds."""
+    with multiprocessing.Pool(min(2, os.cpu_count() or 1)) as pool:
+        rows = averaged(pool.map(run, cases(arguments), chunksize=1))
+    if arguments.json:
+        show(rows)
+    return rows
+
+
+def main() -> None:
+    parser = record.options(__doc__)
+    parser.add_argument("--seeds", type=record.within(1), default=3, help="number of hands and of scenes")
+    parser.add_argument("--quick", action="store_true", help="one link only, to try the benchmark")
+    record.run(parser, measure, unit="as in each name; shares of ticks")
+
+
+if __name__ == "__main__":
+    main()
