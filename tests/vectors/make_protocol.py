@@ -23,10 +23,10 @@ SESSION = 0xDEADBEEF
 NONCE = 0x01020304
 COOKIE_VALUE = bytes(range(0xC0, 0xD0))
 TICKET = bytes(range(0x70, 0x80))
-REQUEST = ["deadband", {}, 0.05, 0.025, 1.0, 1000.0, 1, "surgeon", None, 5_000_000_000]
-CONTINUING = ["level-crossing", {"hysteresis": 0.25}, 0.1, 0.0, 1.5, 500.0, 3, "Chirurgin Ä", TICKET, 0]
-GRANT = [SESSION, 1000.0, 45_000, "paper:1", TICKET, False]
-RESUMED = [SESSION + 1, 500.0, 45_000, "three axes", TICKET, True]
+REQUEST = ["deadband", {}, 0.05, 0.025, 1.0, 1000.0, 1, "surgeon", None, 5_000_000_000, False]
+CONTINUING = ["level-crossing", {"hysteresis": 0.25}, 0.1, 0.0, 1.5, 500.0, 3, "Chirurgin Ä", TICKET, 0, True]
+GRANT = [SESSION, 1000.0, 45_000, "paper:1", TICKET, False, False]
+RESUMED = [SESSION + 1, 500.0, 45_000, "three axes", TICKET, True, True]
 
 
 def number(text):
