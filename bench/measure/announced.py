@@ -28,8 +28,10 @@ from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.wire import Kind
-from hapticnet.samples import PositionSample
+from hapticnet.samples import ForceSample, PositionSample
 from hapticnet.scene.ahead import LayerAhead
+from hapticnet.scene.base import Touchable
+from hapticnet.scene.measured import MeasuredScene
 from hapticnet.scene.presets import find_scene
 from hapticnet.scene.scene import REACH_M, Scene
 
@@ -59,6 +61,7 @@ class Case:
     codec: str = "deadband"
     announced: bool = False
     says: str = ""
+    noise_n: float = 0.0
     delay_ms: int = 50
     jitter_ms: int = 0
     loss: float = 0.0
@@ -86,10 +89,25 @@ LIES: Final[dict[str, Callable[[LayerAhead], LayerAhead]]] = {
 }
 
 
+MEASURED: Final = "as measured"
+
+
 class Says(Scene):
     """A scene that announces what it is told to."""
 
     lie: Callable[[LayerAhead], LayerAhead] | None = None
+    noise_n = 0.0
+
+    def noisy(self, case: Case) -> "Says":
+        """Return the scene with noise in its forces."""
+        self.noise_n, self._rng = case.noise_n, np.random.default_rng([case.seed, 5])
+        if case.noise_n:
+            quiet = self.step
+            self.step = lambda sample: self._noisy(quiet(sample))  # type: ignore[method-assign]
+        return self
+
+    def _noisy(self, result: ForceSample) -> ForceSample:
+        return ForceSample(result.t_us, (result.force_n[0] + self._rng.normal(0.0, self.noise_n),))
 
     def ahead(self) -> tuple[LayerAhead, ...]:
         layers = super().ahead()
@@ -100,10 +118,11 @@ def run(case: Case) -> Row:
     """Return what is felt and sent in a session."""
     settings = find_scene(case.scene)
 
-    def make_scene(_: object) -> Scene:
+    def make_scene(_: object) -> Touchable:
         scene = Says(settings.tissues, name=settings.name, reach_m=case.reach_m)
         scene.lie = LIES.get(case.says)
-        return scene
+        scene.noisy(case)
+        return MeasuredScene(scene) if case.says == MEASURED else scene
 
     spec = f"delay={case.delay_ms}ms,loss={100 * case.loss}%"
     spec += f",jitter=normal:{case.jitter_ms}ms" if case.jitter_ms else ""

@@ -26,14 +26,14 @@ LOOK_EVERY_US: Final = 5_000
 AGREEMENT: Final = 0.5
 """Largest error of a model that is sent, at its first position, as a share of the threshold."""
 
-FIRST_DOUBT_US: Final = 50_000
+FIRST_DOUBT_US: Final = 20_000
 LONGEST_DOUBT_US: Final = 6_400_000
 """How long [µs] the codec is used after a model was wrong and the scene had no other: twice as long each time."""
 
 SHORTEST_LIFE_US: Final = 10_000
 """A model that is wrong sooner than this [µs] is not replaced by another one, but by the codec."""
 
-TRUSTED_AFTER: Final = 200
+TRUSTED_AFTER: Final = 50
 """Samples in contact for which a model must be right before the doubts about earlier ones are forgotten."""
 
 
@@ -148,9 +148,10 @@ class AnnouncingEncoder:
         if payload is None:
             payload = self._send_codec(t_us, stimulus, position)
             self._model = None
-            self._doubted_until_us = t_us + self._doubt_us
-            self._doubt_us = min(2 * self._doubt_us, LONGEST_DOUBT_US)
-            self._right = 0
+            if self._layers() is not None:  # the scene errs; one that cannot tell now does not
+                self._doubted_until_us = t_us + self._doubt_us
+                self._doubt_us = min(2 * self._doubt_us, LONGEST_DOUBT_US)
+                self._right = 0
         self.account.corrections += 1
         return payload
 
