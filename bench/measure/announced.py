@@ -29,11 +29,11 @@ from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.wire import Kind
 from hapticnet.samples import ForceSample, PositionSample
-from hapticnet.scene.ahead import LayerAhead
+from hapticnet.scene.ahead import REACH_M, LayerAhead
 from hapticnet.scene.base import Touchable
 from hapticnet.scene.measured import MeasuredScene
 from hapticnet.scene.presets import find_scene
-from hapticnet.scene.scene import REACH_M, Scene
+from hapticnet.scene.scene import Scene
 
 Row = dict[str, Any]
 

@@ -185,6 +185,7 @@ def virtual_link(
     forward: str = "perfect",
     feedback: str = "perfect",
     rate_hz: float = 1000.0,
+    announced: bool = False,
     operator: HasSample | None = None,
     seed: int = 0,
     weber_fraction: float | None = None,
@@ -208,6 +209,8 @@ def virtual_link(
         such as ``"delay=20ms,loss=2%"``, or both, as in ``"wifi,loss=5%"``.
     rate_hz
         Positions per second.
+    announced
+        Whether the scene announces the contact ahead, and the master renders it without delay.
     operator
         Source of the positions, any object with a method ``sample(t_us)``; default: scripted needle insertions, or
         palpation of a scene on several axes.
@@ -248,7 +251,12 @@ def virtual_link(
     else:
         hand = UserOperator(operator, "operator")
     settings = MasterSettings(
-        codec=chosen.name, parameters=registry.codec_parameters(chosen), law=chosen.law, rate_hz=rate_hz, record=True
+        codec=chosen.name,
+        parameters=registry.codec_parameters(chosen),
+        law=chosen.law,
+        rate_hz=rate_hz,
+        record=True,
+        announced=announced,
     )
     loopback = Loopback(
         MasterNode(hand, None, settings, np.random.default_rng([seed, 4])),

@@ -87,6 +87,8 @@ class MasterSetup:
         The device's calibration and finger, a file from ``hapticnet device calibrate``.
     device_takes
         The axis of the force that the device renders, or ``"norm"``.
+    announced
+        Whether to ask the slave to announce the contact ahead, and to render it without delay.
     key, peer_key
         This host's key file and the slave's public key (base64), for a sealed session.
     insecure
@@ -116,6 +118,7 @@ class MasterSetup:
     device: str | HasExchange | HasApply | None = None
     profile: str | Path | None = None
     device_takes: DeviceTakes = "x"
+    announced: bool = False
     key: str | Path | None = None
     peer_key: str | None = None
     insecure: bool = False
@@ -199,6 +202,7 @@ class MasterSetup:
             record_datagrams=self.record is not None,
             on_error=self.on_error,
             device_takes=self.device_takes,
+            announced=bool(self.announced),
             session=SessionSettings(max_age_us=round(self.max_age_s * 1e6)),
             control=devices.control_settings(self._profile()),
         )

@@ -13,6 +13,7 @@ from hapticnet.errors import SettingsError
 from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.master_settings import OnError
 from hapticnet.node.slave import SlaveNode
+from hapticnet.node.station import Announces
 from hapticnet.protocol.handshake import Door, OpenDoor, SealedDoor
 from hapticnet.protocol.key_files import load_key, load_roster
 from hapticnet.protocol.keys import MasterEntry
@@ -58,6 +59,9 @@ class SlaveSetup:
     on_error
         What an exception in ``step`` does: ``"end"`` the session, or ``"pause"``, which answers with zero force until
         `resume`.
+    announce
+        What masters that ask for it are told of the contact ahead: what the scene declares with a method ``ahead()``
+        (``"declared"``), what was measured of it (``"measured"``, one axis), or ``"nothing"``.
     """
 
     scene: SceneLike = "paper:0"
@@ -71,6 +75,7 @@ class SlaveSetup:
     fastest_rate_hz: float = 10_000.0
     most_sessions: int = 64
     on_error: OnError = "end"
+    announce: Announces = "declared"
 
     def make(self) -> "tuple[SlaveNode, socket.socket]":
         """Return the node and a socket that listens.
@@ -83,6 +88,7 @@ class SlaveSetup:
             If the address is taken or of another host.
         """
         check_choice("on_error", self.on_error, ("end", "pause"))
+        check_choice("announce", self.announce, ("declared", "measured", "nothing"))
         check_parameter("keep_s", self.keep_s, 1.0, 86_400.0, "s")
         make_scene, most = self._scenes()
         for each in self.codecs:
@@ -97,6 +103,7 @@ class SlaveSetup:
             settings = SlaveSettings(
                 fastest_rate_hz=self.fastest_rate_hz,
                 on_error=self.on_error,
+                announces=self.announce,
                 session=SessionSettings(most_sessions=most, most_per_identity=most, keep_us=round(self.keep_s * 1e6)),
             )
             node = SlaveNode(

@@ -48,6 +48,9 @@ def master(
     device_takes: Annotated[
         options.DeviceTakes, typer.Option(help="The part of a force of several axes that the device renders.")
     ] = "x",
+    announced: Annotated[
+        bool, typer.Option(help="Ask the slave to announce the contact ahead, and render it without delay.")
+    ] = False,
     seed: options.Seed = 0,
     connect_timeout: Annotated[
         float | None, typer.Option(min=0.0, help="Give up when no slave answers for this many seconds.")
@@ -120,6 +123,7 @@ def master(
         record=record is not None,
         record_datagrams=record is not None,
         device_takes=device_takes,
+        announced=announced,
         control=devices.control_settings(known),
     )
     console = Console(name, quiet=quiet, real_time=True)

@@ -109,6 +109,7 @@ ChannelIn: TypeAlias = Annotated[
     str,
     typer.Option(metavar="SPEC", help="The same for arriving datagrams; together they emulate both directions."),
 ]
+Announce: TypeAlias = Literal["declared", "measured", "nothing"]
 DeviceTakes: TypeAlias = Literal["x", "y", "z", "norm"]
 SceneOption: TypeAlias = Annotated[
     str,

@@ -29,6 +29,13 @@ def slave(
     seats: Annotated[
         int, typer.Option(min=1, help="Sessions of one key at once (without keys, of one host), unless the list says.")
     ] = 16,
+    announce: Annotated[
+        options.Announce,
+        typer.Option(
+            help="What to tell masters that ask for the contact ahead: what the scene declares, or what was"
+            " measured of it."
+        ),
+    ] = "declared",
     codec: Annotated[
         list[str] | None,
         typer.Option(
@@ -121,6 +128,7 @@ def slave(
         make_scene,
         SlaveSettings(
             fastest_rate_hz=fastest_rate,
+            announces=announce,
             record=record is not None,
             record_datagrams=record is not None,
             session=SessionSettings(most_sessions=most_sessions, most_per_identity=seats, keep_us=round(keep * 1e6)),

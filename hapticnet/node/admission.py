@@ -29,6 +29,7 @@ from hapticnet.protocol.settings import Entropy, SessionSettings, random_bytes
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import SEALED, Kind, pack, pack_body
 from hapticnet.scene.base import Touchable, look_ahead_of
+from hapticnet.scene.measured import MeasuredScene
 from hapticnet.user_code import raised
 
 SMALLEST_SESSION: Final = 1 << 16
@@ -143,7 +144,7 @@ class Admission:
                 scene.name,
                 ticket,
                 old is not None,
-                request.announced and self._settings.announces and look_ahead_of(scene) is not None,
+                request.announced and self._settings.announces != "nothing" and look_ahead_of(scene) is not None,
             ),
             address,
             identity,
@@ -172,7 +173,7 @@ class Admission:
             welcome: Callable[[str], None] | None = getattr(scene, "welcome", None)
             if welcome is not None:
                 welcome(master)
-            return scene
+            return MeasuredScene(scene) if self._settings.announces == "measured" and scene.axes == 1 else scene
         except BaseException as error:  # a scene of the user's own may raise anything
             raise RefusalError(Code.FAILED, f"the scene cannot be made: {raised(error)}") from error
 

@@ -82,8 +82,8 @@ class AnnouncedDecoder:
         self._model = model
         self.models += 1
 
-    def reconstruct(self, t_us: int, position: Vector | None = None) -> Vector:
+    def reconstruct(self, t_us: int, position: Vector | None = None, position_us: int | None = None) -> Vector:
         """Return the stimulus to apply: the model's at the newest position, else the codec's at `t_us`."""
         if self._model is not None:
             return self._model.force_n
-        return self._inner.reconstruct(t_us, position)
+        return self._inner.reconstruct(t_us, position, position_us)

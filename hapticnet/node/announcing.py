@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from hapticnet.codec.base import Decoder, Encoder
-from hapticnet.errors import PeerError, SampleError
+from hapticnet.errors import in_words
 from hapticnet.node.announced import AnnouncedDecoder
 from hapticnet.node.model_wire import OF_CODEC, pack_model, unpack_model
 from hapticnet.perception import WeberLaw
@@ -25,6 +25,10 @@ LOOK_EVERY_US: Final = 5_000
 
 AGREEMENT: Final = 0.5
 """Largest error of a model that is sent, at its first position, as a share of the threshold."""
+
+FAR: Final = 0.1
+"""By how much the place of a surface that is announced may change before it is announced again, as a share of the
+distance: a curved surface is a plane that turns."""
 
 FIRST_DOUBT_US: Final = 20_000
 LONGEST_DOUBT_US: Final = 6_400_000
@@ -51,12 +55,15 @@ class AnnouncingAccount:
         Announcements of the scene that break the limits.
     on_model
         Samples at which a model was applied.
+    fault
+        What was wrong with the newest announcement that was not usable.
     """
 
     models: int = 0
     corrections: int = 0
     unusable: int = 0
     on_model: int = 0
+    fault: str | None = None
 
 
 class AnnouncingEncoder:
@@ -180,8 +187,9 @@ class AnnouncingEncoder:
         layers = self._layers() if self._may_look(t_us) else None
         if layers is None:
             return False
-        announced = ContactModel(layers, t_us, position, self._before)
-        return not set(map(_declared, announced.layers())) <= set(map(_declared, model.layers()))
+        announced = ContactModel(layers, t_us, position, self._before).layers()
+        held, tolerance_n = model.layers(), AGREEMENT * self._law.threshold_n(0.0)
+        return not all(any(_covers(has, layer, position, tolerance_n) for has in held) for layer in announced)
 
     def _may_look(self, t_us: int) -> bool:
         if self._looked_us is not None and 0 <= t_us - self._looked_us < LOOK_EVERY_US:
@@ -191,13 +199,14 @@ class AnnouncingEncoder:
 
     def _layers(self) -> tuple[LayerAhead, ...] | None:
         """Return what the scene announces, as the master reads it; None if it is not to be announced."""
-        layers = self._look_ahead()
-        if layers is None:
-            return None
         try:
+            layers = self._look_ahead()
+            if layers is None:
+                return None
             return unpack_model(pack_model(self._allowed(layers), self._axes), self._axes, self._stiffest)
-        except (PeerError, SampleError, ValueError):
+        except Exception as error:  # a user's scene may raise anything; its forces are served all the same
             self.account.unusable += 1
+            self.account.fault = in_words(error)
             return None
 
     def _allowed(self, layers: Sequence[LayerAhead]) -> list[LayerAhead]:
@@ -253,6 +262,13 @@ def announcing(encoder: Encoder, decoder: Decoder, law: WeberLaw, scene: Touchab
     )
 
 
-def _declared(layer: LayerAhead) -> LayerAhead:
-    """Return a layer without the state that changes while the model is right."""
-    return layer._replace(raised_m=0.0, shaft_n=0.0)
+def _covers(held: LayerAhead, layer: LayerAhead, position: Vector, tolerance_n: float) -> bool:
+    """Return whether a layer is held already, as exactly as it matters: a far surface may be somewhere else."""
+    placed = held._replace(
+        surface_m=layer.surface_m, normal=layer.normal, raised_m=layer.raised_m, shaft_n=layer.shaft_n
+    )
+    if placed != layer:
+        return False
+    depth_m = layer.depth_m(position)
+    allowed_m = max(tolerance_n / layer.stiffness_n_per_m, -FAR * depth_m)
+    return abs(held.depth_m(position) - depth_m) <= allowed_m

@@ -2,7 +2,7 @@
 
 from collections.abc import Hashable
 from dataclasses import asdict, dataclass
-from typing import Any, Final, Literal, NamedTuple
+from typing import Any, Final, Literal, NamedTuple, TypeAlias
 
 from hapticnet.codec.base import Codec, Decoder, Encoder
 from hapticnet.codec.plugins import LARGEST_PAYLOAD
@@ -18,6 +18,8 @@ from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import Datagram, Kind
 from hapticnet.samples import PositionSample, Vector
 from hapticnet.scene.base import Touchable, breaches_of
+
+Announces: TypeAlias = Literal["declared", "measured", "nothing"]
 
 MOST_HEIRS: Final = 16
 """Sessions that are to continue one that are remembered: a master whose link is bad may need several tries."""
@@ -36,13 +38,14 @@ class StationSettings:
     on_error
         What an exception of the scene does: end the session, or answer with zero force until `resume`.
     announces
-        Whether scenes that can tell what is ahead do so, to masters that ask for it.
+        What masters that ask for it are told of the contact ahead: what the scene declares, what `MeasuredScene`
+        learns of it, or nothing.
     """
 
     record: bool = False
     record_datagrams: bool = False
     on_error: Literal["end", "pause"] = "end"
-    announces: bool = True
+    announces: Announces = "declared"
 
 
 class SceneFailedError(HapticnetError):

@@ -11,6 +11,9 @@ from hapticnet.vectors import dot
 MOST_LAYERS: Final = 8
 """Most layers of an announcement."""
 
+REACH_M: Final = 0.05
+"""How far from the tool layers are announced [m]: as far as a hand comes in a round trip of 250 ms at 200 mm/s."""
+
 STIFFEST_PER_HZ: Final = 10.0
 """Largest sum of the layers' stiffnesses, over the rate of the ticks [N·s/m].
 

@@ -11,6 +11,7 @@ from typing import Final
 
 from hapticnet.errors import SampleError
 from hapticnet.samples import ForceSample, PositionSample, Vector, checked_vector
+from hapticnet.scene.ahead import REACH_M, LayerAhead
 from hapticnet.scene.body import AnyBody, BodySceneSettings
 from hapticnet.scene.needle import LARGEST_SPEED_M_PER_S
 from hapticnet.scene.proxy import Tangent, surface_of
@@ -72,6 +73,16 @@ class Touch:
         sideways = along(velocity_m_per_s, -inward_m_per_s, inward)
         push_n = max(self.body.viscosity_n_s_per_m * inward_m_per_s, -dot(inward, force_n))
         return along(along(force_n, push_n, inward), self.body.sliding_viscosity_n_s_per_m, sideways)
+
+    def ahead(self, tool_m: Vector) -> LayerAhead:
+        """Return the body as it is announced to a tool at a position [m]: as its tangent plane."""
+        plane = self.tangent(tool_m)
+        return LayerAhead(
+            plane.offset_m,
+            plane.stiffness_n_per_m,
+            viscosity_n_s_per_m=self.body.viscosity_n_s_per_m,
+            normal=plane.inward,
+        )
 
 
 class BodyScene:
@@ -146,6 +157,15 @@ class BodyScene:
     def tangents(self, position_m: Vector) -> tuple[Tangent, ...]:
         """Return each body near a position [m] as a plane."""
         return tuple(touch.tangent(position_m) for touch in self._touches)
+
+    def ahead(self) -> tuple[LayerAhead, ...]:
+        """Return the bodies within `REACH_M` of the tool as planes, the nearest first. Friction is not announced."""
+        if self._tool_m is None:
+            return ()
+        near = sorted(
+            (touch for touch in self._touches if touch.depth_m >= -REACH_M), key=lambda touch: abs(touch.depth_m)
+        )
+        return tuple(touch.ahead(self._tool_m) for touch in near)
 
     def _velocity(self, t_us: int, tool_m: Vector) -> Vector:
         """Return the velocity [m/s] since the sample before, at most `LARGEST_SPEED_M_PER_S`."""

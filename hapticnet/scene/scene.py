@@ -21,17 +21,13 @@ import heapq
 from bisect import insort
 from collections.abc import Sequence
 from operator import attrgetter
-from typing import Final
 
 from hapticnet.errors import SampleError
 from hapticnet.samples import LARGEST_COMPONENT, ForceSample, PositionSample, checked_vector
-from hapticnet.scene.ahead import LayerAhead
+from hapticnet.scene.ahead import REACH_M, LayerAhead
 from hapticnet.scene.layer import Layer
 from hapticnet.scene.needle import Needle
 from hapticnet.scene.tissue import Contact, Tissue, front_to_back
-
-REACH_M: Final = 0.05
-"""How far from the tip layers are announced [m]: as far as a hand comes in a round trip of 250 ms at 200 mm/s."""
 
 _rest_m = attrgetter("rest_m")
 

@@ -5,6 +5,7 @@ from typing import Any, Final, Protocol
 
 from hapticnet.errors import SettingsError
 from hapticnet.samples import ForceSample, PositionSample
+from hapticnet.scene.ahead import LookAhead
 from hapticnet.user_code import attribute_of, axes_of, failure, method_of, raised, short, vector_from
 
 LONGEST_NAME: Final = 64
@@ -27,7 +28,7 @@ class UserScene:
     touched
         Its ``step(sample)`` is called with a `PositionSample` and returns a `ForceSample`, a number, or a sequence of
         numbers, one for each axis [N]. Optional attributes: ``axes`` (1 to 3; default 1), ``name`` and ``breaches``;
-        optional method: ``welcome(master)``.
+        optional methods: ``welcome(master)`` and ``ahead()``.
     what
         What messages call the object, such as "scene own.py:Mine".
 
@@ -57,6 +58,12 @@ class UserScene:
         except BaseException as error:  # it is for reports only
             raised(error)
             return 0
+
+    @property
+    def ahead(self) -> LookAhead | None:
+        """The object's method ``ahead``; None if it announces nothing."""
+        ahead: LookAhead | None = getattr(self.touched, "ahead", None)
+        return ahead
 
     def welcome(self, master: str) -> None:
         """Tell the object the name of its master, if it has a method ``welcome``."""
