@@ -48,6 +48,11 @@ class AnnouncedDecoder:
         return self._model is not None
 
     @property
+    def rendering(self) -> Decoder:
+        """What the applied force comes from: this decoder on a model, else that of the codec."""
+        return self._inner if self._model is None else self
+
+    @property
     def state(self) -> int:
         """Which layers of the model are pierced (`ContactModel.state`); 0 without a model."""
         return 0 if self._model is None else self._model.state
@@ -87,3 +92,7 @@ class AnnouncedDecoder:
         if self._model is not None:
             return self._model.force_n
         return self._inner.reconstruct(t_us, position, position_us)
+
+    def foretell(self, t_us: int, position: Vector, position_us: int) -> Vector:
+        """Return the force of the model at a position and time to come. See `Foretelling`; asked only on a model."""
+        return self.reconstruct(t_us) if self._model is None else self._model.foretell(position_us, position)

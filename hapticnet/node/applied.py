@@ -68,7 +68,8 @@ class AppliedForce:
         self._decoder.decode(event.t_us, event.payload)
         force_n = self._decoder.reconstruct(event.t_us, self._position_m, self._position_us)
         self._hold.receive(force_n, now_us)
-        self._foresight.learn(event.t_us, force_n)
+        if self._announced is None or not self._announced.on_model:  # a model's force is that of now
+            self._foresight.learn(event.t_us, force_n)
         self._heard_us, self._heard_t_us = now_us, event.t_us
         self._valid_t_us = event.t_us
 
@@ -106,7 +107,8 @@ class AppliedForce:
             self._foresight.move(now_us, self._position_m)
         if not self._hold.is_fresh(now_us):
             return self._hold.value(now_us)
-        foretell = self._foretelling(self._decoder) if isinstance(self._decoder, Foretelling) else None
+        decoder = self._decoder if self._announced is None else self._announced.rendering
+        foretell = self._foretelling(decoder) if isinstance(decoder, Foretelling) else None
         return self._foresight.expected(now_us, self._at_us, lead_us, self.received_n, foretell)
 
     def _foretelling(self, decoder: Foretelling) -> Foretell:
