@@ -102,7 +102,16 @@ def test_a_mistake_in_the_targets_is_named(write):
 @pytest.fixture(scope="module")
 def records(measured, folder):
     """Return the record of every benchmark, from quick runs."""
-    scripts = ("codec_speed", "codec_stability", "force_loop", "packet_rate", "rate_distortion", "repair")
+    scripts = (
+        "codec_speed",
+        "codec_stability",
+        "felt",
+        "force_loop",
+        "packet_rate",
+        "rate_distortion",
+        "repair",
+        "tilt",
+    )
     for name in (*scripts, "endurance", "floods", "fuzz", "real_time", "scene_accuracy", "scene_cost", "virtual_time"):
         measured(name)
     return {file.stem: json.loads(file.read_text()) for file in folder.glob("*.json")}
@@ -110,7 +119,7 @@ def records(measured, folder):
 
 @pytest.fixture(scope="module")
 def pages(records):
-    """Return both pages; what they claim need not hold for quick runs."""
+    """Return the pages; what they claim need not hold for quick runs."""
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(REPORT)
         import pages
@@ -119,7 +128,7 @@ def pages(records):
 
 
 def test_every_placeholder_of_the_pages_has_its_figure(pages):
-    assert set(pages) == {"benchmarks.md", "benchmarks-tables.md", "headline.md"}
+    assert set(pages) == {"benchmarks.md", "benchmarks-felt.md", "benchmarks-tables.md", "headline.md"}
     for text in pages.values():
         assert not re.search(r"{{|{%|\bnan\b|None|Undefined", text)
 
