@@ -89,6 +89,8 @@ class MasterSetup:
         The axis of the force that the device renders, or ``"norm"``.
     announced
         Whether to ask the slave to announce the contact ahead, and to render it without delay.
+    passive
+        Whether a force that would return more energy than the hand put in is damped.
     key, peer_key
         This host's key file and the slave's public key (base64), for a sealed session.
     insecure
@@ -119,6 +121,7 @@ class MasterSetup:
     profile: str | Path | None = None
     device_takes: DeviceTakes = "x"
     announced: bool = False
+    passive: bool = False
     key: str | Path | None = None
     peer_key: str | None = None
     insecure: bool = False
@@ -203,6 +206,7 @@ class MasterSetup:
             on_error=self.on_error,
             device_takes=self.device_takes,
             announced=bool(self.announced),
+            passive=bool(self.passive),
             session=SessionSettings(max_age_us=round(self.max_age_s * 1e6)),
             control=devices.control_settings(self._profile()),
         )

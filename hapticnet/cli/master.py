@@ -51,6 +51,9 @@ def master(
     announced: Annotated[
         bool, typer.Option(help="Ask the slave to announce the contact ahead, and render it without delay.")
     ] = False,
+    passive: Annotated[
+        bool, typer.Option("--passive", help="Damp a force that would return more energy than the hand put in.")
+    ] = False,
     seed: options.Seed = 0,
     connect_timeout: Annotated[
         float | None, typer.Option(min=0.0, help="Give up when no slave answers for this many seconds.")
@@ -124,6 +127,7 @@ def master(
         record_datagrams=record is not None,
         device_takes=device_takes,
         announced=announced,
+        passive=passive,
         control=devices.control_settings(known),
     )
     console = Console(name, quiet=quiet, real_time=True)

@@ -13,6 +13,7 @@ from hapticnet.arrays import FloatArray, IntArray
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.settings import ChannelSettings
 from hapticnet.codec.base import Codec
+from hapticnet.control.passivity import PassivityController
 from hapticnet.errors import PeerError
 from hapticnet.samples import Vector
 
@@ -53,6 +54,7 @@ def feel(
     feedback: ChannelSettings,
     repair_us: int,
     rng: np.random.Generator,
+    passive: bool = False,
 ) -> Felt:
     """Play a recorded hand over a network: a master with a tick at each sample, and a slave that answers on arrival.
 
@@ -71,6 +73,8 @@ def feel(
         update got through.
     rng
         Random generator of both channels.
+    passive
+        Whether the master damps a force that would return more energy than the hand put in.
 
     Raises
     ------
@@ -78,8 +82,17 @@ def feel(
         If the codec refuses a sample.
     """
     link = _Link(codec, t_us, stimuli, positions, forward, feedback, repair_us, rng)
-    applied = [link.tick(index) for index in range(len(t_us))]
-    return Felt(np.array(applied, dtype=np.float64).reshape(stimuli.shape), link.sent, link.received)
+    applied = np.array([link.tick(index) for index in range(len(t_us))], dtype=np.float64).reshape(stimuli.shape)
+    if passive and positions is not None:
+        applied = damped(applied, positions, codec.law.floor_n)
+    return Felt(applied, link.sent, link.received)
+
+
+def damped(applied: FloatArray, positions: FloatArray, contact_n: float) -> FloatArray:
+    """Return applied forces [N] after passivity control, shape (n, a)."""
+    port = PassivityController(applied.shape[1], contact_n)
+    pairs = zip(applied.tolist(), positions.tolist(), strict=True)
+    return np.array([port.limit(tuple(force_n), tuple(at_m)) for force_n, at_m in pairs]).reshape(applied.shape)
 
 
 class _Link:

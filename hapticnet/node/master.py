@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from hapticnet.codec.base import Codec
 from hapticnet.codec.registry import codec_parameters, make_codec
 from hapticnet.codec.schemes.raw import Raw
+from hapticnet.control.passivity import PassivityController
 from hapticnet.device.base import Device
 from hapticnet.device.user import UserActuator
 from hapticnet.errors import PeerError, SampleError, in_words
@@ -90,6 +91,7 @@ class MasterNode:
         self.session = MasterSession(self._request(self._codec), settings.session, rng, settings.key)
         self._positions = Raw().encoder(operator.axes)
         self._applied = AppliedForce(self._codec, settings.hold, operator.axes)
+        self._port = PassivityController(operator.axes, settings.law.floor_n) if settings.passive else None
         self._fingertip: Fingertip | Actuator | None
         if isinstance(device, UserActuator):
             self._fingertip = Actuator(device, settings.limits)
@@ -189,12 +191,19 @@ class MasterNode:
                 self._applied.advance(now_us, self.period_us, self.position_m)
             except Exception as error:  # a user's codec may raise anything
                 self._fail(f"the codec failed: {in_words(error)}", now_us)
-        self.held_n = self._ahead_n = self.held_force_n(now_us)
-        if isinstance(self._fingertip, Fingertip) and self.failure is None:
+        self.held_n = self._ahead_n = self._damped(self.held_force_n(now_us))
+        # No lead on a damped force: nobody knows how much will be damped.
+        if isinstance(self._fingertip, Fingertip) and self.failure is None and self._port is None:
             try:
                 self._ahead_n = self._applied.expected(now_us, self._fingertip.lead_us)
             except Exception as error:  # a user's codec may raise anything
                 self._fail(f"the codec failed: {in_words(error)}", now_us)
+
+    def _damped(self, force_n: Vector) -> Vector:
+        """Return a force after passivity control, if that is asked for."""
+        if self._port is None or self.position_m is None:
+            return force_n
+        return self._port.limit(force_n, self.position_m)
 
     def _press(self, fingertip: Fingertip | Actuator, now_us: int) -> None:
         try:
@@ -281,6 +290,7 @@ class MasterNode:
             "sealed": self.session.sealed,
             "connections": self._connections,
             "device": self._fingertip.report() if self._fingertip else None,
+            "damped_j": self._port.damped_j if self._port else None,
             "tracking_rmse_n": tracking.rmse_n if tracking else None,
             "tracking_max_n": tracking.max_error_n if tracking else None,
             "round_trip": self.session.round_trip.report(),

@@ -43,6 +43,8 @@ class MasterSettings:
         zero in either case. An exception of the codec or the device always ends the session.
     device_takes
         The axis of the force that the device renders, or its norm.
+    passive
+        Whether passivity control damps a force that would return more energy than the hand put in.
     announced
         Whether to ask for models of the contact ahead, and to render them at the own position.
     """
@@ -58,6 +60,7 @@ class MasterSettings:
     on_error: OnError = "end"
     device_takes: DeviceTakes = "x"
     announced: bool = False
+    passive: bool = False
     session: SessionSettings = field(default_factory=SessionSettings)
     hold: HoldSettings = field(default_factory=HoldSettings)
     limits: LimitSettings = field(default_factory=LimitSettings)

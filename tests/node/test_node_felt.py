@@ -7,15 +7,17 @@ from hapticnet.channel.loss import BernoulliLoss
 from hapticnet.channel.settings import ChannelSettings
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.registry import CODECS, make_codec
+from hapticnet.codec.schemes.deadband import Deadband
 from hapticnet.experiment.analysis import felt_error
 from hapticnet.experiment.paper_force import paper_recording
+from hapticnet.measure.energy import energy_report
 from hapticnet.measure.metrics import error_report
 from hapticnet.node.felt import Felt, feel
 from hapticnet.perception import WeberLaw
 
 LAW = WeberLaw()
 PAPER = paper_recording(1, rate_hz=1000.0, insertions=1)
-LOSSLESS_CODECS = [name for name in CODECS if not make_codec(name, LAW).needs_position]
+LOSSLESS_CODECS = [name for name in CODECS if name == "motion-predictive" or not make_codec(name, LAW).needs_position]
 
 
 def felt(name: str, delay_us: int = 0, loss: float = 0.0, seed: int = 1, repair_us: int = 20_000) -> Felt:
@@ -87,3 +89,35 @@ def test_it_agrees_with_a_session_in_virtual_time():
     alone = felt("raw", 10_000).applied[:4000]
     expected = error_report(LAW, PAPER.force_n[:4000], alone)
     assert session.exceed_jnd_fraction == pytest.approx(expected.exceed_jnd_fraction, abs=0.03)
+
+
+@pytest.mark.parametrize(("delay_us", "share"), [(5_000, 1 / 8), (25_000, 1 / 4), (50_000, 1 / 2.5)])
+def test_a_codec_that_knows_where_the_hand_is_feels_truer_than_an_uncompressed_stream(delay_us, share):
+    raw, ours = (
+        error_report(LAW, PAPER.force_n, felt(name, delay_us).applied).exceed_jnd_fraction
+        for name in ("raw", "motion-predictive")
+    )
+    assert ours < share * raw
+
+
+def test_a_passive_master_returns_hardly_more_energy_than_the_hand_put_in():
+    seconds = 4
+    t_us = 1000 * np.arange(1000 * seconds, dtype=np.int64)
+    positions = 0.01 * np.sin(2 * np.pi * t_us[:, None] * 1e-6)
+    forces = 300.0 * np.clip(positions, 0.0, None)
+    law = WeberLaw()
+    late = ChannelSettings(delay_us=25_000)
+    active = [
+        energy_report(
+            law,
+            forces,
+            feel(
+                Deadband(law=law), t_us, forces, positions, forward=late, feedback=late, repair_us=100_000,
+                rng=np.random.default_rng(1), passive=passive,
+            ).applied,
+            positions,
+        ).active_share
+        for passive in (False, True)
+    ]  # fmt: skip
+    assert active[0] > 0.2
+    assert active[1] < 0.05 * active[0]
