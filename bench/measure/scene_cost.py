@@ -4,12 +4,15 @@ import argparse
 import statistics
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import record
 
-from hapticnet.samples import PositionSample
-from hapticnet.scene.presets import paper_scene
+from hapticnet.samples import PositionSample, Vector
+from hapticnet.scene.bodies import BodyScene
+from hapticnet.scene.body import BodySceneSettings
+from hapticnet.scene.presets import find_scene, paper_scene
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.tissue import Tissue
 
@@ -20,6 +23,11 @@ FEATURES: dict[str, dict[str, float]] = {
     "viscosity": {"viscosity_n_s_per_m": 1.0},
     "recovery": {"recovery_time_s": 0.5},
     "all three": {"stiffening_per_m": 50.0, "viscosity_n_s_per_m": 1.0, "recovery_time_s": 0.5},
+}
+FRICTIONS: dict[str, dict[str, float]] = {
+    "nothing more": {},
+    "friction": {"friction": 0.3},
+    "friction and viscosity": {"friction": 0.3, "sliding_viscosity_n_s_per_m": 1.0},
 }
 GAP_M = 20e-3
 PERIOD_US = 1_000
@@ -42,9 +50,13 @@ def layered(layers: int, **declared: float) -> Scene:
     )
 
 
-def ns_per_step(scene: Scene, path_m: Sequence[float], repetitions: int) -> dict[str, float]:
+def ns_per_step(
+    scene: Scene | BodyScene, path_m: Sequence[float] | Sequence[Vector], repetitions: int
+) -> dict[str, float]:
     """Walk `path_m` from the scene's front as often as asked and return the time per step [ns]."""
-    samples = [PositionSample(k * PERIOD_US, (position_m,)) for k, position_m in enumerate(path_m)]
+    samples = [
+        PositionSample(k * PERIOD_US, at_m if isinstance(at_m, tuple) else (at_m,)) for k, at_m in enumerate(path_m)
+    ]
     times_ns = []
     for _ in range(repetitions):
         scene.reset()
@@ -99,11 +111,28 @@ def measure(arguments: argparse.Namespace) -> dict[str, dict[str, dict[str, floa
             name: ns_per_step(layered(3, **declared), in_contact_m(rng, 2), repetitions)
             for name, declared in FEATURES.items()
         },
+        "declared, plane and sphere on three axes": {
+            name: ns_per_step(bodies(**declared), touched_m(rng), repetitions) for name, declared in FRICTIONS.items()
+        },
         "declared, 1 of 3 penetrated": {
             "nothing more": ns_per_step(plain, one_penetrated_m, repetitions),
             "shaft friction": ns_per_step(rubbing, one_penetrated_m, repetitions),
         },
     }
+
+
+def touched_m(rng: np.random.Generator) -> list[Vector]:
+    """Return positions that slide about on the phantom, pressing skin and lump."""
+    path: list[list[float]] = ((0.027, 0.0, 0.0) + 1e-4 * rng.normal(size=(STEPS, 3)).cumsum(axis=0) % 2e-3).tolist()
+    return [tuple(at_m) for at_m in path]
+
+
+def bodies(**declared: float) -> BodyScene:
+    """Return the phantom's plane and sphere with other friction and viscosity."""
+    phantom = find_scene("phantom")
+    assert isinstance(phantom, BodySceneSettings)
+    nothing = {"friction": 0.0, "static_friction": 0.0, "sliding_viscosity_n_s_per_m": 0.0}
+    return BodyScene([replace(body, **(nothing | declared)) for body in phantom.bodies])
 
 
 def main() -> None:

@@ -33,32 +33,38 @@ class Touch:
         How deep [m] the tool is; negative outside.
     """
 
-    __slots__ = ("_held_m", "_static", "_surface", "body", "depth_m")
+    __slots__ = ("_held_m", "_in_time", "_static", "_surface", "body", "depth_m")
 
     def __init__(self, body: AnyBody) -> None:
         self.body = body
         self.depth_m = -math.inf
         self._surface = surface_of(body)
+        self._in_time = body.depends_on_time
         self._static = body.static_friction or body.friction
         self._held_m: Vector | None = None
 
     def force_n(self, tool_m: Vector, before_m: Vector | None, velocity_m_per_s: Vector) -> Vector | None:
         """Return the force [N] on a tool that has moved from `before_m`; None if it does not touch the body."""
         surface, body = self._surface, self.body
-        self.depth_m = surface.depth_m(tool_m)
-        if self.depth_m <= 0.0:
+        self.depth_m = depth_m = surface.depth_m(tool_m)
+        if depth_m <= 0.0:
             self._held_m = None
             return None
-        if not self._static:
-            held_m = surface.nearest(tool_m)
-        else:
-            held = self._held_m
-            if held is None:
+        if self._static:
+            held_m = self._held_m
+            if held_m is None:
                 outside = before_m is not None and surface.depth_m(before_m) <= 0.0
-                held = surface.entry(before_m, tool_m) if outside and before_m is not None else surface.nearest(tool_m)
-            self._held_m = held_m = surface.slide(held, tool_m, self._static, body.friction)
-        force_n = times(minus(tool_m, held_m), body.stiffness_n_per_m)
-        return self._damped(force_n, held_m, velocity_m_per_s) if body.depends_on_time else force_n
+                held_m = (
+                    surface.entry(before_m, tool_m) if outside and before_m is not None else surface.nearest(tool_m)
+                )
+            self._held_m = held_m = surface.slide(held_m, tool_m, self._static, body.friction)
+            stretch = minus(tool_m, held_m)
+        else:
+            stretch = surface.beyond(tool_m, depth_m)
+        force_n = times(stretch, body.stiffness_n_per_m)
+        if self._in_time:
+            return self._damped(force_n, minus(tool_m, stretch), velocity_m_per_s)
+        return force_n
 
     def tangent(self, tool_m: Vector) -> Tangent:
         """Return the plane that touches the body where it is nearest to the tool."""

@@ -61,6 +61,10 @@ class FlatSurface:
         """Return the surface point [m] nearest to the tool."""
         return along(tool_m, -self.depth_m(tool_m), self._inward)
 
+    def beyond(self, _tool_m: Vector, depth_m: float) -> Vector:
+        """Return the way [m] from the nearest surface point to a tool that is so deep."""
+        return times(self._inward, depth_m)
+
     def entry(self, from_m: Vector, to_m: Vector) -> Vector:
         """Return where a straight line into the body meets the surface [m]."""
         before_m, after_m = self.depth_m(from_m), self.depth_m(to_m)
@@ -97,6 +101,13 @@ class RoundSurface:
     def nearest(self, tool_m: Vector) -> Vector:
         """Return the surface point [m] nearest to the tool."""
         return along(self._centre_m, self._radius_m, self._outward(tool_m))
+
+    def beyond(self, tool_m: Vector, depth_m: float) -> Vector:
+        """Return the way [m] from the nearest surface point to a tool that is so deep."""
+        away_m = self._radius_m - depth_m
+        if away_m < NEAR_M:
+            return minus(tool_m, self.nearest(tool_m))
+        return times(minus(self._centre_m, tool_m), depth_m / away_m)
 
     def entry(self, from_m: Vector, to_m: Vector) -> Vector:
         """Return where a straight line into the body meets the surface [m]."""
