@@ -17,7 +17,7 @@ from hapticnet.perception import WeberLaw
 
 LAW = WeberLaw()
 PAPER = paper_recording(1, rate_hz=1000.0, insertions=1)
-LOSSLESS_CODECS = [name for name in CODECS if name == "motion-predictive" or not make_codec(name, LAW).needs_position]
+LOSSLESS_CODECS = [name for name in CODECS if not make_codec(name, LAW).needs_position]
 
 
 def felt(name: str, delay_us: int = 0, loss: float = 0.0, seed: int = 1, repair_us: int = 20_000) -> Felt:
