@@ -214,7 +214,9 @@ class AnnouncingEncoder:
         allowed: list[LayerAhead] = []
         total = 0.0
         for layer in layers:
-            if total + layer.stiffest_n_per_m <= self._stiffest and len(allowed) < MOST_LAYERS:
+            if (
+                len(allowed) < MOST_LAYERS and not total + layer.stiffest_n_per_m > self._stiffest
+            ):  # NaN is refused later
                 total += layer.stiffest_n_per_m
                 allowed.append(layer)
         return allowed

@@ -38,6 +38,11 @@ class AppliedForce:
         self._at_us = 0  # time for which the decoder was asked last
         self._valid_t_us = 0  # time of the newest position for which what is applied is known to be right
 
+    @property
+    def on_model(self) -> bool:
+        """Whether the force is that of an announced model."""
+        return self._announced is not None and self._announced.on_model
+
     def begin(self, codec: Codec, stiffest_n_per_m: float | None = None) -> None:
         """Begin a session: what is held stays until the first force arrives.
 
@@ -68,7 +73,7 @@ class AppliedForce:
         self._decoder.decode(event.t_us, event.payload)
         force_n = self._decoder.reconstruct(event.t_us, self._position_m, self._position_us)
         self._hold.receive(force_n, now_us)
-        if self._announced is None or not self._announced.on_model:  # a model's force is that of now
+        if not self.on_model:  # a model's force is that of now
             self._foresight.learn(event.t_us, force_n)
         self._heard_us, self._heard_t_us = now_us, event.t_us
         self._valid_t_us = event.t_us
@@ -89,8 +94,7 @@ class AppliedForce:
         self._at_us = self._heard_t_us + max(0, now_us - self._heard_us - period_us)
         self.received_n = self._decoder.reconstruct(self._at_us, position_m, now_us)
         self._hold.follow(self.received_n)
-        if self._announced is not None and self._announced.on_model:
-            self.ticks_on_model += 1
+        self.ticks_on_model += self.on_model
         if not self._hold.is_released(now_us):
             self.age.add(now_us - self._valid_t_us)
 

@@ -122,6 +122,11 @@ class MasterNode:
         return self._applied.received_n
 
     @property
+    def on_model(self) -> bool:
+        """Whether the force is that of a model that the slave has announced."""
+        return self._applied.on_model
+
+    @property
     def age(self) -> Distribution:
         """Age [µs] of the force that is applied, in each tick."""
         return self._applied.age
