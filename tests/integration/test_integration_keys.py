@@ -186,3 +186,22 @@ def test_hangup_of_a_slave_without_a_list_changes_nothing(start, slave):
     server.process.send_signal(signal.SIGHUP)
     server.wait_for("no list of masters")
     start("master", "--connect", address, *FAST).wait_for("connected to")
+
+
+@pytest.mark.parametrize("announce", ["declared", "measured"])
+def test_the_contact_ahead_is_announced_over_a_real_network(start, sealed, keys, announce):
+    server, address = sealed("--scene", "paper:1", "--announce", announce)
+    link = "--channel-out", "delay=20ms,loss=2%", "--channel-in", "delay=20ms,loss=2%"
+    master = start(
+        "master", "--connect", address, *keys.of("first"), "--announced", "--insertions", "1", "--json", *link, *FAST
+    )
+    assert master.process.wait(30) == 0, master.said()
+    assert server.end() == 0
+    (session,) = server.report()["sessions"]
+    account = session["announced"]
+    assert session["breaches"] == 3
+    assert account["models"] >= 1
+    assert account["unusable"] == 0
+    assert account["on_model"] > 0.5 * session["steps"]
+    assert master.report()["ticks_on_model"] > 0.5 * master.report()["ticks"]
+    assert session["sent"]["by_kind"]["force"] < 0.1 * session["steps"]

@@ -1,5 +1,6 @@
-"""A scene announces the contact ahead: the law holds whatever it says, and an error lasts no longer than a round trip."""
+"""A scene announces the contact ahead: the law holds whatever it says, and errors last no longer than a round trip."""
 
+import itertools
 import math
 
 import numpy as np
@@ -133,7 +134,7 @@ def test_without_loss_and_delay_the_law_holds_at_every_sample_whatever_the_scene
         return true if what == "truth" else what
 
     encoder, mirror = announcing(codec.encoder(1), codec.decoder(1), LAW, Telling(scene, tell), 1000.0)
-    for a, b in zip(stops, stops[1:], strict=False):
+    for a, b in itertools.pairwise(stops):
         for k in range(40):
             t_us, x = 1000 * index, (a + (b - a) * k / 40 + float(rng.normal(0.0, 2e-5)),)
             force_n = scene.step(PositionSample(t_us, x)).force_n
@@ -314,7 +315,7 @@ def test_the_limits_of_the_device_hold_for_a_model_too():
         def __init__(self):
             self.asked_n = []
 
-        def apply(self, force_n, now_us):
+        def apply(self, force_n, _now_us):
             self.asked_n.append(force_n)
 
     pressed, hand = Pressed(), Reach()

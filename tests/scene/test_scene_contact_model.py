@@ -1,5 +1,6 @@
 """A model of the contact ahead is the scene's own physics, begun in any state, and says what is allowed or nothing."""
 
+import itertools
 import math
 
 import pytest
@@ -45,7 +46,7 @@ def motion(draw):
     """Return positions [m] with their times [µs]: a hand that goes in and out, and jumps now and then."""
     targets = draw(st.lists(st.floats(-0.01, 0.06), min_size=2, max_size=6))
     steps = draw(st.integers(5, 40))
-    places = [a + (b - a) * k / steps for a, b in zip(targets, targets[1:], strict=False) for k in range(steps)]
+    places = [a + (b - a) * k / steps for a, b in itertools.pairwise(targets) for k in range(steps)]
     return [(1000 * (k + 1), (x,)) for k, x in enumerate(places)]
 
 

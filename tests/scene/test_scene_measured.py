@@ -1,5 +1,7 @@
 """A robot's own measurements tell where the contact is, how stiff, and at which force it broke."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -25,9 +27,7 @@ class Hidden:
 
 def press(scene, *stops_m, speed_m_per_s=0.05):
     """Move from stop to stop, and return what is announced at the end."""
-    places = [
-        np.arange(a, b, np.sign(b - a) * 1e-3 * speed_m_per_s) for a, b in zip(stops_m, stops_m[1:], strict=False)
-    ]
+    places = [np.arange(a, b, np.sign(b - a) * 1e-3 * speed_m_per_s) for a, b in itertools.pairwise(stops_m)]
     for index, x in enumerate(np.concatenate(places).tolist()):
         scene.step(PositionSample(1000 * index, (x,)))
     return scene.ahead()
