@@ -24,6 +24,7 @@ QUICK = {
     "scene_accuracy": ("--quick",),
     "scene_cost": ("--repetitions", 1),
     "tilt": ("--seeds", 1),
+    "sweep": ("--repeats", 1, "--repetitions", 1),
     "virtual_time": ("--insertions", 1, "--repetitions", 2),
 }
 """Every benchmark, with arguments that take seconds."""

@@ -74,6 +74,15 @@ def test_virtual_time_answers_positions_in_every_case(measured):
         assert 0.9 < figures["positions_answered"] / (1000.0 * figures["virtual_s"]) <= 1.0
 
 
+def test_sweep_counts_what_its_workers_do(measured):
+    results = measured("sweep")
+    assert results["runs"] == 48
+    assert results["ms_cpu_per_run"] > 0.0
+    for name in ("one", "two"):
+        assert 0.0 < results["medians"][name]["busy"] <= 1.0
+        assert results["medians"][name]["shards"] >= 2
+
+
 def test_scene_cost_measures_every_case(measured):
     results = measured("scene_cost")
     assert results

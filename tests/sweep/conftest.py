@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from pyarrow import parquet
 
+from hapticnet.codec import registry
 from hapticnet.sweep.folder import SHARDS
 from hapticnet.sweep.planning import AnyPlan, plan_of
 from hapticnet.sweep.study import read_study
@@ -33,6 +34,12 @@ y = "felt_rmse_n"
 line = "codec"
 panel = "delay_ms"
 """
+
+
+@pytest.fixture(autouse=True)
+def no_codecs_of_users(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Forget the codecs that other tests made known."""
+    monkeypatch.setattr(registry, "_user_codecs", {})
 
 
 @pytest.fixture

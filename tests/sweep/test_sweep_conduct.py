@@ -202,3 +202,27 @@ def test_shards_grow_to_seconds_and_shrink_toward_the_end():
     assert 250 <= largest <= 350
     assert sizes.next(400, 2) <= 100
     assert sizes.next(1, 2) >= 1
+
+
+def test_a_run_that_ends_its_process_costs_its_own_shard_only(write_study, rows, tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "import os\n"
+        "from hapticnet.codec.schemes.deadband import Deadband\n"
+        "class Mine(Deadband):\n"
+        "    name = 'mine'\n"
+        "    def encoder(self, axes):\n"
+        "        if self.law.multiplier == 9:\n"
+        "            os._exit(1)\n"
+        "        return super().encoder(axes)\n"
+    )
+    path = write_study()
+    text = path.read_text().replace('["deadband", "linear-predictive"]', '"mine.py:Mine"').replace("2.5", "9")
+    path.write_text(text.replace("repeats = 4", "repeats = 1"))
+    plan = plan_of(read_study(path))  # 8 runs, the last 4 of which end their process
+    pool = LocalPool(plan, 2)
+    try:
+        done = swept(plan, tmp_path / "out", pool, shard=4)
+    finally:
+        pool.close()
+    assert (done.done, done.broken, done.poison) == (4, ATTEMPTS, [Shard(4, 8)])
+    assert [row["run"] for row in rows(tmp_path / "out")] == [0, 1, 2, 3]
