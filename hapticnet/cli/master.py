@@ -54,6 +54,10 @@ def master(
     passive: Annotated[
         bool, typer.Option("--passive", help="Damp a force that would return more energy than the hand put in.")
     ] = False,
+    first_touch: Annotated[
+        bool,
+        typer.Option("--first-touch", help="Find the finger with a press of 1 N before asking for a session."),
+    ] = False,
     seed: options.Seed = 0,
     connect_timeout: Annotated[
         float | None, typer.Option(min=0.0, help="Give up when no slave answers for this many seconds.")
@@ -128,6 +132,7 @@ def master(
         device_takes=device_takes,
         announced=announced,
         passive=passive,
+        first_touch=first_touch,
         control=devices.control_settings(known),
     )
     console = Console(name, quiet=quiet, real_time=True)

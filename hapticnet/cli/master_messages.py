@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING, Final
 
 from hapticnet.cli.trust import silence_advice
-from hapticnet.node.fingertip import DeviceFound, DeviceLost, ForceFault
+from hapticnet.node.fingertip import DeviceFound, DeviceLost, FingerMet, FingerNotMet, ForceFault
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_events import Failed, NodeEvent, Paused
 from hapticnet.protocol.events import (
@@ -29,6 +29,7 @@ ADVISE_AFTER: Final = 6
 
 DISTURBANCES: Final = (
     LinkStale, SessionLost, Refused, ChangeRefused, Hinted, DeviceLost, Paused, Failed, ForceFault,
+    FingerNotMet,
 )  # fmt: skip
 """Events that are told as warnings: something does not work as it should, and the run goes on or ends safely."""
 
@@ -108,6 +109,10 @@ def in_words(event: NodeEvent, node: MasterNode, address: str) -> str:
         return f"the slave refuses the change ({event.reason}); the session goes on as it was"
     if isinstance(event, Hinted):
         return f"unauthenticated refusal ({event.reason}); asking again"
+    if isinstance(event, FingerMet):
+        return f"finger touched at {1e3 * event.contact_m:.1f} mm, {event.stiffness_n_m / 1e3:.1f} N/mm"
+    if isinstance(event, FingerNotMet):
+        return f"finger not found, so the first force will search for it: {event.reason}"
     if isinstance(event, DeviceFound):
         return f"device ready: {event.description}"
     if isinstance(event, DeviceLost):

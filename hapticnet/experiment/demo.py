@@ -94,7 +94,7 @@ def play_conditions(
         for condition in conditions:
             arguments = ["master", "--connect", address, "--name", condition.slug, "--seed", str(seed)]
             arguments += ["--codec", condition.codec, "--multiplier", str(condition.multiplier)]
-            arguments += ["--insertions", str(insertions), "--device", device, "--rate", str(rate_hz)]
+            arguments += ["--insertions", str(insertions), "--device", device, "--rate", str(rate_hz), "--first-touch"]
             arguments += [
                 *hand,
                 "--connect-timeout",

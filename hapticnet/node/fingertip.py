@@ -31,7 +31,22 @@ class ForceFault:
     reason: str
 
 
-FingertipEvent: TypeAlias = DeviceLost | DeviceFound | ForceFault
+@dataclass(frozen=True, slots=True)
+class FingerMet:
+    """The finger was touched: the platform's displacement at contact [m] and the finger's stiffness at 1 N [N/m]."""
+
+    contact_m: float
+    stiffness_n_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class FingerNotMet:
+    """No finger was felt, so the first force searches for it; `reason` says why."""
+
+    reason: str
+
+
+FingertipEvent: TypeAlias = DeviceLost | DeviceFound | ForceFault | FingerMet | FingerNotMet
 
 
 class Fingertip:

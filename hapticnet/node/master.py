@@ -16,6 +16,7 @@ from hapticnet.measure.metrics import RunningError
 from hapticnet.node.actuator import Actuator
 from hapticnet.node.applied import AppliedForce
 from hapticnet.node.fingertip import Fingertip
+from hapticnet.node.first_touch import FirstTouch
 from hapticnet.node.master_events import Failed, NodeEvent, Paused
 from hapticnet.node.master_settings import MasterSettings, device_axis
 from hapticnet.node.model_wire import with_state
@@ -99,6 +100,9 @@ class MasterNode:
             self._fingertip = device
         else:
             self._fingertip = Fingertip(device, settings.limits, settings.control)
+        self._first_touch: FirstTouch | None = None
+        if settings.first_touch and isinstance(self._fingertip, Fingertip):
+            self._first_touch = FirstTouch(self._fingertip)
         self._script_start_us: int | None = None
         self.position_m: Vector | None = None
         self._zero_n: Vector = (0.0,) * operator.axes
@@ -167,6 +171,8 @@ class MasterNode:
         """Send the operator's position. Then send what there is to send, and call `drive`."""
         self.ticks += 1
         self._ticked_us = now_us
+        if self._first_touch is not None:
+            return
         self.session.tick(now_us)
         self._digest_events(now_us)
         if self._script_start_us is not None and self.session.streaming:
@@ -182,6 +188,9 @@ class MasterNode:
 
     def drive(self, now_us: int) -> None:
         """Hold the force of the present position, move the device one step toward it, and record the tick."""
+        if self._first_touch is not None:
+            self._touch(self._first_touch, now_us)
+            return
         self._apply(now_us)
         if self._fingertip is not None:
             self._press(self._fingertip, now_us)
@@ -189,6 +198,16 @@ class MasterNode:
             at_m = self.position_m or self._zero_n
             felt = self.target_n, self.sensed_n, self.displacement_m
             self.recording.add((now_us, *at_m, *self.received_n, *self.held_n, *felt))
+
+    def _touch(self, first_touch: FirstTouch, now_us: int) -> None:
+        try:
+            outcome = first_touch.tick(now_us)
+        except Exception as error:  # what drives a device may raise anything
+            self._fail(f"the device failed: {in_words(error)}", now_us)
+            return
+        if outcome is not None:
+            self._first_touch = None
+            self._events.append(outcome)
 
     def _apply(self, now_us: int) -> None:
         if self.failure is None:
@@ -257,6 +276,7 @@ class MasterNode:
 
     def close(self, reason: str, now_us: int) -> None:
         """End the session; `finished` turns true once the slave has answered or the tries are used up."""
+        self._first_touch = None
         self.session.close(reason, now_us)
         self._digest_events(now_us)
 

@@ -47,6 +47,8 @@ class MasterSettings:
         Whether passivity control damps a force that would return more energy than the hand put in.
     announced
         Whether to ask for models of the contact ahead, and to render them at the own position.
+    first_touch
+        Whether the finger is found and pressed lightly before a session is asked for (`FirstTouch`).
     """
 
     codec: str = "deadband"
@@ -61,6 +63,7 @@ class MasterSettings:
     device_takes: DeviceTakes = "x"
     announced: bool = False
     passive: bool = False
+    first_touch: bool = False
     session: SessionSettings = field(default_factory=SessionSettings)
     hold: HoldSettings = field(default_factory=HoldSettings)
     limits: LimitSettings = field(default_factory=LimitSettings)

@@ -1,0 +1,148 @@
+"""The demo's chain in virtual time with a simulated device: what is asked of the platform, and what is felt."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from force_scenarios import started
+from numpy.typing import NDArray
+
+from hapticnet.channel.emulator import Emulator
+from hapticnet.channel.spec import parse_channel
+from hapticnet.control.force_settings import ForceControlSettings
+from hapticnet.control.limits import ForceLimiter, LimitSettings
+from hapticnet.device.base import Device, Reading
+from hapticnet.device.parts import Finger
+from hapticnet.device.plant import PlantSettings
+from hapticnet.experiment.paper_force import paper_recording
+from hapticnet.hardware import MAX_FORCE_N
+from hapticnet.node.admission import SlaveSettings
+from hapticnet.node.fingertip import Fingertip
+from hapticnet.node.loopback import Loopback
+from hapticnet.node.master import MasterNode
+from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.slave import SlaveNode
+from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
+from hapticnet.scene.presets import paper_scene
+from hapticnet.scene.scene import Scene
+
+Numbers = NDArray[np.float64]
+
+TICK_US: Final = 1000
+INSERTIONS: Final = 2
+FELT_N: Final = 0.1
+"""Force [N] from which the finger counts as touched."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Chain:
+    """How the chain is set up.
+
+    Attributes
+    ----------
+    codec, channel
+        The feedback codec, and the emulated network in both directions.
+    first_touch
+        Whether the finger is found before the session.
+    foresight
+        Whether the platform moves toward the force expected ahead; else toward that of now.
+    foresight_s, early_n
+        How far ahead [s], and the change of force [N] that is answered within a control period.
+    on_all_fingers
+        Whether to measure it on all fingers.
+    """
+
+    codec: str = "deadband"
+    channel: str = "perfect"
+    first_touch: bool = True
+    foresight: bool = True
+    foresight_s: float = ForceControlSettings().foresight_s
+    early_n: float = ForceControlSettings().early_n
+    on_all_fingers: bool = False
+
+
+CHAINS: Final = {
+    "as it was": Chain(first_touch=False, foresight=False, early_n=MAX_FORCE_N),
+    "answered at once": Chain(first_touch=False, foresight=False),
+    "and finger found first": Chain(foresight=False),
+    "deadband": Chain(on_all_fingers=True),
+    "raw": Chain(codec="raw"),
+    "adaptive-predictive": Chain(codec="adaptive-predictive"),
+    "motion-predictive": Chain(codec="motion-predictive"),
+    "deadband, 10 ms ahead": Chain(foresight_s=0.01),
+    "deadband, 20 ms ahead": Chain(foresight_s=0.02),
+    "deadband, 40 ms ahead": Chain(foresight_s=0.04),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Felt:
+    """Target, true and sensed force [N] of each tick, and the tick of the first touch."""
+
+    target_n: Numbers
+    true_n: Numbers
+    sensed_n: Numbers
+    touched: int
+
+
+class Watched(Device):
+    """A simulated device that notes the true force of each tick."""
+
+    def __init__(self, inner: Device) -> None:
+        self._inner = inner
+        self.travel_m, self.max_force_n = self._inner.travel_m, self._inner.max_force_n
+        self.description, self.status = self._inner.description, self._inner.status
+        self.true_n: dict[int, float] = {}
+
+    def exchange(self, displacement_m: float, now_us: int) -> Reading | None:
+        reading = self._inner.exchange(displacement_m, now_us)
+        self.true_n[now_us] = self._inner.contact_force_n or 0.0
+        return reading
+
+
+class Blindfolded(Fingertip):
+    """A fingertip that is not told what is expected."""
+
+    __slots__ = ()
+
+    def press(self, force_n: float, now_us: int, ahead_n: float | None = None) -> None:  # noqa: ARG002
+        super().press(force_n, now_us)
+
+
+def demo_target(seed: int) -> Numbers:
+    """Return what the demo asks of the platform [N], in each ms: the scene's force after the limits."""
+    largest_n = ForceControlSettings().max_force_n - ForceControlSettings().headroom_n
+    limiter = ForceLimiter(LimitSettings(max_force_n=largest_n))
+    forces_n = np.abs(paper_recording(seed, insertions=INSERTIONS).force_n[:, 0])
+    return np.array([limiter.limit(force_n, TICK_US * tick) for tick, force_n in enumerate(forces_n.tolist())])
+
+
+def chain(kind: str, seed: int, phase_ms: int, finger: Finger, settings: Chain) -> Felt:
+    """Play the demo's insertions once on a device of a kind, "sim" or "simavr"."""
+    with started(kind, PlantSettings(finger=finger), seed) as (device, start_us):
+        return _played(Watched(device), seed, start_us + TICK_US * phase_ms, settings)
+
+
+def _played(device: Watched, seed: int, start_us: int, settings: Chain) -> Felt:
+    scene = paper_scene(seed)
+    forward, feedback, nonces, sessions = np.random.default_rng(seed).spawn(4)
+    operator = ScriptedOperator(InsertionSettings(insertions=INSERTIONS), np.random.default_rng(seed))
+    control = ForceControlSettings(foresight_s=settings.foresight_s, early_n=settings.early_n)
+    fingertip = (Fingertip if settings.foresight else Blindfolded)(device, LimitSettings(), control)
+    asked = MasterSettings(codec=settings.codec, record=True, first_touch=settings.first_touch)
+    loopback = Loopback(
+        MasterNode(operator, fingertip, asked, nonces),
+        SlaveNode(lambda _: Scene(scene.tissues, name=scene.name), SlaveSettings(), sessions),
+        forward=Emulator(parse_channel(settings.channel), forward),
+        feedback=Emulator(parse_channel(settings.channel), feedback),
+        start_us=start_us,
+    )
+    while not loopback.master.connected:
+        loopback.run(TICK_US)
+    loopback.run(operator.duration_us)
+    assert loopback.master.recording is not None
+    table = loopback.master.recording.table()
+    true_n = np.array([device.true_n[t_us] for t_us in table["t_us"].astype(int).tolist()])
+    felt = true_n > FELT_N
+    touched = int(felt.argmax()) if not settings.first_touch else 0
+    return Felt(table["target_n"], true_n, table["sensed_n"], touched)
