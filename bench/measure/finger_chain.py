@@ -1,6 +1,6 @@
 """The demo's chain in virtual time with a simulated device: what is asked of the platform, and what is felt."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -42,6 +42,8 @@ class Chain:
     ----------
     codec, channel
         The feedback codec, and the emulated network in both directions.
+    announced
+        Whether the slave announces the contact ahead.
     first_touch
         Whether the finger is found before the session.
     foresight
@@ -54,6 +56,7 @@ class Chain:
 
     codec: str = "deadband"
     channel: str = "perfect"
+    announced: bool = False
     first_touch: bool = True
     foresight: bool = True
     foresight_s: float = ForceControlSettings().foresight_s
@@ -69,6 +72,10 @@ CHAINS: Final = {
     "raw": Chain(codec="raw"),
     "adaptive-predictive": Chain(codec="adaptive-predictive"),
     "motion-predictive": Chain(codec="motion-predictive"),
+    "announced": Chain(announced=True, on_all_fingers=True),
+    "announced, 25 ms late": Chain(announced=True, channel="delay=25ms"),
+    "announced, 20 ms ahead": Chain(announced=True, foresight_s=0.02),
+    "announced, 40 ms ahead": Chain(announced=True, foresight_s=0.04),
     "deadband, 10 ms ahead": Chain(foresight_s=0.01),
     "deadband, 20 ms ahead": Chain(foresight_s=0.02),
     "deadband, 40 ms ahead": Chain(foresight_s=0.04),
@@ -130,6 +137,7 @@ def _played(device: Watched, seed: int, start_us: int, settings: Chain) -> Felt:
     control = ForceControlSettings(foresight_s=settings.foresight_s, early_n=settings.early_n)
     fingertip = (Fingertip if settings.foresight else Blindfolded)(device, LimitSettings(), control)
     asked = MasterSettings(codec=settings.codec, record=True, first_touch=settings.first_touch)
+    asked = replace(asked, announced=settings.announced)
     loopback = Loopback(
         MasterNode(operator, fingertip, asked, nonces),
         SlaveNode(lambda _: Scene(scene.tissues, name=scene.name), SlaveSettings(), sessions),

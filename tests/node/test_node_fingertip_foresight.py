@@ -24,7 +24,7 @@ PLANTS = st.builds(
         sensor=Sensor(hysteresis=hysteresis),
     ),
     st.floats(300.0, 3000.0),
-    st.floats(0.0, 0.6),
+    st.floats(0.0, 0.5),
     st.floats(0.0015, 0.0025),
     st.floats(0.0, 1.0),
     st.floats(0.02, 0.04),
