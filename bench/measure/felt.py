@@ -44,6 +44,8 @@ LARGEST_OWN_SHARE: Final = 0.05
 something else drives the tool, or position and force were measured at different places."""
 
 FIGURES: Final = ("exceed_jnd_fraction", "rmse_n", "created_share", "active_share", "packets_per_s")
+CONTROLLED: Final = ("raw", "deadband", "adaptive-predictive", "motion-predictive")
+"""Codecs that are tried with passivity control at the master, too; see `hapticnet.control.passivity`."""
 
 
 def measure(arguments: argparse.Namespace) -> Row:
@@ -60,16 +62,21 @@ def measure(arguments: argparse.Namespace) -> Row:
         felt(trial, kind, codec, link, delay_ms, seed)
         for (kind, trial), codec, (link, delay_ms) in itertools.product(found, CODECS, links)
     ]
+    controlled = [
+        felt(trial, kind, codec, "delay alone", delay_ms, seed, passive=True)
+        for (kind, trial), codec, delay_ms in itertools.product(found, CONTROLLED, disturbed_ms or (25,))
+    ]
     return {
         "delays_ms": delays_ms,
         "repair_us": REPAIR_US,
         "signals": [{"name": trial.name, "kind": kind, **account(trial)} for kind, trial in found],
         "rows": rows,
         "means": means(rows),
+        "controlled": means(controlled),
     }
 
 
-def felt(trial: Trial, kind: str, codec: str, link: str, delay_ms: int, seed: int) -> Row:
+def felt(trial: Trial, kind: str, codec: str, link: str, delay_ms: int, seed: int, *, passive: bool = False) -> Row:
     """Return what a hand feels of one signal through one codec at 1 JND over one link, and at what cost."""
     assert trial.positions is not None
     jitter, loss = LINKS[link]
@@ -84,6 +91,7 @@ def felt(trial: Trial, kind: str, codec: str, link: str, delay_ms: int, seed: in
         feedback=channel,
         repair_us=REPAIR_US + 2 * channel.delay_us,
         rng=np.random.default_rng(seed),
+        passive=passive,
     )
     errors = error_report(law, trial.stimuli, played.applied)
     own = energy_report(law, trial.stimuli, trial.stimuli, trial.positions)
