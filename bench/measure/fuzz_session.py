@@ -201,7 +201,7 @@ class Session:
         kind = fuzz.random.choice((Kind.COOKIE, Kind.WELCOME, Kind.REFUSE))
         contents: tuple[Any, ...] = (fuzz.random.randbytes(COOKIE_BYTES),)
         if kind is Kind.WELCOME:
-            grant = pack_body((fuzz.random.randrange(2**32), 1000.0, 45_000, "scene", bytes(TICKET_BYTES), False))
+            grant = pack_body((fuzz.random.randrange(2**32), 1000.0, 45_000, "scene", bytes(TICKET_BYTES), False, 0.0))
             contents = (grant if fuzz.one_in(4) else fuzz.body(grant),)
         elif kind is Kind.REFUSE:
             contents = ("no", 5)

@@ -19,7 +19,7 @@ from hapticnet.codec.schemes.probabilistic import Probabilistic
 from hapticnet.codec.schemes.raw import Raw
 from hapticnet.codec.schemes.velocity_adaptive import VelocityAdaptive
 from hapticnet.errors import HapticnetError, SettingsError, in_words
-from hapticnet.perception import WeberLaw
+from hapticnet.perception import SMALLEST, WeberLaw
 from hapticnet.user_code import split_user_code
 
 CODECS: Final[Mapping[str, type[Any]]] = {
@@ -74,6 +74,13 @@ def make_codec(name: str, law: WeberLaw, parameters: Mapping[str, float] | None 
         given = " ".join(str(dict(parameters or {})).split())
         raise SettingsError(f"codec {name!r} refused {given}: {in_words(error)}") from error
     return codec
+
+
+def with_share(codec: Codec, share: float) -> Codec:
+    """Return the codec with what is left of its thresholds if positions use a share of them."""
+    law = codec.law
+    left = law.multiplier and max((1.0 - share) * law.multiplier, SMALLEST)
+    return make_codec(codec.name, dataclasses.replace(law, multiplier=left), codec_parameters(codec))
 
 
 def parse_codec(text: str) -> tuple[str, dict[str, float]]:

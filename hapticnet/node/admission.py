@@ -6,7 +6,7 @@ from typing import Final, TypeAlias
 
 from hapticnet.checks import check_parameter
 from hapticnet.codec.base import Codec
-from hapticnet.codec.registry import all_codecs, make_codec
+from hapticnet.codec.registry import all_codecs, make_codec, with_share
 from hapticnet.errors import HapticnetError, SampleError, SettingsError
 from hapticnet.node.reception import Address
 from hapticnet.node.seats import NoSeatError, to_continue, who_gives_way
@@ -123,6 +123,12 @@ class Admission:
         scene = self._scene(entry, request.name) if old is None else old.scene
         if request.axes != scene.axes:
             raise RefusalError(Code.AXES, f"{request.axes} axes asked for; scene {scene.name!r} has {scene.axes}")
+        # Only a scene that says how its force may change is stepped at positions that the master did not send.
+        # A master that renders a model sends every position, because the slave checks the model with each.
+        says = request.announced and self._settings.announces != "nothing"
+        announced = says and look_ahead_of(scene) is not None
+        share = request.position_share if callable(getattr(scene, "outlook", None)) and not announced else 0.0
+        codec = with_share(codec, share) if share else codec
         rate_hz = min(request.rate_hz, self._settings.fastest_rate_hz)
         if entry is not None and entry.fastest_rate_hz is not None:
             rate_hz = min(rate_hz, entry.fastest_rate_hz)
@@ -133,19 +139,12 @@ class Admission:
             rate_hz=rate_hz,
             first_sequence=sequence,
             now_us=now_us,
+            sparse=share > 0.0,
         )
         ticket = random_bytes(self._rng, TICKET_BYTES)
         station = Station(
             session,
-            Grant(
-                session.number,
-                rate_hz,
-                timings.keepalive_us,
-                scene.name,
-                ticket,
-                old is not None,
-                request.announced and self._settings.announces != "nothing" and look_ahead_of(scene) is not None,
-            ),
+            Grant(session.number, rate_hz, timings.keepalive_us, scene.name, ticket, old is not None, announced, share),
             address,
             identity,
             scene,

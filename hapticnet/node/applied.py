@@ -71,10 +71,10 @@ class AppliedForce:
             If its payload is malformed. A user's codec may raise anything.
         """
         self._decoder.decode(event.t_us, event.payload)
-        force_n = self._decoder.reconstruct(event.t_us, self._position_m, self._position_us)
-        self._hold.receive(force_n, now_us)
+        self.received_n = self._decoder.reconstruct(event.t_us, self._position_m, self._position_us)
+        self._hold.receive(self.received_n, now_us)
         if not self.on_model:  # a model's force is that of now
-            self._foresight.learn(event.t_us, force_n)
+            self._foresight.learn(event.t_us, self.received_n)
         self._heard_us, self._heard_t_us = now_us, event.t_us
         self._valid_t_us = event.t_us
 

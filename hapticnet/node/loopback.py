@@ -46,7 +46,7 @@ class Loopback:
                 self._next_tick_us += self.master.period_us
             self._exchange()
             next_us = self._next_tick_us
-            for due_us in (self.forward.next_timer_us(), self.feedback.next_timer_us()):
+            for due_us in (self.forward.next_timer_us(), self.feedback.next_timer_us(), self.slave.next_timer_us()):
                 if due_us is not None and due_us < next_us:
                     next_us = due_us
             # Everything due now has been exchanged, so time always advances.
@@ -61,9 +61,6 @@ class Loopback:
     def _exchange(self) -> None:
         """Exchange the datagrams that are due, until neither side has anything left to send."""
         now_us = self.now_us
-        slave_timer_us = self.slave.next_timer_us()
-        if slave_timer_us is not None and now_us >= slave_timer_us:
-            self.slave.tick(now_us)
         busy = True
         while busy:
             busy = False
@@ -71,6 +68,11 @@ class Loopback:
                 self.forward.push(datagram, len(datagram), now_us)
             for datagram in self.forward.due(now_us):
                 self.slave.receive_datagram(datagram, MASTER_ADDRESS, now_us)
+            # After what arrives now, so that a scene is stepped along the newest line.
+            slave_timer_us = self.slave.next_timer_us()
+            if slave_timer_us is not None and now_us >= slave_timer_us:
+                self.slave.tick(now_us)
+                self.slave.settle(now_us)
             for datagram, _ in self.slave.datagrams_to_send():
                 self.feedback.push(datagram, len(datagram), now_us)
             for datagram in self.feedback.due(now_us):

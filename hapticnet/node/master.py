@@ -6,8 +6,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from hapticnet.codec.base import Codec
-from hapticnet.codec.registry import codec_parameters, make_codec
-from hapticnet.codec.schemes.raw import Raw
+from hapticnet.codec.registry import codec_parameters, make_codec, with_share
 from hapticnet.control.passivity import PassivityController
 from hapticnet.device.base import Device
 from hapticnet.device.user import UserActuator
@@ -17,9 +16,9 @@ from hapticnet.node.actuator import Actuator
 from hapticnet.node.applied import AppliedForce
 from hapticnet.node.fingertip import Fingertip
 from hapticnet.node.first_touch import FirstTouch
+from hapticnet.node.forward import Forward
 from hapticnet.node.master_events import Failed, NodeEvent, Paused
 from hapticnet.node.master_settings import MasterSettings, device_axis
-from hapticnet.node.model_wire import with_state
 from hapticnet.node.recording import DATAGRAM_COLUMNS, IN, OUT, Recording, frame_kind, master_columns
 from hapticnet.operator.base import Operator
 from hapticnet.perception import WeberLaw
@@ -30,6 +29,7 @@ from hapticnet.protocol.events import (
     ForceArrived,
     HoldConfirmed,
     MasterEvent,
+    OutlookArrived,
 )
 from hapticnet.protocol.master_session import MasterSession
 from hapticnet.protocol.messages import NAME_BYTES, Code, Request, clipped
@@ -90,7 +90,7 @@ class MasterNode:
         self._codec = make_codec(settings.codec, settings.law, settings.parameters)
         self._next_codec = self._codec
         self.session = MasterSession(self._request(self._codec), settings.session, rng, settings.key)
-        self._positions = Raw().encoder(operator.axes)
+        self._forward = Forward(self.session, settings.law, operator.axes)
         self._applied = AppliedForce(self._codec, settings.hold, operator.axes)
         self._port = PassivityController(operator.axes, settings.law.floor_n) if settings.passive else None
         self._fingertip: Fingertip | Actuator | None
@@ -180,11 +180,7 @@ class MasterNode:
                 self._ask_operator(now_us - self._script_start_us, now_us)
             if self.position_m is not None:
                 state = self._applied.move(now_us, self.position_m)
-                payload = self._positions.encode(now_us, self.position_m)
-                if payload is not None:
-                    if state is not None:
-                        payload = with_state(state, payload)
-                    self.session.send_position(now_us, payload)
+                self._forward.send(now_us, self.position_m, self.received_n, state)
 
     def drive(self, now_us: int) -> None:
         """Hold the force of the present position, move the device one step toward it, and record the tick."""
@@ -311,6 +307,7 @@ class MasterNode:
             "parameters": codec_parameters(self._codec),
             **asdict(self._codec.law),
             "rate_hz": 1e6 / self.period_us,
+            "positions": self._forward.report(),
             "ticks": self.ticks,
             "sealed": self.session.sealed,
             "connections": self._connections,
@@ -332,6 +329,7 @@ class MasterNode:
             **asdict(codec.law),
             rate_hz=self.settings.rate_hz,
             axes=self._operator.axes,
+            position_share=self.settings.position_share if self.settings.positions == "line" else 0.0,
             name=clipped(self.settings.name, NAME_BYTES),
             announced=self.settings.announced,
         )
@@ -375,6 +373,9 @@ class MasterNode:
             else:
                 self.session.applied(event)
             return
+        if isinstance(event, OutlookArrived):
+            self._forward.told(event.payload)
+            return
         if isinstance(event, HoldConfirmed):
             self._applied.confirm(event, now_us)
             return
@@ -384,7 +385,10 @@ class MasterNode:
             rate_hz = max(self.settings.session.slowest_hz, min(self.settings.rate_hz, event.grant.rate_hz))
             self.period_us = round(1e6 / rate_hz)
             self._codec = self._next_codec
-            self._applied.begin(self._codec, stiffest_at(event.grant.rate_hz) if event.grant.announced else None)
+            share = event.grant.position_share
+            codec = with_share(self._codec, share) if share else self._codec
+            self._applied.begin(codec, stiffest_at(event.grant.rate_hz) if event.grant.announced else None)
+            self._forward.begin(self._codec.law, share)
             if self._script_start_us is None:
                 self._script_start_us = now_us
         elif isinstance(event, ChangeRefused):

@@ -14,6 +14,8 @@ from hapticnet.protocol.settings import SessionSettings
 
 OnError: TypeAlias = Literal["end", "pause"]
 
+Positions: TypeAlias = Literal["raw", "line"]
+
 DeviceTakes: TypeAlias = Literal["x", "y", "z", "norm"]
 """The part of the force that a device with one axis renders."""
 
@@ -30,6 +32,11 @@ class MasterSettings:
         The feedback codec, its own parameters, and the JND of the person at this master.
     rate_hz
         Positions per second to ask for; the slave may grant less.
+    positions
+        What to send of them: "raw", every one; "line", those that matter, each with a velocity. A slave whose scene
+        cannot be stepped in between grants "raw".
+    position_share
+        With "line": the share of the JND that is spent on positions, 0.01 to 0.9. The codec gets the rest.
     name
         Name of this master in the slave's report.
     key
@@ -55,6 +62,8 @@ class MasterSettings:
     parameters: dict[str, float] = field(default_factory=dict)
     law: WeberLaw = field(default_factory=WeberLaw)
     rate_hz: float = 1000.0
+    positions: Positions = "raw"
+    position_share: float = 0.25
     name: str = "master"
     key: MasterKey | None = None
     record: bool = False
@@ -70,6 +79,9 @@ class MasterSettings:
     control: ForceControlSettings = field(default_factory=ForceControlSettings)
 
     def __post_init__(self) -> None:
+        if self.positions not in ("raw", "line"):
+            raise SettingsError(f"positions is {self.positions!r}; it must be 'raw' or 'line'")
+        check_parameter("position_share", self.position_share, 0.01, 0.9)
         check_parameter("rate", self.rate_hz, self.session.slowest_hz, FASTEST_HZ, "Hz")
 
 

@@ -59,6 +59,7 @@ class SlaveNode:
         self._admission = Admission(make_scene, settings, rng)
         self._stations: dict[int, Station] = {}
         self._welcomes: dict[tuple[Address, int], tuple[Station, bytes]] = {}
+        self._followers: list[Station] = []  # seated sessions whose positions are sent only when they matter
         self._to_answer: list[Station] = []
         self._to_settle: list[Station] = []
         self.never_used = 0
@@ -96,7 +97,7 @@ class SlaveNode:
             self._take_in(data, address, now_us)
         for station in self._to_answer:
             if station.session.state is SlaveState.OPEN:
-                self._answer(station, now_us)
+                self._answer(station, now_us, station.answer)
         self._to_settle += self._to_answer
         self._to_answer.clear()
 
@@ -111,7 +112,14 @@ class SlaveNode:
         self._to_settle.clear()
 
     def tick(self, now_us: int) -> None:
-        """Forget sessions that have been silent for too long."""
+        """Step the scenes along the lines that their masters promised; forget sessions that have long been silent.
+
+        Send the answers at once, then call `settle`.
+        """
+        for station in tuple(self._followers):  # one may end
+            if station.session.state is SlaveState.OPEN:
+                self._answer(station, now_us, station.step_between)
+                self._to_settle.append(station)
         for station in self.stations:
             if now_us >= station.session.expires_us():
                 self._forget(station, Trigger.IDLE, "nothing arrived from the master")
@@ -119,7 +127,12 @@ class SlaveNode:
 
     def next_timer_us(self) -> int | None:
         """Return when `tick` may have something to do [µs]; None if there is no session."""
-        return self._next_expiry_us
+        next_us = self._next_expiry_us
+        for station in self._followers:
+            step_us = station.course.next_step_us() if station.course is not None else None
+            if step_us is not None and (next_us is None or step_us < next_us):
+                next_us = step_us
+        return next_us
 
     def datagrams_to_send(self) -> list[tuple[bytes, Address]]:
         """Return the datagrams to send now, with their destinations."""
@@ -195,10 +208,10 @@ class SlaveNode:
         elif has_position:
             self._to_answer.append(station)
 
-    def _answer(self, station: Station, now_us: int) -> None:
+    def _answer(self, station: Station, now_us: int, step: Callable[[int], bytes | None]) -> None:
         was_paused = station.paused
         try:
-            answer = station.answer(now_us)
+            answer = step(now_us)
         except SceneFailedError as failure:
             self._end(station, str(failure), now_us, code=Code.FAILED)
             return
@@ -224,6 +237,8 @@ class SlaveNode:
             station.inherit(station.continues)
             self._forget(station.continues, Trigger.CONTINUED, "its master goes on in a new session")
         station.seated = True
+        if station.course is not None:
+            self._followers.append(station)
         self._events.append(MasterJoined(station))
         return True
 
@@ -300,6 +315,8 @@ class SlaveNode:
     def _remove(self, station: Station) -> None:
         """Remove a session that has ended."""
         del self._stations[station.session.number]
+        if station in self._followers:
+            self._followers.remove(station)
         if station.greeting is not None:
             self._welcomes.pop(station.greeting, None)
         if station.seated:

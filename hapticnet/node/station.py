@@ -6,11 +6,13 @@ from typing import Any, Final, Literal, NamedTuple, TypeAlias
 
 from hapticnet.codec.base import Codec, Decoder, Encoder
 from hapticnet.codec.plugins import LARGEST_PAYLOAD
+from hapticnet.codec.positions.lines import unpack_line
 from hapticnet.codec.registry import codec_parameters
 from hapticnet.codec.schemes.raw import Raw
 from hapticnet.errors import HapticnetError, PeerError, SampleError, in_words
 from hapticnet.measure.metrics import RunningError
 from hapticnet.node.announcing import Announcing, announcing
+from hapticnet.node.course import VELOCITY_STEP_US, Course
 from hapticnet.node.model_wire import read_state
 from hapticnet.node.recording import DATAGRAM_COLUMNS, IN, OUT, Recording, frame_kind, slave_columns
 from hapticnet.protocol.messages import Grant
@@ -18,6 +20,7 @@ from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import Datagram, Kind
 from hapticnet.samples import PositionSample, Vector
 from hapticnet.scene.base import Touchable, breaches_of
+from hapticnet.vectors import along
 
 Announces: TypeAlias = Literal["declared", "measured", "nothing"]
 
@@ -128,6 +131,9 @@ class Station:
         self._opened_us = now_us
         self._stepped_us = now_us
         self._pending: PositionSample | None = None
+        self.course = Course(round(1e6 / grant.rate_hz)) if grant.position_share else None
+        self._is_told = False
+        self.between = 0
         self._answered: _Answered | None = None
         self._positions = Raw().decoder(scene.axes)
         self._encoder: Encoder = codec.encoder(scene.axes)
@@ -182,12 +188,17 @@ class Station:
         if self.session.seal is not None:
             self.address = address  # the newest datagram that opens tells where the master is
         try:
-            payload, self._told = position.payload, None
-            if self._announcing is not None:
-                state, payload = read_state(payload)
-                self._told = state if self.session.in_step else None
-            self._positions.decode(position.t_us, payload)
-            sample = PositionSample(position.t_us, self._positions.reconstruct(position.t_us))
+            if self.course is not None:
+                line = unpack_line(position.t_us, position.payload, self.scene.axes)
+                self.course.take_in(line, now_us)
+                sample = PositionSample(line.t_us, line.position_m)
+            else:
+                payload, self._told = position.payload, None
+                if self._announcing is not None:
+                    state, payload = read_state(payload)
+                    self._told = state if self.session.in_step else None
+                self._positions.decode(position.t_us, payload)
+                sample = PositionSample(position.t_us, self._positions.reconstruct(position.t_us))
         except (PeerError, SampleError):  # counted as a datagram already, so not by `add_malformed`
             self.session.received.malformed += 1
             return False
@@ -207,15 +218,74 @@ class Station:
         if sample is None:
             return None
         self.settle()
-        t_us = sample.t_us
         if self._shift_us is None:
-            self._shift_us = self._begin(t_us, now_us)
-        self._scene_us = t_us + self._shift_us
+            self._shift_us = self._begin(sample.t_us, now_us)
         try:
-            force_n = self._step(sample)
+            if self.course is None:
+                return self._answer(sample, self._step(sample), now_us)
+            return self._answer_line(self.course, sample, now_us)
         except SampleError:
             self.session.received.malformed += 1
             return None
+
+    def step_between(self, now_us: int) -> bytes | None:
+        """Step the scene along the line that the master promised; return the datagram that this takes, if any.
+
+        Raises
+        ------
+        SceneFailedError
+            If the scene or the codec raises.
+        """
+        sample = self.course.due(now_us) if self.course is not None else None
+        if sample is None:
+            return None
+        self.settle()
+        self.between += 1
+        try:
+            force_n = self._step(sample)
+            self._look(sample.position_m)
+            return self._answer(sample, force_n, now_us)
+        except SampleError:
+            return None
+
+    def _answer_line(self, course: Course, sample: PositionSample, now_us: int) -> bytes | None:
+        """Move the scene to a position that was received, and answer the present, if it was late."""
+        t_us = course.present_us(now_us)
+        # What lasts, such as a breach, happens here, at a position that was received. Time does not go back.
+        force_n = self._step(PositionSample(t_us, sample.position_m))
+        self._look(sample.position_m)
+        if course.outlook is not None and course.outlook.damping_n_s_per_m:
+            # Since the last step the hand has left the old line. It moves as the new one says.
+            before_us = t_us - VELOCITY_STEP_US
+            back_m = along(sample.position_m, -1e-6 * VELOCITY_STEP_US, course.velocity_m_per_s)
+            self._step(PositionSample(before_us, course.outlook.nearest(back_m)))
+            force_n = self._step(PositionSample(t_us, sample.position_m))
+        if course.outlook is not None and t_us > sample.t_us:
+            sample = PositionSample(t_us, course.at(t_us))
+            force_n = self._step(sample)
+            self._look(sample.position_m)
+        return self._answer(sample._replace(t_us=t_us), force_n, now_us)
+
+    def _look(self, position_m: Vector) -> None:
+        """Ask the scene how the force may change near a position, and tell the master."""
+        course, look = self.course, getattr(self.scene, "outlook", None)
+        if course is None or look is None or self.paused is not None:
+            return
+        try:
+            outlook = look()
+        except Exception as error:  # a user's scene may raise anything
+            self._fail(error)
+            return
+        news = course.news(outlook, position_m, first=not self._is_told)
+        if news is not None:
+            self._is_told = True
+            self.session.tell(news)
+
+    def _answer(self, sample: PositionSample, force_n: Vector, now_us: int) -> bytes | None:
+        """Return the datagram that answers a position with its force, if any."""
+        t_us = sample.t_us
+        if self.course is not None:
+            self.course.answered(t_us)
         answer: bytes | None = None
         try:
             repair = self.session.repair_is_due(now_us, force_n)
@@ -240,7 +310,7 @@ class Station:
             answer = self.session.force(t_us, payload, now_us, before=before, repeated=repeated)
         self.steps += 1
         self._stepped_us = now_us
-        if answer is None and (confirm or self.session.keepalive_is_due(now_us)):
+        if answer is None and (confirm or self.session.has_news or self.session.keepalive_is_due(now_us)):
             answer = self.session.keepalive(t_us, now_us, held=None if self._on_model else self._held_n)
         self._answered = _Answered(sample, force_n, payload, answer, now_us)
         return answer
@@ -289,18 +359,23 @@ class Station:
         """Return the force of the scene at a position; zero while paused."""
         if self.paused is not None:
             return self._zero_n
+        self._scene_us = sample.t_us + (self._shift_us or 0)
         try:
             at_scene_time = PositionSample(self._scene_us, sample.position_m) if self._shift_us else sample
             return self.scene.step(at_scene_time).force_n
         except SampleError:
             raise
         except Exception as error:  # a user's scene may raise anything
-            reason = f"the scene failed: {in_words(error)}"
-            if self._on_error == "end":
-                self.steps += 1
-                raise SceneFailedError(reason) from error
-            self.paused = reason
+            self._fail(error)
             return self._zero_n
+
+    def _fail(self, error: Exception) -> None:
+        """End or pause the session, because the scene has failed."""
+        reason = f"the scene failed: {in_words(error)}"
+        if self._on_error == "end":
+            self.steps += 1
+            raise SceneFailedError(reason) from error
+        self.paused = reason
 
     def _begin(self, t_us: int, now_us: int) -> int:
         """Return what to add to the master's time [µs] so that the time of a continued scene goes on evenly."""
@@ -327,7 +402,9 @@ class Station:
             "state": self.session.state.value,
             "end_reason": self.session.end_reason,
             "duration_s": (self._stepped_us - self._opened_us) / 1e6,
+            "position_share": self.grant.position_share,
             "steps": self.steps,
+            "between": self.between,
             "superseded": self.superseded,
             "breaches": breaches_of(self.scene),
             "announced": None if self._announcing is None else asdict(self._announcing.encoder.account),

@@ -23,6 +23,13 @@ class ForceArrived:
 
 
 @dataclass(frozen=True, slots=True)
+class OutlookArrived:
+    """The slave tells how the force may change near the tool; comes before what else the datagram says."""
+
+    payload: bytes
+
+
+@dataclass(frozen=True, slots=True)
 class HoldConfirmed:
     """The slave received the position of time `t_us` and has sent nothing newer than the force applied."""
 
@@ -88,6 +95,7 @@ class Ended:
 MasterEvent: TypeAlias = (
     Connected
     | ForceArrived
+    | OutlookArrived
     | HoldConfirmed
     | LinkStale
     | LinkRecovered

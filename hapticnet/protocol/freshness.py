@@ -13,6 +13,8 @@ class Freshness:
     ----------
     newest_t_us
         Time [µs] of the newest position that was sent.
+    ahead_us
+        How long [µs] after a position the slave may answer for: it goes on along a line.
     heard_us
         When the last fresh answer arrived that is newer than all before it.
     too_old_us
@@ -21,7 +23,7 @@ class Freshness:
         When the last such answer arrived.
     """
 
-    __slots__ = ("_max_age_us", "heard_us", "newest_t_us", "too_old_at_us", "too_old_us")
+    __slots__ = ("_max_age_us", "ahead_us", "heard_us", "newest_t_us", "too_old_at_us", "too_old_us")
 
     def __init__(self, max_age_us: int) -> None:
         self.heard_us = 0
@@ -29,6 +31,7 @@ class Freshness:
         self.too_old_at_us: int | None = None
         self._max_age_us = max_age_us
         self.newest_t_us = 0
+        self.ahead_us = 0
 
     def fresh_t_us(self, echoed_t_us: int, now_us: int, *, is_new: bool) -> int | None:
         """Return the unwrapped time [µs] of the position that is answered; None if the answer is not fresh.
@@ -36,10 +39,11 @@ class Freshness:
         `is_new` tells whether the answer is newer than all before it. Copies of old answers say nothing about the link.
         """
         t_us = unwrap(echoed_t_us, now_us)
-        if t_us > self.newest_t_us:  # no such position was sent
-            return None
+        if t_us > self.newest_t_us and t_us > min(self.newest_t_us + self.ahead_us, now_us):
+            return None  # no such position was sent
         age_us = now_us - t_us
-        if age_us <= self._max_age_us:
+        # The position behind an answer may be older than the time that it is for.
+        if age_us <= self._max_age_us - self.ahead_us:
             return t_us
         if is_new:
             self.too_old_us = age_us if self.too_old_us is None else min(age_us, self.too_old_us)

@@ -6,7 +6,7 @@ handshake, and the answer comes back in the second.
 """
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 from hapticnet.protocol.keys import NO_PSK, MasterEntry, MasterKey, Roster
 from hapticnet.protocol.mac import hello_mac, is_hello_mac
@@ -111,12 +111,13 @@ class Visitor:
     entry: MasterEntry | None
     responder: Responder | None
 
-    def answer(self, payload: tuple[Any, ...]) -> tuple[bytes, Seal | None]:
+    def answer(self, payload: Grant | Refusal) -> tuple[bytes, Seal | None]:
         """Return a grant or refusal as a WELCOME carries it, and the seal of the session."""
+        packed = pack_body(payload)
         if self.responder is None:
-            return pack_body(payload), None
+            return packed, None
         psk = NO_PSK if self.entry is None else self.entry.psk
-        noise2, keys = self.responder.write(pack_body(payload), psk)
+        noise2, keys = self.responder.write(packed, psk)
         return noise2, _slave_seal(keys)
 
 

@@ -4,6 +4,7 @@ from collections import deque
 from typing import Final
 
 from hapticnet.errors import PeerError
+from hapticnet.outlook import LONGEST_SILENCE_US
 from hapticnet.protocol.arrivals import Arrival
 from hapticnet.protocol.asking import Asking, Granted
 from hapticnet.protocol.events import (
@@ -16,6 +17,7 @@ from hapticnet.protocol.events import (
     LinkRecovered,
     LinkStale,
     MasterEvent,
+    OutlookArrived,
     Refused,
     SessionLost,
 )
@@ -83,6 +85,7 @@ class MasterSession:
         self._confirmed: int | None = None  # the newest force, or a KEEPALIVE since that confirmed it
         self._loss = LossEstimate(settings.first_sequence)
         self._positions = 0
+        self._to_acknowledge_us: int | None = None  # since when something waits to be acknowledged
         self._fresh = Freshness(settings.max_age_us)
         self._doubted = False  # a RESET arrived, and nothing fresh since
         self._stale_us = 0
@@ -105,19 +108,37 @@ class MasterSession:
         """Whether sessions are sealed."""
         return self._version == SEALED
 
-    def send_position(self, t_us: int, payload: bytes) -> None:
-        """Send a position of time `t_us` [µs], less often while the link is stale; nothing unless `streaming`."""
+    @property
+    def position_share(self) -> float:
+        """Share of the JND that positions may use in this session; 0: every position is to be sent."""
+        return self._grant.position_share if self._grant is not None else 0.0
+
+    def wants_position(self, now_us: int) -> bool:
+        """Return whether a position is due that acknowledges what has arrived, or because the link is stale."""
+        if self.state is MasterState.STALE:
+            return True
+        since_us = self._to_acknowledge_us
+        return since_us is not None and not 0 <= now_us - since_us < self._settings.ack_delay_us
+
+    def send_position(self, t_us: int, payload: bytes) -> bool:
+        """Send a position of time `t_us` [µs], less often while the link is stale; nothing unless `streaming`.
+
+        Return whether it was sent.
+        """
         if self.state is MasterState.STALE:
             if 0 < self._next_stale_us - t_us <= self._settings.stale_interval_us:
-                return
+                return False
             self._stale_interval_us = min(STALE_GROWTH * self._stale_interval_us, self._settings.stale_interval_us)
             self._next_stale_us = t_us + round(self._stale_interval_us)
         elif self.state is not MasterState.ESTABLISHED:
-            return
+            return False
         self._fresh.newest_t_us = t_us
         self._positions += 1
-        loss = None if self._positions % REPORT_EVERY else self._loss.estimate()
+        self._to_acknowledge_us = None
+        is_report = bool(self.position_share) or not self._positions % REPORT_EVERY
+        loss = self._loss.estimate() if is_report else None
         self._send(Kind.POSITION, pack_position(Position(wrap(t_us), self._confirmed, payload, loss)))
+        return True
 
     def change(self, request: Request) -> None:
         """Ask for a session with another codec, JND or rate. The present one goes on until that is granted.
@@ -194,7 +215,8 @@ class MasterSession:
 
     def applied(self, force: ForceArrived) -> None:
         """Acknowledge a force from now on, because it is applied."""
-        self._newest_force = self._confirmed = force.sequence
+        self._newest_force = force.sequence
+        self._acknowledge(force.sequence, self._fresh.heard_us)
 
     def payload_was_malformed(self) -> None:
         """Count a payload that the codec refused. The force is not acknowledged, so the slave repairs it."""
@@ -211,6 +233,8 @@ class MasterSession:
                 return
             if arrival is Arrival.NEW or self._is_news(datagram.sequence):
                 self._hear(arrival, t_us, now_us)
+                if arrival is Arrival.NEW and force.outlook is not None:
+                    self._events.append(OutlookArrived(force.outlook))
                 self._events.append(ForceArrived(datagram.sequence, t_us, force.payload))
         elif kind is Kind.KEEPALIVE:
             keepalive = unpack_keepalive(body)
@@ -219,7 +243,11 @@ class MasterSession:
             t_us = self._fresh_t_us(keepalive.t_us, arrival, now_us)
             if t_us is not None and arrival is Arrival.NEW:
                 self._hear(arrival, t_us, now_us)
+                if keepalive.outlook is not None:
+                    self._events.append(OutlookArrived(keepalive.outlook))
                 if self._holds(keepalive.newest_force):
+                    if keepalive.outlook is not None or self._loss.estimate() is not None:  # the slave waits for it
+                        self._acknowledge(datagram.sequence, now_us)
                     self._confirmed = datagram.sequence
                     self._events.append(HoldConfirmed(t_us))
         elif kind is Kind.CLOSE:
@@ -289,9 +317,10 @@ class MasterSession:
         self._session = grant.session
         self._seal = seal
         self._sequence = wrap(self._settings.first_sequence + 1)
-        self._newest_force = self._confirmed = None
+        self._newest_force = self._confirmed = self._to_acknowledge_us = None
         self._loss = LossEstimate(sequence)
         self._fresh.heard(now_us)
+        self._fresh.ahead_us = 3 * LONGEST_SILENCE_US // 2 if grant.position_share else 0
         self._doubted = False
         self.received.open_window(sequence, authentic=seal is not None)
         self._move(Trigger.WELCOMED)
@@ -320,6 +349,11 @@ class MasterSession:
         if arrival is Arrival.NEW or arrival is Arrival.LATE:
             self._loss.arrived(sequence, is_new=arrival is Arrival.NEW)
         return arrival
+
+    def _acknowledge(self, sequence: int, now_us: int) -> None:
+        self._confirmed = sequence
+        if self._to_acknowledge_us is None:
+            self._to_acknowledge_us = now_us
 
     def _is_news(self, sequence: int) -> bool:
         """Return whether a late FORCE is newer than the one applied: only KEEPALIVEs or refused FORCEs overtook it."""

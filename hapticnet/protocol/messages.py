@@ -67,6 +67,8 @@ class Request(NamedTuple):
     `ticket` is that of a session whose scene it wants to go on with, or None. `clock_us` is what the master's clock
     shows when it asks [µs]: time stamps of positions are its lower 32 bits, so that with it both sides record the same
     times. `announced` tells whether it renders models of the contact ahead.
+    times. `position_share` is the share of the JND that positions may use, if they are to be sent only when they
+    matter; 0: every position is sent.
     """
 
     codec: str
@@ -80,6 +82,7 @@ class Request(NamedTuple):
     ticket: bytes | None = None
     clock_us: int = 0
     announced: bool = False
+    position_share: float = 0.0
 
 
 class Cookie(NamedTuple):
@@ -115,6 +118,8 @@ class Grant(NamedTuple):
         Whether this session goes on with the scene of an earlier one.
     announced
         Whether the contact ahead is announced: payloads then begin with a byte (docs/payloads.md).
+    position_share
+        As in the request; 0 if the master must send every position.
     """
 
     session: int
@@ -124,6 +129,7 @@ class Grant(NamedTuple):
     ticket: bytes
     resumed: bool
     announced: bool = False
+    position_share: float = 0.0
 
     def __repr__(self) -> str:
         """Return the fields without the ticket, which is not for logs."""
@@ -169,10 +175,14 @@ class Position(NamedTuple):
 
 
 class Force(NamedTuple):
-    """Slave to master: the whole stimulus that answers the position of time `t_us`."""
+    """Slave to master: the whole stimulus that answers the position of time `t_us`.
+
+    `outlook` says how the force may change from there, in sessions whose positions are sent only when they matter.
+    """
 
     t_us: int
     payload: bytes
+    outlook: bytes | None = None
 
 
 class Keepalive(NamedTuple):
@@ -180,6 +190,7 @@ class Keepalive(NamedTuple):
 
     t_us: int
     newest_force: int | None
+    outlook: bytes | None = None
 
 
 class Close(NamedTuple):
@@ -206,7 +217,8 @@ def unpack_hello(body: bytes) -> Hello:
 
 def unpack_request(packed: bytes) -> Request:
     """Return the request of a HELLO; raise PeerError if it is invalid."""
-    codec, parameters, *law, rate_hz, axes, name, ticket, clock_us, announced = unpack_body(packed, 11)
+    fields = unpack_body(packed, 12)
+    codec, parameters, *law, rate_hz, axes, name, ticket, clock_us, announced, share = fields
     _require(_is_text(codec, NAME_BYTES), "codec", codec)
     _require(type(parameters) is dict, "parameters", parameters)
     for key, value in parameters.items():
@@ -218,11 +230,11 @@ def unpack_request(packed: bytes) -> Request:
     _require(ticket is None or _is_bytes(ticket, TICKET_BYTES), "ticket", ticket)
     _require(type(clock_us) is int and 0 <= clock_us < LATEST_US, "clock", clock_us)
     _require(type(announced) is bool, "announced", announced)
+    _require(_is_share(share), "share of positions", share)
     numbers = {key: float(value) for key, value in parameters.items()}
     weber_fraction, floor_n, multiplier = map(float, law)
-    return Request(
-        codec, numbers, weber_fraction, floor_n, multiplier, float(rate_hz), axes, name, ticket, clock_us, announced
-    )
+    law_and_rate = weber_fraction, floor_n, multiplier, float(rate_hz)
+    return Request(codec, numbers, *law_and_rate, axes, name, ticket, clock_us, announced, float(share))
 
 
 def unpack_cookie(body: bytes) -> Cookie:
@@ -243,7 +255,7 @@ def unpack_welcome(body: bytes) -> Welcome:
 
 def unpack_grant(packed: bytes) -> Grant:
     """Return the grant of a WELCOME; raise PeerError if it is invalid."""
-    session, rate_hz, keepalive_us, scene, ticket, resumed, announced = unpack_body(packed, 7)
+    session, rate_hz, keepalive_us, scene, ticket, resumed, announced, share = unpack_body(packed, 8)
     _require(is_uint32(session) and session > 0, "session", session)
     _require(_is_number(rate_hz) and 0.0 < rate_hz <= 1e6, "rate", rate_hz)
     _require(is_uint32(keepalive_us), "keepalive interval", keepalive_us)
@@ -251,7 +263,8 @@ def unpack_grant(packed: bytes) -> Grant:
     _require(_is_bytes(ticket, TICKET_BYTES), "ticket", ticket)
     _require(type(resumed) is bool, "resumed", resumed)
     _require(type(announced) is bool, "announced", announced)
-    return Grant(session, float(rate_hz), keepalive_us, scene, ticket, resumed, announced)
+    _require(_is_share(share), "share of positions", share)
+    return Grant(session, float(rate_hz), keepalive_us, scene, ticket, resumed, announced, float(share))
 
 
 def unpack_grant_or_refusal(packed: bytes) -> Grant | Refusal:
@@ -302,20 +315,25 @@ def unpack_position(body: bytes) -> Position:
     return Position(t_us, newest, payload, Loss(share / REPORT_STEPS, again / REPORT_STEPS))
 
 
+def pack_answer(answer: Force | Keepalive) -> bytes:
+    """Return the body of a FORCE or KEEPALIVE; an outlook adds a field."""
+    return pack_body(answer[:2] if answer.outlook is None else answer)
+
+
 def unpack_force(body: bytes) -> Force:
     """Return the FORCE in a body; raise PeerError if it is invalid."""
-    t_us, payload = unpack_body(body, 2)
+    t_us, payload, *more = unpack_body(body, 2, optional=1)
     if not (is_uint32(t_us) and type(payload) is bytes):
         raise PeerError("FORCE of the wrong types")
-    return Force(t_us, payload)
+    return Force(t_us, payload, _outlook(more))
 
 
 def unpack_keepalive(body: bytes) -> Keepalive:
     """Return the KEEPALIVE in a body; raise PeerError if it is invalid."""
-    t_us, newest_force = unpack_body(body, 2)
+    t_us, newest_force, *more = unpack_body(body, 2, optional=1)
     if not (is_uint32(t_us) and (newest_force is None or is_uint32(newest_force))):
         raise PeerError("KEEPALIVE of the wrong types")
-    return Keepalive(t_us, newest_force)
+    return Keepalive(t_us, newest_force, _outlook(more))
 
 
 def unpack_close(body: bytes) -> Close:
@@ -330,6 +348,17 @@ def clipped(text: str, limit: int) -> str:
     """Return `text` cut to at most `limit` bytes of UTF-8, without control characters a terminal would obey."""
     printable = "".join(character if character.isprintable() else "?" for character in text)
     return printable.encode()[:limit].decode(errors="ignore")
+
+
+def _outlook(more: list[Any]) -> bytes | None:
+    """Return the outlook in the fields after those that every answer has."""
+    outlook = more[0] if more else None
+    _require(outlook is None or type(outlook) is bytes, "outlook", outlook)
+    return outlook
+
+
+def _is_share(value: object) -> bool:
+    return type(value) in (int, float) and 0.0 <= value < 1.0  # type: ignore[operator]
 
 
 def _is_text(value: object, limit: int) -> bool:

@@ -107,6 +107,8 @@ class Repair:
         The perceptual law of the person at the master.
     age_limit_us, keepalive_us
         Silence [µs] after which the master lets go, and the longest silence without loss.
+    ack_delay_us
+        How long [µs] a master waits for a position that is due anyway before it acknowledges.
     now_us
         The time at which the session begins.
 
@@ -117,6 +119,7 @@ class Repair:
     """
 
     __slots__ = (
+        "_ack_delay_us",
         "_age_limit_us",
         "_credit",
         "_deviation_us",
@@ -139,8 +142,16 @@ class Repair:
     )  # fmt: skip
 
     def __init__(
-        self, settings: RepairSettings, law: WeberLaw, *, age_limit_us: int, keepalive_us: int, now_us: int
+        self,
+        settings: RepairSettings,
+        law: WeberLaw,
+        *,
+        age_limit_us: int,
+        keepalive_us: int,
+        now_us: int,
+        ack_delay_us: int = 0,
     ) -> None:
+        self._ack_delay_us = ack_delay_us
         self.keepalive_us = keepalive_us
         self._settings = settings
         self._law = law
@@ -172,9 +183,9 @@ class Repair:
             self._since_us = now_us
         self._sent.append(_Sent(sequence, now_us, before))
 
-    def kept_alive(self, sequence: int, now_us: int, held: Vector | None) -> None:
-        """Record a KEEPALIVE, which confirms what is held; it is waited for only while there is loss."""
-        if self._settings.paces and self._loss.share:
+    def kept_alive(self, sequence: int, now_us: int, held: Vector | None, *, tells: bool = False) -> None:
+        """Record a KEEPALIVE, which confirms what is held; waited for while there is loss, or if it tells news."""
+        if tells or (self._settings.paces and self._loss.share):
             self.sent(sequence, now_us, held)
 
     def spoke(self, now_us: int) -> None:
@@ -317,5 +328,6 @@ class Repair:
             self._deviation_us += (abs(round_trip_us - self._smoothed_us) - self._deviation_us) / 4
             self._smoothed_us += (round_trip_us - self._smoothed_us) / 8
         margin_us = 4 * self._deviation_us
-        timeout_us = self._smoothed_us + (margin_us if margin_us > GRANULARITY_US else GRANULARITY_US)
+        least_us = GRANULARITY_US + self._ack_delay_us  # as the maximum acknowledgement delay of RFC 9002, section 6.2
+        timeout_us = self._smoothed_us + (margin_us if margin_us > least_us else least_us)
         self._overdue_us = self._timeout_us = timeout_us if timeout_us > SHORTEST_TIMEOUT_US else SHORTEST_TIMEOUT_US

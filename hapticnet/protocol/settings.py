@@ -45,6 +45,8 @@ class SessionSettings:
     keepalive_us
         How long a slave sends nothing to a master while positions arrive and there is no loss; with loss, `repair`
         shortens it. Three keepalives in a row may be lost; the fourth still comes before the link goes stale.
+    ack_delay_us
+        How long a master that sends positions only when they matter waits for one before it acknowledges with another.
     close_interval_us, close_tries
         How often, and how many times, a master sends CLOSE before it gives up.
     keep_us
@@ -71,6 +73,7 @@ class SessionSettings:
     ask_again_us: int = 1_000_000
     max_age_us: int = 1_000_000
     keepalive_us: int = 45_000
+    ack_delay_us: int = 20_000
     close_interval_us: int = 50_000
     close_tries: int = 5
     keep_us: int = 30_000_000

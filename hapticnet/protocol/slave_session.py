@@ -15,6 +15,7 @@ from hapticnet.protocol.messages import (
     Request,
     Welcome,
     clipped,
+    pack_answer,
     unpack_close,
     unpack_position,
 )
@@ -45,6 +46,8 @@ class SlaveSession:
         What the master asked for, and the rate it was granted.
     first_sequence
         The sequence number of its HELLO.
+    sparse
+        Whether positions are sent only when they matter, and acknowledgements with them.
     """
 
     def __init__(
@@ -56,6 +59,7 @@ class SlaveSession:
         rate_hz: float,
         first_sequence: int,
         now_us: int,
+        sparse: bool = False,
     ) -> None:
         self.number = number
         self.request = request
@@ -70,6 +74,8 @@ class SlaveSession:
         self._settings = settings
         self._sequence = wrap(settings.first_sequence + 1)
         self._newest_force: int | None = None
+        self._outlook: bytes | None = None  # what the master is to be told until it acknowledges that
+        self._told_since: int | None = None  # the first datagram that told it
         self._position_t_us = request.clock_us
         self._heard_us = now_us
         law = WeberLaw(weber_fraction=request.weber_fraction, floor_n=request.floor_n, multiplier=request.multiplier)
@@ -79,6 +85,7 @@ class SlaveSession:
             age_limit_us=settings.stale_after_us,
             keepalive_us=settings.keepalive_us,
             now_us=now_us,
+            ack_delay_us=settings.ack_delay_us if sparse else 0,
         )
         self._policed = TokenBucket(POLICED_SHARE * rate_hz, max(32.0, POLICED_BURST_S * rate_hz))
 
@@ -123,6 +130,7 @@ class SlaveSession:
             t_us, newest, payload, loss = position
             self.in_step = False
             if newest is not None:
+                self._note_told(newest)
                 self._repair.acknowledged(newest, now_us)
                 self.in_step = self._newest_force is not None and distance(newest, self._newest_force) >= 0
             if loss is not None:
@@ -168,7 +176,7 @@ class SlaveSession:
         sequence = self._sequence
         if not repeated:
             self._newest_force = sequence
-        datagram = self._datagram(Kind.FORCE, Force(wrap(t_us), payload), now_us)
+        datagram = self._datagram(Kind.FORCE, Force(wrap(t_us), payload, self._outlook), now_us)
         self._repair.sent(sequence, now_us, before)
         return datagram
 
@@ -178,8 +186,17 @@ class SlaveSession:
 
     def keepalive(self, t_us: int, now_us: int, *, held: Vector | None) -> bytes:
         """Return a KEEPALIVE that answers the position of time `t_us` and confirms what is held."""
-        self._repair.kept_alive(self._sequence, now_us, held)
-        return self._datagram(Kind.KEEPALIVE, Keepalive(wrap(t_us), self._newest_force), now_us)
+        self._repair.kept_alive(self._sequence, now_us, held, tells=self._outlook is not None)
+        return self._datagram(Kind.KEEPALIVE, Keepalive(wrap(t_us), self._newest_force, self._outlook), now_us)
+
+    def tell(self, outlook: bytes) -> None:
+        """Add an outlook to every FORCE and KEEPALIVE until one of them is acknowledged."""
+        self._outlook, self._told_since = outlook, None
+
+    @property
+    def has_news(self) -> bool:
+        """Whether there is an outlook that was not sent yet."""
+        return self._outlook is not None and self._told_since is None
 
     def close(self, reason: str, now_us: int, code: Code = Code.OTHER) -> bytes:
         """Return a CLOSE."""
@@ -206,7 +223,12 @@ class SlaveSession:
         self.end_reason = reason
 
     def _datagram(self, kind: Kind, message: Force | Keepalive | Close, now_us: int) -> bytes:
-        body = pack_body(message)
+        if isinstance(message, Close):
+            body = pack_body(message)
+        else:
+            body = pack_answer(message)
+            if self.has_news:
+                self._told_since = self._sequence
         if self.seal is None:
             datagram = pack(kind, self.number, self._sequence, body)
         else:
@@ -215,6 +237,12 @@ class SlaveSession:
         self._repair.spoke(now_us)
         self.sent.add(kind, len(datagram))
         return datagram
+
+    def _note_told(self, newest: int) -> None:
+        """Note an acknowledgement: every datagram since `_told_since` carried the outlook."""
+        since = self._told_since
+        if since is not None and distance(newest, since) >= 0 and distance(self._sequence, newest) > 0:
+            self._outlook = self._told_since = None
 
     def _move(self, trigger: Trigger) -> None:
         self.state = SLAVE_TRANSITIONS[self.state, trigger]

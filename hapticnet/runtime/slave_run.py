@@ -82,8 +82,13 @@ class SlaveRunner:
             self._watchers.observe(now)
 
     def _ring(self) -> None:
-        self.node.tick(now_us())
+        now = now_us()
+        self.node.tick(now)
         self.flush()
+        self.node.settle(now)
+        self.flush()
+        if self._watchers.observers:
+            self._watchers.observe(now)
 
 
 async def run_slave(

@@ -22,6 +22,8 @@ class Layer:
 
     Attributes
     ----------
+    tissue
+        Its properties.
     rest_m
         Position [m] of the surface at rest.
     surface
@@ -34,10 +36,10 @@ class Layer:
         Whether the layer can exert a force on a needle past its surface.
     """
 
-    __slots__ = ("_breach_depth_m", "_press", "_shaft", "_tissue", "breached", "feel", "is_felt", "rest_m", "surface")
+    __slots__ = ("_breach_depth_m", "_press", "_shaft", "breached", "feel", "is_felt", "rest_m", "surface", "tissue")
 
     def __init__(self, tissue: Tissue, needle: Needle) -> None:
-        self._tissue = tissue
+        self.tissue: Final = tissue
         self.rest_m: Final = tissue.rest_position_m
         self.surface: Final[Surface] = (
             RecoveringSurface(tissue, needle) if tissue.recovery_time_s else RestingSurface(tissue)
@@ -78,7 +80,7 @@ class Layer:
 
     def ahead(self) -> LayerAhead:
         """Return the layer as it is announced."""
-        tissue = self._tissue
+        tissue = self.tissue
         surface_m = self.surface.position_m()
         return LayerAhead(
             tissue.rest_position_m,

@@ -23,10 +23,12 @@ from collections.abc import Sequence
 from operator import attrgetter
 
 from hapticnet.errors import SampleError
+from hapticnet.outlook import Outlook
 from hapticnet.samples import LARGEST_COMPONENT, ForceSample, PositionSample, checked_vector
 from hapticnet.scene.ahead import REACH_M, LayerAhead
 from hapticnet.scene.layer import Layer
 from hapticnet.scene.needle import Needle
+from hapticnet.scene.outlooks import outlook_of
 from hapticnet.scene.tissue import Contact, Tissue, front_to_back
 
 _rest_m = attrgetter("rest_m")
@@ -77,6 +79,7 @@ class Scene:
     def reset(self) -> None:
         """Withdraw the needle and heal every tissue."""
         self.force_n = 0.0
+        self._outlook: Outlook | None = None
         self._needle = Needle()
         self._layers = [Layer(tissue, self._needle) for tissue in self.tissues]
         self._reached = 0
@@ -108,6 +111,19 @@ class Scene:
             force_n += layer_n
         self.force_n = force_n
         return ForceSample(sample.t_us, (force_n,))
+
+    def outlook(self) -> Outlook | None:
+        """Return how the force may change around the tip; None if a layer cannot tell.
+
+        It stays true while the tip is in its box: nothing breaks or heals there.
+        """
+        tip_m = self._needle.tip_m
+        if self._outlook is None or not self._outlook.contains((tip_m,)):
+            felt = [layer for layer in self._felt if layer.is_felt]
+            passed = [layer for _, _, layer in self._passed]
+            ahead_m = self._layers[self._reached].rest_m if self._reached < len(self._layers) else LARGEST_COMPONENT
+            self._outlook = outlook_of(felt, passed, ahead_m, tip_m)
+        return self._outlook
 
     def surfaces_m(self) -> tuple[float, ...]:
         """Return the position [m] of each surface, front to back."""

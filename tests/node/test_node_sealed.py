@@ -26,8 +26,8 @@ from tests.protocol.sealed_peer import CLOSE, COOKIE, FORCE, HELLO, KEEPALIVE, P
 MASTER = PrivateKey(bytes(range(32)))
 SLAVE = PrivateKey(bytes(range(32, 64)))
 PSK = bytes(range(64, 96))
-REQUEST = ["deadband", {}, 0.05, 0.025, 1.0, 1000.0, 1, "test", None, 0, False]
-GRANT = [0xDEADBEEF, 1000.0, 45_000, "paper:1", bytes(range(16)), False, False]
+REQUEST = ["deadband", {}, 0.05, 0.025, 1.0, 1000.0, 1, "test", None, 0, False, 0.0]
+GRANT = [0xDEADBEEF, 1000.0, 45_000, "paper:1", bytes(range(16)), False, False, 0.0]
 DEEP_M = 0.024
 
 
@@ -83,7 +83,7 @@ def test_a_master_written_from_the_document_plays_with_this_slave(psk):
     peer = Master(MASTER.private, SLAVE.public, REQUEST, nonce=7, psk=psk)
     cookie = ask(slave, peer.hello())
     assert peer.receive(cookie)[0] == COOKIE
-    kind, (_, rate_hz, keepalive_us, scene, ticket, resumed, _) = peer.receive(ask(slave, peer.hello()))
+    kind, (_, rate_hz, keepalive_us, scene, ticket, resumed, *_) = peer.receive(ask(slave, peer.hello()))
     assert (kind, rate_hz, keepalive_us, scene, len(ticket), resumed) == (WELCOME, 1000.0, 45_000, "paper:1", 16, False)
     answers = []
     for now_us in range(1000, 200_000, 1000):

@@ -23,10 +23,10 @@ SESSION = 0xDEADBEEF
 NONCE = 0x01020304
 COOKIE_VALUE = bytes(range(0xC0, 0xD0))
 TICKET = bytes(range(0x70, 0x80))
-REQUEST = ["deadband", {}, 0.05, 0.025, 1.0, 1000.0, 1, "surgeon", None, 5_000_000_000, False]
-CONTINUING = ["level-crossing", {"hysteresis": 0.25}, 0.1, 0.0, 1.5, 500.0, 3, "Chirurgin Ä", TICKET, 0, True]
-GRANT = [SESSION, 1000.0, 45_000, "paper:1", TICKET, False, False]
-RESUMED = [SESSION + 1, 500.0, 45_000, "three axes", TICKET, True, True]
+REQUEST = ["deadband", {}, 0.05, 0.025, 1.0, 1000.0, 1, "surgeon", None, 5_000_000_000, False, 0.0]
+CONTINUING = ["level-crossing", {"hysteresis": 0.25}, 0.1, 0.0, 1.5, 500.0, 3, "Chirurgin Ä", TICKET, 0, True, 0.25]
+GRANT = [SESSION, 1000.0, 45_000, "paper:1", TICKET, False, False, 0.0]
+RESUMED = [SESSION + 1, 500.0, 45_000, "three axes", TICKET, True, True, 0.25]
 
 
 def number(text):
@@ -90,6 +90,33 @@ DATAGRAMS = [
         None,
     ),
     ("keepalive", "FORCE 1 still holds", KEEPALIVE, SESSION, 2, [46_000, 1], None),
+    (
+        "position with a velocity",
+        "0.021 m, moving at 0.1 m/s: float32, float16",
+        POSITION,
+        SESSION,
+        4,
+        [47_000, 2, number("3cac08312e66")],
+        None,
+    ),
+    (
+        "force with an outlook",
+        "1 N; 200 N/m and no damping between 0.02 and 0.03 m",
+        FORCE,
+        SESSION,
+        5,
+        [47_000, number("3f800000"), number("43480000000000003ca3d70b3cf5c28f")],
+        None,
+    ),
+    (
+        "keepalive with an outlook",
+        "the scene cannot tell: every position is needed",
+        KEEPALIVE,
+        SESSION,
+        6,
+        [48_000, 5, b""],
+        None,
+    ),
     (
         "numbers about to wrap",
         "1 N; sequence and time stamp are followed by 0",

@@ -26,8 +26,8 @@ EPOCH = 1 << 20
 COOKIE = bytes(range(0xC0, 0xD0))
 PAYLOAD = b"\x00" + bytes(8)
 TICKET = bytes(range(0x70, 0x80))
-REQUEST = ["deadband", {"step_n": 0.001}, 0.05, 0.025, 1.0, 1000.0, 1, "surgeon", None, 5_000_000_000, False]
-GRANT = [SESSION, 1000.0, 45_000, "paper:1", TICKET, False, False]
+REQUEST = ["deadband", {"step_n": 0.001}, 0.05, 0.025, 1.0, 1000.0, 1, "surgeon", None, 5_000_000_000, False, 0.0]
+GRANT = [SESSION, 1000.0, 45_000, "paper:1", TICKET, False, False, 0.0]
 REFUSAL = [0, "every session is taken", 5]
 FROM_MASTER = [
     ("position", POSITION, 1, [123_456, None, PAYLOAD]),

@@ -1,0 +1,182 @@
+"""When the master sends a position: dead reckoning with a tolerance that is a share of the JND.
+
+The slave follows the line that it was promised, within the box of its scene's outlook. The master knows the line, the
+outlook and its true position, and sends the next position
+
+- if the force of the scene may differ between the two by more than the share of the JND that positions are granted,
+- if the true position leaves the box, because there is a surface or a breach behind its sides,
+- after `LONGEST_SILENCE_US`,
+- at every tick while the scene cannot tell how its force will change.
+
+Dead reckoning with a threshold is the method of distributed simulation (IEEE 1278.1).
+"""
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Final
+
+from hapticnet.codec.positions.lines import (
+    FASTEST_M_PER_S,
+    PromisedLine,
+    as_velocity,
+    pack_line,
+)
+from hapticnet.outlook import LONGEST_SILENCE_US, Outlook
+from hapticnet.perception import WeberLaw
+from hapticnet.samples import Vector, checked_vector
+from hapticnet.vectors import distance, magnitude, minus, over, single, times
+
+WINDOW_US: Final = 12_000
+"""The velocity of a line is that of the newest samples, this long [µs]."""
+
+MOST_SAMPLES: Final = 32
+"""Samples of which the velocity is taken, at most."""
+
+UNKNOWN_STIFFNESS: Final = 1000.0
+"""Least stiffness [N/m] that is assumed between leaving a box and hearing of the next one."""
+
+
+@dataclass(slots=True)
+class Reasons:
+    """How many positions were sent for which reason."""
+
+    first: int = 0
+    unknown: int = 0
+    left: int = 0
+    tolerance: int = 0
+    silence: int = 0
+    wanted: int = 0
+
+
+@dataclass(slots=True)
+class PositionSender:
+    """Decide at each tick whether to send the position, and with which velocity.
+
+    Parameters
+    ----------
+    law
+        The whole JND of the person; `share` of it is for positions, the rest for the feedback codec.
+    share
+        0 to 1.
+    """
+
+    law: WeberLaw
+    share: float
+    reasons: Reasons = field(default_factory=Reasons)
+    line: PromisedLine | None = None
+    outlook: Outlook | None = None
+    _outside: bool = False
+    _stiffest: float = UNKNOWN_STIFFNESS
+    _samples: deque[tuple[int, Vector]] = field(default_factory=lambda: deque(maxlen=MOST_SAMPLES))
+
+    def told(self, outlook: Outlook | None) -> None:
+        """Take in the newest outlook; None: the scene cannot tell."""
+        self.outlook = outlook
+        self._outside = False
+        if outlook is not None:
+            self._stiffest = max(self._stiffest, outlook.stiffness_n_per_m)
+
+    def forget(self) -> None:
+        """Forget the line, because it was not sent or nobody follows it."""
+        self.line = None
+
+    def payload(self, t_us: int, position_m: Vector, applied_n: float, *, wanted: bool = False) -> bytes | None:
+        """Return the payload of a position to send now; None if the slave's line is good enough.
+
+        Parameters
+        ----------
+        t_us
+            Time of the position [µs].
+        applied_n
+            Magnitude of the force that is applied [N], for the JND.
+        wanted
+            Whether to send in any case, for instance to acknowledge a force.
+
+        Raises
+        ------
+        SampleError
+            If the position is not finite or out of range.
+        """
+        x = single(checked_vector(position_m, "position"))
+        samples = self._samples
+        if samples and t_us - samples[-1][0] <= 0:  # a clock that went back
+            samples.clear()
+        velocity = self._newest_velocity(t_us, x)
+        samples.append((t_us, x))
+        if not self._is_due(t_us, x, velocity, applied_n):
+            if not wanted:
+                return None
+            self.reasons.wanted += 1
+        self.line = PromisedLine(t_us, x, self._promised_velocity(velocity))
+        return pack_line(self.line)
+
+    def _is_due(self, t_us: int, x: Vector, velocity: Vector, applied_n: float) -> bool:
+        line, outlook, reasons = self.line, self.outlook, self.reasons
+        if line is None or len(line.position_m) != len(x) or t_us < line.t_us:
+            reasons.first += 1
+            return True
+        if outlook is None:
+            reasons.unknown += 1
+            return True
+        if t_us - line.t_us >= LONGEST_SILENCE_US:
+            reasons.silence += 1
+            return True
+        if outlook.contains(x):
+            followed = outlook.nearest(line.at(t_us))
+            stiffness, damping = outlook.stiffness_n_per_m, outlook.damping_n_s_per_m
+        else:
+            if not self._outside:
+                self._outside = True
+                reasons.left += 1
+                return True
+            followed, stiffness, damping = line.at(t_us), self._stiffest, outlook.damping_n_s_per_m
+        if not stiffness and not damping:
+            return False
+        away_n = stiffness * distance(x, followed)
+        if damping:
+            away_n += damping * distance(velocity, line.velocity_m_per_s)
+        if away_n <= self._tolerance_n(applied_n, stiffness, t_us):
+            return False
+        reasons.tolerance += 1
+        return True
+
+    def _tolerance_n(self, applied_n: float, stiffness: float, t_us: int) -> float:
+        """Return by how much the force on the line may differ from the true one [N].
+
+        The JND is that of the force which the slave's answer to this tick leaves applied. It is not known yet, but it
+        is within the codec's threshold of the force on the line, and so was the one before.
+        """
+        law, share = self.law, self.share
+        least_n = applied_n - 2.0 * (1.0 - share) * law.threshold_n(applied_n)
+        if len(self._samples) > 1 and self.line is not None:
+            step_us = t_us - self._samples[-2][0]
+            least_n -= 1e-6 * step_us * stiffness * magnitude(self.line.velocity_m_per_s)
+        return share * law.threshold_n(max(least_n, 0.0))
+
+    def _newest_velocity(self, t_us: int, x: Vector) -> Vector:
+        """Return the velocity since the last sample [m/s]; zero if there is none."""
+        if not self._samples:
+            return times(x, 0.0)
+        before_us, before = self._samples[-1]
+        velocity = times(over(minus(x, before), float(t_us - before_us)), 1e6)
+        if magnitude(velocity) > FASTEST_M_PER_S:  # the hand jumped: what was before says nothing
+            self._samples.clear()
+            return times(x, 0.0)
+        return velocity
+
+    def _promised_velocity(self, velocity: Vector) -> Vector:
+        """Return the velocity of a line: least squares over the newest samples, through the newest one."""
+        t_us, x = self._samples[-1]
+        total_us2, total = 0.0, times(x, 0.0)
+        for before_us, before in self._samples:
+            elapsed_us = t_us - before_us
+            if 0 < elapsed_us <= WINDOW_US:
+                total_us2 += float(elapsed_us) * elapsed_us
+                total = tuple(
+                    sum_ + elapsed_us * (now - then) for sum_, now, then in zip(total, x, before, strict=True)
+                )
+        promised = as_velocity(times(over(total, total_us2), 1e6) if total_us2 else total)
+        damping = self.outlook.damping_n_s_per_m if self.outlook is not None else 0.0
+        if damping and damping * distance(velocity, promised) > self.share * self.law.threshold_n(0.0):
+            return as_velocity(velocity)
+        return promised

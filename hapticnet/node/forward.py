@@ -1,0 +1,84 @@
+"""What a master sends of its positions: all of them, or those that matter."""
+
+from dataclasses import asdict
+from typing import Any
+
+from hapticnet.codec.positions.outlooks import unpack_outlook
+from hapticnet.codec.positions.sending import PositionSender
+from hapticnet.codec.schemes.raw import Raw
+from hapticnet.errors import PeerError
+from hapticnet.node.model_wire import with_state
+from hapticnet.perception import WeberLaw
+from hapticnet.protocol.master_session import MasterSession
+from hapticnet.samples import Vector
+from hapticnet.vectors import magnitude
+
+
+class Forward:
+    """The positions of one master.
+
+    Parameters
+    ----------
+    law
+        The whole JND of the person, of which a session grants positions a share.
+    """
+
+    def __init__(self, session: MasterSession, law: WeberLaw, axes: int) -> None:
+        self.law = law
+        self._session = session
+        self._axes = axes
+        self._every = Raw().encoder(axes)
+        self._sender: PositionSender | None = None
+        self._sent = self._ticks = 0
+
+    def begin(self, law: WeberLaw, share: float) -> None:
+        """Begin a session that grants positions a share of a JND; 0: every position is sent."""
+        self.law = law
+        reasons = self._sender.reasons if self._sender is not None else None
+        self._sender = PositionSender(law, share) if share else None
+        if self._sender is not None and reasons is not None:
+            self._sender.reasons = reasons
+
+    def told(self, outlook: bytes) -> None:
+        """Take in an outlook. Without one that can be read, every position is sent."""
+        if self._sender is None:
+            return
+        try:
+            self._sender.told(unpack_outlook(outlook, self._axes))
+        except PeerError:
+            self._session.payload_was_malformed()
+            self._sender.told(None)
+
+    def send(self, now_us: int, position_m: Vector, applied_n: Vector, state: int | None = None) -> None:
+        """Send the position of a tick, if the slave needs it.
+
+        Parameters
+        ----------
+        applied_n
+            The newest force [N] as the decoder reconstructs it.
+        state
+            What the slave must know of the model that is rendered; None: there is none.
+        """
+        self._ticks += 1
+        sender = self._sender
+        if sender is None:
+            payload = self._every.encode(now_us, position_m)
+            if payload is not None and state is not None:
+                payload = with_state(state, payload)
+        else:
+            wanted = self._session.wants_position(now_us)
+            payload = sender.payload(now_us, position_m, magnitude(applied_n), wanted=wanted)
+        if payload is None:
+            return
+        if self._session.send_position(now_us, payload):
+            self._sent += 1
+        elif sender is not None:
+            sender.forget()
+
+    def report(self) -> dict[str, Any]:
+        """Return the account of the positions for JSON."""
+        report: dict[str, Any] = {"share": self._sender.share if self._sender else 0.0, "ticks": self._ticks}
+        report["sent"] = self._sent
+        if self._sender is not None:
+            report["reasons"] = asdict(self._sender.reasons)
+        return report

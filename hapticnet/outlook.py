@@ -1,0 +1,61 @@
+"""How far the force may change around the tool: what a scene can say about the positions near the newest one."""
+
+from typing import Final, NamedTuple
+
+from hapticnet.samples import Vector
+
+LONGEST_SILENCE_US: Final = 100_000
+"""Longest time [µs] between two positions of a master that sends them only when they matter."""
+
+
+class Outlook(NamedTuple):
+    """A box of positions, and how much the force may change within it.
+
+    While the tool stays in the box, the forces at two positions that are d apart, at velocities that differ by w,
+    differ by at most ``stiffness · d + damping · w``, and stepping the scene at any position in the box changes nothing
+    that lasts. A surface, or the depth at which one breaks, is therefore a side of the box.
+
+    Attributes
+    ----------
+    stiffness_n_per_m
+        Largest change of the force per distance [N/m], 0 or above.
+    damping_n_s_per_m
+        Largest change of the force per velocity [N·s/m], 0 or above.
+    low_m, high_m
+        Sides of the box [m], one number per axis.
+    """
+
+    stiffness_n_per_m: float
+    damping_n_s_per_m: float
+    low_m: Vector
+    high_m: Vector
+
+    def contains(self, position_m: Vector) -> bool:
+        """Tell whether a position is in the box."""
+        if len(position_m) == 1:  # the common case, kept short: asked at every tick
+            return self.low_m[0] <= position_m[0] <= self.high_m[0]
+        return all(
+            low <= component <= high for low, component, high in zip(self.low_m, position_m, self.high_m, strict=True)
+        )
+
+    def nearest(self, position_m: Vector) -> Vector:
+        """Return the position in the box that is nearest to a position."""
+        if len(position_m) == 1:
+            return (min(max(position_m[0], self.low_m[0]), self.high_m[0]),)
+        return tuple(
+            min(max(component, low), high)
+            for low, component, high in zip(self.low_m, position_m, self.high_m, strict=True)
+        )
+
+    def covers(self, newer: "Outlook", position_m: Vector) -> bool:
+        """Tell whether whoever knows this outlook needs not be told a newer one, with the tool at a position."""
+        if newer is self:
+            return True
+        # What it says must still be true here. A much softer outlook is worth telling, too.
+        return (
+            self.contains(position_m)
+            and 0.6 * self.stiffness_n_per_m <= newer.stiffness_n_per_m <= self.stiffness_n_per_m
+            and newer.damping_n_s_per_m <= self.damping_n_s_per_m
+            and all(mine >= theirs for mine, theirs in zip(self.low_m, newer.low_m, strict=True))
+            and all(mine <= theirs for mine, theirs in zip(self.high_m, newer.high_m, strict=True))
+        )

@@ -1,0 +1,169 @@
+"""Positions that are only sent when they matter: one JND over both directions, end to end, in virtual time."""
+
+import numpy as np
+import pytest
+
+from hapticnet.channel.emulator import Emulator
+from hapticnet.channel.spec import parse_channel
+from hapticnet.node.admission import SlaveSettings
+from hapticnet.node.loopback import Loopback
+from hapticnet.node.master import MasterNode
+from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.slave import SlaveNode
+from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
+from hapticnet.perception import WeberLaw
+from hapticnet.protocol.handshake import SealedDoor
+from hapticnet.protocol.keys import Roster
+from hapticnet.protocol.states import MasterState
+from hapticnet.samples import ForceSample, PositionSample
+from hapticnet.scene.presets import paper_scene
+from hapticnet.scene.scene import Scene
+from hapticnet.scene.tissue import Tissue
+from hapticnet.vectors import single
+from tests.peers import ENTRY, KEY, SLAVE
+
+SECOND = 1_000_000
+HANDS = {
+    "the paper's": {},
+    "thrusts of 200 mm/s and more": {"approach_s": 0.1, "push_s": 0.3, "withdraw_s": 0.3, "insertions": 2},
+    "slow palpation": {"push_s": 6.0, "push_steps": 8, "withdraw_s": 1.5},
+    "a trembling hand": {"tremor_rms_m": 2e-4},
+}
+CODECS = ("raw", "deadband", "linear-predictive", "adaptive-predictive")
+
+
+def tissues(**properties):
+    """Return the paper's tissues with other properties."""
+    return tuple(
+        Tissue(
+            name=tissue.name,
+            rest_position_m=tissue.rest_position_m,
+            stiffness_n_per_m=tissue.stiffness_n_per_m,
+            breach_force_n=tissue.breach_force_n,
+            **properties,
+        )
+        for tissue in paper_scene(1).tissues
+    )
+
+
+SCENES = {
+    "paper": paper_scene(1).tissues,
+    "stiffening": tissues(stiffening_per_m=100.0),
+    "viscous": tissues(viscosity_n_s_per_m=1.0),
+    "recovering": tissues(recovery_time_s=0.3),
+}
+
+
+def link(scene=SCENES["paper"], hand=None, *, forward="perfect", feedback="perfect", seed=1, sealed=False, **settings):
+    """Return both nodes, joined by channels, and the duration of the hand's script [µs]."""
+    operator = ScriptedOperator(InsertionSettings(**({"insertions": 1} | (hand or {}))), np.random.default_rng(seed))
+    settings = {"positions": "line", "record": True} | settings
+    rng = np.random.default_rng([seed, 1])
+    master = MasterNode(operator, None, MasterSettings(key=KEY if sealed else None, **settings), rng)
+    make = scene if callable(scene) else lambda _: Scene(scene)
+    doors = {2: SealedDoor(SLAVE.private, Roster([ENTRY]), rng)} if sealed else None
+    channels = {
+        "forward": Emulator[bytes](parse_channel(forward), np.random.default_rng([seed, 2])),
+        "feedback": Emulator[bytes](parse_channel(feedback), np.random.default_rng([seed, 3])),
+    }
+    return Loopback(master, SlaveNode(make, SlaveSettings(), rng, doors=doors), **channels), operator.duration_us
+
+
+def felt_and_true(loop, scene):
+    """Return, for each tick, what its answer left applied, and the true force of the true position [N]."""
+    table = loop.master.recording.table()
+    touched = Scene(scene)
+    true_n = [
+        touched.step(PositionSample(t_us, single((tip_m,)))).force_n[0]
+        for t_us, tip_m in zip(table["t_us"].tolist(), table["position_m"].tolist(), strict=True)
+    ]
+    # What arrives in answer to a tick drives the device in the next one.
+    return table["received_n"][1:], np.array(true_n[:-1])
+
+
+def exceeding(felt_n, true_n, law):
+    return (np.abs(felt_n - true_n) > law.thresholds_n(np.abs(felt_n)) * (1.0 + 1e-9)).sum()
+
+
+@pytest.mark.parametrize("codec", CODECS)
+@pytest.mark.parametrize("hand", HANDS)
+def test_the_felt_force_is_within_one_jnd_of_the_true_force_of_the_true_position(codec, hand):
+    loop, duration_us = link(hand=HANDS[hand], codec=codec)
+    loop.run(duration_us)
+    felt_n, true_n = felt_and_true(loop, SCENES["paper"])
+    assert true_n.max() > 3.0
+    assert exceeding(felt_n, true_n, WeberLaw()) == 0
+    positions = loop.master.report()["positions"]
+    assert positions["sent"] < 0.1 * positions["ticks"]
+    assert loop.slave.report()["sessions"][0]["breaches"] == (6 if "200" in hand else 3)
+
+
+@pytest.mark.parametrize("codec", CODECS)
+@pytest.mark.parametrize("scene", ["stiffening", "viscous", "recovering"])
+def test_it_holds_where_the_force_depends_on_more_than_the_position(codec, scene):
+    loop, duration_us = link(SCENES[scene], codec=codec)
+    loop.run(duration_us)
+    felt_n, true_n = felt_and_true(loop, SCENES[scene])
+    assert true_n.max() > 1.5
+    assert exceeding(felt_n, true_n, WeberLaw()) == 0
+
+
+@pytest.mark.parametrize("share", [0.05, 0.5, 0.9])
+@pytest.mark.parametrize("law", [WeberLaw(multiplier=4.0), WeberLaw(weber_fraction=0.0), WeberLaw(weber_fraction=0.3)])
+def test_it_holds_for_every_share_and_law(share, law):
+    loop, duration_us = link(codec="deadband", position_share=share, law=law)
+    loop.run(duration_us)
+    felt_n, true_n = felt_and_true(loop, SCENES["paper"])
+    assert exceeding(felt_n, true_n, law) == 0
+
+
+def test_raw_positions_are_the_default_and_what_a_scene_gets_that_says_nothing_of_its_force():
+    class Spring:
+        axes, name = 1, "spring"
+
+        def step(self, sample):
+            return ForceSample(sample.t_us, (max(0.0, 300.0 * (sample.position_m[0] - 0.02)),))
+
+    for loop, _ in (link(positions="raw"), link(lambda _: Spring())):
+        loop.run(SECOND)
+        positions = loop.master.report()["positions"]
+        assert positions["sent"] == positions["ticks"]
+        assert loop.slave.report()["sessions"][0]["position_share"] == 0.0
+    assert MasterSettings().positions == "raw"
+
+
+@pytest.mark.parametrize("sealed", [False, True])
+def test_a_link_with_delay_jitter_and_loss_stays_up_and_ends_at_the_same_scene(sealed):
+    network = "delay=20ms,jitter=normal:3ms,loss=5%"
+    loop, duration_us = link(forward=network, feedback=network, codec="adaptive-predictive", sealed=sealed)
+    states = []
+    for _ in range(duration_us // 10_000):
+        loop.run(10_000)
+        states.append(loop.master.session.state)
+    begun = states.index(MasterState.ESTABLISHED)
+    assert set(states[begun:]) == {MasterState.ESTABLISHED}
+    every, _ = link(forward=network, feedback=network, codec="adaptive-predictive", positions="raw")
+    every.run(duration_us)
+    errors_n = [np.subtract(*felt_and_true(each, SCENES["paper"])) for each in (loop, every)]
+    sparse_n, raw_n = (float(np.sqrt(np.mean(error_n**2))) for error_n in errors_n)
+    assert sparse_n < 1.1 * raw_n
+    session = loop.slave.report()["sessions"][0]
+    assert session["breaches"] == 3
+    assert session["received"]["by_kind"]["position"] < 0.25 * duration_us / 1000
+
+
+def test_a_slave_that_hears_no_more_falls_silent_and_the_force_is_let_go():
+    loop, _ = link(hand={"push_steps": 1, "depth_m": 0.025, "pause_s": 5.0}, codec="deadband")
+    loop.run(4 * SECOND)
+    assert loop.master.held_n[0] > 0.5
+    loop.forward.change(parse_channel("loss=100%"))
+    steps = loop.slave.report()["sessions"][0]["between"]
+    loop.run(400_000)
+    assert loop.slave.report()["sessions"][0]["between"] - steps <= 150
+    loop.run(100_000)
+    assert loop.master.session.state is MasterState.STALE
+    assert loop.master.held_n == (0.0,)
+    loop.forward.change(parse_channel("perfect"))
+    loop.run(300_000)
+    assert loop.master.session.state is MasterState.ESTABLISHED
+    assert loop.master.held_n[0] > 0.5
