@@ -69,16 +69,12 @@ CHAINS: Final = {
     "answered at once": Chain(first_touch=False, foresight=False),
     "and finger found first": Chain(foresight=False),
     "deadband": Chain(on_all_fingers=True),
-    "raw": Chain(codec="raw"),
     "adaptive-predictive": Chain(codec="adaptive-predictive"),
     "motion-predictive": Chain(codec="motion-predictive"),
     "announced": Chain(announced=True, on_all_fingers=True),
     "announced, 25 ms late": Chain(announced=True, channel="delay=25ms"),
     "announced, 20 ms ahead": Chain(announced=True, foresight_s=0.02),
     "announced, 40 ms ahead": Chain(announced=True, foresight_s=0.04),
-    "deadband, 10 ms ahead": Chain(foresight_s=0.01),
-    "deadband, 20 ms ahead": Chain(foresight_s=0.02),
-    "deadband, 40 ms ahead": Chain(foresight_s=0.04),
 }
 
 

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from hapticnet.control.finger import compressed
 from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.device.parts import Finger, Servo
-from hapticnet.hardware import MAX_FORCE_N
+from hapticnet.hardware import MAX_FORCE_N, STIFFNESS_N_M
 
 Numbers = NDArray[np.float64]
 
@@ -36,8 +36,9 @@ GRID_M: Final = 20e-6
 AWAY_M: Final = 3e-3
 """Distance [m] before the finger at which the grid of positions begins: the platform covers half of it in a frame."""
 
-PHASES_MS: Final = (0, 7, 13)
+PHASES_MS: Final = (0, 7)
 FINGERS_N_M: Final = (300.0, 1000.0, 3000.0)
+QUICK_CHAINS: Final = ("as it was", "deadband", "announced")
 FALL_N: Final = 0.3
 FALL_MS: Final = 100
 """Fall of the target [N] within a tick that counts as a breach, and the time [ms] after it that counts as its error."""
@@ -154,10 +155,10 @@ def rms(error_n: Any) -> float:
     return float(np.sqrt(np.mean(np.square(error_n))))
 
 
-def limit_rows(seeds: range, phases_ms: tuple[int, ...]) -> list[dict[str, Any]]:
+def limit_rows(fingers_n_m: tuple[float, ...], seeds: range, phases_ms: tuple[int, ...]) -> list[dict[str, Any]]:
     """Return the errors on the ideal device, with and without the future."""
     rows = []
-    for stiffness_n_m in FINGERS_N_M:
+    for stiffness_n_m in fingers_n_m:
         device = IdealDevice(Finger(stiffness_n_m=stiffness_n_m), Servo())
         errors: dict[str, list[float]] = {"limit": [], "without_the_future": []}
         for seed in seeds:
@@ -169,11 +170,14 @@ def limit_rows(seeds: range, phases_ms: tuple[int, ...]) -> list[dict[str, Any]]
     return rows
 
 
-def loop_rows(kind: str, seeds: range, phases_ms: tuple[int, ...], limits: dict[float, float]) -> list[dict[str, Any]]:
+def loop_rows(
+    kind: str, chains: tuple[str, ...], seeds: range, phases_ms: tuple[int, ...], limits: dict[float, float]
+) -> list[dict[str, Any]]:
     """Return the errors of the whole chain, and where they come from."""
     rows = []
-    for name, settings in CHAINS.items():
-        for stiffness_n_m in FINGERS_N_M if settings.on_all_fingers else FINGERS_N_M[1:2]:
+    for name in chains:
+        settings = CHAINS[name]
+        for stiffness_n_m in limits if settings.on_all_fingers else (STIFFNESS_N_M,):
             finger = Finger(stiffness_n_m=stiffness_n_m)
             runs = [chain(kind, seed, phase_ms, finger, settings) for seed in seeds for phase_ms in phases_ms]
             true_n = rms([rms(run.true_n - run.target_n) for run in runs])
@@ -199,16 +203,18 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return all results."""
     seeds = range(arguments.seed, arguments.seed + arguments.seeds)
     phases_ms = PHASES_MS[:1] if arguments.quick else PHASES_MS
-    limits = limit_rows(seeds, phases_ms)
+    limits = limit_rows((STIFFNESS_N_M,) if arguments.quick else FINGERS_N_M, seeds, phases_ms)
     by_finger = {row["stiffness_n_m"]: row["limit"] for row in limits}
-    return {"ideal": limits, "loop": loop_rows(arguments.device, seeds, phases_ms, by_finger)}
+    chains = QUICK_CHAINS if arguments.quick else tuple(CHAINS)
+    loop = loop_rows(arguments.device, chains, seeds, phases_ms, by_finger)
+    return {"device": arguments.device, "ideal": limits, "loop": loop}
 
 
 def main() -> None:
     parser = record.options(__doc__)
     parser.add_argument("--seeds", type=record.within(1), default=3, help="how many hands")
     parser.add_argument("--device", choices=("sim", "simavr"), default="sim")
-    parser.add_argument("--quick", action="store_true", help="one phase of the servo frames instead of three")
+    parser.add_argument("--quick", action="store_true", help="one finger, one phase of the frames, fewer chains")
     record.run(parser, measure, unit="N, as root mean square over hands and phases; ratios and shares are fractions")
 
 

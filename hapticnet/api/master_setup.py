@@ -89,6 +89,8 @@ class MasterSetup:
         The axis of the force that the device renders, or ``"norm"``.
     announced
         Whether to ask the slave to announce the contact ahead, and to render it without delay.
+    first_touch
+        Whether a device finds the finger with a press of 1 N before a session is asked for.
     passive
         Whether a force that would return more energy than the hand put in is damped.
     key, peer_key
@@ -121,6 +123,7 @@ class MasterSetup:
     profile: str | Path | None = None
     device_takes: DeviceTakes = "x"
     announced: bool = False
+    first_touch: bool = False
     passive: bool = False
     key: str | Path | None = None
     peer_key: str | None = None
@@ -206,6 +209,7 @@ class MasterSetup:
             on_error=self.on_error,
             device_takes=self.device_takes,
             announced=bool(self.announced),
+            first_touch=bool(self.first_touch),
             passive=bool(self.passive),
             session=SessionSettings(max_age_us=round(self.max_age_s * 1e6)),
             control=devices.control_settings(self._profile()),

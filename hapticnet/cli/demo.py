@@ -27,6 +27,10 @@ def demo(
     insertions: Annotated[int, typer.Option(min=1, help="Insertions, or palpations, per condition.")] = 2,
     device: options.DeviceOption = "sim",
     codec: options.Codec = "deadband",
+    announced: Annotated[
+        bool,
+        typer.Option("--announced", help="Let the slave announce the contact ahead, so that the device is in time."),
+    ] = False,
     rate: Annotated[float, typer.Option(help="Positions a second.")] = 1000.0,
     page: options.PageOption = None,
     out: Annotated[
@@ -90,12 +94,12 @@ def demo(
     bodies = isinstance(found, BodySceneSettings)
     what = "palpation" if bodies else "insertion"
     console.say(f"{found.name}, {insertions} {what}{'s' if insertions > 1 else ''}, felt four ways; about a minute")
-    announced: set[str] = set()
+    told: set[str] = set()
 
     def on_progress(condition: "Condition", seconds: float) -> None:
-        if condition.name not in announced:
-            announced.add(condition.name)
-            console.say(f"condition {len(announced)} of {len(CONDITIONS)}: {condition.name}")
+        if condition.name not in told:
+            told.add(condition.name)
+            console.say(f"condition {len(told)} of {len(CONDITIONS)}: {condition.name}")
         console.status(f"{condition.name}: {seconds:.0f} s")
 
     played = play_conditions(
@@ -107,6 +111,7 @@ def demo(
         insertions=insertions,
         device=device,
         rate_hz=rate,
+        announced=announced,
         on_progress=on_progress,
     )
     console.finish()
@@ -121,6 +126,7 @@ def demo(
         "rate_hz": rate,
         "device": device,
         "codec": codec,
+        "announced": announced,
     }
     text = json_module.dumps({"provenance": provenance(), **settings, "conditions": rows}, indent=2)
     write_text(report, text + "\n")

@@ -68,6 +68,7 @@ def play_conditions(
     insertions: int,
     device: str,
     rate_hz: float,
+    announced: bool = False,
     on_progress: Progress,
 ) -> list[Played]:
     """Play the same motion under each condition, one after the other, and return what both sides recorded.
@@ -81,6 +82,8 @@ def play_conditions(
         and the device renders the magnitude of the force.
     codec
         What compresses the force in all conditions but the first; the paper's is the deadband.
+    announced
+        Whether the slave announces the contact ahead.
 
     Raises
     ------
@@ -95,6 +98,7 @@ def play_conditions(
             arguments = ["master", "--connect", address, "--name", condition.slug, "--seed", str(seed)]
             arguments += ["--codec", condition.codec, "--multiplier", str(condition.multiplier)]
             arguments += ["--insertions", str(insertions), "--device", device, "--rate", str(rate_hz), "--first-touch"]
+            arguments += ["--announced"] if announced else []
             arguments += [
                 *hand,
                 "--connect-timeout",

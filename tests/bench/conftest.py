@@ -13,6 +13,7 @@ QUICK = {
     "codec_stability": ("--quick",),
     "endurance": ("--hours", 0.05, "--wrap-hours", 0.011),
     "felt": ("--quick",),
+    "finger_limit": ("--quick", "--seeds", 1),
     "floods": ("--quick", "--seconds", 0.3, "--repetitions", 1),
     "force_loop": ("--quick", "--seeds", 1),
     "fuzz": ("--datagrams", 20_000),

@@ -106,6 +106,7 @@ def records(measured, folder):
         "codec_speed",
         "codec_stability",
         "felt",
+        "finger_limit",
         "force_loop",
         "packet_rate",
         "rate_distortion",

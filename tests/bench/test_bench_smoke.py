@@ -180,6 +180,18 @@ def test_force_loop_never_presses_harder_than_the_device_may_and_comes_to_rest(m
             assert row["above_limit_ms"] == 0
 
 
+def test_finger_limit_puts_the_chain_between_the_limit_and_what_it_was(measured):
+    results = measured("finger_limit")
+    (ideal,) = results["ideal"]
+    before, untold, told = results["loop"]
+    assert ideal["limit"] < told["rmse_n"] < ideal["without_the_future"] < untold["rmse_n"] < before["rmse_n"]
+    assert told["of_limit"] < 1.9
+    for row in results["loop"]:
+        assert sum(row["shares"].values()) == pytest.approx(1.0)
+        assert row["largest_n"] <= 5.0
+    assert before["shares"]["until_first_touch"] > 0.1
+
+
 def test_rate_distortion_puts_every_codec_beside_the_optimum(measured):
     results = measured("rate_distortion")
     assert {row["codec"] for row in results["rows"]} == set(CODECS)
