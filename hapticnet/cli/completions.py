@@ -36,7 +36,7 @@ def device_names(incomplete: str) -> list[str]:
 
 def operator_names(incomplete: str) -> list[str]:
     """Return the kinds of operators."""
-    return _starting(incomplete, ["scripted", "trace:", "page", "udp:"])
+    return _starting(incomplete, ["scripted", "palpation", "trace:", "page", "udp:"])
 
 
 def verb_names(incomplete: str) -> list[str]:

@@ -19,7 +19,7 @@ def master(
     peer_key: options.PeerKeyOption = None,
     insecure: options.Insecure = False,
     operator: options.OperatorOption = None,
-    insertions: Annotated[int, typer.Option(min=1, help="Insertions of the scripted operator.")] = 5,
+    insertions: Annotated[int, typer.Option(min=1, help="Insertions or palpations of the scripted operator.")] = 5,
     device: options.DeviceOption = "sim",
     profile: options.ProfileOption = None,
     duration: Annotated[

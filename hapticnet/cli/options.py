@@ -124,8 +124,8 @@ OperatorOption: TypeAlias = Annotated[
     str | None,
     typer.Option(
         metavar="OPERATOR",
-        help="Source of positions: scripted (the default), page (the live page; the default with --page),"
-        " trace:FILE[:COLUMN,…] (a recording),"
+        help="Source of positions: scripted (insertions, the default), palpation[:axes=2] (on three or two axes), page"
+        " (the live page; the default with --page), trace:FILE[:COLUMN,…] (a recording),"
         " udp:[HOST:]PORT[:axes=N] (another program), or a class of yours with sample(t_us): FILE.py:CLASS or"
         " package.module:CLASS.",
     ),
