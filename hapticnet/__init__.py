@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from hapticnet.api.encoding import Encoded, Report, encode, make_codec
     from hapticnet.api.link import LinkReport, VirtualLink, virtual_link
     from hapticnet.api.master import Master, ThreadedMaster, TickedMaster
-    from hapticnet.api.measures import error_report, fewest_holds, fewest_lines, quality_report
+    from hapticnet.api.measures import energy_report, error_report, fewest_holds, fewest_lines, quality_report
     from hapticnet.api.slave import Slave, ThreadedSlave, TickedSlave
     from hapticnet.codec.base import Codec, Decoder, Encoder
     from hapticnet.codec.registry import CODECS
@@ -39,7 +39,7 @@ _HOMES: Final = {
     "hapticnet.api.encoding": ("Encoded", "Report", "encode", "make_codec"),
     "hapticnet.api.link": ("LinkReport", "VirtualLink", "virtual_link"),
     "hapticnet.api.master": ("Master", "ThreadedMaster", "TickedMaster"),
-    "hapticnet.api.measures": ("error_report", "fewest_holds", "fewest_lines", "quality_report"),
+    "hapticnet.api.measures": ("energy_report", "error_report", "fewest_holds", "fewest_lines", "quality_report"),
     "hapticnet.api.slave": ("Slave", "ThreadedSlave", "TickedSlave"),
     "hapticnet.codec.base": ("Codec", "Decoder", "Encoder"),
     "hapticnet.codec.registry": ("CODECS",),
@@ -81,6 +81,7 @@ __all__ = [
     "__version__",
     "compare",
     "encode",
+    "energy_report",
     "error_report",
     "fewest_holds",
     "fewest_lines",

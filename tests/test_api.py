@@ -224,6 +224,11 @@ def test_measures_take_what_encode_gives():
         hn.quality_report(VECTORS, result.decoded, sent=result.t_us)
     with pytest.raises(hn.SampleError, match=r"applied\[0\] is not finite"):
         hn.error_report([1.0], [np.nan])
+    energy = hn.energy_report(VECTORS, result.decoded, position=0.01 * VECTORS)
+    assert energy.put_in_j > 0.0
+    assert 0.0 <= energy.created_share < 0.1
+    with pytest.raises(hn.SampleError, match="position has 2000 samples of 1 axes, true 2000 of 3"):
+        hn.energy_report(VECTORS, result.decoded, position=VECTORS[:, 0])
 
 
 def test_streaming_is_the_same_as_encoding_at_once():

@@ -8,7 +8,8 @@ import numpy.typing as npt
 from hapticnet.api.inputs import ForceLike, as_forces, check_shapes, read_trial
 from hapticnet.arrays import FloatArray
 from hapticnet.errors import SampleError
-from hapticnet.measure import bound, metrics, quality
+from hapticnet.measure import bound, energy, metrics, quality
+from hapticnet.measure.energy import EnergyReport
 from hapticnet.measure.metrics import ErrorReport
 from hapticnet.measure.quality import QualityReport
 from hapticnet.perception import WeberLaw
@@ -69,6 +70,31 @@ def quality_report(
     indices = _indices(sent, "sent", len(forces))
     arrived = None if received is None else _indices(received, "received", len(forces))
     return quality.quality_report(law, trial.t_us, forces, applied_n, indices, trial.positions, received=arrived)
+
+
+def energy_report(
+    true: npt.ArrayLike, applied: npt.ArrayLike, *, position: npt.ArrayLike, law: WeberLaw = PAPER_LAW
+) -> EnergyReport:
+    """Account for the energy at the master's port: what the hand puts in, and what the applied forces create.
+
+    Parameters
+    ----------
+    true, applied, law
+        As for `error_report`; forces are positive when they push the tool out.
+    position
+        Positions [m], which increase inward, of the same shape.
+
+    Raises
+    ------
+    SampleError
+        If they are not finite numbers of the same shape.
+    """
+    forces, applied_n = _pair(true, applied)
+    positions = as_forces(position, "position")
+    check_shapes(positions, forces, "position", "true")
+    if not np.isfinite(positions).all():
+        raise SampleError(f"position[{int(np.argmin(np.isfinite(positions).all(axis=1)))}] is not finite")
+    return energy.energy_report(law, forces, applied_n, positions)
 
 
 def fewest_holds(force: ForceLike, *, law: WeberLaw = PAPER_LAW) -> int:
