@@ -49,6 +49,10 @@ class Forward:
             self._session.payload_was_malformed()
             self._sender.told(None)
 
+    def is_idle(self, applied_n: Vector) -> bool:
+        """Tell whether the force [N] of a session with few positions is too small to be felt."""
+        return self._sender is not None and magnitude(applied_n) < 2.0 * self.law.threshold_n(0.0)
+
     def send(self, now_us: int, position_m: Vector, applied_n: Vector, state: int | None = None) -> None:
         """Send the position of a tick, if the slave needs it.
 

@@ -180,6 +180,7 @@ class MasterNode:
                 self._ask_operator(now_us - self._script_start_us, now_us)
             if self.position_m is not None:
                 state = self._applied.move(now_us, self.position_m)
+                self.session.idle = self._forward.is_idle(self.received_n)
                 self._forward.send(now_us, self.position_m, self.received_n, state)
 
     def drive(self, now_us: int) -> None:

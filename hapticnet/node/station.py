@@ -20,7 +20,7 @@ from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import Datagram, Kind
 from hapticnet.samples import PositionSample, Vector
 from hapticnet.scene.base import Touchable, breaches_of
-from hapticnet.vectors import along
+from hapticnet.vectors import along, magnitude
 
 Announces: TypeAlias = Literal["declared", "measured", "nothing"]
 
@@ -49,6 +49,10 @@ class StationSettings:
     record_datagrams: bool = False
     on_error: Literal["end", "pause"] = "end"
     announces: Announces = "declared"
+
+
+IDLE_SHARE: Final = 0.25
+"""Below this share of the least threshold nothing is felt, and nothing is felt by a master that applies up to two."""
 
 
 class SceneFailedError(HapticnetError):
@@ -310,10 +314,14 @@ class Station:
             answer = self.session.force(t_us, payload, now_us, before=before, repeated=repeated)
         self.steps += 1
         self._stepped_us = now_us
-        if answer is None and (confirm or self.session.has_news or self.session.keepalive_is_due(now_us)):
+        if answer is None and (confirm or self.session.has_news or self._keepalive_is_due(force_n, now_us)):
             answer = self.session.keepalive(t_us, now_us, held=None if self._on_model else self._held_n)
         self._answered = _Answered(sample, force_n, payload, answer, now_us)
         return answer
+
+    def _keepalive_is_due(self, force_n: Vector, now_us: int) -> bool:
+        felt_n = max(magnitude(force_n), magnitude(self._held_n))
+        return self.session.keepalive_is_due(now_us, idle=felt_n < IDLE_SHARE * self.codec.law.threshold_n(0.0))
 
     def settle(self) -> None:
         """Account for the last answer, once it is on its way: nobody waits for that.

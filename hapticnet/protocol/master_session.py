@@ -59,7 +59,8 @@ class MasterSession:
     """Keep a session with the slave: ask for it, number the positions, sort the forces, notice silence.
 
     What is not authenticated never ends a session. It makes the master ask for a new one, and the old session goes on
-    until that is proved.
+    until that is proved. The owner sets `idle` while no force is felt in a session with few positions: silences may
+    then be longer.
 
     Parameters
     ----------
@@ -72,6 +73,7 @@ class MasterSession:
         self.sent = Traffic()
         self.received = Traffic()
         self.round_trip = Distribution()
+        self.idle = False
         self._settings = settings
         self._version = OPEN if key is None else SEALED
         self._asking = Asking(request, settings, rng, key)
@@ -178,7 +180,7 @@ class MasterSession:
             self._repeat_close(now_us)
             return
         if self.streaming:
-            if self.state is MasterState.ESTABLISHED and self._fresh.silent_us(now_us) > self._settings.stale_after_us:
+            if self.state is MasterState.ESTABLISHED and self._fresh.silent_us(now_us) > self._stale_after_us:
                 self._go_stale(now_us)
             if self._needs_another(now_us):
                 self._asking.begin(self._grant.ticket if self._grant else None)
@@ -331,7 +333,7 @@ class MasterSession:
         if self._replaced is not None:
             return True
         silent_us = self._fresh.silent_us(now_us)
-        if self._doubted and silent_us > self._settings.keepalive_us + DOUBT_MARGIN_US:
+        if self._doubted and silent_us > self._keepalive_us + DOUBT_MARGIN_US:
             return True
         wait_us = self._settings.ask_again_us
         # A link that is too slow for this session would be too slow for another.
@@ -349,6 +351,17 @@ class MasterSession:
         if arrival is Arrival.NEW or arrival is Arrival.LATE:
             self._loss.arrived(sequence, is_new=arrival is Arrival.NEW)
         return arrival
+
+    @property
+    def _stale_after_us(self) -> int:
+        return self._settings.idle_stale_after_us if self.idle else self._settings.stale_after_us
+
+    @property
+    def _keepalive_us(self) -> int:
+        """The longest silence to expect from the slave without loss."""
+        if not self.position_share:
+            return self._settings.keepalive_us
+        return self._settings.idle_keepalive_us if self.idle else self._settings.sparse_keepalive_us
 
     def _acknowledge(self, sequence: int, now_us: int) -> None:
         self._confirmed = sequence

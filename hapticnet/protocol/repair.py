@@ -107,6 +107,8 @@ class Repair:
         The perceptual law of the person at the master.
     age_limit_us, keepalive_us
         Silence [µs] after which the master lets go, and the longest silence without loss.
+    idle_us
+        The longest silence without loss while no force is felt; None: `keepalive_us`.
     ack_delay_us
         How long [µs] a master waits for a position that is due anyway before it acknowledges.
     now_us
@@ -124,6 +126,7 @@ class Repair:
         "_credit",
         "_deviation_us",
         "_expired_us",
+        "_idle_us",
         "_late_us",
         "_law",
         "_longest_us",
@@ -149,8 +152,10 @@ class Repair:
         age_limit_us: int,
         keepalive_us: int,
         now_us: int,
+        idle_us: int | None = None,
         ack_delay_us: int = 0,
     ) -> None:
+        self._idle_us = idle_us
         self._ack_delay_us = ack_delay_us
         self.keepalive_us = keepalive_us
         self._settings = settings
@@ -247,9 +252,11 @@ class Repair:
             return True
         return False
 
-    def keepalive_is_due(self, now_us: int) -> bool:
-        """Return whether nothing was sent for the longest silence."""
+    def keepalive_is_due(self, now_us: int, *, idle: bool = False) -> bool:
+        """Return whether nothing was sent for the longest silence; `idle`: while no force is felt."""
         silent_us = now_us - self._spoke_us
+        if idle and self._idle_us is not None and not self._loss.share and 0 <= silent_us < self._idle_us:
+            return False
         # A clock that went back must not silence the slave until it has caught up.
         return silent_us < 0 or self._keeps_alive(silent_us)
 

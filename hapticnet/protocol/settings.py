@@ -85,6 +85,21 @@ class SessionSettings:
     repair: RepairSettings = field(default_factory=RepairSettings)
 
     @property
+    def sparse_keepalive_us(self) -> int:
+        """`keepalive_us` where positions are sent only when they matter: one in a row may be lost, not three."""
+        return 2 * self.keepalive_us
+
+    @property
+    def idle_keepalive_us(self) -> int:
+        """As `sparse_keepalive_us`, while no force is felt."""
+        return 10 * self.keepalive_us
+
+    @property
+    def idle_stale_after_us(self) -> int:
+        """`stale_after_us` of such a session while no force is felt, so that nothing has to be let go."""
+        return 5 * self.stale_after_us
+
+    @property
     def slowest_hz(self) -> float:
         """Fewest positions per second: a slave sends only when it receives, so it must receive four per age limit."""
         return 4e6 / self.stale_after_us

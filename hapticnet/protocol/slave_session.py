@@ -83,7 +83,8 @@ class SlaveSession:
             settings.repair,
             law,
             age_limit_us=settings.stale_after_us,
-            keepalive_us=settings.keepalive_us,
+            keepalive_us=settings.sparse_keepalive_us if sparse else settings.keepalive_us,
+            idle_us=settings.idle_keepalive_us if sparse else None,
             now_us=now_us,
             ack_delay_us=settings.ack_delay_us if sparse else 0,
         )
@@ -180,9 +181,12 @@ class SlaveSession:
         self._repair.sent(sequence, now_us, before)
         return datagram
 
-    def keepalive_is_due(self, now_us: int) -> bool:
-        """Return whether the master has gone without a datagram for the keepalive interval."""
-        return self._repair.keepalive_is_due(now_us)
+    def keepalive_is_due(self, now_us: int, *, idle: bool = False) -> bool:
+        """Return whether the master has gone without a datagram for the keepalive interval.
+
+        `idle`: no force is felt, so that the interval of a session with few positions is longer.
+        """
+        return self._repair.keepalive_is_due(now_us, idle=idle)
 
     def keepalive(self, t_us: int, now_us: int, *, held: Vector | None) -> bytes:
         """Return a KEEPALIVE that answers the position of time `t_us` and confirms what is held."""
