@@ -90,10 +90,13 @@ class Sizes:
     ----------
     fixed
         Always so many; None: as many as take `SHARD_S`, and fewer toward the end.
+    sharing
+        Otherwise a multiple of this; see `runs.Plan.sharing`.
     """
 
-    def __init__(self, fixed: int | None = None) -> None:
+    def __init__(self, fixed: int | None = None, sharing: int = 1) -> None:
         self._fixed = fixed
+        self._sharing = sharing
         self._recent: deque[tuple[int, float]] = deque(maxlen=WINDOW)
         self._largest = FIRST_RUNS
 
@@ -107,13 +110,16 @@ class Sizes:
             return self._fixed
         seconds = sum(each for _, each in self._recent)
         if seconds <= 0.0:
-            return FIRST_RUNS
+            return self._rounded(FIRST_RUNS)
         per_s = sum(runs for runs, _ in self._recent) / seconds
         fair = left // (2 * max(workers, 1))
         wanted = min(SHARD_S * per_s, max(fair, SHORTEST_S * per_s), GROWTH * self._largest)
-        size = max(1, round(wanted))
+        size = self._rounded(wanted)
         self._largest = max(self._largest, size)
         return size
+
+    def _rounded(self, runs: float) -> int:
+        return max(1, round(runs / self._sharing)) * self._sharing
 
 
 def conduct(

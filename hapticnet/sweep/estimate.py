@@ -47,8 +47,8 @@ def estimate(
 ) -> Estimate:
     """Run a few runs of a study and return what all of it takes."""
     runs = runs_of(plan)
-    each = min(RUNS_EACH, runs)
-    places = sorted({place * (runs - each) // max(PLACES - 1, 1) for place in range(PLACES)})
+    each = min(-(-RUNS_EACH // plan.sharing) * plan.sharing, runs)
+    places = sorted({place * (runs - each) // (PLACES - 1) // plan.sharing * plan.sharing for place in range(PLACES)})
     runner, rows = plan.runner(), []
     began_s = clock()
     for first in places:

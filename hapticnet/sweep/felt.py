@@ -94,6 +94,11 @@ class FeltPlan:
         return len(self.grid)
 
     @property
+    def sharing(self) -> int:
+        """One: what combinations share is little beside a run."""
+        return 1
+
+    @property
     def columns(self) -> Columns:
         """Columns of a row."""
         repair: Columns = {"repair": "text"}

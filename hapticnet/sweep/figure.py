@@ -1,5 +1,6 @@
-"""A figure of a study's results: a line for each value of one column, a panel for each value of another."""
+"""A figure of a study's results, with lines and panels for the values of some settings."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,8 +31,10 @@ PANEL_HEIGHT_IN: Final = 2.3
 ACROSS: Final = 3
 """Panels in a row, at most."""
 
-LOW, HIGH = 0.05, 0.95
-"""The quantiles that bars span."""
+MOST_DECADES: Final = 2.5
+"""Decades up to which an axis of a panel has labels within a decade."""
+
+LINEAR: Final = ("correct",)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,20 +46,21 @@ class Drawing:
     x, y
         Columns of the axes: settings or measures. Of measures, the mean of each group is drawn.
     line, panel
-        Columns with one line, and one panel, for each value; None: one.
+        Columns with one line, and one panel, for each combination of their values; none: one.
     by
-        All columns that make groups.
+        If `x` is a measure, the columns with a point for each combination of their values. If it is a setting, there is
+        a point for each of its values.
     """
 
     x: str
     y: str
-    line: str | None
-    panel: str | None
+    line: tuple[str, ...]
+    panel: tuple[str, ...]
     by: tuple[str, ...]
 
 
 def draw(results: Results, drawing: Drawing, file: Path, *, where: str | None = None) -> None:
-    """Draw a figure into a file. Bars span 5 to 95 % of the runs.
+    """Draw a figure into a file: the mean of each group of runs.
 
     Raises
     ------
@@ -71,29 +75,32 @@ def draw(results: Results, drawing: Drawing, file: Path, *, where: str | None = 
             raise SettingsError(
                 f"{option}: there is no column {name!r} of numbers; there are: {', '.join(results.numbers)}"
             )
-    for option, setting in (("--line", drawing.line), ("--panel", drawing.panel)):
-        if setting is not None and setting not in results.settings:
-            raise SettingsError(f"{option}: there is no setting {setting!r}; there are: {', '.join(results.settings)}")
+    for option, settings in (("--line", drawing.line), ("--panel", drawing.panel)):
+        for name in settings:
+            if name not in results.settings:
+                raise SettingsError(f"{option}: there is no setting {name!r}; there are: {', '.join(results.settings)}")
     panels = _panels(results, drawing, where)
     if len(panels) > MOST_PANELS:
-        raise SettingsError(f"--panel {drawing.panel} has {len(panels)} values; at most {MOST_PANELS} panels are drawn")
-    columns = min(ACROSS, len(panels))
+        raise SettingsError(
+            f"--panel {','.join(drawing.panel)} makes {len(panels)} panels; at most {MOST_PANELS} are drawn"
+        )
+    columns = 2 if len(panels) == 4 else min(ACROSS, len(panels))
     rows = -(-len(panels) // columns)
     with picture(file, 0.9 + PANEL_HEIGHT_IN * rows, width_in=PRINT_WIDTH_IN) as figure:
-        grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-        for axes, (value, lines) in zip(grid.flat, panels, strict=False):
+        grid = figure.subplots(rows, columns, sharex=True, squeeze=False)
+        for axes, (title, lines) in zip(grid.flat, panels, strict=False):
             draw_codecs(axes, lines)
-            if drawing.panel is not None:
-                axes.set_title(_value(drawing.panel, value))
+            axes.set_title(title)
         for axes in list(grid.flat)[len(panels) :]:
             axes.set_visible(False)
         _finish(figure, grid, drawing, results.about["name"])
 
 
 def _finish(figure: Any, grid: Any, drawing: Drawing, name: str) -> None:
-    # Errors and rates span decades; shares of answers do not.
-    if drawing.y not in ("correct",):
-        finish_axes(grid[0, 0], across="log" if drawing.x.endswith("_per_s") else "linear")
+    for axes in grid.flat:
+        if drawing.y not in LINEAR and axes.get_visible():  # errors and rates span decades; shares of answers do not
+            finish_axes(axes, across="log" if drawing.x.endswith("_per_s") else "linear")
+            _thin_out(axes)
     for axes in grid[-1]:
         axes.set_xlabel(LABELS.get(drawing.x, drawing.x))
     for axes in grid[:, 0]:
@@ -103,36 +110,40 @@ def _finish(figure: Any, grid: Any, drawing: Drawing, name: str) -> None:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, handle)
     labels = list(handles)
-    if len(labels) > 1 or drawing.line is not None:
+    if drawing.line:
         figure.legend(list(handles.values()), labels, loc="outside lower center", ncols=min(4, len(labels)))
     figure.suptitle(name, fontsize=9)
 
 
+def _thin_out(axes: Any) -> None:
+    """Label decades only where an axis spans many of them."""
+    from matplotlib.ticker import LogLocator
+
+    for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
+        if axis.get_scale() == "log" and low > 0.0 and math.log10(high / low) > MOST_DECADES:
+            axis.set_major_locator(LogLocator(subs=(1.0,)))
+
+
 def _panels(
     results: Results, drawing: Drawing, where: str | None
-) -> list[tuple[Any, Mapping[str, Sequence[tuple[float, ...]]]]]:
-    """Return for each panel its lines, as points (x, y, half widths of their bars)."""
-    wanted = [
-        name for name in (drawing.panel, drawing.line, drawing.x) if name is not None and name in results.settings
-    ]
-    by = tuple(dict.fromkeys([*wanted, *drawing.by]))
-    of = tuple(dict.fromkeys([drawing.x, drawing.y]))
-    found = summary(results, by, of, quantiles=(LOW, HIGH), where=where)
-    panels: dict[Any, dict[str, list[tuple[float, ...]]]] = {}
+) -> list[tuple[str, Mapping[str, Sequence[tuple[float, ...]]]]]:
+    """Return for each panel its title and its lines, as points (x, y)."""
+    shown = (*drawing.panel, *drawing.line)
+    others = (drawing.x,) if drawing.x in results.settings else drawing.by
+    by = tuple(dict.fromkeys([*shown, *others]))
+    found = summary(results, by, tuple(dict.fromkeys([drawing.x, drawing.y])), quantiles=(), where=where)
+    panels: dict[str, dict[str, list[tuple[float, ...]]]] = {}
     for row in found.rows:
         named = dict(zip(found.columns, row, strict=True))
         x, y = named[f"{drawing.x}_mean"], named[f"{drawing.y}_mean"]
-        if x is None or y is None:
-            continue
-        panel = named[drawing.panel] if drawing.panel is not None else None
-        line = _value(drawing.line, named[drawing.line]) if drawing.line is not None else "all"
-        panels.setdefault(panel, {}).setdefault(line, []).append((x, y))
+        if x is not None and y is not None:
+            panel = "\n".join(_values(drawing.panel, named))  # two settings do not fit above a panel on one line
+            line = ", ".join(_values(drawing.line, named))
+            panels.setdefault(panel, {}).setdefault(line, []).append((x, y))
     if not panels:
         raise SettingsError("there is nothing to draw: no run without error meets the condition")
-    return [(value, {line: sorted(points) for line, points in lines.items()}) for value, lines in panels.items()]
+    return [(title, {line: sorted(points) for line, points in lines.items()}) for title, lines in panels.items()]
 
 
-def _value(name: str, value: Any) -> str:
-    if isinstance(value, float):
-        return f"{name} {value:g}"
-    return str(value)
+def _values(names: Sequence[str], row: Mapping[str, Any]) -> list[str]:
+    return [f"{name} {row[name]:g}" if isinstance(row[name], float) else str(row[name]) for name in names]

@@ -65,6 +65,11 @@ class OrderingPlan:
         return len(self.grid)
 
     @property
+    def sharing(self) -> int:
+        """As many as there are observers, who feel the same trial."""
+        return len(self.grid.axes[-1])
+
+    @property
     def columns(self) -> Columns:
         """Columns of a row."""
         own: Columns = {"rate_hz": "float", "observer": "text"}

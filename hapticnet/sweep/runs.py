@@ -44,6 +44,11 @@ class Plan(Protocol):
         ...
 
     @property
+    def sharing(self) -> int:
+        """So many combinations in a row share most of their work, so a shard better has all of them."""
+        ...
+
+    @property
     def columns(self) -> Columns:
         """Columns of a row, besides those that every task has."""
         ...

@@ -108,7 +108,9 @@ class Shown(BaseModel):
     x, y
         Columns of the axes of the figure.
     line, panel
-        Columns with one line, and one panel, for each value.
+        Columns with one line, and one panel, for each combination of their values.
+    where
+        A condition on rows, in SQL.
     """
 
     model_config = STRICT
@@ -117,8 +119,9 @@ class Shown(BaseModel):
     of: list[str] | None = None
     x: str | None = None
     y: str | None = None
-    line: str | None = None
-    panel: str | None = None
+    line: list[str] = []
+    panel: list[str] = []
+    where: str | None = None
 
 
 class Study(BaseModel):

@@ -29,7 +29,7 @@ by = ["codec", "multiplier"]
 of = ["packets_per_s"]
 x = "packets_per_s"
 y = "felt_rmse_n"
-line = "codec"
+line = ["codec"]
 """
 
 

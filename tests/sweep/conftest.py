@@ -31,8 +31,8 @@ loss = [0, "10%"]
 by = ["codec", "delay_ms"]
 x = "packets_per_s"
 y = "felt_rmse_n"
-line = "codec"
-panel = "delay_ms"
+line = ["codec"]
+panel = ["delay_ms"]
 """
 
 

@@ -202,6 +202,9 @@ def test_shards_grow_to_seconds_and_shrink_toward_the_end():
     assert 250 <= largest <= 350
     assert sizes.next(400, 2) <= 100
     assert sizes.next(1, 2) >= 1
+    together = Sizes(sharing=5)
+    together.note(5, 9.0)
+    assert together.next(10_000, 2) == 5, "observers of one trial are not torn apart"
 
 
 def test_a_run_that_ends_its_process_costs_its_own_shard_only(write_study, rows, tmp_path):

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from hapticnet.codec.registry import CODECS
 from hapticnet.errors import HapticnetError
 from hapticnet.sweep.grid import Cutter, Grid, Shard, gaps, overlap
 from hapticnet.sweep.planning import plan_of
@@ -151,3 +152,21 @@ def test_what_is_missing_is_cut_without_gaps_and_overlaps():
     assert cutter.left == 0
     assert overlap([*there, *cut]) is None
     assert overlap([Shard(0, 4), Shard(3, 5)]) == (Shard(0, 4), Shard(3, 5))
+
+
+STUDIES = sorted((Path(__file__).parents[2] / "studies").glob("*.toml"))
+
+
+@pytest.mark.parametrize("path", STUDIES, ids=lambda path: path.stem)
+def test_the_ready_studies_can_be_planned_and_show_columns_that_exist(path):
+    file = read_study(path)
+    plan = plan_of(file)
+    assert 100 <= runs_of(plan) <= 2000
+    show = file.study.show
+    assert show.by is not None
+    assert {*show.by, *(show.of or ()), show.x, show.y, *show.line, *show.panel} <= set(plan.columns)
+
+
+def test_the_study_of_rate_and_distortion_has_every_codec():
+    (path,) = (path for path in STUDIES if path.stem == "rate-distortion")
+    assert set(read_study(path).study.axes.codec) == set(CODECS)

@@ -75,7 +75,15 @@ def run(
         with stopped_by_signals() as stop, shown(plan.name, quiet=quiet or json) as show:
             pool = _pool(plan, workers, scheduler)
             try:
-                found = conduct(plan, folder, there, pool, sizes=Sizes(shard), is_stopped=stop, on_progress=show.update)
+                found = conduct(
+                    plan,
+                    folder,
+                    there,
+                    pool,
+                    sizes=Sizes(shard, plan.sharing),
+                    is_stopped=stop,
+                    on_progress=show.update,
+                )
             finally:
                 pool.close()
         show.notes(found)

@@ -28,8 +28,12 @@ def show(
     plot: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw a figure: .png, .pdf or .svg.")] = None,
     x: Annotated[str | None, typer.Option(metavar="COLUMN", help="Column across the figure.")] = None,
     y: Annotated[str | None, typer.Option(metavar="COLUMN", help="Column up the figure.")] = None,
-    line: Annotated[str | None, typer.Option(metavar="COLUMN", help="Setting with a line for each value.")] = None,
-    panel: Annotated[str | None, typer.Option(metavar="COLUMN", help="Setting with a panel for each value.")] = None,
+    line: Annotated[
+        str | None, typer.Option(metavar="COLUMN[,COLUMN…]", help="Settings with a line for each value.")
+    ] = None,
+    panel: Annotated[
+        str | None, typer.Option(metavar="COLUMN[,COLUMN…]", help="Settings with a panel for each value.")
+    ] = None,
     json: options.Json = False,
     force: options.Force = False,
 ) -> None:
@@ -46,6 +50,7 @@ def show(
         raise SettingsError(f"--quantiles {quantiles!r} must be numbers from 0 to 1, such as 0.05,0.5,0.95") from None
     results = open_results(Folder(folder))
     shown = read_study(folder / STUDY).study.show
+    where = where or shown.where
     check_outputs(csv, plot)
     check_new(csv, plot, force=force)
     groups, measures = chosen(results, shown, _names(by), _names(of))
@@ -55,7 +60,15 @@ def show(
         write_text(csv, _csv_text(found))
         console.say(f"table: {csv}")
     if plot is not None:
-        _draw(results, shown, groups, plot, where, {"x": x, "y": y, "line": line, "panel": panel})
+        given = shown.model_copy(
+            update={
+                "x": x or shown.x,
+                "y": y or shown.y,
+                "line": shown.line if line is None else _names(line),
+                "panel": shown.panel if panel is None else _names(panel),
+            }
+        )
+        _draw(results, given, groups, plot, where)
         console.say(f"picture: {plot}")
     if json:
         _print_json(results, found)
@@ -67,21 +80,14 @@ def _names(text: str | None) -> list[str] | None:
     return None if text is None else [name.strip() for name in text.split(",") if name.strip()]
 
 
-def _draw(
-    results: "Results",
-    shown: "Shown",
-    groups: tuple[str, ...],
-    file: Path,
-    where: str | None,
-    given: dict[str, str | None],
-) -> None:
+def _draw(results: "Results", shown: "Shown", groups: tuple[str, ...], file: Path, where: str | None) -> None:
     from hapticnet.errors import SettingsError
     from hapticnet.sweep.figure import Drawing, draw
 
-    values = {key: value if value is not None else getattr(shown, key) for key, value in given.items()}
-    if values["x"] is None or values["y"] is None:
+    if shown.x is None or shown.y is None:
         raise SettingsError("--plot needs --x and --y, because the study's [show] does not name them")
-    draw(results, Drawing(**values, by=groups), file, where=where)
+    drawing = Drawing(x=shown.x, y=shown.y, line=tuple(shown.line), panel=tuple(shown.panel), by=groups)
+    draw(results, drawing, file, where=where)
 
 
 def _csv_text(found: "Summary") -> str:
