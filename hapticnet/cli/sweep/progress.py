@@ -59,13 +59,15 @@ def shown(name: str, *, quiet: bool) -> Iterator[Shown]:
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
     from rich.progress import Progress as Bar
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[state]}"))
+    columns = (BarColumn(bar_width=20), MofNCompleteColumn(), TextColumn("{task.fields[state]}"))
     with Bar(*columns, console=Terminal(stderr=True), transient=True) as bar:
         bar.add_task(name, total=None, state="")
         yield Shown(console, bar)
 
 
 def _state(progress: "Progress") -> str:
+    if progress.stopped:
+        return "finishing the shards in hand"
     parts = [f"{progress.runs_per_s:.3g} runs/s", f"{progress.workers} workers"]
     if progress.left_s is not None:
         parts.append(f"{_time(progress.left_s)} left")
@@ -73,8 +75,6 @@ def _state(progress: "Progress") -> str:
         parts.append(f"{progress.failed:,} failed")
     if progress.broken:
         parts.append(f"{progress.broken} workers lost")
-    if progress.stopped:
-        parts.append("finishing the shards in hand")
     return ", ".join(parts)
 
 
