@@ -21,7 +21,7 @@ from hapticnet.measure.metrics import ErrorReport
 from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.master_settings import MasterSettings, Positions
 from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.hands import scripted_hand
 from hapticnet.operator.user import HasSample, UserOperator
@@ -186,6 +186,8 @@ def virtual_link(
     feedback: str = "perfect",
     rate_hz: float = 1000.0,
     announced: bool = False,
+    positions: Positions = "raw",
+    position_share: float = 0.25,
     operator: HasSample | None = None,
     seed: int = 0,
     weber_fraction: float | None = None,
@@ -211,6 +213,8 @@ def virtual_link(
         Positions per second.
     announced
         Whether the scene announces the contact ahead, and the master renders it without delay.
+    positions, position_share
+        Which positions are sent, ``"raw"`` or ``"line"``, and the share of the JND that those of ``"line"`` may use.
     operator
         Source of the positions, any object with a method ``sample(t_us)``; default: scripted needle insertions, or
         palpation of a scene on several axes.
@@ -257,6 +261,8 @@ def virtual_link(
         rate_hz=rate_hz,
         record=True,
         announced=announced,
+        positions=positions,
+        position_share=position_share,
     )
     loopback = Loopback(
         MasterNode(hand, None, settings, np.random.default_rng([seed, 4])),

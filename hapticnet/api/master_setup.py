@@ -17,7 +17,7 @@ from hapticnet.device.user import HasApply, HasExchange, UserActuator, as_user_d
 from hapticnet.errors import SampleError, SettingsError
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_events import NodeEvent
-from hapticnet.node.master_settings import DeviceTakes, MasterSettings, OnError
+from hapticnet.node.master_settings import DeviceTakes, MasterSettings, OnError, Positions
 from hapticnet.operator.base import Operator
 from hapticnet.operator.user import HasSample, UserOperator
 from hapticnet.protocol.key_files import load_key
@@ -89,6 +89,10 @@ class MasterSetup:
         The axis of the force that the device renders, or ``"norm"``.
     announced
         Whether to ask the slave to announce the contact ahead, and to render it without delay.
+    positions
+        Which positions to send: ``"raw"``, every one; ``"line"``, those that matter, each with a velocity.
+    position_share
+        With ``"line"``: the share of the JND that positions may use, 0.01 to 0.9.
     first_touch
         Whether a device finds the finger with a press of 1 N before a session is asked for.
     passive
@@ -123,6 +127,8 @@ class MasterSetup:
     profile: str | Path | None = None
     device_takes: DeviceTakes = "x"
     announced: bool = False
+    positions: Positions = "raw"
+    position_share: float = 0.25
     first_touch: bool = False
     passive: bool = False
     key: str | Path | None = None
@@ -193,6 +199,7 @@ class MasterSetup:
         """Return the settings of the node, but for the key."""
         check_choice("on_error", self.on_error, ("end", "pause"))
         check_choice("device_takes", self.device_takes, ("x", "y", "z", "norm"))
+        check_choice("positions", self.positions, ("raw", "line"))
         check_parameter("max_age_s", self.max_age_s, 0.01, 60.0, "s")
         if self.record is not None:
             check_format(Path(self.record))
@@ -209,6 +216,8 @@ class MasterSetup:
             on_error=self.on_error,
             device_takes=self.device_takes,
             announced=bool(self.announced),
+            positions=self.positions,
+            position_share=self.position_share,
             first_touch=bool(self.first_touch),
             passive=bool(self.passive),
             session=SessionSettings(max_age_us=round(self.max_age_s * 1e6)),

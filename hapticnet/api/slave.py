@@ -111,11 +111,11 @@ class TickedSlave(SlaveSetup, SlaveView):
         """Answer what has arrived; each session gets the force at its newest position."""
         node, now = self.node, now_us()
         node.receive_datagrams(self._socket.arrived(), now)
+        due_us = node.next_timer_us()
+        if due_us is not None and now >= due_us:
+            node.tick(now)
         self._send()
         node.settle(now)
-        expires_us = node.next_timer_us()
-        if expires_us is not None and now >= expires_us:
-            node.tick(now)
         self._send()
 
     def take_events(self) -> list[SlaveEvent]:

@@ -51,6 +51,13 @@ def master(
     announced: Annotated[
         bool, typer.Option(help="Ask the slave to announce the contact ahead, and render it without delay.")
     ] = False,
+    positions: Annotated[
+        options.Positions,
+        typer.Option(help="Which positions to send: every one (raw), or those that matter, with a velocity (line)."),
+    ] = "raw",
+    position_share: Annotated[
+        float, typer.Option(help="With --positions line: the share of the JND that positions may use.")
+    ] = 0.25,
     passive: Annotated[
         bool, typer.Option("--passive", help="Damp a force that would return more energy than the hand put in.")
     ] = False,
@@ -131,6 +138,8 @@ def master(
         record_datagrams=record is not None,
         device_takes=device_takes,
         announced=announced,
+        positions=positions,
+        position_share=position_share,
         passive=passive,
         first_touch=first_touch,
         control=devices.control_settings(known),

@@ -111,6 +111,7 @@ ChannelIn: TypeAlias = Annotated[
 ]
 Announce: TypeAlias = Literal["declared", "measured", "nothing"]
 DeviceTakes: TypeAlias = Literal["x", "y", "z", "norm"]
+Positions: TypeAlias = Literal["raw", "line"]
 SceneOption: TypeAlias = Annotated[
     str,
     typer.Option(

@@ -28,7 +28,7 @@ from hapticnet.protocol.messages import (
 from hapticnet.protocol.settings import Entropy, SessionSettings, random_bytes
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import SEALED, Kind, pack, pack_body
-from hapticnet.scene.base import Touchable, look_ahead_of
+from hapticnet.scene.base import Touchable, look_ahead_of, outlook_method
 from hapticnet.scene.measured import MeasuredScene
 from hapticnet.user_code import raised
 
@@ -127,7 +127,7 @@ class Admission:
         # A master that renders a model sends every position, because the slave checks the model with each.
         says = request.announced and self._settings.announces != "nothing"
         announced = says and look_ahead_of(scene) is not None
-        share = request.position_share if callable(getattr(scene, "outlook", None)) and not announced else 0.0
+        share = request.position_share if outlook_method(scene) is not None and not announced else 0.0
         codec = with_share(codec, share) if share else codec
         rate_hz = min(request.rate_hz, self._settings.fastest_rate_hz)
         if entry is not None and entry.fastest_rate_hz is not None:

@@ -19,7 +19,7 @@ from hapticnet.protocol.messages import Grant
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import Datagram, Kind
 from hapticnet.samples import PositionSample, Vector
-from hapticnet.scene.base import Touchable, breaches_of
+from hapticnet.scene.base import Touchable, breaches_of, outlook_method
 from hapticnet.vectors import along, magnitude
 
 Announces: TypeAlias = Literal["declared", "measured", "nothing"]
@@ -272,15 +272,14 @@ class Station:
 
     def _look(self, position_m: Vector) -> None:
         """Ask the scene how the force may change near a position, and tell the master."""
-        course, look = self.course, getattr(self.scene, "outlook", None)
+        course, look = self.course, outlook_method(self.scene)
         if course is None or look is None or self.paused is not None:
             return
         try:
-            outlook = look()
-        except Exception as error:  # a user's scene may raise anything
+            news = course.news(look(), position_m, first=not self._is_told)
+        except Exception as error:  # a user's scene may raise anything, and return anything
             self._fail(error)
             return
-        news = course.news(outlook, position_m, first=not self._is_told)
         if news is not None:
             self._is_told = True
             self.session.tell(news)

@@ -1,7 +1,9 @@
 """The interface of what a master touches: a virtual scene, a robot, an engine, a recording."""
 
+from collections.abc import Callable
 from typing import Protocol
 
+from hapticnet.outlook import Outlook
 from hapticnet.samples import ForceSample, PositionSample
 from hapticnet.scene.ahead import LookAhead
 
@@ -14,6 +16,11 @@ class Touchable(Protocol):
     exception refuses the session. If it has a method ``ahead()``, that tells which layers can be met from the newest
     position on: a sequence of `scene.ahead.LayerAhead`, the nearest first, or None where it cannot tell now. It is
     called after a step, at most as often as ``step``, and must not wait.
+
+    If it has a method ``outlook()``, that returns an `outlook.Outlook` for the newest position, or None where it cannot
+    tell now. Having it says that the scene may be stepped at positions that the master did not send, but that are
+    within the box of the newest outlook. A robot that moves at each step may have it; one that must not move without an
+    order must not.
     """
 
     @property
@@ -39,6 +46,12 @@ def look_ahead_of(scene: Touchable) -> LookAhead | None:
     """Return the method ``ahead`` of a scene; None if it announces nothing."""
     ahead: LookAhead | None = getattr(scene, "ahead", None)
     return ahead
+
+
+def outlook_method(scene: Touchable) -> Callable[[], Outlook | None] | None:
+    """Return the method ``outlook`` of a scene; None if it is stepped only at positions that its master sent."""
+    outlook: Callable[[], Outlook | None] | None = getattr(scene, "outlook", None)
+    return outlook
 
 
 def breaches_of(scene: Touchable) -> int:

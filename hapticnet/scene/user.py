@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, Final, Protocol
 
 from hapticnet.errors import SettingsError
+from hapticnet.outlook import Outlook
 from hapticnet.samples import ForceSample, PositionSample
 from hapticnet.scene.ahead import LookAhead
 from hapticnet.user_code import attribute_of, axes_of, failure, method_of, raised, short, vector_from
@@ -28,7 +29,7 @@ class UserScene:
     touched
         Its ``step(sample)`` is called with a `PositionSample` and returns a `ForceSample`, a number, or a sequence of
         numbers, one for each axis [N]. Optional attributes: ``axes`` (1 to 3; default 1), ``name`` and ``breaches``;
-        optional methods: ``welcome(master)`` and ``ahead()``.
+        optional methods: ``welcome(master)``, ``ahead()`` and ``outlook()`` (`scene.base.Touchable`).
     what
         What messages call the object, such as "scene own.py:Mine".
 
@@ -64,6 +65,12 @@ class UserScene:
         """The object's method ``ahead``; None if it announces nothing."""
         ahead: LookAhead | None = getattr(self.touched, "ahead", None)
         return ahead
+
+    @property
+    def outlook(self) -> Callable[[], Outlook | None] | None:
+        """The object's method ``outlook``; None if it is stepped only at positions that its master sent."""
+        outlook: Callable[[], Outlook | None] | None = getattr(self.touched, "outlook", None)
+        return outlook
 
     def welcome(self, master: str) -> None:
         """Tell the object the name of its master, if it has a method ``welcome``."""

@@ -205,3 +205,24 @@ def test_the_contact_ahead_is_announced_over_a_real_network(start, sealed, keys,
     assert account["on_model"] > 0.5 * session["steps"]
     assert master.report()["ticks_on_model"] > 0.5 * master.report()["ticks"]
     assert session["sent"]["by_kind"]["force"] < 0.1 * session["steps"]
+
+
+@pytest.mark.parametrize("is_sealed", [False, True])
+def test_positions_are_sent_when_they_matter_over_a_real_network(start, sealed, keys, is_sealed):
+    if is_sealed:
+        server, address = sealed("--scene", "paper:1")
+        trust = keys.of("first")
+    else:
+        server = start("slave", "--listen", "127.0.0.1:0", "--scene", "paper:1", "--json", "--no-realtime")
+        address, trust = server.wait_for(r"listening on ([\d.]+:\d+)").group(1), ()
+    link = "--channel-out", "delay=10ms,loss=1%", "--channel-in", "delay=10ms,loss=1%"
+    options = "--positions", "line", "--codec", "adaptive-predictive", "--insertions", "1", "--json"
+    master = start("master", "--connect", address, *trust, *options, *link, *FAST)
+    assert master.process.wait(30) == 0, master.said()
+    assert server.end() == 0
+    (session,) = server.report()["sessions"]
+    positions = master.report()["positions"]
+    assert session["breaches"] == 3
+    assert session["between"] > 0.5 * positions["ticks"]
+    assert positions["sent"] < 0.25 * positions["ticks"]
+    assert master.report()["connections"] == 1
