@@ -273,11 +273,11 @@ class MotionEncoder(StepEncoder):
 class LearningEncoder(StepEncoder):
     """Encoder of a scheme that learns from every sample, and from the motion of the tool."""
 
-    __slots__ = ("_learn",)
+    __slots__ = ("_learn", "_watch")
 
     def __init__(self, scheme: Scheme, axes: int) -> None:
         super().__init__(scheme, axes)
-        self._learn = scheme.steps.learn
+        self._learn, self._watch = scheme.steps.learn, scheme.steps.watch
 
     def encode(self, t_us: int, stimulus: Vector, position: Vector | None = None) -> bytes | None:
         """Return the payload to transmit, or None."""
@@ -288,7 +288,9 @@ class LearningEncoder(StepEncoder):
         if position is None:
             sender = self._steps.at_rest(sender)
         else:
-            sender = self._steps.watch(rule, sender, t_us, checked_position(position, self._axes))
+            if len(position) != self._axes:
+                refuse_axes(position, self._axes, "position")
+            sender = self._watch(rule, sender, t_us, checked_vector(position, "position"))
         self._sender = sender = self._learn(rule, sender, t_us, x)
         if self._is_silent(rule, sender, t_us, x):
             return None
@@ -382,9 +384,10 @@ class MotionDecoder(StepDecoder):
     def reconstruct(self, t_us: int, position: Vector | None = None, position_us: int | None = None) -> Vector:
         """Return the stimulus to apply."""
         if position is not None:
-            position = checked_position(position, self._axes)
+            if len(position) != self._axes:
+                refuse_axes(position, self._axes, "position")
             moved_us = t_us if position_us is None else position_us
-            self._receiver = self._move(self._rule, self._receiver, moved_us, position)
+            self._receiver = self._move(self._rule, self._receiver, moved_us, checked_vector(position, "position"))
         return self._apply(self._rule, self._receiver, t_us)
 
     def foretell(self, t_us: int, position: Vector, position_us: int) -> Vector:

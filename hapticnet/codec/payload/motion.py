@@ -20,7 +20,6 @@ import struct
 from collections.abc import Mapping
 from typing import Final, NamedTuple, Protocol
 
-from hapticnet.codec.motion import Motion
 from hapticnet.codec.payload.curves import LARGEST_TRAVEL, CurveNumbers, ends_in_range
 from hapticnet.codec.payload.values import DOUBLE, SINGLE, threshold_around
 from hapticnet.errors import PeerError
@@ -113,7 +112,7 @@ def line_of(rule: CurveNumbers, t_us: int, message: Message) -> Line:
     return Line(kind, t_us, value, travel, normal, stiffness, viscosity)
 
 
-def line_at(rule: CurveNumbers, line: Line, motion: Motion, t_us: int) -> Vector:
+def line_at(rule: CurveNumbers, line: Line, is_known: bool, position: Vector, velocity: Vector, t_us: int) -> Vector:
     """Return the stimulus [N] at a time, for a motion.
 
     With offset c, travel d, share s of the time (a parabola that is level at the horizon), position p, velocity v,
@@ -126,18 +125,50 @@ def line_at(rule: CurveNumbers, line: Line, motion: Motion, t_us: int) -> Vector
 
     The last two are zero where the position has never been known, and limited to `LARGEST_COMPONENT`.
     """
+    if line.kind == HOLD:
+        return line.offset
+    if len(position) == 1:
+        return (line_on_one_axis(rule, line, is_known, position[0], velocity[0], t_us),)
     if line.kind <= CURVE:
         return along(line.offset, share_at(rule, line, t_us), line.travel)
-    if not motion.is_known:
+    if not is_known:
         return times(line.offset, 0.0)
     if line.kind == SURFACE:
-        x = plus(line.offset, pressed(line, motion.position))
+        x = plus(line.offset, pressed(line, position))
         out = dot(line.normal, x)
         if out < 0.0:
             x = along(x, -out / dot(line.normal, line.normal), line.normal)
         return limited(x, LARGEST_COMPONENT)
     x = along(line.offset, share_at(rule, line, t_us), line.travel)
-    return limited(along(along(x, line.stiffness, motion.position), line.viscosity, motion.velocity), LARGEST_COMPONENT)
+    return limited(along(along(x, line.stiffness, position), line.viscosity, velocity), LARGEST_COMPONENT)
+
+
+def line_on_one_axis(
+    rule: CurveNumbers, line: Line, is_known: bool, position: float, velocity: float, t_us: int
+) -> float:
+    """Return the same on one axis, without a dozen calls, because this runs several times at every sample."""
+    kind, x = line.kind, line.offset[0]
+    if kind == HOLD:
+        return x
+    if kind == SURFACE:
+        if not is_known:
+            return 0.0 * x
+        normal = line.normal[0]
+        x += normal * position * normal
+        out = normal * x
+        if out < 0.0:
+            x += -out / (normal * normal) * normal
+    else:
+        s = (t_us - line.t_us) / rule.horizon_us
+        x += (1.0 if s >= 1.0 else s * (2.0 - s) if s > 0.0 else 0.0) * line.travel[0]
+        if kind <= CURVE:
+            return x
+        if not is_known:
+            return 0.0 * line.offset[0]
+        x = x + line.stiffness * position + line.viscosity * velocity
+    if x > LARGEST_COMPONENT:
+        return LARGEST_COMPONENT
+    return -LARGEST_COMPONENT if x < -LARGEST_COMPONENT else x
 
 
 def pressed(line: Line, position: Vector) -> Vector:

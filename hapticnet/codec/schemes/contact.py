@@ -66,18 +66,21 @@ def no_coupling(axes: int) -> Coupling:
     return Coupling(False, 0, zeros, zeros, zeros, (0.0, 0.0, 0.0), (0.0, 0.0), 0.0, 0.0)
 
 
+def is_due(coupling: Coupling, motion: Motion, t_us: int) -> bool:
+    """Tell whether a sample is to be observed: one every `APART_US`, if its position is known."""
+    _, samples, _, _, _ = motion
+    return samples > 0 and not (coupling.has_anchor and 0 <= t_us - coupling.t_us < APART_US)
+
+
 def observed(coupling: Coupling, motion: Motion, t_us: int, x: Vector, threshold_n: float) -> Coupling:
-    """Return the coupling after a sample: every `APART_US`, learn from the difference to an earlier one."""
-    if motion.samples == 0:
-        return coupling
+    """Return the coupling after a sample that is due: learn from the difference to an earlier one."""
+    _, _, _, position, velocity = motion
     _, _, _, _, _, normal, right, stiffness, viscosity = coupling
     if coupling.has_anchor:
         apart_us = t_us - coupling.t_us
-        if 0 <= apart_us < APART_US:
-            return coupling
         if 0 < apart_us < MEMORY_US and threshold_n > SMALLEST_THRESHOLD_N:
             scale = 1.0 / threshold_n
-            dx, dv = minus(motion.position, coupling.position), minus(motion.velocity, coupling.velocity)
+            dx, dv = minus(position, coupling.position), minus(velocity, coupling.velocity)
             change = minus(x, coupling.stimulus)
             square = scale * scale
             xx, xv, vv = square * dot(dx, dx), square * dot(dx, dv), square * dot(dv, dv)
@@ -89,7 +92,7 @@ def observed(coupling: Coupling, motion: Motion, t_us: int, x: Vector, threshold
                 p, q = keep * p + square * dot(dx, change), keep * q + square * dot(dv, change)
                 normal, right = (a, b, c), (p, q)
                 stiffness, viscosity = solved(normal, right)
-    return Coupling(True, t_us, x, motion.position, motion.velocity, normal, right, stiffness, viscosity)
+    return Coupling(True, t_us, x, position, velocity, normal, right, stiffness, viscosity)
 
 
 def solved(normal: tuple[float, float, float], right: tuple[float, float]) -> tuple[float, float]:
@@ -147,17 +150,26 @@ def local_stiffness(
     for k in range(newest - 1, first - 1, -1):
         if times_us[newest] - times_us[k] > LOCAL_US and newest - k > LEAST_PERIODS:
             break
-        then = row(samples, k, like)
-        if magnitude(then) == 0.0:
-            break
-        movement, difference = minus(row(positions, k, like), at), minus(then, x)
-        moved, change = dot(normal, movement), dot(normal, difference)
+        if len(like) == 1:  # as below without seven calls, because this runs for many samples
+            force = samples[k][0]
+            if force == 0.0:
+                break
+            moved, change = normal[0] * (positions[k][0] - at[0]), normal[0] * (force - x[0])
+            more_square = more_product = 0.0
+        else:
+            then = row(samples, k, like)
+            if magnitude(then) == 0.0:
+                break
+            movement, difference = minus(row(positions, k, like), at), minus(then, x)
+            moved, change = dot(normal, movement), dot(normal, difference)
+            more_square = dot(movement, movement) - moved * moved
+            more_product = dot(movement, difference) - moved * change
         if square > 0.0 and not abs(change - product / square * moved) <= band_n:
             break
         square += moved * moved
         product += moved * change
-        square_across += dot(movement, movement) - moved * moved
-        product_across += dot(movement, difference) - moved * change
+        square_across += more_square
+        product_across += more_product
     across = 0.0
     if len(x) > 1 and square_across >= PRIOR_SQUARE_M2:
         across = max(0.0, product_across / square_across)

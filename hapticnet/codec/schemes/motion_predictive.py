@@ -11,7 +11,7 @@ packets of late sends it. So the codec needs about as few packets as the best of
 """
 
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Final, NamedTuple
+from typing import Any, ClassVar, Final, NamedTuple, TypeAlias
 
 from hapticnet.checks import check_parameter
 from hapticnet.codec.motion import Motion, moved_on, unknown_motion, unseen
@@ -26,7 +26,7 @@ from hapticnet.codec.payload.motion import (
     no_line,
 )
 from hapticnet.codec.payload.values import law_numbers, threshold_around
-from hapticnet.codec.schemes.contact import Coupling, no_coupling, observed
+from hapticnet.codec.schemes.contact import Coupling, is_due, no_coupling, observed
 from hapticnet.codec.schemes.predictors import (
     KEPT,
     MotionRule,
@@ -55,23 +55,17 @@ FORGETTING: Final = 0.98
 """Factor on the packets counted so far at each packet sent: about twenty are remembered."""
 
 
-class Sender(NamedTuple):
-    """What the receiver follows, and the predictors.
+class Predictors(NamedTuple):
+    """The predictors, and what they have learned.
 
     Attributes
     ----------
-    is_known
-        Whether the receiver is known to follow `line`; False after a loss.
-    newest
-        Index of the newest sample in the rule's tables.
+    hold, surface
+        The lines that these two have drawn last.
     packets
         Packets that surface, coupling, curve and hold have needed of late.
     """
 
-    is_known: bool
-    motion: Motion
-    line: Line
-    newest: int
     hold: Line
     surface: Line
     curve: Predictor
@@ -80,80 +74,117 @@ class Sender(NamedTuple):
     packets: tuple[float, float, float, float]
 
 
-class Receiver(NamedTuple):
-    """The receiver's own motion, and what it follows."""
+Sender: TypeAlias = tuple[bool, Motion, Line, int, Predictors]
+"""``(is_known, motion, line, newest, predictors)``: what the receiver follows, and the predictors.
 
-    motion: Motion
-    line: Line
+Like `Motion`, it changes at every sample and is a plain tuple therefore.
+
+is_known
+    Whether the receiver is known to follow `line`; False after a loss.
+newest
+    Index of the newest sample in the rule's tables.
+"""
+
+Receiver: TypeAlias = tuple[Motion, Line]
+"""``(motion, line)``: the receiver's own motion, and what it follows."""
 
 
 def start(rule: Any, axes: int) -> Sender:
     """Return a sender that has learned nothing."""
     zeros, none = (0.0,) * axes, no_line(axes)
     predictor = Predictor(none, zeros, zeros, zeros, Trend(zeros, zeros, zeros), NOTHING_LEARNED)
-    packets = 0.0, 0.0, 0.0, 0.0
-    return Sender(False, unknown_motion(axes), none, -1, none, none, predictor, predictor, no_coupling(axes), packets)
+    predictors = Predictors(none, none, predictor, predictor, no_coupling(axes), (0.0, 0.0, 0.0, 0.0))
+    return False, unknown_motion(axes), none, -1, predictors
 
 
 def start_receiver(rule: Any, axes: int) -> Receiver:
     """Return a receiver that applies zeros."""
-    return Receiver(unknown_motion(axes), no_line(axes))
+    return unknown_motion(axes), no_line(axes)
 
 
 def watch(rule: Any, sender: Sender, t_us: int, position: Vector) -> Sender:
     """Follow the tool to its position."""
-    return with_motion(sender, moved_on(sender.motion, t_us, position, VELOCITY_LAG_S))
-
-
-def with_motion(sender: Sender, motion: Motion) -> Sender:
-    """Return the sender with another motion."""
-    known, _, line, newest, hold, surface, curve, coupled, coupling, packets = sender
-    return Sender(known, motion, line, newest, hold, surface, curve, coupled, coupling, packets)
+    is_known, motion, line, newest, predictors = sender
+    return is_known, moved_on(motion, t_us, position, VELOCITY_LAG_S), line, newest, predictors
 
 
 def at_rest(sender: Sender) -> Sender:
     """Take note that the position of this sample is not known."""
-    return with_motion(sender, unseen(sender.motion))
+    is_known, motion, line, newest, predictors = sender
+    return is_known, unseen(motion), line, newest, predictors
 
 
 def move(rule: Any, receiver: Receiver, t_us: int, position: Vector) -> Receiver:
     """Follow the receiver's own position."""
-    return Receiver(moved_on(receiver.motion, t_us, position, VELOCITY_LAG_S), receiver.line)
+    motion, line = receiver
+    return moved_on(motion, t_us, position, VELOCITY_LAG_S), line
 
 
 def learn(rule: MotionRule, sender: Sender, t_us: int, x: Vector) -> Sender:
     """Let each predictor go on as if it were alone, and count its packets."""
-    known, motion, line, newest, hold, surface, curve, coupled, coupling, packets = sender
+    is_known, motion, line, newest, predictors = sender
     newest = remember(rule, newest, t_us, x, motion)
     if newest % TESTED_EVERY:
-        return Sender(known, motion, line, newest, hold, surface, curve, coupled, coupling, packets)
-    coupling = observed(coupling, motion, t_us, x, threshold_around(rule, x))
+        return is_known, motion, line, newest, predictors
+    if is_due(predictors.coupling, motion, t_us):
+        coupling = observed(predictors.coupling, motion, t_us, x, threshold_around(rule, x))
+        predictors = with_coupling(predictors, coupling)
+    holds = follows(rule, predictors.hold, motion, t_us, x)
+    touches = follows(rule, predictors.surface, motion, t_us, x)
+    curves = follows(rule, predictors.curve.line, motion, t_us, x)
+    couples = follows(rule, predictors.coupled.line, motion, t_us, x)
+    if not (holds and touches and curves and couples):
+        predictors = redraw(rule, predictors, motion, newest, t_us, x, holds, touches, curves, couples)
+    return is_known, motion, line, newest, predictors
+
+
+def with_coupling(predictors: Predictors, coupling: Coupling) -> Predictors:
+    """Return the predictors with another coupling."""
+    hold, surface, curve, coupled, _, packets = predictors
+    return Predictors(hold, surface, curve, coupled, coupling, packets)
+
+
+def redraw(
+    rule: MotionRule,
+    predictors: Predictors,
+    motion: Motion,
+    newest: int,
+    t_us: int,
+    x: Vector,
+    holds: bool,
+    touches: bool,
+    curves: bool,
+    couples: bool,
+) -> Predictors:
+    """Let the predictors that no longer foretell the stimulus go on, and count a packet for each."""
+    hold, surface, curve, coupled, coupling, packets = predictors
     of_surface, of_coupled, of_curve, of_hold = packets
-    if not follows(rule, hold, motion, t_us, x):
+    if not holds:
         hold = line_of(rule, t_us, drawn_hold(rule, motion, x, x))
         of_hold += 1.0
-    if not follows(rule, surface, motion, t_us, x):
+    if not touches:
         surface = line_of(rule, t_us, drawn_surface(rule, motion, newest, x, coupling.stiffness))
         of_surface += 1.0
-    if not follows(rule, curve.line, motion, t_us, x):
+    if not curves:
         curve = redrawn(rule, curve, motion, newest, t_us, x, 0.0, 0.0)
         of_curve += 1.0
-    if not follows(rule, coupled.line, motion, t_us, x):
+    if not couples:
         stiffness, viscosity = usable(rule, coupling, motion)
         coupled = redrawn(rule, coupled, motion, newest, t_us, x, stiffness, viscosity)
         of_coupled += 1.0
-    packets = of_surface, of_coupled, of_curve, of_hold
-    return Sender(known, motion, line, newest, hold, surface, curve, coupled, coupling, packets)
+    return Predictors(hold, surface, curve, coupled, coupling, (of_surface, of_coupled, of_curve, of_hold))
 
 
 def is_silent(rule: MotionRule, sender: Sender, t_us: int, x: Vector) -> bool:
     """Tell whether a stimulus is within the threshold around what the receiver applies."""
-    return sender.is_known and follows(rule, sender.line, sender.motion, t_us, x)
+    is_known, motion, line, _, _ = sender
+    return is_known and follows(rule, line, motion, t_us, x)
 
 
 def send(rule: MotionRule, sender: Sender, t_us: int, x: Vector, past: Any) -> tuple[Message, Sender]:
     """Send what the predictor draws that has needed the fewest packets."""
-    _, motion, _, newest, hold, surface, curve, coupled, coupling, packets = sender
+    _, motion, _, newest, predictors = sender
+    hold, surface, curve, coupled, coupling, packets = predictors
     of_surface, of_coupled, of_curve, of_hold = packets
     fewest = min(of_surface, of_coupled, of_curve, of_hold)
     if of_surface == fewest:
@@ -170,28 +201,32 @@ def send(rule: MotionRule, sender: Sender, t_us: int, x: Vector, past: Any) -> t
         value = hold.offset if follows(rule, hold, motion, t_us, x) else x
         message = drawn_hold(rule, motion, value, x)
     packets = FORGETTING * of_surface, FORGETTING * of_coupled, FORGETTING * of_curve, FORGETTING * of_hold
-    line = line_of(rule, t_us, message)
-    return message, Sender(True, motion, line, newest, hold, surface, curve, coupled, coupling, packets)
+    predictors = Predictors(hold, surface, curve, coupled, coupling, packets)
+    return message, (True, motion, line_of(rule, t_us, message), newest, predictors)
 
 
 def refreshed(sender: Sender) -> Sender:
     """Return a receiver that is not known to follow the line."""
-    return sender._replace(is_known=False)
+    _, motion, line, newest, predictors = sender
+    return False, motion, line, newest, predictors
 
 
 def mirror(sender: Sender) -> Receiver:
     """Return the receiver, if it knows the same positions."""
-    return Receiver(sender.motion, sender.line)
+    _, motion, line, _, _ = sender
+    return motion, line
 
 
 def receive(rule: MotionRule, receiver: Receiver, t_us: int, message: Message) -> Receiver:
     """Follow the line of a message."""
-    return Receiver(receiver.motion, line_of(rule, t_us, message))
+    motion, _ = receiver
+    return motion, line_of(rule, t_us, message)
 
 
 def apply(rule: MotionRule, receiver: Receiver, t_us: int) -> Vector:
     """Return the stimulus of the line at the receiver's position."""
-    return line_at(rule, receiver.line, receiver.motion, t_us)
+    (is_known, _, _, position, velocity), line = receiver
+    return line_at(rule, line, is_known, position, velocity, t_us)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

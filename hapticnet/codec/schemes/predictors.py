@@ -16,6 +16,7 @@ from hapticnet.codec.payload.motion import (
     Message,
     line_at,
     line_of,
+    line_on_one_axis,
     pressed,
     share_at,
 )
@@ -30,6 +31,7 @@ from hapticnet.codec.schemes.trend import (
     measured_trend,
     predicted_travel,
     updated,
+    window_begin,
 )
 from hapticnet.codec.steps import Past
 from hapticnet.rounding import as_half
@@ -89,11 +91,19 @@ class Predictor(NamedTuple):
 
 def follows(rule: MotionRule, line: Line, motion: Motion, t_us: int, x: Vector) -> bool:
     """Tell whether a stimulus is within the threshold around a line."""
-    return line.kind != UNSENT and is_within(rule, x, line_at(rule, line, motion, t_us))
+    if line.kind == UNSENT:
+        return False
+    is_known, _, _, position, velocity = motion
+    if len(x) == 1:  # as below without two calls, because this runs several times at every sample
+        applied = line_on_one_axis(rule, line, is_known, position[0], velocity[0], t_us)
+        width = rule.weber * abs(applied)
+        return abs(x[0] - applied) <= (width if width > rule.floor else rule.floor)
+    return is_within(rule, x, line_at(rule, line, is_known, position, velocity, t_us))
 
 
 def remember(rule: MotionRule, newest: int, t_us: int, x: Vector, motion: Motion) -> int:
     """Write a sample to the tables, and return its index."""
+    _, _, _, position, velocity = motion
     newest += 1
     if newest == KEPT:
         first = KEPT - MOST_SAMPLES
@@ -106,18 +116,19 @@ def remember(rule: MotionRule, newest: int, t_us: int, x: Vector, motion: Motion
     rule.times_us[0][newest] = t_us
     if len(x) == 1:  # as below without three calls, because this runs at every sample
         rule.samples[newest][0] = x[0]
-        rule.positions[newest][0] = motion.position[0]
-        rule.velocities[newest][0] = motion.velocity[0]
+        rule.positions[newest][0] = position[0]
+        rule.velocities[newest][0] = velocity[0]
         return newest
     put(rule.samples, newest, x)
-    put(rule.positions, newest, motion.position)
-    put(rule.velocities, newest, motion.velocity)
+    put(rule.positions, newest, position)
+    put(rule.velocities, newest, velocity)
     return newest
 
 
 def usable(rule: MotionRule, coupling: Coupling, motion: Motion) -> tuple[float, float]:
     """Return stiffness and viscosity as they are transmitted; zeros without a position."""
-    if motion.samples == 0:
+    _, samples, _, _, _ = motion
+    if samples == 0:
         return 0.0, 0.0
     return as_half(min(coupling.stiffness, rule.stiffest)), as_half(min(coupling.viscosity, LARGEST_VISCOSITY))
 
@@ -133,15 +144,16 @@ def redrawn(
     viscosity: float,
 ) -> Predictor:
     """Learn from how the last curve ended, and draw the next one."""
-    line, sent, position, velocity, trend, regression = predictor
-    if line.kind != UNSENT and not is_impact(rule, x, line_at(rule, line, motion, t_us)):
-        change = along(minus(x, sent), -line.stiffness, minus(motion.position, position))
-        change = along(change, -line.viscosity, minus(motion.velocity, velocity))
+    line, sent, at, speed, trend, regression = predictor
+    is_known, _, _, position, velocity = motion
+    if line.kind != UNSENT and not is_impact(rule, x, line_at(rule, line, is_known, position, velocity, t_us)):
+        change = along(minus(x, sent), -line.stiffness, minus(position, at))
+        change = along(change, -line.viscosity, minus(velocity, speed))
         share = share_at(rule, line, t_us)
         regression = updated(regression, trend, change, share, threshold_around(rule, sent))
     trend = trend_beside(rule, motion, newest, x, stiffness, viscosity)
     message = drawn_curve(rule, regression, trend, motion, x, stiffness, viscosity)
-    return Predictor(line_of(rule, t_us, message), x, motion.position, motion.velocity, trend, regression)
+    return Predictor(line_of(rule, t_us, message), x, position, velocity, trend, regression)
 
 
 def trend_beside(rule: MotionRule, motion: Motion, newest: int, x: Vector, stiffness: float, viscosity: float) -> Trend:
@@ -149,14 +161,22 @@ def trend_beside(rule: MotionRule, motion: Motion, newest: int, x: Vector, stiff
     half_us, band_n = 0.5 * rule.horizon_us, BAND * threshold_around(rule, x)
     if stiffness == 0.0 and viscosity == 0.0:
         return measured_trend(Past(rule.times_us[0], rule.samples, 0, newest), x, half_us, rule.window_us, band_n)
-    count = min(newest + 1, motion.samples, MOST_SAMPLES)
+    times_us, samples, positions, velocities = rule.times_us[0], rule.samples, rule.positions, rule.velocities
+    residual_times_us, residuals = rule.residual_times_us[0], rule.residuals
+    _, known, _, position, velocity = motion
+    first = max(newest + 1 - min(known, MOST_SAMPLES), 0)
+    first = window_begin(times_us, first, newest, rule.window_us)
+    count = newest + 1 - first
     for k in range(count):
-        index = newest + 1 - count + k
-        rule.residual_times_us[0][k] = rule.times_us[0][index]
-        left = along(row(rule.samples, index, x), stiffness, minus(motion.position, row(rule.positions, index, x)))
-        left = along(left, viscosity, minus(motion.velocity, row(rule.velocities, index, x)))
-        put(rule.residuals, k, left)
-    past = Past(rule.residual_times_us[0], rule.residuals, 0, count - 1)
+        index = first + k
+        residual_times_us[k] = times_us[index]
+        if len(x) == 1:  # as below without six calls, because this runs for many samples
+            left = samples[index][0] + stiffness * (position[0] - positions[index][0])
+            residuals[k][0] = left + viscosity * (velocity[0] - velocities[index][0])
+        else:
+            without = along(row(samples, index, x), stiffness, minus(position, row(positions, index, x)))
+            put(residuals, k, along(without, viscosity, minus(velocity, row(velocities, index, x))))
+    past = Past(residual_times_us, residuals, 0, count - 1)
     return measured_trend(past, x, half_us, rule.window_us, band_n)
 
 
@@ -168,7 +188,8 @@ def drawn_hold(rule: MotionRule, motion: Motion, value: Vector, x: Vector) -> Me
 
 def drawn_surface(rule: MotionRule, motion: Motion, newest: int, x: Vector, learned: float) -> Message:
     """Return the message of a surface as it was touched lately; a hold if there is none."""
-    first = max(newest + 1 - motion.samples, 0)
+    _, known, _, position, _ = motion
+    first = max(newest + 1 - known, 0)
     stiffness, across, normal = local_stiffness(
         rule.times_us[0], rule.samples, rule.positions, first, newest, BAND * threshold_around(rule, x), learned, x
     )
@@ -179,7 +200,7 @@ def drawn_surface(rule: MotionRule, motion: Motion, newest: int, x: Vector, lear
             across = as_half(min(across, rule.stiffest))
             zeros = times(x, 0.0)
             flat = Line(SURFACE, 0, zeros, zeros, normal, across, 0.0)
-            offset = minus(x, pressed(flat, motion.position))
+            offset = minus(x, pressed(flat, position))
             return checked(rule, Message(SURFACE, False, offset, zeros, normal, across, 0.0), motion, x)
     return drawn_hold(rule, motion, x, x)
 
@@ -202,7 +223,8 @@ def drawn_curve(
     begin = limited(moved(x, times(trend.level, regression.coefficients[2]), room), LARGEST_COMPONENT)
     if stiffness == 0.0 and viscosity == 0.0:
         return checked(rule, Message(CURVE, False, begin, travel, zeros, 0.0, 0.0), motion, x)
-    offset = along(along(begin, -stiffness, motion.position), -viscosity, motion.velocity)
+    _, _, _, position, velocity = motion
+    offset = along(along(begin, -stiffness, position), -viscosity, velocity)
     travel = single(limited(travel, LARGEST_COMPONENT))
     return checked(rule, Message(COUPLED, False, offset, travel, zeros, stiffness, viscosity), motion, x)
 
@@ -237,9 +259,10 @@ def checked(rule: MotionRule, message: Message, motion: Motion, x: Vector) -> Me
 def rounded_curve(rule: MotionRule, message: Message) -> Message:
     """Return a message whose travel is as it is transmitted."""
     kind, is_wide, value, travel, normal, stiffness, viscosity = message
-    if kind == CURVE:
-        threshold = threshold_around(rule, value)
-        travel = in_halves(travel, threshold)
-        if not ends_in_range(value, travel, threshold):
-            travel = minus(travel, travel)
+    if kind != CURVE:
+        return message
+    threshold = threshold_around(rule, value)
+    travel = in_halves(travel, threshold)
+    if not ends_in_range(value, travel, threshold):
+        travel = minus(travel, travel)
     return Message(kind, is_wide, value, travel, normal, stiffness, viscosity)

@@ -1,6 +1,7 @@
 """The trend of the newest samples, and a regression that learns how much of it to use for a prediction."""
 
 import math
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from hapticnet.codec.steps import Past
@@ -96,9 +97,7 @@ def measured_trend(past: Past, x: Vector, half_us: float, window_us: float, band
     window_us
         Length of the long window [µs].
     """
-    if past.newest > past.first:
-        period_us = past.times_us[past.newest] - past.times_us[past.newest - 1]
-        window_us = max(window_us, LEAST_PERIODS * period_us)
+    window_us = lengthened(past.times_us, past.first, past.newest, window_us)
     if len(x) == 1:
         a = fit(past, 0, x[0], window_us, band_n)
         return Trend((half_us * a[0],), (half_us * a[1],), (a[2],))
@@ -114,6 +113,22 @@ def measured_trend(past: Past, x: Vector, half_us: float, window_us: float, band
         (half_us * a[1], half_us * b[1], half_us * c[1]),
         (a[2], b[2], c[2]),
     )
+
+
+def lengthened(times_us: Sequence[float], first: int, newest: int, window_us: float) -> float:
+    """Return the length of a window [µs], at least `LEAST_PERIODS`."""
+    if newest == first:
+        return window_us
+    return max(window_us, LEAST_PERIODS * (times_us[newest] - times_us[newest - 1]))
+
+
+def window_begin(times_us: Sequence[float], first: int, newest: int, window_us: float) -> int:
+    """Return the index of the oldest sample, not before `first`, that `measured_trend` reads."""
+    window_us = lengthened(times_us, first, newest, window_us)
+    oldest = newest
+    while oldest > first and times_us[newest] - times_us[oldest - 1] < window_us:
+        oldest -= 1
+    return oldest
 
 
 def fit(past: Past, axis: int, x: float, window_us: float, band_n: float) -> Triple:
