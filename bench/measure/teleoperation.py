@@ -1,0 +1,110 @@
+"""Whole sessions in virtual time: packets and bytes both ways, and what the hand feels, for every kind of coding.
+
+Master and slave play the paper's scene over a channel with delay: handshake, positions, acknowledgements, forces,
+keepalives and repair, as over UDP, with 28 B of UDP and IPv4 headers for every datagram. At each tick of the master the
+force that is held is compared with the true force of the position at that tick. A force that answers at once is held
+from the next tick on, so even without delay every setup is late by a tick of 1 ms.
+"""
+
+import argparse
+import statistics
+from typing import Any, Final
+
+import numpy as np
+import record
+
+import hapticnet as hn
+from hapticnet.measure.energy import energy_report
+from hapticnet.measure.metrics import error_report
+from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
+from hapticnet.perception import WeberLaw
+from hapticnet.samples import PositionSample
+from hapticnet.scene.presets import paper_scene
+from hapticnet.scene.scene import Scene
+
+Row = dict[str, Any]
+
+SETUPS: Final[dict[str, dict[str, Any]]] = {
+    "raw": {"codec": "raw"},
+    "deadband (the paper)": {"codec": "deadband"},
+    "linear-predictive": {"codec": "linear-predictive"},
+    "adaptive-predictive": {"codec": "adaptive-predictive"},
+    "motion-predictive": {"codec": "motion-predictive"},
+    "motion-predictive, coded positions": {"codec": "motion-predictive", "positions": "line"},
+    "announced scene": {"codec": "motion-predictive", "announced": True},
+    "announced scene, coded positions": {"codec": "motion-predictive", "announced": True, "positions": "line"},
+}
+DELAYS_MS: Final = (0, 25, 50)
+LOSSES: Final = (0.0, 0.05)
+
+HANDSHAKE_S: Final = 0.5
+"""Traffic is counted after this time, while the hand still waits."""
+
+
+def measure(arguments: argparse.Namespace) -> Row:
+    """Return a row for every setup, delay and loss: means over the hands."""
+    seeds = range(arguments.seed, arguments.seed + arguments.seeds)
+    delays_ms, losses = ((0, 25), (0.0,)) if arguments.quick else (DELAYS_MS, LOSSES)
+    rows = []
+    for name, setup in SETUPS.items():
+        for delay_ms in delays_ms:
+            for loss in losses:
+                played = [play(setup, delay_ms, loss, seed, arguments.insertions) for seed in seeds]
+                means = {key: statistics.fmean(row[key] for row in played) for key in played[0]}
+                rows.append({"setup": name, "delay_ms": delay_ms, "loss": loss} | means)
+    return {"insertions": arguments.insertions, "rows": rows}
+
+
+def play(setup: Row, delay_ms: int, loss: float, seed: int, insertions: int) -> Row:
+    """Play one session; return its traffic and what was felt."""
+    hand = ScriptedOperator(InsertionSettings(insertions=insertions), np.random.default_rng([seed, 3]))
+    assert hand.duration_us is not None
+    channel = f"delay={delay_ms}ms,loss={loss:%}" if loss else f"delay={delay_ms}ms"
+    link = hn.virtual_link(scene=f"paper:{seed}", forward=channel, feedback=channel, operator=hand, seed=seed, **setup)
+    link.run(seconds=HANDSHAKE_S)
+    begun = link.report()
+    seconds = hand.duration_us * 1e-6 - HANDSHAKE_S
+    link.run(seconds=seconds)
+    ended = link.report()
+    samples = link.master_samples()
+    moves = samples["position_m"] != 0.0
+    t_us, position_m = samples["t_us"][moves], samples["position_m"][moves]
+    scene = Scene(paper_scene(seed).tissues)
+    true_n = np.array(
+        [scene.step(PositionSample(round(t), (at,))).force_n for t, at in zip(t_us, position_m.tolist(), strict=True)]
+    )
+    held_n = samples["held_n"][moves][:, None]
+    law = WeberLaw()
+    felt = error_report(law, true_n, held_n)
+    return {
+        **{
+            f"{name}_{figure}_per_s": (after[key] - before[key]) / seconds
+            for name, before, after in (
+                ("forward", begun.master["sent"], ended.master["sent"]),
+                ("feedback", begun.slave["sent"], ended.slave["sent"]),
+            )
+            for figure, key in (("packets", "packets"), ("bytes", "wire_bytes"))
+        },
+        "keepalives_per_s": keepalives(ended) / seconds,
+        "felt_exceed_jnd_fraction": felt.exceed_jnd_fraction,
+        "felt_rmse_n": felt.rmse_n,
+        "created_share": energy_report(law, true_n, held_n, position_m[:, None]).created_share,
+    }
+
+
+def keepalives(report: hn.LinkReport) -> int:
+    """Return the KEEPALIVEs that the slave has sent."""
+    count: int = report.slave["sent"]["by_kind"].get("keepalive", 0)
+    return count
+
+
+def main() -> None:
+    parser = record.options(__doc__)
+    parser.add_argument("--seeds", type=record.within(1), default=3, help="how many hands and orders of tissues")
+    parser.add_argument("--insertions", type=record.within(1), default=2, help="insertions of each hand")
+    parser.add_argument("--quick", action="store_true", help="two delays, no loss")
+    record.run(parser, measure, unit="as in each name; shares 0 to 1")
+
+
+if __name__ == "__main__":
+    main()
