@@ -37,12 +37,13 @@ docker-check: $(VENV)/installed-dev
 # Recordings to try every codec on, as FILE[:FORCE[:POSITION[:SCALE]]]; the repository has none.
 RECORDINGS ?=
 
-BENCHMARKS := codec_speed codec_stability packet_rate scene_accuracy scene_cost force_loop finger_limit tilt virtual_time real_time fuzz floods recording endurance
+BENCHMARKS := codec_speed codec_stability packet_rate teleoperation scene_accuracy scene_cost force_loop finger_limit tilt virtual_time real_time fuzz floods recording endurance
 
 bench: system-packages $(VENV)/installed-dev
 	$(BIN)/python bench/measure/rate_distortion.py $(RECORDINGS) --json results/bench/rate_distortion.json
 	$(BIN)/python bench/measure/repair.py $(RECORDINGS) --json results/bench/repair.json
 	$(BIN)/python bench/measure/felt.py $(RECORDINGS) --json results/bench/felt.json
+	$(BIN)/python bench/measure/motion.py $(RECORDINGS) --json results/bench/motion.json
 	set -e; for name in $(BENCHMARKS); do \
 		$(BIN)/python bench/measure/$$name.py --json results/bench/$$name.json; done
 	$(BIN)/python bench/report/pages.py results/bench

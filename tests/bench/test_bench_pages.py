@@ -108,9 +108,11 @@ def records(measured, folder):
         "felt",
         "finger_limit",
         "force_loop",
+        "motion",
         "packet_rate",
         "rate_distortion",
         "repair",
+        "teleoperation",
         "tilt",
     )
     for name in (*scripts, "endurance", "floods", "fuzz", "real_time", "scene_accuracy", "scene_cost", "virtual_time"):
@@ -129,7 +131,7 @@ def pages(records):
 
 
 def test_every_placeholder_of_the_pages_has_its_figure(pages):
-    assert set(pages) == {"benchmarks.md", "benchmarks-felt.md", "benchmarks-tables.md", "headline.md"}
+    assert set(pages) == {"benchmarks.md", "benchmarks-felt.md", "benchmarks-tables.md", "headline.md", "motion.md"}
     for text in pages.values():
         assert not re.search(r"{{|{%|\bnan\b|None|Undefined", text)
 
