@@ -20,6 +20,7 @@ from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
+from hapticnet.scene.tissue import Tissue
 
 CASES = {
     "no device": ("perfect", False),
@@ -38,14 +39,15 @@ def both_nodes(
     channel: str = "perfect",
     device: bool = False,
     start_us: int = 0,
+    tissues: tuple[Tissue, ...] | None = None,
 ) -> Loopback:
-    """Return a slave with the paper's scene and a master, joined by two channels of one specification."""
+    """Return a slave with the paper's scene, or other tissues, and a master, joined by two channels of one kind."""
     scene = paper_scene(seed)
     forward, feedback, plant, nonces, sessions = np.random.default_rng(seed).spawn(5)
     return Loopback(
         MasterNode(operator, SimulatedDevice(PlantSettings(), plant) if device else None, settings, nonces),
         SlaveNode(
-            lambda _: Scene(scene.tissues, name=scene.name),
+            lambda _: Scene(tissues or scene.tissues, name=scene.name),
             SlaveSettings(record=settings.record, session=settings.session),
             sessions,
         ),
