@@ -25,7 +25,7 @@ from hapticnet.codec.payload.values import DOUBLE, SINGLE, threshold_around
 from hapticnet.errors import PeerError
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import LARGEST_COMPONENT, MAX_AXES, Vector
-from hapticnet.vectors import along, dot, in_range, largest_component, limited, magnitude, plus, times
+from hapticnet.vectors import along, dot, in_range, largest_component, limited, magnitude, minus, plus, times
 
 UNSENT: Final = -1
 HOLD: Final = 0
@@ -132,7 +132,7 @@ def line_at(rule: CurveNumbers, line: Line, is_known: bool, position: Vector, ve
     if line.kind <= CURVE:
         return along(line.offset, share_at(rule, line, t_us), line.travel)
     if not is_known:
-        return times(line.offset, 0.0)
+        return minus(line.offset, line.offset)
     if line.kind == SURFACE:
         x = plus(line.offset, pressed(line, position))
         out = dot(line.normal, x)

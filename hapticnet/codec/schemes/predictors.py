@@ -182,7 +182,7 @@ def trend_beside(rule: MotionRule, motion: Motion, newest: int, x: Vector, stiff
 
 def drawn_hold(rule: MotionRule, motion: Motion, value: Vector, x: Vector) -> Message:
     """Return a message that holds a value, near a stimulus x."""
-    zeros = times(x, 0.0)
+    zeros = minus(x, x)
     return checked(rule, Message(HOLD, False, value, zeros, zeros, 0.0, 0.0), motion, x)
 
 
@@ -198,7 +198,7 @@ def drawn_surface(rule: MotionRule, motion: Motion, newest: int, x: Vector, lear
         normal = halves(times(normal, root))
         if dot(normal, normal) > 0.0:
             across = as_half(min(across, rule.stiffest))
-            zeros = times(x, 0.0)
+            zeros = minus(x, x)
             flat = Line(SURFACE, 0, zeros, zeros, normal, across, 0.0)
             offset = minus(x, pressed(flat, position))
             return checked(rule, Message(SURFACE, False, offset, zeros, normal, across, 0.0), motion, x)
@@ -215,7 +215,7 @@ def drawn_curve(
     viscosity: float,
 ) -> Message:
     """Return the message of a curve with the travel that a regression predicts, beside stiffness and viscosity."""
-    zeros = times(x, 0.0)
+    zeros = minus(x, x)
     threshold = threshold_around(rule, x)
     travel = predicted_travel(regression, trend, threshold)
     # If the curve starts nearer to zero, the threshold is smaller, by at most the Weber fraction of the offset.
@@ -252,7 +252,7 @@ def checked(rule: MotionRule, message: Message, motion: Motion, x: Vector) -> Me
         message = rounded_curve(rule, Message(kind, True, value, travel, normal, stiffness, viscosity))
         if follows(rule, line_of(rule, 0, message), motion, 0, x):
             return message
-    zeros = times(x, 0.0)
+    zeros = minus(x, x)
     return Message(HOLD, True, x, zeros, zeros, 0.0, 0.0)
 
 
