@@ -14,9 +14,16 @@ from typing import Any, Final
 import numpy as np
 import record
 
-import hapticnet as hn
+from hapticnet.channel.emulator import Emulator
+from hapticnet.channel.loss import BernoulliLoss
+from hapticnet.channel.settings import ChannelSettings
 from hapticnet.measure.energy import energy_report
 from hapticnet.measure.metrics import error_report
+from hapticnet.node.admission import SlaveSettings
+from hapticnet.node.loopback import Loopback
+from hapticnet.node.master import MasterNode
+from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import PositionSample
@@ -31,15 +38,17 @@ SETUPS: Final[dict[str, dict[str, Any]]] = {
     "linear-predictive": {"codec": "linear-predictive"},
     "adaptive-predictive": {"codec": "adaptive-predictive"},
     "motion-predictive": {"codec": "motion-predictive"},
+    "deadband, coded positions": {"codec": "deadband", "positions": "line"},
     "motion-predictive, coded positions": {"codec": "motion-predictive", "positions": "line"},
     "announced scene": {"codec": "motion-predictive", "announced": True},
-    "announced scene, coded positions": {"codec": "motion-predictive", "announced": True, "positions": "line"},
 }
 DELAYS_MS: Final = (0, 25, 50)
 LOSSES: Final = (0.0, 0.05)
 
-HANDSHAKE_S: Final = 0.5
+HANDSHAKE_US: Final = 500_000
 """Traffic is counted after this time, while the hand still waits."""
+
+NOTHING: Final[Row] = {"packets": 0, "wire_bytes": 0, "by_kind": {}}
 
 
 def measure(arguments: argparse.Namespace) -> Row:
@@ -60,14 +69,21 @@ def play(setup: Row, delay_ms: int, loss: float, seed: int, insertions: int, mos
     """Play one session; return its traffic and what was felt."""
     hand = ScriptedOperator(InsertionSettings(insertions=insertions), np.random.default_rng([seed, 3]))
     assert hand.duration_us is not None
-    channel = f"delay={delay_ms}ms,loss={loss:%}" if loss else f"delay={delay_ms}ms"
-    link = hn.virtual_link(scene=f"paper:{seed}", forward=channel, feedback=channel, operator=hand, seed=seed, **setup)
-    link.run(seconds=HANDSHAKE_S)
-    begun = link.report()
-    seconds = min(hand.duration_us * 1e-6, most_s) - HANDSHAKE_S
-    link.run(seconds=seconds)
-    ended = link.report()
-    samples = link.master_samples()
+    channel = ChannelSettings(delay_us=1000 * delay_ms, loss=BernoulliLoss(loss) if loss else None)
+    to_slave, to_master, of_master, of_slave = np.random.default_rng([seed, 7]).spawn(4)
+    link = Loopback(
+        MasterNode(hand, None, MasterSettings(record=True, **setup), of_master),
+        SlaveNode(lambda _: Scene(paper_scene(seed).tissues), SlaveSettings(), of_slave),
+        forward=Emulator[bytes](channel, to_slave),
+        feedback=Emulator[bytes](channel, to_master),
+    )
+    link.run(HANDSHAKE_US)
+    begun = sent(link)
+    seconds = min(hand.duration_us * 1e-6, most_s) - HANDSHAKE_US * 1e-6
+    link.run(round(1e6 * seconds))
+    ended = sent(link)
+    assert link.master.recording is not None
+    samples = link.master.recording.table()
     moves = samples["position_m"] != 0.0
     t_us, position_m = samples["t_us"][moves], samples["position_m"][moves]
     scene = Scene(paper_scene(seed).tissues)
@@ -78,25 +94,24 @@ def play(setup: Row, delay_ms: int, loss: float, seed: int, insertions: int, mos
     law = WeberLaw()
     felt = error_report(law, true_n, held_n)
     return {
-        **{
-            f"{name}_{figure}_per_s": (after[key] - before[key]) / seconds
-            for name, before, after in (
-                ("forward", begun.master["sent"], ended.master["sent"]),
-                ("feedback", begun.slave["sent"], ended.slave["sent"]),
-            )
-            for figure, key in (("packets", "packets"), ("bytes", "wire_bytes"))
-        },
-        "keepalives_per_s": keepalives(ended) / seconds,
+        **{key: (count - before) / seconds for (key, count), before in zip(ended.items(), begun.values(), strict=True)},
         "felt_exceed_jnd_fraction": felt.exceed_jnd_fraction,
         "felt_rmse_n": felt.rmse_n,
         "created_share": energy_report(law, true_n, held_n, position_m[:, None]).created_share,
     }
 
 
-def keepalives(report: hn.LinkReport) -> int:
-    """Return the KEEPALIVEs that the slave has sent."""
-    count: int = report.slave["sent"]["by_kind"].get("keepalive", 0)
-    return count
+def sent(link: Loopback) -> dict[str, float]:
+    """Return what both ends of the newest session have sent so far."""
+    sessions = link.slave.report()["sessions"]
+    forward, feedback = link.master.report()["sent"], sessions[-1]["sent"] if sessions else NOTHING
+    return {
+        "forward_packets_per_s": forward["packets"],
+        "forward_bytes_per_s": forward["wire_bytes"],
+        "feedback_packets_per_s": feedback["packets"],
+        "feedback_bytes_per_s": feedback["wire_bytes"],
+        "keepalives_per_s": feedback["by_kind"].get("keepalive", 0),
+    }
 
 
 def main() -> None:
