@@ -115,12 +115,12 @@ class Shown(BaseModel):
 
     model_config = STRICT
 
-    by: list[str] | None = None
-    of: list[str] | None = None
+    by: Texts | None = None
+    of: Texts | None = None
     x: str | None = None
     y: str | None = None
-    line: list[str] = []
-    panel: list[str] = []
+    line: Texts | None = None
+    panel: Texts | None = None
     where: str | None = None
 
 

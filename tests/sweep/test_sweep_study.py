@@ -164,7 +164,7 @@ def test_the_ready_studies_can_be_planned_and_show_columns_that_exist(path):
     assert 100 <= runs_of(plan) <= 2000
     show = file.study.show
     assert show.by is not None
-    assert {*show.by, *(show.of or ()), show.x, show.y, *show.line, *show.panel} <= set(plan.columns)
+    assert {*show.by, *(show.of or ()), show.x, show.y, *(show.line or ()), *(show.panel or ())} <= set(plan.columns)
 
 
 def test_the_study_of_rate_and_distortion_has_every_codec():

@@ -86,7 +86,7 @@ def _draw(results: "Results", shown: "Shown", groups: tuple[str, ...], file: Pat
 
     if shown.x is None or shown.y is None:
         raise SettingsError("--plot needs --x and --y, because the study's [show] does not name them")
-    drawing = Drawing(x=shown.x, y=shown.y, line=tuple(shown.line), panel=tuple(shown.panel), by=groups)
+    drawing = Drawing(x=shown.x, y=shown.y, line=tuple(shown.line or ()), panel=tuple(shown.panel or ()), by=groups)
     draw(results, drawing, file, where=where)
 
 
