@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import record
-from codec_twins import Array, Loop, hand_m, load_twins, times_us
+from codec_twins import EXACT, Array, Loop, hand_m, load_twins, times_us
 
 from hapticnet.codec import recording
 from hapticnet.codec.base import Codec
@@ -23,6 +23,7 @@ from hapticnet.perception import WeberLaw
 
 SENT_FRACTIONS = (0.01, 0.1, 0.4)
 STREAMED = 200_000
+COMPARED = 20_000
 SWEPT_LAWS = 64
 SWEPT = 1_000_000
 
@@ -80,7 +81,7 @@ def measure_deadband(stimuli: Array, c_loop: Loop, repetitions: int) -> dict[str
     """Return million samples a second of the deadband: C, compiled, plain Python and streaming."""
     codec = Deadband()
     ways = {
-        "c": lambda: c_loop(stimuli),
+        "c": lambda: len(c_loop(stimuli).sent),
         "plain": lambda: whole_array(codec, stimuli[:STREAMED], compile_above=len(stimuli)),
     }
     if fast_extra_installed():
@@ -96,9 +97,11 @@ def measure_codec(codec: Codec, stimuli: Array, c_loop: Loop | None, repetitions
     """Return ns a sample of a codec's streaming pair, and whole-array speeds on one axis (beside C) and three axes."""
     scene = paper_recording(1)
     part = stimuli[: len(stimuli) // 4]
+    if c_loop is not None and codec.name in EXACT:
+        check_exact(codec, stimuli[:COMPARED], c_loop)
     three = np.column_stack([part, np.roll(part, len(part) // 3), -np.roll(part, len(part) // 2)])
     speed: dict[str, float] = {}
-    ways: dict[str, Callable[[], int]] = {} if c_loop is None else {"c": lambda: c_loop(stimuli)}
+    ways: dict[str, Callable[[], int]] = {} if c_loop is None else {"c": lambda: len(c_loop(stimuli).sent)}
     if fast_extra_installed():
         ways["fast"] = lambda: whole_array(codec, stimuli)
         sent = {name: way() for name, way in ways.items()}
@@ -121,6 +124,14 @@ def measure_codec(codec: Codec, stimuli: Array, c_loop: Loop | None, repetitions
         "axes3": 0.0,
         **speed,
     }
+
+
+def check_exact(codec: Codec, stimuli: Array, c_loop: Loop) -> None:
+    """Check that a codec and its C twin send and apply the same, to the bit."""
+    ours = recording.encode_streamed(codec, times_us(len(stimuli)), stimuli, hand_m(len(stimuli)))
+    twin = c_loop(stimuli)
+    assert np.array_equal(ours.sent, twin.sent), f"{codec.name} and its C twin send other samples"
+    assert np.array_equal(ours.decoded[:, 0], twin.decoded), f"{codec.name} and its C twin apply other stimuli"
 
 
 def stream_ns(codec: Codec, axes: list[Array], repetitions: int, position_m: Array | None = None) -> float:

@@ -5,7 +5,7 @@ import subprocess
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,13 +14,26 @@ from hapticnet.codec.schemes.adaptive_predictive import AdaptivePredictive
 from hapticnet.codec.schemes.level_crossing import LevelCrossing
 from hapticnet.codec.schemes.linear_predictive import LinearPredictive
 from hapticnet.codec.schemes.merging import Merging
+from hapticnet.codec.schemes.motion_predictive import MotionPredictive
 from hapticnet.codec.schemes.passive import PassiveInterpolative
 from hapticnet.codec.schemes.probabilistic import Probabilistic
 from hapticnet.codec.schemes.velocity_adaptive import VelocityAdaptive
 from hapticnet.perception import WeberLaw
 
 Array = npt.NDArray[np.float64]
-Loop = Callable[[Array], int]
+
+
+class Encoded(NamedTuple):
+    """Indices of the stimuli that were sent, and the stimulus applied at every sample."""
+
+    sent: npt.NDArray[np.int64]
+    decoded: Array
+
+
+Loop = Callable[[Array], Encoded]
+
+EXACT = ("adaptive-predictive", "motion-predictive")
+"""Twins that send and apply what hapticnet does, to the bit."""
 
 PEERS = Path(__file__).parents[1] / "peers"
 LAW = WeberLaw()
@@ -30,10 +43,12 @@ def load_twins(folder: Path) -> dict[str, Loop]:
     """Return the C loops by codec, compiled for this machine; they allocate what they return, as ours do."""
     levels, edges = map(np.array, LevelCrossing().cells(axes=1))
     lines, curves, moving, losing = LinearPredictive(), AdaptivePredictive(), VelocityAdaptive(), Probabilistic()
+    surfaces = MotionPredictive()
     settings: dict[str, tuple[float | Array, ...]] = {
         "deadband": (LAW.multiplier,),
         "level-crossing": (levels, edges, len(levels)),
         "adaptive-predictive": (curves.horizon_ms * 1e3, curves.window_ms * 1e3),
+        "motion-predictive": (surfaces.horizon_ms * 1e3, surfaces.window_ms * 1e3, surfaces.stiffest_n_per_m),
         "linear-predictive": (int(lines.slope_samples), lines.horizon_ms * 1e3),
         "velocity-adaptive": (moving.speed_gain_s_m, moving.largest_fraction, moving.time_constant_ms * 1e-3),
         "merging": (int(Merging().window_ms * 1e3),),
@@ -51,11 +66,12 @@ def _loop(folder: Path, name: str, settings: tuple[float | Array, ...]) -> Loop:
     function = ctypes.CDLL(str(library))[name]
     function.restype = ctypes.c_size_t
 
-    def run(stimuli: Array) -> int:
+    def run(stimuli: Array) -> Encoded:
         samples = len(stimuli)
         decoded, sent = np.empty_like(stimuli), np.empty(samples, dtype=np.int64)
         recording = stimuli, samples, times_us(samples), hand_m(samples), LAW.weber_fraction, LAW.floor_n
-        return int(function(*map(_argument, (*recording, *settings, decoded, sent))))
+        count = function(*map(_argument, (*recording, *settings, decoded, sent)))
+        return Encoded(sent[:count], decoded)
 
     return run
 

@@ -100,7 +100,7 @@ def test_codec_speed_measures_every_way_on_the_same_signal(measured):
     assert [row["codec"] for row in results["codecs"]] == list(CODECS)
     assert all(min(row["walk_ns"], row["paper_ns"]) > 0.0 for row in results["codecs"])
     without_twin = {row["codec"] for row in results["codecs"] if not row["c"]}
-    assert not without_twin & {"deadband", "linear-predictive", "adaptive-predictive"}
+    assert not without_twin & {"deadband", "linear-predictive", "adaptive-predictive", "motion-predictive"}
     assert results["sweep"]["m_sample_parameters_per_s"] > 0.0
 
 
