@@ -11,6 +11,7 @@ from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
+from hapticnet.outlook import Outlook
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.handshake import SealedDoor
 from hapticnet.protocol.keys import Roster
@@ -19,6 +20,7 @@ from hapticnet.samples import ForceSample, PositionSample
 from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.tissue import Tissue
+from hapticnet.scene.user import UserScene
 from hapticnet.vectors import single
 from tests.peers import ENTRY, KEY, SLAVE
 
@@ -167,3 +169,123 @@ def test_a_slave_that_hears_no_more_falls_silent_and_the_force_is_let_go():
     loop.run(300_000)
     assert loop.master.session.state is MasterState.ESTABLISHED
     assert loop.master.held_n[0] > 0.5
+
+
+class Wall:
+    """A scene of a user's: a spring on three axes that says how stiff it is."""
+
+    axes, name = 3, "wall"
+
+    def __init__(self, outlook=lambda wall: Outlook(400.0 if wall.x > 0.02 else 0.0, 0.0, *wall.box())):
+        self.x = 0.0
+        self.asked = outlook
+        self.stepped = []
+
+    def box(self):
+        return ((0.02, -1.0, -1.0), (1.0, 1.0, 1.0)) if self.x > 0.02 else ((-1.0, -1.0, -1.0), (0.02, 1.0, 1.0))
+
+    def step(self, sample):
+        self.x = sample.position_m[0]
+        self.stepped.append(sample)
+        return ForceSample(sample.t_us, (max(0.0, 400.0 * (self.x - 0.02)), 0.0, 0.0))
+
+    def outlook(self):
+        return self.asked(self)
+
+
+class Circling:
+    """A hand on three axes."""
+
+    axes, duration_us = 3, 2 * SECOND
+
+    def sample(self, t_us):
+        angle = 2.0 * np.pi * t_us / 1e6
+        return PositionSample(t_us, (0.02 + 0.008 * np.sin(angle), 0.01 * np.cos(angle), 0.003 * np.sin(3.0 * angle)))
+
+
+def with_wall(wall, **settings):
+    master = MasterNode(
+        Circling(), None, MasterSettings(positions="line", record=True, **settings), np.random.default_rng(1)
+    )
+    slave = SlaveNode(lambda _: UserScene(wall), SlaveSettings(), np.random.default_rng(2))
+    channels = [Emulator[bytes](parse_channel("perfect"), np.random.default_rng(3)) for _ in range(2)]
+    return Loopback(master, slave, forward=channels[0], feedback=channels[1])
+
+
+@pytest.mark.parametrize("codec", CODECS)
+def test_a_scene_of_a_user_on_three_axes_that_says_how_stiff_it_is_is_felt_within_one_jnd(codec):
+    wall = Wall()
+    loop = with_wall(wall, codec=codec)
+    loop.run(2 * SECOND)
+    table = loop.master.recording.table()
+    x = np.array([single((each,))[0] for each in table["position_x_m"].tolist()])
+    felt_n = np.stack([table[f"received_{axis}_n"] for axis in "xyz"], axis=1)[1:]
+    true_n = np.maximum(0.0, 400.0 * (x - 0.02))[:-1, np.newaxis] * [1.0, 0.0, 0.0]
+    error_n, size_n = (np.linalg.norm(each, axis=1) for each in (felt_n - true_n, felt_n))
+    assert true_n.max() > 3.0
+    assert (error_n <= WeberLaw().thresholds_n(size_n) * (1.0 + 1e-9)).all()
+    assert loop.master.report()["positions"]["sent"] < 500
+    times_us = [sample.t_us for sample in wall.stepped]
+    assert times_us == sorted(times_us)
+
+
+def test_a_scene_that_cannot_tell_gets_every_position_and_no_other():
+    wall = Wall(outlook=lambda _: None)
+    loop = with_wall(wall)
+    loop.run(SECOND // 2)
+    positions = loop.master.report()["positions"]
+    assert positions["sent"] == positions["ticks"] == len(wall.stepped)
+    assert loop.slave.report()["sessions"][0]["between"] == 0
+
+
+def failing(_):
+    raise ValueError("the sensor is gone")
+
+
+@pytest.mark.parametrize(
+    "outlook", [failing, lambda _: "stiff", lambda _: (1.0, 0.0, (0.0,), (1.0,)), lambda _: 7]
+)
+def test_an_outlook_that_fails_or_is_none_ends_its_session_in_words(outlook):
+    loop = with_wall(Wall(outlook=outlook))
+    loop.run(SECOND // 2)
+    (session,) = loop.slave.report()["sessions"]
+    assert "the scene failed" in session["end_reason"]
+    assert "the scene failed" in loop.master.end_reason
+
+
+def test_an_outlook_that_was_lost_is_told_again_and_meanwhile_positions_go_on():
+    loop, duration_us = link(codec="adaptive-predictive", hand={"push_s": 6.0})
+    loop.run(SECOND)
+    loop.feedback.change(parse_channel("loss=100%"))
+    before = loop.master.report()["positions"]["sent"]
+    loop.run(150_000)  # less than it takes to go stale; the surface is met in this time or later
+    loop.feedback.change(parse_channel("perfect"))
+    loop.run(duration_us - SECOND - 150_000)
+    positions = loop.master.report()["positions"]
+    assert positions["sent"] - before < 0.1 * positions["ticks"]
+    assert positions["reasons"]["left"] == 9
+    assert loop.slave.report()["sessions"][0]["breaches"] == 3
+
+
+def test_keepalives_are_few_and_fewest_while_nothing_is_felt():
+    rest = {"approach_m": 0.010, "depth_m": 0.010, "push_s": 8.0, "push_steps": 1}
+    pressing = {"depth_m": 0.022, "push_s": 0.5, "push_steps": 1, "pause_s": 8.0}
+    rates = []
+    for hand in (rest, pressing):
+        loop, _ = link(hand=hand, codec="deadband")
+        loop.run(2 * SECOND)
+        start = loop.master.session.received.by_kind[6]
+        loop.run(4 * SECOND)
+        rates.append((loop.master.session.received.by_kind[6] - start) / 4.0)
+        assert loop.master.session.state is MasterState.ESTABLISHED
+        kinds = {type(event).__name__ for event in iter(loop.master.next_event, None)}
+        assert "LinkStale" not in kinds
+    assert rates[0] < 3.0 < rates[1] < 12.0
+
+
+def test_a_dead_link_is_noticed_though_nothing_is_felt():
+    loop, _ = link(hand={"approach_m": 0.010, "depth_m": 0.010, "push_s": 8.0, "push_steps": 1})
+    loop.run(2 * SECOND)
+    loop.feedback.change(parse_channel("loss=100%"))
+    loop.run(1_500_000)
+    assert loop.master.session.state is MasterState.STALE
