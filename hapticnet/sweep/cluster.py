@@ -4,6 +4,7 @@ import logging
 import queue
 import time
 import uuid
+from concurrent.futures import CancelledError
 from contextlib import suppress
 from typing import Any, Final
 
@@ -141,16 +142,21 @@ class ClusterPool:
             except TimeoutError:  # its worker ended before it was fetched; it is computed again
                 future.add_done_callback(lambda done: self._done.put((shard, done)))
                 return []
-            except Exception:
+            except CancelledError:  # the connection was lost
                 return self._give_again(shard)
+            except Exception as error:
+                if self._client.status != "running":
+                    return self._give_again(shard)
+                del self._futures[shard]
+                return [Broken(shard, in_words(error))]
             del self._futures[shard]
             return [computed]
         if future.status == "error":
             del self._futures[shard]
-            error = future.exception()
-            if isinstance(error, self._killed):
+            raised = future.exception()
+            if isinstance(raised, self._killed):
                 return [Broken(shard, "each worker that computed it ended, perhaps for lack of memory", final=True)]
-            return [Broken(shard, in_words(error))]
+            return [Broken(shard, in_words(raised))]
         return self._give_again(shard)  # the connection was lost, and with it all futures
 
     def _give_again(self, shard: Shard) -> list[Outcome]:

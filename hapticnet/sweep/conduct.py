@@ -53,6 +53,10 @@ class Progress:
         Shards that were given up.
     worker_s, worker_cpu_s
         Sum of the shards' durations and processor times [s].
+    seconds
+        Duration of this sweep so far [s].
+    workers
+        Workers at present.
     stopped
         Whether the sweep was asked to stop before its end.
     """
