@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 import record
 
 from hapticnet.arrays import FloatArray
@@ -38,7 +39,7 @@ from hapticnet.scene.scene import Scene
 Row = dict[str, Any]
 
 LAW: Final = WeberLaw()
-RATE_HZ: Final = 1000
+PERIOD_US: Final = 1000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,23 +139,28 @@ def run(case: Case) -> Row:
     )
     slave = SlaveNode(make_scene, SlaveSettings(), np.random.default_rng([case.seed, 4]))
     link = Loopback(master, slave, forward=forward, feedback=feedback)
-    link.run(hand.duration_us + 4_000 * case.delay_ms + 500_000)
+    on_model = []
+    for _ in range((hand.duration_us + 4_000 * case.delay_ms + 500_000) // PERIOD_US):
+        link.run(PERIOD_US)
+        on_model.append(master.on_model)
     assert master.recording is not None
     table = master.recording.table()
     t_us, positions, held = table["t_us"], table["position_m"][:, None], table["held_n"][:, None]
     true = true_force(Scene(settings.tissues), t_us, positions)
     station = slave.stations[0]
-    seconds = len(t_us) / RATE_HZ
+    seconds = len(t_us) * PERIOD_US / 1e6
+    wrong = np.abs(true - held)[:, 0] > LAW.jnds_n(np.abs(held)[:, 0])
     report = error_report(LAW, true, held)
     forces = station.session.sent.by_kind[Kind.FORCE]
     account = station.report()["announced"] or {}
-    away = error_runs(true, held)
     return {
-        **asdict(replace(case, hand=InsertionSettings())),
+        **{name: value for name, value in asdict(case).items() if name != "hand"},
+        "insertions": case.hand.insertions,
         "felt_above_jnd": report.exceed_jnd_fraction,
         "felt_rmse_n": report.rmse_n,
         "energy_peak_j": float(created_energy_j(true, held, positions).max(initial=0.0)),
-        "worst_run_ms": max(away, default=0),
+        "longest_wrong_ms": longest_run(wrong),
+        "longest_wrong_model_ms": longest_run(wrong & np.array(on_model)),
         "forces": forces,
         "keepalives": station.session.sent.by_kind[Kind.KEEPALIVE],
         "feedback_bytes_per_s": station.session.sent.wire_bytes / seconds,
@@ -170,16 +176,16 @@ def true_force(scene: Scene, t_us: FloatArray, positions: FloatArray) -> FloatAr
     return np.array([scene.step(PositionSample(int(t), tuple(x))).force_n for t, x in samples])
 
 
-def error_runs(true: FloatArray, held: FloatArray) -> list[int]:
-    """Return how many ticks in a row [ms] the error was more than a JND, for each such run."""
-    wrong = np.abs(true - held)[:, 0] > LAW.jnds_n(np.abs(held)[:, 0])
+def longest_run(wrong: npt.NDArray[np.bool_]) -> int:
+    """Return for how many ticks in a row something was wrong, at most."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], wrong, [False]]).astype(int)))
-    return [int(length) for length in edges[1::2] - edges[::2]]
+    return int((edges[1::2] - edges[::2]).max(initial=0))
 
 
 def cases(arguments: argparse.Namespace) -> list[Case]:
     """Return the grid: links, codecs, wrong announcements, reaches."""
-    ways = [("raw", False), ("deadband", False), ("adaptive-predictive", False), ("deadband", True)]
+    ways = [("raw", False), ("deadband", False), ("adaptive-predictive", False), ("motion-predictive", False)]
+    ways += [("deadband", True), ("motion-predictive", True)]
     links = [(0, 0, 0.0), (5, 0, 0.0), (25, 0, 0.0), (50, 0, 0.0), (100, 0, 0.0)]
     links += [(50, 0, 0.05), (50, 0, 0.1), (25, 5, 0.05), (100, 0, 0.05)]
     if arguments.quick:
@@ -191,14 +197,21 @@ def cases(arguments: argparse.Namespace) -> list[Case]:
             link = replace(base, delay_ms=delay_ms, jitter_ms=jitter_ms, loss=loss)
             grid += [replace(link, codec=codec, announced=announced) for codec, announced in ways]
         bad = replace(base, announced=True, loss=0.0)
-        grid += [replace(bad, says=says) for says in LIES]
+        grid += [replace(bad, says=says, codec=codec) for says in LIES for codec in ("deadband", "motion-predictive")]
+        grid += [
+            replace(bad, says=MEASURED, noise_n=noise_n, hand=InsertionSettings(insertions=insertions))
+            for noise_n in (0.0, 2e-3, 5e-3)
+            for insertions in (1, 5)
+        ]
         grid += [replace(bad, loss=0.05, reach_m=reach) for reach in (0.002, 0.005, 0.01, 0.02)]
         for scene in ("example-viscous",):
             grid += [replace(base, scene=scene, codec=codec, announced=on, loss=0.05) for codec, on in ways]
     return grid
 
 
-KEY: Final = ("scene", "codec", "announced", "says", "delay_ms", "jitter_ms", "loss", "reach_m")
+KEY: Final = (
+    "scene", "codec", "announced", "says", "noise_n", "insertions", "delay_ms", "jitter_ms", "loss", "reach_m"
+)  # fmt: skip
 
 
 def averaged(rows: Sequence[Row]) -> list[Row]:
@@ -211,25 +224,31 @@ def averaged(rows: Sequence[Row]) -> list[Row]:
     for key, block in blocks.items():
         mean: Row = dict(zip(KEY, key, strict=True))
         for name, value in block[0].items():
-            if name not in mean and name not in ("seed", "hand"):
+            if name not in mean and name != "seed":
                 values = [row[name] for row in block]
-                mean[name] = None if value is None else max(values) if "worst" in name else float(np.mean(values))
+                mean[name] = None if value is None else max(values) if "longest" in name else float(np.mean(values))
         made.append(mean)
     return made
 
 
 def show(rows: Sequence[Row]) -> None:
     """Print the rows as a table."""
-    print(f"{'scene':16}{'codec':32}{'says':22}{'link':>18}{'reach':>7}   >JND   RMSE worst energy forces bytes/s")
+    print(
+        f"{'scene':16}{'codec':32}{'announced':26}{'link':>16}{'reach':>7}   >JND   RMSE longest: wrong, on model"
+        "  energy  forces bytes/s"
+    )
     for row in rows:
         codec = row["codec"] + (" + announced" if row["announced"] else "")
         link = f"{row['delay_ms']} ±{row['jitter_ms']} ms {100 * row['loss']:.0f} %"
+        says = row["says"]
+        if says == MEASURED:
+            says += f" {1e3 * row['noise_n']:.0f} mN, {row['insertions']}x"
         print(
-            f"{row['scene'][:15]:16}{codec:32}{row['says']:22}{link:>18}{1e3 * row['reach_m']:4.0f} mm"
-            f" {100 * row['felt_above_jnd']:5.1f} % {row['felt_rmse_n']:6.3f} {row['worst_run_ms']:4.0f}"
-            f" {1e3 * row['energy_peak_j']:6.2f} {row['forces']:6.0f} {row['feedback_bytes_per_s']:7.0f}"
-            f"  models {row['models'] or 0:.0f} corrections {row['corrections'] or 0:.0f}"
-            f" on model {100 * row['on_model']:.0f} % refused {row['refused']:.0f}"
+            f"{row['scene'][:15]:16}{codec:32}{says:26}{link:>16}{1e3 * row['reach_m']:4.0f} mm"
+            f" {100 * row['felt_above_jnd']:5.1f} % {row['felt_rmse_n']:6.3f} {row['longest_wrong_ms']:6.0f} ms"
+            f" {row['longest_wrong_model_ms']:6.0f} ms {1e3 * row['energy_peak_j']:6.2f} mJ {row['forces']:6.0f}"
+            f" {row['feedback_bytes_per_s']:7.0f}  models {row['models'] or 0:.0f}"
+            f" corrections {row['corrections'] or 0:.0f} on model {100 * row['on_model']:.0f} %"
         )
 
 
