@@ -291,10 +291,11 @@ class Station:
             self.course.answered(t_us)
         answer: bytes | None = None
         try:
-            repair = self.session.repair_is_due(now_us, force_n)
-            # A model that has arrived goes on by itself: it is confirmed with fewer bytes than it takes to repeat it.
-            confirm = repair and self._on_model and self.session.in_step
-            if repair and not confirm:
+            confirm = self.session.repair_is_due(now_us, force_n)
+            if self._on_model:
+                # A model is repeated until it has arrived. It then goes on by itself, and is only confirmed.
+                confirm = confirm or self.session.keepalive_is_due(now_us)
+            if confirm and not (self._on_model and self.session.in_step):
                 self._encoder.refresh()
             if self._announcing is not None and self._told is not None:
                 self._announcing.encoder.told(self._told)
