@@ -164,6 +164,8 @@ def run(case: Case) -> Row:
         "forces": forces,
         "keepalives": station.session.sent.by_kind[Kind.KEEPALIVE],
         "feedback_bytes_per_s": station.session.sent.wire_bytes / seconds,
+        "positions_per_s": master.session.sent.by_kind[Kind.POSITION] / seconds,
+        "forward_bytes_per_s": master.session.sent.wire_bytes / seconds,
         "on_model": master.report()["ticks_on_model"] / len(t_us),
         "refused": master.session.received.malformed,
         **{name: account.get(name) for name in ("models", "corrections", "unusable")},

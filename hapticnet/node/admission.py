@@ -124,10 +124,9 @@ class Admission:
         if request.axes != scene.axes:
             raise RefusalError(Code.AXES, f"{request.axes} axes asked for; scene {scene.name!r} has {scene.axes}")
         # Only a scene that says how its force may change is stepped at positions that the master did not send.
-        # A master that renders a model sends every position, because the slave checks the model with each.
         says = request.announced and self._settings.announces != "nothing"
         announced = says and look_ahead_of(scene) is not None
-        share = request.position_share if outlook_method(scene) is not None and not announced else 0.0
+        share = request.position_share if outlook_method(scene) is not None else 0.0
         codec = with_share(codec, share) if share else codec
         rate_hz = min(request.rate_hz, self._settings.fastest_rate_hz)
         if entry is not None and entry.fastest_rate_hz is not None:

@@ -62,7 +62,7 @@ class AnnouncedDecoder:
 
         `state` tells which layers are pierced there, where somebody knows better.
         """
-        if self._trail and t_us <= self._trail[-1][0]:
+        if self._trail and (t_us < self._trail[-1][0] or self._trail[-1] == (t_us, position)):
             return
         self._trail.append((t_us, position))
         if self._model is not None:
@@ -80,7 +80,7 @@ class AnnouncedDecoder:
         trail = list(self._trail)
         if not trail:
             raise PeerError("a model before any position")
-        first = next((index for index, (at_us, _) in enumerate(trail) if at_us >= t_us), len(trail) - 1)
+        first = max((index for index, (at_us, _) in enumerate(trail) if at_us <= t_us), default=0)
         model = ContactModel(layers, *trail[first], trail[first - 1] if first else None)
         for at_us, position in trail[first + 1 :]:
             model.step(at_us, position)

@@ -83,7 +83,7 @@ class AnnouncingEncoder:
 
     __slots__ = (
         "_axes", "_before", "_doubt_us", "_doubted_until_us", "_inner", "_law", "_look_ahead", "_looked_us", "_model",
-        "_now", "_refresh", "_repeats", "_right", "_sent_us", "_stiffest", "_told", "_was_right", "account",
+        "_now", "_refresh", "_repeats", "_right", "_sent_us", "_stiffest", "_was_right", "account",
     )  # fmt: skip
 
     def __init__(
@@ -98,7 +98,6 @@ class AnnouncingEncoder:
         self._model: ContactModel | None = None  # what the master applies; None: what the codec says
         self._now: tuple[int, Vector] | None = None
         self._before: tuple[int, Vector] | None = None
-        self._told: int | None = None
         self._refresh = True
         self._repeats = self._was_right = False
         self._right = 0
@@ -106,10 +105,6 @@ class AnnouncingEncoder:
         self._doubt_us = FIRST_DOUBT_US
         self._doubted_until_us = -(1 << 62)
         self._sent_us = 0
-
-    def told(self, state: int) -> None:
-        """Take in which layers are pierced at the master, which has the newest update, at the position to come."""
-        self._told = state
 
     @property
     def newest(self) -> tuple[bool, bool]:
@@ -125,11 +120,23 @@ class AnnouncingEncoder:
         """Make the next stimulus a transmitted one."""
         self._refresh = True
 
+    def step(self, t_us: int, position: Vector, state: int | None = None) -> None:
+        """Step the model to a position; `encode` does so unless it was done for the position.
+
+        `state` tells which layers are pierced there at a master that has the newest update.
+        """
+        self._before, self._now = self._now, (t_us, position)
+        if self._model is not None:
+            self._model.step(t_us, position)
+            if state is not None:
+                self._model.adopt(state)
+
     def encode(self, t_us: int, stimulus: Vector, position: Vector | None = None) -> bytes | None:
         """Return the payload to transmit, or None. See `Encoder.encode`."""
         if position is None:
             return self._send_codec(t_us, stimulus, position)
-        self._move(t_us, position)
+        if self._now != (t_us, position):
+            self.step(t_us, position)
         self._repeats = self._was_right = False
         model = self._model
         if model is None:
@@ -161,17 +168,6 @@ class AnnouncingEncoder:
                 self._right = 0
         self.account.corrections += 1
         return payload
-
-    def _move(self, t_us: int, position: Vector) -> None:
-        """Step the model, unless this position was encoded already."""
-        told, self._told = self._told, None
-        if self._now is not None and self._now[0] == t_us:
-            return
-        self._before, self._now = self._now, (t_us, position)
-        if self._model is not None:
-            self._model.step(t_us, position)
-            if told is not None:
-                self._model.adopt(told)
 
     def _agrees(self, applied_n: Vector, stimulus: Vector, share: float) -> bool:
         return distance(stimulus, applied_n) <= share * self._law.threshold_n(magnitude(applied_n))
@@ -252,6 +248,11 @@ class Announcing(NamedTuple):
 
     encoder: AnnouncingEncoder
     mirror: AnnouncedDecoder
+
+    def step(self, t_us: int, position: Vector, state: int | None) -> None:
+        """Step the model as the scene was; `state` is what the master says of its own at this position, if it does."""
+        self.encoder.step(t_us, position, state)
+        self.mirror.move(t_us, position, state)
 
 
 def announcing(encoder: Encoder, decoder: Decoder, law: WeberLaw, scene: Touchable, rate_hz: float) -> Announcing:

@@ -67,13 +67,13 @@ class Forward:
         sender = self._sender
         if sender is None:
             payload = self._every.encode(now_us, position_m)
-            if payload is not None and state is not None:
-                payload = with_state(state, payload)
         else:
             wanted = self._session.wants_position(now_us)
             payload = sender.payload(now_us, position_m, magnitude(applied_n), wanted=wanted)
         if payload is None:
             return
+        if state is not None:
+            payload = with_state(state, payload)
         if self._session.send_position(now_us, payload):
             self._sent += 1
         elif sender is not None:

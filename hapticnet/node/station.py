@@ -192,15 +192,14 @@ class Station:
         if self.session.seal is not None:
             self.address = address  # the newest datagram that opens tells where the master is
         try:
+            payload, told = position.payload, None
+            if self._announcing is not None:
+                told, payload = read_state(payload)
             if self.course is not None:
-                line = unpack_line(position.t_us, position.payload, self.scene.axes)
+                line = unpack_line(position.t_us, payload, self.scene.axes)
                 self.course.take_in(line, now_us)
                 sample = PositionSample(line.t_us, line.position_m)
             else:
-                payload, self._told = position.payload, None
-                if self._announcing is not None:
-                    state, payload = read_state(payload)
-                    self._told = state if self.session.in_step else None
                 self._positions.decode(position.t_us, payload)
                 sample = PositionSample(position.t_us, self._positions.reconstruct(position.t_us))
         except (PeerError, SampleError):  # counted as a datagram already, so not by `add_malformed`
@@ -208,6 +207,7 @@ class Station:
             return False
         self.superseded += self._pending is not None
         self._pending = sample
+        self._told = told if self.session.in_step else None
         return True
 
     def answer(self, now_us: int) -> bytes | None:
@@ -297,8 +297,6 @@ class Station:
                 confirm = confirm or self.session.keepalive_is_due(now_us)
             if confirm and not (self._on_model and self.session.in_step):
                 self._encoder.refresh()
-            if self._announcing is not None and self._told is not None:
-                self._announcing.encoder.told(self._told)
             payload = self._encoder.encode(t_us, force_n, sample.position_m)
             if payload is not None and self._builds_on_earlier and self.session.complete and not self._on_model:
                 self._encoder.refresh()  # so that this payload builds on no earlier one
@@ -336,8 +334,6 @@ class Station:
             return
         sample, force_n, payload, datagram, now_us = answered
         try:
-            if self._announcing is not None:
-                self._announcing.mirror.move(sample.t_us, sample.position_m, self._told)
             if payload is not None:
                 self._mirror.decode(sample.t_us, payload)
             held_n = self._mirror.reconstruct(sample.t_us, sample.position_m)
@@ -370,12 +366,16 @@ class Station:
         self._scene_us = sample.t_us + (self._shift_us or 0)
         try:
             at_scene_time = PositionSample(self._scene_us, sample.position_m) if self._shift_us else sample
-            return self.scene.step(at_scene_time).force_n
+            force_n = self.scene.step(at_scene_time).force_n
         except SampleError:
             raise
         except Exception as error:  # a user's scene may raise anything
             self._fail(error)
             return self._zero_n
+        if self._announcing is not None:
+            self._announcing.step(sample.t_us, sample.position_m, self._told)
+            self._told = None
+        return force_n
 
     def _fail(self, error: Exception) -> None:
         """End or pause the session, because the scene has failed."""

@@ -164,6 +164,17 @@ def test_what_is_announced_is_felt_without_delay(spec):
     assert without.slave.stations[0].report()["announced"] is None
 
 
+@pytest.mark.parametrize("spec", ["delay=50ms", "delay=50ms,loss=5%"])
+def test_few_positions_are_enough_for_what_is_announced(spec):
+    link = link_with(paper, spec, positions="line")
+    link.run(6 * SECOND)
+    assert link.slave.stations[0].grant.position_share > 0.0
+    assert felt(link).exceed_jnd_fraction <= 0.02
+    assert link.slave.stations[0].report()["breaches"] == 3
+    assert link.master.session.sent.by_kind[Kind.POSITION] < 0.1 * link.master.ticks
+    assert account(link)["corrections"] <= 2
+
+
 @pytest.mark.parametrize(
     ("announced", "announces", "scene"),
     [(False, "declared", paper), (True, "nothing", paper), (True, "declared", lambda: Silent())],
