@@ -10,7 +10,7 @@ import multiprocessing
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -48,8 +48,8 @@ class Case:
 
     Attributes
     ----------
-    codec
-        The codec, with " + announced" where the scene announces what is ahead.
+    codec, announced, positions
+        The codec, whether the scene announces what is ahead, and which positions are sent.
     says
         How what is announced differs from the scene; "" if it does not.
     delay_ms, jitter_ms, loss
@@ -61,6 +61,7 @@ class Case:
     scene: str = "paper:1"
     codec: str = "deadband"
     announced: bool = False
+    positions: Literal["raw", "line"] = "raw"
     says: str = ""
     noise_n: float = 0.0
     delay_ms: int = 50
@@ -134,7 +135,7 @@ def run(case: Case) -> Row:
     master = MasterNode(
         hand,
         None,
-        MasterSettings(codec=case.codec, announced=case.announced, record=True),
+        MasterSettings(codec=case.codec, announced=case.announced, positions=case.positions, record=True),
         np.random.default_rng([case.seed, 3]),
     )
     slave = SlaveNode(make_scene, SlaveSettings(), np.random.default_rng([case.seed, 4]))
@@ -206,13 +207,16 @@ def cases(arguments: argparse.Namespace) -> list[Case]:
             for insertions in (1, 5)
         ]
         grid += [replace(bad, loss=0.05, reach_m=reach) for reach in (0.002, 0.005, 0.01, 0.02)]
-        for scene in ("example-viscous",):
-            grid += [replace(base, scene=scene, codec=codec, announced=on, loss=0.05) for codec, on in ways]
+        for loss in (0.0, 0.05):
+            grid += [replace(base, announced=on, positions="line", loss=loss) for on in (False, True)]
+        viscous = replace(base, scene="example-viscous", loss=0.05)
+        grid += [replace(viscous, codec=codec, announced=on) for codec, on in ways]
     return grid
 
 
 KEY: Final = (
-    "scene", "codec", "announced", "says", "noise_n", "insertions", "delay_ms", "jitter_ms", "loss", "reach_m"
+    "scene", "codec", "announced", "positions", "says", "noise_n", "insertions", "delay_ms", "jitter_ms", "loss",
+    "reach_m",
 )  # fmt: skip
 
 
@@ -237,10 +241,11 @@ def show(rows: Sequence[Row]) -> None:
     """Print the rows as a table."""
     print(
         f"{'scene':16}{'codec':32}{'announced':26}{'link':>16}{'reach':>7}   >JND   RMSE longest: wrong, on model"
-        "  energy  forces bytes/s"
+        "  energy  forces bytes/s: back, forth"
     )
     for row in rows:
         codec = row["codec"] + (" + announced" if row["announced"] else "")
+        codec += ", line" if row["positions"] == "line" else ""
         link = f"{row['delay_ms']} ±{row['jitter_ms']} ms {100 * row['loss']:.0f} %"
         says = row["says"]
         if says == MEASURED:
@@ -249,7 +254,7 @@ def show(rows: Sequence[Row]) -> None:
             f"{row['scene'][:15]:16}{codec:32}{says:26}{link:>16}{1e3 * row['reach_m']:4.0f} mm"
             f" {100 * row['felt_above_jnd']:5.1f} % {row['felt_rmse_n']:6.3f} {row['longest_wrong_ms']:6.0f} ms"
             f" {row['longest_wrong_model_ms']:6.0f} ms {1e3 * row['energy_peak_j']:6.2f} mJ {row['forces']:6.0f}"
-            f" {row['feedback_bytes_per_s']:7.0f}  models {row['models'] or 0:.0f}"
+            f" {row['feedback_bytes_per_s']:7.0f} {row['forward_bytes_per_s']:7.0f}  models {row['models'] or 0:.0f}"
             f" corrections {row['corrections'] or 0:.0f} on model {100 * row['on_model']:.0f} %"
         )
 

@@ -2,6 +2,8 @@
 
 import itertools
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,6 +28,7 @@ from hapticnet.samples import ForceSample, PositionSample
 from hapticnet.scene.ahead import LayerAhead
 from hapticnet.scene.presets import find_scene
 from hapticnet.scene.scene import Scene
+from hapticnet.scene.sources import as_touchable
 from tests.conftest import KEY
 
 SECOND = 1_000_000
@@ -271,6 +274,19 @@ def test_a_breach_that_only_the_master_saw_is_corrected_within_a_round_trip():
     (true_n,) = link.slave.stations[0].newest[2]
     assert true_n > 1.0
     assert link.master.held_n == pytest.approx((true_n,), rel=1e-5)
+
+
+def test_the_scene_of_the_document_is_felt_without_delay():
+    page = Path(__file__).parents[2] / "docs" / "announced.md"
+    (code,) = re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)
+    names = {}
+    exec(code, names)  # noqa: S102 - our own page
+    hand = Reach()
+    link = link_with(lambda: as_touchable(names["Wall"]()), operator=hand)
+    link.run(SECOND)
+    hand.place_m = 0.032
+    link.run(1000)
+    assert link.master.held_n == (pytest.approx(1.6, rel=1e-5),)
 
 
 def test_a_layer_that_appears_is_announced_before_it_is_touched():

@@ -242,9 +242,7 @@ def failing(_):
     raise ValueError("the sensor is gone")
 
 
-@pytest.mark.parametrize(
-    "outlook", [failing, lambda _: "stiff", lambda _: (1.0, 0.0, (0.0,), (1.0,)), lambda _: 7]
-)
+@pytest.mark.parametrize("outlook", [failing, lambda _: "stiff", lambda _: (1.0, 0.0, (0.0,), (1.0,)), lambda _: 7])
 def test_an_outlook_that_fails_or_is_none_ends_its_session_in_words(outlook):
     loop = with_wall(Wall(outlook=outlook))
     loop.run(SECOND // 2)
