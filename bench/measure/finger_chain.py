@@ -94,6 +94,7 @@ class Watched(Device):
     def __init__(self, inner: Device) -> None:
         self._inner = inner
         self.travel_m, self.max_force_n = self._inner.travel_m, self._inner.max_force_n
+        self.delay_us = inner.delay_us
         self.description, self.status = self._inner.description, self._inner.status
         self.true_n: dict[int, float] = {}
 

@@ -18,8 +18,9 @@
 /* Platform at displacement 0, away from the finger. */
 #define RETRACTED_PULSE {TICKS(1200), TICKS(1200), TICKS(1200)}
 
-/* Largest change toward a setpoint per frame: 60 us, 6 degrees. In 20 ms a free HS-55 turns 7 (0.17 s per 60 degrees
- * at 4.8 V, data sheet), so the limit affects jumps of the setpoint but hardly any motion the servo can follow. */
+/* Largest change toward the finger per frame: 60 us, 6 degrees. In 20 ms a free HS-55 turns 7 (0.17 s per 60 degrees
+ * at 4.8 V, data sheet). It lags behind its pulse, so jumps of the setpoint are followed more slowly than that. Away from
+ * the finger there is no limit: a force that is gone shall be let go of as fast as the servos can. */
 #define LARGEST_STEP TICKS(60)
 
 /* Period of the servo frames [ms]: 50 Hz, the convention of analog servos. */

@@ -37,11 +37,7 @@ static uint16_t stepped(uint16_t held, uint16_t wanted, bool *limited)
         *limited = true;
         return (uint16_t)(held + LARGEST_STEP);
     }
-    if (held > wanted + LARGEST_STEP) {
-        *limited = true;
-        return (uint16_t)(held - LARGEST_STEP);
-    }
-    return wanted;
+    return wanted; /* moving away from the finger is never limited */
 }
 
 void safety_frame(struct safety *s, uint32_t now_ms)

@@ -38,12 +38,15 @@ class Device(Protocol):
         One line that identifies the device to a person.
     status
         "ready", or the reason why there are no readings.
+    delay_us
+        Time [µs] from the call that sets a displacement to the servos' taking it, beyond the wait for their frame.
     """
 
     travel_m: float
     max_force_n: float
     description: str
     status: str
+    delay_us: int = 0
 
     def exchange(self, displacement_m: float, now_us: int) -> Reading | None:
         """Set the platform displacement [m] and return the newest reading, or None while the device is lost.

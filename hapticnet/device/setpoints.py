@@ -20,6 +20,10 @@ SLOT_US: Final = 2_500
 """Time [µs] from the firmware's choice of a setpoint to the first pulse of the frame, and between the starts of its
 three pulses (firmware/avr/clock.c). A servo takes a pulse when it ends."""
 
+DELAY_US: Final = 1_000 + LEAD_US + SLOT_US + 1_500
+"""Time [µs] from a setpoint to the end of the second of the three pulses, of 1.5 ms, in a frame that begins as soon as
+the setpoint is there; the first millisecond is the line's."""
+
 JITTER_US: Final = 0.5
 """Largest error [µs] of a pulse width (0.44 in simavr). A step must exceed the servo's deadband by this margin, or the
 servo takes it frames later."""
@@ -132,12 +136,12 @@ class Setpoints:
                 self._under_way.append((now_us + LEAD_US + servo * SLOT_US + round(pulse_us), servo, pulse_us))
 
     def _stepped_us(self, pulses_us: Pulses) -> Pulses:
-        """Return pulses in whole ticks, each within the firmware's step limit of the held one."""
+        """Return pulses in whole ticks, none further toward the finger than the firmware's step limit allows."""
         step = self._largest_step
         stepped = []
         for pulse_us, held_us in zip(pulses_us, self.held_us, strict=True):
             held = round(held_us * TICKS_PER_US)
-            stepped.append(min(max(round(pulse_us * TICKS_PER_US), held - step), held + step) / TICKS_PER_US)
+            stepped.append(min(round(pulse_us * TICKS_PER_US), held + step) / TICKS_PER_US)
         return (stepped[0], stepped[1], stepped[2])
 
     def _allowed_us(self, pulses_us: Pulses) -> Pulses:

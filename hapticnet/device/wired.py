@@ -31,7 +31,7 @@ from hapticnet.device.messages import (
     encode,
 )
 from hapticnet.device.parts import Servo
-from hapticnet.device.setpoints import Setpoints
+from hapticnet.device.setpoints import DELAY_US, Setpoints
 from hapticnet.errors import PeerError, RefusedError
 from hapticnet.hardware import MAX_FORCE_N
 
@@ -113,6 +113,7 @@ class WiredDevice(Device):
         linkage = linkage or Linkage()
         self._setpoints = Setpoints(linkage, servo or Servo())
         self.travel_m = linkage.travel_m
+        self.delay_us = DELAY_US
         # Beyond its table the reading does not rise, and the force loop would keep pressing.
         self.max_force_n = min(MAX_FORCE_N, calibration.forces_n[-1])
         self.description = "device on a serial line"

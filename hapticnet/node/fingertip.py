@@ -94,8 +94,8 @@ class Fingertip:
         self.target_n = 0.0
         self.displacement_m = 0.0
         self.reading: Reading | None = None
-        self.lead_us = round(1e6 * within_device.foresight_s)
-        self._rise_n = limits.slew_n_per_s * within_device.foresight_s
+        self.lead_us = round(1e6 * within_device.foresight_s) + device.delay_us
+        self._rise_n = 1e-6 * limits.slew_n_per_s * self.lead_us
         self._limiter = ForceLimiter(replace(limits, max_force_n=min(limits.max_force_n, self.largest_n)))
         self._found = False
         self._times_lost = 0

@@ -186,6 +186,7 @@ class SimulatedNano(Device):
             loading_calibration(settings.sensor), linkage=settings.linkage, servo=settings.servo
         )
         self.travel_m = self.wired.travel_m
+        self.delay_us = self.wired.delay_us
         self.max_force_n = self.wired.max_force_n
         self.description = (
             f"simulated Nano with the compiled firmware, finger {settings.finger.stiffness_n_m / 1000.0:g} N/mm at 1 N"

@@ -122,9 +122,7 @@ class StandIn:
         if self.commanded and self.wanted:
             self.applied = self.wanted.sequence
             before = self.held
-            self.held = tuple(
-                min(max(pulse, held - STEP), held + STEP) for pulse, held in zip(self.wanted[1:], before, strict=True)
-            )
+            self.held = tuple(min(pulse, held + STEP) for pulse, held in zip(self.wanted[1:], before, strict=True))
             self.limited = self.held != self.wanted[1:]
         else:
             self.held, self.limited = (RETRACTED,) * 3, False

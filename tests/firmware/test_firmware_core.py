@@ -119,14 +119,14 @@ def test_the_newest_setpoint_wins_and_is_reached_in_steps(core: Any) -> None:
     assert reading.applied_sequence == 2
 
 
-def test_steps_away_from_the_finger_are_limited_as_well(core: Any) -> None:
+def test_motion_away_from_the_finger_is_not_limited(core: Any) -> None:
     core.send(0, Hello())
     for now_ms in range(0, 10 * FRAME_MS, FRAME_MS):
         core.send(now_ms, LEVEL)
         held = core.frame(now_ms)
     assert held == list(LEVEL[1:])
     core.send(200, Setpoint(8, 2400, 2881, 2880))
-    assert core.frame(200) == [3000 - STEP, 3000 - STEP + 1, 3000 - STEP]
+    assert core.frame(200) == [2400, 2881, 2880]
 
 
 @pytest.mark.parametrize("servo", [0, 1, 2])
@@ -217,5 +217,5 @@ def test_pulses_keep_their_range_and_step_whatever_the_host_sends(core: Any) -> 
         before, held = held, core.frame(now_ms)
         moved += held != before
         assert all(2360 <= pulse <= 4040 for pulse in held)
-        assert held == RETRACTED or all(abs(now - then) <= STEP for now, then in zip(held, before, strict=True))
+        assert held == RETRACTED or all(now - then <= STEP for now, then in zip(held, before, strict=True))
     assert moved > 1_000

@@ -115,3 +115,29 @@ def test_a_device_unplugged_during_a_run_starts_over_when_it_is_back(pressing: N
     assert 0.0 < speeds_m_s.max() <= ForceControlSettings().approach_speed_m_s + 1e-9
     assert max(true_n[2_800:]) <= TO_N + 0.2
     assert true_n[-1] == pytest.approx(TO_N, abs=0.1)
+
+
+@pytest.mark.parametrize("stiffness_n_m", [300.0, 1000.0, 3000.0])
+def test_what_is_foretold_is_rendered_without_overshoot_and_a_breach_is_felt_earlier(
+    pressing: Nanos, stiffness_n_m: float
+) -> None:
+    def force_n(ms: int) -> float:
+        return min(3.0, 0.012 * max(ms - 2_500, 0)) if ms < 3_200 else 0.0
+
+    def felt(lead_ms: int) -> tuple[float, float]:
+        """Return the largest force [N], and the root mean square error from shortly before the breach [N]."""
+        true_n = []
+        with pressing(stiffness_n_m) as (fingertip, nano):
+            for ms in range(3_500):
+                target_n = 1.0 if 200 <= ms < 2_000 else force_n(ms)
+                fingertip.press(target_n, ms * 1_000, force_n(ms + lead_ms) if ms >= 2_400 else None)
+                true_n.append(nano.contact_force_n)
+        late_n = np.array(true_n[2_400:])
+        target = np.array([force_n(ms) for ms in range(2_400, 3_500)])
+        return float(late_n.max()), float(np.sqrt(np.mean((late_n - target)[700:] ** 2)))
+
+    largest_n, told_n = felt(30)
+    _, untold_n = felt(0)
+    servo_step_n = 0.53 * 0.056e-3 * 1.6 * stiffness_n_m
+    assert largest_n <= 1.05 * 3.0 + servo_step_n
+    assert told_n <= 0.85 * untold_n
