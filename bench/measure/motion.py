@@ -30,7 +30,7 @@ from hapticnet.perception import WeberLaw
 Row = dict[str, Any]
 
 PREDICTORS: Final = ("surface", "coupling", "curve", "hold")
-"""In the order of `Sender.packets`."""
+"""In the order of `Predictors.packets`."""
 
 DELAY_MS: Final = 25
 MULTIPLIERS: Final = (1.0, 2.0, 4.0)
@@ -40,8 +40,9 @@ def with_only(kept: Sequence[str], law: WeberLaw) -> Codec:
     """Return the codec with some of its predictors."""
 
     def starting(rule: Any, axes: int) -> Sender:
-        packets = [0.0 if name in kept else math.inf for name in PREDICTORS]
-        return start(rule, axes)._replace(packets=(packets[0], packets[1], packets[2], packets[3]))
+        is_known, motion, line, newest, predictors = start(rule, axes)
+        surface, coupling, curve, hold = (0.0 if name in kept else math.inf for name in PREDICTORS)
+        return is_known, motion, line, newest, predictors._replace(packets=(surface, coupling, curve, hold))
 
     class Ablated(MotionPredictive):
         steps: Steps = MotionPredictive.steps._replace(start_sender=starting)  # type: ignore[misc]
