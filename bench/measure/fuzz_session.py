@@ -144,7 +144,9 @@ class Session:
             self.lost += self._connections != 1
         self._betrayed = self._sealed and self._masters % 2 == 1
         codec = CODECS[self._masters % len(CODECS)]
-        settings = MasterSettings(codec=codec, key=self._key, name=f"fuzz {self._masters % 10}")
+        settings = MasterSettings(
+            codec=codec, key=self._key, name=f"fuzz {self._masters % 10}", announced=self._masters % 3 == 0
+        )
         self._master = MasterNode(self._operator, None, settings, self._rng)
         self._masters += 1
         self._renewed = self.step

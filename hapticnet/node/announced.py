@@ -13,6 +13,11 @@ MOST_REMEMBERED: Final = 1024
 """Positions that are remembered: those of a second at 1 kHz. The oldest force that is applied is as old."""
 
 
+MOST_PER_POSITION: Final = 4
+"""Models that are taken in between two positions. To play a second to one takes 3 to 11 ms; a flood must not stop the
+master."""
+
+
 class AnnouncedDecoder:
     """A codec's decoder, and the model that replaces it while it is the newest update. Satisfies `Decoder`.
 
@@ -32,7 +37,7 @@ class AnnouncedDecoder:
         Models taken in.
     """
 
-    __slots__ = ("_axes", "_inner", "_model", "_stiffest", "_trail", "models")
+    __slots__ = ("_axes", "_inner", "_model", "_stiffest", "_taken", "_trail", "models")
 
     def __init__(self, inner: Decoder, axes: int, stiffest_n_per_m: float) -> None:
         self.models = 0
@@ -40,6 +45,7 @@ class AnnouncedDecoder:
         self._axes = axes
         self._stiffest = stiffest_n_per_m
         self._model: ContactModel | None = None
+        self._taken = 0  # models since the newest position
         self._trail: deque[tuple[int, Vector]] = deque(maxlen=MOST_REMEMBERED)
 
     @property
@@ -65,6 +71,7 @@ class AnnouncedDecoder:
         if self._trail and (t_us < self._trail[-1][0] or self._trail[-1] == (t_us, position)):
             return
         self._trail.append((t_us, position))
+        self._taken = 0
         if self._model is not None:
             self._model.step(t_us, position)
             if state is not None:
@@ -78,8 +85,9 @@ class AnnouncedDecoder:
             return
         layers = unpack_model(payload, self._axes, self._stiffest)
         trail = list(self._trail)
-        if not trail:
-            raise PeerError("a model before any position")
+        if not trail or self._taken == MOST_PER_POSITION:
+            raise PeerError("a model before any position" if not trail else "more models than are taken in at once")
+        self._taken += 1
         first = max((index for index, (at_us, _) in enumerate(trail) if at_us <= t_us), default=0)
         model = ContactModel(layers, *trail[first], trail[first - 1] if first else None)
         for at_us, position in trail[first + 1 :]:

@@ -111,6 +111,17 @@ def test_a_model_before_any_position_is_refused():
         decoder().decode(0, pack_model([SPRING], 1))
 
 
+def test_a_flood_of_models_is_refused_until_the_next_position():
+    one, payload = moved(), pack_model([SPRING], 1)
+    for _ in range(4):
+        one.decode(0, payload)
+    with pytest.raises(PeerError, match="more models"):
+        one.decode(0, payload)
+    one.move(2000, (0.022,))
+    one.decode(0, payload)
+    assert one.reconstruct(0) == (pytest.approx(1.0, rel=1e-6),)
+
+
 def test_the_largest_model_fits_a_datagram():
     full = LayerAhead(0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, (1.0, 0.0, 0.0), True, 1.0, 1.0)
     assert len(pack_model([full] * MOST_LAYERS, 3)) == 2 + 8 * 53 <= 1024
