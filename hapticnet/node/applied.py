@@ -84,6 +84,11 @@ class AppliedForce:
             self._hold.confirm(now_us)
             self._valid_t_us = event.t_us
 
+    def keep(self, now_us: int) -> None:
+        """Do not let the stimulus grow old: it is too small to be felt, and what follows it must not have to rise."""
+        if self._heard_us is not None:
+            self._hold.confirm(now_us)
+
     def advance(self, now_us: int, period_us: int, position_m: Vector | None) -> None:
         """Follow the decoder for a tick at a position. A user's codec may raise anything."""
         self._position_m, self._position_us = position_m, now_us

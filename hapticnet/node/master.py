@@ -34,6 +34,7 @@ from hapticnet.protocol.events import (
 from hapticnet.protocol.master_session import MasterSession
 from hapticnet.protocol.messages import NAME_BYTES, Code, Request, clipped
 from hapticnet.protocol.settings import Entropy
+from hapticnet.protocol.states import MasterState
 from hapticnet.protocol.stats import Distribution
 from hapticnet.samples import Vector, checked_vector
 from hapticnet.scene.ahead import stiffest_at
@@ -181,6 +182,8 @@ class MasterNode:
             if self.position_m is not None:
                 state = self._applied.move(now_us, self.position_m)
                 self.session.idle = self._forward.is_idle(self.received_n)
+                if self.session.idle and self.session.state is MasterState.ESTABLISHED:
+                    self._applied.keep(now_us)
                 self._forward.send(now_us, self.position_m, self.received_n, state)
 
     def drive(self, now_us: int) -> None:

@@ -80,7 +80,7 @@ def felt_and_true(loop, scene):
         for t_us, tip_m in zip(table["t_us"].tolist(), table["position_m"].tolist(), strict=True)
     ]
     # What arrives in answer to a tick drives the device in the next one.
-    return table["received_n"][1:], np.array(true_n[:-1])
+    return table["held_n"][1:], np.array(true_n[:-1])
 
 
 def exceeding(felt_n, true_n, law):
