@@ -18,6 +18,7 @@ QUICK = {
     "force_loop": ("--quick", "--seeds", 1),
     "motion": ("--quick",),
     "fuzz": ("--datagrams", 20_000),
+    "positions": ("--quick",),
     "packet_rate": ("--seeds", 1, "--insertions", 1),
     "rate_distortion": ("--quick",),
     "real_time": ("--seconds", 0.3, "--repetitions", 1),

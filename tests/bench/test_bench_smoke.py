@@ -292,3 +292,13 @@ def test_tilt_brings_the_direction_nearer(measured):
         assert (level["tilts"], tilted["tilts"]) == (False, True)
         assert tilted["angle_median_deg"] < level["angle_median_deg"]
         assert tilted["vector_rmse_n"] < level["vector_rmse_n"]
+
+
+def test_positions_cost_a_fraction_of_raw_ones_and_are_felt_as_well(measured):
+    raw, few, raw_late, few_late = measured("positions")["rows"]
+    assert (raw["share"], raw_late["share"]) == (None, None)
+    for every, some in ((raw, few), (raw_late, few_late)):
+        assert some["bytes_per_s"] < 0.08 * every["bytes_per_s"]
+        assert some["positions_per_s"] < 60.0
+        assert some["exceed_jnd_fraction"] < every["exceed_jnd_fraction"] + 0.02
+        assert some["breaches"] == every["breaches"] == 0.0
