@@ -44,7 +44,11 @@ _compiled: dict[tuple[FunctionType, str], Callable[..., Any]] = {}
 
 
 def compiled(
-    function: Callable[..., Any], *, name: str = "", using: Mapping[str, Any] | None = None
+    function: Callable[..., Any],
+    *,
+    name: str = "",
+    using: Mapping[str, Any] | None = None,
+    makes_arrays: bool = False,
 ) -> Callable[..., Any]:
     """Return a plain function compiled, the same object every time.
 
@@ -56,6 +60,9 @@ def compiled(
         Distinguishes the versions of one function that differ in `using`.
     using
         What takes the place of globals of `function`: constants, and named tuples of functions.
+    makes_arrays
+        Whether it makes arrays (not only reads and writes those it is given). References to arrays are then counted,
+        which can take most of the time of a loop.
     """
     if not isinstance(function, FunctionType):
         raise TypeError(f"{function!r} is not a plain function")
@@ -63,6 +70,7 @@ def compiled(
         _compiled[function, name] = _bodies().get(function) or _jit(
             _linked(function, name, using or {}),
             inline=not using and len(function.__code__.co_code) <= LARGEST_INLINED,
+            counts=makes_arrays,
         )
     return _compiled[function, name]
 
@@ -85,17 +93,18 @@ def _linked(function: FunctionType, name: str, using: Mapping[str, Any]) -> Func
     return linked
 
 
-def _jit(function: Callable[..., Any], *, inline: bool) -> Callable[..., Any]:
+def _jit(function: Callable[..., Any], *, inline: bool, counts: bool = False) -> Callable[..., Any]:
     from numba import config as numba_config
     from numba import njit
 
+    references: Any = {"_nrt": counts}  # an option of numba that its stubs do not have
     config: Any = numba_config  # its settings are set by name when it is imported
     given = config.CACHE_DIR
     folder = _folder(given)
     config.CACHE_DIR = str(folder)
     try:
         jitted: Callable[..., Any] = njit(
-            cache=folder is not None, nogil=True, error_model="numpy", forceinline=inline
+            cache=folder is not None, nogil=True, error_model="numpy", forceinline=inline, **references
         )(function)
     finally:
         config.CACHE_DIR = given

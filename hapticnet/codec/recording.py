@@ -238,7 +238,7 @@ def run_steps(
 
 def _rule_of_arrays(scheme: Scheme, axes: int) -> Any:
     rule = scheme.rule(axes, _array_table)
-    return rule._replace(**{key: np.array(each) for key, each in rule._asdict().items() if isinstance(each, tuple)})
+    return rule._replace(**{key: np.array(each) for key, each in rule._asdict().items() if type(each) is tuple})
 
 
 def _array_table(rows: int, columns: int) -> FloatArray:

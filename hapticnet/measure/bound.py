@@ -211,7 +211,7 @@ def _directions(stimuli: FloatArray) -> list[FloatArray]:
 def _starts(sweep: Callable[..., int], low: FloatArray, high: FloatArray) -> IntArray:
     starts = np.empty(len(low), dtype=np.int64)
     if low.size > COMPILE_HOLDS_ABOVE and fast_extra_installed():
-        count = compiled(sweep)(low, high, starts)
+        count = compiled(sweep, makes_arrays=True)(low, high, starts)
     else:
         count = sweep(low.tolist(), high.tolist(), starts)
     return starts[:count]

@@ -30,6 +30,7 @@ from hapticnet.codec.schemes.contact import Coupling, is_due, no_coupling, obser
 from hapticnet.codec.schemes.predictors import (
     KEPT,
     MotionRule,
+    Numbers,
     Predictor,
     drawn_curve,
     drawn_hold,
@@ -123,16 +124,17 @@ def move(rule: Any, receiver: Receiver, t_us: int, position: Vector) -> Receiver
 def learn(rule: MotionRule, sender: Sender, t_us: int, x: Vector) -> Sender:
     """Let each predictor go on as if it were alone, and count its packets."""
     is_known, motion, line, newest, predictors = sender
+    numbers = rule.numbers
     newest = remember(rule, newest, t_us, x, motion)
     if newest % TESTED_EVERY:
         return is_known, motion, line, newest, predictors
     if is_due(predictors.coupling, motion, t_us):
-        coupling = observed(predictors.coupling, motion, t_us, x, threshold_around(rule, x))
+        coupling = observed(predictors.coupling, motion, t_us, x, threshold_around(numbers, x))
         predictors = with_coupling(predictors, coupling)
-    holds = follows(rule, predictors.hold, motion, t_us, x)
-    touches = follows(rule, predictors.surface, motion, t_us, x)
-    curves = follows(rule, predictors.curve.line, motion, t_us, x)
-    couples = follows(rule, predictors.coupled.line, motion, t_us, x)
+    holds = follows(numbers, predictors.hold, motion, t_us, x)
+    touches = follows(numbers, predictors.surface, motion, t_us, x)
+    curves = follows(numbers, predictors.curve.line, motion, t_us, x)
+    couples = follows(numbers, predictors.coupled.line, motion, t_us, x)
     if not (holds and touches and curves and couples):
         predictors = redraw(rule, predictors, motion, newest, t_us, x, holds, touches, curves, couples)
     return is_known, motion, line, newest, predictors
@@ -159,17 +161,18 @@ def redraw(
     """Let the predictors that no longer foretell the stimulus go on, and count a packet for each."""
     hold, surface, curve, coupled, coupling, packets = predictors
     of_surface, of_coupled, of_curve, of_hold = packets
+    numbers = rule.numbers
     if not holds:
-        hold = line_of(rule, t_us, drawn_hold(rule, motion, x, x))
+        hold = line_of(numbers, t_us, drawn_hold(numbers, motion, x, x))
         of_hold += 1.0
     if not touches:
-        surface = line_of(rule, t_us, drawn_surface(rule, motion, newest, x, coupling.stiffness))
+        surface = line_of(numbers, t_us, drawn_surface(rule, motion, newest, x, coupling.stiffness))
         of_surface += 1.0
     if not curves:
         curve = redrawn(rule, curve, motion, newest, t_us, x, 0.0, 0.0)
         of_curve += 1.0
     if not couples:
-        stiffness, viscosity = usable(rule, coupling, motion)
+        stiffness, viscosity = usable(numbers, coupling, motion)
         coupled = redrawn(rule, coupled, motion, newest, t_us, x, stiffness, viscosity)
         of_coupled += 1.0
     return Predictors(hold, surface, curve, coupled, coupling, (of_surface, of_coupled, of_curve, of_hold))
@@ -178,7 +181,7 @@ def redraw(
 def is_silent(rule: MotionRule, sender: Sender, t_us: int, x: Vector) -> bool:
     """Tell whether a stimulus is within the threshold around what the receiver applies."""
     is_known, motion, line, _, _ = sender
-    return is_known and follows(rule, line, motion, t_us, x)
+    return is_known and follows(rule.numbers, line, motion, t_us, x)
 
 
 def send(rule: MotionRule, sender: Sender, t_us: int, x: Vector, past: Any) -> tuple[Message, Sender]:
@@ -186,23 +189,24 @@ def send(rule: MotionRule, sender: Sender, t_us: int, x: Vector, past: Any) -> t
     _, motion, _, newest, predictors = sender
     hold, surface, curve, coupled, coupling, packets = predictors
     of_surface, of_coupled, of_curve, of_hold = packets
+    numbers = rule.numbers
     fewest = min(of_surface, of_coupled, of_curve, of_hold)
     if of_surface == fewest:
         message = drawn_surface(rule, motion, newest, x, coupling.stiffness)
     elif of_coupled == fewest:
-        stiffness, viscosity = usable(rule, coupling, motion)
+        stiffness, viscosity = usable(numbers, coupling, motion)
         trend = trend_beside(rule, motion, newest, x, stiffness, viscosity)
-        message = drawn_curve(rule, coupled.regression, trend, motion, x, stiffness, viscosity)
+        message = drawn_curve(numbers, coupled.regression, trend, motion, x, stiffness, viscosity)
     elif of_curve == fewest:
         trend = trend_beside(rule, motion, newest, x, 0.0, 0.0)
-        message = drawn_curve(rule, curve.regression, trend, motion, x, 0.0, 0.0)
+        message = drawn_curve(numbers, curve.regression, trend, motion, x, 0.0, 0.0)
     else:
         # A value that is still good is better than that of a sample which must be sent: an outlier, if there is noise.
-        value = hold.offset if follows(rule, hold, motion, t_us, x) else x
-        message = drawn_hold(rule, motion, value, x)
+        value = hold.offset if follows(numbers, hold, motion, t_us, x) else x
+        message = drawn_hold(numbers, motion, value, x)
     packets = FORGETTING * of_surface, FORGETTING * of_coupled, FORGETTING * of_curve, FORGETTING * of_hold
     predictors = Predictors(hold, surface, curve, coupled, coupling, packets)
-    return message, (True, motion, line_of(rule, t_us, message), newest, predictors)
+    return message, (True, motion, line_of(numbers, t_us, message), newest, predictors)
 
 
 def refreshed(sender: Sender) -> Sender:
@@ -220,13 +224,13 @@ def mirror(sender: Sender) -> Receiver:
 def receive(rule: MotionRule, receiver: Receiver, t_us: int, message: Message) -> Receiver:
     """Follow the line of a message."""
     motion, _ = receiver
-    return motion, line_of(rule, t_us, message)
+    return motion, line_of(rule.numbers, t_us, message)
 
 
 def apply(rule: MotionRule, receiver: Receiver, t_us: int) -> Vector:
     """Return the stimulus of the line at the receiver's position."""
     (is_known, _, _, position, velocity), line = receiver
-    return line_at(rule, line, is_known, position, velocity, t_us)
+    return line_at(rule.numbers, line, is_known, position, velocity, t_us)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -289,10 +293,7 @@ class MotionPredictive(Scheme):
     def rule(self, axes: int, table: MakeTable) -> MotionRule:
         """Return law, what lines depend on, and room for the newest samples."""
         return MotionRule(
-            *law_numbers(self.law),
-            self.horizon_ms * 1e3,
-            self.window_ms * 1e3,
-            self.stiffest_n_per_m,
+            Numbers(*law_numbers(self.law), self.horizon_ms * 1e3, self.window_ms * 1e3, self.stiffest_n_per_m),
             table(1, KEPT),
             table(KEPT, axes),
             table(KEPT, axes),

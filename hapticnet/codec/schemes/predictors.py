@@ -42,8 +42,20 @@ KEPT: Final = 256
 """Samples for which there is room. When it is full, the newest `MOST_SAMPLES` move to the front."""
 
 
+class Numbers(NamedTuple):
+    """The numbers of the rule. Satisfies `MotionNumbers`."""
+
+    weber: float
+    floor: float
+    horizon_us: float
+    window_us: float
+    stiffest: float
+
+
 class MotionRule(NamedTuple):
-    """The numbers of the rule, and the newest samples. Satisfies `MotionNumbers`.
+    """The numbers of the rule, and the newest samples.
+
+    Functions that need no samples are given the numbers alone: compiled, that saves counting references to tables.
 
     Attributes
     ----------
@@ -53,11 +65,7 @@ class MotionRule(NamedTuple):
         Room for the part of the newest stimuli that stiffness and viscosity do not explain.
     """
 
-    weber: float
-    floor: float
-    horizon_us: float
-    window_us: float
-    stiffest: float
+    numbers: Numbers
     times_us: Any
     samples: Any
     positions: Any
@@ -89,16 +97,16 @@ class Predictor(NamedTuple):
     regression: Regression
 
 
-def follows(rule: MotionRule, line: Line, motion: Motion, t_us: int, x: Vector) -> bool:
+def follows(numbers: Numbers, line: Line, motion: Motion, t_us: int, x: Vector) -> bool:
     """Tell whether a stimulus is within the threshold around a line."""
     if line.kind == UNSENT:
         return False
     is_known, _, _, position, velocity = motion
     if len(x) == 1:  # as below without two calls, because this runs several times at every sample
-        applied = line_on_one_axis(rule, line, is_known, position[0], velocity[0], t_us)
-        width = rule.weber * abs(applied)
-        return abs(x[0] - applied) <= (width if width > rule.floor else rule.floor)
-    return is_within(rule, x, line_at(rule, line, is_known, position, velocity, t_us))
+        applied = line_on_one_axis(numbers, line, is_known, position[0], velocity[0], t_us)
+        width = numbers.weber * abs(applied)
+        return abs(x[0] - applied) <= (width if width > numbers.floor else numbers.floor)
+    return is_within(numbers, x, line_at(numbers, line, is_known, position, velocity, t_us))
 
 
 def remember(rule: MotionRule, newest: int, t_us: int, x: Vector, motion: Motion) -> int:
@@ -125,12 +133,12 @@ def remember(rule: MotionRule, newest: int, t_us: int, x: Vector, motion: Motion
     return newest
 
 
-def usable(rule: MotionRule, coupling: Coupling, motion: Motion) -> tuple[float, float]:
+def usable(numbers: Numbers, coupling: Coupling, motion: Motion) -> tuple[float, float]:
     """Return stiffness and viscosity as they are transmitted; zeros without a position."""
     _, samples, _, _, _ = motion
     if samples == 0:
         return 0.0, 0.0
-    return as_half(min(coupling.stiffness, rule.stiffest)), as_half(min(coupling.viscosity, LARGEST_VISCOSITY))
+    return as_half(min(coupling.stiffness, numbers.stiffest)), as_half(min(coupling.viscosity, LARGEST_VISCOSITY))
 
 
 def redrawn(
@@ -144,28 +152,30 @@ def redrawn(
     viscosity: float,
 ) -> Predictor:
     """Learn from how the last curve ended, and draw the next one."""
+    numbers = rule.numbers
     line, sent, at, speed, trend, regression = predictor
     is_known, _, _, position, velocity = motion
-    if line.kind != UNSENT and not is_impact(rule, x, line_at(rule, line, is_known, position, velocity, t_us)):
+    if line.kind != UNSENT and not is_impact(numbers, x, line_at(numbers, line, is_known, position, velocity, t_us)):
         change = along(minus(x, sent), -line.stiffness, minus(position, at))
         change = along(change, -line.viscosity, minus(velocity, speed))
-        share = share_at(rule, line, t_us)
-        regression = updated(regression, trend, change, share, threshold_around(rule, sent))
+        share = share_at(numbers, line, t_us)
+        regression = updated(regression, trend, change, share, threshold_around(numbers, sent))
     trend = trend_beside(rule, motion, newest, x, stiffness, viscosity)
-    message = drawn_curve(rule, regression, trend, motion, x, stiffness, viscosity)
-    return Predictor(line_of(rule, t_us, message), x, position, velocity, trend, regression)
+    message = drawn_curve(numbers, regression, trend, motion, x, stiffness, viscosity)
+    return Predictor(line_of(numbers, t_us, message), x, position, velocity, trend, regression)
 
 
 def trend_beside(rule: MotionRule, motion: Motion, newest: int, x: Vector, stiffness: float, viscosity: float) -> Trend:
     """Return the trend of the newest stimuli, without what stiffness and viscosity explain."""
-    half_us, band_n = 0.5 * rule.horizon_us, BAND * threshold_around(rule, x)
+    numbers = rule.numbers
+    half_us, band_n = 0.5 * numbers.horizon_us, BAND * threshold_around(numbers, x)
     if stiffness == 0.0 and viscosity == 0.0:
-        return measured_trend(Past(rule.times_us[0], rule.samples, 0, newest), x, half_us, rule.window_us, band_n)
+        return measured_trend(Past(rule.times_us[0], rule.samples, 0, newest), x, half_us, numbers.window_us, band_n)
     times_us, samples, positions, velocities = rule.times_us[0], rule.samples, rule.positions, rule.velocities
     residual_times_us, residuals = rule.residual_times_us[0], rule.residuals
     _, known, _, position, velocity = motion
     first = max(newest + 1 - min(known, MOST_SAMPLES), 0)
-    first = window_begin(times_us, first, newest, rule.window_us)
+    first = window_begin(times_us, first, newest, numbers.window_us)
     count = newest + 1 - first
     for k in range(count):
         index = first + k
@@ -177,36 +187,37 @@ def trend_beside(rule: MotionRule, motion: Motion, newest: int, x: Vector, stiff
             without = along(row(samples, index, x), stiffness, minus(position, row(positions, index, x)))
             put(residuals, k, along(without, viscosity, minus(velocity, row(velocities, index, x))))
     past = Past(residual_times_us, residuals, 0, count - 1)
-    return measured_trend(past, x, half_us, rule.window_us, band_n)
+    return measured_trend(past, x, half_us, numbers.window_us, band_n)
 
 
-def drawn_hold(rule: MotionRule, motion: Motion, value: Vector, x: Vector) -> Message:
+def drawn_hold(numbers: Numbers, motion: Motion, value: Vector, x: Vector) -> Message:
     """Return a message that holds a value, near a stimulus x."""
     zeros = minus(x, x)
-    return checked(rule, Message(HOLD, False, value, zeros, zeros, 0.0, 0.0), motion, x)
+    return checked(numbers, Message(HOLD, False, value, zeros, zeros, 0.0, 0.0), motion, x)
 
 
 def drawn_surface(rule: MotionRule, motion: Motion, newest: int, x: Vector, learned: float) -> Message:
     """Return the message of a surface as it was touched lately; a hold if there is none."""
+    numbers = rule.numbers
     _, known, _, position, _ = motion
     first = max(newest + 1 - known, 0)
     stiffness, across, normal = local_stiffness(
-        rule.times_us[0], rule.samples, rule.positions, first, newest, BAND * threshold_around(rule, x), learned, x
+        rule.times_us[0], rule.samples, rule.positions, first, newest, BAND * threshold_around(numbers, x), learned, x
     )
     if stiffness > 0.0:
-        root = math.sqrt(min(stiffness, rule.stiffest))
+        root = math.sqrt(min(stiffness, numbers.stiffest))
         normal = halves(times(normal, root))
         if dot(normal, normal) > 0.0:
-            across = as_half(min(across, rule.stiffest))
+            across = as_half(min(across, numbers.stiffest))
             zeros = minus(x, x)
             flat = Line(SURFACE, 0, zeros, zeros, normal, across, 0.0)
             offset = minus(x, pressed(flat, position))
-            return checked(rule, Message(SURFACE, False, offset, zeros, normal, across, 0.0), motion, x)
-    return drawn_hold(rule, motion, x, x)
+            return checked(numbers, Message(SURFACE, False, offset, zeros, normal, across, 0.0), motion, x)
+    return drawn_hold(numbers, motion, x, x)
 
 
 def drawn_curve(
-    rule: MotionRule,
+    numbers: Numbers,
     regression: Regression,
     trend: Trend,
     motion: Motion,
@@ -216,17 +227,17 @@ def drawn_curve(
 ) -> Message:
     """Return the message of a curve with the travel that a regression predicts, beside stiffness and viscosity."""
     zeros = minus(x, x)
-    threshold = threshold_around(rule, x)
+    threshold = threshold_around(numbers, x)
     travel = predicted_travel(regression, trend, threshold)
     # If the curve starts nearer to zero, the threshold is smaller, by at most the Weber fraction of the offset.
-    room = LARGEST_OFFSET * threshold / (1.0 + rule.weber)
+    room = LARGEST_OFFSET * threshold / (1.0 + numbers.weber)
     begin = limited(moved(x, times(trend.level, regression.coefficients[2]), room), LARGEST_COMPONENT)
     if stiffness == 0.0 and viscosity == 0.0:
-        return checked(rule, Message(CURVE, False, begin, travel, zeros, 0.0, 0.0), motion, x)
+        return checked(numbers, Message(CURVE, False, begin, travel, zeros, 0.0, 0.0), motion, x)
     _, _, _, position, velocity = motion
     offset = along(along(begin, -stiffness, position), -viscosity, velocity)
     travel = single(limited(travel, LARGEST_COMPONENT))
-    return checked(rule, Message(COUPLED, False, offset, travel, zeros, stiffness, viscosity), motion, x)
+    return checked(numbers, Message(COUPLED, False, offset, travel, zeros, stiffness, viscosity), motion, x)
 
 
 def halves(x: Vector) -> Vector:
@@ -238,30 +249,31 @@ def halves(x: Vector) -> Vector:
     return as_half(x[0]), as_half(x[1]), as_half(x[2])
 
 
-def checked(rule: MotionRule, message: Message, motion: Motion, x: Vector) -> Message:
+def checked(numbers: Numbers, message: Message, motion: Motion, x: Vector) -> Message:
     """Return a message as it is rounded for the wire: float32 if the stimulus is then within the threshold.
 
     If it is not with float64 either, hold the stimulus.
     """
     kind, _, value, travel, normal, stiffness, viscosity = message
+    _, _, t_us, _, _ = motion  # any time, because no line depends on the time at its start
     if in_range(value):
         narrow = single(value)
-        message = rounded_curve(rule, Message(kind, False, narrow, travel, normal, stiffness, viscosity))
-        if follows(rule, line_of(rule, 0, message), motion, 0, x):
+        message = rounded_curve(numbers, Message(kind, False, narrow, travel, normal, stiffness, viscosity))
+        if follows(numbers, line_of(numbers, t_us, message), motion, t_us, x):
             return message
-        message = rounded_curve(rule, Message(kind, True, value, travel, normal, stiffness, viscosity))
-        if follows(rule, line_of(rule, 0, message), motion, 0, x):
+        message = rounded_curve(numbers, Message(kind, True, value, travel, normal, stiffness, viscosity))
+        if follows(numbers, line_of(numbers, t_us, message), motion, t_us, x):
             return message
     zeros = minus(x, x)
     return Message(HOLD, True, x, zeros, zeros, 0.0, 0.0)
 
 
-def rounded_curve(rule: MotionRule, message: Message) -> Message:
+def rounded_curve(numbers: Numbers, message: Message) -> Message:
     """Return a message whose travel is as it is transmitted."""
     kind, is_wide, value, travel, normal, stiffness, viscosity = message
     if kind != CURVE:
         return message
-    threshold = threshold_around(rule, value)
+    threshold = threshold_around(numbers, value)
     travel = in_halves(travel, threshold)
     if not ends_in_range(value, travel, threshold):
         travel = minus(travel, travel)
