@@ -13,7 +13,7 @@ from hapticnet.errors import SettingsError
 from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.master_settings import OnError
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.station import Announces
+from hapticnet.node.station_settings import Announces
 from hapticnet.protocol.handshake import Door, OpenDoor, SealedDoor
 from hapticnet.protocol.key_files import load_key, load_roster
 from hapticnet.protocol.keys import MasterEntry

@@ -10,7 +10,8 @@ from hapticnet.codec.registry import all_codecs, make_codec, with_share
 from hapticnet.errors import HapticnetError, SampleError, SettingsError
 from hapticnet.node.reception import Address
 from hapticnet.node.seats import NoSeatError, to_continue, who_gives_way
-from hapticnet.node.station import Station, StationSettings
+from hapticnet.node.station import Station
+from hapticnet.node.station_settings import StationSettings
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.handshake import Visitor
 from hapticnet.protocol.keys import MasterEntry

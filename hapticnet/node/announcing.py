@@ -6,8 +6,8 @@ another model, or a payload of the codec where the scene has no model that is ri
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Final, NamedTuple
+from dataclasses import asdict, dataclass
+from typing import Any, Final, NamedTuple
 
 from hapticnet.codec.base import Decoder, Encoder
 from hapticnet.errors import in_words
@@ -64,6 +64,10 @@ class AnnouncingAccount:
     unusable: int = 0
     on_model: int = 0
     fault: str | None = None
+
+    def report(self) -> dict[str, Any]:
+        """Return the account for JSON."""
+        return asdict(self)
 
 
 class AnnouncingEncoder:

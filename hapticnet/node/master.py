@@ -181,7 +181,8 @@ class MasterNode:
                 self._ask_operator(now_us - self._script_start_us, now_us)
             if self.position_m is not None:
                 state = self._applied.move(now_us, self.position_m)
-                self.session.idle = self._forward.is_idle(self.received_n)
+                # A model may make a force at any tick, so it is never idle.
+                self.session.idle = not self.on_model and self._forward.is_idle(self.received_n)
                 if self.session.idle and self.session.state is MasterState.ESTABLISHED:
                     self._applied.keep(now_us)
                 self._forward.send(now_us, self.position_m, self.received_n, state)

@@ -6,10 +6,11 @@ from typing import Any, Final
 
 from hapticnet.errors import PeerError
 from hapticnet.node.admission import Admission, MakeScene, RefusalError, SlaveSettings
+from hapticnet.node.feedback import SceneFailedError
 from hapticnet.node.reception import Address, Reception
 from hapticnet.node.seats import NoSeatError, surplus_half_open, who_gives_way
 from hapticnet.node.slave_events import MasterJoined, MasterLeft, MasterRefused, ScenePaused, SlaveEvent
-from hapticnet.node.station import SceneFailedError, Station
+from hapticnet.node.station import Station
 from hapticnet.protocol.handshake import Door, OpenDoor, SealedDoor
 from hapticnet.protocol.keys import Roster
 from hapticnet.protocol.messages import Code, Hello

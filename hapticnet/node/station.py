@@ -1,62 +1,29 @@
 """One master's place at the slave: session, scene, codec and account."""
 
 from collections.abc import Hashable
-from dataclasses import asdict, dataclass
-from typing import Any, Final, Literal, NamedTuple, TypeAlias
+from dataclasses import asdict
+from typing import Any, Final, NamedTuple
 
-from hapticnet.codec.base import Codec, Decoder, Encoder
-from hapticnet.codec.plugins import LARGEST_PAYLOAD
+from hapticnet.codec.base import Codec
 from hapticnet.codec.positions.lines import unpack_line
 from hapticnet.codec.registry import codec_parameters
 from hapticnet.codec.schemes.raw import Raw
-from hapticnet.errors import HapticnetError, PeerError, SampleError, in_words
+from hapticnet.errors import PeerError, SampleError, in_words
 from hapticnet.measure.metrics import RunningError
-from hapticnet.node.announcing import Announcing, announcing
 from hapticnet.node.course import VELOCITY_STEP_US, Course
+from hapticnet.node.feedback import Feedback, SceneFailedError
 from hapticnet.node.model_wire import read_state
 from hapticnet.node.recording import DATAGRAM_COLUMNS, IN, OUT, Recording, frame_kind, slave_columns
+from hapticnet.node.station_settings import StationSettings
 from hapticnet.protocol.messages import Grant
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import Datagram, Kind
 from hapticnet.samples import PositionSample, Vector
 from hapticnet.scene.base import Touchable, breaches_of, outlook_method
-from hapticnet.vectors import along, magnitude
-
-Announces: TypeAlias = Literal["declared", "measured", "nothing"]
+from hapticnet.vectors import along
 
 MOST_HEIRS: Final = 16
 """Sessions that are to continue one that are remembered: a master whose link is bad may need several tries."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StationSettings:
-    """How a slave keeps each of its sessions.
-
-    Attributes
-    ----------
-    record
-        Whether every sample is recorded.
-    record_datagrams
-        Whether every datagram is recorded.
-    on_error
-        What an exception of the scene does: end the session, or answer with zero force until `resume`.
-    announces
-        What masters that ask for it are told of the contact ahead: what the scene declares, what `MeasuredScene`
-        learns of it, or nothing.
-    """
-
-    record: bool = False
-    record_datagrams: bool = False
-    on_error: Literal["end", "pause"] = "end"
-    announces: Announces = "declared"
-
-
-IDLE_SHARE: Final = 0.25
-"""Below this share of the least threshold nothing is felt, and nothing is felt by a master that applies up to two."""
-
-
-class SceneFailedError(HapticnetError):
-    """The scene or the codec raised an exception, so there is no force to send."""
 
 
 class _Answered(NamedTuple):
@@ -88,6 +55,8 @@ class Station:
 
     Attributes
     ----------
+    feedback
+        What is sent for each force.
     newest
         The newest position that was answered: its time [µs] on the master's clock, position [m], true force [N], force
         that the master holds if nothing is lost [N], and whether a force was transmitted. None before the first.
@@ -140,18 +109,9 @@ class Station:
         self.between = 0
         self._answered: _Answered | None = None
         self._positions = Raw().decoder(scene.axes)
-        self._encoder: Encoder = codec.encoder(scene.axes)
-        # A decoder of what is sent: it holds what the master holds if nothing is lost.
-        self._mirror: Decoder = codec.decoder(scene.axes)
-        self._announcing: Announcing | None = None
-        if grant.announced:
-            self._encoder, self._mirror = self._announcing = announcing(
-                self._encoder, self._mirror, codec.law, scene, grant.rate_hz
-            )
+        self.feedback = Feedback(session, codec, scene, announced=grant.announced, rate_hz=grant.rate_hz)
         self._told: int | None = None  # which layers of the model the master has pierced
-        self._held_n = self._zero_n = (0.0,) * scene.axes
-        # A user's codec need not say so; completing an update that is complete does no harm.
-        self._builds_on_earlier: bool = getattr(codec, "builds_on_earlier", True)
+        self._zero_n = (0.0,) * scene.axes
         self._error = RunningError(codec.law)
 
     def is_own(self, ticket: bytes) -> bool | None:
@@ -193,7 +153,7 @@ class Station:
             self.address = address  # the newest datagram that opens tells where the master is
         try:
             payload, told = position.payload, None
-            if self._announcing is not None:
+            if self.feedback.announced:
                 told, payload = read_state(payload)
             if self.course is not None:
                 line = unpack_line(position.t_us, payload, self.scene.axes)
@@ -286,40 +246,13 @@ class Station:
 
     def _answer(self, sample: PositionSample, force_n: Vector, now_us: int) -> bytes | None:
         """Return the datagram that answers a position with its force, if any."""
-        t_us = sample.t_us
         if self.course is not None:
-            self.course.answered(t_us)
-        answer: bytes | None = None
-        try:
-            confirm = self.session.repair_is_due(now_us, force_n)
-            if self._on_model:
-                # A model is repeated until it has arrived. It then goes on by itself, and is only confirmed.
-                confirm = confirm or self.session.keepalive_is_due(now_us)
-            if confirm and not (self._on_model and self.session.in_step):
-                self._encoder.refresh()
-            payload = self._encoder.encode(t_us, force_n, sample.position_m)
-            if payload is not None and self._builds_on_earlier and self.session.complete and not self._on_model:
-                self._encoder.refresh()  # so that this payload builds on no earlier one
-                payload = self._encoder.encode(t_us, force_n, sample.position_m)
-            if payload is not None and len(payload) > LARGEST_PAYLOAD:
-                raise ValueError(f"a payload of {len(payload)} bytes; at most {LARGEST_PAYLOAD} fit into a datagram")
-        except Exception as error:  # a force that is not finite, or a user's codec
-            self.steps += 1
-            raise SceneFailedError(f"the force cannot be encoded: {in_words(error)}") from error
-        if payload is not None:
-            repeated, right = (False, False) if self._announcing is None else self._announcing.encoder.newest
-            before = None if right else self._held_n
-            answer = self.session.force(t_us, payload, now_us, before=before, repeated=repeated)
+            self.course.answered(sample.t_us)
         self.steps += 1
+        payload, datagram = self.feedback.answer(sample, force_n, now_us)
         self._stepped_us = now_us
-        if answer is None and (confirm or self.session.has_news or self._keepalive_is_due(force_n, now_us)):
-            answer = self.session.keepalive(t_us, now_us, held=None if self._on_model else self._held_n)
-        self._answered = _Answered(sample, force_n, payload, answer, now_us)
-        return answer
-
-    def _keepalive_is_due(self, force_n: Vector, now_us: int) -> bool:
-        felt_n = max(magnitude(force_n), magnitude(self._held_n))
-        return self.session.keepalive_is_due(now_us, idle=felt_n < IDLE_SHARE * self.codec.law.threshold_n(0.0))
+        self._answered = _Answered(sample, force_n, payload, datagram, now_us)
+        return datagram
 
     def settle(self) -> None:
         """Account for the last answer, once it is on its way: nobody waits for that.
@@ -333,13 +266,8 @@ class Station:
         if answered is None:
             return
         sample, force_n, payload, datagram, now_us = answered
-        try:
-            if payload is not None:
-                self._mirror.decode(sample.t_us, payload)
-            held_n = self._mirror.reconstruct(sample.t_us, sample.position_m)
-        except Exception as error:  # a user's codec
-            raise SceneFailedError(f"the force cannot be decoded: {in_words(error)}") from error
-        self._held_n = held_n
+        self.feedback.settle(sample, payload)
+        held_n = self.feedback.held_n
         self.newest = sample.t_us, sample.position_m, force_n, held_n, payload is not None
         self._error.add(force_n, held_n)
         size = 0 if datagram is None else len(datagram)
@@ -354,11 +282,6 @@ class Station:
         """Step the scene again after it has failed."""
         self.paused = None
 
-    @property
-    def _on_model(self) -> bool:
-        """Whether the newest update is a model of the contact ahead."""
-        return self._announcing is not None and self._announcing.encoder.on_model
-
     def _step(self, sample: PositionSample) -> Vector:
         """Return the force of the scene at a position; zero while paused."""
         if self.paused is not None:
@@ -372,9 +295,8 @@ class Station:
         except Exception as error:  # a user's scene may raise anything
             self._fail(error)
             return self._zero_n
-        if self._announcing is not None:
-            self._announcing.step(sample.t_us, sample.position_m, self._told)
-            self._told = None
+        self.feedback.step(sample, self._told)
+        self._told = None
         return force_n
 
     def _fail(self, error: Exception) -> None:
@@ -415,7 +337,7 @@ class Station:
             "between": self.between,
             "superseded": self.superseded,
             "breaches": breaches_of(self.scene),
-            "announced": None if self._announcing is None else asdict(self._announcing.encoder.account),
+            "announced": self.feedback.report(),
             "packet_rate_reduction": 1.0 - forces / self.steps if self.steps else None,
             **asdict(self._error.report()),
             "sent": self.session.sent.report(),

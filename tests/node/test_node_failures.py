@@ -131,7 +131,7 @@ def test_a_codec_that_cannot_read_what_it_wrote_ends_its_session_once(loopback):
     link = loopback(1)
     link.run(SECOND // 2)
     (station,) = link.slave.stations
-    station._mirror = BreaksDown(station._mirror, 0)
+    station.feedback.mirror = BreaksDown(station.feedback.mirror, 0)
     link.run(SECOND)
     assert "the force cannot be decoded: ValueError: no hand at all" in link.master.end_reason
     assert link.slave.stations == ()
@@ -151,7 +151,7 @@ class Verbose:
 def test_a_codec_whose_payload_fits_into_no_datagram_ends_its_session(loopback, sealed):
     link = loopback(1, sealed=sealed)
     link.run(SECOND // 2)
-    link.slave.stations[0]._encoder = Verbose()
+    link.slave.stations[0].feedback.encoder = Verbose()
     link.run(SECOND)
     assert "a payload of 1200 bytes; at most 1024 fit into a datagram" in link.master.end_reason
     assert link.slave.stations == ()

@@ -142,7 +142,7 @@ def test_a_lost_update_is_repaired_within_a_few_round_trips_though_nothing_chang
     link.run(SECOND)
     true_n = link.slave.stations[0].scene.force_n
     assert link.master.held_force_n(link.now_us)[0] == pytest.approx(true_n)
-    link.slave.stations[0]._encoder.refresh()  # the next update is sent, and lost
+    link.slave.stations[0].feedback.encoder.refresh()  # the next update is sent, and lost
     feedback, link.feedback = link.feedback, Emulator(parse_channel("loss=100%"), np.random.default_rng(0))
     link.master._applied._hold.receive((0.0,), link.now_us)  # as if it had been missed when it mattered
     link.run(2_000)

@@ -1,0 +1,129 @@
+"""The forces of one session on their way back: encoder, a mirror of the master's decoder, repair and keepalives."""
+
+import math
+from typing import Any, Final
+
+from hapticnet.codec.base import Codec, Decoder, Encoder
+from hapticnet.codec.plugins import LARGEST_PAYLOAD
+from hapticnet.errors import HapticnetError, in_words
+from hapticnet.node.announcing import Announcing, announcing
+from hapticnet.protocol.slave_session import SlaveSession
+from hapticnet.samples import PositionSample, Vector
+from hapticnet.scene.base import Touchable
+from hapticnet.vectors import magnitude
+
+IDLE_SHARE: Final = 0.25
+"""Below this share of the least threshold nothing is felt, and nothing is felt by a master that applies up to two."""
+
+
+class SceneFailedError(HapticnetError):
+    """The scene or the codec raised an exception, so there is no force to send."""
+
+
+class Feedback:
+    """What is sent for each force, and what the master holds then.
+
+    Parameters
+    ----------
+    announced, rate_hz
+        Whether the contact ahead is announced, and the rate that was granted.
+
+    Attributes
+    ----------
+    encoder, mirror
+        The encoder, and a decoder of what is sent: it holds what the master holds if nothing is lost.
+    held_n
+        That force [N] at the newest position that was settled.
+    """
+
+    __slots__ = ("_announcing", "_builds_on_earlier", "_codec", "_session", "encoder", "held_n", "mirror")
+
+    def __init__(
+        self, session: SlaveSession, codec: Codec, scene: Touchable, *, announced: bool, rate_hz: float
+    ) -> None:
+        self.encoder: Encoder = codec.encoder(scene.axes)
+        self.mirror: Decoder = codec.decoder(scene.axes)
+        self.held_n: Vector = (0.0,) * scene.axes
+        self._session = session
+        self._codec = codec
+        self._announcing: Announcing | None = None
+        if announced:
+            self._announcing = announcing(self.encoder, self.mirror, codec.law, scene, rate_hz)
+            self.encoder, self.mirror = self._announcing
+        # A user's codec need not say so; completing an update that is complete does no harm.
+        self._builds_on_earlier: bool = getattr(codec, "builds_on_earlier", True)
+
+    @property
+    def announced(self) -> bool:
+        """Whether the contact ahead is announced."""
+        return self._announcing is not None
+
+    @property
+    def on_model(self) -> bool:
+        """Whether the newest update is a model of the contact ahead."""
+        return self._announcing is not None and self._announcing.encoder.on_model
+
+    def step(self, sample: PositionSample, told: int | None) -> None:
+        """Step the models as the scene was; `told` is the state that the master reports of its own, if it does."""
+        if self._announcing is not None:
+            self._announcing.step(sample.t_us, sample.position_m, told)
+
+    def answer(self, sample: PositionSample, force_n: Vector, now_us: int) -> tuple[bytes | None, bytes | None]:
+        """Return the payload of the update that a force takes, and the datagram to send; None where there is none.
+
+        Raises
+        ------
+        SceneFailedError
+            If the force is not finite, or a user's codec fails.
+        """
+        session = self._session
+        try:
+            due = session.repair_is_due(now_us, force_n)
+            if self.on_model:
+                # A model is repeated until it has arrived. It then goes on by itself, and is only confirmed.
+                due = due or session.keepalive_is_due(now_us)
+            if due and not (self.on_model and session.in_step):
+                self.encoder.refresh()
+            payload = self._encode(sample, force_n)
+        except Exception as error:
+            raise SceneFailedError(f"the force cannot be encoded: {in_words(error)}") from error
+        if payload is not None:
+            repeated, right = (False, False) if self._announcing is None else self._announcing.encoder.newest
+            before = None if right else self.held_n
+            return payload, session.force(sample.t_us, payload, now_us, before=before, repeated=repeated)
+        if due or session.has_news or self._keepalive_is_due(force_n, now_us):
+            return None, session.keepalive(sample.t_us, now_us, held=None if self.on_model else self.held_n)
+        return None, None
+
+    def settle(self, sample: PositionSample, payload: bytes | None) -> None:
+        """Let the mirror take in what was sent for a position.
+
+        Raises
+        ------
+        SceneFailedError
+            If the codec cannot read what it wrote.
+        """
+        try:
+            if payload is not None:
+                self.mirror.decode(sample.t_us, payload)
+            self.held_n = self.mirror.reconstruct(sample.t_us, sample.position_m)
+        except Exception as error:  # a user's codec
+            raise SceneFailedError(f"the force cannot be decoded: {in_words(error)}") from error
+
+    def report(self) -> dict[str, Any] | None:
+        """Return what became of the announcements, for JSON; None if nothing is announced."""
+        return None if self._announcing is None else self._announcing.encoder.account.report()
+
+    def _encode(self, sample: PositionSample, force_n: Vector) -> bytes | None:
+        payload = self.encoder.encode(sample.t_us, force_n, sample.position_m)
+        if payload is not None and self._builds_on_earlier and self._session.complete and not self.on_model:
+            self.encoder.refresh()  # so that this payload builds on no earlier one
+            payload = self.encoder.encode(sample.t_us, force_n, sample.position_m)
+        if payload is not None and len(payload) > LARGEST_PAYLOAD:
+            raise ValueError(f"a payload of {len(payload)} bytes; at most {LARGEST_PAYLOAD} fit into a datagram")
+        return payload
+
+    def _keepalive_is_due(self, force_n: Vector, now_us: int) -> bool:
+        # A model may make a force before the next answer, so it must be confirmed while there is none, too.
+        felt_n = math.inf if self.on_model else max(magnitude(force_n), magnitude(self.held_n))
+        return self._session.keepalive_is_due(now_us, idle=felt_n < IDLE_SHARE * self._codec.law.threshold_n(0.0))
