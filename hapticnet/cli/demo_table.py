@@ -73,9 +73,8 @@ compares the force held at each tick with the true force at the position of that
 tick, so it includes the delay. "Over 25 ms" does the same in virtual time, with
 the recorded motion and that delay each way; energy created is what the hand then
 has to put in less, or gets back more, as a share of its work. The device lags
-because its platform must first travel to the finger; its sensor reads nothing
-below 0.2 N.
-"""
+because its servos take a pulse every 20 ms and follow it with a lag; with
+--announced it knows of a breach before it comes (docs/control.md)."""
 
 _LINES: tuple[tuple[str, Callable[[Row], str]], ...] = (
     ("samples", lambda row: f"{row['samples']:,}"),
