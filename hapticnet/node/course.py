@@ -43,7 +43,9 @@ class Course:
     def take_in(self, line: PromisedLine, now_us: int) -> None:
         """Follow a line that has arrived."""
         offset_us = now_us - line.t_us
-        if self.line is None:
+        # A clock that jumped, or a forged time: begin again, or it would rule for as long as it jumped.
+        jumped = abs(offset_us - self._offset_us) > GRACE * LONGEST_SILENCE_US
+        if self.line is None or jumped:
             self._answered_us = line.t_us
         else:
             elapsed_us = max(now_us - self._heard_us, 0)

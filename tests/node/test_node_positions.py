@@ -5,7 +5,9 @@ import pytest
 
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
+from hapticnet.codec.positions.lines import PromisedLine
 from hapticnet.node.admission import SlaveSettings
+from hapticnet.node.course import Course
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
@@ -287,3 +289,17 @@ def test_a_dead_link_is_noticed_though_nothing_is_felt():
     loop.feedback.change(parse_channel("loss=100%"))
     loop.run(1_500_000)
     assert loop.master.session.state is MasterState.STALE
+
+
+def test_a_forged_time_rules_for_one_position_only():
+    course = Course(1000)
+    everywhere = Outlook(0.0, 0.0, (-1.0,), (1.0,))
+    for now_us, t_us in ((1_005_000, 1_000_000), (1_006_000, 900_000_000), (1_007_000, 1_002_000)):
+        course.take_in(PromisedLine(t_us, (0.0,), (0.1,)), now_us)
+        course.news(everywhere, (0.0,), first=True)
+        assert course.present_us(now_us) == t_us
+        course.answered(t_us)
+        assert course.next_step_us() == now_us + 1000
+    course.take_in(PromisedLine(1_010_000, (0.0,), (0.1,)), 1_025_000)
+    assert course.present_us(1_025_000) == 1_019_000, "it came 10 ms late, of which 1 % of 18 ms are forgotten"
+    assert course.at(1_019_000)[0] == pytest.approx(0.0009, rel=1e-3)
