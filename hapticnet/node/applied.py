@@ -1,8 +1,10 @@
 """The force that a master applies: decoded from what arrives, held in between, and how old it is."""
 
 from hapticnet.codec.base import Codec, Decoder, Foretelling
+from hapticnet.codec.positions.sending import Difference
 from hapticnet.control.hold import Hold, HoldSettings
 from hapticnet.node.announced import AnnouncedDecoder
+from hapticnet.node.elsewhere import Elsewhere
 from hapticnet.node.foresight import Foresight, Foretell
 from hapticnet.protocol.events import ForceArrived, HoldConfirmed
 from hapticnet.protocol.stats import Distribution
@@ -29,6 +31,7 @@ class AppliedForce:
         self._axes = axes
         self._decoder: Decoder = codec.decoder(axes)
         self._announced: AnnouncedDecoder | None = None
+        self._elsewhere: Elsewhere | None = None
         self._foresight = Foresight(axes)
         self._hold = Hold(settings, axes=axes)
         self._heard_us: int | None = None  # when the newest force arrived, on the master's clock
@@ -43,14 +46,16 @@ class AppliedForce:
         """Whether the force is that of an announced model."""
         return self._announced is not None and self._announced.on_model
 
-    def begin(self, codec: Codec, stiffest_n_per_m: float | None = None) -> None:
+    def begin(self, codec: Codec, stiffest_n_per_m: float | None = None, *, on_a_line: bool = False) -> None:
         """Begin a session: what is held stays until the first force arrives.
 
-        `stiffest_n_per_m` is the limit of models of the contact ahead [N/m]; None if nothing is announced.
+        `stiffest_n_per_m` is the limit of models of the contact ahead [N/m]; None if nothing is announced. `on_a_line`
+        tells whether positions are sent only when they matter.
         """
         self._decoder, self._announced = codec.decoder(self._axes), None
         if stiffest_n_per_m is not None:
             self._decoder = self._announced = AnnouncedDecoder(self._decoder, self._axes, stiffest_n_per_m)
+        self._elsewhere = Elsewhere(codec, self._axes, stiffest_n_per_m) if on_a_line else None
         self._foresight = Foresight(self._axes)
         self._heard_us = None
         self._hold.restart()
@@ -62,6 +67,20 @@ class AppliedForce:
         self._announced.move(now_us, position_m)
         return self._announced.state
 
+    def difference(self, now_us: int, period_us: int, position_m: Vector) -> Difference | None:
+        """Return how what is applied depends on where the tool has been; None if it does not."""
+        elsewhere, decoder = self._elsewhere, self._rendering
+        if elsewhere is None or not isinstance(decoder, Foretelling):
+            return None
+        at_us = self._time_us(now_us, period_us)
+        here_n = decoder.foretell(at_us, position_m, now_us)
+        return lambda place_m: elsewhere.difference(here_n, at_us, place_m, now_us)
+
+    def follow(self, now_us: int, period_us: int, place_m: Vector | None) -> None:
+        """Note where the slave takes the tool to be; None if it does not follow a line."""
+        if self._elsewhere is not None and place_m is not None:
+            self._elsewhere.move(self._time_us(now_us, period_us), place_m, now_us)
+
     def take_in(self, event: ForceArrived, now_us: int) -> None:
         """Apply a force that has arrived.
 
@@ -71,6 +90,8 @@ class AppliedForce:
             If its payload is malformed. A user's codec may raise anything.
         """
         self._decoder.decode(event.t_us, event.payload)
+        if self._elsewhere is not None:
+            self._elsewhere.decode(event.t_us, event.payload)
         self.received_n = self._decoder.reconstruct(event.t_us, self._position_m, self._position_us)
         self._hold.receive(self.received_n, now_us)
         if not self.on_model:  # a model's force is that of now
@@ -94,9 +115,7 @@ class AppliedForce:
         self._position_m, self._position_us = position_m, now_us
         if self._heard_us is None:
             return
-        # The time of the newest position whose answer could have arrived by now. A prediction for that time is not
-        # contradicted; the answer to the next position comes within this period.
-        self._at_us = self._heard_t_us + max(0, now_us - self._heard_us - period_us)
+        self._at_us = self._time_us(now_us, period_us)
         self.received_n = self._decoder.reconstruct(self._at_us, position_m, now_us)
         self._hold.follow(self.received_n)
         self.ticks_on_model += self.on_model
@@ -116,9 +135,22 @@ class AppliedForce:
             self._foresight.move(now_us, self._position_m)
         if not self._hold.is_fresh(now_us):
             return self._hold.value(now_us)
-        decoder = self._decoder if self._announced is None else self._announced.rendering
+        decoder = self._rendering
         foretell = self._foretelling(decoder) if isinstance(decoder, Foretelling) else None
         return self._foresight.expected(now_us, self._at_us, lead_us, self.received_n, foretell)
+
+    @property
+    def _rendering(self) -> Decoder:
+        return self._decoder if self._announced is None else self._announced.rendering
+
+    def _time_us(self, now_us: int, period_us: int) -> int:
+        """Return the time [µs] of the newest position whose answer could have arrived by now.
+
+        A prediction for that time is not contradicted; the answer to the next position comes within this period.
+        """
+        if self._heard_us is None:
+            return now_us
+        return self._heard_t_us + max(0, now_us - self._heard_us - period_us)
 
     def _foretelling(self, decoder: Foretelling) -> Foretell:
         return lambda lead_us, position_m: decoder.foretell(

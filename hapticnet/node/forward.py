@@ -4,7 +4,7 @@ from dataclasses import asdict
 from typing import Any
 
 from hapticnet.codec.positions.outlooks import unpack_outlook
-from hapticnet.codec.positions.sending import PositionSender
+from hapticnet.codec.positions.sending import Difference, PositionSender
 from hapticnet.codec.schemes.raw import Raw
 from hapticnet.errors import PeerError
 from hapticnet.node.model_wire import with_state
@@ -53,8 +53,17 @@ class Forward:
         """Tell whether the force [N] of a session with few positions is too small to be felt."""
         return self._sender is not None and magnitude(applied_n) < 2.0 * self.law.threshold_n(0.0)
 
-    def send(self, now_us: int, position_m: Vector, applied_n: Vector, state: int | None = None) -> None:
+    def send(
+        self,
+        now_us: int,
+        position_m: Vector,
+        applied_n: Vector,
+        state: int | None = None,
+        difference: Difference | None = None,
+    ) -> Vector | None:
         """Send the position of a tick, if the slave needs it.
+
+        Return where the slave takes the tool to be if nothing is lost; None if it does not follow a line.
 
         Parameters
         ----------
@@ -62,6 +71,8 @@ class Forward:
             The newest force [N] as the decoder reconstructs it.
         state
             What the slave must know of the model that is rendered; None: there is none.
+        difference
+            See `PositionSender.payload`.
         """
         self._ticks += 1
         sender = self._sender
@@ -69,15 +80,19 @@ class Forward:
             payload = self._every.encode(now_us, position_m)
         else:
             wanted = self._session.wants_position(now_us)
-            payload = sender.payload(now_us, position_m, magnitude(applied_n), wanted=wanted)
+            payload = sender.payload(now_us, position_m, magnitude(applied_n), wanted=wanted, difference=difference)
         if payload is None:
-            return
+            return self._place_m(now_us)
         if state is not None:
             payload = with_state(state, payload)
         if self._session.send_position(now_us, payload):
             self._sent += 1
         elif sender is not None:
             sender.forget()
+        return self._place_m(now_us)
+
+    def _place_m(self, now_us: int) -> Vector | None:
+        return self._sender.place_m(now_us) if self._sender is not None else None
 
     def report(self) -> dict[str, Any]:
         """Return the account of the positions for JSON."""

@@ -185,7 +185,12 @@ class MasterNode:
                 self.session.idle = not self.on_model and self._forward.is_idle(self.received_n)
                 if self.session.idle and self.session.state is MasterState.ESTABLISHED:
                     self._applied.keep(now_us)
-                self._forward.send(now_us, self.position_m, self.received_n, state)
+                try:
+                    difference = self._applied.difference(now_us, self.period_us, self.position_m)
+                    place_m = self._forward.send(now_us, self.position_m, self.received_n, state, difference)
+                    self._applied.follow(now_us, self.period_us, place_m)
+                except Exception as error:  # a user's codec may raise anything
+                    self._fail(f"the codec failed: {in_words(error)}", now_us)
 
     def drive(self, now_us: int) -> None:
         """Hold the force of the present position, move the device one step toward it, and record the tick."""
@@ -392,7 +397,9 @@ class MasterNode:
             self._codec = self._next_codec
             share = event.grant.position_share
             codec = with_share(self._codec, share) if share else self._codec
-            self._applied.begin(codec, stiffest_at(event.grant.rate_hz) if event.grant.announced else None)
+            self._applied.begin(
+                codec, stiffest_at(event.grant.rate_hz) if event.grant.announced else None, on_a_line=share > 0.0
+            )
             self._forward.begin(self._codec.law, share)
             if self._script_start_us is None:
                 self._script_start_us = now_us

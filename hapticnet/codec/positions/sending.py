@@ -12,8 +12,9 @@ Dead reckoning with a threshold is the method of distributed simulation (IEEE 12
 """
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, TypeAlias
 
 from hapticnet.codec.positions.lines import (
     FASTEST_M_PER_S,
@@ -34,6 +35,10 @@ MOST_SAMPLES: Final = 32
 
 UNKNOWN_STIFFNESS: Final = 1000.0
 """Least stiffness [N/m] that is assumed between leaving a box and hearing of the next one."""
+
+Difference: TypeAlias = Callable[[Vector], Vector | None]
+"""``(place_m) -> force_n``: what the master applies at its position minus what it would apply had it been at the places
+on its line, for the place of now; None if that does not depend on the position."""
 
 
 @dataclass(slots=True)
@@ -80,7 +85,15 @@ class PositionSender:
         """Forget the line, because it was not sent or nobody follows it."""
         self.line = None
 
-    def payload(self, t_us: int, position_m: Vector, applied_n: float, *, wanted: bool = False) -> bytes | None:
+    def payload(
+        self,
+        t_us: int,
+        position_m: Vector,
+        applied_n: float,
+        *,
+        wanted: bool = False,
+        difference: Difference | None = None,
+    ) -> bytes | None:
         """Return the payload of a position to send now; None if the slave's line is good enough.
 
         Parameters
@@ -91,6 +104,8 @@ class PositionSender:
             Magnitude of the force that is applied [N], for the JND.
         wanted
             Whether to send in any case, for instance to acknowledge a force.
+        difference
+            For decoders that know the position: the slave judges what they apply at the places on the line.
 
         Raises
         ------
@@ -103,14 +118,20 @@ class PositionSender:
             samples.clear()
         velocity = self._newest_velocity(t_us, x)
         samples.append((t_us, x))
-        if not self._is_due(t_us, x, velocity, applied_n):
+        if not self._is_due(t_us, x, velocity, applied_n, difference):
             if not wanted:
                 return None
             self.reasons.wanted += 1
         self.line = PromisedLine(t_us, x, self._promised_velocity(velocity))
         return pack_line(self.line)
 
-    def _is_due(self, t_us: int, x: Vector, velocity: Vector, applied_n: float) -> bool:
+    def place_m(self, t_us: int) -> Vector | None:
+        """Return where the slave takes the tool to be [m]; None if there is no line."""
+        if self.line is None or self.outlook is None:
+            return None if self.line is None else self.line.position_m
+        return self.outlook.nearest(self.line.at(t_us))
+
+    def _is_due(self, t_us: int, x: Vector, velocity: Vector, applied_n: float, difference: Difference | None) -> bool:
         line, outlook, reasons = self.line, self.outlook, self.reasons
         if line is None or len(line.position_m) != len(x) or t_us < line.t_us:
             reasons.first += 1
@@ -130,24 +151,58 @@ class PositionSender:
                 reasons.left += 1
                 return True
             followed, stiffness, damping = line.at(t_us), self._stiffest, outlook.damping_n_s_per_m
-        if not stiffness and not damping:
+        differing_n = difference(followed) if difference is not None else None
+        if not stiffness and not damping and differing_n is None:
             return False
-        away_n = stiffness * distance(x, followed)
+        spring_n = times(minus(x, followed), stiffness)
+        damper_n = times(spring_n, 0.0)
+        changed_n = 0.0
         if damping:
-            away_n += damping * distance(velocity, line.velocity_m_per_s)
-        if away_n <= self._tolerance_n(applied_n, stiffness, t_us):
+            step_us = t_us - self._samples[-2][0] if len(self._samples) > 1 else 0
+            followed_velocity = self._followed_velocity(t_us, step_us)
+            damper_n = times(minus(velocity, followed_velocity), damping)
+            changed_n = damping * distance(followed_velocity, self._followed_velocity(t_us - step_us, step_us))
+        away_n = magnitude(spring_n) + magnitude(damper_n)
+        if differing_n is not None:
+            away_n = self._away_n(away_n, spring_n, damper_n, differing_n)
+        if away_n <= self._tolerance_n(applied_n, stiffness, changed_n, t_us):
             return False
         reasons.tolerance += 1
         return True
 
-    def _tolerance_n(self, applied_n: float, stiffness: float, t_us: int) -> float:
+    def _away_n(self, away_n: float, spring_n: Vector, damper_n: Vector, differing_n: Vector) -> float:
+        """Return by how much the force may be wrong at the position, where what is applied differs, too [N].
+
+        On one axis a contact pushes harder where the tool is deeper or faster, so that the two differ in the same
+        direction. On several, nothing is said about that.
+        """
+        size_n = magnitude(differing_n)
+        if len(differing_n) == 1:
+            ends_n = (0.0, spring_n[0], damper_n[0], spring_n[0] + damper_n[0])
+            away_n = max(away_n, max(ends_n) - differing_n[0], differing_n[0] - min(ends_n))
+        else:
+            away_n += size_n
+        # The JND is that of the force at the position, the codec's threshold that of the force on the line.
+        return away_n + self.law.multiplier * self.law.weber_fraction * size_n
+
+    def _followed_velocity(self, t_us: int, step_us: int) -> Vector:
+        """Return the velocity with which the slave steps its scene [m/s]: the line ends at the sides of the box."""
+        line, outlook = self.line, self.outlook
+        assert line is not None and outlook is not None  # noqa: S101, PT018 - for the type checker
+        if step_us <= 0 or t_us - step_us < line.t_us:
+            return line.velocity_m_per_s
+        moved_m = minus(outlook.nearest(line.at(t_us)), outlook.nearest(line.at(t_us - step_us)))
+        return times(moved_m, 1e6 / step_us)
+
+    def _tolerance_n(self, applied_n: float, stiffness: float, changed_n: float, t_us: int) -> float:
         """Return by how much the force on the line may differ from the true one [N].
 
         The JND is that of the force which the slave's answer to this tick leaves applied. It is not known yet, but it
-        is within the codec's threshold of the force on the line, and so was the one before.
+        is within the codec's threshold of the force on the line, and so was the one before. `changed_n` is by how much
+        the force on the line may have changed since because its velocity did [N].
         """
         law, share = self.law, self.share
-        least_n = applied_n - 2.0 * (1.0 - share) * law.threshold_n(applied_n)
+        least_n = applied_n - changed_n - 2.0 * (1.0 - share) * law.threshold_n(applied_n)
         if len(self._samples) > 1 and self.line is not None:
             step_us = t_us - self._samples[-2][0]
             least_n -= 1e-6 * step_us * stiffness * magnitude(self.line.velocity_m_per_s)
@@ -167,6 +222,9 @@ class PositionSender:
     def _promised_velocity(self, velocity: Vector) -> Vector:
         """Return the velocity of a line: least squares over the newest samples, through the newest one."""
         t_us, x = self._samples[-1]
+        outlook = self.outlook
+        if outlook is None or not outlook.contains(x):  # the slave may be about to find something viscous there
+            return as_velocity(velocity)
         total_us2, total = 0.0, times(x, 0.0)
         for before_us, before in self._samples:
             elapsed_us = t_us - before_us
@@ -176,7 +234,7 @@ class PositionSender:
                     sum_ + elapsed_us * (now - then) for sum_, now, then in zip(total, x, before, strict=True)
                 )
         promised = as_velocity(times(over(total, total_us2), 1e6) if total_us2 else total)
-        damping = self.outlook.damping_n_s_per_m if self.outlook is not None else 0.0
+        damping = outlook.damping_n_s_per_m
         if damping and damping * distance(velocity, promised) > self.share * self.law.threshold_n(0.0):
             return as_velocity(velocity)
         return promised
