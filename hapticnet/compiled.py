@@ -26,9 +26,9 @@ from hapticnet import rounding
 SOURCES: Final = ("*.py", "codec/**/*.py", "measure/*.py")
 """Files of hapticnet whose content names the folder of machine code."""
 
-LARGEST_INLINED: Final = 400
+LARGEST_INLINED: Final = 900
 """Size of the bytecode [B] up to which a function is compiled into its callers. Larger ones are called: they run only
-at updates, and inlined they would multiply the time that compiling takes."""
+at updates. A call costs about as much as its arguments have numbers, so what takes the state of a codec is inlined."""
 
 KEPT_FOLDERS: Final = 3
 """Folders of machine code that are kept, the newest first."""
