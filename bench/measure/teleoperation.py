@@ -41,6 +41,7 @@ SETUPS: Final[dict[str, dict[str, Any]]] = {
     "deadband, coded positions": {"codec": "deadband", "positions": "line"},
     "motion-predictive, coded positions": {"codec": "motion-predictive", "positions": "line"},
     "announced scene": {"codec": "motion-predictive", "announced": True},
+    "announced scene, coded positions": {"codec": "motion-predictive", "announced": True, "positions": "line"},
 }
 DELAYS_MS: Final = (0, 25, 50)
 LOSSES: Final = (0.0, 0.05)
