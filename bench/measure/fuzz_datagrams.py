@@ -125,7 +125,8 @@ class Fuzz:
 
     def request(self) -> bytes:
         """Return a request that is nearly acceptable."""
-        fields: list[Any] = ["deadband", {}, 0.1, 0.1, 1.0, 1000.0, 1, "fuzz", None, 0, 0.0]
+        fields: list[Any] = ["deadband", {}, 0.1, 0.1, 1.0, 1000.0, 1, "fuzz", None, 0, False, 0.0]
+        fields[-2:] = self.one_in(3), self.random.choice((0.0, 0.25, 0.9))
         fields[0] = self.random.choice((*CODECS, "deadband"))
         if self.one_in(2):
             names = self.random.choices(CODEC_PARAMETERS, k=self.random.randrange(1, 3))

@@ -1,5 +1,7 @@
 """A true session in virtual time, and hostile datagrams against one of its ends."""
 
+import math
+import struct
 from typing import Any, Final
 
 import numpy as np
@@ -39,7 +41,7 @@ SETTLED: Final = 500
 LARGEST_BODY: Final = 1_000
 """A seal does not make datagrams larger than are read."""
 
-CODECS: Final = ("deadband", "adaptive-predictive", "raw", "least-squares", "linear-predictive")
+CODECS: Final = ("deadband", "adaptive-predictive", "raw", "least-squares", "linear-predictive", "motion-predictive")
 
 
 class Session:
@@ -145,7 +147,11 @@ class Session:
         self._betrayed = self._sealed and self._masters % 2 == 1
         codec = CODECS[self._masters % len(CODECS)]
         settings = MasterSettings(
-            codec=codec, key=self._key, name=f"fuzz {self._masters % 10}", announced=self._masters % 3 == 0
+            codec=codec,
+            key=self._key,
+            name=f"fuzz {self._masters % 10}",
+            announced=self._masters % 3 == 0,
+            positions="line" if self._masters % 4 < 2 else "raw",
         )
         self._master = MasterNode(self._operator, None, settings, self._rng)
         self._masters += 1
@@ -194,8 +200,16 @@ class Session:
             loss = (self.fuzz.random.randrange(120), self.fuzz.random.randrange(120)) if self.fuzz.one_in(2) else ()
             return t_us, self.fuzz.random.randrange(100), payload, *loss
         if kind is Kind.FORCE:
-            return t_us, payload
-        return (t_us, None) if kind is Kind.KEEPALIVE else ("reason", self.fuzz.random.randrange(9))
+            return t_us, payload, *self._outlook()
+        return (t_us, None, *self._outlook()) if kind is Kind.KEEPALIVE else ("reason", self.fuzz.random.randrange(9))
+
+    def _outlook(self) -> tuple[bytes, ...]:
+        """Return the field with an outlook, or none."""
+        random = self.fuzz.random
+        if random.randrange(2):
+            return ()
+        numbers = [random.choice((0.0, 1.0, -1.0, 1e9, 1e30, math.nan, math.inf, -0.0)) for _ in range(4)]
+        return (random.choice((struct.pack(">4f", *numbers), random.randbytes(16), random.randbytes(7), b"")),)
 
     def _answer(self) -> bytes:
         """Return a hostile answer to the HELLO that the master is waiting with."""
@@ -203,7 +217,9 @@ class Session:
         kind = fuzz.random.choice((Kind.COOKIE, Kind.WELCOME, Kind.REFUSE))
         contents: tuple[Any, ...] = (fuzz.random.randbytes(COOKIE_BYTES),)
         if kind is Kind.WELCOME:
-            grant = pack_body((fuzz.random.randrange(2**32), 1000.0, 45_000, "scene", bytes(TICKET_BYTES), False, 0.0))
+            grant = pack_body(
+                (fuzz.random.randrange(2**32), 1000.0, 45_000, "scene", bytes(TICKET_BYTES), False, False, 0.0)
+            )
             contents = (grant if fuzz.one_in(4) else fuzz.body(grant),)
         elif kind is Kind.REFUSE:
             contents = ("no", 5)

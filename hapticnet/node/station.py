@@ -189,6 +189,8 @@ class Station:
                 return self._answer(sample, self._step(sample), now_us)
             return self._answer_line(self.course, sample, now_us)
         except SampleError:
+            if self.course is not None:
+                self.course.answered(sample.t_us)
             self.session.received.malformed += 1
             return None
 
@@ -205,6 +207,8 @@ class Station:
             return None
         self.settle()
         self.between += 1
+        if self.course is not None:  # also if the scene refuses the place, so that the next step is one period later
+            self.course.answered(sample.t_us)
         try:
             force_n = self._step(sample)
             self._look(sample.position_m)

@@ -1,7 +1,9 @@
 """How a master asks for a session: HELLO, cookie, HELLO again, with back-off, until there is an answer."""
 
+import math
 from typing import Final, NamedTuple
 
+from hapticnet.errors import PeerError
 from hapticnet.protocol.events import Hinted
 from hapticnet.protocol.handshake import Attempt, OpenAttempt, SealedAttempt
 from hapticnet.protocol.keys import MasterKey
@@ -117,6 +119,8 @@ class Asking:
             grant, seal = attempt.read(welcome.grant)
             # The seal does not cover the frame of a WELCOME: a forged sequence would make true datagrams late.
             sequence = datagram.sequence if seal is None else 0
+            if isinstance(grant, Grant):
+                self._check(grant)
             return Granted(grant, seal, sequence) if isinstance(grant, Grant) else grant
         refuse = unpack_refuse(datagram.body)
         attempt = self._attempt_of(refuse.nonce)
@@ -128,6 +132,14 @@ class Asking:
             return None
         self._hinted = True  # report one per attempt: a thousand are as easy to forge
         return Hinted(refuse.reason)
+
+    def _check(self, grant: Grant) -> None:
+        """Raise PeerError if a grant holds what was not asked for: raw positions, for instance, are a choice."""
+        if grant.announced and not self._request.announced:
+            raise PeerError("the grant announces the contact ahead, which was not asked for")
+        share, asked = grant.position_share, self._request.position_share
+        if share and not math.isclose(share, asked, rel_tol=1e-6):  # a peer may compute with float32
+            raise PeerError(f"the grant gives positions a share of {share:g} of the JND; {asked:g} was asked for")
 
     def granted(self) -> None:
         """Note that there is a session."""

@@ -6,6 +6,7 @@ import pytest
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.codec.positions.lines import PromisedLine
+from hapticnet.errors import SampleError
 from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.course import Course
 from hapticnet.node.loopback import Loopback
@@ -303,3 +304,23 @@ def test_a_forged_time_rules_for_one_position_only():
     course.take_in(PromisedLine(1_010_000, (0.0,), (0.1,)), 1_025_000)
     assert course.present_us(1_025_000) == 1_019_000, "it came 10 ms late, of which 1 % of 18 ms are forgotten"
     assert course.at(1_019_000)[0] == pytest.approx(0.0009, rel=1e-3)
+
+
+def test_a_scene_that_refuses_places_on_the_line_is_asked_once_a_period():
+    class Picky:
+        axes, name, asked, tip_m = 1, "picky", 0, 0.0
+
+        def outlook(self):
+            return Outlook(0.0, 0.0, (-1.0,), (1.0,))
+
+        def step(self, sample):
+            self.asked += 1
+            if self.asked > 5:
+                raise SampleError("not there")
+            return ForceSample(sample.t_us, (0.0,))
+
+    scene = Picky()
+    loop, _ = link(lambda _: scene)
+    loop.run(SECOND // 5)
+    assert 5 < scene.asked < 300
+    assert not loop.master.finished

@@ -1,6 +1,7 @@
 """How a master asks: HELLO, cookie, HELLO again; how often, and what it does after a refusal."""
 
 import numpy as np
+import pytest
 
 from hapticnet.protocol.asking import FRESH_AFTER_US
 from hapticnet.protocol.events import Connected, Ended, Refused, SessionLost
@@ -183,3 +184,13 @@ def test_a_sealed_request_does_not_show_on_the_wire():
 def test_a_grant_does_not_show_its_ticket_in_a_log():
     assert "scene=" in repr(GRANT)
     assert "ticket" not in repr(GRANT)
+
+
+@pytest.mark.parametrize("fields", [{"announced": True}, {"position_share": 0.25}, {"position_share": 1e-300}])
+def test_a_grant_of_what_was_not_asked_for_changes_nothing(fields, sealed):
+    session = new_session(sealed)
+    slave = HandSlave(session, sealed=sealed)
+    slave.connect(grant=GRANT._replace(**fields))
+    assert events_of(session) == []
+    assert not session.streaming
+    assert session.received.malformed == 1
