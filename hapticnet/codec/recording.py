@@ -25,7 +25,7 @@ COMPILE_ABOVE_SAMPLES = 1_000_000
 """Recordings longer than this run compiled.
 
 Loading the machine code takes 0.4 s, in which a stream encodes several hundred thousand samples. Compiling takes 2 to
-6 s, once for each codec, number of axes and version of hapticnet.
+6 s (motion-predictive: 15 s), once for each codec, number of axes and version of hapticnet.
 """
 
 STEPS: Final = Steps(*[ignore_motion] * 8)
