@@ -87,7 +87,7 @@ class AnnouncingEncoder:
 
     __slots__ = (
         "_axes", "_before", "_doubt_us", "_doubted_until_us", "_inner", "_law", "_look_ahead", "_looked_us", "_model",
-        "_now", "_refresh", "_repeats", "_right", "_sent_us", "_stiffest", "_was_right", "account",
+        "_now", "_refresh", "_renews", "_repeats", "_right", "_sent_us", "_stiffest", "_was_right", "account",
     )  # fmt: skip
 
     def __init__(
@@ -103,7 +103,7 @@ class AnnouncingEncoder:
         self._now: tuple[int, Vector] | None = None
         self._before: tuple[int, Vector] | None = None
         self._refresh = True
-        self._repeats = self._was_right = False
+        self._repeats = self._was_right = self._renews = False
         self._right = 0
         self._looked_us: int | None = None
         self._doubt_us = FIRST_DOUBT_US
@@ -135,6 +135,15 @@ class AnnouncingEncoder:
             if state is not None:
                 self._model.adopt(state)
 
+    @property
+    def rubs(self) -> bool:
+        """Whether the force of the model depends on the way that the tool has gone: friction on its shaft."""
+        return self._model is not None and any(layer.pierced and layer.friction_n for layer in self._model.layers())
+
+    def renew(self) -> None:
+        """Make the next update a model that the master needs although it has the one before."""
+        self._refresh = self._renews = True
+
     def encode(self, t_us: int, stimulus: Vector, position: Vector | None = None) -> bytes | None:
         """Return the payload to transmit, or None. See `Encoder.encode`."""
         if position is None:
@@ -158,7 +167,8 @@ class AnnouncingEncoder:
             payload = self._send_model(t_us, stimulus, position) if news else None
             if payload is None and self._refresh:
                 payload = self._sent_model(pack_model(model.layers(), self._axes), t_us, position)
-                self._repeats = True
+                self._repeats = not self._renews
+            self._renews = False
             return payload
         payload = None
         if t_us - self._sent_us >= SHORTEST_LIFE_US:

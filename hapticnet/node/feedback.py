@@ -15,6 +15,9 @@ from hapticnet.vectors import magnitude
 IDLE_SHARE: Final = 0.25
 """Below this share of the least threshold nothing is felt, and nothing is felt by a master that applies up to two."""
 
+RENEW_US: Final = 100_000
+"""Shortest time [µs] between two models that are sent because positions were missed."""
+
 
 class SceneFailedError(HapticnetError):
     """The scene or the codec raised an exception, so there is no force to send."""
@@ -36,7 +39,19 @@ class Feedback:
         That force [N] at the newest position that was settled.
     """
 
-    __slots__ = ("_announcing", "_builds_on_earlier", "_codec", "_session", "encoder", "held_n", "mirror")
+    __slots__ = (
+        "_announcing",
+        "_builds_on_earlier",
+        "_codec",
+        "_longest_us",
+        "_missed",
+        "_renewed_us",
+        "_session",
+        "_t_us",
+        "encoder",
+        "held_n",
+        "mirror",
+    )
 
     def __init__(
         self, session: SlaveSession, codec: Codec, scene: Touchable, *, announced: bool, rate_hz: float
@@ -46,6 +61,10 @@ class Feedback:
         self.held_n: Vector = (0.0,) * scene.axes
         self._session = session
         self._codec = codec
+        self._missed = False
+        self._longest_us = round(1.5e6 / rate_hz)  # longest time between two positions if none is missing
+        self._t_us: int | None = None
+        self._renewed_us: int | None = None
         self._announcing: Announcing | None = None
         if announced:
             self._announcing = announcing(self.encoder, self.mirror, codec.law, scene, rate_hz)
@@ -84,6 +103,7 @@ class Feedback:
                 due = due or session.keepalive_is_due(now_us)
             if due and not (self.on_model and session.in_step):
                 self.encoder.refresh()
+            self._renew(sample.t_us, now_us)
             payload = self._encode(sample, force_n)
         except Exception as error:
             raise SceneFailedError(f"the force cannot be encoded: {in_words(error)}") from error
@@ -113,6 +133,21 @@ class Feedback:
     def report(self) -> dict[str, Any] | None:
         """Return what became of the announcements, for JSON; None if nothing is announced."""
         return None if self._announcing is None else self._announcing.encoder.account.report()
+
+    def _renew(self, t_us: int, now_us: int) -> None:
+        """Send the model again after positions were missed, if its force depends on the way of the tool.
+
+        The master's model has gone that way, this one has not: at rest, nothing else would bring them together.
+        """
+        before_us, self._t_us = self._t_us, t_us
+        self._missed = self._missed or (before_us is not None and t_us - before_us > self._longest_us)
+        if not self._missed or self._announcing is None:
+            return
+        if not self._announcing.encoder.rubs:
+            self._missed = False
+        elif self._renewed_us is None or not 0 <= now_us - self._renewed_us < RENEW_US:
+            self._missed, self._renewed_us = False, now_us
+            self._announcing.encoder.renew()
 
     def _encode(self, sample: PositionSample, force_n: Vector) -> bytes | None:
         payload = self.encoder.encode(sample.t_us, force_n, sample.position_m)

@@ -29,6 +29,7 @@ from hapticnet.scene.ahead import LayerAhead
 from hapticnet.scene.presets import find_scene
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.sources import as_touchable
+from hapticnet.scene.tissue import Tissue
 from tests.conftest import KEY
 
 SECOND = 1_000_000
@@ -370,3 +371,29 @@ def test_a_model_is_repeated_only_until_it_has_arrived():
     link.run(8 * SECOND)
     assert max(link.feedback.forces_us) < 3 * SECOND, "keepalives are enough"
     assert link.master.session.received.by_kind[Kind.KEEPALIVE] > 100
+
+
+def test_friction_is_the_same_at_both_ends_after_loss():
+    """The master's model went through positions that the slave missed; at rest, nothing else would show that."""
+    layer = Tissue(
+        name="sheath", rest_position_m=0.01, stiffness_n_per_m=800.0, breach_force_n=1.0, shaft_friction_n=0.4
+    )
+    reach = Reach()
+    link = link_with(lambda: Scene((layer,)), "delay=10ms", operator=reach)
+    link.run(SECOND // 5)
+    for place_m in np.linspace(0.0, 0.02, 100).tolist():
+        reach.place_m = place_m
+        link.run(1_000)
+    link.run(SECOND // 5)
+    assert link.master.held_n[0] == pytest.approx(0.4, abs=0.01)
+    link.forward.cut = True
+    for place_m in (0.024, 0.02):  # there and back again
+        reach.place_m = place_m
+        link.run(2_000)
+    link.forward.cut = False
+    assert link.master.on_model
+    assert link.master.held_n[0] < -0.3
+    link.run(SECOND // 5)
+    assert link.slave.stations[0].scene.force_n == pytest.approx(0.4, abs=0.01)
+    assert link.master.held_n[0] == pytest.approx(0.4, abs=0.01)
+    assert link.master.on_model
