@@ -21,6 +21,10 @@ DeviceTakes: TypeAlias = Literal["x", "y", "z", "norm"]
 
 FASTEST_HZ: Final = 100_000.0
 
+LEAST_AGE_ON_A_LINE_US: Final = 200_000
+"""Least age limit [µs] with positions that are only sent when they matter: the position behind an answer may be 150 ms
+older than the time that it is for, so a shorter limit would leave no answer fresh."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MasterSettings:
@@ -82,6 +86,11 @@ class MasterSettings:
         if self.positions not in ("raw", "line"):
             raise SettingsError(f"positions is {self.positions!r}; it must be 'raw' or 'line'")
         check_parameter("position_share", self.position_share, 0.01, 0.9)
+        if self.positions == "line" and self.session.max_age_us < LEAST_AGE_ON_A_LINE_US:
+            raise SettingsError(
+                f"the age limit is {self.session.max_age_us / 1e6:g} s; with positions that are only sent when they"
+                f" matter it must be at least {LEAST_AGE_ON_A_LINE_US / 1e6:g} s, because they are up to 0.15 s old"
+            )
         check_parameter("rate", self.rate_hz, self.session.slowest_hz, FASTEST_HZ, "Hz")
 
 

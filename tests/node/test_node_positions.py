@@ -6,7 +6,7 @@ import pytest
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.codec.positions.lines import PromisedLine
-from hapticnet.errors import SampleError
+from hapticnet.errors import SampleError, SettingsError
 from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.course import Course
 from hapticnet.node.loopback import Loopback
@@ -18,6 +18,7 @@ from hapticnet.outlook import Outlook
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.handshake import SealedDoor
 from hapticnet.protocol.keys import Roster
+from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.states import MasterState
 from hapticnet.samples import ForceSample, PositionSample
 from hapticnet.scene.presets import paper_scene
@@ -324,3 +325,14 @@ def test_a_scene_that_refuses_places_on_the_line_is_asked_once_a_period():
     loop.run(SECOND // 5)
     assert 5 < scene.asked < 300
     assert not loop.master.finished
+
+
+def test_an_age_limit_that_leaves_no_answer_fresh_is_refused():
+    limits = SessionSettings(max_age_us=150_000)
+    assert MasterSettings(session=limits).session is limits
+    with pytest.raises(SettingsError, match="at least 0.2 s"):
+        MasterSettings(session=limits, positions="line")
+    loop, _ = link(session=SessionSettings(max_age_us=200_000), forward="delay=5ms", feedback="delay=5ms")
+    loop.run(SECOND)
+    assert loop.master.session.state is MasterState.ESTABLISHED
+    assert loop.master.session.received.too_old == 0
