@@ -330,7 +330,7 @@ def test_a_scene_that_refuses_places_on_the_line_is_asked_once_a_period():
 def test_an_age_limit_that_leaves_no_answer_fresh_is_refused():
     limits = SessionSettings(max_age_us=150_000)
     assert MasterSettings(session=limits).session is limits
-    with pytest.raises(SettingsError, match="at least 0.2 s"):
+    with pytest.raises(SettingsError, match=r"at least 0\.2 s"):
         MasterSettings(session=limits, positions="line")
     loop, _ = link(session=SessionSettings(max_age_us=200_000), forward="delay=5ms", feedback="delay=5ms")
     loop.run(SECOND)
