@@ -201,6 +201,7 @@ def play(arguments: argparse.Namespace) -> dict[str, Any]:
         said = False
         while True:
             node.tick(now_us())
+            node.drive(now_us())
             await asyncio.sleep(0.001)
             if recording.recorder.feed.pid is not None and not said:
                 said = True
