@@ -159,6 +159,7 @@ class Feedback:
         return payload
 
     def _keepalive_is_due(self, force_n: Vector, now_us: int) -> bool:
-        # A model may make a force before the next answer, so it must be confirmed while there is none, too.
-        felt_n = math.inf if self.on_model else max(magnitude(force_n), magnitude(self.held_n))
+        # What follows the position may make a force before the next answer: confirm it while there is none, too.
+        follows = self.on_model or self._codec.needs_position
+        felt_n = math.inf if follows else max(magnitude(force_n), magnitude(self.held_n))
         return self._session.keepalive_is_due(now_us, idle=felt_n < IDLE_SHARE * self._codec.law.threshold_n(0.0))

@@ -181,8 +181,9 @@ class MasterNode:
                 self._ask_operator(now_us - self._script_start_us, now_us)
             if self.position_m is not None:
                 state = self._applied.move(now_us, self.position_m)
-                # A model may make a force at any tick, so it is never idle.
-                self.session.idle = not self.on_model and self._forward.is_idle(self.received_n)
+                # What follows the position may make a force at any tick, so it is never idle.
+                follows = self.on_model or self._codec.needs_position
+                self.session.idle = not follows and self._forward.is_idle(self.received_n)
                 if self.session.idle and self.session.state is MasterState.ESTABLISHED:
                     self._applied.keep(now_us)
                 try:

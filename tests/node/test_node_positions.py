@@ -336,3 +336,36 @@ def test_an_age_limit_that_leaves_no_answer_fresh_is_refused():
     loop.run(SECOND)
     assert loop.master.session.state is MasterState.ESTABLISHED
     assert loop.master.session.received.too_old == 0
+
+
+class PressAgain:
+    """A hand that presses, waits outside for 0.7 s, and presses again."""
+
+    axes, duration_us = 1, 3_000_000
+
+    def sample(self, t_us):
+        presses = 400_000 <= t_us < 900_000 or t_us >= 1_600_000
+        depth_m = 0.004 * np.sin(np.pi * ((t_us - 400_000) % 1_200_000) / 500_000) if presses else 0.0
+        return PositionSample(t_us, (max(0.0, 0.019 + depth_m),))
+
+
+@pytest.mark.parametrize("codec", ["deadband", "motion-predictive"])
+@pytest.mark.parametrize("announced", [False, True])
+def test_a_link_that_is_cut_while_nothing_is_felt_lets_go_of_what_the_position_would_make(codec, announced):
+    scene = (Tissue(name="skin", rest_position_m=0.02, stiffness_n_per_m=400.0, breach_force_n=4.0),)
+    hand, rng = PressAgain(), np.random.default_rng(1)
+    settings = MasterSettings(codec=codec, positions="line", announced=announced, record=True)
+
+    def channel(text):
+        return Emulator[bytes](parse_channel(text), rng)
+
+    loop = Loopback(
+        MasterNode(hand, None, settings, rng), SlaveNode(lambda _: Scene(scene), SlaveSettings(), rng),
+        forward=channel("perfect"), feedback=channel("perfect"),
+    )  # fmt: skip
+    loop.run(1_300_000)
+    loop.forward, loop.feedback = channel("loss=100%"), channel("loss=100%")
+    loop.run(1_700_000)
+    table = loop.master.recording.table()
+    assert table["held_n"][:1200].max() > 1.0
+    assert table["held_n"][table["t_us"] > 1_700_000].max() < WeberLaw().floor_n
