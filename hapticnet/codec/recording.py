@@ -10,7 +10,8 @@ import numpy as np
 
 from hapticnet.arrays import FloatArray, IntArray, as_recording, refuse_out_of_range
 from hapticnet.codec.base import Codec, Encoding
-from hapticnet.codec.steps import Past, Scheme, Steps, ignore_motion, learn_nothing, not_mirrored
+from hapticnet.codec.steps import Past, Steps, ignore_motion, learn_nothing, not_mirrored
+from hapticnet.codec.streams import Scheme
 from hapticnet.compiled import compiled, fast_extra_installed
 from hapticnet.errors import PeerError, SampleError
 from hapticnet.vectors import in_range, put, row

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.registry import CODECS, codec_parameters, make_codec
 from hapticnet.codec.schemes.deadband import Deadband, DeadZone, silent_interval
-from hapticnet.codec.steps import IntervalEncoder, StepEncoder
+from hapticnet.codec.streams import IntervalEncoder, StepEncoder
 from hapticnet.errors import PeerError, SampleError, SettingsError
 from hapticnet.perception import WeberLaw
 

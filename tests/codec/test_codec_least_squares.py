@@ -20,7 +20,7 @@ from hapticnet.codec.schemes.least_squares import (
     start_predictor,
 )
 from hapticnet.codec.schemes.linear_predictive import LinearPredictive
-from hapticnet.codec.steps import table_of_lists
+from hapticnet.codec.streams import table_of_lists
 from hapticnet.errors import PeerError, SettingsError
 from hapticnet.perception import WeberLaw
 

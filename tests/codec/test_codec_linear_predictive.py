@@ -11,7 +11,8 @@ from hapticnet.codec.payload.lines import line_at, line_from
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.schemes.least_squares import LeastSquares
 from hapticnet.codec.schemes.linear_predictive import LinearPredictive, Sender, is_silent, least_squares_slope
-from hapticnet.codec.steps import Past, table_of_lists
+from hapticnet.codec.steps import Past
+from hapticnet.codec.streams import table_of_lists
 from hapticnet.errors import PeerError, SampleError, SettingsError
 from hapticnet.perception import WeberLaw
 from hapticnet.vectors import magnitude

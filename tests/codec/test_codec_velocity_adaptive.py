@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.schemes.deadband import Deadband
 from hapticnet.codec.schemes.velocity_adaptive import VelocityAdaptive, start, watch
-from hapticnet.codec.steps import table_of_lists
+from hapticnet.codec.streams import table_of_lists
 from hapticnet.errors import SampleError, SettingsError
 from hapticnet.perception import WeberLaw
 from hapticnet.vectors import magnitude
@@ -62,7 +62,7 @@ def speed_after(time_constant_ms, *path):
     moving = start(rule, axes)
     for t_us, position in path:
         moving = watch(rule, moving, t_us, position)
-    return moving.hand.speed_m_s
+    return moving.speed_m_s
 
 
 @given(st.integers(1, 3), st.floats(0.01, 1.0))

@@ -46,9 +46,9 @@ class CurveMessage(NamedTuple):
     thresholds: Vector
 
 
-def share_at(rule: CurveNumbers, curve: Curve, t_us: int) -> float:
-    """Return the share of its travel that a curve has completed at a time, 0 to 1."""
-    s = (t_us - curve.t_us) / rule.horizon_us
+def share_at(rule: CurveNumbers, begun_us: int, t_us: int) -> float:
+    """Return the share of its travel that a curve which began at `begun_us` has completed at a time, 0 to 1."""
+    s = (t_us - begun_us) / rule.horizon_us
     if s >= 1.0:
         return 1.0
     return s * (2.0 - s) if s > 0.0 else 0.0
@@ -56,7 +56,7 @@ def share_at(rule: CurveNumbers, curve: Curve, t_us: int) -> float:
 
 def curve_at(rule: CurveNumbers, curve: Curve, t_us: int) -> Vector:
     """Return the stimulus at a time; before the curve starts it is its value."""
-    return along(curve.value, share_at(rule, curve, t_us), curve.travel)
+    return along(curve.value, share_at(rule, curve.t_us, t_us), curve.travel)
 
 
 def curve_of(rule: LawNumbers, t_us: int, message: CurveMessage) -> Curve:

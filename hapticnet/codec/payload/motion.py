@@ -20,7 +20,7 @@ import struct
 from collections.abc import Mapping
 from typing import Final, NamedTuple, Protocol
 
-from hapticnet.codec.payload.curves import LARGEST_TRAVEL, CurveNumbers, ends_in_range
+from hapticnet.codec.payload.curves import LARGEST_TRAVEL, CurveNumbers, ends_in_range, share_at
 from hapticnet.codec.payload.values import DOUBLE, SINGLE, threshold_around
 from hapticnet.errors import PeerError
 from hapticnet.perception import WeberLaw
@@ -130,7 +130,7 @@ def line_at(rule: CurveNumbers, line: Line, is_known: bool, position: Vector, ve
     if len(position) == 1:
         return (line_on_one_axis(rule, line, is_known, position[0], velocity[0], t_us),)
     if line.kind <= CURVE:
-        return along(line.offset, share_at(rule, line, t_us), line.travel)
+        return along(line.offset, share_at(rule, line.t_us, t_us), line.travel)
     if not is_known:
         return minus(line.offset, line.offset)
     if line.kind == SURFACE:
@@ -139,7 +139,7 @@ def line_at(rule: CurveNumbers, line: Line, is_known: bool, position: Vector, ve
         if out < 0.0:
             x = along(x, -out / dot(line.normal, line.normal), line.normal)
         return limited(x, LARGEST_COMPONENT)
-    x = along(line.offset, share_at(rule, line, t_us), line.travel)
+    x = along(line.offset, share_at(rule, line.t_us, t_us), line.travel)
     return limited(along(along(x, line.stiffness, position), line.viscosity, velocity), LARGEST_COMPONENT)
 
 
@@ -152,7 +152,7 @@ def line_on_one_axis(
         return x
     if kind == SURFACE:
         if not is_known:
-            return 0.0 * x
+            return 0.0
         normal = line.normal[0]
         x += normal * position * normal
         out = normal * x
@@ -164,7 +164,7 @@ def line_on_one_axis(
         if kind <= CURVE:
             return x
         if not is_known:
-            return 0.0 * line.offset[0]
+            return 0.0
         x = x + line.stiffness * position + line.viscosity * velocity
     if x > LARGEST_COMPONENT:
         return LARGEST_COMPONENT
@@ -178,14 +178,6 @@ def pressed(line: Line, position: Vector) -> Vector:
         return times(line.normal, depth)
     across = along(position, -depth / dot(line.normal, line.normal), line.normal)
     return along(times(line.normal, depth), line.stiffness, across)
-
-
-def share_at(rule: CurveNumbers, line: Line, t_us: int) -> float:
-    """Return the share of its travel that a line has completed at a time, 0 to 1."""
-    s = (t_us - line.t_us) / rule.horizon_us
-    if s >= 1.0:
-        return 1.0
-    return s * (2.0 - s) if s > 0.0 else 0.0
 
 
 def message_bytes(rule: object, message: Message) -> int:

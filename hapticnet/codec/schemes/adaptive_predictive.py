@@ -39,7 +39,8 @@ from hapticnet.codec.schemes.trend import (
     predicted_travel,
     updated,
 )
-from hapticnet.codec.steps import MakeTable, Past, Scheme, Steps
+from hapticnet.codec.steps import MakeTable, Past, Steps
+from hapticnet.codec.streams import Scheme
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import LARGEST_COMPONENT, Vector
 from hapticnet.vectors import distance, limited, minus, moved, plus, times
@@ -108,7 +109,7 @@ def send(rule: CurveRule, sender: Sender, t_us: int, x: Vector, past: Past) -> t
     regression = sender.regression
     applied = curve_at(rule, sender.curve, t_us)
     if sender.is_known and not is_impact(rule, x, applied):
-        share = share_at(rule, sender.curve, t_us)
+        share = share_at(rule, sender.curve.t_us, t_us)
         threshold = threshold_around(rule, sender.sent)
         regression = updated(regression, sender.trend, minus(x, sender.sent), share, threshold)
     threshold = threshold_around(rule, x)

@@ -34,7 +34,8 @@ from hapticnet.codec.payload.values import (
     threshold_around,
 )
 from hapticnet.codec.schemes.linear_predictive import IMPACT_THRESHOLDS, is_impact, least_squares_slope, slope_count
-from hapticnet.codec.steps import MakeTable, Past, Scheme, Steps, Table
+from hapticnet.codec.steps import MakeTable, Past, Steps, Table
+from hapticnet.codec.streams import Scheme
 from hapticnet.errors import PeerError
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import LARGEST_COMPONENT, Vector

@@ -15,7 +15,8 @@ from hapticnet.checks import check_parameter
 from hapticnet.codec.payload.levels import LEVEL, LevelForm, index_of, level_at
 from hapticnet.codec.payload.values import law_numbers, rounded, threshold_around
 from hapticnet.codec.schemes.deadband import Deadband, DeadZone
-from hapticnet.codec.steps import MakeTable, Scheme, Steps
+from hapticnet.codec.steps import MakeTable, Steps
+from hapticnet.codec.streams import Scheme
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import LARGEST_COMPONENT, Vector
 from hapticnet.vectors import distance, largest_component

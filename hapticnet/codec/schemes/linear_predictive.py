@@ -25,7 +25,8 @@ from hapticnet.codec.payload.values import (
     law_numbers,
     threshold_around,
 )
-from hapticnet.codec.steps import MakeTable, Past, Scheme, Steps
+from hapticnet.codec.steps import MakeTable, Past, Steps
+from hapticnet.codec.streams import Scheme
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import LARGEST_COMPONENT, Vector
 from hapticnet.vectors import distance, within

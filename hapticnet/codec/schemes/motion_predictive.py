@@ -42,7 +42,8 @@ from hapticnet.codec.schemes.predictors import (
     usable,
 )
 from hapticnet.codec.schemes.trend import MOST_SAMPLES, NOTHING_LEARNED, Trend
-from hapticnet.codec.steps import MakeTable, Scheme, Steps
+from hapticnet.codec.steps import MakeTable, Steps
+from hapticnet.codec.streams import Scheme
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector
 

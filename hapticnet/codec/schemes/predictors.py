@@ -4,7 +4,7 @@ import math
 from typing import Any, Final, NamedTuple
 
 from hapticnet.codec.motion import Motion
-from hapticnet.codec.payload.curves import ends_in_range, in_halves
+from hapticnet.codec.payload.curves import ends_in_range, in_halves, share_at
 from hapticnet.codec.payload.motion import (
     COUPLED,
     CURVE,
@@ -18,7 +18,6 @@ from hapticnet.codec.payload.motion import (
     line_of,
     line_on_one_axis,
     pressed,
-    share_at,
 )
 from hapticnet.codec.payload.values import is_within, threshold_around
 from hapticnet.codec.schemes.adaptive_predictive import BAND, LARGEST_OFFSET
@@ -158,7 +157,7 @@ def redrawn(
     if line.kind != UNSENT and not is_impact(numbers, x, line_at(numbers, line, is_known, position, velocity, t_us)):
         change = along(minus(x, sent), -line.stiffness, minus(position, at))
         change = along(change, -line.viscosity, minus(velocity, speed))
-        share = share_at(numbers, line, t_us)
+        share = share_at(numbers, line.t_us, t_us)
         regression = updated(regression, trend, change, share, threshold_around(numbers, sent))
     trend = trend_beside(rule, motion, newest, x, stiffness, viscosity)
     message = drawn_curve(numbers, regression, trend, motion, x, stiffness, viscosity)

@@ -13,7 +13,8 @@ from hapticnet.codec.payload.values import (
     counted,
     value_bytes,
 )
-from hapticnet.codec.steps import ZERO_ORDER_HOLD, MakeTable, Scheme, Steps
+from hapticnet.codec.steps import ZERO_ORDER_HOLD, MakeTable, Steps
+from hapticnet.codec.streams import Scheme
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector
 from hapticnet.vectors import single

@@ -9,12 +9,13 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple
 
 from hapticnet.checks import check_parameter
+from hapticnet.codec.motion import Motion, moved_on, unknown_motion
 from hapticnet.codec.payload.values import check_step, law_numbers, rounded, value_bytes
 from hapticnet.codec.schemes.deadband import ValueScheme
 from hapticnet.codec.steps import ZERO_ORDER_HOLD, MakeTable, Steps
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector
-from hapticnet.vectors import along, distance, magnitude, minus, over
+from hapticnet.vectors import distance, magnitude
 
 
 class SpeedRule(NamedTuple):
@@ -28,56 +29,39 @@ class SpeedRule(NamedTuple):
     time_constant_s: float
 
 
-class Hand(NamedTuple):
-    """The motion of the hand, from its positions so far."""
-
-    is_known: bool
-    t_us: int
-    position_m: Vector
-    velocity: Vector
-    speed_m_s: float
-
-
 class Sender(NamedTuple):
-    """What the receiver holds, its norm `size`, and the motion of the hand."""
+    """What the receiver holds, its norm `size`, the motion of the hand, and its speed [m/s]."""
 
     is_held: bool
     reference: Vector
     size: float
-    hand: Hand
+    motion: Motion
+    speed_m_s: float
 
 
 def start(rule: Any, axes: int) -> Sender:
     """Return a hand at rest, and no reference."""
     zeros = (0.0,) * axes
-    return Sender(False, zeros, 0.0, Hand(False, 0, zeros, zeros, 0.0))
+    return Sender(False, zeros, 0.0, unknown_motion(axes), 0.0)
 
 
 def watch(rule: SpeedRule, sender: Sender, t_us: int, position: Vector) -> Sender:
     """Follow the hand to its position."""
-    hand = sender.hand
-    if hand.is_known and t_us == hand.t_us:
-        return sender
-    if hand.is_known and t_us > hand.t_us:
-        keep_s = rule.time_constant_s
-        traveled = along(minus(position, hand.position_m), keep_s, hand.velocity)
-        velocity = over(traveled, keep_s + (t_us - hand.t_us) * 1e-6)
-    else:
-        velocity = minus(position, position)
-    hand = Hand(True, t_us, position, velocity, magnitude(velocity))
-    return Sender(sender.is_held, sender.reference, sender.size, hand)
+    is_held, reference, size, motion, _ = sender
+    motion = moved_on(motion, t_us, position, rule.time_constant_s)
+    return Sender(is_held, reference, size, motion, magnitude(motion[4]))
 
 
 def at_rest(sender: Sender) -> Sender:
     """Return a hand whose position is not known, so that it counts as at rest."""
-    return sender._replace(hand=sender.hand._replace(speed_m_s=0.0))
+    return sender._replace(speed_m_s=0.0)
 
 
 def is_silent(rule: SpeedRule, sender: Sender, t_us: int, x: Vector) -> bool:
     """Tell whether a stimulus is inside the dead zone at the present speed."""
     if not sender.is_held:
         return False
-    fraction = rule.weber + rule.gain_s_m * sender.hand.speed_m_s
+    fraction = rule.weber + rule.gain_s_m * sender.speed_m_s
     threshold = (fraction if fraction < rule.largest else rule.largest) * sender.size
     return distance(x, sender.reference) <= (threshold if threshold > rule.floor else rule.floor)
 
@@ -85,7 +69,7 @@ def is_silent(rule: SpeedRule, sender: Sender, t_us: int, x: Vector) -> bool:
 def send(rule: SpeedRule, sender: Sender, t_us: int, x: Vector, past: Any) -> tuple[tuple[int, Vector], Sender]:
     """Send the stimulus."""
     form, reference, _ = rounded(rule, x)
-    return (form, reference), Sender(True, reference, magnitude(reference), sender.hand)
+    return (form, reference), Sender(True, reference, magnitude(reference), sender.motion, sender.speed_m_s)
 
 
 def mirror(sender: Sender) -> Vector:
