@@ -1,6 +1,6 @@
 """Whether a master gets the session it asks for, and the station that serves it."""
 
-from collections.abc import Callable, Collection, Hashable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from typing import Final, TypeAlias
 
@@ -9,7 +9,7 @@ from hapticnet.codec.base import Codec
 from hapticnet.codec.registry import all_codecs, make_codec, with_share
 from hapticnet.errors import HapticnetError, SampleError, SettingsError
 from hapticnet.node.reception import Address
-from hapticnet.node.seats import NoSeatError, to_continue, who_gives_way
+from hapticnet.node.seats import NoSeatError, Seats
 from hapticnet.node.station import Station
 from hapticnet.node.station_settings import StationSettings
 from hapticnet.perception import WeberLaw
@@ -90,18 +90,12 @@ class Admission:
         self._rng = rng
 
     def admit(
-        self,
-        visitor: Visitor,
-        sequence: int,
-        address: Address,
-        host: Hashable,
-        stations: Collection[Station],
-        now_us: int,
+        self, visitor: Visitor, sequence: int, address: Address, host: Hashable, seats: Seats, now_us: int
     ) -> Station:
         """Return a station for a master whose HELLO had the number `sequence`.
 
-        Nothing has changed for the present `stations` then: the new one takes a seat, and the scene of another, when
-        its first position arrives.
+        Nothing has changed for the present sessions then: the new one takes a seat, and the scene of another, when its
+        first position arrives.
 
         Raises
         ------
@@ -114,11 +108,11 @@ class Admission:
         identity = host if entry is None else entry.public
         codec = _codec(request)
         timings = self._settings.session
-        found = to_continue(stations, identity, request.name, request.ticket, timings.stale_after_us, now_us)
+        found = seats.to_continue(identity, request.name, request.ticket, now_us)
         old, same_clock = (None, False) if found is None else found
-        seats = timings.most_per_identity if entry is None or entry.most_sessions is None else entry.most_sessions
+        most = timings.most_per_identity if entry is None or entry.most_sessions is None else entry.most_sessions
         try:
-            who_gives_way([each for each in stations if each is not old], identity, seats, timings, now_us)
+            seats.who_gives_way(identity, most, () if old is None else (old,), now_us)
         except NoSeatError as error:
             raise RefusalError(Code.FULL, str(error)) from error
         scene = self._scene(entry, request.name) if old is None else old.scene
@@ -133,7 +127,7 @@ class Admission:
         if entry is not None and entry.fastest_rate_hz is not None:
             rate_hz = min(rate_hz, entry.fastest_rate_hz)
         session = SlaveSession(
-            self._number(stations),
+            self._number(seats),
             request,
             timings,
             rate_hz=rate_hz,
@@ -149,7 +143,7 @@ class Admission:
             identity,
             scene,
             codec,
-            seats=seats,
+            seats=most,
             listed=None if entry is None else entry.name,
             settings=self._settings,
             now_us=now_us,
@@ -158,11 +152,11 @@ class Admission:
         )
         if old is not None:
             old.add_heir(station)
+            seats.note_tickets(old)
         return station
 
-    def _number(self, stations: Collection[Station]) -> int:
-        taken = {station.session.number for station in stations}
-        while (number := int(self._rng.integers(SMALLEST_SESSION, 1 << 32))) in taken:
+    def _number(self, seats: Seats) -> int:
+        while (number := int(self._rng.integers(SMALLEST_SESSION, 1 << 32))) in seats.by_number:
             pass
         return number
 

@@ -1,13 +1,18 @@
-"""Who has a place at a slave, and who gives way when there are none left."""
+"""Who has a place at a slave, and who gives way when there are none left.
 
-from collections import Counter
-from collections.abc import Collection, Hashable
-from typing import Final
+Every question here is asked for strangers, too, so no answer may take longer because there are many sessions. The
+tables therefore hold the sessions by all that is asked for.
+"""
+
+from collections.abc import Collection, Hashable, Iterable
+from typing import Final, TypeVar
 
 from hapticnet.errors import HapticnetError
+from hapticnet.node.alarms import Alarms
+from hapticnet.node.silence import Group, Silence
 from hapticnet.node.station import Station
 from hapticnet.protocol.settings import SessionSettings
-from hapticnet.protocol.states import SlaveState
+from hapticnet.scene.base import Touchable
 
 MOST_HALF_OPEN: Final = 128
 """Half-open sessions at once. They take no seat; this bounds their memory."""
@@ -15,78 +20,198 @@ MOST_HALF_OPEN: Final = 128
 MOST_HALF_OPEN_EACH: Final = 16
 """Half-open sessions of one identity at once."""
 
+_Key = TypeVar("_Key", bound=Hashable)
+
 
 class NoSeatError(HapticnetError):
     """There is no place for another session of this identity."""
 
 
-def who_gives_way(
-    stations: Collection[Station], identity: Hashable, most: int, settings: SessionSettings, now_us: int
-) -> Station | None:
-    """Return the session that must end so that `identity` gets another one; None if there is a free place.
+class Seats:
+    """The present sessions of a slave.
 
-    A session whose master is silent gives way to another one of the same identity that holds all its places, or, when
-    all places are taken, to an identity that holds fewer: first a session of the identity that holds most, and of these
-    the one that has been silent for longest. So whoever takes many places cannot shut out the others.
-
-    Parameters
+    Attributes
     ----------
-    most
-        Places that this identity may hold.
-
-    Raises
-    ------
-    NoSeatError
-        If no session may be ended.
+    by_number
+        The sessions by their numbers, in the order in which they came. Read it only.
     """
-    held = Counter(station.identity for station in stations if station.session.state is SlaveState.OPEN)
-    silent = [
-        station
-        for station in stations
-        if station.session.state is SlaveState.OPEN and station.session.silent_us(now_us) > settings.gives_way_us
-    ]
-    own = held[identity]
-    if own >= most:
-        candidates = [station for station in silent if station.identity == identity]
-        reason = f"all {most} sessions that this master may have are taken"
-    elif held.total() >= settings.most_sessions:
-        candidates = [station for station in silent if held[station.identity] > own]
-        reason = f"all {settings.most_sessions} sessions of this slave are taken"
-    else:
+
+    def __init__(self, settings: SessionSettings) -> None:
+        self.by_number: dict[int, Station] = {}
+        self._settings = settings
+        self._came = 0
+        self._order: dict[Station, int] = {}
+        self._waiting: dict[Hashable, Group] = {}  # half-open sessions by identity
+        self._waiting_count = 0
+        self._open: dict[Hashable, Group] = {}  # open ones by identity
+        self._open_count = 0
+        self._named: dict[tuple[Hashable, str], Group] = {}
+        self._ticketed: dict[bytes, Group] = {}
+        self._tickets: dict[Station, tuple[bytes, ...]] = {}
+        self._touched: dict[int, Group] = {}  # by the scene's `id`: a user's scene need not be hashable
+        self._silence = Silence(self._open)
+        self._expiry = Alarms[Station](lambda station: station.session.expires_us())
+        self._now_us = 0
+        self._went_back = False
+
+    def __len__(self) -> int:
+        return len(self.by_number)
+
+    def see(self, now_us: int) -> None:
+        """Take in the time."""
+        self._went_back = self._went_back or now_us < self._now_us
+        self._now_us = now_us
+
+    def add(self, station: Station) -> None:
+        """Take in a half-open session."""
+        self._came += 1
+        self._order[station] = self._came
+        self.by_number[station.session.number] = station
+        self._waiting.setdefault(station.identity, {})[station] = self._came
+        self._waiting_count += 1
+        self._expiry.note(station)
+
+    def seat(self, station: Station) -> None:
+        """Give a session its seat: it is open now."""
+        order = self._order[station]
+        _discard(self._waiting, station.identity, station)
+        self._waiting_count -= 1
+        station.seated = True
+        self._open.setdefault(station.identity, {})[station] = order
+        self._open_count += 1
+        self._named.setdefault((station.identity, station.session.request.name), {})[station] = order
+        self._touched.setdefault(id(station.scene), {})[station] = order
+        self.note_tickets(station)
+        self._silence.note(station.identity, station)
+        self._expiry.note(station)  # an open session may expire sooner than a half-open one
+
+    def remove(self, station: Station) -> None:
+        """Forget a session that has ended."""
+        del self.by_number[station.session.number]
+        del self._order[station]
+        self._expiry.forget(station)
+        if not station.seated:
+            _discard(self._waiting, station.identity, station)
+            self._waiting_count -= 1
+            return
+        _discard(self._open, station.identity, station)
+        self._open_count -= 1
+        _discard(self._named, (station.identity, station.session.request.name), station)
+        _discard(self._touched, id(station.scene), station)
+        for ticket in self._tickets.pop(station):
+            _discard(self._ticketed, ticket, station)
+        self._silence.note(station.identity)
+
+    def note_tickets(self, station: Station) -> None:
+        """Take in whose tickets continue an open session: `Station.tickets` has changed."""
+        for ticket in self._tickets.get(station, ()):
+            _discard(self._ticketed, ticket, station)
+        self._tickets[station] = station.tickets
+        for ticket in station.tickets:
+            self._ticketed.setdefault(ticket, {})[station] = self._order[station]
+
+    def in_order(self, stations: Iterable[Station]) -> list[Station]:
+        """Return present sessions in the order in which they came."""
+        return sorted(stations, key=self._order.__getitem__)
+
+    def expired(self, now_us: int) -> list[Station]:
+        """Return the sessions that have been silent for too long. They must be removed."""
+        self._count_silence(now_us)
+        return self.in_order(self._expiry.due(now_us))
+
+    def next_expiry_us(self) -> int | None:
+        """Return when to ask for expired sessions next [µs]; None if there is no session."""
+        self._count_silence(self._now_us)
+        return self._expiry.not_before_us()
+
+    def users_of(self, scene: Touchable) -> Collection[Station]:
+        """Return the open sessions that touch a scene."""
+        return self._touched.get(id(scene), {})
+
+    def who_gives_way(self, identity: Hashable, most: int, besides: Collection[Station], now_us: int) -> Station | None:
+        """Return the session that must end so that `identity` gets another one; None if there is a free place.
+
+        A session whose master is silent gives way to another one of the same identity that holds all its places, or,
+        when all places are taken, to an identity that holds fewer: first a session of the identity that holds most, and
+        of these the one that has been silent for longest. So whoever takes many places cannot shut out the others.
+
+        Parameters
+        ----------
+        most
+            Places that this identity may hold.
+        besides
+            Sessions of this identity that hold no place.
+
+        Raises
+        ------
+        NoSeatError
+            If no session may be ended.
+        """
+        self._count_silence(now_us)
+        own = self._open.get(identity, {})
+        without = sum(station in own for station in besides)
+        held = len(own) - without
+        if held >= most:
+            silence = {station: station.session.silent_us(now_us) for station in own if station not in besides}
+            longest = max(silence, key=lambda station: (silence[station], -own[station]), default=None)
+            if longest is None or silence[longest] <= self._settings.gives_way_us:
+                raise NoSeatError(f"all {most} sessions that this master may have are taken")
+            return longest
+        if self._open_count - without >= self._settings.most_sessions:
+            found = self._silence.longest(held, now_us - self._settings.gives_way_us, identity)
+            if found is None:
+                raise NoSeatError(f"all {self._settings.most_sessions} sessions of this slave are taken")
+            return found
         return None
-    if not candidates:
-        raise NoSeatError(reason)
-    return max(candidates, key=lambda station: (held[station.identity], station.session.silent_us(now_us)))
+
+    def surplus_half_open(self, identity: Hashable) -> Station | None:
+        """Return the half-open session that must end before another one of `identity` begins, or None."""
+        own = self._waiting.get(identity, {})
+        if len(own) >= MOST_HALF_OPEN_EACH:
+            return next(iter(own))
+        if self._waiting_count >= MOST_HALF_OPEN:
+            firsts = [(len(group), next(iter(group))) for group in self._waiting.values()]
+            return max(firsts, key=lambda each: (each[0], -self._order[each[1]]))[1]
+        return None
+
+    def to_continue(
+        self, identity: Hashable, name: str, ticket: bytes | None, now_us: int
+    ) -> tuple[Station, bool] | None:
+        """Return the session whose scene a new one goes on with, and whether its own master asks; None without one.
+
+        That is the session of the ticket, or the one that the session of the ticket was to continue; without a ticket,
+        one of the same identity and name. Another master than its own (one that was restarted) gets only the scene of a
+        session whose link is stale.
+        """
+        self._count_silence(now_us)
+        group = self._named.get((identity, name), {}) if ticket is None else self._ticketed.get(ticket, {})
+        found = [
+            (order, station, is_own)
+            for station, order in group.items()
+            for is_own in [ticket is not None and bool(station.is_own(ticket))]
+            if station.identity == identity
+            and (is_own or station.session.silent_us(now_us) > self._settings.stale_after_us)
+        ]
+        if not found:
+            return None
+        _, station, is_own = min(found, key=lambda each: each[0])
+        return station, is_own
+
+    def _count_silence(self, now_us: int) -> None:
+        """Let silence count from now, for all sessions, if the clock went back since the last call."""
+        self.see(now_us)
+        if not self._went_back:
+            return
+        self._went_back = False
+        for station in self.by_number.values():
+            station.session.silent_us(now_us)
+        self._expiry.note_all(self.by_number.values())
+        self._silence.sort_again()
 
 
-def surplus_half_open(stations: Collection[Station], identity: Hashable) -> Station | None:
-    """Return the half-open session that must end before another one of `identity` begins, or None."""
-    waiting = [station for station in stations if station.session.state is SlaveState.HALF_OPEN]
-    own = [station for station in waiting if station.identity == identity]
-    if len(own) >= MOST_HALF_OPEN_EACH:
-        return own[0]
-    if len(waiting) >= MOST_HALF_OPEN:
-        crowd, _ = Counter(station.identity for station in waiting).most_common(1)[0]
-        return next(station for station in waiting if station.identity == crowd)
-    return None
-
-
-def to_continue(
-    stations: Collection[Station], identity: Hashable, name: str, ticket: bytes | None, silent_us: int, now_us: int
-) -> tuple[Station, bool] | None:
-    """Return the session whose scene a new one goes on with, and whether its own master asks; None if there is none.
-
-    That is the session of the ticket, or the one that the session of the ticket was to continue; without a ticket, one
-    of the same identity and name. Another master than its own (one that was restarted) gets only the scene of a session
-    that has been silent for longer than `silent_us`.
-    """
-    for station in stations:
-        if station.identity != identity or station.session.state is not SlaveState.OPEN:
-            continue
-        if ticket is not None:
-            is_own = station.is_own(ticket)
-        else:
-            is_own = False if station.session.request.name == name else None
-        if is_own or (is_own is not None and station.session.silent_us(now_us) > silent_us):
-            return station, is_own
-    return None
+def _discard(groups: dict[_Key, Group], key: _Key, station: Station) -> None:
+    """Take a session out of one of the groups; remove the group if it was the last."""
+    group = groups.get(key, {})
+    group.pop(station, None)
+    if not group:
+        groups.pop(key, None)

@@ -6,9 +6,10 @@ from typing import Any, Final
 
 from hapticnet.errors import PeerError
 from hapticnet.node.admission import Admission, MakeScene, RefusalError, SlaveSettings
+from hapticnet.node.alarms import Alarms
 from hapticnet.node.feedback import SceneFailedError
 from hapticnet.node.reception import Address, Reception
-from hapticnet.node.seats import NoSeatError, surplus_half_open, who_gives_way
+from hapticnet.node.seats import NoSeatError, Seats
 from hapticnet.node.slave_events import MasterJoined, MasterLeft, MasterRefused, ScenePaused, SlaveEvent
 from hapticnet.node.station import Station
 from hapticnet.protocol.handshake import Door, OpenDoor, SealedDoor
@@ -58,16 +59,16 @@ class SlaveNode:
         self._doors = {OPEN: OpenDoor()} if doors is None else doors
         self._reception = Reception(self._doors, rng)
         self._admission = Admission(make_scene, settings, rng)
-        self._stations: dict[int, Station] = {}
+        self._seats = Seats(settings.session)
+        self._stations = self._seats.by_number
         self._welcomes: dict[tuple[Address, int], tuple[Station, bytes]] = {}
-        self._followers: list[Station] = []  # seated sessions whose positions are sent only when they matter
+        self._steps = Alarms(_next_step_us)  # of seated sessions whose positions are sent only when they matter
         self._to_answer: list[Station] = []
         self._to_settle: list[Station] = []
         self.never_used = 0
         self._ended: deque[dict[str, Any]] = deque(maxlen=REPORTS_KEPT)
         self._outbox: list[tuple[bytes, Address]] = []
         self._events: deque[SlaveEvent] = deque()
-        self._next_expiry_us: int | None = None
 
     @property
     def stations(self) -> tuple[Station, ...]:
@@ -94,6 +95,7 @@ class SlaveNode:
 
         Send the answers at once, then call `settle`.
         """
+        self._seats.see(now_us)
         for data, address in batch:
             self._take_in(data, address, now_us)
         for station in self._to_answer:
@@ -117,23 +119,17 @@ class SlaveNode:
 
         Send the answers at once, then call `settle`.
         """
-        for station in tuple(self._followers):  # one may end
-            if station.session.state is SlaveState.OPEN:
-                self._answer(station, now_us, station.step_between)
-                self._to_settle.append(station)
-        for station in self.stations:
-            if now_us >= station.session.expires_us():
-                self._forget(station, Trigger.IDLE, "nothing arrived from the master")
-        self._next_expiry_us = min((station.session.expires_us() for station in self.stations), default=None)
+        self._seats.see(now_us)
+        for station in self._seats.in_order(self._steps.due(now_us)):
+            self._answer(station, now_us, station.step_between)
+            self._to_settle.append(station)
+        for station in self._seats.expired(now_us):
+            self._forget(station, Trigger.IDLE, "nothing arrived from the master")
 
     def next_timer_us(self) -> int | None:
         """Return when `tick` may have something to do [µs]; None if there is no session."""
-        next_us = self._next_expiry_us
-        for station in self._followers:
-            step_us = station.course.next_step_us() if station.course is not None else None
-            if step_us is not None and (next_us is None or step_us < next_us):
-                next_us = step_us
-        return next_us
+        times_us = (self._seats.next_expiry_us(), self._steps.earliest_us())
+        return min((time_us for time_us in times_us if time_us is not None), default=None)
 
     def datagrams_to_send(self) -> list[tuple[bytes, Address]]:
         """Return the datagrams to send now, with their destinations."""
@@ -159,8 +155,9 @@ class SlaveNode:
         door = self._doors[SEALED]
         assert isinstance(door, SealedDoor)  # noqa: S101 - for the type checker
         door.roster = roster
+        served = {entry.public for entry in roster}
         for station in self.stations:
-            if station.session.seal is not None and not any(entry.public == station.identity for entry in roster):
+            if station.session.seal is not None and station.identity not in served:
                 self._end(station, "the key is no longer served", now_us, code=Code.KEY)
 
     def report(self) -> dict[str, Any]:
@@ -218,6 +215,8 @@ class SlaveNode:
             return
         if answer is not None:
             self._outbox.append((answer, station.address))
+        if station.course is not None:
+            self._steps.note(station)
         if station.paused is not None and was_paused is None:
             self._events.append(ScenePaused(station, station.paused))
 
@@ -226,9 +225,9 @@ class SlaveNode:
         if self._scene_is_taken(station, now_us):
             self._end(station, "the scene that it was to continue is in use again", now_us)
             return False
-        others = [other for other in self.stations if other is not station and other is not station.continues]
+        besides = () if station.continues is None else (station.continues,)
         try:
-            gives_way = who_gives_way(others, station.identity, station.seats, self._settings.session, now_us)
+            gives_way = self._seats.who_gives_way(station.identity, station.seats, besides, now_us)
         except NoSeatError as error:
             self._end(station, str(error), now_us, code=Code.FULL)
             return False
@@ -237,17 +236,13 @@ class SlaveNode:
         if station.continues is not None and station.continues.session.state is SlaveState.OPEN:
             station.inherit(station.continues)
             self._forget(station.continues, Trigger.CONTINUED, "its master goes on in a new session")
-        station.seated = True
-        if station.course is not None:
-            self._followers.append(station)
+        self._seats.seat(station)
         self._events.append(MasterJoined(station))
         return True
 
     def _scene_is_taken(self, station: Station, now_us: int) -> bool:
         """Return whether, since its HELLO, another master uses the scene again that a session was to continue."""
-        for other in self.stations:
-            if other is station or other.scene is not station.scene or other.session.state is not SlaveState.OPEN:
-                continue
+        for other in self._seats.users_of(station.scene):
             silent = other.session.silent_us(now_us) > self._settings.session.stale_after_us
             if other is not station.continues or not (silent or station.same_clock):
                 return True
@@ -275,21 +270,19 @@ class SlaveNode:
         if visitor is None:
             return None
         try:
-            station = self._admission.admit(visitor, datagram.sequence, address, host, self.stations, now_us)
+            station = self._admission.admit(visitor, datagram.sequence, address, host, self._seats, now_us)
         except RefusalError as refusal:
             self._answer_stranger(refusal.datagram(visitor, hello.nonce), address)
             name, public = visitor.request.name, visitor.public
             self._events.append(MasterRefused(name, address, public, refusal.code, str(refusal)))
             return None
-        surplus = surplus_half_open(self.stations, station.identity)
+        surplus = self._seats.surplus_half_open(station.identity)
         if surplus is not None:
             self._forget(surplus, Trigger.REPLACED, "its place was needed")
         welcome = station.session.welcome(hello.nonce, *visitor.answer(station.grant))
         station.greeting = address, hello.nonce
         self._welcomes[station.greeting] = station, welcome
-        self._stations[station.session.number] = station
-        expires_us = station.session.expires_us()
-        self._next_expiry_us = min(self._next_expiry_us or expires_us, expires_us)
+        self._seats.add(station)
         return station, welcome
 
     def _receive_stray(self, datagram: Datagram, size: int, address: Address) -> None:
@@ -315,9 +308,8 @@ class SlaveNode:
 
     def _remove(self, station: Station) -> None:
         """Remove a session that has ended."""
-        del self._stations[station.session.number]
-        if station in self._followers:
-            self._followers.remove(station)
+        self._seats.remove(station)
+        self._steps.forget(station)
         if station.greeting is not None:
             self._welcomes.pop(station.greeting, None)
         if station.seated:
@@ -327,3 +319,8 @@ class SlaveNode:
             self.never_used += 1
             self.strangers.absorb(station.session.received)
             self.to_strangers.absorb(station.session.sent)
+
+
+def _next_step_us(station: Station) -> int | None:
+    """Return when a scene is to be stepped between two positions [µs]."""
+    return None if station.course is None else station.course.next_step_us()

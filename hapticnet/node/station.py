@@ -122,6 +122,11 @@ class Station:
         """
         return True if ticket == self.grant.ticket else self._heirs.get(ticket)
 
+    @property
+    def tickets(self) -> tuple[bytes, ...]:
+        """The tickets that `is_own` knows."""
+        return self.grant.ticket, *self._heirs
+
     def add_heir(self, heir: "Station") -> None:
         """Note a session that is to continue this one, when its first position arrives."""
         self._heirs[heir.grant.ticket] = heir.same_clock

@@ -211,6 +211,11 @@ class SlaveSession:
         # Time stamps wrap after 71 minutes, and a silent session may be kept for longer.
         return self._position_t_us + self.silent_us(now_us)
 
+    @property
+    def heard_us(self) -> int:
+        """When something last arrived [µs]."""
+        return self._heard_us
+
     def silent_us(self, now_us: int) -> int:
         """Return how long nothing has arrived [µs]."""
         self._heard_us = min(self._heard_us, now_us)  # after a clock went back, silence counts from there
