@@ -46,15 +46,30 @@ class Seal:
         The key of the direction to here, 32 bytes.
     """
 
-    __slots__ = ("_ahead", "_behind", "_heads", "_receive", "_receive_epoch", "_send", "_send_epoch", "_sent")
+    __slots__ = (
+        "_ahead",
+        "_behind",
+        "_heads",
+        "_receive",
+        "_send",
+        "_sent",
+        "receive_epoch",
+        "receive_key",
+        "send_epoch",
+        "send_key",
+    )
 
     def __init__(self, send_key: bytes, receive_key: bytes) -> None:
+        self.send_key = send_key
+        """Key of the present epoch of the direction from here, for `protocol.seal_steps`."""
+        self.send_epoch = 0
         self._send = ChaCha20Poly1305(send_key)
-        self._send_epoch = 0
         self._sent = -1
         self._heads: dict[tuple[int, int], bytes] = {}
+        self.receive_key = receive_key
+        """Key of the present epoch of the direction to here."""
+        self.receive_epoch = 0
         self._receive = ChaCha20Poly1305(receive_key)
-        self._receive_epoch = 0
         self._behind: ChaCha20Poly1305 | None = None
         self._ahead: ChaCha20Poly1305 | None = None
 
@@ -71,14 +86,33 @@ class Seal:
         """
         if not self._sent < sequence < MODULUS:
             raise ValueError(f"sequence number {sequence} after {self._sent}; each is used once, up to {MODULUS - 1}")
-        while sequence >> EPOCH_BITS != self._send_epoch:
-            self._send = _next(self._send)
-            self._send_epoch += 1
+        while sequence >> EPOCH_BITS != self.send_epoch:
+            self.send_key = _next_key(self._send)
+            self._send = ChaCha20Poly1305(self.send_key)
+            self.send_epoch += 1
         self._sent = sequence
         head = self._heads.get((kind, session)) or self._head(kind, session)
         head += _pack_number(sequence)
         sealed = self._send.encrypt(_nonce(sequence), body, head)
         return head + _BIN_HEADS[len(sealed)] + sealed
+
+    @property
+    def sent(self) -> int:
+        """The highest sequence number sealed, -1 before the first."""
+        return self._sent
+
+    def note_sealed(self, sequence: int) -> None:
+        """Note that datagrams up to `sequence` were sealed under `send_key` elsewhere, so that none is sealed again.
+
+        It is ValueError if `sequence` is below one that was noted or sealed before, or belongs to another key.
+        """
+        if sequence == self._sent:
+            return
+        if sequence < self._sent or sequence >> EPOCH_BITS != self.send_epoch:
+            raise ValueError(
+                f"sequence number {sequence} after {self._sent}; it must be higher, and of epoch {self.send_epoch}"
+            )
+        self._sent = sequence
 
     def open(self, data: bytes, datagram: Datagram) -> bytes:
         """Return the body of a sealed datagram, opened.
@@ -99,7 +133,7 @@ class Seal:
         body = datagram.body
         # A longer head than the shortest cannot pass: it would put one byte more before it than the sender sealed.
         end = -2 - len(body) if len(body) < 256 else -3 - len(body)
-        if sequence >> EPOCH_BITS != self._receive_epoch:
+        if sequence >> EPOCH_BITS != self.receive_epoch:
             return self._open_beside(sequence, body, data[:end])
         try:
             return self._receive.decrypt(_nonce(sequence), body, data[:end])
@@ -108,12 +142,12 @@ class Seal:
 
     def _open_beside(self, sequence: int, body: bytes, head: bytes) -> bytes:
         """Open a datagram of another epoch than the current one; follow the sender if it is of the next."""
-        epochs = (sequence >> EPOCH_BITS) - self._receive_epoch
+        epochs = (sequence >> EPOCH_BITS) - self.receive_epoch
         if epochs == -1 and self._behind:
             cipher = self._behind
         elif epochs == 1:
             # Kept for the next try: a flood of forged datagrams must not make a key each.
-            cipher = self._ahead = self._ahead or _next(self._receive)
+            cipher = self._ahead = self._ahead or ChaCha20Poly1305(_next_key(self._receive))
         else:
             raise PeerError(f"sealed datagram {sequence} is {epochs} epochs away; only the next and last ones open")
         try:
@@ -121,8 +155,9 @@ class Seal:
         except InvalidTag:
             raise PeerError(_NOT_OPENED) from None
         if epochs == 1:
+            self.receive_key = _next_key(self._receive)
             self._behind, self._receive, self._ahead = self._receive, cipher, None
-            self._receive_epoch += 1
+            self.receive_epoch += 1
         return opened
 
     def _head(self, kind: int, session: int) -> bytes:
@@ -139,9 +174,9 @@ _nonce = struct.Struct("<4xQ").pack
 _REKEY_NONCE = _nonce(2**64 - 1)
 
 
-def _next(cipher: ChaCha20Poly1305) -> ChaCha20Poly1305:
-    """Return the cipher of the next epoch: REKEY of Noise (revision 34, §4.2)."""
-    return ChaCha20Poly1305(cipher.encrypt(_REKEY_NONCE, bytes(32), b"")[:32])
+def _next_key(cipher: ChaCha20Poly1305) -> bytes:
+    """Return the key of the next epoch: REKEY of Noise (revision 34, §4.2)."""
+    return cipher.encrypt(_REKEY_NONCE, bytes(32), b"")[:32]
 
 
 def _bin_head(length: int) -> bytes:
