@@ -16,6 +16,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from types import FunctionType
@@ -23,7 +24,7 @@ from typing import Any, Final
 
 from hapticnet import rounding
 
-SOURCES: Final = ("*.py", "codec/**/*.py", "measure/*.py")
+SOURCES: Final = ("*.py", "codec/**/*.py", "measure/*.py", "protocol/seal*.py")
 """Files of hapticnet whose content names the folder of machine code."""
 
 LARGEST_INLINED: Final = 900
@@ -32,6 +33,32 @@ at updates. A call costs about as much as its arguments have numbers, so what ta
 
 KEPT_FOLDERS: Final = 3
 """Folders of machine code that are kept, the newest first."""
+
+
+@dataclass(frozen=True, eq=False)
+class Foreign:
+    """A C function that returns an int. A compiled function calls it where it calls this global by name.
+
+    Parameters
+    ----------
+    name
+        What machine code calls it, in this process and in the cache. No other library may have a function of this name.
+    arguments
+        One letter for each: ``p`` for a pointer, given as its address, and ``i`` for an int.
+    address
+        Where it is in this process.
+    call
+        The same function for Python.
+    """
+
+    name: str
+    arguments: str
+    address: int
+    call: Callable[..., int]
+
+    def __call__(self, *arguments: int) -> int:
+        """Call it from Python."""
+        return self.call(*arguments)
 
 
 @cache
@@ -87,10 +114,23 @@ def _linked(function: FunctionType, name: str, using: Mapping[str, Any]) -> Func
         other = scope.get(called)
         if isinstance(other, FunctionType) and other.__module__.startswith("hapticnet."):
             scope[called] = compiled(other)
+        elif isinstance(other, Foreign):
+            scope[called] = _external(other)
     linked = FunctionType(function.__code__, scope, function.__name__, function.__defaults__)
     linked.__qualname__ = f"{name}.{function.__qualname__}" if name else function.__qualname__
     linked.__module__ = function.__module__
     return linked
+
+
+@cache
+def _external(foreign: Foreign) -> Any:
+    """Return what stands for a C function while numba compiles, and make its address known to machine code."""
+    from llvmlite import binding
+    from numba import types
+
+    binding.add_symbol(foreign.name, foreign.address)
+    kinds = {"p": types.intp, "i": types.intc}
+    return types.ExternalFunction(foreign.name, types.intc(*[kinds[each] for each in foreign.arguments]))
 
 
 def _jit(function: Callable[..., Any], *, inline: bool, counts: bool = False) -> Callable[..., Any]:
