@@ -24,7 +24,7 @@ from typing import Any, Final
 
 from hapticnet import rounding
 
-SOURCES: Final = ("*.py", "codec/**/*.py", "measure/*.py", "protocol/seal*.py")
+SOURCES: Final = ("*.py", "codec/**/*.py", "measure/*.py", "node/*.py", "protocol/*.py", "scene/*.py")
 """Files of hapticnet whose content names the folder of machine code."""
 
 LARGEST_INLINED: Final = 900

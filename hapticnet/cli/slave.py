@@ -8,6 +8,8 @@ import typer
 from hapticnet.cli import options
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from hapticnet.node.slave_events import SlaveEvent
     from hapticnet.runtime.watching import Watcher
 
@@ -44,6 +46,14 @@ def slave(
             " installed packages are always served.",
         ),
     ] = None,
+    compiled: Annotated[
+        bool,
+        typer.Option(
+            "--compiled",
+            help="Serve all usual sessions in one compiled pass, for many masters: codecs raw and deadband, scenes of"
+            " springs. Needs the fast extra.",
+        ),
+    ] = False,
     channel_out: options.ChannelOut = "perfect",
     seed: options.Seed = 0,
     record: Annotated[
@@ -68,6 +78,7 @@ def slave(
     """
     import os
     import signal
+    from functools import partial
 
     import numpy as np
 
@@ -79,10 +90,12 @@ def slave(
     from hapticnet.cli.trust import slave_trust
     from hapticnet.cli.watching import watch_slave
     from hapticnet.codec.registry import parse_codec, register_installed_codecs
-    from hapticnet.errors import FileError, SettingsError
+    from hapticnet.compiled import fast_extra_installed
+    from hapticnet.errors import FileError, SettingsError, UnavailableError
     from hapticnet.experiment.provenance import provenance
     from hapticnet.files import check_folder
     from hapticnet.node.admission import SlaveSettings
+    from hapticnet.node.compiled_slave import CompiledSlaveNode
     from hapticnet.node.slave import SlaveNode
     from hapticnet.protocol.handshake import Door, OpenDoor, SealedDoor
     from hapticnet.protocol.keys import MasterEntry
@@ -97,6 +110,7 @@ def slave(
     from hapticnet.runtime.slave_run import run_slave
     from hapticnet.runtime.udp import bound_address, host_of, is_loopback, parse_host_port
     from hapticnet.runtime.udp import listen as listen_on
+    from hapticnet.runtime.udp_batch import SocketAddresses
     from hapticnet.scene.base import Touchable
     from hapticnet.scene.sources import find_source
 
@@ -124,7 +138,16 @@ def slave(
     def make_scene(entry: MasterEntry | None) -> Touchable:
         return (source if guests is None else guests.scene_of(entry, source)).make()
 
-    node = SlaveNode(
+    make_node: Callable[..., SlaveNode] = SlaveNode
+    if compiled:
+        for option, given in (("--record", record), ("--stream", stream)):
+            if given is not None:
+                raise SettingsError(f"{option} needs each sample, which --compiled does not keep; omit one of them")
+        if not fast_extra_installed():
+            raise UnavailableError("--compiled needs numba: pip install 'hapticnet[fast]'")
+        console.say("compiling; the first time, this takes about half a minute")
+        make_node = partial(CompiledSlaveNode, addresses=SocketAddresses())
+    node = make_node(
         make_scene,
         SlaveSettings(
             fastest_rate_hz=fastest_rate,

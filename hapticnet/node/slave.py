@@ -98,6 +98,10 @@ class SlaveNode:
         self._seats.see(now_us)
         for data, address in batch:
             self._take_in(data, address, now_us)
+        self._answer_all(now_us)
+
+    def _answer_all(self, now_us: int) -> None:
+        """Answer the newest position of each session that has one."""
         for station in self._to_answer:
             if station.session.state is SlaveState.OPEN:
                 self._answer(station, now_us, station.answer)
@@ -192,6 +196,7 @@ class SlaveNode:
             if datagram.version != session.version or (station.address != address and session.seal is None):
                 self._receive_stray(datagram, len(data), address)
                 return
+            self._at_hand(station)
             account = session.received
             was_half_open = session.state is SlaveState.HALF_OPEN
             has_position = station.take_in(datagram, data, address, now_us)
@@ -256,6 +261,7 @@ class SlaveNode:
                 known = self._admit(datagram, greeted, address, now_us)
             if known is not None:  # a HELLO repeated after a lost answer gets the same answer
                 station, welcome = known
+                self._at_hand(station)
                 station.session.account_hello(size, len(welcome), now_us)
                 self._outbox.append((welcome, address))
                 return
@@ -299,10 +305,15 @@ class SlaveNode:
 
     def _end(self, station: Station, reason: str, now_us: int, *, code: Code = Code.OTHER) -> None:
         """End a session from this side and tell its master."""
+        self._at_hand(station)
         self._outbox.append((station.session.close(reason, now_us, code), station.address))
         self._forget(station, Trigger.CLOSE, f"the slave closed: {reason}")
 
+    def _at_hand(self, station: Station) -> None:
+        """Bring a station up to date that something else than this node may have served."""
+
     def _forget(self, station: Station, trigger: Trigger, reason: str) -> None:
+        self._at_hand(station)
         station.session.end(trigger, reason)
         self._remove(station)
 

@@ -91,6 +91,7 @@ class Station:
         self.same_clock = same_clock
         self._heirs: dict[bytes, bool] = {}
         self._continued = continues.session.number if continues is not None else None
+        self.row: int | None = None  # where a bank has this session (`node.bank`)
         self.seated = False
         self.steps = 0
         self.superseded = 0
@@ -174,6 +175,11 @@ class Station:
         self._pending = sample
         self._told = told if self.session.in_step else None
         return True
+
+    @property
+    def waits(self) -> bool:
+        """Whether there is a position to `answer`."""
+        return self._pending is not None
 
     def answer(self, now_us: int) -> bytes | None:
         """Move the scene to the newest position; return the datagram that answers it, if any.

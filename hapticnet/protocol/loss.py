@@ -116,6 +116,6 @@ def datagrams_needed(loss: Loss, window_us: float, silences_per_s: float) -> int
     share, again = loss
     starts_per_s = share * (1.0 - again) * 1e6 / window_us
     for datagrams in range(1, MOST_DATAGRAMS):
-        if datagrams * starts_per_s * again ** (datagrams - 1) <= silences_per_s:
+        if datagrams * starts_per_s * again ** float(datagrams - 1) <= silences_per_s:
             return datagrams
     return MOST_DATAGRAMS

@@ -81,7 +81,7 @@ class RepairSettings:
     complete_above: float = 0.005
 
 
-class _Sent(NamedTuple):
+class Sent(NamedTuple):
     """A datagram without acknowledgement: its number, its time, and what is held where it did not arrive.
 
     `before` is None where that is as right as what was sent.
@@ -163,7 +163,7 @@ class Repair:
         self._age_limit_us = age_limit_us
         self._longest_us = keepalive_us
         self._recovering = False
-        self._sent: deque[_Sent] = deque(maxlen=MOST_REMEMBERED)  # the oldest first
+        self._sent: deque[Sent] = deque(maxlen=MOST_REMEMBERED)  # the oldest first
         self._since_us = 0  # since when the oldest is waited for
         self._expired_us = 0
         self._spoke_us = now_us
@@ -186,7 +186,7 @@ class Repair:
         """Record a FORCE; `before` is what is held where it does not arrive, None if that is as right."""
         if not self._sent:
             self._since_us = now_us
-        self._sent.append(_Sent(sequence, now_us, before))
+        self._sent.append(Sent(sequence, now_us, before))
 
     def kept_alive(self, sequence: int, now_us: int, held: Vector | None, *, tells: bool = False) -> None:
         """Record a KEEPALIVE, which confirms what is held; waited for while there is loss, or if it tells news."""

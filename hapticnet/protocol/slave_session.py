@@ -1,6 +1,6 @@
 """The slave's end of one session, sans-I/O. `node.slave` holds the table of all sessions."""
 
-from typing import Final
+from typing import Any, Final
 
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.arrivals import Arrival
@@ -70,6 +70,7 @@ class SlaveSession:
         self.received = Traffic()
         self.end_reason: str | None = None
         self.in_step = False  # whether the master had the newest FORCE when it sent the newest position
+        self.row: Any = None  # where the state of the session is while a bank serves it (`session_steps`)
         self._first_sequence = first_sequence
         self._settings = settings
         self._sequence = wrap(settings.first_sequence + 1)
@@ -214,17 +215,21 @@ class SlaveSession:
     @property
     def heard_us(self) -> int:
         """When something last arrived [µs]."""
-        return self._heard_us
+        return self._heard_us if self.row is None else int(self.row.heard_us)
 
     def silent_us(self, now_us: int) -> int:
         """Return how long nothing has arrived [µs]."""
-        self._heard_us = min(self._heard_us, now_us)  # after a clock went back, silence counts from there
-        return now_us - self._heard_us
+        heard_us = self.heard_us
+        if now_us < heard_us:  # after a clock went back, silence counts from there
+            self._heard_us = heard_us = now_us
+            if self.row is not None:
+                self.row.heard_us = now_us
+        return now_us - heard_us
 
     def expires_us(self) -> int:
         """Return when the session expires if nothing arrives until then [µs]."""
         half_open = self.state is SlaveState.HALF_OPEN
-        return self._heard_us + (self._settings.half_open_us if half_open else self._settings.keep_us)
+        return self.heard_us + (self._settings.half_open_us if half_open else self._settings.keep_us)
 
     def end(self, trigger: Trigger, reason: str) -> None:
         """Move to CLOSED."""

@@ -5,6 +5,8 @@ import signal
 from collections.abc import Callable, Sequence
 from socket import socket
 
+from hapticnet.node.bank_steps import Arrivals
+from hapticnet.node.compiled_slave import CompiledSlaveNode
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_events import SlaveEvent
 from hapticnet.runtime.clock import now_us
@@ -12,6 +14,7 @@ from hapticnet.runtime.master_run import PARTING_S
 from hapticnet.runtime.overload import Overload
 from hapticnet.runtime.timer import Alarm
 from hapticnet.runtime.udp import OutgoingChannel, SocketAddress, UdpPort
+from hapticnet.runtime.udp_batch import BatchPort
 from hapticnet.runtime.waiting import Repeating, stop_on_signals, until
 from hapticnet.runtime.watching import Watcher, Watchers
 
@@ -50,7 +53,10 @@ class SlaveRunner:
         loop = asyncio.get_running_loop()
         await self._watchers.start()
         self._alarm = Alarm(loop, self._ring)
-        self._port = UdpPort(loop, self._sock, self._receive, channel=self._channel)
+        if isinstance(self.node, CompiledSlaveNode):
+            self._port: UdpPort = BatchPort(loop, self._sock, self._receive_arrivals, channel=self._channel)
+        else:
+            self._port = UdpPort(loop, self._sock, self._receive, channel=self._channel)
         if self._overload is not None:
             self._overload.attach(self._port)
         self._status = Repeating(loop, lambda: self._watchers.check(now_us()), self._overload)
@@ -67,6 +73,8 @@ class SlaveRunner:
 
     def flush(self) -> None:
         """Send what the node has to send and report its events; call this after changing something at the node."""
+        if isinstance(self.node, CompiledSlaveNode) and isinstance(self._port, BatchPort) and self._channel is None:
+            self._port.send_departures(self.node.departures())
         for data, address in self.node.datagrams_to_send():
             self._port.send(data, address)
         self._alarm.set(self.node.next_timer_us())
@@ -75,6 +83,14 @@ class SlaveRunner:
 
     def _receive(self, batch: list[tuple[bytes, SocketAddress]], now: int) -> None:
         self.node.receive_datagrams(batch, now)
+        self._answer(now)
+
+    def _receive_arrivals(self, arrivals: Arrivals, count: int, now: int) -> None:
+        assert isinstance(self.node, CompiledSlaveNode)  # noqa: S101 - for the type checker
+        self.node.receive_arrivals(arrivals, count, now)
+        self._answer(now)
+
+    def _answer(self, now: int) -> None:
         self.flush()
         self.node.settle(now)
         self.flush()
@@ -84,11 +100,7 @@ class SlaveRunner:
     def _ring(self) -> None:
         now = now_us()
         self.node.tick(now)
-        self.flush()
-        self.node.settle(now)
-        self.flush()
-        if self._watchers.observers:
-            self._watchers.observe(now)
+        self._answer(now)
 
 
 async def run_slave(

@@ -1,0 +1,244 @@
+"""Sessions as rows of numbers, all served in one compiled pass (docs/adr/0013).
+
+A bank holds the sessions whose scene and codec can be stepped by compiled code. Their stations remain, but are out of
+date until `take_out` or `refresh` copies the row back.
+"""
+
+from collections.abc import Callable, Hashable
+from typing import Any, Protocol
+
+import numpy as np
+
+from hapticnet.arrays import IntArray
+from hapticnet.compiled import compiled
+from hapticnet.node.bank_rows import ROW, station_from_row, station_to_row
+from hapticnet.node.bank_steps import (
+    FREE,
+    Arrivals,
+    Departures,
+    Tables,
+    answer_all,
+    place_of_number,
+    step_between_all,
+    take_in_all,
+)
+from hapticnet.node.course_steps import NEVER
+from hapticnet.node.station import Station
+from hapticnet.protocol.frames import ADDRESS_WORDS, ANSWER_BYTES, SLOT_BYTES, make_scratch
+from hapticnet.protocol.repair import RepairSettings
+from hapticnet.protocol.repair_steps import repair_numbers
+from hapticnet.protocol.seal_steps import COLUMNS, RowSeal
+
+Words = Any
+"""An address as `ADDRESS_WORDS` numbers of 32 bits."""
+
+
+class AddressBook(Protocol):
+    """Turns addresses into words and back."""
+
+    def words(self, address: Hashable) -> Words:
+        """Return an address as words, the same for the same address."""
+        ...
+
+    def address(self, words: Words) -> Hashable:
+        """Return the address that was made into words."""
+        ...
+
+
+def make_arrivals(count: int) -> Arrivals:
+    """Return space for `count` datagrams."""
+    data = np.zeros((count, SLOT_BYTES), np.uint8)
+    return Arrivals(data, np.zeros(count, np.int64), np.zeros((count, ADDRESS_WORDS), np.uint32))
+
+
+def make_departures(count: int) -> Departures:
+    """Return space for `count` answers."""
+    data, lengths = np.zeros((count, ANSWER_BYTES), np.uint8), np.zeros(count, np.int64)
+    return Departures(data, lengths, np.zeros((count, ADDRESS_WORDS), np.uint32), np.zeros(1, np.int64))
+
+
+class Bank:
+    """The rows and their index.
+
+    Parameters
+    ----------
+    most
+        Sessions at once.
+    is_compiled
+        Whether the passes are compiled (the ``fast`` extra); else the same functions run as plain Python.
+
+    Attributes
+    ----------
+    departures
+        The answers of the newest passes, until the caller sets their count to 0.
+    """
+
+    def __init__(self, most: int, repair: RepairSettings, addresses: AddressBook, *, is_compiled: bool = True) -> None:
+        self.departures = make_departures(most)
+        self._addresses = addresses
+        self._repair = repair_numbers(repair)
+        self._stations: list[Station | None] = [None] * most
+        self._free = list(range(most - 1, -1, -1))
+        self._seals: dict[int, RowSeal] = {}
+        index = 1 << max(4, (2 * most).bit_length())
+        self._tables = Tables(
+            rows=np.zeros(most, ROW).view(np.recarray),
+            seals=np.zeros((most, COLUMNS), np.int64),
+            numbers=np.full(index, FREE, np.int64),
+            places=np.full(index, FREE, np.int64),
+            waiting=np.zeros(most + 1, np.int64),
+            followers=np.zeros(most + 1, np.int64),
+            leaving=np.zeros(most + 1, np.int64),
+            opened=np.zeros(SLOT_BYTES, np.uint8),
+            next_us=np.full(1, NEVER, np.int64),
+            scratch=make_scratch(),
+        )
+        make: Callable[[Any], Any] = compiled if is_compiled else _as_it_is
+        self._take_in, self._answer, self._step = make(take_in_all), make(answer_all), make(step_between_all)
+        self._warm_up()
+
+    def __len__(self) -> int:
+        """Return the number of sessions in the bank."""
+        return len(self._stations) - len(self._free)
+
+    def __contains__(self, station: Station) -> bool:
+        """Tell whether a station is in the bank."""
+        return station.row is not None
+
+    def take_in(self, arrivals: Arrivals, first: int, count: int, now_us: int) -> int:
+        """Take in datagrams until one that is not usual; return its number, or `count`."""
+        return int(self._take_in(self._tables, arrivals, first, count, self._repair, now_us))
+
+    def answer(self, now_us: int) -> None:
+        """Answer what was taken in."""
+        if self._tables.waiting[0]:
+            self._answer(self._tables, self.departures, self._repair, now_us)
+
+    def step_between(self, now_us: int) -> list[Station]:
+        """Step the scenes whose positions are few; return the stations that Python must step this time."""
+        tables = self._tables
+        if not tables.followers[0]:
+            return []
+        self._step(tables, self.departures, self._repair, now_us)
+        return [self._station(int(at)) for at in tables.leaving[1 : tables.leaving[0] + 1]]
+
+    def next_step_us(self) -> int | None:
+        """Return when `step_between` may have something to do [µs]; None if there is nothing to follow."""
+        next_us = int(self._tables.next_us[0])
+        return None if next_us == NEVER or not self._tables.followers[0] else next_us
+
+    def put_in(self, station: Station) -> None:
+        """Take over a station that fits."""
+        at = self._free.pop()
+        row = self._tables.rows[at]
+        station_to_row(station, row)
+        row.address[:] = self._addresses.words(station.address)
+        seal = station.session.seal
+        if seal is not None:
+            self._seals[at] = RowSeal(seal, self._tables.seals[at])
+        self._stations[at] = station
+        self._index(station.session.number, at)
+        if station.course is not None:
+            _append(self._tables.followers, at)
+            self._tables.next_us[0] = station._stepped_us  # at the next tick, the pass finds out
+        station.row = at
+        station.session.row = row
+
+    def take_out(self, station: Station) -> None:
+        """Give a station back to Python, up to date."""
+        self.refresh(station)
+        at = station.row
+        assert at is not None, "the station is in the bank"  # noqa: S101 - the caller's fault
+        station.row = station.session.row = None
+        row = self._tables.rows[at]
+        row.has_position = False
+        if at in self._seals:
+            self._seals.pop(at).release(self._tables.seals[at])
+        if station.course is not None:
+            _remove(self._tables.followers, at)
+        self._unindex(station.session.number)
+        self._stations[at] = None
+        self._free.append(at)
+
+    def refresh(self, station: Station) -> None:
+        """Bring a station up to date; it stays in the bank."""
+        assert station.row is not None, "the station is in the bank"  # noqa: S101 - the caller's fault
+        row = self._tables.rows[station.row]
+        station_from_row(station, row)
+        if station.session.seal is not None:
+            station.address = self._addresses.address(row.address)
+            self._seals[station.row].load(station.session.seal, self._tables.seals[station.row])
+
+    def sums(self) -> Any:
+        """Return the rows in use, for sums over columns."""
+        used = [at for at, station in enumerate(self._stations) if station is not None]
+        return self._tables.rows[used]
+
+    def _station(self, at: int) -> Station:
+        station = self._stations[at]
+        assert station is not None, "the row is in use"  # noqa: S101 - for the type checker
+        return station
+
+    def _index(self, number: int, at: int) -> None:
+        numbers, mask = self._tables.numbers, len(self._tables.numbers) - 1
+        place = place_of_number(number, mask)
+        while numbers[place] != FREE:
+            place = (place + 1) & mask
+        numbers[place], self._tables.places[place] = number, at
+
+    def _unindex(self, number: int) -> None:
+        """Remove a number, and put those after it where a search finds them without a gap."""
+        numbers, places = self._tables.numbers, self._tables.places
+        mask = len(numbers) - 1
+        place = place_of_number(number, mask)
+        while numbers[place] != number:
+            place = (place + 1) & mask
+        numbers[place] = FREE
+        place = (place + 1) & mask
+        while numbers[place] != FREE:
+            moved = int(numbers[place])
+            numbers[place] = FREE
+            self._index(moved, int(places[place]))
+            place = (place + 1) & mask
+
+    def _warm_up(self) -> None:
+        """Compile before the first datagram waits for it."""
+        arrivals = make_arrivals(1)
+        self._take_in(self._tables, arrivals, 0, 0, self._repair, 0)
+        self._answer(self._tables, self.departures, self._repair, 0)
+        self._step(self._tables, self.departures, self._repair, 0)
+
+
+def _as_it_is(function: Any) -> Any:
+    return function
+
+
+def _append(list_of_rows: IntArray, at: int) -> None:
+    list_of_rows[0] += 1
+    list_of_rows[list_of_rows[0]] = at
+
+
+def _remove(list_of_rows: IntArray, at: int) -> None:
+    last = list_of_rows[0]
+    place = int(np.flatnonzero(list_of_rows[1 : last + 1] == at)[0]) + 1
+    list_of_rows[place] = list_of_rows[last]
+    list_of_rows[0] -= 1
+
+
+class Interned:
+    """Addresses of any kind as numbers, in the order in which they came. Satisfies `AddressBook`."""
+
+    def __init__(self) -> None:
+        self._numbers: dict[Hashable, int] = {}
+        self._addresses: list[Hashable] = []
+
+    def words(self, address: Hashable) -> Words:
+        """Return an address as words."""
+        if address not in self._numbers:
+            self._numbers[address] = len(self._addresses)
+            self._addresses.append(address)
+        return (self._numbers[address],) + (0,) * (ADDRESS_WORDS - 1)
+
+    def address(self, words: Words) -> Hashable:
+        """Return the address that was made into words."""
+        return self._addresses[int(words[0])]

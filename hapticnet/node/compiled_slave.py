@@ -1,0 +1,137 @@
+"""A slave whose usual sessions are served by a bank, and all others as by `SlaveNode`, with the same bytes."""
+
+from collections.abc import Iterable
+from typing import Any, Final
+
+import numpy as np
+
+from hapticnet.node.bank import AddressBook, Bank, make_arrivals
+from hapticnet.node.bank_rows import can_fit, fits_now
+from hapticnet.node.bank_steps import Arrivals, Departures
+from hapticnet.node.reception import Address
+from hapticnet.node.slave import SlaveNode
+from hapticnet.node.station import Station
+from hapticnet.protocol.wire import MAX_DATAGRAM_BYTES
+
+MOST_AT_ONCE: Final = 256
+"""Datagrams of one pass."""
+
+SHORTEST_TICK_US: Final = 200
+"""Shortest time between two ticks that step scenes between positions: many sessions share one."""
+
+
+class CompiledSlaveNode(SlaveNode):
+    """Serve masters, as many as possible in one compiled pass.
+
+    Parameters
+    ----------
+    addresses
+        Turns the addresses of datagrams into words and back.
+    is_compiled
+        Whether the passes are compiled (the ``fast`` extra); else the same functions run as plain Python.
+    **others
+        As for `SlaveNode`.
+    """
+
+    def __init__(self, *given: Any, addresses: AddressBook, is_compiled: bool = True, **others: Any) -> None:
+        super().__init__(*given, **others)
+        session = self._settings.session
+        self._addresses = addresses
+        self._bank = Bank(session.most_sessions, session.repair, addresses, is_compiled=is_compiled)
+        self._arrivals = make_arrivals(MOST_AT_ONCE)
+        self._in_python: set[Station] = set()  # what was touched since the last `settle`
+        self._ticked_us = 0
+
+    def receive_datagrams(self, batch: Iterable[tuple[bytes, Address]], now_us: int) -> None:
+        """Process what has arrived since the last call; as `SlaveNode.receive_datagrams`."""
+        self._seats.see(now_us)
+        pieces = list(batch)
+        for first in range(0, len(pieces), MOST_AT_ONCE):
+            count = 0
+            for data, address in pieces[first : first + MOST_AT_ONCE]:
+                kept = data[: MAX_DATAGRAM_BYTES + 1]
+                self._arrivals.data[count, : len(kept)] = np.frombuffer(kept, np.uint8)
+                self._arrivals.lengths[count] = len(kept)
+                self._arrivals.addresses[count] = self._addresses.words(address)
+                count += 1
+            self._take_in_all(self._arrivals, count, now_us)
+        self._answer_all(now_us)
+
+    def receive_arrivals(self, arrivals: Arrivals, count: int, now_us: int) -> None:
+        """Process the first `count` datagrams of `arrivals`; as `receive_datagrams`."""
+        self._seats.see(now_us)
+        self._take_in_all(arrivals, count, now_us)
+        self._answer_all(now_us)
+
+    def settle(self, now_us: int) -> None:
+        """Account for the answers of sessions outside the bank, and take those in that fit."""
+        super().settle(now_us)
+        for station in self._in_python:
+            if self._stations.get(station.session.number) is station and can_fit(station) and fits_now(station):
+                self._put_in(station)
+        self._in_python.clear()
+
+    def tick(self, now_us: int) -> None:
+        """Step scenes between positions, and forget sessions that have long been silent."""
+        self._seats.see(now_us)
+        self._ticked_us = now_us
+        for station in self._bank.step_between(now_us):
+            self._at_hand(station)
+        super().tick(now_us)
+
+    def next_timer_us(self) -> int | None:
+        """Return when `tick` may have something to do [µs]; None if there is no session."""
+        next_us, step_us = super().next_timer_us(), self._bank.next_step_us()
+        if step_us is None:
+            return next_us
+        step_us = max(step_us, self._ticked_us + SHORTEST_TICK_US)
+        return step_us if next_us is None else min(step_us, next_us)
+
+    def departures(self) -> Departures:
+        """Return the answers of the bank; send them before `datagrams_to_send`, and set their count to 0."""
+        return self._bank.departures
+
+    def datagrams_to_send(self) -> list[tuple[bytes, Address]]:
+        """Return the datagrams to send now, with their destinations."""
+        departures = self._bank.departures
+        answers: list[tuple[bytes, Address]] = [
+            (
+                departures.data[number, : departures.lengths[number]].tobytes(),
+                self._addresses.address(departures.addresses[number]),
+            )
+            for number in range(int(departures.number[0]))
+        ]
+        departures.number[0] = 0
+        return answers + super().datagrams_to_send()
+
+    def report(self) -> dict[str, Any]:
+        """Return the account of the sessions for JSON; as `SlaveNode.report`."""
+        for station in self.stations:
+            if station in self._bank:
+                self._bank.refresh(station)
+        return super().report()
+
+    def _take_in_all(self, arrivals: Arrivals, count: int, now_us: int) -> None:
+        number = 0
+        while (number := self._bank.take_in(arrivals, number, count, now_us)) < count:
+            data = arrivals.data[number, : arrivals.lengths[number]].tobytes()
+            self._take_in(data, self._addresses.address(arrivals.addresses[number]), now_us)
+            number += 1
+
+    def _answer_all(self, now_us: int) -> None:
+        self._bank.answer(now_us)
+        self._in_python.update(self._to_answer)
+        super()._answer_all(now_us)
+
+    def _at_hand(self, station: Station) -> None:
+        if station not in self._bank:
+            return
+        self._bank.take_out(station)
+        self._in_python.add(station)
+        self._steps.note(station)
+        if station.waits:
+            self._to_answer.append(station)
+
+    def _put_in(self, station: Station) -> None:
+        self._bank.put_in(station)
+        self._steps.forget(station)
