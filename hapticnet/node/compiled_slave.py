@@ -57,11 +57,15 @@ class CompiledSlaveNode(SlaveNode):
             self._take_in_all(self._arrivals, count, now_us)
         self._answer_all(now_us)
 
-    def receive_arrivals(self, arrivals: Arrivals, count: int, now_us: int) -> None:
-        """Process the first `count` datagrams of `arrivals`; as `receive_datagrams`."""
+    def receive_arrivals(self, arrivals: Arrivals, count: int, now_us: int) -> bool:
+        """Process the first `count` datagrams of `arrivals`; as `receive_datagrams`.
+
+        Return whether the bank has served all: there is then nothing to do but to send its `departures`.
+        """
         self._seats.see(now_us)
         self._take_in_all(arrivals, count, now_us)
         self._answer_all(now_us)
+        return not (self._in_python or self._outbox or self._events)
 
     def settle(self, now_us: int) -> None:
         """Account for the answers of sessions outside the bank, and take those in that fit."""
@@ -87,6 +91,11 @@ class CompiledSlaveNode(SlaveNode):
         step_us = max(step_us, self._ticked_us + SHORTEST_TICK_US)
         return step_us if next_us is None else min(step_us, next_us)
 
+    @property
+    def follows(self) -> bool:
+        """Whether the bank steps scenes between positions."""
+        return self._bank.next_step_us() is not None
+
     def departures(self) -> Departures:
         """Return the answers of the bank; send them before `datagrams_to_send`, and set their count to 0."""
         return self._bank.departures
@@ -94,6 +103,8 @@ class CompiledSlaveNode(SlaveNode):
     def datagrams_to_send(self) -> list[tuple[bytes, Address]]:
         """Return the datagrams to send now, with their destinations."""
         departures = self._bank.departures
+        if not departures.number[0]:
+            return super().datagrams_to_send()
         answers: list[tuple[bytes, Address]] = [
             (
                 departures.data[number, : departures.lengths[number]].tobytes(),
@@ -120,8 +131,9 @@ class CompiledSlaveNode(SlaveNode):
 
     def _answer_all(self, now_us: int) -> None:
         self._bank.answer(now_us)
-        self._in_python.update(self._to_answer)
-        super()._answer_all(now_us)
+        if self._to_answer:
+            self._in_python.update(self._to_answer)
+            super()._answer_all(now_us)
 
     def _at_hand(self, station: Station) -> None:
         if station not in self._bank:

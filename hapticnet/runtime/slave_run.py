@@ -86,9 +86,16 @@ class SlaveRunner:
         self._answer(now)
 
     def _receive_arrivals(self, arrivals: Arrivals, count: int, now: int) -> None:
-        assert isinstance(self.node, CompiledSlaveNode)  # noqa: S101 - for the type checker
-        self.node.receive_arrivals(arrivals, count, now)
-        self._answer(now)
+        node, port = self.node, self._port
+        assert isinstance(node, CompiledSlaveNode)  # noqa: S101 - for the type checker
+        assert isinstance(port, BatchPort)  # noqa: S101 - for the type checker
+        is_served = node.receive_arrivals(arrivals, count, now)
+        if not is_served or self._channel is not None or self._watchers.observers:
+            self._answer(now)
+            return
+        port.send_departures(node.departures())
+        if node.follows:
+            self._alarm.set(node.next_timer_us())
 
     def _answer(self, now: int) -> None:
         self.flush()

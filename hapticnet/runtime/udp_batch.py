@@ -104,27 +104,26 @@ class BatchPort(UdpPort):
         self._sendmmsg.argtypes = [ctypes.c_int, pointer, ctypes.c_uint, ctypes.c_int]
         self._receive_arrivals = receive
         self._arrivals = make_arrivals(DRAIN_AT_MOST)
-        self._incoming, self._incoming_pieces = _messages(self._arrivals.data, self._arrivals.addresses)
-        self._incoming_pieces["length"] = READ_BYTES
-        self._outgoing: dict[int, Any] = {}
+        self._incoming = _Messages(self._arrivals.data, self._arrivals.addresses)
+        self._incoming.piece_lengths[:] = READ_BYTES
+        self._outgoing: _Messages | None = None
         super().__init__(loop, sock, None, channel=channel)
         loop.add_reader(sock.fileno(), self._drain)
 
     def send_departures(self, departures: Departures) -> None:
-        """Send the answers of a bank, and empty them."""
+        """Send the answers of a bank, and empty them. The arrays must be the same at each call."""
         count = int(departures.number[0])
         if not count:
             return
         departures.number[0] = 0
-        key = departures.data.ctypes.data
-        if key not in self._outgoing:
-            self._outgoing[key] = _messages(departures.data, departures.addresses), _name_bytes(self._sock)
-        (messages, pieces), name_bytes = self._outgoing[key]
-        pieces["length"][:count] = departures.lengths[:count]
-        messages["name_length"][:count] = name_bytes
+        messages = self._outgoing
+        if messages is None:
+            messages = self._outgoing = _Messages(departures.data, departures.addresses)
+            messages.name_lengths[:] = _name_bytes(self._sock)
+        messages.piece_lengths[:count] = departures.lengths[:count]
         first = 0
         while first < count:
-            at = messages.ctypes.data + first * _MESSAGE.itemsize
+            at = messages.address + first * _MESSAGE.itemsize
             sent = self._sendmmsg(self._sock.fileno(), at, count - first, 0)
             if sent <= 0:  # the first one is not accepted; it counts as lost
                 self.send_errors += 1
@@ -141,26 +140,39 @@ class BatchPort(UdpPort):
             except OSError:
                 self.send_errors += 1
         messages = self._incoming
-        messages["name_length"] = ADDRESS_BYTES
-        count = self._recvmmsg(self._sock.fileno(), messages.ctypes.data, DRAIN_AT_MOST, socket.MSG_DONTWAIT, None)
+        count = self._recvmmsg(self._sock.fileno(), messages.address, DRAIN_AT_MOST, socket.MSG_DONTWAIT, None)
         if count <= 0:
             if ctypes.get_errno() not in (errno.EAGAIN, errno.EINTR):  # an earlier datagram could not be delivered
                 self.send_errors += 1
             return
         self._backlog = count > SAMPLE_EVERY
-        self._arrivals.lengths[:count] = messages["length"][:count]
+        self._arrivals.lengths[:count] = messages.lengths[:count]
+        messages.name_lengths[:count] = ADDRESS_BYTES  # the system has written how much of it was used
         self._receive_arrivals(self._arrivals, count, now_us())
 
 
-def _messages(data: Any, addresses: Any) -> tuple[Any, Any]:
-    """Return headers for the rows of two arrays, shape (n,), and the pieces with the lengths to send."""
-    messages, pieces = np.zeros(len(data), _MESSAGE), np.zeros(len(data), _PIECE)
-    rows = np.arange(len(data), dtype=np.uint64)
-    pieces["base"] = data.ctypes.data + rows * data.strides[0]
-    messages["name"] = addresses.ctypes.data + rows * addresses.strides[0]
-    messages["pieces"] = pieces.ctypes.data + rows * _PIECE.itemsize
-    messages["piece_count"] = 1
-    return messages, pieces
+class _Messages:
+    """Headers for the rows of two arrays, data and addresses.
+
+    Attributes
+    ----------
+    address
+        Where the first header is.
+    name_lengths, piece_lengths, lengths
+        Sizes [B] of the addresses, of the data to send or the space to read into, and of what was read, shapes (n,).
+    """
+
+    def __init__(self, data: Any, addresses: Any) -> None:
+        messages, pieces = np.zeros(len(data), _MESSAGE), np.zeros(len(data), _PIECE)
+        rows = np.arange(len(data), dtype=np.uint64)
+        pieces["base"] = data.ctypes.data + rows * data.strides[0]
+        messages["name"] = addresses.ctypes.data + rows * addresses.strides[0]
+        messages["pieces"] = pieces.ctypes.data + rows * _PIECE.itemsize
+        messages["piece_count"] = 1
+        self.address = messages.ctypes.data
+        self.name_lengths, self.lengths = messages["name_length"], messages["length"]
+        self.piece_lengths = pieces["length"]
+        self.name_lengths[:] = ADDRESS_BYTES
 
 
 def _name_bytes(sock: socket.socket) -> int:
