@@ -58,7 +58,7 @@ class Foreign:
 
     def __call__(self, *arguments: int) -> int:
         """Call it from Python."""
-        return self.call(*arguments)
+        return self.call(*map(int, arguments))
 
 
 @cache

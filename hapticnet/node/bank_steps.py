@@ -132,7 +132,7 @@ class Tables(NamedTuple):
 
 def place_of_number(number: int, mask: int) -> int:
     """Return where the search for a session number in the index begins."""
-    return (number * 2654435761 >> 15) & mask  # Knuth's multiplicative hash: numbers of one worker share their low bits
+    return (number * 40503 >> 16) & mask  # Fibonacci hashing (Knuth): the numbers of a worker share their low bits
 
 
 def find(tables: Tables, number: int) -> int:

@@ -1,8 +1,14 @@
 """A slave with a bank sends the same bytes and keeps the same accounts as one without, whatever arrives."""
 
+import numpy as np
 import pytest
 
-from tests.node.twins import Crowd, Twins
+from hapticnet.protocol import seal, seal_steps
+from hapticnet.protocol.repair import RepairSettings
+from hapticnet.scene.scene import Scene
+from hapticnet.scene.tissue import Tissue
+from tests.node.adversary import Adversary
+from tests.node.twins import MASTERS, Crowd, Twins
 
 NETWORKS = {
     "perfect": "perfect",
@@ -12,13 +18,128 @@ NETWORKS = {
 }
 
 
+def finish(twins, crowd):
+    """Compare the accounts before and after the end of all sessions."""
+    twins.check_reports()
+    twins.close(crowd.slaves_us)
+    twins.check_reports()
+
+
 @pytest.mark.parametrize("network", NETWORKS)
 def test_compiled_sessions_send_the_same_bytes(network):
     twins = Twins(1)
     crowd = Crowd(twins, 1, network=NETWORKS[network])
     crowd.run(1500)
     assert len(twins.banked._bank) == 12
-    twins.check_reports()
-    twins.close(crowd.slaves_us)
-    twins.check_reports()
+    finish(twins, crowd)
     assert twins.datagrams > 5_000
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_an_adversary_changes_nothing_of_that(seed):
+    twins = Twins(seed)
+    crowd = Crowd(twins, seed, network="delay=4ms,jitter=normal:2ms,order=free,loss=3%", spoil=Adversary(seed))
+    for jump_us in (0, 700_000, -300_000, 5_000_000, -5_000_000, 0):
+        crowd.jump_us += jump_us
+        crowd.run(250)
+    finish(twins, crowd)
+
+
+def test_the_functions_do_the_same_as_plain_python():
+    twins = Twins(4, is_compiled=False)
+    crowd = Crowd(twins, 4, masters=MASTERS[:6], network="delay=4ms,loss=3%,duplicate=2%", spoil=Adversary(4))
+    crowd.run(150)
+    finish(twins, crowd)
+
+
+def test_sequence_numbers_wrap():
+    twins = Twins(5, first_sequence=2**32 - 200)
+    crowd = Crowd(twins, 5, masters=MASTERS[:6], sealed=(False,), network="delay=4ms,loss=3%")
+    crowd.run(700)
+    assert len(twins.banked._bank) == 6
+    finish(twins, crowd)
+
+
+def test_a_new_key_begins_in_python(monkeypatch):
+    for module in (seal, seal_steps):
+        monkeypatch.setattr(module, "EPOCH_BITS", 6)
+    monkeypatch.setattr("hapticnet.node.bank_steps.EPOCH_BITS", 6)
+    twins = Twins(6, is_compiled=False)
+    crowd = Crowd(twins, 6, masters=MASTERS[:6], sealed=(True,), network="delay=4ms,loss=3%")
+    crowd.run(400)
+    assert len(twins.banked._bank) == 6
+    finish(twins, crowd)
+
+
+@pytest.mark.parametrize("repair", [{"replaces": False}, {"repeats": False}, {"paces": False}])
+def test_all_settings_of_repair_are_used(repair):
+    twins = Twins(7, repair=RepairSettings(**repair))
+    crowd = Crowd(twins, 7, masters=MASTERS[:6], network="delay=12ms,loss=gilbert:5%,25%")
+    crowd.run(600)
+    finish(twins, crowd)
+
+
+KINDS = (
+    {},
+    {"viscosity_n_s_per_m": 1.0},
+    {"recovery_time_s": 0.2},
+    {"shaft_friction_n": 0.2},
+    {"stiffening_per_m": 90.0},
+)
+
+
+def scenes(seed):
+    """Return a maker of scenes of 1 to 17 layers of any kind, the same ones for the same seed."""
+    rng = np.random.default_rng(seed)
+
+    def make(_):
+        properties = KINDS[int(rng.integers(len(KINDS)))] if rng.random() < 0.5 else {}
+        layers = [
+            Tissue(
+                name=f"layer {number}",
+                rest_position_m=0.002 * number,
+                stiffness_n_per_m=float(rng.uniform(100.0, 900.0)),
+                breach_force_n=float(rng.uniform(0.2, 2.0)),
+                **properties,
+            )
+            for number in range(int(rng.integers(1, 18)))
+        ]
+        return Scene(layers)
+
+    return make
+
+
+def test_scenes_with_other_tissues_stay_outside():
+    twins = Twins(8, make_scene=scenes)
+    crowd = Crowd(twins, 8, network="delay=4ms,loss=3%")
+    crowd.run(900)
+    assert 4 <= len(twins.banked._bank) < 12
+    finish(twins, crowd)
+
+
+def test_sessions_that_fall_silent_expire_and_their_places_are_used_again():
+    twins = Twins(9, keep_us=1_000_000, most_sessions=8)
+    crowd = Crowd(twins, 9, masters=MASTERS[:6], network="delay=2ms")
+    for _ in range(4):
+        crowd.run(300)
+        crowd.ends.append(crowd.ends.pop(0))
+        muted = crowd.ends[-4:]
+        crowd.spoil = lambda batch, _, muted=muted: [each for each in batch if each[1] not in {end[0] for end in muted}]
+        crowd.run(1_100)
+        crowd.spoil = lambda batch, _: batch
+    finish(twins, crowd)
+    ended = {each["end_reason"] for each in twins.plain.report()["sessions"]}
+    assert "nothing arrived from the master" in ended
+
+
+def test_a_scene_is_continued_where_a_bank_has_left_it():
+    twins = Twins(10)
+    crowd = Crowd(twins, 10, masters=MASTERS[:6], network="delay=2ms")
+    crowd.run(500)
+    lost = range(6)
+    crowd.spoil = lambda batch, _: [each for each in batch if each[1][1] not in lost]
+    crowd.run(1_500)  # these masters ask for new sessions, which do not arrive
+    crowd.spoil = lambda batch, _: batch
+    crowd.run(1_500)
+    finish(twins, crowd)
+    assert sum(each["continues"] is not None for each in twins.plain.report()["sessions"]) >= 3

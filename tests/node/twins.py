@@ -14,6 +14,7 @@ from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.protocol.handshake import OpenDoor, SealedDoor
 from hapticnet.protocol.keys import Roster
 from hapticnet.protocol.settings import SessionSettings
+from hapticnet.protocol.wire import unpack
 from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
 from tests.peers import ENTRY, KEY, SLAVE
@@ -36,10 +37,9 @@ HAND = {"insertions": 3, "approach_s": 0.2, "push_s": 0.4, "withdraw_s": 0.3}
 
 
 class Twins:
-    """Both slaves. `to` passes a batch to each; `answers` has what came back, by destination, which must be equal."""
+    """Both slaves. What they answer must be equal."""
 
     def __init__(self, seed, *, is_compiled=True, make_scene=None, first_sequence=0, **settings):
-        self.answers = {}
         self.datagrams = 0
         self.slaves = []
         session = SessionSettings(most_per_identity=64, first_sequence=first_sequence, **settings)
@@ -49,7 +49,7 @@ class Twins:
         ):
             rng = np.random.default_rng(seed)
             doors = {1: OpenDoor(), 2: SealedDoor(SLAVE.private, Roster([ENTRY]), rng)}
-            scene = make_scene or (lambda _: Scene(paper_scene(1).tissues))
+            scene = make_scene(seed) if make_scene else lambda _: Scene(paper_scene(1).tissues)
             self.slaves.append(make(scene, SlaveSettings(session=session), rng, doors=doors, **others))
         self.plain, self.banked = self.slaves
 
@@ -77,23 +77,29 @@ class Twins:
             sent = slave.datagrams_to_send()
             slave.settle(now_us)
             sent += slave.datagrams_to_send()
-            by_destination = {}
+            in_order = {}  # of each session: between sessions, the order does not matter
             for data, address in sent:
-                by_destination.setdefault(address, []).append(data)
-            both.append(by_destination)
+                datagram = unpack(data)
+                in_order.setdefault((address, datagram.version, datagram.session), []).append(data)
+            both.append(in_order)
         plain, banked = both
-        assert {key: [each.hex() for each in value] for key, value in banked.items()} == {
-            key: [each.hex() for each in value] for key, value in plain.items()
-        }
-        self.datagrams += sum(map(len, plain.values()))
-        return plain
+        for key in plain | banked:
+            ours, theirs = ([data.hex() for data in sent.get(key, ())] for sent in (banked, plain))
+            assert ours == theirs, f"at {now_us} to {key}: {ours} instead of {theirs}"
+        answers = {}
+        for (address, _, _), datagrams in plain.items():
+            answers.setdefault(address, []).extend(datagrams)
+            self.datagrams += len(datagrams)
+        return answers
 
     def check_reports(self):
         """Compare all accounts."""
         plain, banked = (slave.report() for slave in self.slaves)
         for each in (plain, banked):
             each["sessions"].sort(key=lambda session: session["session"])
-        assert banked == plain
+        for ours, theirs in zip(banked.pop("sessions"), plain.pop("sessions"), strict=True):
+            assert ours == theirs, f"{set(map(str, ours.items())) ^ set(map(str, theirs.items()))}"
+        assert banked == plain, f"{banked} instead of {plain}"
 
 
 class Crowd:
