@@ -145,7 +145,7 @@ def slave(
                 raise SettingsError(f"{option} needs each sample, which --compiled does not keep; omit one of them")
         if not fast_extra_installed():
             raise UnavailableError("--compiled needs numba: pip install 'hapticnet[fast]'")
-        console.say("compiling; the first time, this takes about half a minute")
+        console.say("compiling; the first time, this takes a quarter of a minute")
         make_node = partial(CompiledSlaveNode, addresses=SocketAddresses())
     node = make_node(
         make_scene,

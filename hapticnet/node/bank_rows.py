@@ -1,18 +1,20 @@
 """A station as a row of numbers: which stations fit, what a row consists of, and the way in and out."""
 
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 
 from hapticnet.codec import value_rows
 from hapticnet.codec.positions.outlooks import pack_outlook
-from hapticnet.node.bank_steps import BANK_FIELDS
+from hapticnet.node.bank_tables import BANK_FIELDS
 from hapticnet.node.course_steps import COURSE_FIELDS, course_from_row, course_to_row
 from hapticnet.node.feedback import IDLE_SHARE
 from hapticnet.node.station import Station
 from hapticnet.protocol.libcrypto import version
-from hapticnet.protocol.session_steps import SESSION_FIELDS, counts_from_row, session_from_row, session_to_row
+from hapticnet.protocol.session_steps import SESSION_FIELDS, session_from_row, session_to_row
 from hapticnet.protocol.states import SlaveState
+from hapticnet.protocol.wire import Kind
 from hapticnet.samples import PositionSample
 from hapticnet.scene import springs
 from hapticnet.scene.scene import Scene
@@ -75,7 +77,8 @@ def station_from_row(station: Station, row: Any) -> None:
     session_from_row(station.session, row, told)
     springs.scene_from_row(station.scene, row)
     value_rows.codec_from_row(station.feedback.encoder, station.feedback.mirror, row)
-    account_from_row(station, row)
+    account_to_station(station, [int(getattr(row, name)) for name in ACCOUNT])
+    station._error.state = int(row.samples), float(row.squares), float(row.largest_n), int(row.exceeded)
     station._stepped_us = int(row.stepped_us)
     held_n = (float(row.held_n),)
     station.feedback.held_n = held_n
@@ -86,8 +89,21 @@ def station_from_row(station: Station, row: Any) -> None:
         station._pending = PositionSample(int(row.pending_us), (float(row.pending_m),))
 
 
-def account_from_row(station: Station, row: Any) -> None:
-    """Copy the counts of a row to its station."""
-    counts_from_row(station.session.received, station.session.sent, row)
-    station.superseded, station.steps, station.between = int(row.superseded), int(row.steps), int(row.between)
-    station._error.state = int(row.samples), float(row.squares), float(row.largest_n), int(row.exceeded)
+def account_to_station(station: Station, counts: Sequence[int]) -> None:
+    """Set what a station has counted to the numbers of ACCOUNT."""
+    received, sent = station.session.received, station.session.sent
+    station.superseded, station.steps, station.between = counts[:3]
+    received.packets, received.payload_bytes, received.by_kind[Kind.POSITION] = counts[3:6]
+    received.late, received.duplicate, received.malformed, received.over_rate = counts[6:10]
+    sent.packets, sent.payload_bytes, sent.by_kind[Kind.FORCE], sent.by_kind[Kind.KEEPALIVE] = counts[10:14]
+    assert received.window is not None, "the session is open"  # noqa: S101 - for the type checker
+    received.window._expected, received.window._unique = counts[14:]
+
+
+ACCOUNT: Final = (
+    "superseded", "steps", "between",
+    "received_packets", "received_bytes", "positions", "late", "duplicate", "malformed", "over_rate",
+    "sent_packets", "sent_bytes", "forces", "keepalives",
+    "expected", "unique",
+)  # fmt: skip
+"""Columns of a row that count."""

@@ -5,9 +5,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from hapticnet.node.bank import AddressBook, Bank, make_arrivals
+from hapticnet.node.bank import AddressBook, Bank
 from hapticnet.node.bank_rows import can_fit, fits_now
-from hapticnet.node.bank_steps import Arrivals, Departures
+from hapticnet.node.bank_tables import Arrivals, Departures, make_arrivals
 from hapticnet.node.reception import Address
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.station import Station
@@ -41,6 +41,12 @@ class CompiledSlaveNode(SlaveNode):
         self._arrivals = make_arrivals(MOST_AT_ONCE)
         self._in_python: set[Station] = set()  # what was touched since the last `settle`
         self._ticked_us = 0
+
+    @property
+    def stations(self) -> tuple[Station, ...]:
+        """The present sessions; of those in the bank, only what they count is up to date."""
+        self._bank.refresh_accounts()
+        return super().stations
 
     def receive_datagrams(self, batch: Iterable[tuple[bytes, Address]], now_us: int) -> None:
         """Process what has arrived since the last call; as `SlaveNode.receive_datagrams`."""

@@ -15,7 +15,6 @@ from hapticnet.protocol.frames import NONE
 from hapticnet.protocol.repair_steps import REPAIR_FIELDS, acknowledged, repair_from_row, repair_to_row
 from hapticnet.protocol.serial_number import distance, unwrap, wrap
 from hapticnet.protocol.slave_session import SlaveSession
-from hapticnet.protocol.stats import Traffic
 from hapticnet.protocol.wire import Kind
 
 NEW, LATE, DUPLICATE, UNUSUAL = range(4)
@@ -151,12 +150,6 @@ def count_sent(row: Any, size: int, now_us: int, is_force: bool) -> None:
         row.keepalives += 1
 
 
-_RECEIVED: Final = {"received_packets": "packets", "received_bytes": "payload_bytes"} | {
-    name: name for name in ("late", "duplicate", "malformed", "over_rate")
-}
-_SENT: Final = {"sent_packets": "packets", "sent_bytes": "payload_bytes"}
-
-
 def session_to_row(session: SlaveSession, row: Any) -> None:
     """Copy an open session to a row. What it must tell its master is not copied: the course knows it."""
     row.number, row.version, row.sequence = session.number, session.version, session._sequence
@@ -171,16 +164,16 @@ def session_to_row(session: SlaveSession, row: Any) -> None:
     _window_to_row(window, row)
     bucket = session._policed
     row.token_us, row.empty_us, row.full_us = bucket._each_us, bucket._empty_us, bucket._full_us
-    for name, field in _RECEIVED.items():
-        setattr(row, name, getattr(session.received, field))
-    for name, field in _SENT.items():
-        setattr(row, name, getattr(session.sent, field))
-    row.positions = session.received.by_kind[Kind.POSITION]
-    row.forces, row.keepalives = session.sent.by_kind[Kind.FORCE], session.sent.by_kind[Kind.KEEPALIVE]
+    received, sent = session.received, session.sent
+    row.received_packets, row.received_bytes = received.packets, received.payload_bytes
+    row.positions, row.late, row.duplicate = received.by_kind[Kind.POSITION], received.late, received.duplicate
+    row.malformed, row.over_rate = received.malformed, received.over_rate
+    row.sent_packets, row.sent_bytes = sent.packets, sent.payload_bytes
+    row.forces, row.keepalives = sent.by_kind[Kind.FORCE], sent.by_kind[Kind.KEEPALIVE]
 
 
 def session_from_row(session: SlaveSession, row: Any, outlook: bytes | None) -> None:
-    """Copy a row back to its session; `outlook` is what the master must be told."""
+    """Copy a row back to its session, without the counts; `outlook` is what the master must be told."""
     session._sequence = int(row.sequence)
     session._newest_force = None if row.newest_force == NONE else int(row.newest_force)
     session._told_since = None if row.told_since == NONE else int(row.told_since)
@@ -191,17 +184,6 @@ def session_from_row(session: SlaveSession, row: Any, outlook: bytes | None) -> 
     assert session.received.window is not None, "the session is open"  # noqa: S101 - for the type checker
     _window_from_row(session.received.window, row)
     _bucket_from_row(session._policed, row)
-    counts_from_row(session.received, session.sent, row)
-
-
-def counts_from_row(received: Traffic, sent: Traffic, row: Any) -> None:
-    """Copy the counts of a row to the accounts of its session."""
-    for name, field in _RECEIVED.items():
-        setattr(received, field, int(getattr(row, name)))
-    for name, field in _SENT.items():
-        setattr(sent, field, int(getattr(row, name)))
-    received.by_kind[Kind.POSITION] = int(row.positions)
-    sent.by_kind[Kind.FORCE], sent.by_kind[Kind.KEEPALIVE] = int(row.forces), int(row.keepalives)
 
 
 def _window_to_row(window: ArrivalWindow, row: Any) -> None:

@@ -5,7 +5,7 @@ import signal
 from collections.abc import Callable, Sequence
 from socket import socket
 
-from hapticnet.node.bank_steps import Arrivals
+from hapticnet.node.bank_tables import Arrivals
 from hapticnet.node.compiled_slave import CompiledSlaveNode
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_events import SlaveEvent

@@ -11,8 +11,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 
 from hapticnet.errors import UnavailableError
-from hapticnet.node.bank import make_arrivals
-from hapticnet.node.bank_steps import Arrivals, Departures
+from hapticnet.node.bank_tables import Arrivals, Departures, make_arrivals
 from hapticnet.protocol.frames import ADDRESS_WORDS
 from hapticnet.runtime.clock import now_us
 from hapticnet.runtime.udp import DRAIN_AT_MOST, READ_BYTES, SAMPLE_EVERY, OutgoingChannel, UdpPort
