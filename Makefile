@@ -37,7 +37,7 @@ docker-check: $(VENV)/installed-dev
 # Recordings to try every codec on, as FILE[:FORCE[:POSITION[:SCALE]]]; the repository has none.
 RECORDINGS ?=
 
-BENCHMARKS := codec_speed codec_stability packet_rate teleoperation positions announced scene_accuracy scene_cost force_loop finger_limit tilt virtual_time real_time fuzz floods recording endurance
+BENCHMARKS := codec_speed codec_stability packet_rate teleoperation positions announced scene_accuracy scene_cost force_loop finger_limit tilt virtual_time real_time sessions fuzz floods recording endurance
 
 bench: system-packages $(VENV)/installed-dev
 	$(BIN)/python bench/measure/rate_distortion.py $(RECORDINGS) --json results/bench/rate_distortion.json
@@ -53,11 +53,11 @@ run-figure: $(VENV)/installed-plot
 
 # The C programs that bench/ measures against, the network namespaces of the two-host test, and what the firmware is
 # built with and simulated in; systemd checks its units.
-SYSTEM_PACKAGES := gcc libc6-dev iproute2 gcc-avr avr-libc libsimavr-dev libelf-dev systemd
+SYSTEM_PACKAGES := gcc libc6-dev libssl-dev iproute2 gcc-avr avr-libc libsimavr-dev libelf-dev systemd
 
 system-packages:
 	@if ! { command -v gcc && command -v ip && command -v systemd-analyze && command -v avr-gcc && \
-			test -e /usr/include/simavr/sim_avr.h && test -e /usr/include/libelf.h; } >/dev/null; then \
+			test -e /usr/include/simavr/sim_avr.h && test -e /usr/include/libelf.h && test -e /usr/include/openssl/evp.h; } >/dev/null; then \
 		if command -v apt-get >/dev/null; then \
 			$(APT) update -qq && $(APT) install -y -qq --no-install-recommends $(SYSTEM_PACKAGES); \
 		else echo 'missing some of: $(SYSTEM_PACKAGES); the tests that need them are skipped'; fi; \

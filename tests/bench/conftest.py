@@ -27,6 +27,7 @@ QUICK = {
     "scene_accuracy": ("--quick",),
     "teleoperation": ("--quick", "--seeds", 1),
     "scene_cost": ("--repetitions", 1),
+    "sessions": ("--quick", "--servers", "echo; slave", "--seconds", 0.4, "--repetitions", 1, "--tries", 1),
     "tilt": ("--seeds", 1),
     "sweep": ("--repeats", 1, "--repetitions", 1),
     "virtual_time": ("--insertions", 1, "--repetitions", 2),
@@ -59,8 +60,10 @@ def measured(bench, folder, tool_is_missing):
     def results(name):
         file = folder / f"{name}.json"
         if not file.exists():
-            if name in ("codec_speed", "floods", "real_time") and shutil.which("gcc") is None:
+            if name in ("codec_speed", "floods", "real_time", "sessions") and shutil.which("gcc") is None:
                 tool_is_missing("gcc is missing: the C loops cannot be compiled")
+            if name == "sessions" and not Path("/usr/include/openssl/evp.h").exists():
+                tool_is_missing("libssl-dev is missing: the load generator cannot be compiled")
             done = bench(f"measure/{name}.py", *QUICK[name], "--json", file)
             assert done.returncode == 0, done.stderr
         record = json.loads(file.read_text())

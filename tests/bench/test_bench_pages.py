@@ -115,7 +115,17 @@ def records(measured, folder):
         "teleoperation",
         "tilt",
     )
-    for name in (*scripts, "endurance", "floods", "fuzz", "real_time", "scene_accuracy", "scene_cost", "virtual_time"):
+    for name in (
+        *scripts,
+        "endurance",
+        "floods",
+        "fuzz",
+        "real_time",
+        "scene_accuracy",
+        "scene_cost",
+        "sessions",
+        "virtual_time",
+    ):
         measured(name)
     return {file.stem: json.loads(file.read_text()) for file in folder.glob("*.json")}
 
@@ -131,7 +141,8 @@ def pages(records):
 
 
 def test_every_placeholder_of_the_pages_has_its_figure(pages):
-    assert set(pages) == {"benchmarks.md", "benchmarks-felt.md", "benchmarks-tables.md", "headline.md", "motion.md"}
+    names = ("benchmarks", "benchmarks-felt", "benchmarks-sessions", "benchmarks-tables", "headline", "motion")
+    assert set(pages) == {f"{name}.md" for name in names}
     for text in pages.values():
         assert not re.search(r"{{|{%|\bnan\b|None|Undefined", text)
 

@@ -49,6 +49,7 @@ def test_packet_rate_says_where_the_papers_reduction_falls(measured):
         ("rate_distortion", "missing.csv"),
         ("rate_distortion", "--seconds", 0),
         ("force_loop", "--seeds", 0),
+        ("sessions", "--cases", "raw; nothing"),
         ("scene_accuracy", "--trials", 0),
     ],
 )
@@ -244,6 +245,25 @@ def test_floods_are_measured_beside_a_session_at_work_and_newcomers(measured):
         assert 0.0 < row["flooded_p50_us"] <= row["flooded_p99_us"]
         assert row["newcomers"] >= 1
         assert row["newcomers_shut_out"] == 0
+
+
+@pytest.mark.timeout(400)  # a compiled slave may compile first, on a machine that may be busy
+def test_sessions_are_measured_beside_an_echo_in_every_kind_of_session(measured):
+    rows = measured("sessions")["rows"]
+    assert {row["case"] for row in rows} == {"deadband", "raw, sealed", "coded positions"}
+    assert {row["server"] for row in rows} == {"echo", "slave"}
+    for row in rows:
+        assert 0.0 < row["us_per_position"] == pytest.approx(1e6 / row["sends_hz"] / row["sessions_a_core"])
+        assert row["why_no_more"] or row["held"]
+        (run,) = row["runs"]
+        assert run["positions"] > 0
+        assert run["answers"] > 0
+        assert run["malformed"] == run["refused"] == run["ended"] == 0
+        assert run["at_work"] == row["masters"]
+        if row["server"] != "echo":
+            assert run["closed"] == row["masters"]
+            assert run["slave_steps"] > 0
+    assert 0.0 < max(row["runs"][0]["greatest_force_n"] for row in rows) < 5.0
 
 
 def test_a_long_session_ends_as_it_began(measured):
