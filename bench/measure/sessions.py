@@ -108,6 +108,13 @@ def measured(name: str, bench: Bench, servers: Sequence[str], arguments: argpars
     for _ in range(arguments.repetitions):
         for server in servers:
             runs[server].append(one(server, masters))
+
+    def beside_echo(held: Row | None) -> float | None:
+        """Return the echo's time of a position, with as many masters, over that of a run that was held."""
+        if held is None or "echo" not in servers:
+            return None
+        return one("echo", held["masters"])["us_per_position"] / held["us_per_position"]  # type: ignore[no-any-return]
+
     rows = []
     for server in servers:
         us = statistics.median(run["us_per_position"] for run in runs[server])
@@ -129,7 +136,8 @@ def measured(name: str, bench: Bench, servers: Sequence[str], arguments: argpars
                 "sessions_a_core": 1e6 / case.sends_hz / us,
                 "p50_us": statistics.median(run["trip_p50_us"] for run in runs[server]),
                 "p99_us": statistics.median(run["trip_p99_us"] for run in runs[server]),
-                **held_figures(held),
+                **held_figures(held, case),
+                "held_us_of_echo": beside_echo(held),
                 "why_no_more": wrong,
                 "runs": runs[server],
             }
@@ -141,14 +149,24 @@ def measured(name: str, bench: Bench, servers: Sequence[str], arguments: argpars
     return rows
 
 
-def held_figures(held: Row | None) -> Row:
+def held_figures(held: Row | None, case: Case) -> Row:
     """Return the figures of the largest run that was held; None each if there is none."""
     if held is None:
-        names = ("us_per_position", "cpu", "generator_cpu", "datagrams_per_s", "p50_us", "p99_us", "drops")
+        names = (
+            "us_per_position",
+            "sessions_a_core",
+            "cpu",
+            "generator_cpu",
+            "datagrams_per_s",
+            "p50_us",
+            "p99_us",
+            "drops",
+        )
         return {"held": None, **{f"held_{name}": None for name in names}}
     return {
         "held": held["masters"],
         "held_us_per_position": held["us_per_position"],
+        "held_sessions_a_core": 1e6 / case.sends_hz / held["us_per_position"],
         "held_cpu": held["server_cpu_s"] / held["seconds"],
         "held_generator_cpu": held["generator_cpu_s"] / held["seconds"],
         "held_datagrams_per_s": (held["positions"] + held["received"]) / held["seconds"],
