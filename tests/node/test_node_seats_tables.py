@@ -1,0 +1,235 @@
+"""The tables of sessions decide as a look at every session would, whatever has happened before."""
+
+from collections import Counter
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from hapticnet.node import seats
+from hapticnet.node.alarms import Alarms
+from hapticnet.node.seats import NoSeatError, Seats
+from hapticnet.protocol.settings import SessionSettings
+from hapticnet.protocol.states import SlaveState
+
+SETTINGS = SessionSettings(
+    most_sessions=8, gives_way_us=40, stale_after_us=30, keepalive_us=5, keep_us=90, half_open_us=60
+)
+MOST, MOST_EACH = 6, 3
+
+
+class Session:
+    """What the tables ask of a session."""
+
+    def __init__(self, number, name, now_us):
+        self.number = number
+        self.request = SimpleNamespace(name=name)
+        self.state = SlaveState.HALF_OPEN
+        self.heard_us = now_us
+
+    def silent_us(self, now_us):
+        self.heard_us = min(self.heard_us, now_us)
+        return now_us - self.heard_us
+
+    def expires_us(self):
+        half_open = self.state is SlaveState.HALF_OPEN
+        return self.heard_us + (SETTINGS.half_open_us if half_open else SETTINGS.keep_us)
+
+
+class Place:
+    """What the tables ask of a station."""
+
+    def __init__(self, number, identity, name, scene, now_us):
+        self.session = Session(number, name, now_us)
+        self.identity = identity
+        self.scene = scene
+        self.heirs = {}
+        self.seated = False
+
+    @property
+    def tickets(self):
+        return (bytes([self.session.number % 256]), *self.heirs)
+
+    def is_own(self, ticket):
+        return True if ticket == self.tickets[0] else self.heirs.get(ticket)
+
+
+def who_gives_way(stations, identity, most, now_us):
+    """Decide as `Seats.who_gives_way`, by a look at every session."""
+    held = Counter(station.identity for station in stations if station.session.state is SlaveState.OPEN)
+    silent = [
+        station
+        for station in stations
+        if station.session.state is SlaveState.OPEN and station.session.silent_us(now_us) > SETTINGS.gives_way_us
+    ]
+    own = held[identity]
+    if own >= most:
+        candidates = [station for station in silent if station.identity == identity]
+    elif held.total() >= SETTINGS.most_sessions:
+        candidates = [station for station in silent if held[station.identity] > own]
+    else:
+        return None
+    return max(candidates, key=lambda each: (held[each.identity], each.session.silent_us(now_us)), default="no seat")
+
+
+def surplus_half_open(stations, identity):
+    """Decide as `Seats.surplus_half_open`, by a look at every session."""
+    waiting = [station for station in stations if station.session.state is SlaveState.HALF_OPEN]
+    own = [station for station in waiting if station.identity == identity]
+    if len(own) >= MOST_EACH:
+        return own[0]
+    if len(waiting) >= MOST:
+        crowd, _ = Counter(station.identity for station in waiting).most_common(1)[0]
+        return next(station for station in waiting if station.identity == crowd)
+    return None
+
+
+def to_continue(stations, identity, name, ticket, now_us):
+    """Decide as `Seats.to_continue`, by a look at every session."""
+    for station in stations:
+        if station.identity != identity or station.session.state is not SlaveState.OPEN:
+            continue
+        if ticket is not None:
+            is_own = station.is_own(ticket)
+        else:
+            is_own = False if station.session.request.name == name else None
+        if is_own or (is_own is not None and station.session.silent_us(now_us) > SETTINGS.stale_after_us):
+            return station, is_own
+    return None
+
+
+class History:
+    """Sessions that come, open, are heard of and end at random."""
+
+    def __init__(self, seed):
+        self.rng = np.random.default_rng(seed)
+        self.table = Seats(SETTINGS)
+        self.now_us = 1000
+        self.numbers = 0
+
+    @property
+    def stations(self):
+        return list(self.table.by_number.values())
+
+    def chance(self, share):
+        return self.rng.random() < share
+
+    def one_of(self, stations):
+        return stations[int(self.rng.integers(len(stations)))] if stations else None
+
+    def step(self):
+        self.now_us += -int(self.rng.integers(100)) if self.chance(0.01) else int(self.rng.integers(12))
+        self.table.see(self.now_us)
+        for station in self.stations:
+            if self.chance(0.2):
+                station.session.silent_us(self.now_us)
+                station.session.heard_us = self.now_us
+        waiting = [each for each in self.stations if each.session.state is SlaveState.HALF_OPEN]
+        if (station := self.one_of(waiting)) is not None and self.chance(0.5):
+            self.open(station)
+        if (station := self.one_of(self.stations)) is not None and self.chance(0.05):
+            self.end(station)
+        if self.chance(0.6):
+            self.come()
+        expired = [each for each in self.stations if self.now_us >= each.session.expires_us()]
+        next_us = self.table.next_expiry_us()
+        assert next_us is None or all(next_us <= each.session.expires_us() for each in self.stations)
+        assert self.table.expired(self.now_us) == expired
+        for station in expired:
+            self.end(station)
+
+    def ask(self):
+        """Compare the answers to a random stranger; return what they are."""
+        stations, now_us = self.stations, self.now_us
+        identity, name = "abcdef"[int(self.rng.integers(6))], "xy"[int(self.rng.integers(2))]
+        ticket = bytes([int(self.rng.integers(max(self.numbers - 20, 0), self.numbers + 1)) % 256])
+        ticket = ticket if self.chance(0.5) else None
+        most = int(self.rng.integers(1, 5))
+        found = self.table.to_continue(identity, name, ticket, now_us)
+        assert found == to_continue(stations, identity, name, ticket, now_us)
+        old = None if found is None else found[0]
+        try:
+            gives_way = self.table.who_gives_way(identity, most, () if old is None else (old,), now_us)
+        except NoSeatError:
+            gives_way = "no seat"
+        assert gives_way == who_gives_way([each for each in stations if each is not old], identity, most, now_us)
+        assert self.table.surplus_half_open(identity) == surplus_half_open(stations, identity)
+        return identity, name, found, gives_way
+
+    def come(self):
+        identity, name, found, gives_way = self.ask()
+        if gives_way == "no seat":
+            return
+        self.numbers += 1
+        scene = object() if found is None else found[0].scene
+        station = Place(self.numbers, identity, name, scene, self.now_us)
+        if found is not None:
+            found[0].heirs[station.tickets[0]] = self.chance(0.5)
+            if len(found[0].heirs) > 3:
+                del found[0].heirs[next(iter(found[0].heirs))]
+            self.table.note_tickets(found[0])
+        surplus = self.table.surplus_half_open(identity)
+        if surplus is not None:
+            self.end(surplus)
+        self.table.add(station)
+
+    def open(self, station):
+        users = [e for e in self.stations if e.session.state is SlaveState.OPEN and e.scene is station.scene]
+        assert list(self.table.users_of(station.scene)) == users
+        station.session.heard_us = self.now_us
+        for user in users:
+            self.end(user)
+        station.session.state = SlaveState.OPEN
+        self.table.seat(station)
+
+    def end(self, station):
+        station.session.state = SlaveState.CLOSED
+        self.table.remove(station)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_tables_decide_as_a_look_at_every_session(monkeypatch, seed):
+    monkeypatch.setattr(seats, "MOST_HALF_OPEN", MOST)
+    monkeypatch.setattr(seats, "MOST_HALF_OPEN_EACH", MOST_EACH)
+    history, answers = History(seed), Counter()
+    for _ in range(1500):
+        history.step()
+        *_, found, gives_way = history.ask()
+        answers["continues"] += found is not None
+        answers["no seat" if gives_way == "no seat" else "free" if gives_way is None else "gives way"] += 1
+    assert min(answers[each] for each in ("continues", "no seat", "free", "gives way")) > 10
+    for station in history.stations:
+        history.end(station)
+    kept = [value for value in vars(history.table).values() if isinstance(value, dict)]
+    assert kept == [{}] * len(kept)
+    assert history.table.next_expiry_us() is None
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_alarms_ring_when_a_look_at_all_times_says_so(seed):
+    rng = np.random.default_rng(seed)
+    times = {}
+    alarms = Alarms(lambda item: times.get(item))
+    for now_us in range(2000):
+        item = int(rng.integers(30))
+        if rng.random() < 0.1:
+            times.pop(item, None)
+            alarms.forget(item)
+        else:
+            times[item] = None if rng.random() < 0.1 else now_us + int(rng.integers(1, 60))
+            alarms.note(item)
+        earliest_us = min((time_us for time_us in times.values() if time_us is not None), default=None)
+        assert alarms.earliest_us() == earliest_us
+        due = {item for item, time_us in times.items() if time_us is not None and time_us <= now_us}
+        assert set(alarms.due(now_us)) == due
+        for item in due:
+            times[item] += int(rng.integers(1, 90))
+            alarms.note(item)
+
+
+def test_alarms_that_come_and_go_take_no_room():
+    alarms = Alarms(lambda item: 10_000 - item)
+    for item in range(10_000):
+        alarms.note(item)
+        alarms.forget(item)
+    assert len(alarms._heap) < 200
