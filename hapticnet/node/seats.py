@@ -59,7 +59,8 @@ class Seats:
 
     def see(self, now_us: int) -> None:
         """Take in the time."""
-        self._went_back = self._went_back or now_us < self._now_us
+        if now_us < self._now_us:
+            self._went_back = True
         self._now_us = now_us
 
     def add(self, station: Station) -> None:
@@ -121,7 +122,8 @@ class Seats:
 
     def next_expiry_us(self) -> int | None:
         """Return when to ask for expired sessions next [µs]; None if there is no session."""
-        self._count_silence(self._now_us)
+        if self._went_back:
+            self._count_silence(self._now_us)
         return self._expiry.not_before_us()
 
     def users_of(self, scene: Touchable) -> Collection[Station]:

@@ -132,8 +132,10 @@ class SlaveNode:
 
     def next_timer_us(self) -> int | None:
         """Return when `tick` may have something to do [µs]; None if there is no session."""
-        times_us = (self._seats.next_expiry_us(), self._steps.earliest_us())
-        return min((time_us for time_us in times_us if time_us is not None), default=None)
+        expiry_us, step_us = self._seats.next_expiry_us(), self._steps.earliest_us()
+        if step_us is None or (expiry_us is not None and expiry_us < step_us):
+            return expiry_us
+        return step_us
 
     def datagrams_to_send(self) -> list[tuple[bytes, Address]]:
         """Return the datagrams to send now, with their destinations."""
