@@ -20,6 +20,15 @@ SHORTEST_TICK_US: Final = 200
 """Shortest time between two ticks that step scenes between positions: many sessions share one."""
 
 
+SHORTEST_STAY_US: Final = 1_000_000
+"""A session that leaves the bank sooner than this stays outside for a while: going in and out costs as much as serving
+several positions."""
+
+FIRST_WAIT_US: Final = 20_000
+LONGEST_WAIT_US: Final = 10_000_000
+"""Shortest and longest time outside; it doubles with each short stay."""
+
+
 class CompiledSlaveNode(SlaveNode):
     """Serve masters, as many as possible in one compiled pass.
 
@@ -40,7 +49,9 @@ class CompiledSlaveNode(SlaveNode):
         self._bank = Bank(session.most_sessions, session.repair, addresses, is_compiled=is_compiled)
         self._arrivals = make_arrivals(MOST_AT_ONCE)
         self._in_python: set[Station] = set()  # what was touched since the last `settle`
-        self._ticked_us = 0
+        self._since_us: dict[Station, int] = {}  # when each went into the bank
+        self._waits: dict[Station, tuple[int, int]] = {}  # until when each stays outside, and for how long
+        self._ticked_us = self._now_us = 0
 
     @property
     def stations(self) -> tuple[Station, ...]:
@@ -51,6 +62,7 @@ class CompiledSlaveNode(SlaveNode):
     def receive_datagrams(self, batch: Iterable[tuple[bytes, Address]], now_us: int) -> None:
         """Process what has arrived since the last call; as `SlaveNode.receive_datagrams`."""
         self._seats.see(now_us)
+        self._now_us = now_us
         pieces = list(batch)
         for first in range(0, len(pieces), MOST_AT_ONCE):
             count = 0
@@ -69,6 +81,7 @@ class CompiledSlaveNode(SlaveNode):
         Return whether the bank has served all: there is then nothing to do but to send its `departures`.
         """
         self._seats.see(now_us)
+        self._now_us = now_us
         self._take_in_all(arrivals, count, now_us)
         self._answer_all(now_us)
         return not (self._in_python or self._outbox or self._events)
@@ -77,14 +90,16 @@ class CompiledSlaveNode(SlaveNode):
         """Account for the answers of sessions outside the bank, and take those in that fit."""
         super().settle(now_us)
         for station in self._in_python:
-            if self._stations.get(station.session.number) is station and can_fit(station) and fits_now(station):
-                self._put_in(station)
+            if self._may_go_in(station, now_us):
+                self._bank.put_in(station)
+                self._steps.forget(station)
+                self._since_us[station] = now_us
         self._in_python.clear()
 
     def tick(self, now_us: int) -> None:
         """Step scenes between positions, and forget sessions that have long been silent."""
         self._seats.see(now_us)
-        self._ticked_us = now_us
+        self._ticked_us = self._now_us = now_us
         for station in self._bank.step_between(now_us):
             self._at_hand(station)
         super().tick(now_us)
@@ -149,7 +164,21 @@ class CompiledSlaveNode(SlaveNode):
         self._steps.note(station)
         if station.waits:
             self._to_answer.append(station)
+        now_us = self._now_us
+        stayed_us = now_us - self._since_us.pop(station)
+        if 0 <= stayed_us < SHORTEST_STAY_US:
+            _, wait_us = self._waits.get(station, (0, FIRST_WAIT_US // 2))
+            wait_us = min(2 * wait_us, LONGEST_WAIT_US)
+            self._waits[station] = now_us + wait_us, wait_us
+        else:
+            self._waits.pop(station, None)
 
-    def _put_in(self, station: Station) -> None:
-        self._bank.put_in(station)
-        self._steps.forget(station)
+    def _may_go_in(self, station: Station, now_us: int) -> bool:
+        if self._stations.get(station.session.number) is not station or not can_fit(station):
+            return False
+        until_us, wait_us = self._waits.get(station, (now_us, 0))
+        return not 0 < until_us - now_us <= wait_us and fits_now(station)
+
+    def _remove(self, station: Station) -> None:
+        super()._remove(station)
+        self._waits.pop(station, None)

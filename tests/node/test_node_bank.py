@@ -5,6 +5,7 @@ import pytest
 
 from hapticnet.protocol import seal, seal_steps
 from hapticnet.protocol.repair import RepairSettings
+from hapticnet.protocol.wire import Kind, pack
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.tissue import Tissue
 from tests.node.adversary import Adversary
@@ -64,6 +65,7 @@ def test_a_new_key_begins_in_python(monkeypatch):
     for module in (seal, seal_steps):
         monkeypatch.setattr(module, "EPOCH_BITS", 6)
     monkeypatch.setattr("hapticnet.node.bank_steps.EPOCH_BITS", 6)
+    monkeypatch.setattr("hapticnet.node.compiled_slave.SHORTEST_STAY_US", 0)
     twins = Twins(6, is_compiled=False)
     crowd = Crowd(twins, 6, masters=MASTERS[:6], sealed=(True,), network="delay=4ms,loss=3%")
     crowd.run(400)
@@ -143,3 +145,21 @@ def test_a_scene_is_continued_where_a_bank_has_left_it():
     crowd.run(1_500)
     finish(twins, crowd)
     assert sum(each["continues"] is not None for each in twins.plain.report()["sessions"]) >= 3
+
+
+def test_a_session_that_is_often_unusual_stays_outside_for_longer_and_longer():
+    twins = Twins(11)
+    crowd = Crowd(twins, 11, masters=MASTERS[:1], sealed=(False,))
+    inside = []
+    for _ in range(8):
+        crowd.run(40)
+        number = twins.banked.stations[0].session.number
+        reset = pack(Kind.RESET, number, 0, b"")
+        twins.to([(reset, crowd.ends[0][0])], crowd.slaves_us)
+        crowd.run(100)
+        inside.append(len(twins.banked._bank))
+    assert inside[:2] == [1, 1]
+    assert 0 in inside
+    crowd.run(2_600)
+    assert len(twins.banked._bank) == 1
+    finish(twins, crowd)
