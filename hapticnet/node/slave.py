@@ -8,6 +8,7 @@ from hapticnet.errors import PeerError
 from hapticnet.node.admission import Admission, MakeScene, RefusalError, SlaveSettings
 from hapticnet.node.alarms import Alarms
 from hapticnet.node.feedback import SceneFailedError
+from hapticnet.node.neighbours import Alone, Neighbours, PassedOn, Passing, Stage
 from hapticnet.node.reception import Address, Reception
 from hapticnet.node.seats import NoSeatError, Seats
 from hapticnet.node.slave_events import MasterJoined, MasterLeft, MasterRefused, ScenePaused, SlaveEvent
@@ -39,6 +40,8 @@ class SlaveNode:
         Returns an address as text for the report.
     host_of
         Returns the host of an address: whom open sessions count for, and whose requests are limited.
+    neighbours, secret
+        The other workers at this address, and what the cookies of all of them are made of; None if there are none.
     """
 
     def __init__(
@@ -50,6 +53,8 @@ class SlaveNode:
         doors: dict[int, Door] | None = None,
         write_address: Callable[[Address], str] = str,
         host_of: Callable[[Address], Hashable] = lambda address: address,
+        neighbours: Neighbours | None = None,
+        secret: bytes | None = None,
     ) -> None:
         self._write_address = write_address
         self._host_of = host_of
@@ -57,9 +62,11 @@ class SlaveNode:
         self.to_strangers = Traffic()
         self._settings = settings
         self._doors = {OPEN: OpenDoor()} if doors is None else doors
-        self._reception = Reception(self._doors, rng)
+        self._reception = Reception(self._doors, rng, secret)
+        neighbours = neighbours or Alone()
+        self._passing = Passing(neighbours, settings.session.most_per_identity)
         self._admission = Admission(make_scene, settings, rng)
-        self._seats = Seats(settings.session)
+        self._seats = Seats(settings.session, neighbours)
         self._stations = self._seats.by_number
         self._welcomes: dict[tuple[Address, int], tuple[Station, bytes]] = {}
         self._steps = Alarms(_next_step_us)  # of seated sessions whose positions are sent only when they matter
@@ -74,6 +81,11 @@ class SlaveNode:
     def stations(self) -> tuple[Station, ...]:
         """The present sessions."""
         return tuple(self._stations.values())
+
+    @property
+    def session_count(self) -> int:
+        """Number of present sessions."""
+        return len(self._stations)
 
     @property
     def throttled(self) -> int:
@@ -142,6 +154,19 @@ class SlaveNode:
         outbox, self._outbox = self._outbox, []
         return outbox
 
+    def hellos_to_pass_on(self) -> list[PassedOn]:
+        """Return the HELLOs that other workers must get now."""
+        hellos, self._passing.outbox = self._passing.outbox, []
+        return hellos
+
+    def receive_passed_on(self, hello: PassedOn, now_us: int) -> None:
+        """Process a HELLO that another worker has passed on."""
+        self._seats.see(now_us)
+        try:
+            self._receive_hello(unpack(hello.data), hello.data, hello.address, now_us, hello.stage)
+        except PeerError:
+            self.strangers.add_malformed(len(hello.data))
+
     def next_event(self) -> SlaveEvent | None:
         """Return the next event, or None."""
         return self._events.popleft() if self._events else None
@@ -190,7 +215,7 @@ class SlaveNode:
             station = self._stations.get(datagram.session)
             if station is None:
                 if datagram.kind is Kind.HELLO:
-                    self._receive_hello(datagram, len(data), address, now_us)
+                    self._receive_hello(datagram, data, address, now_us, Stage.ARRIVED)
                 else:
                     self._receive_stray(datagram, len(data), address)
                 return
@@ -255,12 +280,15 @@ class SlaveNode:
                 return True
         return False
 
-    def _receive_hello(self, datagram: Datagram, size: int, address: Address, now_us: int) -> None:
+    def _receive_hello(self, datagram: Datagram, data: bytes, address: Address, now_us: int, stage: Stage) -> None:
+        size = len(data)
         greeted = self._reception.greet(datagram, size, address, now_us)
         if isinstance(greeted, Hello):
             known = self._welcomes.get((address, greeted.nonce))
             if known is None:
-                known = self._admit(datagram, greeted, address, now_us)
+                known = self._admit(datagram, data, greeted, address, now_us, stage)
+                if self._passing.outbox and self._passing.outbox[-1].data is data:
+                    return
             if known is not None:  # a HELLO repeated after a lost answer gets the same answer
                 station, welcome = known
                 self._at_hand(station)
@@ -271,11 +299,16 @@ class SlaveNode:
         if isinstance(greeted, bytes):
             self._answer_stranger(greeted, address)
 
-    def _admit(self, datagram: Datagram, hello: Hello, address: Address, now_us: int) -> tuple[Station, bytes] | None:
+    def _admit(
+        self, datagram: Datagram, data: bytes, hello: Hello, address: Address, now_us: int, stage: Stage
+    ) -> tuple[Station, bytes] | None:
         """Read the request of a proved address; return the new session and its WELCOME, or None."""
         host = self._host_of(address)
-        visitor = self._reception.read(datagram, hello, address, host, now_us)
-        if visitor is None:
+        if self._passing.unread(data, address, hello.nonce, host, stage):
+            return None
+        read = self._reception.read_counted if stage is Stage.ADMIT else self._reception.read
+        visitor = read(datagram, hello, address, host, now_us)
+        if visitor is None or self._passing.read(data, address, hello.nonce, host, visitor, stage):
             return None
         try:
             station = self._admission.admit(visitor, datagram.sequence, address, host, self._seats, now_us)

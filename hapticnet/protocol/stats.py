@@ -1,6 +1,7 @@
 """Counters of datagrams and bytes per direction, and distributions in constant memory."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -135,6 +136,13 @@ class Distribution:
         self.count += 1
         if value_us > self.largest:
             self.largest = value_us
+
+    def absorb(self, counts: Mapping[int, int]) -> None:
+        """Add durations that were counted elsewhere; the largest is then known to one per cent."""
+        for bucket, count in counts.items():
+            self._counts[bucket] = self._counts.get(bucket, 0) + count
+            self.count += count
+            self.largest = max(self.largest, self.RATIO ** (bucket + 1))
 
     def percentile(self, percent: float) -> float | None:
         """Return the upper edge [µs] of the bucket that holds the percentile; None if nothing was added."""
