@@ -40,8 +40,6 @@ class Metrics(Watcher[Event], Generic[Event]):
     ----------
     address
         Where HTTP is served; port 0 takes a free one.
-    overload
-        The signs that this machine is too busy, with socket and ticker.
     tell
         Called with a line for the user if the serving process fails.
 
@@ -54,12 +52,11 @@ class Metrics(Watcher[Event], Generic[Event]):
     name = "metrics"
     role: str
 
-    def __init__(self, address: HostPort, overload: Overload, tell: Callable[[str], None]) -> None:
+    def __init__(self, address: HostPort, tell: Callable[[str], None]) -> None:
         if find_spec("prometheus_client") is None:
             raise UnavailableError("--metrics needs prometheus-client: pip install 'hapticnet[metrics]'")
         self._socket = listen_for_streams(address)
         self.address = bound_address(self._socket)
-        self._overload = overload
         self._tell = tell
         self._process: SideProcess | None = None
         self._events: Counter[str] = Counter()
@@ -88,18 +85,11 @@ class Metrics(Watcher[Event], Generic[Event]):
 
     def values(self) -> Values:
         """Return the present values by name."""
-        port = self._overload.port
-        return {
-            "events": dict(self._events),
-            "log_lines_left_out": STDERR.left_out,
-            "realtime": float(self._overload.is_realtime),
-            "kernel_drops": port.queue.count_drops() if port is not None else 0,
-        }
+        raise NotImplementedError
 
     def distributions(self) -> Mapping[str, Distribution | None]:
         """Return the distributions [µs] by name."""
-        port = self._overload.port
-        return {"queue_age_seconds": port.queue.age if port is not None else None}
+        raise NotImplementedError
 
     def _send(self) -> None:
         if self._process is None:
@@ -112,20 +102,38 @@ class Metrics(Watcher[Event], Generic[Event]):
             self._process.send(HISTOGRAM, json.dumps({"name": name, "counts": distribution.counts()}).encode())
 
 
+def common_values(events: Mapping[str, int], overload: Overload) -> Values:
+    """Return the values by name that master and slave have."""
+    port = overload.port
+    return {
+        "events": dict(events),
+        "log_lines_left_out": STDERR.left_out,
+        "realtime": float(overload.is_realtime),
+        "kernel_drops": port.queue.count_drops() if port is not None else 0,
+    }
+
+
+def common_distributions(overload: Overload) -> dict[str, Distribution | None]:
+    """Return the distributions [µs] by name that master and slave have."""
+    port = overload.port
+    return {"queue_age_seconds": port.queue.age if port is not None else None}
+
+
 class MasterMetrics(Metrics[NodeEvent]):
     """The metrics of a master."""
 
     role = "master"
 
     def __init__(self, node: MasterNode, address: HostPort, overload: Overload, tell: Callable[[str], None]) -> None:
-        super().__init__(address, overload, tell)
+        super().__init__(address, tell)
         self._node = node
+        self._overload = overload
 
     def values(self) -> Values:
         """Return the present values by name."""
         node, ticker = self._node, self._overload.ticker
         sent, received = node.session.sent, node.session.received
-        return super().values() | {
+        return common_values(self._events, self._overload) | {
             **_traffic(_Totals().add(sent, received)),
             "forces": {"received": received.by_kind[Kind.FORCE]},
             "ticks": node.ticks,
@@ -143,26 +151,27 @@ class MasterMetrics(Metrics[NodeEvent]):
         """Return the distributions [µs] by name."""
         node, ticker = self._node, self._overload.ticker
         return {
-            **super().distributions(),
+            **common_distributions(self._overload),
             "tick_lateness_seconds": ticker.lateness if ticker is not None else None,
             "round_trip_seconds": node.session.round_trip,
             "force_age_seconds": node.age,
         }
 
 
-class SlaveMetrics(Metrics[SlaveEvent]):
-    """The metrics of a slave: of all its sessions together, so that no master can add names to them."""
+class SlaveFigures(Watcher[SlaveEvent]):
+    """The figures of a slave: of all its sessions together, so that no master can add names to them."""
 
-    role = "slave"
+    name = "figures"
 
-    def __init__(self, node: SlaveNode, address: HostPort, overload: Overload, tell: Callable[[str], None]) -> None:
-        super().__init__(address, overload, tell)
+    def __init__(self, node: SlaveNode, overload: Overload) -> None:
         self._node = node
+        self._overload = overload
+        self._events: Counter[str] = Counter()
         self._ended = _Totals()
 
-    def note(self, event: SlaveEvent, now_us: int) -> None:
+    def note(self, event: SlaveEvent, now_us: int) -> None:  # noqa: ARG002
         """Count an event, and keep the account of a session that has ended."""
-        super().note(event, now_us)
+        self._events[type(event).__name__] += 1
         if isinstance(event, MasterLeft):
             self._ended.add_station(event.station)
 
@@ -172,7 +181,7 @@ class SlaveMetrics(Metrics[SlaveEvent]):
         totals.absorb(self._ended)
         for station in node.stations:
             totals.add_station(station)
-        return super().values() | {
+        return common_values(self._events, self._overload) | {
             **_traffic(totals),
             "forces": {"sent": totals.forces},
             "sessions": len(node.stations),
@@ -180,6 +189,32 @@ class SlaveMetrics(Metrics[SlaveEvent]):
             "strangers_datagrams": {"received": node.strangers.packets, "sent": node.to_strangers.packets},
             "throttled": node.throttled,
         }
+
+    def distributions(self) -> dict[str, Distribution | None]:
+        """Return the distributions [µs] by name."""
+        return common_distributions(self._overload)
+
+
+class SlaveMetrics(Metrics[SlaveEvent]):
+    """The metrics of a slave."""
+
+    role = "slave"
+
+    def __init__(self, node: SlaveNode, address: HostPort, overload: Overload, tell: Callable[[str], None]) -> None:
+        super().__init__(address, tell)
+        self._figures = SlaveFigures(node, overload)
+
+    def note(self, event: SlaveEvent, now_us: int) -> None:
+        """Count an event."""
+        self._figures.note(event, now_us)
+
+    def values(self) -> Values:
+        """Return the present values by name."""
+        return self._figures.values()
+
+    def distributions(self) -> Mapping[str, Distribution | None]:
+        """Return the distributions [µs] by name."""
+        return self._figures.distributions()
 
 
 class _Totals:

@@ -7,6 +7,7 @@ from socket import socket
 
 from hapticnet.node.bank_tables import Arrivals
 from hapticnet.node.compiled_slave import CompiledSlaveNode
+from hapticnet.node.neighbours import PassedOn
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_events import SlaveEvent
 from hapticnet.runtime.clock import now_us
@@ -17,6 +18,7 @@ from hapticnet.runtime.udp import OutgoingChannel, SocketAddress, UdpPort
 from hapticnet.runtime.udp_batch import BatchPort
 from hapticnet.runtime.waiting import Repeating, stop_on_signals, until
 from hapticnet.runtime.watching import Watcher, Watchers
+from hapticnet.runtime.workers.exchange import Exchange
 
 
 class SlaveRunner:
@@ -28,6 +30,8 @@ class SlaveRunner:
     ----------
     channel
         Emulated network for outgoing datagrams, or None.
+    exchange
+        How HELLOs get to other workers and come from them; None if there are none.
     tell
         Called with a line for the user if a watcher fails.
     """
@@ -38,6 +42,7 @@ class SlaveRunner:
         sock: socket,
         *,
         channel: OutgoingChannel | None = None,
+        exchange: Exchange | None = None,
         watchers: Sequence[Watcher[SlaveEvent]] = (),
         overload: Overload | None = None,
         tell: Callable[[str], None] = lambda _: None,
@@ -45,6 +50,7 @@ class SlaveRunner:
         self.node = node
         self._sock = sock
         self._channel = channel
+        self._exchange = exchange
         self._watchers = Watchers(watchers, tell)
         self._overload = overload
 
@@ -57,6 +63,8 @@ class SlaveRunner:
             self._port: UdpPort = BatchPort(loop, self._sock, self._receive_arrivals, channel=self._channel)
         else:
             self._port = UdpPort(loop, self._sock, self._receive, channel=self._channel)
+        if self._exchange is not None:
+            self._exchange.start(loop, self._receive_passed_on)
         if self._overload is not None:
             self._overload.attach(self._port)
         self._status = Repeating(loop, lambda: self._watchers.check(now_us()), self._overload)
@@ -64,6 +72,8 @@ class SlaveRunner:
     async def finish(self, reason: str) -> None:
         """End every session and stop."""
         self._status.cancel()
+        if self._exchange is not None:
+            self._exchange.stop()
         self.node.close(reason, now_us())
         self.flush()
         await self._port.drained(PARTING_S)
@@ -77,6 +87,8 @@ class SlaveRunner:
             self._port.send_departures(self.node.departures())
         for data, address in self.node.datagrams_to_send():
             self._port.send(data, address)
+        if self._exchange is not None:
+            self._exchange.send(self.node.hellos_to_pass_on())
         self._alarm.set(self.node.next_timer_us())
         while (event := self.node.next_event()) is not None:
             self._watchers.note(event, now_us())
@@ -104,6 +116,10 @@ class SlaveRunner:
         if self._watchers.observers:
             self._watchers.observe(now)
 
+    def _receive_passed_on(self, hello: PassedOn) -> None:
+        self.node.receive_passed_on(hello, now_us())
+        self.flush()
+
     def _ring(self) -> None:
         now = now_us()
         self.node.tick(now)
@@ -115,6 +131,7 @@ async def run_slave(
     sock: socket,
     *,
     channel: OutgoingChannel | None = None,
+    exchange: Exchange | None = None,
     duration_s: float | None = None,
     watchers: Sequence[Watcher[SlaveEvent]] = (),
     overload: Overload | None = None,
@@ -129,7 +146,9 @@ async def run_slave(
     left to the host program. `on_listening` is called when datagrams and signals are answered.
     """
     loop = asyncio.get_running_loop()
-    runner = SlaveRunner(node, sock, channel=channel, watchers=watchers, overload=overload, tell=tell)
+    runner = SlaveRunner(
+        node, sock, channel=channel, exchange=exchange, watchers=watchers, overload=overload, tell=tell
+    )
     await runner.start()
 
     def hang_up() -> None:

@@ -71,11 +71,16 @@ def parse_host_port(text: str, *, lowest_port: int = 1) -> HostPort:
     return HostPort(host, int(port))
 
 
-def listen(address: HostPort) -> socket.socket:
-    """Return a socket bound to `address`; raise UnavailableError if this fails."""
+def listen(address: HostPort, *, shared: bool = False) -> socket.socket:
+    """Return a socket bound to `address`; raise UnavailableError if this fails.
+
+    Of one address there may be several `shared` ones of the same user, among which the system distributes datagrams.
+    """
     family, target = _resolve(address)
     sock = _socket(family)
     try:
+        if shared:
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
         sock.bind(target)
     except OSError as error:
         sock.close()

@@ -52,6 +52,11 @@ class SceneSource:
         self.notes: tuple[str, ...] = ()
         self._settings = settings
 
+    @property
+    def shared(self) -> bool:
+        """Whether all masters touch the same scene."""
+        return False
+
     def prepare(self) -> None:
         """Find out now whether a scene can be made; raise SettingsError if not."""
 
@@ -80,6 +85,11 @@ class UserSource(SceneSource):
         self._stock: UserScene | None = None
         self._closers: set[weakref.finalize[..., UserScene]] = set()
         self._faults: list[str] = []
+
+    @property
+    def shared(self) -> bool:
+        """Whether all masters touch the same object."""
+        return self._shared
 
     def prepare(self) -> None:
         """Make the object of the first master, so that its mistakes show at once; raise SettingsError if that fails."""
