@@ -92,7 +92,7 @@ def serve(given: dict[str, Any], line: WorkerLine, numbers: list[int]) -> dict[s
             line.say(Say.NEWS, news(node, figures))
 
     watchers: list[Watcher[SlaveEvent]] = [
-        Presence(node, table, worker),
+        Presence(node, table, worker, neighbours),
         SlaveMessages(console, node, parts.guests),
         News(),
     ]

@@ -7,6 +7,7 @@ from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_events import MasterJoined, MasterLeft, SlaveEvent
 from hapticnet.runtime.clock import now_us
 from hapticnet.runtime.watching import Watcher
+from hapticnet.runtime.workers.neighbourhood import Neighbourhood
 from hapticnet.runtime.workers.table import Table, name_parts
 
 if TYPE_CHECKING:
@@ -19,11 +20,18 @@ MOST_AT_ONCE: Final = 64
 
 
 class Presence(Watcher[SlaveEvent]):
-    """Show the sessions of a worker: a seat at once, which masters are silent bit by bit."""
+    """Show the sessions of a worker: a seat at once, which masters are silent bit by bit.
+
+    Parameters
+    ----------
+    neighbours
+        How this worker sees the others.
+    """
 
     name = "table of workers"
 
-    def __init__(self, node: SlaveNode, table: Table, worker: int) -> None:
+    def __init__(self, node: SlaveNode, table: Table, worker: int, neighbours: Neighbourhood) -> None:
+        self._neighbours = neighbours
         self._node = node
         self._table = table
         self._worker = worker
@@ -44,6 +52,7 @@ class Presence(Watcher[SlaveEvent]):
         if isinstance(event, MasterJoined) and self._free:
             station = event.station
             row = self._rows[station] = self._free.pop()
+            self._table.workers["top"][self._worker] = max(row + 1, self._table.workers["top"][self._worker])
             identity, parts = station.identity, name_parts(station.identity, station.session.request)
             rows[self._worker, row] = (1, self._table.key(identity), self._table.key(*parts), now_us)
         elif isinstance(event, MasterLeft) and (left := self._rows.pop(event.station, None)) is not None:
@@ -58,6 +67,7 @@ class Presence(Watcher[SlaveEvent]):
 
     def refresh(self) -> None:
         """Show how many sessions there are, and when the masters of some of them were last heard."""
+        self._neighbours.expire()
         self._table.workers["sessions"][self._worker] = self._node.session_count
         self._due = self._due or list(self._rows)
         now, heard_us = now_us(), self._table.rows["heard_us"][self._worker]

@@ -10,8 +10,9 @@ import numpy as np
 
 from hapticnet.protocol.messages import Request
 
-WORKER: Final = np.dtype([("runs", "i8"), ("sessions", "i8")])
-"""What there is of each worker: whether it serves, and its sessions, half-open ones included."""
+WORKER: Final = np.dtype([("runs", "i8"), ("sessions", "i8"), ("top", "i8")])
+"""What there is of each worker: whether it serves, its sessions, half-open ones included, and how many of its rows from
+the first on were ever used."""
 
 COUNT: Final = np.dtype("i8")
 
@@ -47,6 +48,10 @@ class Table:
         at += workers * workers * COUNT.itemsize
         self.rows: Any = np.frombuffer(memory, ROW, workers * seats, at).reshape(workers, seats)
         self._secret = secret
+
+    def used_rows(self) -> Any:
+        """Return the rows of all workers without those that nobody ever used, shape (workers, n)."""
+        return self.rows[:, : int(self.workers["top"].max())]
 
     def key(self, *parts: Hashable) -> int:
         """Return the hash of an identity, or of an identity and a name."""
