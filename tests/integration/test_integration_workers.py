@@ -122,6 +122,19 @@ def test_a_worker_that_is_killed_takes_only_its_own_sessions_and_these_go_on(sta
     assert len(report["sessions"]) == 4, "those that were lost are not known any more"
 
 
+def test_a_worker_that_is_stuck_is_killed_and_the_other_goes_on_serving(start, serve):
+    server, address = serve()
+    joined(start, server, address, ["a", "b"])
+    stuck, other = workers_of(server)
+    os.kill(stuck, signal.SIGSTOP)
+    server.wait_for("worker 0 has been stuck for 10 s and is killed")
+    server.wait_for(r"worker 0 ended \(SIGKILL\) with 1 sessions; it is started again")
+    server.wait_for("joined from", count=3)
+    assert other in workers_of(server)
+    assert server.end() == 0
+    assert [worker["restarts"] for worker in server.report()["workers"]] == [1, 0]
+
+
 def test_a_sealed_master_roams_and_its_worker_knows_it(serve, tmp_path):
     keys = Keys(tmp_path)
     server, address = serve("--key", str(tmp_path / "slave.toml"), "--masters", str(keys.list), workers=3)

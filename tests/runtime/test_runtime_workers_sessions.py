@@ -33,6 +33,7 @@ class House:
     def __init__(self, workers, entries=(ENTRY, OTHER_ENTRY), banks=False, **settings):
         self.door = 0
         self.passed = 0
+        self.ended = set()
         session = SessionSettings(**settings)
         self.table = Table(shared_file(workers, session.most_sessions), workers, session.most_sessions, SECRET)
         scene = paper_scene(1)
@@ -53,7 +54,7 @@ class House:
             )
             self.nodes.append(node)
             self.presences.append(Presence(node, self.table, worker, neighbours))
-            self.table.workers["runs"][worker] = 1
+        self.refresh()
 
     def receive_datagram(self, data, address, now):
         session = unpack(data).session
@@ -69,8 +70,14 @@ class House:
 
     def refresh(self):
         """Let the table show which masters are silent, and how many sessions there are."""
-        for presence in self.presences:
-            presence.refresh()
+        for worker, presence in enumerate(self.presences):
+            if worker not in self.ended:
+                presence.refresh()
+
+    def end(self, worker):
+        """Do what the parent does when a worker has ended."""
+        self.ended.add(worker)
+        self.table.clear(worker)
 
     def datagrams_to_send(self):
         return [each for node in self.nodes for each in node.datagrams_to_send()]
@@ -247,11 +254,19 @@ def test_the_requests_of_a_host_are_counted_at_one_worker_from_whatever_port_the
 def test_a_worker_that_does_not_run_gets_no_hello():
     house = House(2, most_sessions=16)
     now = now_us()
-    house.table.clear(1)  # what the parent does when it has ended
+    house.end(1)
     for number in range(6):
-        house.table.workers["runs"][1] = 0
         assert house.master(f"h{number}").work(now + number).grant.session % 2 == 0
     assert house.sessions() == [6, 0]
+
+
+def test_a_worker_that_is_stuck_gets_no_hello_either():
+    house = House(3, most_sessions=16)
+    house.ended.add(2)  # it does not show itself any more
+    house.table.workers["seen_us"][2] -= 2 * SECOND
+    now = now_us()
+    for number in range(6):
+        assert house.master(f"h{number}").work(now + number).grant.session % 3 != 2
 
 
 def test_the_places_of_a_worker_that_has_ended_are_free():
@@ -260,8 +275,7 @@ def test_the_places_of_a_worker_that_has_ended_are_free():
     masters = [house.master(f"h{number}").work(now + number) for number in range(2)]
     masters.sort(key=lambda each: each.session % 2)
     assert house.sessions() == [1, 1]
-    house.presences[1]._rows.clear()
-    house.table.clear(1)
+    house.end(1)
     newcomer = house.master("new").work(now + 10)
     assert newcomer.grant.session % 2 == 0
     assert house.master("late").refused(now + 20).code is Code.FULL

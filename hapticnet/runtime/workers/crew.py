@@ -6,6 +6,7 @@ import secrets
 import signal
 import socket
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from typing import Any, Final
 
 from hapticnet.errors import FileError, HapticnetError, RefusedError, SettingsError, UnavailableError
@@ -29,6 +30,14 @@ PARTING_S: Final = 10.0
 
 SILENT_S: Final = 3.0
 """Time [s] without news after which a worker counts as stuck."""
+
+HOPELESS_S: Final = 10.0
+"""Time [s] without news after which a worker is killed, and started again."""
+
+LOOK_S: Final = 0.5
+
+CLEAN_END_S: Final = 0.5
+"""Time [s] between the clean end of a worker and the parent's own: a service manager sends SIGTERM to all processes."""
 
 ERRORS: Final[Mapping[int, type[HapticnetError]]] = {
     error.exit_code: error for error in (SettingsError, FileError, UnavailableError, RefusedError)
@@ -113,7 +122,7 @@ class Crew:
         HapticnetError
             If one cannot begin. The others are ended then.
         """
-        self._tasks = [asyncio.create_task(self._keep(worker)) for worker in self.workers]
+        self._tasks = [asyncio.create_task(self._try_to_keep(worker)) for worker in self.workers]
         while self._failure is None and not all(worker.ready for worker in self.workers):
             await self._change()
         if self._failure is not None:
@@ -121,9 +130,14 @@ class Crew:
             raise self._failure
 
     async def until_failure(self) -> None:
-        """Wait until a worker ends again and again, and raise why as an UnavailableError."""
+        """Wait until a worker ends again and again, and raise why as an UnavailableError; kill those that are stuck."""
         while self._failure is None:
-            await self._change()
+            for worker in self.stuck(HOPELESS_S):
+                if worker.life is not None:
+                    self._tell(f"worker {worker.number} has been stuck for {HOPELESS_S:g} s and is killed")
+                    worker.life.kill()
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self._change(), LOOK_S)
         raise self._failure
 
     def read_again(self) -> None:
@@ -132,13 +146,13 @@ class Crew:
             if worker.life is not None:
                 worker.life.say(Say.READ_AGAIN)
 
-    def stuck(self) -> list[int]:
-        """Return the workers that serve and have not said anything for `SILENT_S`."""
+    def stuck(self, silent_s: float = SILENT_S) -> list[Worker]:
+        """Return the workers that serve and have not said anything for so long."""
         now_s = asyncio.get_running_loop().time()
         return [
-            worker.number
+            worker
             for worker in self.workers
-            if worker.life is not None and worker.life.ready and now_s - worker.life.heard_s > SILENT_S
+            if worker.life is not None and worker.life.ready and now_s - worker.life.heard_s > silent_s
         ]
 
     async def stop(self) -> None:
@@ -162,6 +176,13 @@ class Crew:
         await self._changed.wait()
         self._changed.clear()
 
+    async def _try_to_keep(self, worker: Worker) -> None:
+        try:
+            await self._keep(worker)
+        except OSError as error:  # no process, or no descriptor, is left
+            self._failure = UnavailableError(f"worker {worker.number} cannot be started: {error.strerror or error}")
+            self._changed.set()
+
     async def _keep(self, worker: Worker) -> None:
         """Run a worker again and again until the slave ends."""
         loop = asyncio.get_running_loop()
@@ -173,7 +194,7 @@ class Crew:
             began_s = loop.time()
             code = await worker.life.run(self._set_up | {"worker": worker.number}, self._changed.set)
             self._table.clear(worker.number)
-            if self._stopping.is_set():
+            if await self._stops_within(CLEAN_END_S if code == 0 else 0.0):
                 return
             quick = quick + 1 if loop.time() - began_s < QUICK_S else 1
             if not self._goes_on(worker, worker.life, how(code), quick):
@@ -181,12 +202,17 @@ class Crew:
                 return
             worker.ended.append((how(code), worker.news))
             worker.life = None
-            try:
-                await asyncio.wait_for(self._stopping.wait(), FIRST_PAUSE_S * 2 ** (quick - 1))
-            except TimeoutError:
+            if not await self._stops_within(FIRST_PAUSE_S * 2 ** (quick - 1)):
                 # What arrived in between is stale, and masters ask again.
                 discard_waiting(self._sockets[worker.number])
                 discard_waiting(mail)
+
+    async def _stops_within(self, seconds: float) -> bool:
+        """Wait for so long; return whether the slave ends, as soon as it does."""
+        if seconds:
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self._stopping.wait(), seconds)
+        return self._stopping.is_set()
 
     def _goes_on(self, worker: Worker, life: Life, end: str, quick: int) -> bool:
         """Return whether a worker that has ended is to be started again."""

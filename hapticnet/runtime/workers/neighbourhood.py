@@ -20,6 +20,10 @@ SEEN_AFTER_US: Final = 50_000
 """Time [µs] after which sessions that were sent to a worker are in its own count."""
 
 
+STUCK_AFTER_US: Final = 1_000_000
+"""Time [µs] without a sign of a worker after which it gets no HELLOs."""
+
+
 class Neighbourhood:
     """The others, for the node of one worker; see `node.neighbours.Neighbours`.
 
@@ -45,7 +49,7 @@ class Neighbourhood:
     def placed(self, address: Address, nonce: int) -> int | None:
         """Return the other worker that a HELLO was given to before; None if it was not."""
         worker = self._placed.get((address, nonce))
-        return worker if worker is not None and self._table.workers["runs"][worker] else None
+        return worker if worker is not None and worker in self._runs() else None
 
     def place(self, address: Address, nonce: int, identity: Hashable, seats: int, request: Request) -> int | None:
         """Choose the worker for a session of `identity`, which may have so many `seats`; None if that is this one."""
@@ -77,8 +81,8 @@ class Neighbourhood:
 
     def _runs(self) -> Any:
         """Return the numbers of the workers that serve; this one does."""
-        runs = self._table.workers["runs"].copy()
-        runs[self._worker] = 1
+        runs = self._table.workers["seen_us"] > now_us() - STUCK_AFTER_US
+        runs[self._worker] = True
         return np.flatnonzero(runs)
 
     def _choose(self, identity: Hashable, seats: int, request: Request) -> int:

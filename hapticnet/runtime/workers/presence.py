@@ -43,7 +43,6 @@ class Presence(Watcher[SlaveEvent]):
     async def start(self) -> None:
         """Tell that this worker serves."""
         self._table.clear(self._worker)
-        self._table.workers["runs"][self._worker] = 1
         self._fire()
 
     def note(self, event: SlaveEvent, now_us: int) -> None:
@@ -66,9 +65,10 @@ class Presence(Watcher[SlaveEvent]):
         self._table.clear(self._worker)
 
     def refresh(self) -> None:
-        """Show how many sessions there are, and when the masters of some of them were last heard."""
+        """Show that this worker runs, how many sessions it has, and when some of their masters were last heard."""
         self._neighbours.expire()
-        self._table.workers["sessions"][self._worker] = self._node.session_count
+        own = self._table.workers[self._worker]
+        own["seen_us"], own["sessions"] = now_us(), self._node.session_count
         self._due = self._due or list(self._rows)
         now, heard_us = now_us(), self._table.rows["heard_us"][self._worker]
         some, self._due = self._due[:MOST_AT_ONCE], self._due[MOST_AT_ONCE:]

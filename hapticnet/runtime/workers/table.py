@@ -10,9 +10,9 @@ import numpy as np
 
 from hapticnet.protocol.messages import Request
 
-WORKER: Final = np.dtype([("runs", "i8"), ("sessions", "i8"), ("top", "i8")])
-"""What there is of each worker: whether it serves, its sessions, half-open ones included, and how many of its rows from
-the first on were ever used."""
+WORKER: Final = np.dtype([("seen_us", "i8"), ("sessions", "i8"), ("top", "i8")])
+"""What there is of each worker: when its loop ran last (0: it does not), its sessions, half-open ones included, and how
+many of its rows from the first on were ever used."""
 
 COUNT: Final = np.dtype("i8")
 
