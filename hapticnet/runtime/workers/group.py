@@ -80,7 +80,7 @@ def steer(sock: socket.socket, count: int) -> None:
 
 
 def discard_waiting(sock: socket.socket) -> int:
-    """Throw away what waits at a socket that nobody has read; return how many datagrams that were."""
+    """Throw away what waits at a socket; return how many datagrams that were."""
     count = 0
     while True:
         try:

@@ -50,7 +50,7 @@ class Table:
         self._secret = secret
 
     def used_rows(self) -> Any:
-        """Return the rows of all workers without those that nobody ever used, shape (workers, n)."""
+        """Return the rows of all workers without those that were never used, shape (workers, n)."""
         return self.rows[:, : int(self.workers["top"].max())]
 
     def key(self, *parts: Hashable) -> int:
