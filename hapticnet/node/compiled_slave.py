@@ -82,9 +82,9 @@ class CompiledSlaveNode(SlaveNode):
         """
         self._seats.see(now_us)
         self._now_us = now_us
-        self._take_in_all(arrivals, count, now_us)
+        all_usual = self._take_in_all(arrivals, count, now_us)
         self._answer_all(now_us)
-        return not (self._in_python or self._outbox or self._events)
+        return all_usual
 
     def settle(self, now_us: int) -> None:
         """Account for the answers of sessions outside the bank, and take those in that fit."""
@@ -143,12 +143,14 @@ class CompiledSlaveNode(SlaveNode):
                 self._bank.refresh(station)
         return super().report()
 
-    def _take_in_all(self, arrivals: Arrivals, count: int, now_us: int) -> None:
-        number = 0
+    def _take_in_all(self, arrivals: Arrivals, count: int, now_us: int) -> bool:
+        """Take in datagrams; return whether all were for the bank."""
+        number, all_usual = 0, True
         while (number := self._bank.take_in(arrivals, number, count, now_us)) < count:
             data = arrivals.data[number, : arrivals.lengths[number]].tobytes()
             self._take_in(data, self._addresses.address(arrivals.addresses[number]), now_us)
-            number += 1
+            number, all_usual = number + 1, False
+        return all_usual
 
     def _answer_all(self, now_us: int) -> None:
         self._bank.answer(now_us)
