@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 APT := $(if $(filter 0,$(shell id -u)),,sudo )apt-get
 
-.PHONY: help demo test check docker-check bench run-figure simulator chromium clean system-packages
+.PHONY: help demo test check docker-check bench bench-peers peer-packages run-figure simulator chromium clean system-packages
 .DEFAULT_GOAL := help
 
 help:
@@ -15,6 +15,7 @@ help:
 	@echo 'make check          linters, types, layers'
 	@echo 'make docker-check   build the image and play every scenario of docker/ (needs a Docker engine)'
 	@echo 'make bench          run every benchmark (more than an hour) and write docs/benchmarks*.md; results in results/bench'
+	@echo 'make bench-peers    measure other stacks beside hapticnet (half an hour, as root) and write docs/benchmarks-peers.md'
 	@echo 'make run-figure     draw docs/figures/run.png, the run in the README'
 	@echo 'make simulator      build the firmware and the simulator that runs it (--device simavr)'
 	@echo 'make clean          remove the virtual environment and all results'
@@ -47,6 +48,16 @@ bench: system-packages $(VENV)/installed-dev
 	set -e; for name in $(BENCHMARKS); do \
 		$(BIN)/python bench/measure/$$name.py --json results/bench/$$name.json; done
 	$(BIN)/python bench/report/pages.py results/bench
+
+# As root: network namespaces.
+bench-peers: system-packages peer-packages $(VENV)/installed-dev $(VENV)/installed-peers
+	$(BIN)/python bench/measure/peers.py --json results/bench/peers.json
+	$(BIN)/python bench/report/pages.py results/bench --only benchmarks-peers.md
+
+peer-packages:
+	@if ! command -v mosquitto >/dev/null && command -v apt-get >/dev/null; then \
+		$(APT) update -qq && $(APT) install -y -qq --no-install-recommends mosquitto || echo 'no mosquitto; MQTT is left out'; \
+	fi
 
 run-figure: $(VENV)/installed-plot
 	$(BIN)/python bench/report/plot_run.py docs/figures/run.png

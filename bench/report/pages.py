@@ -33,6 +33,9 @@ ERRORS: Final = (TemplateError, TypeError, ValueError, LookupError, ArithmeticEr
 HEADLINE: Final = ("<!-- headline: written by make bench -->", "<!-- end of headline -->")
 """The lines of README.md between which headline.md.in is rendered."""
 
+APART: Final = {"benchmarks-peers.md": "peers"}
+"""Pages of one record that needs root or more packages; they are only written where that record is."""
+
 Row = dict[str, Any]
 
 
@@ -170,8 +173,10 @@ def targets(templates: Environment, folder: Path, context: Row) -> list[Row]:
     return found
 
 
-def render(folder: Path, records: dict[str, Row]) -> tuple[dict[str, str], list[str]]:
-    """Return the text of each page by its name, and the claims that do not hold.
+def render(folder: Path, records: dict[str, Row], only: str | None = None) -> tuple[dict[str, str], list[str]]:
+    """Return the text of each page by its name, or of one page alone, and the claims that do not hold.
+
+    Alone, a page has no targets.
 
     Raises
     ------
@@ -180,9 +185,13 @@ def render(folder: Path, records: dict[str, Row]) -> tuple[dict[str, str], list[
     """
     templates = environment(folder)
     context = {name: record["results"] for name, record in records.items()} | {"records": records}
-    context["targets"] = targets(templates, folder, context)
-    names = sorted(path.name for path in folder.glob("*.md.in"))
-    pages = {name.removesuffix(".in"): templates.get_template(name).render(**context) for name in names}
+    names = sorted(path.name.removesuffix(".in") for path in folder.glob("*.md.in"))
+    if only is not None:
+        names = [only]
+    else:
+        context["targets"] = targets(templates, folder, context)
+        names = [name for name in names if APART.get(name) in (None, *records)]
+    pages = {name: templates.get_template(f"{name}.in").render(**context) for name in names}
     return pages, templates.failed_claims  # type: ignore[attr-defined]
 
 
@@ -192,11 +201,12 @@ def main() -> int:
     parser.add_argument("results", type=Path, nargs="?", default=REPOSITORY / "results" / "bench", help="folder")
     parser.add_argument("--out", type=Path, default=REPOSITORY / "docs", metavar="DIR", help="folder of the pages")
     parser.add_argument("--templates", type=Path, default=HERE, metavar="DIR", help="folder of *.md.in, targets.toml")
+    parser.add_argument("--only", metavar="PAGE", help="write this page alone, such as benchmarks-peers.md")
     parser.add_argument("--check", action="store_true", help="check the claims and write nothing")
     arguments = parser.parse_args()
     records = {path.stem: json.loads(path.read_text("utf-8")) for path in sorted(arguments.results.glob("*.json"))}
     try:
-        pages, failed = render(arguments.templates, records)
+        pages, failed = render(arguments.templates, records, arguments.only)
     except TemplateError as error:
         frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename.endswith(".in")]
         line = getattr(error, "lineno", None)
@@ -208,7 +218,8 @@ def main() -> int:
     print(*failed, sep="\n", end="\n" if failed else "", file=sys.stderr)
     if failed or arguments.check:
         return int(bool(failed))
-    plots.draw(records, arguments.out / "figures")
+    if arguments.only is None:
+        plots.draw(records, arguments.out / "figures")
     headline = pages.pop("headline.md", None)
     readme = arguments.out.parent / "README.md"
     if headline is not None and readme.is_file():

@@ -19,6 +19,7 @@ QUICK = {
     "motion": ("--quick",),
     "fuzz": ("--datagrams", 20_000),
     "positions": ("--quick",),
+    "peers": ("--quick", "--seconds", 0.5, "--repetitions", 1, "--no-realtime"),
     "packet_rate": ("--seeds", 1, "--insertions", 1),
     "rate_distortion": ("--quick",),
     "real_time": ("--seconds", 0.3, "--repetitions", 1),

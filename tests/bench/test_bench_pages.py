@@ -66,6 +66,22 @@ def test_a_figure_that_the_results_do_not_have_ends_in_one_line(write, template,
     assert done.stderr.count("\n") == 1
 
 
+def test_one_page_is_written_alone(write, tmp_path):
+    assert write("{{ missing }}").returncode == 1
+    (tmp_path / "templates" / "other.md.in").write_text("{{ speed.codecs | length }} codecs")
+    done = write("{{ missing }}", "--only", "other.md", targets="not read")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert [(path.name, path.read_text()) for path in (tmp_path / "docs").iterdir()] == [("other.md", "2 codecs")]
+
+
+@pytest.mark.parametrize("name", ["other", "peers"])
+def test_a_page_that_needs_more_is_made_only_where_its_record_is(write, tmp_path, name):
+    (tmp_path / "templates").mkdir()
+    (tmp_path / "templates" / "benchmarks-peers.md.in").write_text("{% claim 1 > 2 %}made{% endclaim %}")
+    done = write("here", "--check", records=[SPEED, {"name": name, "results": {}}])
+    assert ("made" in done.stderr) is (name == "peers")
+
+
 TARGETS = """
 [[target]]
 each = "speed.codecs"
@@ -127,7 +143,7 @@ def records(measured, folder):
         "virtual_time",
     ):
         measured(name)
-    return {file.stem: json.loads(file.read_text()) for file in folder.glob("*.json")}
+    return {file.stem: json.loads(file.read_text()) for file in folder.glob("*.json") if file.stem != "peers"}
 
 
 @pytest.fixture(scope="module")
