@@ -19,6 +19,9 @@ REPOSITORY: Final = Path(__file__).parents[2]
 START_WITHIN_S: Final = 30.0
 """Longest time for a process to start, and to connect over a link with loss."""
 
+COMPILED_WITHIN_S: Final = 150.0
+"""Longest time for a compiled slave to start: the first one compiles."""
+
 
 class StackError(Exception):
     """A stack that did not work, in words."""
@@ -63,7 +66,7 @@ class Runner:
             if settings is None:
                 helpers = [int(word) for word in far.line("ready").split()[1:]]
             else:
-                far.line("listening on")
+                far.line("listening on", COMPILED_WITHIN_S if settings.get("compiled") else START_WITHIN_S)
                 helpers = []
             near.go_on()
             near.line("begin")
