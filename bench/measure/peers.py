@@ -8,6 +8,7 @@ way for all. A stack whose packages are missing is left out, with a line.
 import argparse
 import itertools
 import os
+import signal
 import statistics
 import sys
 import tempfile
@@ -136,6 +137,7 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return all results."""
     if os.geteuid():
         raise UnavailableError("network namespaces and the lossy link need root: run this with sudo, or as root")
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # through what ends processes and namespaces
     fifo = not arguments.no_realtime and fifo_is_granted()
     if fifo:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(FIFO_PRIORITY))
