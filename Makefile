@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 APT := $(if $(filter 0,$(shell id -u)),,sudo )apt-get
 
-.PHONY: help demo test check docker-check bench bench-peers peer-packages run-figure simulator chromium clean system-packages
+.PHONY: help demo test check docker-check bench bench-peers bench-fleet peer-packages run-figure simulator chromium clean system-packages
 .DEFAULT_GOAL := help
 
 help:
@@ -16,6 +16,7 @@ help:
 	@echo 'make docker-check   build the image and play every scenario of docker/ (needs a Docker engine)'
 	@echo 'make bench          run every benchmark (more than an hour) and write docs/benchmarks*.md; results in results/bench'
 	@echo 'make bench-peers    measure other stacks beside hapticnet (half an hour, as root) and write docs/benchmarks-peers.md'
+	@echo 'make bench-fleet    model a service of 100,000 masters, check it against real runs; result in results/bench'
 	@echo 'make run-figure     draw docs/figures/run.png, the run in the README'
 	@echo 'make simulator      build the firmware and the simulator that runs it (--device simavr)'
 	@echo 'make clean          remove the virtual environment and all results'
@@ -58,6 +59,10 @@ peer-packages:
 	@if ! command -v mosquitto >/dev/null && command -v apt-get >/dev/null; then \
 		$(APT) update -qq && $(APT) install -y -qq --no-install-recommends mosquitto || echo 'no mosquitto; MQTT is left out'; \
 	fi
+
+# What a service of 100,000 masters does when hosts fail (docs/scale.md); a few minutes.
+bench-fleet: $(VENV)/installed-dev
+	$(BIN)/python bench/measure/fleet.py --sessions results/bench/sessions.json --json results/bench/fleet.json
 
 run-figure: $(VENV)/installed-plot
 	$(BIN)/python bench/report/plot_run.py docs/figures/run.png

@@ -14,6 +14,7 @@ QUICK = {
     "endurance": ("--hours", 0.05, "--wrap-hours", 0.011),
     "felt": ("--quick",),
     "finger_limit": ("--quick", "--seeds", 1),
+    "fleet": ("--quick", "--repetitions", 1),
     "floods": ("--quick", "--seconds", 0.3, "--repetitions", 1),
     "force_loop": ("--quick", "--seeds", 1),
     "motion": ("--quick",),

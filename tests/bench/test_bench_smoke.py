@@ -323,3 +323,21 @@ def test_positions_cost_a_fraction_of_raw_ones_and_are_felt_as_well(measured):
         assert some["positions_per_s"] < 60.0
         assert some["exceed_jnd_fraction"] < every["exceed_jnd_fraction"] + 0.02
         assert some["breaches"] == every["breaches"] == 0.0
+
+
+def test_the_model_of_a_service_is_checked_against_real_masters_and_slaves(measured):
+    results = measured("fleet")
+    (row,) = results["checks"]
+    assert row["model"]["p50"] > row["outage_s"]
+    assert row["real"]["p50"] > row["outage_s"]
+    assert 0.5 < row["median_over_real"] < 2.0
+    assert set(results["memory_bytes_per_session"]) == {"open", "sealed"}
+    (service,) = results["services"]
+    scenarios = service["scenarios"]
+    for name, scenario in scenarios.items():
+        if name != "lifted":
+            # Arrivals and roaming go on to the last moment, so a few are under way.
+            assert scenario["still_away"] <= (5 if name in ("coming and going", "roaming, steered by address") else 0)
+    assert scenarios["roaming, steered by session"]["hellos"] == 0
+    assert scenarios["host reboots"]["away_s"]["p50"] > results["reboot_s"]
+    assert scenarios["host lost"]["away_s"]["p50"] > results["detect_s"]
