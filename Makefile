@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 APT := $(if $(filter 0,$(shell id -u)),,sudo )apt-get
 
-.PHONY: help demo test check docker-check bench bench-peers bench-fleet peer-packages run-figure simulator chromium clean system-packages
+.PHONY: help demo test check docker-check bench bench-peers bench-fleet peer-packages run-figure simulator chromium promtool clean system-packages
 .DEFAULT_GOAL := help
 
 help:
@@ -24,7 +24,7 @@ help:
 demo: $(VENV)/installed-$(if $(PAGE),web,plot)
 	$(BIN)/hapticnet demo $(if $(PAGE),--page)
 
-test: system-packages chromium check
+test: system-packages chromium promtool check
 	$(BIN)/pytest -n 2
 
 check: $(VENV)/installed-dev
@@ -83,6 +83,15 @@ system-packages:
 chromium:
 	@if ! command -v chromium >/dev/null && command -v apt-get >/dev/null; then \
 		$(APT) install -y -qq --no-install-recommends chromium || echo 'no chromium; the tests in a browser are skipped'; \
+	fi
+
+# What checks the alerts. The Debian package would also start a server, so only the program is taken from it.
+promtool:
+	@if ! command -v promtool >/dev/null && ! test -x build/promtool && command -v apt-get >/dev/null; then \
+		mkdir -p build && cd build && \
+		{ apt-get download -qq prometheus || { $(APT) update -qq && apt-get download -qq prometheus; }; } && \
+		dpkg-deb --fsys-tarfile prometheus_*.deb | tar -x --strip-components=3 ./usr/bin/promtool && \
+		rm prometheus_*.deb || echo 'no promtool; the tests of the alerts are skipped'; \
 	fi
 
 simulator: system-packages
