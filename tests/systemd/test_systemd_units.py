@@ -17,15 +17,21 @@ from tests.integration.conftest import start  # noqa: F401 - a fixture
 UNITS = Path(__file__).parents[2] / "systemd"
 
 
-@pytest.mark.parametrize("role", ["slave", "master"])
-def test_systemd_accepts_the_unit(tool_is_missing, tmp_path, role):
+@pytest.mark.parametrize("unit", ["hapticnet-slave", "hapticnet-slave@", "hapticnet-master"])
+def test_systemd_accepts_the_unit(tool_is_missing, tmp_path, unit):
     if shutil.which("systemd-analyze") is None:
         tool_is_missing("systemd-analyze is not installed")
-    text = (UNITS / f"hapticnet-{role}.service").read_text()
-    unit = tmp_path / f"hapticnet-{role}.service"
-    unit.write_text(text.replace("/opt/hapticnet/bin/hapticnet", sys.executable))
-    done = subprocess.run(["systemd-analyze", "verify", unit], capture_output=True, text=True, check=False)
+    text = (UNITS / f"{unit}.service").read_text()
+    (tmp_path / f"{unit}.service").write_text(text.replace("/opt/hapticnet/bin/hapticnet", sys.executable))
+    file = tmp_path / f"{unit}{'east' if unit.endswith('@') else ''}.service"
+    done = subprocess.run(["systemd-analyze", "verify", file], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_one_of_several_slaves_differs_from_a_single_one_in_its_name_and_its_files_only():
+    one, several = ((UNITS / f"hapticnet-slave{at}.service").read_text().splitlines() for at in ("", "@"))
+    changed = {line.partition("=")[0] for line in set(several) - set(one) if not line.startswith("#")}
+    assert changed == {"Description", "ExecStart", "WorkingDirectory", "StateDirectory"}
 
 
 def test_the_configuration_of_the_services_sets_options_that_exist():
