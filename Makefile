@@ -48,6 +48,7 @@ bench: system-packages $(VENV)/installed-dev
 	$(BIN)/python bench/measure/motion.py $(RECORDINGS) --json results/bench/motion.json
 	set -e; for name in $(BENCHMARKS); do \
 		$(BIN)/python bench/measure/$$name.py --json results/bench/$$name.json; done
+	$(MAKE) bench-fleet
 	$(BIN)/python bench/report/pages.py results/bench
 
 # As root: network namespaces.

@@ -81,7 +81,6 @@ def check(cases: tuple[tuple[int, int, float, bool], ...], costs: Costs, seed: i
                 "last_over_real": model["last"] / real["last"],
                 "hellos_over_real": model["hellos"] / real["hellos"],
                 "cpu_us_per_position": [each["cpu_us_per_position"] for each in runs],
-                "memory_bytes_per_session": run["memory_bytes_per_session"],
             }
         )
     return rows

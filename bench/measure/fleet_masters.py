@@ -1,4 +1,4 @@
-"""Many masters in one process, each with a socket of its own, and a slave that is killed and started again.
+"""Many masters in one process, each with its own socket, and a slave that is killed and started again.
 
 Each master is a `MasterSession` without operator and device: it sends the same position at a low rate. So a hundred of
 them take a fraction of one core, and all timers, cookies and limits are the real ones.
@@ -19,7 +19,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
-from fleet_costs import private_bytes, request
+from fleet_costs import request
 
 from hapticnet.protocol.events import ForceArrived, HoldConfirmed, LinkStale
 from hapticnet.protocol.master_session import MasterSession
@@ -81,11 +81,6 @@ class Slave:
         """Return its CPU time so far [s], the kernel's part included."""
         assert self._process is not None
         return float(Path(f"/proc/{self._process.pid}/schedstat").read_text().split()[0]) / 1e9
-
-    def memory_bytes(self) -> int:
-        """Return its resident memory that is not shared with other processes."""
-        assert self._process is not None
-        return private_bytes(Path(f"/proc/{self._process.pid}/smaps_rollup"))
 
     def _end(self, how: signal.Signals) -> None:
         assert self._process is not None
@@ -223,19 +218,17 @@ class Crowd:
 def outage(masters: int, addresses: int, rate_hz: float, wait_s: float, *, kill: bool) -> dict[str, Any]:
     """Let masters work, end their slave, start it again `wait_s` later, and return when each was served again.
 
-    The slave's CPU time per position and its memory for each session are taken before, while all work.
+    The slave's CPU time per position is taken before, while all work.
     """
     slave = Slave(masters + 8)
     slave.start()
     crowd = Crowd(masters, addresses, rate_hz, slave)
     try:
-        empty_bytes = slave.memory_bytes()
         assert crowd.play(crowd.is_settled), "not every master got a session"
         crowd.play(lambda: False, 1.0)
         cpu_s, sent = slave.cpu_s(), _positions(crowd)
         crowd.play(lambda: False, 2.0)
         cpu_s, sent = slave.cpu_s() - cpu_s, _positions(crowd) - sent
-        memory_bytes = (slave.memory_bytes() - empty_bytes) / masters
         (slave.kill if kill else slave.stop)()
         crowd.lose()
         crowd.play(lambda: False, wait_s)
@@ -250,7 +243,6 @@ def outage(masters: int, addresses: int, rate_hz: float, wait_s: float, *, kill:
             "hellos": sum(crowd.hellos.values()),
             "peak_hellos_per_s": max(crowd.hellos.values()) / BIN_S,
             "cpu_us_per_position": 1e6 * cpu_s / sent,
-            "memory_bytes_per_session": memory_bytes,
         }
     finally:
         slave.kill()

@@ -1,4 +1,4 @@
-"""The alerts name metrics and events that exist, and each fires in a test of its own."""
+"""The alerts name metrics and events that exist, and each fires in a test."""
 
 import re
 import shutil

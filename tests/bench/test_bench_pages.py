@@ -123,6 +123,7 @@ def records(measured, folder):
         "codec_stability",
         "felt",
         "finger_limit",
+        "fleet",
         "force_loop",
         "motion",
         "packet_rate",
@@ -157,7 +158,7 @@ def pages(records):
 
 
 def test_every_placeholder_of_the_pages_has_its_figure(pages):
-    names = ("benchmarks", "benchmarks-felt", "benchmarks-sessions", "benchmarks-tables", "headline", "motion")
+    names = ("benchmarks", "benchmarks-felt", "benchmarks-sessions", "benchmarks-tables", "headline", "motion", "scale")
     assert set(pages) == {f"{name}.md" for name in names}
     for text in pages.values():
         assert not re.search(r"{{|{%|\bnan\b|None|Undefined", text)

@@ -57,7 +57,7 @@ def test_the_slave_reads_its_key_where_it_is_copied_with_the_mode_it_asks_for():
 
 
 @pytest.mark.parametrize("container", [*POD["initContainers"], SLAVE], ids=lambda container: container["name"])
-def test_a_container_may_do_little_and_has_a_core_of_its_own(container):
+def test_a_container_may_do_little_and_has_its_own_core(container):
     assert container["resources"]["requests"] == container["resources"]["limits"]
     assert container["resources"]["requests"]["cpu"].isdigit()
     assert container["securityContext"]["capabilities"] == {"drop": ["ALL"]}
