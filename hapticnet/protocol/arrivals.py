@@ -3,6 +3,7 @@
 import enum
 from typing import Final
 
+from hapticnet.protocol.members import plain_members
 from hapticnet.protocol.serial_number import distance, wrap
 
 WINDOW: Final = 1024
@@ -21,6 +22,7 @@ BEHIND_IN_A_ROW: Final = 8
 was wrong: the numbers go on from there."""
 
 
+@plain_members
 class Arrival(enum.Enum):
     """How a sequence number relates to the earlier ones."""
 
@@ -60,8 +62,16 @@ class ArrivalWindow:
 
     def arrive(self, sequence: int) -> Arrival:
         """Record an arrival and return its kind."""
+        if sequence - self._newest == 1:  # the common case, kept short
+            self._seen = (self._seen << 1 | 1) & _MASK
+            self._after_leap = None
+            self._behind_run = 0
+            self._newest = sequence
+            self._expected += 1
+            self._unique += 1
+            return _NEW
         ahead = distance(sequence, self._newest)
-        if ahead == 1:  # the common case, kept short
+        if ahead == 1:
             self._seen = (self._seen << 1 | 1) & _MASK
         elif ahead <= 0 and (self._authentic or ahead > -LEAP):
             kind = self._arrive_behind(-ahead)
@@ -104,3 +114,4 @@ class ArrivalWindow:
 
 
 _MASK = (1 << WINDOW) - 1
+_NEW: Final = Arrival.NEW

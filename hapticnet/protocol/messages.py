@@ -153,6 +153,10 @@ class Refusal(NamedTuple):
     code: Code = Code.OTHER
 
 
+_new: Final = tuple.__new__
+"""Makes a named tuple of a tuple in a third of the time."""
+
+
 class Position(NamedTuple):
     """Master to slave: where the tool tip is.
 
@@ -298,7 +302,7 @@ def pack_position(position: Position) -> bytes:
 def unpack_position(body: bytes) -> Position:
     """Return the POSITION in a body; raise PeerError if it is invalid."""
     fields = unpack_body(body, 3, optional=2)
-    t_us, newest, payload = fields[:3]
+    t_us, newest, payload = fields if len(fields) == 3 else fields[:3]
     # Written out instead of calling `is_uint32`: every force waits for this.
     if not (
         type(t_us) is int
@@ -308,7 +312,7 @@ def unpack_position(body: bytes) -> Position:
     ):
         raise PeerError("POSITION of the wrong types")
     if len(fields) < 5:
-        return Position(t_us, newest, payload)
+        return _new(Position, (t_us, newest, payload, None))
     share, again = fields[3:]
     for percent in share, again:
         _require(type(percent) is int and 0 <= percent <= REPORT_STEPS, "loss in per cent", percent)

@@ -4,7 +4,10 @@ import enum
 from collections.abc import Mapping
 from typing import Final
 
+from hapticnet.protocol.members import plain_members
 
+
+@plain_members
 class MasterState(enum.Enum):
     """State of the master's session."""
 
@@ -15,6 +18,7 @@ class MasterState(enum.Enum):
     CLOSED = "closed"
 
 
+@plain_members
 class SlaveState(enum.Enum):
     """State of one of the slave's sessions."""
 

@@ -78,6 +78,8 @@ class Traffic:
         """Record a sequence number and return the kind of arrival."""
         assert self.window is not None, "no session is open"  # noqa: S101 - the caller's fault, not the peer's
         arrival = self.window.arrive(sequence)
+        if arrival is _NEW:
+            return arrival
         if arrival is Arrival.LATE:
             self.late += 1
         elif arrival is Arrival.DUPLICATE:
@@ -117,6 +119,9 @@ class Traffic:
         return account
 
 
+_NEW: Final = Arrival.NEW
+
+
 class Distribution:
     """Durations [µs] in buckets one per cent wide: percentiles in constant memory."""
 
@@ -132,7 +137,8 @@ class Distribution:
     def add(self, value_us: float) -> None:
         """Add a duration; a negative one, which only a clock that went back causes, counts as zero."""
         bucket = int(math.log(value_us) * self._scale) if value_us > 1.0 else 0
-        self._counts[bucket] = self._counts.get(bucket, 0) + 1
+        counts = self._counts
+        counts[bucket] = counts.get(bucket, 0) + 1
         self.count += 1
         if value_us > self.largest:
             self.largest = value_us
