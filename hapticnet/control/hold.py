@@ -73,7 +73,7 @@ class Hold:
 
     __slots__ = (
         "_age_limit_us", "_age_us", "_applied_n", "_axes", "_decay_us", "_elapsed_us", "_force_n", "_new", "_now_us",
-        "_rise_n_per_us", "_share", "_whole", "_zero_n",
+        "_released_us", "_rise_n_per_us", "_share", "_whole", "_zero_n",
     )  # fmt: skip
 
     def __init__(self, settings: HoldSettings, *, axes: int = 1) -> None:
@@ -81,6 +81,7 @@ class Hold:
             raise SettingsError(f"hold has {axes} axes; 1 to {MAX_AXES} are supported")
         self._age_limit_us = settings.age_limit_us
         self._decay_us = settings.decay_us
+        self._released_us = settings.age_limit_us + settings.decay_us  # age at which nothing is applied any more
         self._rise_n_per_us = settings.rise_n_per_s * 1e-6
         self._axes = axes
         self._zero_n: Vector = (0.0,) * axes
@@ -121,9 +122,14 @@ class Hold:
         """Apply nothing from now on; the force rises from zero when `value` is called again."""
         self._note_share(0.0)
 
-    def follow(self, force_n: Vector) -> None:
-        """Set the stimulus [N] to the decoder's current reconstruction, without resetting its age."""
+    def follow(self, force_n: Vector, now_us: int) -> bool:
+        """Set the stimulus [N] to the decoder's current reconstruction, without resetting its age.
+
+        Return whether any of it is applied: the link has not been silent for too long.
+        """
         self._force_n = force_n
+        self._grow_older(now_us)
+        return self._age_us < self._released_us
 
     def confirm(self, now_us: int) -> None:
         """Reset the age: a keepalive shows that the link is alive and the held stimulus still the newest."""
@@ -132,7 +138,8 @@ class Hold:
 
     def value(self, now_us: int) -> Vector:
         """Return the force [N]: the stimulus until the age limit, then decaying to zero, then rising to it again."""
-        self._grow_older(now_us)
+        if now_us != self._now_us or self._age_us > self._age_limit_us:  # else nothing has changed
+            self._grow_older(now_us)
         if self._whole:
             return self._force_n
         if self._age_us <= self._age_limit_us:
@@ -142,20 +149,22 @@ class Hold:
 
     def is_fresh(self, now_us: int) -> bool:
         """Return whether the whole stimulus is applied and the link has been alive within `FRESH_US`."""
-        self._grow_older(now_us)
+        if now_us != self._now_us or self._age_us > self._age_limit_us:
+            self._grow_older(now_us)
         return self._whole and self._age_us <= FRESH_US
 
     def is_released(self, now_us: int) -> bool:
         """Return whether the link has been silent for so long that nothing of the stimulus is applied."""
         self._grow_older(now_us)
-        return self._age_us >= self._age_limit_us + self._decay_us
+        return self._age_us >= self._released_us
 
     def _grow_older(self, now_us: int) -> None:
         if now_us > self._now_us:
             elapsed_us = now_us - self._now_us
             self._age_us += elapsed_us
             # Calls in between add up, but a pause counts no more than one step.
-            self._elapsed_us = min(self._elapsed_us + elapsed_us, LONGEST_STEP_US)
+            elapsed_us += self._elapsed_us
+            self._elapsed_us = elapsed_us if elapsed_us < LONGEST_STEP_US else LONGEST_STEP_US
         self._now_us = now_us
         overdue_us = self._age_us - self._age_limit_us
         if overdue_us > 0:

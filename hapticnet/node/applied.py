@@ -1,5 +1,7 @@
 """The force that a master applies: decoded from what arrives, held in between, and how old it is."""
 
+from typing import Any
+
 from hapticnet.codec.base import Codec, Decoder, Foretelling
 from hapticnet.codec.positions.sending import Difference
 from hapticnet.control.hold import Hold, HoldSettings
@@ -20,6 +22,8 @@ class AppliedForce:
         Force [N] of all axes as the decoder reconstructs it.
     age
         Age [µs] of the force that is applied, in each tick.
+    value
+        Returns the force being held [N] at a time [µs], decayed where the link is stale.
     ticks_on_model
         Ticks in which the force was that of an announced model.
     """
@@ -39,6 +43,9 @@ class AppliedForce:
         self._position_m: Vector | None = None  # of the newest tick, and its time
         self._position_us = 0
         self._at_us = 0  # time for which the decoder was asked last
+        self._asked: Decoder | None = None  # the decoder of which it is known whether it foretells
+        self._foretells = False
+        self.value = self._hold.value  # without another call, because every tick takes it
         self._valid_t_us = 0  # time of the newest position for which what is applied is known to be right
 
     @property
@@ -115,16 +122,14 @@ class AppliedForce:
         self._position_m, self._position_us = position_m, now_us
         if self._heard_us is None:
             return
-        self._at_us = self._time_us(now_us, period_us)
-        self.received_n = self._decoder.reconstruct(self._at_us, position_m, now_us)
-        self._hold.follow(self.received_n)
-        self.ticks_on_model += self.on_model
-        if not self._hold.is_released(now_us):
+        late_us = now_us - self._heard_us - period_us  # as `_time_us`
+        self._at_us = at_us = self._heard_t_us + late_us if late_us > 0 else self._heard_t_us
+        self.received_n = force_n = self._decoder.reconstruct(at_us, position_m, now_us)
+        announced = self._announced
+        if announced is not None and announced.on_model:
+            self.ticks_on_model += 1
+        if self._hold.follow(force_n, now_us):
             self.age.add(now_us - self._valid_t_us)
-
-    def value(self, now_us: int) -> Vector:
-        """Return the force being held [N], decayed where the link is stale."""
-        return self._hold.value(now_us)
 
     def expected(self, now_us: int, lead_us: int) -> Vector:
         """Return the force [N] expected `lead_us` from now; the held one unless the link is alive and all of it held.
@@ -136,7 +141,9 @@ class AppliedForce:
         if not self._hold.is_fresh(now_us):
             return self._hold.value(now_us)
         decoder = self._rendering
-        foretell = self._foretelling(decoder) if isinstance(decoder, Foretelling) else None
+        if decoder is not self._asked:  # a question that takes long
+            self._asked, self._foretells = decoder, isinstance(decoder, Foretelling)
+        foretell = self._foretelling(decoder) if self._foretells else None
         return self._foresight.expected(now_us, self._at_us, lead_us, self.received_n, foretell)
 
     @property
@@ -152,7 +159,7 @@ class AppliedForce:
             return now_us
         return self._heard_t_us + max(0, now_us - self._heard_us - period_us)
 
-    def _foretelling(self, decoder: Foretelling) -> Foretell:
+    def _foretelling(self, decoder: Any) -> Foretell:
         return lambda lead_us, position_m: decoder.foretell(
             self._at_us + lead_us, position_m, self._position_us + lead_us
         )

@@ -49,6 +49,18 @@ class Forward:
             self._session.payload_was_malformed()
             self._sender.told(None)
 
+    @property
+    def is_sparse(self) -> bool:
+        """Whether positions are sent only when they matter."""
+        return self._sender is not None
+
+    def send_every(self, now_us: int, position_m: Vector, state: int | None = None) -> None:
+        """Send the position of a tick in a session that sends all; see `send`."""
+        self._ticks += 1
+        payload = self._every.encode(now_us, position_m)
+        if payload is not None:
+            self._transmit(now_us, payload, state)
+
     def is_idle(self, applied_n: Vector) -> bool:
         """Tell whether the force [N] of a session with few positions is too small to be felt."""
         return self._sender is not None and magnitude(applied_n) < 2.0 * self.law.threshold_n(0.0)
@@ -61,7 +73,7 @@ class Forward:
         state: int | None = None,
         difference: Difference | None = None,
     ) -> Vector | None:
-        """Send the position of a tick, if the slave needs it.
+        """Send the position of a tick in a session that sends those that matter, if it does.
 
         Return where the slave takes the tool to be if nothing is lost; None if it does not follow a line.
 
@@ -76,23 +88,21 @@ class Forward:
         """
         self._ticks += 1
         sender = self._sender
-        if sender is None:
-            payload = self._every.encode(now_us, position_m)
-        else:
-            wanted = self._session.wants_position(now_us)
-            payload = sender.payload(now_us, position_m, magnitude(applied_n), wanted=wanted, difference=difference)
-        if payload is None:
-            return self._place_m(now_us)
+        assert sender is not None, "every position is to be sent"  # noqa: S101 - the caller's fault
+        wanted = self._session.wants_position(now_us)
+        payload = sender.payload(now_us, position_m, magnitude(applied_n), wanted=wanted, difference=difference)
+        if payload is not None and not self._transmit(now_us, payload, state):
+            sender.forget()
+        return sender.place_m(now_us)
+
+    def _transmit(self, now_us: int, payload: bytes, state: int | None) -> bool:
+        """Send a position; return whether the session takes it."""
         if state is not None:
             payload = with_state(state, payload)
-        if self._session.send_position(now_us, payload):
-            self._sent += 1
-        elif sender is not None:
-            sender.forget()
-        return self._place_m(now_us)
-
-    def _place_m(self, now_us: int) -> Vector | None:
-        return self._sender.place_m(now_us) if self._sender is not None else None
+        if not self._session.send_position(now_us, payload):
+            return False
+        self._sent += 1
+        return True
 
     def report(self) -> dict[str, Any]:
         """Return the account of the positions for JSON."""

@@ -101,6 +101,8 @@ class MasterNode:
             self._fingertip = device
         else:
             self._fingertip = Fingertip(device, settings.limits, settings.control)
+        self._foretells = isinstance(self._fingertip, Fingertip) and self._port is None
+        self._lead_us = self._fingertip.lead_us if isinstance(self._fingertip, Fingertip) else 0
         self._first_touch: FirstTouch | None = None
         if settings.first_touch and isinstance(self._fingertip, Fingertip):
             self._first_touch = FirstTouch(self._fingertip)
@@ -166,7 +168,8 @@ class MasterNode:
         if self.datagrams is not None:
             self.datagrams.add((now_us, IN, frame_kind(data), len(data)))
         self.session.receive_datagram(data, now_us)
-        self._digest_events(now_us)
+        if self.session.events:
+            self._digest_events(now_us)
 
     def tick(self, now_us: int) -> None:
         """Send the operator's position. Then send what there is to send, and call `drive`."""
@@ -174,24 +177,35 @@ class MasterNode:
         self._ticked_us = now_us
         if self._first_touch is not None:
             return
-        self.session.tick(now_us)
-        self._digest_events(now_us)
-        if self._script_start_us is not None and self.session.streaming:
+        session = self.session
+        session.tick(now_us)
+        if session.events:
+            self._digest_events(now_us)
+        if self._script_start_us is not None and session.streaming:
             if self.paused is None:
                 self._ask_operator(now_us - self._script_start_us, now_us)
             if self.position_m is not None:
-                state = self._applied.move(now_us, self.position_m)
-                # What follows the position may make a force at any tick, so it is never idle.
-                follows = self.on_model or self._codec.needs_position
-                self.session.idle = not follows and self._forward.is_idle(self.received_n)
-                if self.session.idle and self.session.state is MasterState.ESTABLISHED:
-                    self._applied.keep(now_us)
-                try:
-                    difference = self._applied.difference(now_us, self.period_us, self.position_m)
-                    place_m = self._forward.send(now_us, self.position_m, self.received_n, state, difference)
-                    self._applied.follow(now_us, self.period_us, place_m)
-                except Exception as error:  # a user's codec may raise anything
-                    self._fail(f"the codec failed: {in_words(error)}", now_us)
+                self._send(self.position_m, now_us)
+
+    def _send(self, position_m: Vector, now_us: int) -> None:
+        """Send the position of a tick, if the slave needs it."""
+        applied, forward, session = self._applied, self._forward, self.session
+        state = applied.move(now_us, position_m)
+        try:
+            if not forward.is_sparse:
+                session.idle = False
+                forward.send_every(now_us, position_m, state)
+                return
+            # What follows the position may make a force at any tick, so it is never idle.
+            follows = self.on_model or self._codec.needs_position
+            session.idle = not follows and forward.is_idle(applied.received_n)
+            if session.idle and session.state is MasterState.ESTABLISHED:
+                applied.keep(now_us)
+            difference = applied.difference(now_us, self.period_us, position_m)
+            place_m = forward.send(now_us, position_m, applied.received_n, state, difference)
+            applied.follow(now_us, self.period_us, place_m)
+        except Exception as error:  # a user's codec may raise anything
+            self._fail(f"the codec failed: {in_words(error)}", now_us)
 
     def drive(self, now_us: int) -> None:
         """Hold the force of the present position, move the device one step toward it, and record the tick."""
@@ -222,29 +236,31 @@ class MasterNode:
                 self._applied.advance(now_us, self.period_us, self.position_m)
             except Exception as error:  # a user's codec may raise anything
                 self._fail(f"the codec failed: {in_words(error)}", now_us)
-        self.held_n = self._ahead_n = self._damped(self.held_force_n(now_us))
+        if self.failure is None and self.paused is None:
+            held_n = self._applied.value(now_us)
+        else:
+            held_n = self.held_force_n(now_us)
+        if self._port is not None and self.position_m is not None:
+            held_n = self._port.limit(held_n, self.position_m)
+        self.held_n = self._ahead_n = held_n
         # No lead on a damped force: nobody knows how much will be damped.
-        if isinstance(self._fingertip, Fingertip) and self.failure is None and self._port is None:
+        if self._foretells and self.failure is None:
             try:
-                self._ahead_n = self._applied.expected(now_us, self._fingertip.lead_us)
+                self._ahead_n = self._applied.expected(now_us, self._lead_us)
             except Exception as error:  # a user's codec may raise anything
                 self._fail(f"the codec failed: {in_words(error)}", now_us)
 
-    def _damped(self, force_n: Vector) -> Vector:
-        """Return a force after passivity control, if that is asked for."""
-        if self._port is None or self.position_m is None:
-            return force_n
-        return self._port.limit(force_n, self.position_m)
-
     def _press(self, fingertip: Fingertip | Actuator, now_us: int) -> None:
         try:
-            fingertip.press(self._rendered_n(self.held_n), now_us, self._rendered_n(self._ahead_n))
+            held_n = self._rendered_n(self.held_n)
+            ahead_n = held_n if self._ahead_n is self.held_n else self._rendered_n(self._ahead_n)
+            fingertip.press(held_n, now_us, ahead_n)
         except Exception as error:  # what drives a device may raise anything; it is asked for no force from now on
             self._fail(f"the device failed: {in_words(error)}", now_us)
             return
-        if self.connected and fingertip.reading is not None:
-            self._tracking.add((fingertip.target_n,), (fingertip.sensed_n,))
         self.target_n, self.sensed_n = fingertip.target_n, fingertip.sensed_n
+        if self._connections and fingertip.reading is not None:
+            self._tracking.add((self.target_n,), (self.sensed_n,))
         self.displacement_m = fingertip.displacement_m
 
     def _rendered_n(self, force_n: Vector) -> float:
@@ -370,8 +386,9 @@ class MasterNode:
             self.close(reason, now_us)
 
     def _digest_events(self, now_us: int) -> None:
-        while (event := self.session.next_event()) is not None:
-            self._digest(event, now_us)
+        events = self.session.events
+        while events:
+            self._digest(events.popleft(), now_us)
 
     def _digest(self, event: MasterEvent, now_us: int) -> None:
         if isinstance(event, ForceArrived):

@@ -38,7 +38,7 @@ from hapticnet.protocol.messages import (
     unpack_keepalive,
 )
 from hapticnet.protocol.seal import LAST_SEQUENCE, Seal
-from hapticnet.protocol.serial_number import distance, wrap
+from hapticnet.protocol.serial_number import MOST, distance, wrap
 from hapticnet.protocol.settings import Entropy, SessionSettings
 from hapticnet.protocol.states import MASTER_TRANSITIONS, MasterState, Trigger
 from hapticnet.protocol.stats import Distribution, Traffic
@@ -66,6 +66,13 @@ class MasterSession:
     ----------
     key
         This master's key and the slave's public key, for sealed sessions; None for open ones.
+
+    Attributes
+    ----------
+    events
+        What has happened since the owner took the last event out, oldest first.
+    position_share
+        Share of the JND that positions may use in this session; 0: every position is to be sent.
     """
 
     def __init__(self, request: Request, settings: SessionSettings, rng: Entropy, key: MasterKey | None = None) -> None:
@@ -79,6 +86,7 @@ class MasterSession:
         self._asking = Asking(request, settings, rng, key)
         self._asking.begin(None)
         self._grant: Grant | None = None
+        self.position_share = 0.0
         self._replaced: Request | None = None  # what was asked for before a change that is not granted yet
         self._session = 0
         self._seal: Seal | None = None
@@ -98,22 +106,17 @@ class MasterSession:
         self._tries_left = settings.close_tries
         self._close_reason = ""
         self._outbox: list[bytes] = []
-        self._events: deque[MasterEvent] = deque()
+        self.events: deque[MasterEvent] = deque()
 
     @property
     def streaming(self) -> bool:
         """Whether positions are sent: while there is a session, stale or not, so that it can recover."""
-        return self.state is MasterState.ESTABLISHED or self.state is MasterState.STALE
+        return self.state is _ESTABLISHED or self.state is _STALE
 
     @property
     def sealed(self) -> bool:
         """Whether sessions are sealed."""
         return self._version == SEALED
-
-    @property
-    def position_share(self) -> float:
-        """Share of the JND that positions may use in this session; 0: every position is to be sent."""
-        return self._grant.position_share if self._grant is not None else 0.0
 
     def wants_position(self, now_us: int) -> bool:
         """Return whether a position is due that acknowledges what has arrived, or because the link is stale."""
@@ -127,19 +130,26 @@ class MasterSession:
 
         Return whether it was sent.
         """
-        if self.state is MasterState.STALE:
+        state = self.state
+        if state is _STALE:
             if 0 < self._next_stale_us - t_us <= self._settings.stale_interval_us:
                 return False
             self._stale_interval_us = min(STALE_GROWTH * self._stale_interval_us, self._settings.stale_interval_us)
             self._next_stale_us = t_us + round(self._stale_interval_us)
-        elif self.state is not MasterState.ESTABLISHED:
+        elif state is not _ESTABLISHED:
             return False
         self._fresh.newest_t_us = t_us
         self._positions += 1
         self._to_acknowledge_us = None
-        is_report = bool(self.position_share) or not self._positions % REPORT_EVERY
+        is_report = self.position_share or not self._positions % REPORT_EVERY
         loss = self._loss.estimate() if is_report else None
-        self._send(Kind.POSITION, pack_position(Position(wrap(t_us), self._confirmed, payload, loss)))
+        if loss is None:
+            body = pack_body(
+                (t_us & MOST, self._confirmed, payload)
+            )  # as `pack_position`, without an object in between
+        else:
+            body = pack_position(Position(wrap(t_us), self._confirmed, payload, loss))
+        self._send(_POSITION, body)
         return True
 
     def change(self, request: Request) -> None:
@@ -170,7 +180,7 @@ class MasterSession:
     def tick(self, now_us: int) -> None:
         """Do what is due: ask for a session, declare the link stale, repeat CLOSE."""
         if (  # the common case, kept short: every position waits for this
-            self.state is MasterState.ESTABLISHED
+            self.state is _ESTABLISHED
             and 0 <= now_us - self._fresh.heard_us <= self._settings.keepalive_us
             and not self._asking.under_way
             and self._sequence <= LAST_SEQUENCE - RECENT
@@ -195,7 +205,7 @@ class MasterSession:
 
     def next_event(self) -> MasterEvent | None:
         """Return the next event, or None."""
-        return self._events.popleft() if self._events else None
+        return self.events.popleft() if self.events else None
 
     def receive_datagram(self, data: bytes, now_us: int) -> None:
         """Process a datagram. Never raises: malformed and stray datagrams are counted."""
@@ -236,8 +246,8 @@ class MasterSession:
             if arrival is Arrival.NEW or self._is_news(datagram.sequence):
                 self._hear(arrival, t_us, now_us)
                 if arrival is Arrival.NEW and force.outlook is not None:
-                    self._events.append(OutlookArrived(force.outlook))
-                self._events.append(ForceArrived(datagram.sequence, t_us, force.payload))
+                    self.events.append(OutlookArrived(force.outlook))
+                self.events.append(ForceArrived(datagram.sequence, t_us, force.payload))
         elif kind is Kind.KEEPALIVE:
             keepalive = unpack_keepalive(body)
             self.received.add(kind, size)
@@ -246,12 +256,12 @@ class MasterSession:
             if t_us is not None and arrival is Arrival.NEW:
                 self._hear(arrival, t_us, now_us)
                 if keepalive.outlook is not None:
-                    self._events.append(OutlookArrived(keepalive.outlook))
+                    self.events.append(OutlookArrived(keepalive.outlook))
                 if self._holds(keepalive.newest_force):
                     if keepalive.outlook is not None or self._loss.estimate() is not None:  # the slave waits for it
                         self._acknowledge(datagram.sequence, now_us)
                     self._confirmed = datagram.sequence
-                    self._events.append(HoldConfirmed(t_us))
+                    self.events.append(HoldConfirmed(t_us))
         elif kind is Kind.CLOSE:
             close = unpack_close(body)
             self.received.add(kind, size)
@@ -276,7 +286,7 @@ class MasterSession:
             self._move(Trigger.PEER_CLOSED)
             self._session = 0
             self._asking.begin(self._grant.ticket if self._grant else None)
-            self._events.append(SessionLost(f"the slave closed: {close.reason}"))
+            self.events.append(SessionLost(f"the slave closed: {close.reason}"))
 
     def _receive_reset(self, datagram: Datagram, size: int) -> None:
         if not 0 < distance(self._sequence, datagram.sequence) <= RECENT:  # it answers nothing that was sent
@@ -298,23 +308,24 @@ class MasterSession:
         elif isinstance(answer, Granted):
             self._begin(answer, now_us)
         elif isinstance(answer, Hinted):
-            self._events.append(answer)
+            self.events.append(answer)
         elif self._replaced is not None:
             self._asking.ask_for(self._replaced)
             self._replaced = None
             if self.streaming:
                 self._asking.stop()
-            self._events.append(ChangeRefused(answer.reason, answer.code))
+            self.events.append(ChangeRefused(answer.reason, answer.code))
         elif self._grant is None:
             self._end(Trigger.REFUSED, answer.reason, refused=True, code=answer.code)
         else:
-            self._events.append(Refused(answer.reason, answer.code, self._asking.refused(now_us)))
+            self.events.append(Refused(answer.reason, answer.code, self._asking.refused(now_us)))
 
     def _begin(self, granted: Granted, now_us: int) -> None:
         """Use a session that was granted; whatever was used before ends here."""
         grant, seal, sequence = granted
         self._asking.granted()
         self._grant = grant
+        self.position_share = grant.position_share
         self._replaced = None
         self._session = grant.session
         self._seal = seal
@@ -326,7 +337,7 @@ class MasterSession:
         self._doubted = False
         self.received.open_window(sequence, authentic=seal is not None)
         self._move(Trigger.WELCOMED)
-        self._events.append(Connected(grant))
+        self.events.append(Connected(grant))
 
     def _needs_another(self, now_us: int) -> bool:
         """Return whether a new session must be asked for while the present one goes on."""
@@ -380,7 +391,7 @@ class MasterSession:
             if self.state is MasterState.STALE and self._fresh.too_old_us is not None:
                 if not self._told_slow:
                     self._told_slow = True
-                    self._events.append(LinkStale(self._fresh.too_old_us))
+                    self.events.append(LinkStale(self._fresh.too_old_us))
                 if self._asking.under_way and not self._needs_another(now_us):
                     self._asking.stop()
         return t_us
@@ -394,7 +405,7 @@ class MasterSession:
         self._doubted = False
         if self.state is MasterState.STALE:
             self._move(Trigger.HEARD)
-            self._events.append(LinkRecovered())
+            self.events.append(LinkRecovered())
         if self._asking.under_way and not self._needs_another(now_us):
             self._asking.stop()
 
@@ -404,7 +415,7 @@ class MasterSession:
         self._stale_interval_us = 1000.0
         self._next_stale_us = now_us
         self._told_slow = self._fresh.too_old_us is not None
-        self._events.append(LinkStale(self._fresh.too_old_us))
+        self.events.append(LinkStale(self._fresh.too_old_us))
 
     def _repeat_close(self, now_us: int) -> None:
         interval_us = self._settings.close_interval_us
@@ -420,7 +431,7 @@ class MasterSession:
     def _end(self, trigger: Trigger, reason: str, *, refused: bool = False, code: Code = Code.OTHER) -> None:
         self._asking.stop()
         self._move(trigger)
-        self._events.append(Ended(reason, refused=refused, code=code))
+        self.events.append(Ended(reason, refused=refused, code=code))
 
     def _count_stray(self, kind: Kind, size: int) -> None:
         self.received.add(kind, size)
@@ -437,13 +448,18 @@ class MasterSession:
             return
         else:
             datagram = self._seal.pack(kind, self._session, self._sequence, body)
-        self._sequence = wrap(self._sequence + 1)
+        self._sequence = (self._sequence + 1) & MOST
         self.sent.add(kind, len(datagram))
         self._outbox.append(datagram)
 
     def _move(self, trigger: Trigger) -> None:
         self.state = MASTER_TRANSITIONS[self.state, trigger]
 
+
+# Found faster than the members, for what every tick asks for.
+_ESTABLISHED: Final = MasterState.ESTABLISHED
+_STALE: Final = MasterState.STALE
+_POSITION: Final = Kind.POSITION
 
 _ANSWERS: Final = frozenset((Kind.COOKIE, Kind.WELCOME, Kind.REFUSE))
 """Kinds that answer a HELLO."""
