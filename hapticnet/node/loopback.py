@@ -39,18 +39,23 @@ class Loopback:
     def run(self, duration_us: int) -> None:
         """Advance by `duration_us` [µs], from event to event."""
         end_us = self.now_us + duration_us
-        while self.now_us < end_us and not self.master.finished:
-            if self.now_us >= self._next_tick_us:
-                self.master.tick(self.now_us)
-                self.master.drive(self.now_us)
-                self._next_tick_us += self.master.period_us
-            self._exchange()
+        master, forward, feedback = self.master, self.forward, self.feedback
+        while (now_us := self.now_us) < end_us and master.end_reason is None:
+            if now_us >= self._next_tick_us:
+                master.tick(now_us)
+                master.drive(now_us)
+                self._next_tick_us += master.period_us
+            slave_us = self._exchange(now_us)
             next_us = self._next_tick_us
-            for due_us in (self.forward.next_timer_us(), self.feedback.next_timer_us(), self.slave.next_timer_us()):
+            if slave_us is not None and slave_us < next_us:
+                next_us = slave_us
+            for channel in (forward, feedback):
+                due_us = channel.next_timer_us()
                 if due_us is not None and due_us < next_us:
                     next_us = due_us
             # Everything due now has been exchanged, so time always advances.
-            self.now_us = min(max(next_us, self.now_us + 1), end_us)
+            next_us = next_us if next_us > now_us else now_us + 1
+            self.now_us = next_us if next_us < end_us else end_us
         self.now_us = end_us
 
     def close(self, reason: str = "done") -> None:
@@ -58,23 +63,27 @@ class Loopback:
         self.master.close(reason, self.now_us)
         self.run(1_000_000)
 
-    def _exchange(self) -> None:
-        """Exchange the datagrams that are due, until neither side has anything left to send."""
-        now_us = self.now_us
-        busy = True
-        while busy:
-            busy = False
-            for datagram in self.master.datagrams_to_send():
-                self.forward.push(datagram, len(datagram), now_us)
-            for datagram in self.forward.due(now_us):
-                self.slave.receive_datagram(datagram, MASTER_ADDRESS, now_us)
+    def _exchange(self, now_us: int) -> int | None:
+        """Exchange the datagrams that are due, until neither side has anything left to send.
+
+        Return when the slave has something to do next [µs], or None.
+        """
+        master, slave, forward, feedback = self.master, self.slave, self.forward, self.feedback
+        while True:
+            for datagram in master.datagrams_to_send():
+                forward.push(datagram, len(datagram), now_us)
+            for datagram in forward.due(now_us):
+                slave.receive_datagram(datagram, MASTER_ADDRESS, now_us)
             # After what arrives now, so that a scene is stepped along the newest line.
-            slave_timer_us = self.slave.next_timer_us()
-            if slave_timer_us is not None and now_us >= slave_timer_us:
-                self.slave.tick(now_us)
-                self.slave.settle(now_us)
-            for datagram, _ in self.slave.datagrams_to_send():
-                self.feedback.push(datagram, len(datagram), now_us)
-            for datagram in self.feedback.due(now_us):
-                self.master.receive_datagram(datagram, now_us)
-                busy = True
+            slave_us = slave.next_timer_us()
+            if slave_us is not None and now_us >= slave_us:
+                slave.tick(now_us)
+                slave.settle(now_us)
+                slave_us = slave.next_timer_us()
+            for datagram, _ in slave.datagrams_to_send():
+                feedback.push(datagram, len(datagram), now_us)
+            arrived = feedback.due(now_us)
+            if not arrived:
+                return slave_us
+            for datagram in arrived:
+                master.receive_datagram(datagram, now_us)

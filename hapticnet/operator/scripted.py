@@ -151,9 +151,9 @@ class ScriptedOperator:
         if not 0 <= t_us < self.duration_us:
             return PositionSample(t_us, self._rest)
         start_us, per_us, from_m, by_m = self._phases[bisect_right(self._ends_us, t_us)]
-        tremor = 0.0
+        tremor, sin = 0.0, math.sin
         for rad_per_us, phase_rad in self._waves:
-            tremor += math.sin(rad_per_us * t_us + phase_rad)
+            tremor += sin(rad_per_us * t_us + phase_rad)
         position_m = from_m + self._amplitude_m * tremor
         if by_m:
             tau = (t_us - start_us) * per_us
