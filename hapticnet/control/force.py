@@ -42,13 +42,14 @@ class ForceController:
     """
 
     __slots__ = (
-        "_before_m", "_largest_n", "_lead", "_moved_us", "_now_us", "_readings", "_resting", "_sensed_n",
+        "_before_m", "_largest_n", "_lead", "_most_n", "_moved_us", "_now_us", "_readings", "_resting", "_sensed_n",
         "_sensed_sum_n", "_settings", "_smallest_n", "_stood_m", "_stood_sum_m", "_target_n", "_touching", "_wanted_n",
         "_watch", "displacement_m", "fault", "finger",
     )  # fmt: skip
 
     def __init__(self, settings: ForceControlSettings) -> None:
         self._settings = settings
+        self._most_n = settings.max_force_n - settings.headroom_n
         self._now_us: int | None = None
         self._moved_us = 0
         self.finger = LearnedFinger(settings.finger)
@@ -93,8 +94,10 @@ class ForceController:
             self._now_us = now_us
             return 0.0
         self._sensed_sum_n += sensed_n
-        self._smallest_n = min(self._smallest_n, sensed_n)
-        self._largest_n = max(self._largest_n, sensed_n)
+        if sensed_n < self._smallest_n:
+            self._smallest_n = sensed_n
+        if sensed_n > self._largest_n:
+            self._largest_n = sensed_n
         self._stood_sum_m += stood_m
         self._readings += 1
         before_us = self._now_us
@@ -132,9 +135,10 @@ class ForceController:
 
     def _allowed_n(self, force_n: float) -> float:
         """Return a force [N] limited to what is pressed with."""
-        if not 0.0 <= force_n < math.inf:
-            return 0.0
-        return min(force_n, self._settings.max_force_n - self._settings.headroom_n)
+        most_n = self._most_n
+        if 0.0 <= force_n <= most_n:
+            return force_n
+        return most_n if most_n < force_n < math.inf else 0.0
 
     def _learn(self, sensed_n: float, newest_n: float, stood_m: float, elapsed_s: float) -> None:
         settings = self._settings

@@ -74,7 +74,10 @@ class ForceLimiter:
         elapsed_us = now_us - before_us if before_us is not None and now_us > before_us else 0
         if elapsed_us >= PAUSE_US:
             self._force_n, elapsed_us = 0.0, 0
-        highest_n = self._force_n + self._slew_n_per_us * min(elapsed_us, LONGEST_STEP_US)
-        highest_n = min(self._max_force_n, highest_n)
-        self._force_n = min(force_n, highest_n)
+        if elapsed_us > LONGEST_STEP_US:
+            elapsed_us = LONGEST_STEP_US
+        highest_n = self._force_n + self._slew_n_per_us * elapsed_us
+        if self._max_force_n < highest_n:
+            highest_n = self._max_force_n
+        self._force_n = highest_n if highest_n < force_n else force_n
         return self._force_n

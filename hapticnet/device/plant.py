@@ -52,13 +52,14 @@ class Plant:
 
     __slots__ = (
         "_finger", "_full_scale", "_loaded_n", "_mean_counts", "_noise", "_noise_at", "_now_us", "_rng", "_sensor",
-        "_servos", "_stall_n", "contact_force_n",
+        "_servos", "_stall_n", "_unloading_gain", "contact_force_n",
     )  # fmt: skip
 
     def __init__(self, settings: PlantSettings, rng: np.random.Generator) -> None:
         self._servos = Servos(settings.linkage, settings.servo)
         self._finger = settings.finger
         self._sensor = settings.sensor
+        self._unloading_gain = settings.sensor.unloading_gain
         self._stall_n = 3.0 * settings.servo.stall_nm / settings.linkage.arm_m
         self._full_scale = (1 << settings.sensor.adc_bits) - 1
         self._rng = rng
@@ -95,7 +96,8 @@ class Plant:
         """Return the converter's reading [counts], with noise and rounding."""
         if self._mean_counts <= 0.0:
             return 0
-        return min(max(int(self.level_counts()), 0), self._full_scale)
+        counts = int(self.level_counts())
+        return 0 if counts < 0 else min(counts, self._full_scale)
 
     def level_counts(self) -> float:
         """Return the level at the converter's pin [counts], with noise."""
@@ -117,5 +119,5 @@ class Plant:
     def _press(self) -> None:
         force_n = self.contact_force_n = min(self._finger.force_n(self._servos.displacement_m), self._stall_n)
         # Play operator with a gap proportional to the load: loading follows its lower edge, unloading its upper edge.
-        self._loaded_n = min(max(self._loaded_n, force_n), force_n * self._sensor.unloading_gain)
+        self._loaded_n = min(max(self._loaded_n, force_n), force_n * self._unloading_gain)
         self._mean_counts = self._sensor.counts(self._loaded_n)

@@ -48,10 +48,10 @@ def error_report(law: WeberLaw, true: FloatArray, applied: FloatArray) -> ErrorR
 class RunningError:
     """The same errors, computed sample by sample in constant memory."""
 
-    __slots__ = ("_exceeded", "_largest", "_law", "_squares", "samples")
+    __slots__ = ("_exceeded", "_floor_n", "_largest", "_squares", "_weber_fraction", "samples")
 
     def __init__(self, law: WeberLaw) -> None:
-        self._law = law
+        self._weber_fraction, self._floor_n = law.weber_fraction, law.floor_n
         self.samples = 0
         self._squares = 0.0
         self._largest = 0.0
@@ -59,15 +59,17 @@ class RunningError:
 
     def add(self, true: Vector, applied: Vector) -> None:
         """Add one sample."""
-        if len(true) == 1:
-            error = abs(true[0] - applied[0])
-        else:
-            error = magnitude(tuple(x - y for x, y in zip(true, applied, strict=True)))
         self.samples += 1
+        if len(true) == 1:
+            error, size = abs(true[0] - applied[0]), abs(applied[0])
+        else:
+            error, size = magnitude(tuple(x - y for x, y in zip(true, applied, strict=True))), magnitude(applied)
+        if not error:  # nothing below changes then
+            return
         self._squares += error * error
         if error > self._largest:
             self._largest = error
-        if error > self._law.jnd_n(magnitude(applied)):
+        if error > self._floor_n and error > self._weber_fraction * size:  # as `jnd_n`, without a call
             self._exceeded += 1
 
     @property

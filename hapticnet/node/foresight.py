@@ -55,8 +55,8 @@ class Foresight:
         Mean squared errors [N²] of the three forecasts so far: hold, codec, stiffness.
     """
 
-    __slots__ = ("_axes", "_force_n", "_forecasts", "_learned_m", "_positions_m", "_scored_us", "_times_us",
-                 "errors_n2", "gradient_n_m")  # fmt: skip
+    __slots__ = ("_axes", "_elapsed_us", "_force_n", "_forecasts", "_learned_m", "_moved_m", "_positions_m",
+                 "_scored_us", "_speed_of_us", "_times_us", "errors_n2", "gradient_n_m")  # fmt: skip
 
     def __init__(self, axes: int) -> None:
         self._axes = axes
@@ -68,6 +68,9 @@ class Foresight:
         self._force_n: Vector = (0.0,) * axes
         self._forecasts: deque[tuple[int, tuple[Vector, ...]]] = deque()
         self._scored_us: int | None = None
+        self._speed_of_us: int | None = None  # the tick at which the hand had the speed of the following
+        self._moved_m: Vector | None = None  # how far it has moved; None: not known
+        self._elapsed_us = 1  # and in what time
 
     def move(self, now_us: int, position_m: Vector) -> None:
         """Note the master's own position [m] at a tick."""
@@ -122,13 +125,21 @@ class Foresight:
         codec_n = force_n if foretell is None else foretell(lead_us, there_m)
         forecasts = force_n, codec_n, self._by_stiffness(at_us, lead_us, force_n)
         self._score(now_us, lead_us, force_n, forecasts)
-        return forecasts[min(range(3), key=self.errors_n2.__getitem__)]
+        hold_n2, codec_n2, stiffness_n2 = self.errors_n2
+        if codec_n2 < hold_n2:
+            return forecasts[2] if stiffness_n2 < codec_n2 else forecasts[1]
+        return forecasts[2] if stiffness_n2 < hold_n2 else forecasts[0]
 
     def _by_stiffness(self, at_us: int, lead_us: int, force_n: Vector) -> Vector:
         if magnitude(force_n) <= FREE_N:
             return force_n
         # On a late link, part of the way ahead is known: the hand has already gone it.
-        moved_m = minus(self._position_at(at_us + lead_us), self._position_at(at_us))
+        there_m, here_m = self._position_at(at_us + lead_us), self._position_at(at_us)
+        if len(force_n) == 1:  # as below, in a third of the time
+            before_n = force_n[0]
+            after_n = before_n + self.gradient_n_m[0][0] * (there_m[0] - here_m[0])
+            return (_same_sign(after_n, before_n),)
+        moved_m = minus(there_m, here_m)
         ahead_n = plus(force_n, tuple([dot(row, moved_m) for row in self.gradient_n_m]))
         # Contact pushes; the tool is not pulled back into what it leaves.
         return tuple(starmap(_same_sign, zip(ahead_n, force_n, strict=True)))
@@ -148,14 +159,20 @@ class Foresight:
         """Return the position [m] at a time, continued with the present speed if it lies ahead."""
         times_us, positions_m = self._times_us, self._positions_m
         newest_us = times_us[-1]
+        newest_m = positions_m[-1]
         if t_us <= newest_us:
-            return positions_m[max(bisect_right(times_us, t_us) - 1, 0)]
-        start = max(bisect_right(times_us, newest_us - SPEED_US) - 1, 0)
-        elapsed_us = newest_us - times_us[start]
-        if not 0 < elapsed_us <= 2 * SPEED_US:
-            return positions_m[-1]
-        moved_m = minus(positions_m[-1], positions_m[start])
-        return plus(positions_m[-1], times(moved_m, (t_us - newest_us) / elapsed_us))
+            return newest_m if t_us == newest_us else positions_m[max(bisect_right(times_us, t_us) - 1, 0)]
+        if self._speed_of_us != newest_us:
+            self._speed_of_us = newest_us
+            start = max(bisect_right(times_us, newest_us - SPEED_US) - 1, 0)
+            self._elapsed_us = elapsed_us = newest_us - times_us[start]
+            is_known = 0 < elapsed_us <= 2 * SPEED_US
+            self._moved_m = minus(newest_m, positions_m[start]) if is_known else None
+        moved_m = self._moved_m
+        if moved_m is None:
+            return newest_m
+        share = (t_us - newest_us) / self._elapsed_us
+        return (newest_m[0] + moved_m[0] * share,) if len(newest_m) == 1 else plus(newest_m, times(moved_m, share))
 
 
 def _limited(row: Vector, largest: float) -> Vector:
