@@ -7,7 +7,7 @@ from hapticnet.codec.positions.sending import Difference
 from hapticnet.control.hold import Hold, HoldSettings
 from hapticnet.node.announced import AnnouncedDecoder
 from hapticnet.node.elsewhere import Elsewhere
-from hapticnet.node.foresight import Foresight, Foretell
+from hapticnet.node.foresight import Foresight
 from hapticnet.protocol.events import ForceArrived, HoldConfirmed
 from hapticnet.protocol.stats import Distribution
 from hapticnet.samples import Vector
@@ -143,7 +143,7 @@ class AppliedForce:
         decoder = self._rendering
         if decoder is not self._asked:  # a question that takes long
             self._asked, self._foretells = decoder, isinstance(decoder, Foretelling)
-        foretell = self._foretelling(decoder) if self._foretells else None
+        foretell = self._foretell if self._foretells else None
         return self._foresight.expected(now_us, self._at_us, lead_us, self.received_n, foretell)
 
     @property
@@ -159,10 +159,11 @@ class AppliedForce:
             return now_us
         return self._heard_t_us + max(0, now_us - self._heard_us - period_us)
 
-    def _foretelling(self, decoder: Any) -> Foretell:
-        return lambda lead_us, position_m: decoder.foretell(
-            self._at_us + lead_us, position_m, self._position_us + lead_us
-        )
+    def _foretell(self, lead_us: int, position_m: Vector) -> Vector:
+        """Return what the decoder foretells [N] for a position [m] ahead."""
+        decoder: Any = self._rendering  # one that foretells
+        force_n: Vector = decoder.foretell(self._at_us + lead_us, position_m, self._position_us + lead_us)
+        return force_n
 
     def release(self) -> None:
         """Let the force go to zero; it rises from there."""

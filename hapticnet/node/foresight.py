@@ -121,14 +121,25 @@ class Foresight:
         """
         if not self._times_us:
             return force_n
-        there_m = self._position_at(now_us + lead_us)
-        codec_n = force_n if foretell is None else foretell(lead_us, there_m)
-        forecasts = force_n, codec_n, self._by_stiffness(at_us, lead_us, force_n)
-        self._score(now_us, lead_us, force_n, forecasts)
+        self._compare(now_us, force_n)
         hold_n2, codec_n2, stiffness_n2 = self.errors_n2
-        if codec_n2 < hold_n2:
-            return forecasts[2] if stiffness_n2 < codec_n2 else forecasts[1]
-        return forecasts[2] if stiffness_n2 < hold_n2 else forecasts[0]
+        best = 1 if codec_n2 < hold_n2 else 0
+        if stiffness_n2 < (codec_n2 if best else hold_n2):
+            best = 2
+        if self._scored_us is not None and now_us - self._scored_us < SCORED_US:  # only the best is asked for
+            if best == 0:
+                return force_n
+            if best == 2:
+                return self._by_stiffness(at_us, lead_us, force_n)
+            return self._by_codec(now_us, lead_us, force_n, foretell)
+        by_codec_n = self._by_codec(now_us, lead_us, force_n, foretell)
+        forecasts = force_n, by_codec_n, self._by_stiffness(at_us, lead_us, force_n)
+        self._scored_us = now_us
+        self._forecasts.append((now_us + lead_us, forecasts))
+        return forecasts[best]
+
+    def _by_codec(self, now_us: int, lead_us: int, force_n: Vector, foretell: Foretell | None) -> Vector:
+        return force_n if foretell is None else foretell(lead_us, self._position_at(now_us + lead_us))
 
     def _by_stiffness(self, at_us: int, lead_us: int, force_n: Vector) -> Vector:
         if magnitude(force_n) <= FREE_N:
@@ -144,16 +155,14 @@ class Foresight:
         # Contact pushes; the tool is not pulled back into what it leaves.
         return tuple(starmap(_same_sign, zip(ahead_n, force_n, strict=True)))
 
-    def _score(self, now_us: int, lead_us: int, force_n: Vector, forecasts: tuple[Vector, ...]) -> None:
+    def _compare(self, now_us: int, force_n: Vector) -> None:
+        """Compare earlier forecasts for now with the force [N] that has come."""
         while self._forecasts and self._forecasts[0][0] <= now_us:
             _, past = self._forecasts.popleft()
             weight = SCORED_US / SCORE_MEMORY_US
             for index, forecast_n in enumerate(past):
                 missed_n = distance(forecast_n, force_n)
                 self.errors_n2[index] += weight * (missed_n * missed_n - self.errors_n2[index])
-        if self._scored_us is None or now_us - self._scored_us >= SCORED_US:
-            self._scored_us = now_us
-            self._forecasts.append((now_us + lead_us, forecasts))
 
     def _position_at(self, t_us: int) -> Vector:
         """Return the position [m] at a time, continued with the present speed if it lies ahead."""
