@@ -46,7 +46,10 @@ LARGEST_SUPERSEDED: Final = 0.01
 LARGEST_LATE_US: Final = 1_000.0
 """99th percentile of how late the generator sends above which a run tells nothing about the server."""
 
-GROWTH: Final = 1.6
+GROWTH: Final = (1.3, 2.5)
+"""Least and largest step of a search to more masters; between them, the step that would need 1.2 CPUs, because a
+position costs less the more there are."""
+
 CLOSE_ENOUGH: Final = 0.06
 Row = dict[str, Any]
 
@@ -58,12 +61,15 @@ def faults(run: Row, case: Case) -> list[str]:
     checks = {
         "the generator was late": run["unsent"] or run["late_p99_us"] > LARGEST_LATE_US or run["kernel_drops"],
         "not all masters were served": run["at_work"] < run["masters"] or run["ended"] or run["resets"],
-        "datagrams were lost": run["lost"] or run["server_drops"] or run.get("slave_drops") or unanswered,
-        "the slave lost positions": run.get("slave_lost", 0),
+        "the server's socket was full": run["server_drops"] or run.get("slave_drops", 0),
+        "answers were lost": run["lost"] or unanswered,
+        "positions were lost": run.get("slave_lost", 0),
         "malformed datagrams": run["malformed"],
         "positions were passed over": superseded > LARGEST_SUPERSEDED,
         "the round trip was too long": not 0.0 <= run["trip_p99_us"] <= LARGEST_P99_US,
     }
+    if checks["the server's socket was full"]:  # what it dropped is missing everywhere
+        checks["answers were lost"] = checks["positions were lost"] = 0
     return [name for name, bad in checks.items() if bad]
 
 
@@ -87,7 +93,8 @@ def search(run: Callable[[int], Row], case: Case, start: int, tries: int) -> tup
         if above is not None and above - low <= max(1, CLOSE_ENOUGH * above):
             break
         if above is None:
-            masters = min(most, math.ceil(GROWTH * low))
+            cpu = held_figures(row, case)["held_cpu"]
+            masters = min(most, math.ceil(low * min(max(1.2 / cpu, GROWTH[0]), GROWTH[1])))
         else:
             masters = (low + above) // 2 if low else max(1, math.floor(0.75 * above))
     return held, wrong
@@ -109,10 +116,12 @@ def measured(name: str, bench: Bench, servers: Sequence[str], arguments: argpars
         for server in servers:
             runs[server].append(one(server, masters))
 
-    def beside_echo(held: Row | None) -> float | None:
+    def beside_echo(server: str, held: Row | None) -> float | None:
         """Return the echo's time of a position, with as many masters, over that of a run that was held."""
         if held is None or "echo" not in servers:
             return None
+        if server == "echo":
+            return 1.0
         return one("echo", held["masters"])["us_per_position"] / held["us_per_position"]  # type: ignore[no-any-return]
 
     rows = []
@@ -137,7 +146,7 @@ def measured(name: str, bench: Bench, servers: Sequence[str], arguments: argpars
                 "p50_us": statistics.median(run["trip_p50_us"] for run in runs[server]),
                 "p99_us": statistics.median(run["trip_p99_us"] for run in runs[server]),
                 **held_figures(held, case),
-                "held_us_of_echo": beside_echo(held),
+                "held_us_of_echo": beside_echo(server, held),
                 "why_no_more": wrong,
                 "runs": runs[server],
             }
@@ -228,9 +237,9 @@ def some_of(names: Sequence[str]) -> Callable[[str], list[str]]:
 
 def main() -> None:
     parser = record.options(__doc__)
-    parser.add_argument("--seconds", type=record.within(0.1), default=3.0, help="length of each measurement")
+    parser.add_argument("--seconds", type=record.within(0.1), default=2.0, help="length of each measurement")
     parser.add_argument("--repetitions", type=record.within(1), default=3, help="turns at the same load")
-    parser.add_argument("--tries", type=record.within(0), default=8, help="steps of each search for what is held")
+    parser.add_argument("--tries", type=record.within(0), default=7, help="steps of each search for what is held")
     parser.add_argument("--cases", type=some_of(list(CASES)), metavar="CASES", help="such as 'deadband; raw, sealed'")
     parser.add_argument("--servers", type=some_of(list(SERVERS)), metavar="SERVERS", default=list(SERVERS))
     parser.add_argument("--slave-python", type=Path, metavar="FILE", help="a hapticnet or its Python: another build")
