@@ -16,8 +16,9 @@ from hapticnet.protocol.wire import MAX_DATAGRAM_BYTES
 MOST_AT_ONCE: Final = 256
 """Datagrams of one pass."""
 
-SHORTEST_TICK_US: Final = 200
-"""Shortest time between two ticks that step scenes between positions: many sessions share one."""
+SHORTEST_TICK_US: Final = 400
+"""Shortest time between two ticks that step scenes between positions: many sessions share one, and each step is late by
+less than half a sample of 1 kHz."""
 
 
 SHORTEST_STAY_US: Final = 1_000_000
@@ -52,6 +53,7 @@ class CompiledSlaveNode(SlaveNode):
         self._since_us: dict[Station, int] = {}  # when each went into the bank
         self._waits: dict[Station, tuple[int, int]] = {}  # until when each stays outside, and for how long
         self._ticked_us = self._now_us = 0
+        self._is_quiet = True
 
     @property
     def stations(self) -> tuple[Station, ...]:
@@ -75,20 +77,17 @@ class CompiledSlaveNode(SlaveNode):
             self._take_in_all(self._arrivals, count, now_us)
         self._answer_all(now_us)
 
-    def receive_arrivals(self, arrivals: Arrivals, count: int, now_us: int) -> bool:
-        """Process the first `count` datagrams of `arrivals`; as `receive_datagrams`.
-
-        Return whether the bank has served all: there is then nothing to do but to send its `departures`.
-        """
+    def receive_arrivals(self, arrivals: Arrivals, count: int, now_us: int) -> None:
+        """Process the first `count` datagrams of `arrivals`; as `receive_datagrams`."""
         self._seats.see(now_us)
         self._now_us = now_us
-        all_usual = self._take_in_all(arrivals, count, now_us)
+        self._take_in_all(arrivals, count, now_us)
         self._answer_all(now_us)
-        return all_usual
 
     def settle(self, now_us: int) -> None:
         """Account for the answers of sessions outside the bank, and take those in that fit."""
         super().settle(now_us)
+        self._is_quiet = True
         for station in self._in_python:
             if self._may_go_in(station, now_us):
                 self._bank.put_in(station)
@@ -102,7 +101,11 @@ class CompiledSlaveNode(SlaveNode):
         self._ticked_us = self._now_us = now_us
         for station in self._bank.step_between(now_us):
             self._at_hand(station)
-        super().tick(now_us)
+            self._is_quiet = False
+        python_us = super().next_timer_us()
+        if python_us is not None and python_us <= now_us:
+            self._is_quiet = False
+            super().tick(now_us)
 
     def next_timer_us(self) -> int | None:
         """Return when `tick` may have something to do [µs]; None if there is no session."""
@@ -111,6 +114,11 @@ class CompiledSlaveNode(SlaveNode):
             return next_us
         step_us = max(step_us, self._ticked_us + SHORTEST_TICK_US)
         return step_us if next_us is None else min(step_us, next_us)
+
+    @property
+    def is_quiet(self) -> bool:
+        """Whether the bank has served all since the last `settle`: there is nothing to do but to send `departures`."""
+        return self._is_quiet
 
     @property
     def follows(self) -> bool:
@@ -143,14 +151,13 @@ class CompiledSlaveNode(SlaveNode):
                 self._bank.refresh(station)
         return super().report()
 
-    def _take_in_all(self, arrivals: Arrivals, count: int, now_us: int) -> bool:
-        """Take in datagrams; return whether all were for the bank."""
-        number, all_usual = 0, True
+    def _take_in_all(self, arrivals: Arrivals, count: int, now_us: int) -> None:
+        number = 0
         while (number := self._bank.take_in(arrivals, number, count, now_us)) < count:
             data = arrivals.data[number, : arrivals.lengths[number]].tobytes()
             self._take_in(data, self._addresses.address(arrivals.addresses[number]), now_us)
-            number, all_usual = number + 1, False
-        return all_usual
+            number += 1
+            self._is_quiet = False
 
     def _answer_all(self, now_us: int) -> None:
         self._bank.answer(now_us)

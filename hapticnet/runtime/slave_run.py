@@ -59,10 +59,7 @@ class SlaveRunner:
         loop = asyncio.get_running_loop()
         await self._watchers.start()
         self._alarm = Alarm(loop, self._ring)
-        if isinstance(self.node, CompiledSlaveNode):
-            self._port: UdpPort = BatchPort(loop, self._sock, self._receive_arrivals, channel=self._channel)
-        else:
-            self._port = UdpPort(loop, self._sock, self._receive, channel=self._channel)
+        self._port = self._open_port(loop)
         if self._exchange is not None:
             self._exchange.start(loop, self._receive_passed_on)
         if self._overload is not None:
@@ -83,8 +80,6 @@ class SlaveRunner:
 
     def flush(self) -> None:
         """Send what the node has to send and report its events; call this after changing something at the node."""
-        if isinstance(self.node, CompiledSlaveNode) and isinstance(self._port, BatchPort) and self._channel is None:
-            self._port.send_departures(self.node.departures())
         for data, address in self.node.datagrams_to_send():
             self._port.send(data, address)
         if self._exchange is not None:
@@ -93,21 +88,12 @@ class SlaveRunner:
         while (event := self.node.next_event()) is not None:
             self._watchers.note(event, now_us())
 
+    def _open_port(self, loop: asyncio.AbstractEventLoop) -> UdpPort:
+        return UdpPort(loop, self._sock, self._receive, channel=self._channel)
+
     def _receive(self, batch: list[tuple[bytes, SocketAddress]], now: int) -> None:
         self.node.receive_datagrams(batch, now)
         self._answer(now)
-
-    def _receive_arrivals(self, arrivals: Arrivals, count: int, now: int) -> None:
-        node, port = self.node, self._port
-        assert isinstance(node, CompiledSlaveNode)  # noqa: S101 - for the type checker
-        assert isinstance(port, BatchPort)  # noqa: S101 - for the type checker
-        is_served = node.receive_arrivals(arrivals, count, now)
-        if not is_served or self._channel is not None or self._watchers.observers:
-            self._answer(now)
-            return
-        port.send_departures(node.departures())
-        if node.follows:
-            self._alarm.set(node.next_timer_us())
 
     def _answer(self, now: int) -> None:
         self.flush()
@@ -124,6 +110,39 @@ class SlaveRunner:
         now = now_us()
         self.node.tick(now)
         self._answer(now)
+
+
+class CompiledSlaveRunner(SlaveRunner):
+    """A slave with a bank at work: datagrams go in and out as arrays."""
+
+    node: CompiledSlaveNode
+    _port: BatchPort
+
+    def flush(self) -> None:
+        """Send what the node has to send; as `SlaveRunner.flush`."""
+        if self._channel is None:  # else they go with all others through the channel
+            self._port.send_departures(self.node.departures())
+        super().flush()
+
+    def _open_port(self, loop: asyncio.AbstractEventLoop) -> UdpPort:
+        return BatchPort(loop, self._sock, self._receive_arrivals, channel=self._channel)
+
+    def _receive_arrivals(self, arrivals: Arrivals, count: int, now: int) -> None:
+        self.node.receive_arrivals(arrivals, count, now)
+        self._answer(now)
+
+    def _answer(self, now: int) -> None:
+        if not self.node.is_quiet or self._channel is not None or self._watchers.observers:
+            super()._answer(now)
+            return
+        # The common case, kept short: the bank has served everything.
+        self._port.send_departures(self.node.departures())
+        if self.node.follows:
+            self._alarm.set(self.node.next_timer_us())
+
+    def _ring(self) -> None:
+        super()._ring()
+        self._alarm.set(self.node.next_timer_us())  # also if the alarm was early
 
 
 async def run_slave(
@@ -146,9 +165,8 @@ async def run_slave(
     left to the host program. `on_listening` is called when datagrams and signals are answered.
     """
     loop = asyncio.get_running_loop()
-    runner = SlaveRunner(
-        node, sock, channel=channel, exchange=exchange, watchers=watchers, overload=overload, tell=tell
-    )
+    make = CompiledSlaveRunner if isinstance(node, CompiledSlaveNode) else SlaveRunner
+    runner = make(node, sock, channel=channel, exchange=exchange, watchers=watchers, overload=overload, tell=tell)
     await runner.start()
 
     def hang_up() -> None:
