@@ -126,7 +126,7 @@ def test_a_worker_that_is_stuck_is_killed_and_the_other_goes_on_serving(start, s
     stuck, other = workers_of(server)
     os.kill(stuck, signal.SIGSTOP)
     server.wait_for("worker 0 has been stuck for 10 s and is killed")
-    server.wait_for(r"worker 0 ended \(SIGKILL\) with 1 sessions; it is started again")
+    server.wait_for(r"worker 0 ended \(SIGKILL\) with 1 session; it is started again")
     server.wait_for("joined from", count=3)
     assert other in workers_of(server)
     assert server.end() == 0

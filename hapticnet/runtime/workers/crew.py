@@ -193,14 +193,15 @@ class Crew:
             worker.life = Life(self._module, [*own, *(box.fileno() for box in self._outboxes)], self._on_line)
             began_s = loop.time()
             code = await worker.life.run(self._set_up | {"worker": worker.number}, self._changed.set)
+            lost = self._table.sessions_of(worker.number)
             self._table.clear(worker.number)
             if await self._stops_within(CLEAN_END_S if code == 0 else 0.0):
                 return
             quick = quick + 1 if loop.time() - began_s < QUICK_S else 1
-            if not self._goes_on(worker, worker.life, how(code), quick):
+            if not self._goes_on(worker, worker.life, how(code), lost, quick):
                 self._changed.set()
                 return
-            worker.ended.append((how(code), worker.news))
+            worker.ended.append((how(code), worker.news | {"masters": lost}))
             worker.life = None
             if not await self._stops_within(FIRST_PAUSE_S * 2 ** (quick - 1)):
                 # What arrived in between is stale, and masters ask again.
@@ -214,7 +215,7 @@ class Crew:
                 await asyncio.wait_for(self._stopping.wait(), seconds)
         return self._stopping.is_set()
 
-    def _goes_on(self, worker: Worker, life: Life, end: str, quick: int) -> bool:
+    def _goes_on(self, worker: Worker, life: Life, end: str, lost: int, quick: int) -> bool:
         """Return whether a worker that has ended is to be started again."""
         if life.failure is not None and not worker.ended:  # it has never served: an option is wrong
             error = ERRORS.get(life.failure["exit_code"], HapticnetError)
@@ -225,8 +226,8 @@ class Crew:
                 f"worker {worker.number} ended {quick} times within {QUICK_S:g} s of its start; the last time: {reason}"
             )
         else:
-            lost = worker.news.get("masters", 0)
-            self._tell(f"worker {worker.number} ended ({end}) with {lost} sessions; it is started again")
+            sessions = f"{lost} session{'s' * (lost != 1)}"
+            self._tell(f"worker {worker.number} ended ({end}) with {sessions}; it is started again")
         return self._failure is None
 
 

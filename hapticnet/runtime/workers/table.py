@@ -58,6 +58,10 @@ class Table:
         digest = blake2s(repr(parts).encode(), key=self._secret, digest_size=8, person=b"table").digest()
         return int.from_bytes(digest, "big")
 
+    def sessions_of(self, worker: int) -> int:
+        """Return how many seats the sessions of a worker have, at this moment."""
+        return int(np.count_nonzero(self.rows["taken"][worker]))
+
     def clear(self, worker: int) -> None:
         """Forget the sessions of a worker that has ended."""
         self.workers[worker] = 0
