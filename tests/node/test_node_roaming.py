@@ -21,8 +21,7 @@ class Moving(Loopback):
 
     address = HERE
 
-    def _exchange(self):
-        now_us = self.now_us
+    def _exchange(self, now_us):
         self.slave.tick(now_us)
         busy = True
         while busy:
@@ -37,6 +36,7 @@ class Moving(Loopback):
                 if address == self.address:
                     self.master.receive_datagram(datagram, now_us)
                     busy = True
+        return self.slave.next_timer_us()
 
 
 def moving(loopback, sealed, network="delay=10ms"):
