@@ -98,12 +98,16 @@ class Feedback:
         session = self._session
         try:
             due = session.repair_is_due(now_us, force_n)
-            if self.on_model:
-                # A model is repeated until it has arrived. It then goes on by itself, and is only confirmed.
-                due = due or session.keepalive_is_due(now_us)
-            if due and not (self.on_model and session.in_step):
-                self.encoder.refresh()
-            self._renew(sample.t_us, now_us)
+            if self._announcing is None:
+                if due:
+                    self.encoder.refresh()
+            else:
+                if self.on_model:
+                    # A model is repeated until it has arrived. It then goes on by itself, and is only confirmed.
+                    due = due or session.keepalive_is_due(now_us)
+                if due and not (self.on_model and session.in_step):
+                    self.encoder.refresh()
+                self._renew(self._announcing, sample.t_us, now_us)
             payload = self._encode(sample, force_n)
         except Exception as error:
             raise SceneFailedError(f"the force cannot be encoded: {in_words(error)}") from error
@@ -134,20 +138,20 @@ class Feedback:
         """Return what became of the announcements, for JSON; None if nothing is announced."""
         return None if self._announcing is None else self._announcing.encoder.account.report()
 
-    def _renew(self, t_us: int, now_us: int) -> None:
+    def _renew(self, announcing: Announcing, t_us: int, now_us: int) -> None:
         """Send the model again after positions were missed, if its force depends on the way of the tool.
 
         The master's model has gone that way, this one has not: at rest, nothing else would bring them together.
         """
         before_us, self._t_us = self._t_us, t_us
         self._missed = self._missed or (before_us is not None and t_us - before_us > self._longest_us)
-        if not self._missed or self._announcing is None:
+        if not self._missed:
             return
-        if not self._announcing.encoder.rubs:
+        if not announcing.encoder.rubs:
             self._missed = False
         elif self._renewed_us is None or not 0 <= now_us - self._renewed_us < RENEW_US:
             self._missed, self._renewed_us = False, now_us
-            self._announcing.encoder.renew()
+            announcing.encoder.renew()
 
     def _encode(self, sample: PositionSample, force_n: Vector) -> bytes | None:
         payload = self.encoder.encode(sample.t_us, force_n, sample.position_m)
@@ -159,6 +163,8 @@ class Feedback:
         return payload
 
     def _keepalive_is_due(self, force_n: Vector, now_us: int) -> bool:
+        if self._session.spoke_lately(now_us):
+            return False
         # What follows the position may make a force before the next answer: confirm it while there is none, too.
         follows = self.on_model or self._codec.needs_position
         felt_n = math.inf if follows else max(magnitude(force_n), magnitude(self.held_n))

@@ -2,7 +2,7 @@
 
 from collections.abc import Hashable
 from dataclasses import asdict
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, TypeAlias
 
 from hapticnet.codec.base import Codec
 from hapticnet.codec.positions.lines import unpack_line
@@ -26,14 +26,8 @@ MOST_HEIRS: Final = 16
 """Sessions that are to continue one that are remembered: a master whose link is bad may need several tries."""
 
 
-class _Answered(NamedTuple):
-    """An answer that is not accounted for yet: position, force, payload of the FORCE if any, datagram, and when."""
-
-    sample: PositionSample
-    force_n: Vector
-    payload: bytes | None
-    datagram: bytes | None
-    now_us: int
+_Answered: TypeAlias = tuple[PositionSample, Vector, bytes | None, bytes | None, int]
+"""An answer that is not accounted for yet: position, force, payload of the FORCE if any, datagram, and when [µs]."""
 
 
 class Station:
@@ -266,7 +260,7 @@ class Station:
         self.steps += 1
         payload, datagram = self.feedback.answer(sample, force_n, now_us)
         self._stepped_us = now_us
-        self._answered = _Answered(sample, force_n, payload, datagram, now_us)
+        self._answered = sample, force_n, payload, datagram, now_us
         return datagram
 
     def settle(self) -> None:

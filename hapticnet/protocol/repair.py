@@ -252,6 +252,10 @@ class Repair:
             return True
         return False
 
+    def spoke_lately(self, now_us: int) -> bool:
+        """Return whether `keepalive_is_due` is False whatever is felt."""
+        return 0 <= now_us - self._spoke_us < self.keepalive_us
+
     def keepalive_is_due(self, now_us: int, *, idle: bool = False) -> bool:
         """Return whether nothing was sent for the longest silence; `idle`: while no force is felt."""
         silent_us = now_us - self._spoke_us
