@@ -138,9 +138,11 @@ def records(measured, folder):
         "floods",
         "fuzz",
         "real_time",
+        "round_trip",
         "scene_accuracy",
         "scene_cost",
         "sessions",
+        "tables",
         "virtual_time",
     ):
         measured(name)
