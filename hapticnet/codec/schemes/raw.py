@@ -5,7 +5,6 @@ from typing import Any, ClassVar
 
 from hapticnet.codec.payload.values import (
     COUNT_BYTES,
-    SINGLE,
     SINGLE_BYTES,
     ValueForm,
     ValueRule,
@@ -15,9 +14,9 @@ from hapticnet.codec.payload.values import (
     value_bytes,
 )
 from hapticnet.codec.steps import ZERO_ORDER_HOLD, MakeTable, Steps
-from hapticnet.codec.streams import Scheme, StepEncoder, refuse_axes
+from hapticnet.codec.streams import Scheme
 from hapticnet.perception import WeberLaw
-from hapticnet.samples import Vector, checked_vector
+from hapticnet.samples import Vector
 from hapticnet.vectors import single
 
 
@@ -39,22 +38,6 @@ def send(rule: ValueRule, sender: None, t_us: int, x: Vector, past: Any) -> tupl
 
 def refreshed(sender: None) -> None:
     """Return the state: the next stimulus is sent anyway."""
-
-
-class EveryEncoder(StepEncoder):
-    """Encoder without counts: as the steps above in one, because every position takes it."""
-
-    __slots__ = ("_pack_single",)
-
-    def __init__(self, scheme: Scheme, axes: int) -> None:
-        super().__init__(scheme, axes)
-        self._pack_single = SINGLE[axes].pack
-
-    def encode(self, t_us: int, stimulus: Vector, position: Vector | None = None) -> bytes:  # noqa: ARG002
-        """Return the payload to transmit."""
-        if len(stimulus) != self._axes:
-            refuse_axes(stimulus, self._axes, "stimulus")
-        return self._pack_single(*checked_vector(stimulus, "stimulus"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,10 +71,6 @@ class Raw(Scheme):
     def rule(self, axes: int, table: MakeTable) -> ValueRule:  # noqa: ARG002
         """Return the step of counts; the law plays no part."""
         return ValueRule(0.0, 0.0, self.step_n)
-
-    def encoder(self, axes: int) -> StepEncoder:
-        """Return a new encoder for stimuli of 1 to 3 axes."""
-        return Scheme.encoder(self, axes) if self.step_n else EveryEncoder(self, axes)
 
     def form(self, axes: int) -> ValueForm:
         """Return the form of its messages."""
