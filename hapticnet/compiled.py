@@ -42,11 +42,11 @@ class Foreign:
     Parameters
     ----------
     name
-        What machine code calls it, in this process and in the cache. No other library may have a function of this name.
+        Name of the symbol in machine code, in this process and in the cache. No other library may have it.
     arguments
         One letter for each: ``p`` for a pointer, given as its address, and ``i`` for an int.
     address
-        Where it is in this process.
+        Its address in this process.
     call
         The same function for Python.
     """

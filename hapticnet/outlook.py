@@ -8,6 +8,10 @@ LONGEST_SILENCE_US: Final = 100_000
 """Longest time [µs] between two positions of a master that sends them only when they matter."""
 
 
+SOFTEST_COVERED: Final = 0.6
+"""An outlook stands for another one that is softer by up to this factor; a much softer one is worth sending."""
+
+
 class Outlook(NamedTuple):
     """A box of positions, and how much the force may change within it.
 
@@ -48,13 +52,13 @@ class Outlook(NamedTuple):
         )
 
     def covers(self, newer: "Outlook", position_m: Vector) -> bool:
-        """Tell whether whoever knows this outlook needs not be told a newer one, with the tool at a position."""
+        """Tell whether a master that has this outlook needs no newer one, with the tool at a position [m]."""
         if newer is self:
             return True
-        # What it says must still be true here. A much softer outlook is worth telling, too.
+        # What it says must still be true here.
         return (
             self.contains(position_m)
-            and 0.6 * self.stiffness_n_per_m <= newer.stiffness_n_per_m <= self.stiffness_n_per_m
+            and SOFTEST_COVERED * self.stiffness_n_per_m <= newer.stiffness_n_per_m <= self.stiffness_n_per_m
             and newer.damping_n_s_per_m <= self.damping_n_s_per_m
             and all(mine >= theirs for mine, theirs in zip(self.low_m, newer.low_m, strict=True))
             and all(mine <= theirs for mine, theirs in zip(self.high_m, newer.high_m, strict=True))

@@ -35,7 +35,7 @@ def fits_row(codec: Codec) -> bool:
 
 
 def update(row: Any, force_n: float) -> int:
-    """Return the form of the update that a force takes (bytes of its payload), 0 for none; the master then holds it."""
+    """Return the form of the update for a force [N] (bytes of its payload), 0 for none; the master then holds it."""
     rule = ValueRule(row.weber, row.floor, row.count_step)
     if row.sends_all:
         message, _ = send_raw(rule, None, 0, (force_n,), None)
@@ -56,7 +56,7 @@ def update(row: Any, force_n: float) -> int:
 
 
 def refresh(row: Any) -> None:
-    """Make the next force a transmitted one."""
+    """Let the next force be transmitted, whatever it is."""
     row.threshold_n = EMPTY
     row.silent_low_n, row.silent_high_n = math.inf, -math.inf
 

@@ -6,21 +6,21 @@ from itertools import count
 from typing import Final, Generic, TypeVar
 
 SLACK: Final = 64
-"""Entries that are out of date and may stay in a heap, beside one for each that is in use."""
+"""A heap is rebuilt when it has this many entries more than twice the number of items."""
 
 T = TypeVar("T", bound=Hashable)
 
 
 class Alarms(Generic[T]):
-    """Tell which of many things are due, without a look at the others.
+    """Tell which of many items are due, without looking at the others.
 
-    A heap holds one time for each that is never later than its true time. A time that moves later is put right only
+    A heap holds a time for each item that is never later than its true time. A time that moves later is corrected only
     when it comes to the top; one that moves earlier must be noted.
 
     Parameters
     ----------
     when
-        Returns the true time of one [µs], now; None if it has none.
+        Returns the present true time of an item [µs]; None if it has none.
     """
 
     def __init__(self, when: Callable[[T], int | None]) -> None:
@@ -30,7 +30,7 @@ class Alarms(Generic[T]):
         self._numbers = count()  # so that two of the same time are not compared
 
     def note(self, item: T) -> None:
-        """Take in that the time of one may be earlier than before, or that it is new."""
+        """Note that the time of an item may be earlier than before, or that the item is new."""
         time_us = self._when(item)
         if time_us is None:
             return
@@ -42,17 +42,17 @@ class Alarms(Generic[T]):
                 self._rebuild()
 
     def forget(self, item: T) -> None:
-        """Take in that one is gone."""
+        """Remove an item."""
         self._set_us.pop(item, None)
 
     def note_all(self, items: Iterable[T]) -> None:
-        """Begin again with the true times of all."""
+        """Replace all items, with their true times."""
         times = ((item, self._when(item)) for item in items)
         self._set_us = {item: time_us for item, time_us in times if time_us is not None}
         self._rebuild()
 
     def due(self, now_us: int) -> list[T]:
-        """Return all whose time has come, in no order. Those that stay must be noted again."""
+        """Remove and return all items that are due, in no order."""
         found = []
         while self._heap and self._heap[0][0] <= now_us:
             if self._put_right():
@@ -69,13 +69,13 @@ class Alarms(Generic[T]):
         return None
 
     def not_before_us(self) -> int | None:
-        """Return a time [µs] before which none is due, at less cost than `earliest_us`; None if there is none."""
+        """Return a time [µs] before which no item is due, at less cost than `earliest_us`; None without items."""
         while self._heap and self._set_us.get(self._heap[0][2]) != self._heap[0][0]:
             heappop(self._heap)
         return self._heap[0][0] if self._heap else None
 
     def _put_right(self) -> bool:
-        """Return whether the time on top is true; if not, it is not on top any more."""
+        """Return whether the time on top is true; if it is not, correct or remove it."""
         set_us, _, item = self._heap[0]
         if self._set_us.get(item) != set_us:
             heappop(self._heap)

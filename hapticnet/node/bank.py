@@ -51,6 +51,10 @@ class Bank:
     ----------
     most
         Sessions at once.
+    repair
+        How lost updates are repaired; the same for all sessions.
+    addresses
+        Turns the addresses of stations into words and back.
     is_compiled
         Whether the passes are compiled (the ``fast`` extra); else the same functions run as plain Python.
 
@@ -93,7 +97,7 @@ class Bank:
         return station.row is not None
 
     def take_in(self, arrivals: Arrivals, first: int, count: int, now_us: int) -> int:
-        """Take in datagrams until one that is not usual; return its number, or `count`."""
+        """Take in datagrams from number `first` until one that is not usual; return its number, or `count`."""
         return int(self._take_in(self._tables, arrivals, first, count, self._repair, now_us))
 
     def answer(self, now_us: int) -> None:
@@ -102,7 +106,7 @@ class Bank:
             self._answer(self._tables, self.departures, self._repair, now_us)
 
     def step_between(self, now_us: int) -> list[Station]:
-        """Step the scenes whose positions are few; return the stations that Python must step this time."""
+        """Step scenes between positions that are few; return the stations that Python must step this time."""
         tables = self._tables
         if not tables.followers[0]:
             return []
@@ -157,7 +161,7 @@ class Bank:
             self._seals[station.row].load(station.session.seal, self._tables.seals[station.row])
 
     def refresh_accounts(self) -> None:
-        """Bring what the stations have counted up to date, and nothing else: a thousand take a millisecond."""
+        """Bring only the accounts of the stations up to date: for a thousand this takes a millisecond."""
         stations = [station for station in self._stations if station is not None]
         used = [station.row for station in stations]
         columns = [self._tables.rows[name][used].tolist() for name in ACCOUNT]
@@ -177,7 +181,7 @@ class Bank:
         numbers[place], self._tables.places[place] = number, at
 
     def _unindex(self, number: int) -> None:
-        """Remove a number, and put those after it where a search finds them without a gap."""
+        """Remove a number, and move those after it up: a search stops at a gap."""
         numbers, places = self._tables.numbers, self._tables.places
         mask = len(numbers) - 1
         place = place_of_number(number, mask)

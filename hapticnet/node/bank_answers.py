@@ -23,10 +23,10 @@ from hapticnet.protocol.repair_steps import RepairNumbers, keepalive_is_due, not
 from hapticnet.protocol.seal_steps import seal_body
 from hapticnet.protocol.serial_number import wrap
 from hapticnet.protocol.session_steps import count_sent
-from hapticnet.protocol.wire import SEALED
+from hapticnet.protocol.wire import SEALED, Kind
 
-FORCE: Final = 5
-KEEPALIVE: Final = 6
+FORCE: Final = int(Kind.FORCE)
+KEEPALIVE: Final = int(Kind.KEEPALIVE)
 
 
 def reply(
@@ -39,7 +39,10 @@ def reply(
     settings: RepairNumbers,
     now_us: int,
 ) -> None:
-    """Send what a force takes, and account for it; see `Feedback.answer` and `Station.settle`."""
+    """Send the update or keepalive that a force needs, if any, and account for it.
+
+    See `Feedback.answer` and `Station.settle`.
+    """
     row = tables.rows[at]
     if row.follows:
         row.answered_us = max(t_us, row.answered_us)
@@ -104,7 +107,7 @@ def depart(tables: Tables, at: int, kind: int, t_us: int, form: int, departures:
 
 
 def write_value(out: Bytes, at: int, row: Any, form: int, scratch: Scratch) -> int:
-    """Write the payload of what the master is to hold; return where it ends. See `ValueForm.pack`."""
+    """Write the payload of the force that the master is to hold; return where it ends. See `ValueForm.pack`."""
     if form == COUNT_BYTES:
         return write_short(out, at, count_of(row))
     if form == SINGLE_BYTES:

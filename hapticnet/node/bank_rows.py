@@ -1,4 +1,4 @@
-"""A station as a row of numbers: which stations fit, what a row consists of, and the way in and out."""
+"""A station as a row of numbers: which stations fit, what a row consists of, and copying in both directions."""
 
 from collections.abc import Sequence
 from typing import Any, Final
@@ -37,7 +37,7 @@ def can_fit(station: Station) -> bool:
 
 
 def fits_now(station: Station) -> bool:
-    """Tell whether a station that can fit is between two positions, and has answered one."""
+    """Tell whether a station that can fit is between two positions, and has answered one already."""
     return (
         station.seated
         and station.session.state is SlaveState.OPEN

@@ -40,6 +40,7 @@ from hapticnet.scene.springs import feel
 
 POSITION_BYTES: Final = 4
 LINE_BYTES: Final = 6
+"""Sizes of the payload of a POSITION: position, or position and velocity (`codec.positions.lines`)."""
 
 NOT_USUAL, DROPPED, POSITION = range(3)
 

@@ -31,7 +31,7 @@ BANK_FIELDS: Final[list[Any]] = [
     ("codec_jnd_floor_n", np.float64),
     ("idle_below_n", np.float64),
 ]
-"""Fields of a row that belong to no other room: a station's position to answer, its account, and its error."""
+"""Fields of a row for the station itself: the position to answer, its account, and its error."""
 
 Words = npt.NDArray[np.uint32]
 
@@ -73,7 +73,9 @@ class Tables(NamedTuple):
     opened
         Space for the body of a datagram.
     next_us
-        When a scene is next due to be stepped between positions, NEVER for none; shape (1,).
+        When a scene is next due to be stepped between positions [µs], NEVER for none; shape (1,).
+    scratch
+        Space to convert floats.
     """
 
     rows: Any

@@ -20,10 +20,9 @@ SHORTEST_TICK_US: Final = 400
 """Shortest time between two ticks that step scenes between positions: many sessions share one, and each step is late by
 less than half a sample of 1 kHz."""
 
-
 SHORTEST_STAY_US: Final = 1_000_000
-"""A session that leaves the bank sooner than this stays outside for a while: going in and out costs as much as serving
-several positions."""
+"""A session that leaves the bank sooner than this stays outside for a while: moving it costs as much as several
+positions."""
 
 FIRST_WAIT_US: Final = 20_000
 LONGEST_WAIT_US: Final = 10_000_000
@@ -49,9 +48,9 @@ class CompiledSlaveNode(SlaveNode):
         self._addresses = addresses
         self._bank = Bank(session.most_sessions, session.repair, addresses, is_compiled=is_compiled)
         self._arrivals = make_arrivals(MOST_AT_ONCE)
-        self._in_python: set[Station] = set()  # what was touched since the last `settle`
+        self._in_python: set[Station] = set()  # stations that Python has served since the last `settle`
         self._since_us: dict[Station, int] = {}  # when each went into the bank
-        self._waits: dict[Station, tuple[int, int]] = {}  # until when each stays outside, and for how long
+        self._waits: dict[Station, tuple[int, int]] = {}  # until when each stays outside, and for how long in all
         self._ticked_us = self._now_us = 0
         self._is_quiet = True
 

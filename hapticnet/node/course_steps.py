@@ -10,7 +10,8 @@ import numpy as np
 from hapticnet.codec.positions.lines import PromisedLine
 from hapticnet.codec.positions.outlooks import STIFFEST
 from hapticnet.node.course import GRACE, RELAXATION, Course
-from hapticnet.outlook import LONGEST_SILENCE_US, Outlook
+from hapticnet.outlook import LONGEST_SILENCE_US, SOFTEST_COVERED, Outlook
+from hapticnet.protocol.frames import NONE
 from hapticnet.samples import LARGEST_COMPONENT
 from hapticnet.scene.springs import feel, look
 
@@ -35,7 +36,7 @@ LONGEST_US: Final = int(GRACE * LONGEST_SILENCE_US)
 """How long a line is followed [µs]."""
 
 NEVER: Final = -(1 << 62)
-"""A time that is none."""
+"""Stands for a time that never comes."""
 
 
 def take_in_line(row: Any, t_us: int, x_m: float, speed_m_per_s: float, now_us: int) -> None:
@@ -101,7 +102,7 @@ def step_and_look(row: Any, x_m: float) -> float:
     if sees:
         row.box_stiffness, row.box_low_m, row.box_high_m = stiffness, low_m, high_m
     row.is_told = True
-    row.telling, row.told_since = True, -1
+    row.telling, row.told_since = True, NONE
     return force_n
 
 
@@ -109,7 +110,7 @@ def covers(row: Any, stiffness: float, low_m: float, high_m: float, x_m: float) 
     """See `Outlook.covers`."""
     return bool(
         row.box_low_m <= x_m <= row.box_high_m
-        and 0.6 * row.box_stiffness <= stiffness <= row.box_stiffness
+        and SOFTEST_COVERED * row.box_stiffness <= stiffness <= row.box_stiffness
         and row.box_low_m >= low_m
         and row.box_high_m <= high_m
     )

@@ -1,8 +1,7 @@
-"""What a slave that shares its address with others, its fellow workers, needs of them. Alone, it needs nothing.
+"""What a slave that shares its address with other workers needs from them.
 
-A HELLO may arrive at any worker, and its sender has to prove its address there. Then it passes two others, which may be
-the same: the desk of its host, which counts the host's requests and reads this one, and the worker whose session it
-becomes.
+A HELLO may arrive at any worker, which checks the address of its sender. Up to two other workers follow: the desk of
+its host, which counts the requests of that host and reads this one, and the worker that gets the session.
 """
 
 from collections.abc import Hashable

@@ -34,7 +34,7 @@ class Reception:
     doors
         How to read the HELLOs of each version that is served.
     secret
-        What cookies are made of, if others must accept them too.
+        Makes the cookies, if other workers must accept them too; None for a random one.
 
     Attributes
     ----------

@@ -1,7 +1,7 @@
 """Who has a place at a slave, and who gives way when there are none left.
 
-Every question here is asked for strangers, too, so no answer may take longer because there are many sessions. The
-tables therefore hold the sessions by all that is asked for.
+Strangers, too, cause each of these questions, so no answer may take longer because there are many sessions. Therefore
+there is an index for each question.
 """
 
 from collections.abc import Collection, Hashable, Iterable
@@ -65,13 +65,13 @@ class Seats:
         return len(self.by_number)
 
     def see(self, now_us: int) -> None:
-        """Take in the time."""
+        """Note the time [µs], and whether the clock went back."""
         if now_us < self._now_us:
             self._went_back = True
         self._now_us = now_us
 
     def add(self, station: Station) -> None:
-        """Take in a half-open session."""
+        """Add a half-open session."""
         self._came += 1
         self._order[station] = self._came
         self.by_number[station.session.number] = station
@@ -111,7 +111,7 @@ class Seats:
         self._silence.note(station.identity)
 
     def note_tickets(self, station: Station) -> None:
-        """Take in whose tickets continue an open session: `Station.tickets` has changed."""
+        """Note the tickets that continue an open session, after `Station.tickets` has changed."""
         for ticket in self._tickets.get(station, ()):
             _discard(self._ticketed, ticket, station)
         self._tickets[station] = station.tickets
@@ -142,7 +142,7 @@ class Seats:
 
         A session whose master is silent gives way to another one of the same identity that holds all its places, or,
         when all places are taken, to an identity that holds fewer: first a session of the identity that holds most, and
-        of these the one that has been silent for longest. So whoever takes many places cannot shut out the others.
+        of these the one that has been silent for longest. So an identity with many places cannot shut out the others.
 
         Parameters
         ----------

@@ -12,11 +12,11 @@ Group: TypeAlias = dict[Station, int]
 
 
 class Silence:
-    """Find the session that gives way, without a look at those that work.
+    """Find the session that gives way, without looking at those that are active.
 
     For each identity, a heap holds its sessions by when they were last heard of, or earlier. For each number of
-    sessions that an identity may hold, a heap holds the identities by the first entry of theirs. Entries are put right
-    when they come to the top and would count as silent, so a session that works is looked at once in that time.
+    sessions that an identity may hold, a heap holds the identities by the first entries of their heaps. An entry is
+    corrected when it comes to the top and would count as silent, so an active session is looked at once in that time.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class Silence:
         self._level_of: dict[Hashable, int] = {}
 
     def note(self, identity: Hashable, newcomer: Station | None = None) -> None:
-        """Take in that an identity holds one session more, or one less."""
+        """Note that an identity has got or lost a session."""
         group = self._held.get(identity, {})
         self._leave(identity)
         if not group:
@@ -46,7 +46,7 @@ class Silence:
         self._enter(identity)
 
     def sort_again(self) -> None:
-        """Take in that sessions may have been heard of earlier than before: a clock went back."""
+        """Rebuild all heaps after a clock went back: sessions may have been heard of earlier than noted."""
         for identity in self._held:
             self._leave(identity)
             self._sort(identity)
@@ -83,7 +83,7 @@ class Silence:
         return None
 
     def _first(self, identity: Hashable, before_us: int) -> tuple[int, int, Station]:
-        """Return the session that an identity's heap has on top; put right those that would count as silent."""
+        """Return the entry on top of an identity's heap; correct those that would count as silent."""
         heap, group = self._sessions[identity], self._held[identity]
         while True:
             heard_us, order, station = heap[0]

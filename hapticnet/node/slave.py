@@ -345,7 +345,7 @@ class SlaveNode:
         self._forget(station, Trigger.CLOSE, f"the slave closed: {reason}")
 
     def _at_hand(self, station: Station) -> None:
-        """Bring a station up to date that something else than this node may have served."""
+        """Bring a station up to date before it is used; here it always is."""
 
     def _forget(self, station: Station, trigger: Trigger, reason: str) -> None:
         self._at_hand(station)

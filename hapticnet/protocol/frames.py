@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from hapticnet.arrays import FloatArray
 from hapticnet.protocol.loss import REPORT_STEPS
+from hapticnet.protocol.wire import Kind
 
 Bytes = npt.NDArray[np.uint8]
 
@@ -30,12 +31,14 @@ UINT16: Final = 0xCD
 UINT32: Final = 0xCE
 ARRAY: Final = 0x90
 FRAME_ELEMENTS: Final = 5
-POSITION_KIND: Final = 4
+POSITION_KIND: Final = int(Kind.POSITION)
 SESSION_AT: Final = 4
+"""Where the four bytes of the session number begin: numbers are at least 2¹⁶ (docs/protocol.md)."""
+
 SEQUENCE_AT: Final = 8
 
 NONE: Final = -1
-"""A number of the protocol that is not there."""
+"""Stands for a number that is missing, where Python has None."""
 
 
 class Frame(NamedTuple):
@@ -61,7 +64,7 @@ class PositionBody(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Floats beside their bytes, to turn one into the other."""
+    """Floats and the bytes of the same memory, to convert one into the other."""
 
     single: npt.NDArray[np.float32]
     single_bytes: Bytes
@@ -70,13 +73,13 @@ class Scratch(NamedTuple):
 
 
 def make_scratch() -> Scratch:
-    """Return a scratch."""
+    """Return new space for conversions."""
     single, double = np.zeros(1, np.float32), np.zeros(1)
     return Scratch(single, single.view(np.uint8), double, double.view(np.uint8))
 
 
 def byte(value: Any) -> int:
-    """Return a byte as a signed number, with which compiled code can reckon."""
+    """Return a byte as a number of 64 bits: a shift of a uint8 would overflow."""
     number: int = np.int64(value)  # type: ignore[assignment]
     return number
 

@@ -34,10 +34,10 @@ class Context:
         library = _library()
         address = library.EVP_CIPHER_CTX_new() if library else None
         if library is None or address is None:
-            raise UnavailableError("there is no OpenSSL 3 that compiled functions could use")
+            raise UnavailableError("no OpenSSL 3 was found that compiled functions can use")
         self.address: int = address
-        """Where it is; not to be used after `free`."""
-        # It is called once, by `free` or with the last reference. A process that ends does not need it.
+        """Address of the EVP_CIPHER_CTX; not to be used after `free`."""
+        # Called once, by `free` or when the last reference goes. At the end of the process there is no need to.
         self._free = weakref.finalize(self, library.EVP_CIPHER_CTX_free, address)
         self._free.atexit = False
         self._init = library.EVP_EncryptInit_ex if seals else library.EVP_DecryptInit_ex
@@ -114,7 +114,7 @@ _CALLED: Final = {
 """What compiled functions call, with the letters of `Foreign`. All return 1 if they succeed."""
 
 _fails = ctypes.CFUNCTYPE(ctypes.c_int)(lambda: 0)
-"""Stands for what is missing, so that compiled functions can be loaded. There is no context to call it with."""
+"""Takes the place of missing functions, so that compiled ones can be loaded. Without contexts nothing calls it."""
 
 
 def _foreign(name: str) -> Foreign:

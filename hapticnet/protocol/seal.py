@@ -102,9 +102,12 @@ class Seal:
         return self._sent
 
     def note_sealed(self, sequence: int) -> None:
-        """Note that datagrams up to `sequence` were sealed under `send_key` elsewhere, so that none is sealed again.
+        """Note that datagrams up to `sequence` were sealed under `send_key` elsewhere, so that no number is used again.
 
-        It is ValueError if `sequence` is below one that was noted or sealed before, or belongs to another key.
+        Raises
+        ------
+        ValueError
+            If `sequence` is below one that was noted or sealed before, or belongs to another epoch.
         """
         if sequence == self._sent:
             return

@@ -54,7 +54,7 @@ NONCE: Final = 5
 """First of two columns: 12 bytes of nonce."""
 
 WRITTEN: Final = 7
-"""Column that libcrypto writes lengths to, which are known."""
+"""Column that libcrypto writes lengths to. Nothing reads them: they are known before."""
 
 COLUMNS: Final = 8
 
@@ -171,7 +171,7 @@ def seal_body(
 
 
 def tell(seal: Seal, row: IntArray) -> None:
-    """Tell a `Seal` what its row has sealed, so that it uses no sequence number again."""
+    """Tell a `Seal` what its row has sealed, so that it does not use these sequence numbers again."""
     seal.note_sealed(int(row[SENT]))
 
 

@@ -114,7 +114,7 @@ class BatchPort(UdpPort):
         loop.add_reader(sock.fileno(), self._drain)
 
     def send_departures(self, departures: Departures) -> None:
-        """Send the answers of a bank, and empty them. The arrays must be the same at each call."""
+        """Send the answers of a bank, and set their count to 0. The arrays must be the same at each call."""
         count = int(departures.number[0])
         if not count:
             return
@@ -128,7 +128,7 @@ class BatchPort(UdpPort):
         while first < count:
             at = messages.address + first * _MESSAGE.itemsize
             sent = self._sendmmsg(self._sock.fileno(), at, count - first, 0)
-            if sent <= 0:  # the first one is not accepted; it counts as lost
+            if sent <= 0:  # the system refuses the first one; it counts as lost
                 self.send_errors += 1
                 sent = 1
             first += sent

@@ -1,7 +1,7 @@
 """Scenes of springs that break, over a row of numbers: compiled for the bank (docs/adr/0013).
 
-A scene whose tissues have none of the optional properties has no memory but which layers are pierced, so that a step
-is a loop over its layers. `Scene` avoids that loop; compiled, it costs less than the search it saves.
+A scene whose tissues have none of the optional properties remembers only which layers are pierced, so that a step is a
+loop over its layers. `Scene` avoids that loop by a search; compiled, the loop costs less than the search.
 """
 
 import heapq
@@ -15,7 +15,7 @@ from hapticnet.scene.scene import Scene
 from hapticnet.scene.tissue import Tissue
 
 MOST_TISSUES: Final = 16
-"""Tissues of a scene that fits into a row."""
+"""Most tissues of a scene that fits into a row."""
 
 SPRING_FIELDS: Final[list[Any]] = [
     ("tissues", np.int64),
