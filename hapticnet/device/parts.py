@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 from hapticnet.checks import check_parameter
 from hapticnet.hardware import (
@@ -51,6 +52,11 @@ class Servo:
         check_parameter("servo stall torque", self.stall_nm, 1e-4, 10.0, "N·m")
 
 
+LEAST_STIFFENING: Final = 1e-12
+"""Share below which a finger is a linear spring: the difference is smaller than rounding, and the quotients below would
+overflow at the smallest numbers."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finger:
     """A fingertip pressed by a flat plate: its force grows exponentially with compression.
@@ -82,7 +88,7 @@ class Finger:
         compression_m = displacement_m - self.contact_m
         if compression_m <= 0.0:
             return 0.0
-        if self.stiffening == 0.0:
+        if self.stiffening < LEAST_STIFFENING:
             return self.stiffness_n_m * compression_m
         growth = self.stiffening * self.stiffness_n_m
         return (1.0 - self.stiffening) / self.stiffening * math.expm1(min(growth * compression_m, 50.0))

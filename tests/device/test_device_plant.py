@@ -95,6 +95,12 @@ def test_there_is_no_force_without_contact(displacement_m: float) -> None:
     assert Finger().force_n(displacement_m) == 0.0
 
 
+@pytest.mark.parametrize("stiffening", [5e-324, 1e-310, 1e-13, 1e-12])
+def test_a_finger_that_hardly_stiffens_is_a_linear_spring(stiffening):
+    finger, spring = Finger(stiffening=stiffening), Finger(stiffening=0.0)
+    assert finger.force_n(0.003) == pytest.approx(spring.force_n(0.003), rel=1e-11)
+
+
 def test_the_force_cannot_exceed_the_servos_stall_force() -> None:
     made = plant(dataclasses.replace(QUIET, finger=Finger(stiffness_n_m=1e5)))
     settled_at(made, 0.015, 0)
