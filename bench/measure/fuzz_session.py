@@ -8,6 +8,8 @@ import numpy as np
 from fuzz_datagrams import Fuzz
 
 from hapticnet.node.admission import SlaveSettings
+from hapticnet.node.bank import Interned
+from hapticnet.node.compiled_slave import CompiledSlaveNode
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_events import Failed
 from hapticnet.node.master_settings import MasterSettings
@@ -50,7 +52,7 @@ class Session:
     Parameters
     ----------
     attacked
-        "slave" or "master".
+        "slave", "compiled slave" or "master".
 
     Attributes
     ----------
@@ -70,19 +72,22 @@ class Session:
         self._rng = np.random.default_rng(seed)
         self._now_us = 0
         self._sealed = sealed
-        self._attacks_slave = attacked == "slave"
+        self._attacks_slave = attacked != "master"
         self._keys = [new_key(self._rng) for _ in range(3)]  # of the slave, the master and a stranger
         public = self._keys[0].public
         self._key = MasterKey(self._keys[1], public) if sealed else None
         entry = MasterEntry(name="fuzz", public=self._keys[1].public)
         door: Door = SealedDoor(self._keys[0].private, Roster([entry]), self._rng) if sealed else OpenDoor()
         scene = paper_scene(seed)
-        self._slave = SlaveNode(
-            lambda _: Scene(scene.tissues, name=scene.name),
-            SlaveSettings(),
-            self._rng,
-            doors={SEALED if sealed else OPEN: door},
-            host_of=lambda address: address[0] if isinstance(address, tuple) else address,
+        given = lambda _: Scene(scene.tissues, name=scene.name), SlaveSettings(), self._rng
+        others: dict[str, Any] = {
+            "doors": {SEALED if sealed else OPEN: door},
+            "host_of": lambda address: address[0] if isinstance(address, tuple) else address,
+        }
+        self._slave = (
+            CompiledSlaveNode(*given, **others, addresses=Interned())
+            if attacked == "compiled slave"
+            else SlaveNode(*given, **others)
         )
         self._operator = ScriptedOperator(InsertionSettings(insertions=10), self._rng)
         self._masters = 0
