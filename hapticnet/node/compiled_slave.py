@@ -95,9 +95,10 @@ class CompiledSlaveNode(SlaveNode):
         self._in_python.clear()
 
     def tick(self, now_us: int) -> None:
-        """Step scenes between positions, and forget sessions that have long been silent."""
+        """Forget sessions that have long been silent, and step scenes between positions."""
         self._seats.see(now_us)
         self._ticked_us = self._now_us = now_us
+        self._expire(now_us)  # before the bank steps their scenes
         for station in self._bank.step_between(now_us):
             self._at_hand(station)
             self._is_quiet = False

@@ -131,16 +131,15 @@ class SlaveNode:
         self._to_settle.clear()
 
     def tick(self, now_us: int) -> None:
-        """Step the scenes along the lines that their masters promised; forget sessions that have long been silent.
+        """Forget sessions that have long been silent; step the scenes along the lines that their masters promised.
 
         Send the answers at once, then call `settle`.
         """
         self._seats.see(now_us)
+        self._expire(now_us)
         for station in self._seats.in_order(self._steps.due(now_us)):
             self._answer(station, now_us, station.step_between)
             self._to_settle.append(station)
-        for station in self._seats.expired(now_us):
-            self._forget(station, Trigger.IDLE, "nothing arrived from the master")
 
     def next_timer_us(self) -> int | None:
         """Return when `tick` may have something to do [µs]; None if there is no session."""
@@ -333,6 +332,11 @@ class SlaveNode:
         if datagram.kind is Kind.POSITION or datagram.kind is Kind.CLOSE:
             reset = pack(Kind.RESET, datagram.session, datagram.sequence, b"", datagram.version)
             self._answer_stranger(reset, address)
+
+    def _expire(self, now_us: int) -> None:
+        """Forget sessions that have long been silent."""
+        for station in self._seats.expired(now_us):
+            self._forget(station, Trigger.IDLE, "nothing arrived from the master")
 
     def _answer_stranger(self, data: bytes, address: Address) -> None:
         self.to_strangers.add(unpack(data).kind, len(data))

@@ -163,3 +163,14 @@ def test_a_session_that_is_often_unusual_stays_outside_for_longer_and_longer():
     crowd.run(2_600)
     assert len(twins.banked._bank) == 1
     finish(twins, crowd)
+
+
+def test_a_session_that_expires_is_not_stepped_once_more():
+    twins = Twins(12)
+    crowd = Crowd(twins, 12, masters=MASTERS[4:6], network="delay=4ms")
+    crowd.run(700)
+    before = [each["steps"] for each in twins.plain.report()["sessions"]]
+    twins.tick(crowd.slaves_us + 31_000_000)  # the process was stopped: scenes are due, and so is the end
+    assert twins.plain.session_count == 0
+    assert [each["steps"] for each in twins.plain.report()["sessions"]] == before
+    twins.check_reports()
