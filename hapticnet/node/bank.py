@@ -131,7 +131,8 @@ class Bank:
         self._index(station.session.number, at)
         if station.course is not None:
             _append(self._tables.followers, at)
-            self._tables.next_us[0] = station._stepped_us  # at the next tick, the pass finds out
+            next_us = int(self._tables.next_us[0])  # at the next tick, the pass finds out
+            self._tables.next_us[0] = min(station._stepped_us, next_us if next_us != NEVER else station._stepped_us)
         station.row = at
         station.session.row = row
 

@@ -53,6 +53,7 @@ class CompiledSlaveNode(SlaveNode):
         self._waits: dict[Station, tuple[int, int]] = {}  # until when each stays outside, and for how long in all
         self._ticked_us = self._now_us = 0
         self._is_quiet = True
+        self._older = 0  # datagrams of the outbox that come before the bank's present answers
 
     @property
     def stations(self) -> tuple[Station, ...]:
@@ -62,8 +63,7 @@ class CompiledSlaveNode(SlaveNode):
 
     def receive_datagrams(self, batch: Iterable[tuple[bytes, Address]], now_us: int) -> None:
         """Process what has arrived since the last call; as `SlaveNode.receive_datagrams`."""
-        self._seats.see(now_us)
-        self._now_us = now_us
+        self._see(now_us)
         pieces = list(batch)
         for first in range(0, len(pieces), MOST_AT_ONCE):
             count = 0
@@ -78,8 +78,7 @@ class CompiledSlaveNode(SlaveNode):
 
     def receive_arrivals(self, arrivals: Arrivals, count: int, now_us: int) -> None:
         """Process the first `count` datagrams of `arrivals`; as `receive_datagrams`."""
-        self._seats.see(now_us)
-        self._now_us = now_us
+        self._see(now_us)
         self._take_in_all(arrivals, count, now_us)
         self._answer_all(now_us)
 
@@ -96,9 +95,10 @@ class CompiledSlaveNode(SlaveNode):
 
     def tick(self, now_us: int) -> None:
         """Forget sessions that have long been silent, and step scenes between positions."""
-        self._seats.see(now_us)
-        self._ticked_us = self._now_us = now_us
+        self._see(now_us)
+        self._ticked_us = now_us
         self._expire(now_us)  # before the bank steps their scenes
+        self._make_room()
         for station in self._bank.step_between(now_us):
             self._at_hand(station)
             self._is_quiet = False
@@ -131,18 +131,9 @@ class CompiledSlaveNode(SlaveNode):
 
     def datagrams_to_send(self) -> list[tuple[bytes, Address]]:
         """Return the datagrams to send now, with their destinations."""
-        departures = self._bank.departures
-        if not departures.number[0]:
-            return super().datagrams_to_send()
-        answers: list[tuple[bytes, Address]] = [
-            (
-                departures.data[number, : departures.lengths[number]].tobytes(),
-                self._addresses.address(departures.addresses[number]),
-            )
-            for number in range(int(departures.number[0]))
-        ]
-        departures.number[0] = 0
-        return answers + super().datagrams_to_send()
+        self._make_room()
+        self._older = 0
+        return super().datagrams_to_send()
 
     def report(self) -> dict[str, Any]:
         """Return the account of the sessions for JSON; as `SlaveNode.report`."""
@@ -159,7 +150,29 @@ class CompiledSlaveNode(SlaveNode):
             number += 1
             self._is_quiet = False
 
+    def _see(self, now_us: int) -> None:
+        """Take in the time."""
+        self._seats.see(now_us)
+        self._now_us = now_us
+        self._ticked_us = min(self._ticked_us, now_us)  # a clock that went back must not hold up the next tick
+
+    def _make_room(self) -> None:
+        """Move the answers of the bank to the outbox: there is room for one of each session, and no check."""
+        departures = self._bank.departures
+        if departures.number[0]:
+            self._outbox[self._older : self._older] = [
+                (
+                    departures.data[number, : departures.lengths[number]].tobytes(),
+                    self._addresses.address(departures.addresses[number]),
+                )
+                for number in range(int(departures.number[0]))
+            ]
+            departures.number[0] = 0
+            self._is_quiet = False
+        self._older = len(self._outbox)
+
     def _answer_all(self, now_us: int) -> None:
+        self._make_room()
         self._bank.answer(now_us)
         if self._to_answer:
             self._in_python.update(self._to_answer)

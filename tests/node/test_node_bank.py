@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from hapticnet.node.compiled_slave import SHORTEST_TICK_US
 from hapticnet.protocol import seal, seal_steps
 from hapticnet.protocol.repair import RepairSettings
 from hapticnet.protocol.wire import Kind, pack
@@ -174,3 +175,35 @@ def test_a_session_that_expires_is_not_stepped_once_more():
     assert twins.plain.session_count == 0
     assert [each["steps"] for each in twins.plain.report()["sessions"]] == before
     twins.check_reports()
+
+
+@pytest.mark.parametrize("hours", [-2, 2])
+def test_the_timer_of_a_bank_follows_a_clock_that_jumps(hours):
+    twins = Twins(13)
+    crowd = Crowd(twins, 13, masters=MASTERS[4:6], network="delay=4ms")
+    crowd.run(500)
+    crowd.jump_us += hours * 3_600_000_000
+    twins.plain.next_timer_us = lambda: None  # only the bank asks for ticks
+    crowd.run(300)
+    del twins.plain.next_timer_us
+    assert len(twins.banked._bank) == 4
+    late_us = twins.banked.next_timer_us() - twins.plain.next_timer_us()
+    assert late_us <= SHORTEST_TICK_US
+    finish(twins, crowd)
+
+
+def test_answers_that_were_not_sent_wait_for_the_next_ones():
+    twins = Twins(14, most_sessions=2)
+    crowd = Crowd(twins, 14, masters=MASTERS[:1], network="delay=2ms")
+    crowd.run(300)
+    assert len(twins.banked._bank) == 2
+    batch = []
+    crowd.spoil = lambda arrives, _: batch.extend(arrives) or []
+    crowd.run(20)
+    for datagram in batch:
+        for slave in twins.slaves:
+            slave.receive_datagrams([datagram], crowd.slaves_us)
+    crowd._back(twins._collect(crowd.slaves_us))
+    crowd.spoil = lambda arrives, _: arrives
+    crowd.run(100)
+    finish(twins, crowd)
