@@ -101,7 +101,7 @@ class Parts:
 
 def find_scene(options: SlaveOptions) -> SceneSource:
     """Check what costs nothing and return what makes the scenes; a HapticnetError says which option is wrong."""
-    from hapticnet.checks import check_parameter
+    from hapticnet.checks import check_integer, check_parameter
     from hapticnet.codec.registry import parse_codec
     from hapticnet.compiled import fast_extra_installed
     from hapticnet.scene.sources import find_source
@@ -110,6 +110,8 @@ def find_scene(options: SlaveOptions) -> SceneSource:
         if parse_codec(text)[1]:
             raise SettingsError(f"--codec {text}: omit the parameters; each master sends its own")
     check_parameter("--keep", options.keep, 1.0, 86_400.0, "s")
+    most = MOST_COMPILED if options.compiled else MOST_SESSIONS
+    check_integer("--most-sessions" + " with --compiled" * options.compiled, options.most_sessions, 1, most)
     if options.compiled:
         for option, given in (("--record", options.record), ("--stream", options.stream)):
             if given is not None:
@@ -155,6 +157,11 @@ def set_up(
     from hapticnet.runtime.udp import host_of
     from hapticnet.runtime.udp_batch import SocketAddresses
 
+    if options.compiled:
+        try:
+            import numba  # noqa: F401 - the bank uses it
+        except ImportError as error:  # it is there, but does not fit to numpy
+            raise UnavailableError(f"--compiled needs numba, which cannot be imported: {error}") from error
     guests, entropy = trust.guests, SystemEntropy()
     doors: dict[int, Door] = {OPEN: OpenDoor()} if trust.serves_open else {}
     if guests is not None:
@@ -228,5 +235,9 @@ def terminal_is_gone(before: list[int]) -> bool:
     signal.raise_signal(signal.SIGTERM)
     return True
 
+
+MOST_SESSIONS = 1_000_000
+MOST_COMPILED = 65_536
+"""Most sessions of --compiled, which sets 27 kB of address space aside for each at once."""
 
 COMPILING = "compiling; the first time, this takes a quarter of a minute"
