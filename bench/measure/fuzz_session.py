@@ -8,7 +8,6 @@ import numpy as np
 from fuzz_datagrams import Fuzz
 
 from hapticnet.node.admission import SlaveSettings
-from hapticnet.node.bank import Interned
 from hapticnet.node.compiled_slave import CompiledSlaveNode
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_events import Failed
@@ -23,6 +22,7 @@ from hapticnet.protocol.mac import hello_mac
 from hapticnet.protocol.messages import COOKIE_BYTES, TICKET_BYTES, unpack_cookie
 from hapticnet.protocol.noise import Initiator
 from hapticnet.protocol.wire import OPEN, SEALED, Kind, pack, pack_body, unpack, unpack_nonce
+from hapticnet.runtime.udp_batch import SocketAddresses
 from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
 
@@ -85,7 +85,7 @@ class Session:
             "host_of": lambda address: address[0] if isinstance(address, tuple) else address,
         }
         self._slave = (
-            CompiledSlaveNode(*given, **others, addresses=Interned())
+            CompiledSlaveNode(*given, **others, addresses=SocketAddresses())
             if attacked == "compiled slave"
             else SlaveNode(*given, **others)
         )

@@ -41,12 +41,12 @@ def serve(options: SlaveOptions, source: SceneSource, console: Console, how: Sla
     check_integer("--workers", how.workers, 1, MOST_WORKERS)
     if not parse_channel(options.channel_out).is_perfect:
         raise SettingsError(
-            "--channel-out emulates one network for all sessions, and each worker would have its own: use --workers 1,"
+            "--channel-out emulates one network for all sessions, but each worker would have its own: use --workers 1,"
             " or put 'hapticnet channel' before the slave"
         )
     if source.shared:
         raise SettingsError(
-            f"{options.scene} is one scene for all masters (shared = True), and each worker would have its own: use"
+            f"{options.scene} is one scene for all masters (shared = True), but each worker would have its own: use"
             " --workers 1"
         )
     for note in source.notes:
@@ -141,12 +141,12 @@ class _Status(Watcher[Any]):
         self._console = console
 
     def check(self, now_us: int) -> None:  # noqa: ARG002 - the interval is fixed
-        """Renew the status line."""
+        """Update the status line."""
         self._console.status(status(self._crew.workers))
 
 
 def _relay(text: str) -> None:
-    """Write a line of a worker in the form of this process; what is none of hapticnet's, as it is."""
+    """Write a line of a worker in the form of this process; lines of other programs, as they are."""
     try:
         fields = json.loads(text)
         line = LogLine(

@@ -1,11 +1,11 @@
-"""The parts of a slave, as its options say: for one process, and for each worker of several."""
+"""The parts of a slave from its options: for a single process, and for each of several workers."""
 
 import os
 import signal
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 from hapticnet.cli.trust import Guests, SlaveTrust
 from hapticnet.errors import FileError, SettingsError, UnavailableError
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from hapticnet.cli.console import Console
     from hapticnet.runtime.session_recordings import SlaveRecording
     from hapticnet.scene.base import Touchable
+
+COMPILING: Final = "compiling; the first time, this takes a quarter of a minute"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,7 +72,7 @@ class SlaveRun:
 
 @dataclass(frozen=True, slots=True)
 class Fellow:
-    """Which of several workers a node is for: its number, how many there are, what it sees of the others."""
+    """What a node needs as one of several workers; `secret` makes the cookies of all."""
 
     worker: int
     workers: int
@@ -92,7 +94,7 @@ class Parts:
         return [*self.source.close(), *(() if self.guests is None else self.guests.close())]
 
     def read_masters(self, say: Callable[[str], None], warn: Callable[[str], None]) -> None:
-        """Read the list of masters again, tell about it, and serve those that it names."""
+        """Read the list of masters again, report the outcome, and serve those that it names."""
         from hapticnet.runtime.clock import now_us
 
         if read_masters(self.guests, say, warn) and self.guests is not None:
@@ -100,7 +102,7 @@ class Parts:
 
 
 def find_scene(options: SlaveOptions) -> SceneSource:
-    """Check what costs nothing and return what makes the scenes; a HapticnetError says which option is wrong."""
+    """Check options and return the source of scenes; raise a HapticnetError that says which option is wrong."""
     from hapticnet.checks import check_integer, check_parameter
     from hapticnet.codec.registry import parse_codec
     from hapticnet.compiled import fast_extra_installed
@@ -209,7 +211,7 @@ def check_recordings(options: SlaveOptions) -> None:
 
 
 def read_masters(guests: Guests | None, say: Callable[[str], None], warn: Callable[[str], None]) -> bool:
-    """Read the list of masters again and tell about it; return whether it can be used."""
+    """Read the list of masters again and report the outcome; return whether the new list is used."""
     if guests is None:
         warn("this slave has no list of masters to read again")
         return False
@@ -239,5 +241,3 @@ def terminal_is_gone(before: list[int]) -> bool:
 MOST_SESSIONS = 1_000_000
 MOST_COMPILED = 65_536
 """Most sessions of --compiled, which sets 27 kB of address space aside for each at once."""
-
-COMPILING = "compiling; the first time, this takes a quarter of a minute"

@@ -46,7 +46,7 @@ def main() -> None:
 
 
 def serve(given: dict[str, Any], line: WorkerLine, numbers: list[int]) -> dict[str, Any]:
-    """Serve with what the parent has `given`; return the report."""
+    """Serve with the settings that the parent has `given`; return the report."""
     from hapticnet.cli.console import Console
     from hapticnet.cli.slave_messages import SlaveMessages
     from hapticnet.cli.slave_setup import Fellow, SlaveOptions, find_scene, set_up, slave_settings
@@ -81,7 +81,7 @@ def serve(given: dict[str, Any], line: WorkerLine, numbers: list[int]) -> dict[s
     parts = set_up(options, source, trust, console, Fellow(worker, workers, neighbours, secret))
     node = parts.node
     scheduling = prefer_realtime() if options.realtime else OTHER
-    # All are refused the same, so one of them says it.
+    # If SCHED_FIFO is refused, it is refused to all: only the first worker says so.
     overload = Overload(scheduling if worker == 0 else policy(scheduling), console.warn)
     figures = SlaveFigures(node, overload) if given["figures"] else None
 

@@ -23,13 +23,13 @@ from hapticnet.node.bank_tables import (
 )
 from hapticnet.node.course_steps import NEVER
 from hapticnet.node.station import Station
-from hapticnet.protocol.frames import ADDRESS_WORDS, SLOT_BYTES, make_scratch
+from hapticnet.protocol.frames import SLOT_BYTES, make_scratch
 from hapticnet.protocol.repair import RepairSettings
 from hapticnet.protocol.repair_steps import repair_numbers
 from hapticnet.protocol.seal_steps import COLUMNS, RowSeal
 
 Words = Any
-"""An address as `ADDRESS_WORDS` numbers of 32 bits."""
+"""An address as `frames.ADDRESS_WORDS` numbers of 32 bits."""
 
 
 class AddressBook(Protocol):
@@ -218,22 +218,3 @@ def _remove(list_of_rows: IntArray, at: int) -> None:
     place = int(np.flatnonzero(list_of_rows[1 : last + 1] == at)[0]) + 1
     list_of_rows[place] = list_of_rows[last]
     list_of_rows[0] -= 1
-
-
-class Interned:
-    """Addresses of any kind as numbers, in the order in which they came. Satisfies `AddressBook`."""
-
-    def __init__(self) -> None:
-        self._numbers: dict[Hashable, int] = {}
-        self._addresses: list[Hashable] = []
-
-    def words(self, address: Hashable) -> Words:
-        """Return an address as words."""
-        if address not in self._numbers:
-            self._numbers[address] = len(self._addresses)
-            self._addresses.append(address)
-        return (self._numbers[address],) + (0,) * (ADDRESS_WORDS - 1)
-
-    def address(self, words: Words) -> Hashable:
-        """Return the address that was made into words."""
-        return self._addresses[int(words[0])]

@@ -2,8 +2,9 @@
 
 import pytest
 
-from hapticnet.node.bank import Bank, Interned
+from hapticnet.node.bank import Bank
 from hapticnet.protocol.repair import RepairSettings
+from hapticnet.runtime.udp_batch import SocketAddresses
 
 FAST = ("--no-realtime",)
 
@@ -11,7 +12,7 @@ FAST = ("--no-realtime",)
 @pytest.fixture(scope="module", autouse=True)
 def _machine_code():
     """Compile here, where nothing waits: a process then finds the machine code."""
-    Bank(1, RepairSettings(), Interned())
+    Bank(1, RepairSettings(), SocketAddresses())
 
 
 @pytest.fixture

@@ -5,7 +5,6 @@ import numpy as np
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.node.admission import SlaveSettings
-from hapticnet.node.bank import Interned
 from hapticnet.node.compiled_slave import CompiledSlaveNode
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
@@ -17,7 +16,7 @@ from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.wire import unpack
 from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
-from tests.peers import ENTRY, KEY, SLAVE
+from tests.peers import ENTRY, KEY, SLAVE, Interned
 
 START_US = 10_000_000
 TICK_US = 250

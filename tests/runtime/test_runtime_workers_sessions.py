@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from hapticnet.node.admission import SlaveSettings, ticket_of, worker_of
-from hapticnet.node.bank import Interned
 from hapticnet.node.compiled_slave import CompiledSlaveNode
 from hapticnet.node.slave import SlaveNode
 from hapticnet.protocol.handshake import OpenDoor, SealedDoor
@@ -20,7 +19,7 @@ from hapticnet.runtime.workers.presence import Presence
 from hapticnet.runtime.workers.table import Table, shared_file
 from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
-from tests.peers import ENTRY, OTHER_ENTRY, OTHER_KEY, SLAVE, HandMaster, events_of
+from tests.peers import ENTRY, OTHER_ENTRY, OTHER_KEY, SLAVE, HandMaster, Interned, events_of
 
 SECOND = 1_000_000
 SECRET = bytes(range(32))
