@@ -1,4 +1,4 @@
-/* One UDP socket for all masters: each has a source address of its own in 127/8, chosen per datagram (IP_PKTINFO). */
+/* One UDP socket for all masters: each has its own source address in 127/8, chosen per datagram (IP_PKTINFO). */
 #ifndef MASTERS_LINK_H
 #define MASTERS_LINK_H
 #include "wire.h"

@@ -22,7 +22,7 @@ uint32_t counted_from_us;
 static void begin(struct master *master, uint64_t now)
 {
     uint8_t plain[160];
-    char name[16]; /* a name of its own: a silent session of one key and name is continued by the next */
+    char name[16]; /* names differ, because a silent session of one key and name is continued by the next */
     struct writer to = {plain};
     snprintf(name, sizeof name, "bench-%u", master->index);
     put_byte(&to, 0x9c);
@@ -178,7 +178,7 @@ static int take_welcome(struct master *master, const struct frame *frame, uint64
         || get_bytes(&from, &ticket, &ticket_bytes) || get_bool(&from, &resumed) || get_bool(&from, &announced)
         || get_number(&from, &share))
         return -1;
-    if (announced || rate_hz < wanted.rate_hz || fabs(share - wanted.share) > 1e-6) { /* not the load that was wanted */
+    if (announced || rate_hz < wanted.rate_hz || fabs(share - wanted.share) > 1e-6) { /* not the load that was asked for */
         counts.refused++;
         master->state = CLOSED;
         return 0;
@@ -213,7 +213,7 @@ static int take_force(struct master *master, const struct frame *frame, struct r
     if (get_array(from, 2) || get_uint(from, &t_us) || get_bytes(from, &payload, &bytes) || (bytes != 4 && bytes != 8))
         return -1;
     const double force_n = bytes == 4 ? load_single(payload) : load_double(payload);
-    if (!(fabs(force_n) <= LARGEST_N)) /* not a number, too */
+    if (!(fabs(force_n) <= LARGEST_N)) /* false for NaN, too */
         return -1;
     if (fabs(force_n) > counts.greatest_n)
         counts.greatest_n = fabs(force_n);

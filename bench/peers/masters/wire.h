@@ -7,7 +7,7 @@
 enum kind { HELLO = 1, WELCOME, REFUSE, POSITION, FORCE, KEEPALIVE, CLOSE, RESET, COOKIE };
 enum { OPEN_VERSION = 1, SEALED_VERSION = 2, MOST_BYTES = 1200, COOKIE_BYTES = 16, MAC_BYTES = 16 };
 
-/* Where the next value goes, or stands. A writer's room is the caller's business; a reader stops at `end`. */
+/* Where the next value is written or read. The caller makes sure that a writer has room; a reader stops at `end`. */
 struct writer {
     uint8_t *at;
 };
