@@ -100,7 +100,8 @@ class UserSource(SceneSource):
         """Return the object for a master; raise SettingsError if it cannot be made."""
         made = self._stock or self._make()
         self._stock = made if self._shared else None
-        return made
+        # A slave lets no two sessions touch one scene, so each master gets its own view of a shared object.
+        return UserScene(made.touched, self._found.label) if self._shared else made
 
     def close(self) -> list[str]:
         """Close the objects that are still in use; return what they raised."""

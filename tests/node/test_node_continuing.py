@@ -13,17 +13,18 @@ from hapticnet.protocol.messages import Request
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.scene.presets import find_scene
 from hapticnet.scene.scene import Scene
+from hapticnet.scene.sources import find_source
 
 
 class Laboratory:
     """A slave of open sessions, and masters on one host that have the same name."""
 
-    def __init__(self):
+    def __init__(self, make_scene=None):
         preset = find_scene("paper:1")
         self.now_us = 1_000_000
         self.rng = np.random.default_rng(1)
         self.slave = SlaveNode(
-            lambda _: Scene(preset.tissues, name=preset.name),
+            make_scene or (lambda _: Scene(preset.tissues, name=preset.name)),
             SlaveSettings(),
             self.rng,
             host_of=lambda address: address[0],
@@ -106,3 +107,20 @@ def test_of_two_that_are_to_continue_one_scene_only_the_first_does(laboratory):
     laboratory.run(200, 2, 3)
     assert laboratory.scene_of(2) is scene
     assert laboratory.scene_of(3) is not scene
+
+
+def test_masters_touch_a_shared_object_at_the_same_time(tmp_path):
+    rig = tmp_path / "rig.py"
+    rig.write_text("class Wall:\n    shared = True\n\n    def step(self, sample):\n        return 0.0\n")
+    source = find_source(f"{rig}:Wall")
+    lab = Laboratory(lambda _: source.make())
+    for port in (1, 2):
+        lab.start(port)
+    for _ in range(3_000):
+        for port in (1, 2):
+            lab.exchange(port)
+        lab.now_us += 1_000
+    assert not any(isinstance(event, SessionLost) for port in (1, 2) for event in lab.events[port])
+    one, other = lab.slave.stations
+    assert one.scene.touched is other.scene.touched
+    assert source.close() == []
