@@ -156,6 +156,7 @@ class Scene:
         self.breaches += 1
         self._await_withdrawal(layer)
         self._back_m = LARGEST_COMPONENT  # so that the next step regroups
+        self._outlook = None
         return left_n
 
     def _await_withdrawal(self, layer: Layer) -> None:
@@ -166,6 +167,7 @@ class Scene:
     def _regroup(self, sample: PositionSample) -> None:
         """Find the layers that can exert a force at `sample`, and the limits within which that set stays the same."""
         tip_m = _checked_tip_m(sample)
+        self._outlook = None  # it may have been asked for long ago
         felt = [layer for layer in self._felt if layer.is_felt]
         while self._passed and tip_m < -self._passed[0][0]:
             _, _, layer = heapq.heappop(self._passed)
