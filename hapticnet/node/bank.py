@@ -12,20 +12,25 @@ import numpy as np
 from hapticnet.arrays import IntArray
 from hapticnet.compiled import compiled
 from hapticnet.node.bank_rows import ACCOUNT, ROW, account_to_station, station_from_row, station_to_row
-from hapticnet.node.bank_steps import answer_all, step_between_all, take_in_all
+from hapticnet.node.bank_steps import serve, step_between_all
 from hapticnet.node.bank_tables import (
+    DEPARTING,
+    FOLLOWERS,
     FREE,
-    Arrivals,
+    LEAVING,
+    NEXT_US,
+    Datagrams,
     Tables,
+    append,
     make_arrivals,
     make_departures,
     place_of_number,
 )
 from hapticnet.node.course_steps import NEVER
 from hapticnet.node.station import Station
-from hapticnet.protocol.frames import SLOT_BYTES, make_scratch
+from hapticnet.protocol.frames import SLOT_BYTES
 from hapticnet.protocol.repair import RepairSettings
-from hapticnet.protocol.repair_steps import repair_numbers
+from hapticnet.protocol.repair_steps import repair_record
 from hapticnet.protocol.seal_steps import COLUMNS, RowSeal
 
 Words = Any
@@ -61,31 +66,27 @@ class Bank:
     Attributes
     ----------
     departures
-        The answers of the newest passes, until the caller sets their count to 0.
+        The answers of the newest passes, the first `departing` of them.
     """
 
     def __init__(self, most: int, repair: RepairSettings, addresses: AddressBook, *, is_compiled: bool = True) -> None:
         self.departures = make_departures(most)
         self._addresses = addresses
-        self._repair = repair_numbers(repair)
         self._stations: list[Station | None] = [None] * most
         self._free = list(range(most - 1, -1, -1))
         self._seals: dict[int, RowSeal] = {}
-        index = 1 << max(4, (2 * most).bit_length())
+        size = 1 << max(4, (2 * most).bit_length())
         self._tables = Tables(
             rows=np.zeros(most, ROW).view(np.recarray),
             seals=np.zeros((most, COLUMNS), np.int64),
-            numbers=np.full(index, FREE, np.int64),
-            places=np.full(index, FREE, np.int64),
-            waiting=np.zeros(most + 1, np.int64),
-            followers=np.zeros(most + 1, np.int64),
-            leaving=np.zeros(most + 1, np.int64),
+            places=np.full((2, size), FREE, np.int64),
+            lists=np.zeros((3, most + 1), np.int64),
+            state=np.array([NEVER, 0]),
             opened=np.zeros(SLOT_BYTES, np.uint8),
-            next_us=np.full(1, NEVER, np.int64),
-            scratch=make_scratch(),
+            repair=repair_record(repair),
         )
         make: Callable[[Any], Any] = compiled if is_compiled else _as_it_is
-        self._take_in, self._answer, self._step = make(take_in_all), make(answer_all), make(step_between_all)
+        self._serve, self._step = make(serve), make(step_between_all)
         self._warm_up()
 
     def __len__(self) -> int:
@@ -96,27 +97,34 @@ class Bank:
         """Tell whether a station is in the bank."""
         return station.row is not None
 
-    def take_in(self, arrivals: Arrivals, first: int, count: int, now_us: int) -> int:
-        """Take in datagrams from number `first` until one that is not usual; return its number, or `count`."""
-        return int(self._take_in(self._tables, arrivals, first, count, self._repair, now_us))
+    @property
+    def departing(self) -> int:
+        """How many answers are to be sent."""
+        return int(self._tables.state[DEPARTING])
 
-    def answer(self, now_us: int) -> None:
-        """Answer what was taken in."""
-        if self._tables.waiting[0]:
-            self._answer(self._tables, self.departures, self._repair, now_us)
+    def departed(self) -> None:
+        """Note that all answers were sent, or taken elsewhere."""
+        self._tables.state[DEPARTING] = 0
+
+    def serve(self, arrivals: Datagrams, first: int, count: int, now_us: int, *, answers: bool = True) -> int:
+        """Take in datagrams from number `first` to `count` - 1 and then answer, unless `answers` is False.
+
+        Return the number of the first one that is not usual, before any answer, or `count`.
+        """
+        return int(self._serve(self._tables, arrivals, self.departures, first, count, answers, now_us))
 
     def step_between(self, now_us: int) -> list[Station]:
         """Step scenes between positions that are few; return the stations that Python must step this time."""
-        tables = self._tables
-        if not tables.followers[0]:
+        lists = self._tables.lists
+        if not lists[FOLLOWERS, 0]:
             return []
-        self._step(tables, self.departures, self._repair, now_us)
-        return [self._station(int(at)) for at in tables.leaving[1 : tables.leaving[0] + 1]]
+        self._step(self._tables, self.departures, now_us)
+        return [self._station(int(at)) for at in lists[LEAVING, 1 : lists[LEAVING, 0] + 1]]
 
     def next_step_us(self) -> int | None:
         """Return when `step_between` may have something to do [µs]; None if there is nothing to follow."""
-        next_us = int(self._tables.next_us[0])
-        return None if next_us == NEVER or not self._tables.followers[0] else next_us
+        next_us = int(self._tables.state[NEXT_US])
+        return None if next_us == NEVER or not self._tables.lists[FOLLOWERS, 0] else next_us
 
     def put_in(self, station: Station) -> None:
         """Take over a station that fits."""
@@ -130,9 +138,9 @@ class Bank:
         self._stations[at] = station
         self._index(station.session.number, at)
         if station.course is not None:
-            _append(self._tables.followers, at)
-            next_us = int(self._tables.next_us[0])  # at the next tick, the pass finds out
-            self._tables.next_us[0] = min(station._stepped_us, next_us if next_us != NEVER else station._stepped_us)
+            append(self._tables.lists, FOLLOWERS, at)
+            next_us = int(self._tables.state[NEXT_US])  # at the next tick, the pass finds out
+            self._tables.state[NEXT_US] = station._stepped_us if next_us == NEVER else min(station._stepped_us, next_us)
         station.row = at
         station.session.row = row
 
@@ -147,7 +155,7 @@ class Bank:
         if at in self._seals:
             self._seals.pop(at).release(self._tables.seals[at])
         if station.course is not None:
-            _remove(self._tables.followers, at)
+            _remove(self._tables.lists[FOLLOWERS], at)
         self._unindex(station.session.number)
         self._stations[at] = None
         self._free.append(at)
@@ -175,15 +183,16 @@ class Bank:
         return station
 
     def _index(self, number: int, at: int) -> None:
-        numbers, mask = self._tables.numbers, len(self._tables.numbers) - 1
+        numbers, rows = self._tables.places
+        mask = len(numbers) - 1
         place = place_of_number(number, mask)
         while numbers[place] != FREE:
             place = (place + 1) & mask
-        numbers[place], self._tables.places[place] = number, at
+        numbers[place], rows[place] = number, at
 
     def _unindex(self, number: int) -> None:
         """Remove a number, and move those after it up: a search stops at a gap."""
-        numbers, places = self._tables.numbers, self._tables.places
+        numbers, rows = self._tables.places
         mask = len(numbers) - 1
         place = place_of_number(number, mask)
         while numbers[place] != number:
@@ -193,24 +202,17 @@ class Bank:
         while numbers[place] != FREE:
             moved = int(numbers[place])
             numbers[place] = FREE
-            self._index(moved, int(places[place]))
+            self._index(moved, int(rows[place]))
             place = (place + 1) & mask
 
     def _warm_up(self) -> None:
         """Compile before the first datagram waits for it."""
-        arrivals = make_arrivals(1)
-        self._take_in(self._tables, arrivals, 0, 0, self._repair, 0)
-        self._answer(self._tables, self.departures, self._repair, 0)
-        self._step(self._tables, self.departures, self._repair, 0)
+        self.serve(make_arrivals(1), 0, 0, 0)
+        self._step(self._tables, self.departures, 0)
 
 
 def _as_it_is(function: Any) -> Any:
     return function
-
-
-def _append(list_of_rows: IntArray, at: int) -> None:
-    list_of_rows[0] += 1
-    list_of_rows[list_of_rows[0]] = at
 
 
 def _remove(list_of_rows: IntArray, at: int) -> None:

@@ -4,14 +4,13 @@ from typing import Any, Final
 
 from hapticnet.codec.payload.values import COUNT_BYTES, SINGLE_BYTES
 from hapticnet.codec.value_rows import count_of, refresh, update
-from hapticnet.node.bank_tables import Departures, Tables
+from hapticnet.node.bank_tables import DEPARTING, Datagrams, Tables
 from hapticnet.protocol.frames import (
     ARRAY,
     BIN8,
     NIL,
     NONE,
     Bytes,
-    Scratch,
     set_address,
     write_double,
     write_head,
@@ -19,7 +18,7 @@ from hapticnet.protocol.frames import (
     write_short,
     write_single,
 )
-from hapticnet.protocol.repair_steps import RepairNumbers, keepalive_is_due, note_sent, repair_is_due
+from hapticnet.protocol.repair_steps import keepalive_is_due, note_sent, repair_is_due
 from hapticnet.protocol.seal_steps import seal_body
 from hapticnet.protocol.serial_number import wrap
 from hapticnet.protocol.session_steps import count_sent
@@ -29,21 +28,12 @@ FORCE: Final = int(Kind.FORCE)
 KEEPALIVE: Final = int(Kind.KEEPALIVE)
 
 
-def reply(
-    tables: Tables,
-    at: int,
-    t_us: int,
-    x_m: float,
-    force_n: float,
-    departures: Departures,
-    settings: RepairNumbers,
-    now_us: int,
-) -> None:
+def reply(tables: Tables, at: int, t_us: int, x_m: float, force_n: float, departures: Datagrams, now_us: int) -> None:
     """Send the update or keepalive that a force needs, if any, and account for it.
 
     See `Feedback.answer` and `Station.settle`.
     """
-    row = tables.rows[at]
+    row, settings = tables.rows[at], tables.repair[0]
     if row.follows:
         row.answered_us = max(t_us, row.answered_us)
     row.steps += 1
@@ -77,26 +67,26 @@ def is_silent_for_long(row: Any, force_n: float, now_us: int) -> bool:
     return keepalive_is_due(row, now_us, felt_n < row.idle_below_n)
 
 
-def depart(tables: Tables, at: int, kind: int, t_us: int, form: int, departures: Departures, now_us: int) -> None:
+def depart(tables: Tables, at: int, kind: int, t_us: int, form: int, departures: Datagrams, now_us: int) -> None:
     """Write a FORCE or KEEPALIVE and its destination; see `SlaveSession._datagram`."""
-    row, scratch = tables.rows[at], tables.scratch
-    number = departures.number[0]
-    departures.number[0] += 1
-    out = departures.data[number]
+    row = tables.rows[at]
+    number = tables.state[DEPARTING]
+    tables.state[DEPARTING] += 1
+    out = departures.octets[number]
     head_end = write_head(out, row.version, kind, row.number, row.sequence)
     begins = head_end + 2
     out[begins] = ARRAY + (3 if row.telling else 2)
     end = write_number(out, begins + 1, wrap(t_us))
     if kind == FORCE:
         out[end], out[end + 1] = BIN8, form
-        end = write_value(out, end + 2, row, form, scratch)
+        end = write_value(out, end + 2, row, form)
     elif row.newest_force == NONE:
         out[end] = NIL
         end += 1
     else:
         end = write_number(out, end, row.newest_force)
     if row.telling:
-        end = write_outlook(out, end, row, scratch)
+        end = write_outlook(out, end, row)
     if row.version == SEALED:
         end = seal_body(tables.seals[at], out, 0, head_end, out, begins, end - begins, row.sequence)
     else:
@@ -106,22 +96,22 @@ def depart(tables: Tables, at: int, kind: int, t_us: int, form: int, departures:
     count_sent(row, end, now_us, kind == FORCE)
 
 
-def write_value(out: Bytes, at: int, row: Any, form: int, scratch: Scratch) -> int:
+def write_value(out: Bytes, at: int, row: Any, form: int) -> int:
     """Write the payload of the force that the master is to hold; return where it ends. See `ValueForm.pack`."""
     if form == COUNT_BYTES:
         return write_short(out, at, count_of(row))
     if form == SINGLE_BYTES:
-        return write_single(out, at, row.held_n, scratch)
-    return write_double(out, at, row.held_n, scratch)
+        return write_single(out, at, row.held_n)
+    return write_double(out, at, row.held_n)
 
 
-def write_outlook(out: Bytes, at: int, row: Any, scratch: Scratch) -> int:
+def write_outlook(out: Bytes, at: int, row: Any) -> int:
     """Write an outlook as a byte string; return where it ends. See `pack_outlook`."""
     out[at], out[at + 1] = BIN8, 16 if row.sees else 0
     at += 2
     if row.sees:
-        at = write_single(out, at, row.box_stiffness, scratch)
-        at = write_single(out, at, 0.0, scratch)
-        at = write_single(out, at, row.box_low_m, scratch)
-        at = write_single(out, at, row.box_high_m, scratch)
+        at = write_single(out, at, row.box_stiffness)
+        at = write_single(out, at, 0.0)
+        at = write_single(out, at, row.box_low_m)
+        at = write_single(out, at, row.box_high_m)
     return at

@@ -8,12 +8,11 @@ from typing import Any, Final
 
 from hapticnet.codec.positions.lines import FASTEST_M_PER_S
 from hapticnet.node.bank_answers import reply
-from hapticnet.node.bank_tables import FREE, Arrivals, Departures, Tables, find
+from hapticnet.node.bank_tables import FOLLOWERS, FREE, LEAVING, NEXT_US, WAITING, Datagrams, Tables, append, find
 from hapticnet.node.course_steps import NEVER, due_us, next_step_us, place_at, present_us, step_and_look, take_in_line
 from hapticnet.protocol.frames import (
     NONE,
     Bytes,
-    Scratch,
     read_frame,
     read_half,
     read_position,
@@ -21,7 +20,7 @@ from hapticnet.protocol.frames import (
     same_address,
     set_address,
 )
-from hapticnet.protocol.repair_steps import RepairNumbers, reported
+from hapticnet.protocol.repair_steps import reported
 from hapticnet.protocol.seal import EPOCH_BITS, LAST_SEQUENCE
 from hapticnet.protocol.seal_steps import REFUSED, SEND_EPOCH, open_body
 from hapticnet.protocol.session_steps import (
@@ -45,58 +44,57 @@ LINE_BYTES: Final = 6
 NOT_USUAL, DROPPED, POSITION = range(3)
 
 
-def take_in_all(
-    tables: Tables, arrivals: Arrivals, first: int, count: int, settings: RepairNumbers, now_us: int
+def serve(
+    tables: Tables, arrivals: Datagrams, departures: Datagrams, first: int, count: int, answers: bool, now_us: int
 ) -> int:
-    """Take in datagrams from `first` to `count` - 1; return the first one that is not usual, or `count`."""
+    """Take in datagrams from number `first` to `count` - 1; then answer, if asked to.
+
+    Return the number of the first one that is not usual, before any answer, or `count`.
+    """
     for number in range(first, count):
-        data, length = arrivals.data[number], arrivals.lengths[number]
-        frame = read_frame(data, length)
-        if frame.version == 0:
+        if not take_in_one(tables, arrivals, number, now_us):
             return number
-        at = find(tables, frame.session)
-        if at == FREE:
-            return number
-        row = tables.rows[at]
-        if row.version != frame.version:
-            return number
-        body, begins, ends = data, frame.begins, frame.ends
-        if row.version == SEALED:
-            seal = tables.seals[at]
-            if row.sequence > LAST_SEQUENCE - 2 or row.sequence >> EPOCH_BITS != seal[SEND_EPOCH]:
-                return number
-            body = tables.opened
-            begins, ends = 0, open_body(seal, data, 0, frame.begins, length - frame.begins, frame.sequence, body, 0)
-            if ends == REFUSED:
-                count_malformed(row, length)
-                continue
-            if ends < 0:
-                return number
-        elif not same_address(row.address, arrivals.addresses[number]):
-            return number
-        taken = take_in(row, body, begins, ends, length, frame.sequence, tables.scratch, settings, now_us)
-        if taken == NOT_USUAL:
-            return number
-        if taken == POSITION:
-            if row.version == SEALED:
-                set_address(row.address, arrivals.addresses[number])
-            if not row.is_waiting:
-                row.is_waiting = True
-                tables.waiting[0] += 1
-                tables.waiting[tables.waiting[0]] = at
+    if answers:
+        answer_all(tables, departures, now_us)
     return count
 
 
+def take_in_one(tables: Tables, arrivals: Datagrams, number: int, now_us: int) -> bool:
+    """Take in a datagram; return False if it is not usual. Nothing has changed then."""
+    data, length, address = arrivals.octets[number], arrivals.lengths[number], arrivals.addresses[number]
+    frame = read_frame(data, length)
+    at = find(tables, frame.session) if frame.version else FREE
+    if at == FREE:
+        return False
+    row = tables.rows[at]
+    if row.version != frame.version:
+        return False
+    body, begins, ends = data, frame.begins, frame.ends
+    if row.version == SEALED:
+        seal = tables.seals[at]
+        if row.sequence > LAST_SEQUENCE - 2 or row.sequence >> EPOCH_BITS != seal[SEND_EPOCH]:
+            return False
+        body = tables.opened
+        begins, ends = 0, open_body(seal, data, 0, frame.begins, length - frame.begins, frame.sequence, body, 0)
+        if ends == REFUSED:
+            count_malformed(row, length)
+            return True
+        if ends < 0:
+            return False
+    elif not same_address(row.address, address):
+        return False
+    taken = take_in(row, tables.repair[0], body, begins, ends, length, frame.sequence, now_us)
+    if taken == POSITION:
+        if row.version == SEALED:
+            set_address(row.address, address)
+        if not row.is_waiting:
+            row.is_waiting = True
+            append(tables.lists, WAITING, at)
+    return taken != NOT_USUAL
+
+
 def take_in(
-    row: Any,
-    body: Bytes,
-    begins: int,
-    ends: int,
-    length: int,
-    sequence: int,
-    scratch: Scratch,
-    settings: RepairNumbers,
-    now_us: int,
+    row: Any, settings: Any, body: Bytes, begins: int, ends: int, length: int, sequence: int, now_us: int
 ) -> int:
     """Process a POSITION of `length` bytes; return NOT_USUAL with nothing changed, DROPPED, or POSITION for a new one.
 
@@ -106,7 +104,7 @@ def take_in(
     size = position.payload_bytes
     if position.t_us == NONE or not (size == POSITION_BYTES or (row.follows and size == LINE_BYTES)):
         return NOT_USUAL
-    x_m = read_single(body, position.payload_at, scratch)
+    x_m = read_single(body, position.payload_at)
     if not -LARGEST_COMPONENT <= x_m <= LARGEST_COMPONENT:
         return NOT_USUAL
     speed_m_per_s = read_half(body, position.payload_at + POSITION_BYTES) if size == LINE_BYTES else 0.0
@@ -133,57 +131,56 @@ def take_in(
     return POSITION
 
 
-def answer_all(tables: Tables, departures: Departures, settings: RepairNumbers, now_us: int) -> None:
+def answer_all(tables: Tables, departures: Datagrams, now_us: int) -> None:
     """Answer the newest position of each session that has one."""
-    for number in range(1, tables.waiting[0] + 1):
-        at = tables.waiting[number]
+    for number in range(1, tables.lists[WAITING, 0] + 1):
+        at = tables.lists[WAITING, number]
         row = tables.rows[at]
         row.is_waiting = False
         if row.has_position:
             row.has_position = False
-            answer(tables, at, departures, settings, now_us)
+            answer(tables, at, departures, now_us)
             if row.follows:
                 note_next_step(tables, next_step_us(row))
-    tables.waiting[0] = 0
+    tables.lists[WAITING, 0] = 0
 
 
-def answer(tables: Tables, at: int, departures: Departures, settings: RepairNumbers, now_us: int) -> None:
+def answer(tables: Tables, at: int, departures: Datagrams, now_us: int) -> None:
     """Move the scene to the newest position and answer it; see `Station.answer`."""
     row = tables.rows[at]
     t_us, x_m = row.pending_us, row.pending_m
     if not row.follows:
-        reply(tables, at, t_us, x_m, feel(row, x_m), departures, settings, now_us)
+        reply(tables, at, t_us, x_m, feel(row, x_m), departures, now_us)
         return
     now_there_us = present_us(row, now_us)
     force_n = step_and_look(row, x_m)
     if row.sees and now_there_us > t_us:
         x_m = place_at(row, now_there_us)
         force_n = step_and_look(row, x_m)
-    reply(tables, at, now_there_us, x_m, force_n, departures, settings, now_us)
+    reply(tables, at, now_there_us, x_m, force_n, departures, now_us)
 
 
-def step_between_all(tables: Tables, departures: Departures, settings: RepairNumbers, now_us: int) -> None:
+def step_between_all(tables: Tables, departures: Datagrams, now_us: int) -> None:
     """Step the scenes along the lines that their masters promised; see `Station.step_between`."""
-    tables.next_us[0] = NEVER
-    tables.leaving[0] = 0
-    for number in range(1, tables.followers[0] + 1):
-        at = tables.followers[number]
+    tables.state[NEXT_US] = NEVER
+    tables.lists[LEAVING, 0] = 0
+    for number in range(1, tables.lists[FOLLOWERS, 0] + 1):
+        at = tables.lists[FOLLOWERS, number]
         row = tables.rows[at]
         t_us = due_us(row, now_us)
         if t_us != NEVER:
             if row.version == SEALED and row.sequence >> EPOCH_BITS != tables.seals[at, SEND_EPOCH]:
-                tables.leaving[0] += 1
-                tables.leaving[tables.leaving[0]] = at
+                append(tables.lists, LEAVING, at)
                 continue
             row.between += 1
             x_m = place_at(row, t_us)
             row.answered_us = max(t_us, row.answered_us)
             force_n = step_and_look(row, x_m)
-            reply(tables, at, t_us, x_m, force_n, departures, settings, now_us)
+            reply(tables, at, t_us, x_m, force_n, departures, now_us)
         note_next_step(tables, next_step_us(row))
 
 
 def note_next_step(tables: Tables, step_us: int) -> None:
     """Note when a scene is due to be stepped."""
-    if step_us != NEVER and (tables.next_us[0] == NEVER or step_us < tables.next_us[0]):
-        tables.next_us[0] = step_us
+    if step_us != NEVER and (tables.state[NEXT_US] == NEVER or step_us < tables.state[NEXT_US]):
+        tables.state[NEXT_US] = step_us

@@ -7,7 +7,7 @@ import numpy as np
 
 from hapticnet.node.bank import AddressBook, Bank
 from hapticnet.node.bank_rows import can_fit, fits_now
-from hapticnet.node.bank_tables import Arrivals, Departures, make_arrivals
+from hapticnet.node.bank_tables import Datagrams, make_arrivals
 from hapticnet.node.reception import Address
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.station import Station
@@ -64,23 +64,26 @@ class CompiledSlaveNode(SlaveNode):
     def receive_datagrams(self, batch: Iterable[tuple[bytes, Address]], now_us: int) -> None:
         """Process what has arrived since the last call; as `SlaveNode.receive_datagrams`."""
         self._see(now_us)
+        self._make_room()
         pieces = list(batch)
         for first in range(0, len(pieces), MOST_AT_ONCE):
             count = 0
             for data, address in pieces[first : first + MOST_AT_ONCE]:
                 kept = data[: MAX_DATAGRAM_BYTES + 1]
-                self._arrivals.data[count, : len(kept)] = np.frombuffer(kept, np.uint8)
+                self._arrivals.octets[count, : len(kept)] = np.frombuffer(kept, np.uint8)
                 self._arrivals.lengths[count] = len(kept)
                 self._arrivals.addresses[count] = self._addresses.words(address)
                 count += 1
-            self._take_in_all(self._arrivals, count, now_us)
+            self._serve(self._arrivals, count, now_us, answers=first + MOST_AT_ONCE >= len(pieces))
         self._answer_all(now_us)
 
-    def receive_arrivals(self, arrivals: Arrivals, count: int, now_us: int) -> None:
+    def receive_arrivals(self, arrivals: Datagrams, count: int, now_us: int) -> None:
         """Process the first `count` datagrams of `arrivals`; as `receive_datagrams`."""
         self._see(now_us)
-        self._take_in_all(arrivals, count, now_us)
-        self._answer_all(now_us)
+        self._make_room()
+        self._serve(arrivals, count, now_us, answers=True)
+        if self._to_answer:
+            self._answer_all(now_us)
 
     def settle(self, now_us: int) -> None:
         """Account for the answers of sessions outside the bank, and take those in that fit."""
@@ -125,9 +128,11 @@ class CompiledSlaveNode(SlaveNode):
         """Whether the bank steps scenes between positions."""
         return self._bank.next_step_us() is not None
 
-    def departures(self) -> Departures:
-        """Return the answers of the bank; send them before `datagrams_to_send`, and set their count to 0."""
-        return self._bank.departures
+    def take_departures(self) -> tuple[Datagrams, int]:
+        """Return the answers of the bank, and how many; send them at once, before `datagrams_to_send`."""
+        count = self._bank.departing
+        self._bank.departed()
+        return self._bank.departures, count
 
     def datagrams_to_send(self) -> list[tuple[bytes, Address]]:
         """Return the datagrams to send now, with their destinations."""
@@ -142,13 +147,13 @@ class CompiledSlaveNode(SlaveNode):
                 self._bank.refresh(station)
         return super().report()
 
-    def _take_in_all(self, arrivals: Arrivals, count: int, now_us: int) -> None:
+    def _serve(self, arrivals: Datagrams, count: int, now_us: int, *, answers: bool) -> None:
         number = 0
-        while (number := self._bank.take_in(arrivals, number, count, now_us)) < count:
-            data = arrivals.data[number, : arrivals.lengths[number]].tobytes()
+        while (number := self._bank.serve(arrivals, number, count, now_us, answers=answers)) < count:
+            data = arrivals.octets[number, : arrivals.lengths[number]].tobytes()
             self._take_in(data, self._addresses.address(arrivals.addresses[number]), now_us)
-            number += 1
             self._is_quiet = False
+            number += 1
 
     def _see(self, now_us: int) -> None:
         """Take in the time."""
@@ -158,25 +163,21 @@ class CompiledSlaveNode(SlaveNode):
 
     def _make_room(self) -> None:
         """Move the answers of the bank to the outbox: there is room for one of each session, and no check."""
-        departures = self._bank.departures
-        if departures.number[0]:
+        departures, count = self.take_departures()
+        if count:
             self._outbox[self._older : self._older] = [
                 (
-                    departures.data[number, : departures.lengths[number]].tobytes(),
+                    departures.octets[number, : departures.lengths[number]].tobytes(),
                     self._addresses.address(departures.addresses[number]),
                 )
-                for number in range(int(departures.number[0]))
+                for number in range(count)
             ]
-            departures.number[0] = 0
             self._is_quiet = False
         self._older = len(self._outbox)
 
     def _answer_all(self, now_us: int) -> None:
-        self._make_room()
-        self._bank.answer(now_us)
-        if self._to_answer:
-            self._in_python.update(self._to_answer)
-            super()._answer_all(now_us)
+        self._in_python.update(self._to_answer)
+        super()._answer_all(now_us)
 
     def _at_hand(self, station: Station) -> None:
         if station not in self._bank:
@@ -204,3 +205,4 @@ class CompiledSlaveNode(SlaveNode):
     def _remove(self, station: Station) -> None:
         super()._remove(station)
         self._waits.pop(station, None)
+        self._is_quiet = False

@@ -9,7 +9,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hapticnet.arrays import FloatArray
 from hapticnet.protocol.loss import REPORT_STEPS
 from hapticnet.protocol.wire import Kind
 
@@ -63,22 +62,7 @@ class PositionBody(NamedTuple):
     again: float
 
 
-class Scratch(NamedTuple):
-    """Floats and the bytes of the same memory, to convert one into the other."""
-
-    single: npt.NDArray[np.float32]
-    single_bytes: Bytes
-    double: FloatArray
-    double_bytes: Bytes
-
-
-def make_scratch() -> Scratch:
-    """Return new space for conversions."""
-    single, double = np.zeros(1, np.float32), np.zeros(1)
-    return Scratch(single, single.view(np.uint8), double, double.view(np.uint8))
-
-
-def byte(value: Any) -> int:
+def signed(value: Any) -> int:
     """Return a byte as a number of 64 bits: a shift of a uint8 would overflow."""
     number: int = np.int64(value)  # type: ignore[assignment]
     return number
@@ -86,18 +70,18 @@ def byte(value: Any) -> int:
 
 def read_uint32(data: Bytes, at: int) -> int:
     """Return the big-endian number of four bytes."""
-    return byte(data[at]) << 24 | byte(data[at + 1]) << 16 | byte(data[at + 2]) << 8 | byte(data[at + 3])
+    return signed(data[at]) << 24 | signed(data[at + 1]) << 16 | signed(data[at + 2]) << 8 | signed(data[at + 3])
 
 
 def read_number(data: Bytes, at: int) -> tuple[int, int]:
     """Return an unsigned integer of up to 32 bits and where it ends; NONE if there is none."""
-    first = byte(data[at])
+    first = signed(data[at])
     if first < 0x80:
         return first, at + 1
     if first == UINT8:
-        return byte(data[at + 1]), at + 2
+        return signed(data[at + 1]), at + 2
     if first == UINT16:
-        return byte(data[at + 1]) << 8 | byte(data[at + 2]), at + 3
+        return signed(data[at + 1]) << 8 | signed(data[at + 2]), at + 3
     if first == UINT32:
         return read_uint32(data, at + 1), at + 5
     return NONE, at
@@ -111,15 +95,15 @@ def read_frame(data: Bytes, length: int) -> Frame:
         return Frame(0, 0, 0, 0, 0, 0)
     sequence, at = read_number(data, SEQUENCE_AT)
     begins = at + 2
-    ends = begins + byte(data[at + 1])
+    ends = begins + signed(data[at + 1])
     if sequence == NONE or data[at] != BIN8 or ends != length:
         return Frame(0, 0, 0, 0, 0, 0)
-    return Frame(byte(data[1]), read_uint32(data, SESSION_AT), sequence, at, begins, ends)
+    return Frame(signed(data[1]), read_uint32(data, SESSION_AT), sequence, at, begins, ends)
 
 
 def read_position(data: Bytes, begins: int, ends: int) -> PositionBody:
     """Return the body of a POSITION if it has the usual form."""
-    fields = byte(data[begins]) - ARRAY
+    fields = signed(data[begins]) - ARRAY
     t_us, at = read_number(data, begins + 1)
     if data[at] == NIL:
         newest, at = NONE, at + 1
@@ -128,28 +112,27 @@ def read_position(data: Bytes, begins: int, ends: int) -> PositionBody:
         newest, at = read_number(data, at)
         if at == before:
             return PositionBody(NONE, 0, 0, 0, 0.0, 0.0)
-    payload_at, payload_bytes = at + 2, byte(data[at + 1])
+    payload_at, payload_bytes = at + 2, signed(data[at + 1])
     after = payload_at + payload_bytes
     if t_us == NONE or data[at] != BIN8:
         return PositionBody(NONE, 0, 0, 0, 0.0, 0.0)
     if fields == 3 and after == ends:
         return PositionBody(t_us, newest, payload_at, payload_bytes, float(NONE), 0.0)
     if fields == 5 and after + 2 == ends and data[after] <= REPORT_STEPS and data[after + 1] <= REPORT_STEPS:
-        share, again = byte(data[after]) / REPORT_STEPS, byte(data[after + 1]) / REPORT_STEPS
+        share, again = signed(data[after]) / REPORT_STEPS, signed(data[after + 1]) / REPORT_STEPS
         return PositionBody(t_us, newest, payload_at, payload_bytes, share, again)
     return PositionBody(NONE, 0, 0, 0, 0.0, 0.0)
 
 
-def read_single(data: Bytes, at: int, scratch: Scratch) -> float:
+def read_single(data: Bytes, at: int) -> float:
     """Return the big-endian float32 of four bytes."""
-    for place in range(4):
-        scratch.single_bytes[3 - place] = data[at + place]
-    return float(scratch.single[0])
+    bits = read_uint32(data, at)
+    return float(np.int32(bits - ((bits >> 31) << 32)).view(np.float32))
 
 
 def read_half(data: Bytes, at: int) -> float:
     """Return the big-endian float16 of two bytes (IEEE 754 binary16); infinity for infinities and NaN."""
-    bits = byte(data[at]) << 8 | byte(data[at + 1])
+    bits = signed(data[at]) << 8 | signed(data[at + 1])
     exponent, fraction = bits >> 10 & 31, bits & 1023
     if exponent == 31:
         return np.inf
@@ -180,19 +163,19 @@ def write_head(out: Bytes, version: int, kind: int, session: int, sequence: int)
     return write_number(out, write_number(out, 3, session), sequence)
 
 
-def write_single(out: Bytes, at: int, x: float, scratch: Scratch) -> int:
+def write_single(out: Bytes, at: int, x: float) -> int:
     """Write a float32, big-endian; return where it ends."""
-    scratch.single[0] = x
+    bits = signed(np.float32(x).view(np.int32))
     for place in range(4):
-        out[at + place] = scratch.single_bytes[3 - place]
+        out[at + place] = bits >> 8 * (3 - place) & 255
     return at + 4
 
 
-def write_double(out: Bytes, at: int, x: float, scratch: Scratch) -> int:
+def write_double(out: Bytes, at: int, x: float) -> int:
     """Write a float64, big-endian; return where it ends."""
-    scratch.double[0] = x
+    bits = signed(np.float64(x).view(np.int64))
     for place in range(8):
-        out[at + place] = scratch.double_bytes[7 - place]
+        out[at + place] = bits >> 8 * (7 - place) & 255
     return at + 8
 
 

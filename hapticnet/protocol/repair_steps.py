@@ -5,7 +5,7 @@ tests/node/test_node_bank.py holds both to the same bytes.
 """
 
 import math
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 
@@ -56,23 +56,23 @@ REPAIR_FIELDS: Final[list[Any]] = [
 ]
 
 
-class RepairNumbers(NamedTuple):
-    """The fields of `RepairSettings`, for compiled code."""
+_SETTINGS: Final[list[Any]] = [
+    ("replaces", np.bool_),
+    ("repeats", np.bool_),
+    ("paces", np.bool_),
+    ("doubt_limit", np.float64),
+    ("shortest_wait_us", np.int64),
+    ("longest_wait_us", np.int64),
+    ("repeats_per_position", np.float64),
+    ("shortest_keepalive_us", np.int64),
+    ("silences_per_s", np.float64),
+]
 
-    replaces: bool
-    repeats: bool
-    paces: bool
-    doubt_limit: float
-    shortest_wait_us: int
-    longest_wait_us: int
-    repeats_per_position: float
-    shortest_keepalive_us: int
-    silences_per_s: float
 
-
-def repair_numbers(settings: RepairSettings) -> RepairNumbers:
-    """Return the settings for compiled code."""
-    return RepairNumbers(*(getattr(settings, name) for name in RepairNumbers._fields))
+def repair_record(settings: RepairSettings) -> Any:
+    """Return the fields of `RepairSettings` that compiled code uses, as one record, shape (1,)."""
+    values = tuple(getattr(settings, name) for name, _ in _SETTINGS)
+    return np.array([values], np.dtype(_SETTINGS, align=True)).view(np.recarray)
 
 
 def place_of(row: Any, index: int) -> int:
@@ -127,7 +127,7 @@ def measure(row: Any, round_trip_us: int) -> None:
     row.overdue_us = row.timeout_us = timeout_us if timeout_us > SHORTEST_TIMEOUT_US else float(SHORTEST_TIMEOUT_US)
 
 
-def reported(row: Any, settings: RepairNumbers, share: float, again: float, now_us: int) -> None:
+def reported(row: Any, settings: Any, share: float, again: float, now_us: int) -> None:
     """See `Repair.reported`."""
     row.reported_us = now_us
     if settings.repeats or settings.paces:
@@ -136,7 +136,7 @@ def reported(row: Any, settings: RepairNumbers, share: float, again: float, now_
             pace(row, settings)
 
 
-def pace(row: Any, settings: RepairNumbers) -> None:
+def pace(row: Any, settings: Any) -> None:
     """See `Repair._pace`."""
     row.keepalive_us, row.needed = row.longest_us, 1
     if row.loss_share == 0.0:
@@ -155,7 +155,7 @@ def pace(row: Any, settings: RepairNumbers) -> None:
         row.keepalive_us -= PACE_STEP_US
 
 
-def repair_is_due(row: Any, settings: RepairNumbers, now_us: int, force_n: float) -> bool:
+def repair_is_due(row: Any, settings: Any, now_us: int, force_n: float) -> bool:
     """See `Repair.is_due`."""
     if row.sent_count == 0:
         return False
@@ -200,7 +200,7 @@ def keeps_alive(row: Any, silent_us: int) -> bool:
     return True
 
 
-def may_be_silent(row: Any, settings: RepairNumbers, now_us: int) -> bool:
+def may_be_silent(row: Any, settings: Any, now_us: int) -> bool:
     """See `Repair._may_be_silent`."""
     if not settings.paces or now_us - row.sent_us[place_of(row, 0)] <= row.overdue_us:
         return False
@@ -212,7 +212,7 @@ def may_be_silent(row: Any, settings: RepairNumbers, now_us: int) -> bool:
     return False
 
 
-def wait_us(row: Any, settings: RepairNumbers, force_n: float) -> float:
+def wait_us(row: Any, settings: Any, force_n: float) -> float:
     """See `Repair._wait_us`."""
     all_lost, doubt, newest_miss, miss = row.loss_share, 0.0, 0.0, 0.0
     looked_at_all = True
@@ -230,7 +230,7 @@ def wait_us(row: Any, settings: RepairNumbers, force_n: float) -> float:
         doubt += all_lost
     if doubt <= settings.doubt_limit:
         return math.inf
-    return max(float(settings.shortest_wait_us), settings.longest_wait_us / newest_miss)
+    return float(max(float(settings.shortest_wait_us), settings.longest_wait_us / newest_miss))
 
 
 def miss_of(row: Any, force_n: float, before_n: float) -> float:

@@ -5,7 +5,7 @@ import signal
 from collections.abc import Callable, Sequence
 from socket import socket
 
-from hapticnet.node.bank_tables import Arrivals
+from hapticnet.node.bank_tables import Datagrams
 from hapticnet.node.compiled_slave import CompiledSlaveNode
 from hapticnet.node.neighbours import PassedOn
 from hapticnet.node.slave import SlaveNode
@@ -121,13 +121,13 @@ class CompiledSlaveRunner(SlaveRunner):
     def flush(self) -> None:
         """Send what the node has to send; as `SlaveRunner.flush`."""
         if self._channel is None:  # else they go with all others through the channel
-            self._port.send_departures(self.node.departures())
+            self._port.send_departures(*self.node.take_departures())
         super().flush()
 
     def _open_port(self, loop: asyncio.AbstractEventLoop) -> UdpPort:
         return BatchPort(loop, self._sock, self._receive_arrivals, channel=self._channel)
 
-    def _receive_arrivals(self, arrivals: Arrivals, count: int, now: int) -> None:
+    def _receive_arrivals(self, arrivals: Datagrams, count: int, now: int) -> None:
         self.node.receive_arrivals(arrivals, count, now)
         self._answer(now)
 
@@ -136,7 +136,7 @@ class CompiledSlaveRunner(SlaveRunner):
             super()._answer(now)
             return
         # The common case, kept short: the bank has served everything.
-        self._port.send_departures(self.node.departures())
+        self._port.send_departures(*self.node.take_departures())
         if self.node.follows:
             self._alarm.set(self.node.next_timer_us())
 

@@ -11,12 +11,12 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 
 from hapticnet.errors import UnavailableError
-from hapticnet.node.bank_tables import Arrivals, Departures, make_arrivals
+from hapticnet.node.bank_tables import Datagrams, make_arrivals
 from hapticnet.protocol.frames import ADDRESS_WORDS
 from hapticnet.runtime.clock import now_us
 from hapticnet.runtime.udp import DRAIN_AT_MOST, READ_BYTES, SAMPLE_EVERY, OutgoingChannel, UdpPort
 
-ReceiveArrivals: TypeAlias = Callable[[Arrivals, int, int], None]
+ReceiveArrivals: TypeAlias = Callable[[Datagrams, int, int], None]
 
 ADDRESS_BYTES: Final = 4 * ADDRESS_WORDS
 """Size of a sockaddr_in6, the larger one of the two."""
@@ -107,21 +107,19 @@ class BatchPort(UdpPort):
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
         self._receive_arrivals = receive
         self._arrivals = make_arrivals(DRAIN_AT_MOST)
-        self._incoming = _Messages(self._arrivals.data, self._arrivals.addresses)
+        self._incoming = _Messages(self._arrivals)
         self._incoming.piece_lengths[:] = READ_BYTES
         self._outgoing: _Messages | None = None
         super().__init__(loop, sock, None, channel=channel)
         loop.add_reader(sock.fileno(), self._drain)
 
-    def send_departures(self, departures: Departures) -> None:
-        """Send the answers of a bank, and set their count to 0. The arrays must be the same at each call."""
-        count = int(departures.number[0])
+    def send_departures(self, departures: Datagrams, count: int) -> None:
+        """Send the first `count` answers of a bank. The arrays must be the same at each call."""
         if not count:
             return
-        departures.number[0] = 0
         messages = self._outgoing
         if messages is None:
-            messages = self._outgoing = _Messages(departures.data, departures.addresses)
+            messages = self._outgoing = _Messages(departures)
             messages.name_lengths[:] = _name_bytes(self._sock)
         messages.piece_lengths[:count] = departures.lengths[:count]
         first = 0
@@ -155,7 +153,7 @@ class BatchPort(UdpPort):
 
 
 class _Messages:
-    """Headers for the rows of two arrays, data and addresses.
+    """Headers for datagrams.
 
     Attributes
     ----------
@@ -165,7 +163,8 @@ class _Messages:
         Sizes [B] of the addresses, of the data to send or the space to read into, and of what was read, shapes (n,).
     """
 
-    def __init__(self, data: Any, addresses: Any) -> None:
+    def __init__(self, datagrams: Datagrams) -> None:
+        data, addresses = datagrams.octets, datagrams.addresses
         messages, pieces = np.zeros(len(data), _MESSAGE), np.zeros(len(data), _PIECE)
         rows = np.arange(len(data), dtype=np.uint64)
         pieces["base"] = data.ctypes.data + rows * data.strides[0]
