@@ -59,7 +59,7 @@ def small(result: dict[str, Any], rate_hz: float, *, kill: bool, seed: int) -> d
         model.fail(host.slaves, answers_s=result["outage_s"])
     else:
         model.stop(host)
-        host.in_rotation = True  # there is no other
+        host.in_rotation = True  # it is the only host
         model.later(result["outage_s"], lambda: model.start(host))
     model.env.run(120.0)
     assert len(model.away) == settings.masters

@@ -114,7 +114,7 @@ class Server:
         command += ["--most-sessions", MOST_SESSIONS, "--seats", MOST_SESSIONS, *keys, *options]
         command += ["--realtime" if bench.fifo else "--no-realtime"]
         said = bench.folder / "slave.log"
-        with said.open("w") as log:  # a file: nobody reads a pipe while the load runs
+        with said.open("w") as log:  # a file: a pipe would fill up, as nothing reads it during the load
             self._process = bench.start(command, cpus, fifo=False, stdout=subprocess.DEVNULL, stderr=log)
         until = time.monotonic() + START_WITHIN_S
         while not (lines := [line for line in said.read_text().splitlines() if "listening on " in line]):

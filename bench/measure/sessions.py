@@ -36,7 +36,7 @@ QUICK: Final = ("deadband", "raw, sealed", "coded positions")
 QUICK_MASTERS: Final = 3
 
 MOST_SENDS_HZ: Final = 450_000.0
-"""Datagrams a second of all masters that are tried at most: a core of its own can just send them."""
+"""Datagrams a second of all masters that are tried at most: a dedicated core can just send them."""
 
 MOST_MASTERS: Final = 3_000
 LARGEST_P99_US: Final = 2_000.0

@@ -20,7 +20,7 @@ MESSAGE: Final = struct.Struct("<If")
 """Time stamp [µs] since the start of the near end, and position [m] or force [N]."""
 
 PORT: Final = 47900
-"""Port of every stack; each measurement has network namespaces of its own."""
+"""Port of every stack; each measurement has its own network namespaces."""
 
 Answer: TypeAlias = Callable[[bytes], bytes]
 Deliver: TypeAlias = Callable[[bytes], None]
