@@ -39,7 +39,7 @@ docker-check: $(VENV)/installed-dev
 # Recordings to try every codec on, as FILE[:FORCE[:POSITION[:SCALE]]]; the repository has none.
 RECORDINGS ?=
 
-BENCHMARKS := codec_speed codec_stability packet_rate teleoperation positions announced scene_accuracy scene_cost force_loop finger_limit tilt virtual_time real_time round_trip sessions tables fuzz floods recording endurance
+BENCHMARKS := codec_speed codec_stability packet_rate teleoperation positions announced scene_accuracy scene_cost force_loop finger_limit tilt virtual_time real_time round_trip sessions session_tables fuzz floods recording endurance
 
 bench: system-packages $(VENV)/installed-dev
 	$(BIN)/python bench/measure/rate_distortion.py $(RECORDINGS) --json results/bench/rate_distortion.json

@@ -141,8 +141,8 @@ def records(measured, folder):
         "round_trip",
         "scene_accuracy",
         "scene_cost",
+        "session_tables",
         "sessions",
-        "tables",
         "virtual_time",
     ):
         measured(name)
