@@ -27,10 +27,10 @@ from hapticnet.runtime.systemd import notify_socket
 from hapticnet.runtime.udp import bound_address, is_loopback, parse_host_port
 from hapticnet.runtime.waiting import Repeating, stop_on_signals
 from hapticnet.runtime.watching import Watcher, Watchers
-from hapticnet.runtime.workers.crew import Crew
+from hapticnet.runtime.workers.crew import Supervisor
 from hapticnet.runtime.workers.group import MOST_WORKERS, open_group
 from hapticnet.runtime.workers.merge import merged_report, recording_faults, status
-from hapticnet.runtime.workers.serving import CrewMetrics, CrewNotifier
+from hapticnet.runtime.workers.serving import WorkersMetrics, WorkersNotifier
 from hapticnet.scene.sources import SceneSource
 
 MODULE: Final = "hapticnet.cli.slave_worker"
@@ -63,31 +63,31 @@ def serve(options: SlaveOptions, source: SceneSource, console: Console, how: Sla
     if options.compiled:
         console.say(COMPILING)
 
-    async def serve_all() -> Crew:
+    async def serve_all() -> Supervisor:
         given = {"options": options.to_json(), "figures": how.metrics is not None}
-        crew = Crew(MODULE, sockets, options.most_sessions, given, _relay, console.warn)
-        watchers: list[Watcher[Any]] = [_Status(crew, console)]
+        supervisor = Supervisor(MODULE, sockets, options.most_sessions, given, _relay, console.warn)
+        watchers: list[Watcher[Any]] = [_Status(supervisor, console)]
         if (path := notify_socket()) is not None:
-            watchers.append(CrewNotifier(crew, path))
+            watchers.append(WorkersNotifier(supervisor, path))
         if how.metrics is not None:
-            served = CrewMetrics(crew, parse_host_port(how.metrics, lowest_port=0), console.warn)
+            served = WorkersMetrics(supervisor, parse_host_port(how.metrics, lowest_port=0), console.warn)
             console.say(f"metrics on http://{served.address}/metrics")
             watchers.append(served)
-        await _serve(crew, Watchers(watchers, console.warn), console, how.duration, str(address), trust)
-        return crew
+        await _serve(supervisor, Watchers(watchers, console.warn), console, how.duration, str(address), trust)
+        return supervisor
 
-    crew = run(serve_all())
+    supervisor = run(serve_all())
     console.finish()
-    faults = recording_faults(crew.workers)
+    faults = recording_faults(supervisor.workers)
     try:
-        deliver(merged_report(crew.workers), as_json=how.json, file=how.report, real_time=True)
+        deliver(merged_report(supervisor.workers), as_json=how.json, file=how.report, real_time=True)
     finally:
         if faults:
             raise FileError(f"the recordings are incomplete: {'; '.join(faults)}")
 
 
 async def _serve(
-    crew: Crew,
+    supervisor: Supervisor,
     watchers: Watchers[Any],
     console: Console,
     duration_s: float | None,
@@ -100,29 +100,28 @@ async def _serve(
 
     def on_hangup() -> None:
         if not terminal_is_gone(before) and read_masters(trust.guests, console.say, console.warn):
-            crew.read_again()
+            supervisor.read_again()
 
     loop.add_signal_handler(signal.SIGHUP, on_hangup)
     stopped = asyncio.ensure_future(stop.wait())
-    started = asyncio.ensure_future(crew.start())
+    started = asyncio.ensure_future(supervisor.start())
     await asyncio.wait((started, stopped), return_when=asyncio.FIRST_COMPLETED)
     if not started.done():  # a signal came first
         started.cancel()
-        await crew.stop()
+        await supervisor.stop()
         return
     started.result()
     await watchers.start()
     repeating = Repeating(loop, lambda: watchers.check(0))
-    ready = crew.workers[0].ready or {}
-    console.say(
-        f"listening on {address}, scene {ready.get('scene')}, {ready.get('scheduling')}, {len(crew.workers)} workers"
-    )
-    failed = asyncio.ensure_future(crew.until_failure())
+    ready = supervisor.workers[0].ready or {}
+    count = len(supervisor.workers)
+    console.say(f"listening on {address}, scene {ready.get('scene')}, {ready.get('scheduling')}, {count} workers")
+    failed = asyncio.ensure_future(supervisor.until_failure())
     try:
         await asyncio.wait((stopped, failed), timeout=duration_s, return_when=asyncio.FIRST_COMPLETED)
     finally:
         repeating.cancel()
-        await crew.stop()
+        await supervisor.stop()
         stopped.cancel()
         await watchers.stop()
     if failed.done():
@@ -136,13 +135,13 @@ class _Status(Watcher[Any]):
 
     name = "messages"
 
-    def __init__(self, crew: Crew, console: Console) -> None:
-        self._crew = crew
+    def __init__(self, supervisor: Supervisor, console: Console) -> None:
+        self._supervisor = supervisor
         self._console = console
 
     def check(self, now_us: int) -> None:  # noqa: ARG002 - the interval is fixed
         """Update the status line."""
-        self._console.status(status(self._crew.workers))
+        self._console.status(status(self._supervisor.workers))
 
 
 def _relay(text: str) -> None:

@@ -71,7 +71,7 @@ class SlaveRun:
 
 
 @dataclass(frozen=True, slots=True)
-class Fellow:
+class WorkerContext:
     """What a node needs as one of several workers; `secret` makes the cookies of all."""
 
     worker: int
@@ -143,7 +143,11 @@ def slave_settings(options: SlaveOptions, workers: int = 1, worker: int = 0) -> 
 
 
 def set_up(
-    options: SlaveOptions, source: SceneSource, trust: SlaveTrust, console: "Console", fellow: Fellow | None = None
+    options: SlaveOptions,
+    source: SceneSource,
+    trust: SlaveTrust,
+    console: "Console",
+    context: WorkerContext | None = None,
 ) -> Parts:
     """Return the parts of a slave; raise a HapticnetError that says which option is wrong."""
     from functools import partial
@@ -175,7 +179,7 @@ def set_up(
     make_node: Callable[..., SlaveNode] = SlaveNode
     if options.compiled:
         make_node = partial(CompiledSlaveNode, addresses=SocketAddresses())
-    workers, worker = (1, 0) if fellow is None else (fellow.workers, fellow.worker)
+    workers, worker = (1, 0) if context is None else (context.workers, context.worker)
     node = make_node(
         make_scene,
         slave_settings(options, workers, worker),
@@ -183,8 +187,8 @@ def set_up(
         doors=doors,
         write_address=place,
         host_of=host_of,
-        neighbours=None if fellow is None else fellow.neighbours,
-        secret=None if fellow is None else fellow.secret,
+        neighbours=None if context is None else context.neighbours,
+        secret=None if context is None else context.secret,
     )
     if options.record is None:
         return Parts(node, source, guests, None)

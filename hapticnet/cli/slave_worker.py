@@ -49,7 +49,7 @@ def serve(given: dict[str, Any], line: WorkerLine, numbers: list[int]) -> dict[s
     """Serve with the settings that the parent has `given`; return the report."""
     from hapticnet.cli.console import Console
     from hapticnet.cli.slave_messages import SlaveMessages
-    from hapticnet.cli.slave_setup import Fellow, SlaveOptions, find_scene, set_up, slave_settings
+    from hapticnet.cli.slave_setup import SlaveOptions, WorkerContext, find_scene, set_up, slave_settings
     from hapticnet.cli.trust import slave_trust
     from hapticnet.codec.registry import register_installed_codecs
     from hapticnet.runtime.metrics import SlaveFigures
@@ -78,7 +78,7 @@ def serve(given: dict[str, Any], line: WorkerLine, numbers: list[int]) -> dict[s
     loopback = is_loopback(sock.getsockname())
     trust = slave_trust(bound_address(sock), loopback, options.key, options.masters, options.insecure)
     neighbours = Neighbourhood(table, worker, slave_settings(options).session)
-    parts = set_up(options, source, trust, console, Fellow(worker, workers, neighbours, secret))
+    parts = set_up(options, source, trust, console, WorkerContext(worker, workers, neighbours, secret))
     node = parts.node
     scheduling = prefer_realtime() if options.realtime else OTHER
     # If SCHED_FIFO is refused, it is refused to all: only the first worker says so.

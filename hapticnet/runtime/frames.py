@@ -4,18 +4,19 @@ import struct
 from collections.abc import Iterator
 from typing import BinaryIO, Final
 
-_HEADER: Final = struct.Struct("<BI")
+HEADER: Final = struct.Struct("<BI")
+"""What precedes a body: its kind and its length [bytes]."""
 
 
 def pack_frame(kind: int, body: bytes) -> bytes:
     """Return a frame; `kind` (0 to 255) says what the body is."""
-    return _HEADER.pack(kind, len(body)) + body
+    return HEADER.pack(kind, len(body)) + body
 
 
 def read_frames(stream: BinaryIO) -> Iterator[tuple[int, bytes]]:
     """Yield kind and body of each frame until the writer has gone; an incomplete last frame is left out."""
-    while len(header := stream.read(_HEADER.size)) == _HEADER.size:
-        kind, length = _HEADER.unpack(header)
+    while len(header := stream.read(HEADER.size)) == HEADER.size:
+        kind, length = HEADER.unpack(header)
         body = stream.read(length)
         if len(body) < length:
             return

@@ -7,13 +7,13 @@ from hapticnet.runtime.metrics import SlaveFigures
 from hapticnet.runtime.overload import Overload
 from hapticnet.runtime.workers.crew import Worker
 from hapticnet.runtime.workers.merge import added, merged_distributions, merged_report, merged_values, news
-from hapticnet.runtime.workers.process import Life
+from hapticnet.runtime.workers.process import WorkerProcess
 
 
 def worker(number, told, ended=()):
     made = Worker(number)
-    made.life = Life("module", (), print)
-    made.life.ready, made.life.news = {}, told
+    made.process = WorkerProcess("module", (), print)
+    made.process.ready, made.process.news = {}, told
     made.ended += [("SIGKILL", before) for before in ended]
     return made
 
@@ -30,16 +30,16 @@ def told(loopback):
 def test_every_metric_of_workers_has_a_source_and_the_other_way_round(told):
     described = {metric.name: metric for metric in TABLES["workers"]}
     histograms = {name for name, metric in described.items() if metric.kind == "histogram"}
-    crew = [worker(0, told), worker(1, told)]
-    assert set(merged_distributions(crew)) == histograms
-    values = merged_values(crew)
+    workers = [worker(0, told), worker(1, told)]
+    assert set(merged_distributions(workers)) == histograms
+    values = merged_values(workers)
     assert set(values) == set(described) - histograms
     assert all(isinstance(value, dict) == bool(described[name].labels) for name, value in values.items())
 
 
 def test_values_add_up_and_counters_go_on_where_a_process_that_ended_stood(told):
-    crew = [worker(0, told, ended=[told]), worker(1, told)]
-    values = merged_values(crew)
+    workers = [worker(0, told, ended=[told]), worker(1, told)]
+    values = merged_values(workers)
     assert values["steps"] == 3 * told["values"]["steps"] > 0
     assert values["datagrams"]["received"] == 3 * told["values"]["datagrams"]["received"]
     assert values["sessions"] == 2, "those of the process that ended are gone"
@@ -48,8 +48,8 @@ def test_values_add_up_and_counters_go_on_where_a_process_that_ended_stood(told)
 
 
 def test_a_worker_that_has_said_nothing_yet_counts_as_nothing(told):
-    crew = [worker(0, None), worker(1, told)]
-    assert merged_values(crew)["steps"] == told["values"]["steps"]
+    workers = [worker(0, None), worker(1, told)]
+    assert merged_values(workers)["steps"] == told["values"]["steps"]
     assert merged_values([worker(0, None)])["realtime"] == 0.0
     report = merged_report([worker(0, None)])
     assert report["sessions"] == []
@@ -57,9 +57,9 @@ def test_a_worker_that_has_said_nothing_yet_counts_as_nothing(told):
 
 
 def test_queue_ages_of_workers_are_one_distribution():
-    crew = [worker(0, {"counts": {"queue_age_seconds": {"400": 99}}}),
+    workers = [worker(0, {"counts": {"queue_age_seconds": {"400": 99}}}),
             worker(1, {"counts": {"queue_age_seconds": {"400": 98, "700": 3}}})]  # fmt: skip
-    ages = merged_distributions(crew)["queue_age_seconds"]
+    ages = merged_distributions(workers)["queue_age_seconds"]
     assert ages.count == 200
     assert ages.percentile(50) == pytest.approx(1.01**401)
     assert ages.percentile(99) == pytest.approx(1.01**701)

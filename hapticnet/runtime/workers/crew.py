@@ -13,7 +13,7 @@ from hapticnet.errors import FileError, HapticnetError, RefusedError, SettingsEr
 from hapticnet.runtime.workers.exchange import mailboxes
 from hapticnet.runtime.workers.group import discard_waiting
 from hapticnet.runtime.workers.link import Say
-from hapticnet.runtime.workers.process import Life
+from hapticnet.runtime.workers.process import WorkerProcess
 from hapticnet.runtime.workers.table import Table, shared_file
 
 QUICK_S: Final = 5.0
@@ -31,7 +31,7 @@ PARTING_S: Final = 10.0
 SILENT_S: Final = 3.0
 """Time [s] without news after which a worker counts as stuck."""
 
-HOPELESS_S: Final = 10.0
+KILL_AFTER_S: Final = 10.0
 """Time [s] without news after which a worker is killed, and started again."""
 
 LOOK_S: Final = 0.5
@@ -45,7 +45,7 @@ ERRORS: Final[Mapping[int, type[HapticnetError]]] = {
 
 
 class Worker:
-    """One worker: its present process, and what is left of those before.
+    """One worker: its present process, and figures of earlier ones.
 
     Attributes
     ----------
@@ -55,22 +55,22 @@ class Worker:
 
     def __init__(self, number: int) -> None:
         self.number = number
-        self.life: Life | None = None
+        self.process: WorkerProcess | None = None
         self.ended: list[tuple[str, dict[str, Any]]] = []
 
     @property
     def ready(self) -> dict[str, Any] | None:
         """What it said when it began to serve; None while it does not."""
-        return self.life.ready if self.life is not None else None
+        return self.process.ready if self.process is not None else None
 
     @property
     def news(self) -> dict[str, Any]:
         """Its newest figures; empty if there are none."""
-        return (self.life.news if self.life is not None else None) or {}
+        return (self.process.news if self.process is not None else None) or {}
 
 
-class Crew:
-    """The workers of a slave.
+class Supervisor:
+    """Keep the workers of a slave running.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ class Crew:
     seats
         Most sessions of all together.
     set_up
-        What each worker gets to know besides, as JSON.
+        What each worker is told in addition, as JSON.
     on_line
         Called with each line of a worker.
     tell
@@ -132,10 +132,10 @@ class Crew:
     async def until_failure(self) -> None:
         """Wait until a worker ends again and again, and raise why as an UnavailableError; kill those that are stuck."""
         while self._failure is None:
-            for worker in self.stuck(HOPELESS_S):
-                if worker.life is not None:
-                    self._tell(f"worker {worker.number} has been stuck for {HOPELESS_S:g} s and is killed")
-                    worker.life.kill()
+            for worker in self.stuck(KILL_AFTER_S):
+                if worker.process is not None:
+                    self._tell(f"worker {worker.number} has been stuck for {KILL_AFTER_S:g} s and is killed")
+                    worker.process.kill()
             with suppress(TimeoutError):
                 await asyncio.wait_for(self._change(), LOOK_S)
         raise self._failure
@@ -143,8 +143,8 @@ class Crew:
     def read_again(self) -> None:
         """Let all workers read the list of masters again."""
         for worker in self.workers:
-            if worker.life is not None:
-                worker.life.say(Say.READ_AGAIN)
+            if worker.process is not None:
+                worker.process.say(Say.READ_AGAIN)
 
     def stuck(self, silent_s: float = SILENT_S) -> list[Worker]:
         """Return the workers that serve and have not said anything for so long."""
@@ -152,21 +152,21 @@ class Crew:
         return [
             worker
             for worker in self.workers
-            if worker.life is not None and worker.life.ready and now_s - worker.life.heard_s > silent_s
+            if worker.process is not None and worker.process.ready and now_s - worker.process.heard_s > silent_s
         ]
 
     async def stop(self) -> None:
         """End all workers, and wait for their reports."""
         self._stopping.set()
         for worker in self.workers:
-            if worker.life is not None:
-                worker.life.say(Say.STOP)
+            if worker.process is not None:
+                worker.process.say(Say.STOP)
         if self._tasks:
             _, late = await asyncio.wait(self._tasks, timeout=PARTING_S)
             for worker, task in zip(self.workers, self._tasks, strict=True):
-                if task in late and worker.life is not None:
+                if task in late and worker.process is not None:
                     self._tell(f"worker {worker.number} did not end within {PARTING_S:g} s and was killed")
-                    worker.life.kill()
+                    worker.process.kill()
             await asyncio.gather(*self._tasks)
         for sock in (*self._sockets, *self._inboxes, *self._outboxes):
             sock.close()
@@ -190,19 +190,21 @@ class Crew:
         mail = self._inboxes[worker.number]
         own = self._sockets[worker.number].fileno(), self._file, mail.fileno()
         while not self._stopping.is_set():
-            worker.life = Life(self._module, [*own, *(box.fileno() for box in self._outboxes)], self._on_line)
+            worker.process = WorkerProcess(
+                self._module, [*own, *(box.fileno() for box in self._outboxes)], self._on_line
+            )
             began_s = loop.time()
-            code = await worker.life.run(self._set_up | {"worker": worker.number}, self._changed.set)
+            code = await worker.process.run(self._set_up | {"worker": worker.number}, self._changed.set)
             lost = self._table.sessions_of(worker.number)
             self._table.clear(worker.number)
             if await self._stops_within(CLEAN_END_S if code == 0 else 0.0):
                 return
             quick = quick + 1 if loop.time() - began_s < QUICK_S else 1
-            if not self._goes_on(worker, worker.life, how(code), lost, quick):
+            if not self._goes_on(worker, worker.process, how(code), lost, quick):
                 self._changed.set()
                 return
             worker.ended.append((how(code), worker.news | {"masters": lost}))
-            worker.life = None
+            worker.process = None
             if not await self._stops_within(FIRST_PAUSE_S * 2 ** (quick - 1)):
                 # What arrived in between is stale, and masters ask again.
                 discard_waiting(self._sockets[worker.number])
@@ -215,13 +217,13 @@ class Crew:
                 await asyncio.wait_for(self._stopping.wait(), seconds)
         return self._stopping.is_set()
 
-    def _goes_on(self, worker: Worker, life: Life, end: str, lost: int, quick: int) -> bool:
+    def _goes_on(self, worker: Worker, process: WorkerProcess, end: str, lost: int, quick: int) -> bool:
         """Return whether a worker that has ended is to be started again."""
-        if life.failure is not None and not worker.ended:  # it has never served: an option is wrong
-            error = ERRORS.get(life.failure["exit_code"], HapticnetError)
-            self._failure = error(life.failure["message"])
+        if process.failure is not None and not worker.ended:  # it has never served: an option is wrong
+            error = ERRORS.get(process.failure["exit_code"], HapticnetError)
+            self._failure = error(process.failure["message"])
         elif quick >= MOST_QUICK_ENDS:
-            reason = life.failure["message"] if life.failure is not None else end
+            reason = process.failure["message"] if process.failure is not None else end
             self._failure = UnavailableError(
                 f"worker {worker.number} ended {quick} times within {QUICK_S:g} s of its start; the last time: {reason}"
             )

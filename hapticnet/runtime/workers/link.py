@@ -3,15 +3,12 @@
 import asyncio
 import json
 import socket
-import struct
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from enum import IntEnum
-from typing import Any, Final
+from typing import Any
 
-from hapticnet.runtime.frames import pack_frame
-
-_HEADER: Final = struct.Struct("<BI")
+from hapticnet.runtime.frames import HEADER, pack_frame
 
 
 class Say(IntEnum):
@@ -84,13 +81,13 @@ class WorkerLine:
         self._socket.close()
 
     def _frame(self) -> tuple[Say, Any] | None:
-        if len(self._arrived) < _HEADER.size:
+        if len(self._arrived) < HEADER.size:
             return None
-        kind, length = _HEADER.unpack_from(self._arrived)
-        end = _HEADER.size + length
+        kind, length = HEADER.unpack_from(self._arrived)
+        end = HEADER.size + length
         if len(self._arrived) < end:
             return None
-        body = bytes(self._arrived[_HEADER.size : end])
+        body = bytes(self._arrived[HEADER.size : end])
         del self._arrived[:end]
         return Say(kind), json.loads(body)
 
@@ -122,7 +119,7 @@ def say_to(writer: asyncio.StreamWriter, kind: Say, content: Mapping[str, Any] |
 async def hear(reader: asyncio.StreamReader) -> tuple[Say, Any] | None:
     """Return the next frame of a worker; None when it is gone."""
     try:
-        kind, length = _HEADER.unpack(await reader.readexactly(_HEADER.size))
+        kind, length = HEADER.unpack(await reader.readexactly(HEADER.size))
         return Say(kind), json.loads(await reader.readexactly(length))
     except (asyncio.IncompleteReadError, OSError):
         return None

@@ -1,7 +1,7 @@
 """One report and one set of metrics of several workers."""
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from hapticnet.node.slave import SlaveNode
@@ -29,34 +29,32 @@ def news(node: SlaveNode, figures: SlaveFigures | None) -> dict[str, Any]:
     return told
 
 
-def status(workers: Iterable[Worker]) -> str:
+def status(workers: Sequence[Worker]) -> str:
     """Return the status line of a slave with workers."""
-    crew = list(workers)
-    masters = sum(each.news.get("masters", 0) for each in crew)
-    return f"{masters} masters, {sum(each.ready is not None for each in crew)} of {len(crew)} workers"
+    masters = sum(each.news.get("masters", 0) for each in workers)
+    return f"{masters} masters, {sum(each.ready is not None for each in workers)} of {len(workers)} workers"
 
 
-def merged_values(workers: Iterable[Worker]) -> dict[str, Any]:
-    """Return the metrics of all workers. Counters go on where a process that has ended stood."""
-    crew = list(workers)
-    found = [each.news.get("values", {}) for each in crew]
+def merged_values(workers: Sequence[Worker]) -> dict[str, Any]:
+    """Return the metrics of all workers. Counters include processes that have ended."""
+    found = [each.news.get("values", {}) for each in workers]
     total: dict[str, Any] = {}
     for values in found:
         total = added(total, values)
-    for values in (before.get("values", {}) for each in crew for _, before in each.ended):
+    for values in (before.get("values", {}) for each in workers for _, before in each.ended):
         total = added(total, {name: value for name, value in values.items() if name not in OF_NOW})
     for name in LOWEST:
         total[name] = min((values.get(name, 0.0) for values in found), default=0.0)
     total["log_lines_left_out"] = total.get("log_lines_left_out", 0) + STDERR.left_out
     return total | {
-        "worker_up": {str(each.number): float(each.ready is not None) for each in crew},
-        "worker_sessions": {str(each.number): each.news.get("masters", 0) for each in crew},
-        "worker_restarts": {str(each.number): len(each.ended) for each in crew},
-        "worker_cpu_seconds": {str(each.number): _cpu_s(each) for each in crew},
+        "worker_up": {str(each.number): float(each.ready is not None) for each in workers},
+        "worker_sessions": {str(each.number): each.news.get("masters", 0) for each in workers},
+        "worker_restarts": {str(each.number): len(each.ended) for each in workers},
+        "worker_cpu_seconds": {str(each.number): _cpu_s(each) for each in workers},
     }
 
 
-def merged_distributions(workers: Iterable[Worker]) -> dict[str, Distribution | None]:
+def merged_distributions(workers: Sequence[Worker]) -> dict[str, Distribution | None]:
     """Return the distributions of all workers."""
     merged: dict[str, Distribution | None] = {"queue_age_seconds": Distribution()}
     for each in workers:
@@ -68,13 +66,12 @@ def merged_distributions(workers: Iterable[Worker]) -> dict[str, Distribution | 
     return merged
 
 
-def merged_report(workers: Iterable[Worker]) -> dict[str, Any]:
+def merged_report(workers: Sequence[Worker]) -> dict[str, Any]:
     """Return the report of a slave with workers: all sessions, sums, and the figures of each worker.
 
     The sessions of a process that was killed are missing; ``workers`` tells how many they were.
     """
-    crew = list(workers)
-    reports = [(each.life.report if each.life is not None else None) or {} for each in crew]
+    reports = [(each.process.report if each.process is not None else None) or {} for each in workers]
     merged: dict[str, Any] = {
         "scheduling": _common([report.get("scheduling") for report in reports]),
         "sessions": [session for report in reports for session in report.get("sessions", ())],
@@ -85,7 +82,7 @@ def merged_report(workers: Iterable[Worker]) -> dict[str, Any]:
             if name in report:
                 total = report[name] if total is None else added(total, report[name])
         merged[name] = total if total is not None else 0
-    ages = merged_distributions(crew)["queue_age_seconds"]
+    ages = merged_distributions(workers)["queue_age_seconds"]
     overloads = [report["overload"] for report in reports if "overload" in report]
     merged["overload"] = {
         "queue_age_p50_us": ages.percentile(50) if ages is not None else None,
@@ -103,13 +100,13 @@ def merged_report(workers: Iterable[Worker]) -> dict[str, Any]:
             "sessions_not_recorded": sum(each["sessions_not_recorded"] for each in recordings),
             "stopped": next((each["stopped"] for each in recordings if each["stopped"]), None),
         }
-    merged["workers"] = [_of_worker(each, report) for each, report in zip(crew, reports, strict=True)]
+    merged["workers"] = [_of_worker(each, report) for each, report in zip(workers, reports, strict=True)]
     return merged
 
 
-def recording_faults(workers: Iterable[Worker]) -> list[str]:
+def recording_faults(workers: Sequence[Worker]) -> list[str]:
     """Return why recordings of workers are incomplete."""
-    reports = [each.life.report for each in workers if each.life is not None and each.life.report is not None]
+    reports = [each.process.report for each in workers if each.process is not None and each.process.report is not None]
     return sorted({report["recording"]["fault"] for report in reports if report.get("recording", {}).get("fault")})
 
 

@@ -1,4 +1,4 @@
-"""How a worker sees the others, by the shared table."""
+"""How a worker sees the others, through the shared table."""
 
 from collections import OrderedDict, deque
 from collections.abc import Hashable
@@ -19,9 +19,8 @@ MOST_PLACED: Final = 4096
 SEEN_AFTER_US: Final = 50_000
 """Time [µs] after which sessions that were sent to a worker are in its own count."""
 
-
 STUCK_AFTER_US: Final = 1_000_000
-"""Time [µs] without a sign of a worker after which it gets no HELLOs."""
+"""Time [µs] without a refresh after which a worker gets no HELLOs."""
 
 
 class Neighbourhood:
@@ -70,7 +69,7 @@ class Neighbourhood:
         return int(np.count_nonzero(self._table.used_rows()["taken"][self._others]))
 
     def expire(self) -> None:
-        """Expect no longer the sessions that are in their worker's own count by now."""
+        """Stop counting sessions as expected that their worker counts itself."""
         seen_us = now_us() - SEEN_AFTER_US
         while self._sent and self._sent[0][0] < seen_us:
             _, worker = self._sent.popleft()

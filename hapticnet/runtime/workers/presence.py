@@ -20,7 +20,7 @@ MOST_AT_ONCE: Final = 64
 
 
 class Presence(Watcher[SlaveEvent]):
-    """Show the sessions of a worker: a seat at once, which masters are silent bit by bit.
+    """Show the sessions of a worker: a seat at once, silence in turns.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class Presence(Watcher[SlaveEvent]):
             self._free.append(left)
 
     async def stop(self) -> None:
-        """Tell that this worker serves no longer."""
+        """Tell that this worker no longer serves."""
         if self._handle is not None:
             self._handle.cancel()
         self._table.clear(self._worker)

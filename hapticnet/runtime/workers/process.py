@@ -19,7 +19,7 @@ POLL_S: Final = 0.02
 MOST_LINE_BYTES: Final = 1 << 20
 
 
-class Life:
+class WorkerProcess:
     """One process of a worker, from start to end.
 
     Parameters

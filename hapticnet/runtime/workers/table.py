@@ -75,12 +75,12 @@ def size(workers: int, seats: int) -> int:
 
 
 def shared_file(workers: int, seats: int) -> int:
-    """Return a descriptor of memory for a table, which has no name and goes with the last process that has it."""
+    """Return a descriptor of memory for a table: anonymous, freed with its last user."""
     descriptor = os.memfd_create("hapticnet")
     os.ftruncate(descriptor, size(workers, seats))
     return descriptor
 
 
 def name_parts(identity: Hashable, request: Request) -> tuple[Hashable, ...]:
-    """Return what a master is recognised by that has been restarted."""
+    """Return what identifies a restarted master."""
     return identity, request.name
