@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable, Hashable, Iterable
+from enum import Enum
 from typing import Any, Final
 
 from hapticnet.errors import PeerError
@@ -283,13 +284,13 @@ class SlaveNode:
         size = len(data)
         greeted = self._reception.greet(datagram, size, address, now_us)
         if isinstance(greeted, Hello):
+            # A HELLO repeated after a lost answer gets the same answer.
             known = self._welcomes.get((address, greeted.nonce))
-            if known is None:
-                known = self._admit(datagram, data, greeted, address, now_us, stage)
-                if self._passing.outbox and self._passing.outbox[-1].data is data:
-                    return
-            if known is not None:  # a HELLO repeated after a lost answer gets the same answer
-                station, welcome = known
+            outcome = known or self._admit(datagram, data, greeted, address, now_us, stage)
+            if outcome is _Unadmitted.PASSED_ON:
+                return
+            if outcome is not _Unadmitted.TURNED_AWAY:
+                station, welcome = outcome
                 self._at_hand(station)
                 station.session.account_hello(size, len(welcome), now_us)
                 self._outbox.append((welcome, address))
@@ -300,22 +301,24 @@ class SlaveNode:
 
     def _admit(
         self, datagram: Datagram, data: bytes, hello: Hello, address: Address, now_us: int, stage: Stage
-    ) -> tuple[Station, bytes] | None:
-        """Read the request of a proved address; return the new session and its WELCOME, or None."""
+    ) -> "tuple[Station, bytes] | _Unadmitted":
+        """Read the request of a proved address; return the new session and its WELCOME, or why there is none."""
         host = self._host_of(address)
         if self._passing.unread(data, address, hello.nonce, host, stage):
-            return None
+            return _Unadmitted.PASSED_ON
         read = self._reception.read_counted if stage is Stage.ADMIT else self._reception.read
         visitor = read(datagram, hello, address, host, now_us)
-        if visitor is None or self._passing.read(data, address, hello.nonce, host, visitor, stage):
-            return None
+        if visitor is None:
+            return _Unadmitted.TURNED_AWAY
+        if self._passing.read(data, address, hello.nonce, host, visitor, stage):
+            return _Unadmitted.PASSED_ON
         try:
             station = self._admission.admit(visitor, datagram.sequence, address, host, self._seats, now_us)
         except RefusalError as refusal:
             self._answer_stranger(refusal.datagram(visitor, hello.nonce), address)
             name, public = visitor.request.name, visitor.public
             self._events.append(MasterRefused(name, address, public, refusal.code, str(refusal)))
-            return None
+            return _Unadmitted.TURNED_AWAY
         surplus = self._seats.surplus_half_open(station.identity)
         if surplus is not None:
             self._forget(surplus, Trigger.REPLACED, "its place was needed")
@@ -369,6 +372,13 @@ class SlaveNode:
             self.never_used += 1
             self.strangers.absorb(station.session.received)
             self.to_strangers.absorb(station.session.sent)
+
+
+class _Unadmitted(Enum):
+    """Why a HELLO of a proved address begins no session here."""
+
+    PASSED_ON = "another worker counts or serves it"
+    TURNED_AWAY = "not read, or refused"
 
 
 def _next_step_us(station: Station) -> int | None:

@@ -144,9 +144,8 @@ class MasterSession:
         is_report = self.position_share or not self._positions % REPORT_EVERY
         loss = self._loss.estimate() if is_report else None
         if loss is None:
-            body = pack_body(
-                (t_us & MOST, self._confirmed, payload)
-            )  # as `pack_position`, without an object in between
+            # As `pack_position`, without an object in between.
+            body = pack_body((t_us & MOST, self._confirmed, payload))
         else:
             body = pack_position(Position(wrap(t_us), self._confirmed, payload, loss))
         self._send(_POSITION, body)

@@ -1,9 +1,12 @@
-"""Members of an enumeration that are found as fast as any other attribute of a class."""
+"""Faster ways to what every datagram takes: members of an enumeration, named tuples."""
 
 import enum
-from typing import TypeVar
+from typing import Final, TypeVar
 
 E = TypeVar("E", bound=enum.Enum)
+
+new_tuple: Final = tuple.__new__
+"""Makes a named tuple of a tuple in a third of the time."""
 
 
 def plain_members(enumeration: type[E]) -> type[E]:

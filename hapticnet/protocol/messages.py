@@ -6,6 +6,7 @@ from typing import Any, Final, NamedTuple
 
 from hapticnet.errors import PeerError
 from hapticnet.protocol.loss import REPORT_STEPS, Loss
+from hapticnet.protocol.members import new_tuple
 from hapticnet.protocol.serial_number import MODULUS
 from hapticnet.protocol.wire import OPEN, Kind, is_uint32, pack, pack_body, unpack_body
 
@@ -151,10 +152,6 @@ class Refusal(NamedTuple):
     session: int
     reason: str
     code: Code = Code.OTHER
-
-
-_new: Final = tuple.__new__
-"""Makes a named tuple of a tuple in a third of the time."""
 
 
 class Position(NamedTuple):
@@ -312,7 +309,7 @@ def unpack_position(body: bytes) -> Position:
     ):
         raise PeerError("POSITION of the wrong types")
     if len(fields) < 5:
-        return _new(Position, (t_us, newest, payload, None))
+        return new_tuple(Position, (t_us, newest, payload, None))
     share, again = fields[3:]
     for percent in share, again:
         _require(type(percent) is int and 0 <= percent <= REPORT_STEPS, "loss in per cent", percent)

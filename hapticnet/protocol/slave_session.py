@@ -5,6 +5,7 @@ from typing import Any, Final
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.arrivals import Arrival
 from hapticnet.protocol.buckets import TokenBucket
+from hapticnet.protocol.members import new_tuple
 from hapticnet.protocol.messages import (
     REASON_BYTES,
     Close,
@@ -34,12 +35,10 @@ POLICED_SHARE: Final = 1.2
 POLICED_BURST_S: Final = 1.0
 """Positions that a network may hold back and deliver at once, in seconds of the granted rate."""
 
-
-# Found or made faster, for what every position takes.
+# Found faster, for what every position takes.
 _POSITION: Final = Kind.POSITION
 _NEW: Final = Arrival.NEW
 _HALF_OPEN: Final = SlaveState.HALF_OPEN
-_new: Final = tuple.__new__
 
 
 class SlaveSession:
@@ -148,7 +147,7 @@ class SlaveSession:
             if loss is not None:
                 self._repair.reported(loss, now_us)
             self._position_t_us = t_us = unwrap(t_us, clock_us)
-            return _new(Position, (t_us, newest, payload, None))
+            return new_tuple(Position, (t_us, newest, payload, None))
         if datagram.kind is Kind.CLOSE:
             close = unpack_close(body)
             self.received.add(datagram.kind, len(data))
