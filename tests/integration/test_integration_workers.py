@@ -52,10 +52,11 @@ def until(condition):
 
 
 def joined(start, server, address, names, *more):
-    """Return masters that have a session each."""
-    masters = [start("master", "--connect", address, "--name", name, "--duration", "60", "--json", *more, *FAST)
-               for name in names]  # fmt: skip
+    """Return masters that have a session each. They come one after another, so each worker counts those before."""
+    masters = []
     for name in names:
+        run = ("--connect", address, "--name", name, "--duration", "60", "--json")
+        masters.append(start("master", *run, *more, *FAST))
         server.wait_for(rf"'{name}'\)? joined from")
     return masters
 
