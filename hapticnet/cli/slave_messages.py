@@ -48,9 +48,8 @@ class SlaveMessages(Watcher[SlaveEvent]):
 
 def status(node: SlaveNode) -> str:
     """Return the status line of a slave."""
-    packets = sum(station.session.sent.packets for station in node.stations)
-    steps = sum(station.steps for station in node.stations)
-    return f"{len(node.stations)} masters, {steps} steps, {packets} packets sent"
+    steps, packets = node.totals()
+    return f"{node.session_count} masters, {steps} steps, {packets} packets sent"
 
 
 def in_words(event: SlaveEvent) -> str:

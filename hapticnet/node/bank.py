@@ -177,6 +177,12 @@ class Bank:
         for station, *counts in zip(stations, *columns, strict=True):
             account_to_station(station, counts)
 
+    def totals(self) -> tuple[int, int]:
+        """Return the steps of the sessions in the bank, and the datagrams that were sent in them."""
+        used = [at for at, station in enumerate(self._stations) if station is not None]
+        rows = self._tables.rows
+        return int(rows["steps"][used].sum()), int(rows["sent_packets"][used].sum())
+
     def _station(self, at: int) -> Station:
         station = self._stations[at]
         assert station is not None, "the row is in use"  # noqa: S101 - for the type checker

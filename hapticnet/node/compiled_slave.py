@@ -61,6 +61,12 @@ class CompiledSlaveNode(SlaveNode):
         self._bank.refresh_accounts()
         return super().stations
 
+    def totals(self) -> tuple[int, int]:
+        """Return the steps of all present sessions, and the datagrams that were sent in them; as `SlaveNode.totals`."""
+        outside = [each for each in super().stations if each not in self._bank]
+        steps, packets = self._bank.totals()
+        return steps + sum(each.steps for each in outside), packets + sum(each.session.sent.packets for each in outside)
+
     def receive_datagrams(self, batch: Iterable[tuple[bytes, Address]], now_us: int) -> None:
         """Process what has arrived since the last call; as `SlaveNode.receive_datagrams`."""
         self._see(now_us)

@@ -88,6 +88,11 @@ class SlaveNode:
         """Number of present sessions."""
         return len(self._stations)
 
+    def totals(self) -> tuple[int, int]:
+        """Return the steps of all present sessions, and the datagrams that were sent in them."""
+        stations = self.stations
+        return sum(each.steps for each in stations), sum(each.session.sent.packets for each in stations)
+
     @property
     def throttled(self) -> int:
         """Requests for a session that were not read because they came too often."""

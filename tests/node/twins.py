@@ -93,6 +93,7 @@ class Twins:
 
     def check_reports(self):
         """Compare all accounts."""
+        assert self.banked.totals() == self.plain.totals()
         plain, banked = (slave.report() for slave in self.slaves)
         for each in (plain, banked):
             each["sessions"].sort(key=lambda session: session["session"])
