@@ -160,7 +160,16 @@ def pages(records):
 
 
 def test_every_placeholder_of_the_pages_has_its_figure(pages):
-    names = ("benchmarks", "benchmarks-felt", "benchmarks-sessions", "benchmarks-tables", "headline", "motion", "scale")
+    names = (
+        "benchmarks",
+        "benchmarks-felt",
+        "benchmarks-sessions",
+        "benchmarks-speed",
+        "benchmarks-tables",
+        "headline",
+        "motion",
+        "scale",
+    )
     assert set(pages) == {f"{name}.md" for name in names}
     for text in pages.values():
         assert not re.search(r"{{|{%|\bnan\b|None|Undefined", text)
