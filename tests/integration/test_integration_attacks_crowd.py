@@ -169,6 +169,7 @@ def test_a_master_that_finds_no_seat_any_more_writes_its_report_and_recording(st
     arguments = ("--connect", path.address, "--duration", "60", "--rate", "200", "--record", str(record))
     master = start("master", *arguments, "--report", str(report), *FAST)
     master.wait_for("connected to")
+    time.sleep(0.5)  # for a hundred samples
     path.forward = path.feedback = drop
     server.end()
     other = start("slave", "--listen", address, "--most-sessions", "1", *FAST)
