@@ -44,7 +44,11 @@ def law_of(case):
 
 
 def bits(vector):
-    return [float(component + 0.0).hex() for component in vector]  # -0.0 + 0.0 is 0.0: the sign of a zero means nothing
+    return [float(component).hex() for component in vector]
+
+
+def without_sign_of_zero(vector):
+    return [component + 0.0 for component in vector]
 
 
 def test_every_codec_and_payload_form_is_documented_and_has_a_golden_vector():
@@ -148,7 +152,10 @@ def test_both_decoders_agree_on_any_stream_with_losses_and_damaged_payloads(name
         elif payload is not None:
             encoder.refresh()
         t_us += chance.choice([0, 0, 500, 10**6])
-        assert bits(decoder.reconstruct(t_us, tuple(position))) == bits(receiver.applied(t_us, list(position)))
+        ours, theirs = decoder.reconstruct(t_us, tuple(position)), receiver.applied(t_us, list(position))
+        if name == "motion-predictive":  # the only one of which two right decoders differ in the sign of a zero
+            ours, theirs = without_sign_of_zero(ours), without_sign_of_zero(theirs)
+        assert bits(ours) == bits(theirs)
 
 
 def test_the_independent_decoder_imports_nothing_of_hapticnet():
