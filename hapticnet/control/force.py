@@ -190,8 +190,9 @@ class ForceController:
         from_m = finger.displacement_m(sensed_n)
         if sensed_n - max(target_n, wanted_n) > max(settings.yield_n, settings.yield_fraction * target_n):
             from_m = min(from_m, self._stood_m)
-        change = compressed(wanted_n) - compressed(sensed_n) + self._lead
-        self._go(from_m + finger.cautious_m_n * change, elapsed_s)
+        # A lead compensates the servos' lag; it never asks for more than the largest target.
+        wanted = min(compressed(wanted_n) + self._lead, compressed(self._most_n))
+        self._go(from_m + finger.cautious_m_n * (wanted - compressed(sensed_n)), elapsed_s)
 
     def _return(self, target_n: float, wanted_n: float, elapsed_s: float) -> None:
         settings, finger = self._settings, self.finger

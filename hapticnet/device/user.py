@@ -67,6 +67,7 @@ class UserDevice(Device):
         self.travel_m = _positive(made, "travel_m", TRAVEL_M, LARGEST_TRAVEL_M, "m", what)
         self.max_force_n = _positive(made, "max_force_n", MAX_FORCE_N, LARGEST_FORCE_N, "N", what)
         self.description = _description(made, what)
+        self.least_rate_hz = 0.0  # the user chooses the rate, as that of the master
         self._has_reading = False
 
     @property

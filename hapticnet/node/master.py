@@ -56,6 +56,9 @@ class MasterNode:
 
     Attributes
     ----------
+    period_us, position_period_us
+        Time [µs] between two ticks, and between two positions that are sent, as the slave has granted it. A position is
+        sent in the tick nearest to the time it is due.
     position_m
         Position [m] of the newest tick; None before there is a session.
     held_n
@@ -78,7 +81,7 @@ class MasterNode:
         rng: Entropy,
     ) -> None:
         self.settings = settings
-        self.period_us = round(1e6 / settings.rate_hz)
+        self.position_period_us = round(1e6 / settings.rate_hz)
         self.ticks = 0
         self.end_reason: str | None = None
         self.refused = False
@@ -101,6 +104,9 @@ class MasterNode:
             self._fingertip = device
         else:
             self._fingertip = Fingertip(device, settings.limits, settings.control)
+        # No slave may slow the force loop down: its limits hold for the rate of the device.
+        least_hz = self._fingertip.device.least_rate_hz if isinstance(self._fingertip, Fingertip) else 0.0
+        self.period_us = round(1e6 / max(settings.rate_hz, least_hz))
         self._foretells = isinstance(self._fingertip, Fingertip) and self._port is None
         self._lead_us = self._fingertip.lead_us if isinstance(self._fingertip, Fingertip) else 0
         self._first_touch: FirstTouch | None = None
@@ -117,6 +123,7 @@ class MasterNode:
         self.scene_name: str | None = None
         self._events: deque[NodeEvent] = deque()
         self._ticked_us = 0
+        self._position_due_us = 0
 
     @property
     def codec(self) -> Codec:
@@ -185,12 +192,25 @@ class MasterNode:
             if self.paused is None:
                 self._ask_operator(now_us - self._script_start_us, now_us)
             if self.position_m is not None:
-                self._send(self.position_m, now_us)
+                state = self._applied.move(now_us, self.position_m)
+                if self._position_is_due(now_us):
+                    self._send(self.position_m, state, now_us)
 
-    def _send(self, position_m: Vector, now_us: int) -> None:
-        """Send the position of a tick, if the slave needs it."""
+    def _position_is_due(self, now_us: int) -> bool:
+        """Return whether this tick is the one nearest to the time at which the next position is due."""
+        if self.position_period_us <= self.period_us:
+            return True
+        wait_us = self._position_due_us - now_us
+        if 2 * wait_us > self.period_us and wait_us <= self.position_period_us:
+            return False
+        # After missed ticks or a clock that jumped, the positions go on from now.
+        kept = abs(wait_us) <= self.position_period_us
+        self._position_due_us = (self._position_due_us if kept else now_us) + self.position_period_us
+        return True
+
+    def _send(self, position_m: Vector, state: int | None, now_us: int) -> None:
+        """Send the position of a tick, if the slave needs it; `state` is that of an announced model."""
         applied, forward, session = self._applied, self._forward, self.session
-        state = applied.move(now_us, position_m)
         try:
             if not forward.is_sparse:
                 session.idle = False
@@ -201,9 +221,9 @@ class MasterNode:
             session.idle = not follows and forward.is_idle(applied.received_n)
             if session.idle and session.state is MasterState.ESTABLISHED:
                 applied.keep(now_us)
-            difference = applied.difference(now_us, self.period_us, position_m)
+            difference = applied.difference(now_us, self.position_period_us, position_m)
             place_m = forward.send(now_us, position_m, applied.received_n, state, difference)
-            applied.follow(now_us, self.period_us, place_m)
+            applied.follow(now_us, self.position_period_us, place_m)
         except Exception as error:  # a user's codec may raise anything
             self._fail(f"the codec failed: {in_words(error)}", now_us)
 
@@ -233,7 +253,7 @@ class MasterNode:
     def _apply(self, now_us: int) -> None:
         if self.failure is None:
             try:
-                self._applied.advance(now_us, self.period_us, self.position_m)
+                self._applied.advance(now_us, self.position_period_us, self.position_m)
             except Exception as error:  # a user's codec may raise anything
                 self._fail(f"the codec failed: {in_words(error)}", now_us)
         if self.failure is None and self.paused is None:
@@ -333,7 +353,7 @@ class MasterNode:
             "codec": self._codec.name,
             "parameters": codec_parameters(self._codec),
             **asdict(self._codec.law),
-            "rate_hz": 1e6 / self.period_us,
+            "rate_hz": 1e6 / self.position_period_us,
             "positions": self._forward.report(),
             "ticks": self.ticks,
             "sealed": self.session.sealed,
@@ -411,7 +431,7 @@ class MasterNode:
             self._connections += 1
             self.scene_name = event.grant.scene
             rate_hz = max(self.settings.session.slowest_hz, min(self.settings.rate_hz, event.grant.rate_hz))
-            self.period_us = round(1e6 / rate_hz)
+            self.position_period_us = round(1e6 / rate_hz)
             self._codec = self._next_codec
             share = event.grant.position_share
             codec = with_share(self._codec, share) if share else self._codec

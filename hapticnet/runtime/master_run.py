@@ -163,8 +163,6 @@ class MasterRunner:
         if node.finished:
             self._ended.set()
             self._stop.set()
-        if node.period_us != self._ticker.period_us:
-            self._ticker.set_period(node.period_us)
         while (event := node.next_event()) is not None:
             self._watchers.note(event, now_us())
 

@@ -72,7 +72,7 @@ class Ticker(_Timer):
     missed
         Number of ticks skipped because the next was already due.
     period_us
-        Time between two ticks [µs], as set by `set_period`.
+        Time between two ticks [µs].
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop, period_us: int, callback: Callable[[int], None]) -> None:
@@ -80,10 +80,6 @@ class Ticker(_Timer):
         self.missed = 0
         self._callback = callback
         super().__init__(loop)
-        self.set_period(period_us)
-
-    def set_period(self, period_us: int) -> None:
-        """Change the period of the following ticks."""
         self.period_us = period_us
         self._due_us = now_us()
         self._set_timer(self._due_us + period_us, period_us)

@@ -58,7 +58,7 @@ class Description:
         content = hello(view, settings.source, settings.hand)
         if view == "watch":
             content |= {
-                "rate_hz": 1e6 / self._node.period_us,
+                "rate_hz": 1e6 / self._node.position_period_us,
                 "axes": self._node.axes,
                 "device": settings.device,
                 "master": self._node.settings.name,
