@@ -3,8 +3,8 @@
 from typing import Any, Final, NamedTuple, Protocol
 
 FORCE_LOOP_HZ: Final = 1000.0
-"""Least rate [Hz] of the force loop. Its limits are made for a target that moves this often: at 31 Hz a square wave of 1
-to 5 N presses a finger of 3 N/mm with 5.2 N; at 1 kHz, bench/measure/hostile_slave.py finds nothing above 4.8 N."""
+"""Least rate [Hz] of the force loop. Its limits are made for a target that moves this often: at 31 Hz a square wave of
+1 to 5 N presses a finger of 3 N/mm with 5.2 N; at 1 kHz, bench/measure/hostile_slave.py finds nothing above 4.8 N."""
 
 
 class Reading(NamedTuple):

@@ -1,4 +1,7 @@
-"""The force that a master applies: decoded from what arrives, held in between, and how old it is."""
+"""The force that a master applies: decoded from what arrives, held in between, and how old it is.
+
+A change of session is not felt: the forces of the old session are applied until the first of the new one arrives.
+"""
 
 from typing import Any
 
@@ -13,8 +16,73 @@ from hapticnet.protocol.stats import Distribution
 from hapticnet.samples import Vector
 
 
+class _Stream:
+    """The forces of one session, on their way from a payload to a force.
+
+    Attributes
+    ----------
+    heard_us, heard_t_us
+        When the newest force arrived, on the master's clock, and its time stamp [µs]; None before the first.
+    """
+
+    __slots__ = ("_asked", "_predicts", "announced", "decoder", "elsewhere", "heard_t_us", "heard_us")
+
+    def __init__(self, codec: Codec, axes: int, stiffest_n_per_m: float | None, *, on_a_line: bool) -> None:
+        self.decoder: Decoder = codec.decoder(axes)
+        self.announced: AnnouncedDecoder | None = None
+        if stiffest_n_per_m is not None:
+            self.decoder = self.announced = AnnouncedDecoder(self.decoder, axes, stiffest_n_per_m)
+        self.elsewhere = Elsewhere(codec, axes, stiffest_n_per_m) if on_a_line else None
+        self.heard_us: int | None = None
+        self.heard_t_us = 0
+        self._asked: Decoder | None = None  # the decoder of which it is known whether it predicts
+        self._predicts = False
+
+    @property
+    def on_model(self) -> bool:
+        """Whether the force is that of an announced model."""
+        return self.announced is not None and self.announced.on_model
+
+    @property
+    def rendering(self) -> Decoder:
+        """What the force comes from: the decoder of the codec, or that of the model."""
+        return self.decoder if self.announced is None else self.announced.rendering
+
+    @property
+    def predicts(self) -> bool:
+        """Whether it can be asked for a force to come."""
+        decoder = self.rendering
+        if decoder is not self._asked:  # a question that takes long
+            self._asked, self._predicts = decoder, isinstance(decoder, Foretelling)
+        return self._predicts
+
+    def move(self, now_us: int, position_m: Vector) -> int | None:
+        """Move the tool; return which layers of an announced model are pierced, or None if nothing is announced."""
+        if self.announced is None:
+            return None
+        self.announced.move(now_us, position_m)
+        return self.announced.state
+
+    def decode(self, event: ForceArrived, now_us: int) -> None:
+        """Take in a force that has arrived."""
+        self.decoder.decode(event.t_us, event.payload)
+        if self.elsewhere is not None:
+            self.elsewhere.decode(event.t_us, event.payload)
+        self.heard_us, self.heard_t_us = now_us, event.t_us
+
+    def time_us(self, now_us: int, period_us: int) -> int:
+        """Return the time [µs] of the newest position whose answer could have arrived by now.
+
+        A prediction for that time is not contradicted; the answer to the next position comes within this period.
+        """
+        if self.heard_us is None:
+            return now_us
+        late_us = now_us - self.heard_us - period_us
+        return self.heard_t_us + late_us if late_us > 0 else self.heard_t_us
+
+
 class AppliedForce:
-    """The decoder of a session and the hold behind it.
+    """The force that is applied: that of the newest session of which one has arrived, and the hold behind it.
 
     Attributes
     ----------
@@ -33,60 +101,51 @@ class AppliedForce:
         self.age = Distribution()
         self.ticks_on_model = 0
         self._axes = axes
-        self._decoder: Decoder = codec.decoder(axes)
-        self._announced: AnnouncedDecoder | None = None
-        self._elsewhere: Elsewhere | None = None
+        self._stream = _Stream(codec, axes, None, on_a_line=False)
+        self._next: _Stream | None = None  # that of a session which has sent no force yet
         self._foresight = Foresight(axes)
         self._hold = Hold(settings, axes=axes)
-        self._heard_us: int | None = None  # when the newest force arrived, on the master's clock
-        self._heard_t_us = 0  # and its time stamp
         self._position_m: Vector | None = None  # of the newest tick, and its time
         self._position_us = 0
         self._at_us = 0  # time for which the decoder was asked last
-        self._asked: Decoder | None = None  # the decoder of which it is known whether it foretells
-        self._foretells = False
         self.value = self._hold.value  # without another call, because every tick takes it
         self._valid_t_us = 0  # time of the newest position for which what is applied is known to be right
 
     @property
     def on_model(self) -> bool:
         """Whether the force is that of an announced model."""
-        return self._announced is not None and self._announced.on_model
+        return self._stream.on_model
 
     def begin(self, codec: Codec, stiffest_n_per_m: float | None = None, *, on_a_line: bool = False) -> None:
-        """Begin a session: what is held stays until the first force arrives.
+        """Begin a session: the one before is applied until the first force arrives.
 
         `stiffest_n_per_m` is the limit of models of the contact ahead [N/m]; None if nothing is announced. `on_a_line`
         tells whether positions are sent only when they matter.
         """
-        self._decoder, self._announced = codec.decoder(self._axes), None
-        if stiffest_n_per_m is not None:
-            self._decoder = self._announced = AnnouncedDecoder(self._decoder, self._axes, stiffest_n_per_m)
-        self._elsewhere = Elsewhere(codec, self._axes, stiffest_n_per_m) if on_a_line else None
-        self._foresight = Foresight(self._axes)
-        self._heard_us = None
-        self._hold.restart()
+        self._next = _Stream(codec, self._axes, stiffest_n_per_m, on_a_line=on_a_line)
+        if self._stream.heard_us is None:
+            self._go_on_with(self._next)
 
     def move(self, now_us: int, position_m: Vector) -> int | None:
-        """Move the tool; return which layers of an announced model are pierced, or None if nothing is announced."""
-        if self._announced is None:
-            return None
-        self._announced.move(now_us, position_m)
-        return self._announced.state
+        """Move the tool; return what the slave must know of an announced model, or None if nothing is announced."""
+        state = self._stream.move(now_us, position_m)
+        return state if self._next is None else self._next.move(now_us, position_m)
 
     def difference(self, now_us: int, period_us: int, position_m: Vector) -> Difference | None:
         """Return how what is applied depends on where the tool has been; None if it does not."""
-        elsewhere, decoder = self._elsewhere, self._rendering
+        stream, decoder = self._stream, self._stream.rendering
+        elsewhere = stream.elsewhere
         if elsewhere is None or not isinstance(decoder, Foretelling):
             return None
-        at_us = self._time_us(now_us, period_us)
+        at_us = stream.time_us(now_us, period_us)
         here_n = decoder.foretell(at_us, position_m, now_us)
         return lambda place_m: elsewhere.difference(here_n, at_us, place_m, now_us)
 
     def follow(self, now_us: int, period_us: int, place_m: Vector | None) -> None:
         """Note where the slave takes the tool to be; None if it does not follow a line."""
-        if self._elsewhere is not None and place_m is not None:
-            self._elsewhere.move(self._time_us(now_us, period_us), place_m, now_us)
+        for stream in (self._stream, self._next):
+            if stream is not None and stream.elsewhere is not None and place_m is not None:
+                stream.elsewhere.move(stream.time_us(now_us, period_us), place_m, now_us)
 
     def take_in(self, event: ForceArrived, now_us: int) -> None:
         """Apply a force that has arrived.
@@ -96,37 +155,43 @@ class AppliedForce:
         PeerError
             If its payload is malformed. A user's codec may raise anything.
         """
-        self._decoder.decode(event.t_us, event.payload)
-        if self._elsewhere is not None:
-            self._elsewhere.decode(event.t_us, event.payload)
-        self.received_n = self._decoder.reconstruct(event.t_us, self._position_m, self._position_us)
+        begins = self._next is not None and not event.is_parting
+        stream = self._next if self._next is not None and begins else self._stream
+        stream.decode(event, now_us)
+        if begins:
+            self._hold.restart()
+            self._go_on_with(stream)
+        self.received_n = stream.decoder.reconstruct(event.t_us, self._position_m, self._position_us)
         self._hold.receive(self.received_n, now_us)
-        if not self.on_model:  # a model's force is that of now
+        if not stream.on_model:  # a model's force is that of now
             self._foresight.learn(event.t_us, self.received_n)
-        self._heard_us, self._heard_t_us = now_us, event.t_us
         self._valid_t_us = event.t_us
 
     def confirm(self, event: HoldConfirmed, now_us: int) -> None:
         """Note that what is applied was still right at a position."""
-        if self._heard_us is not None:  # else what is held is of an earlier session, and nobody confirms that
+        # What is held of an earlier session is not confirmed by a new one.
+        if self._stream.heard_us is not None and event.is_parting == (self._next is not None):
             self._hold.confirm(now_us)
             self._valid_t_us = event.t_us
 
     def keep(self, now_us: int) -> None:
         """Do not let the stimulus grow old: it is too small to be felt, and what follows it must not have to rise."""
-        if self._heard_us is not None:
+        if self._stream.heard_us is not None:
             self._hold.confirm(now_us)
 
     def advance(self, now_us: int, period_us: int, position_m: Vector | None) -> None:
         """Follow the decoder for a tick at a position. A user's codec may raise anything."""
         self._position_m, self._position_us = position_m, now_us
-        if self._heard_us is None:
+        if self._next is not None and position_m is not None:  # it must know the motion when its first force arrives
+            self._next.decoder.reconstruct(now_us, position_m, now_us)
+        stream = self._stream
+        if stream.heard_us is None:
+            if position_m is not None:
+                stream.decoder.reconstruct(now_us, position_m, now_us)
             return
-        late_us = now_us - self._heard_us - period_us  # as `_time_us`
-        self._at_us = at_us = self._heard_t_us + late_us if late_us > 0 else self._heard_t_us
-        self.received_n = force_n = self._decoder.reconstruct(at_us, position_m, now_us)
-        announced = self._announced
-        if announced is not None and announced.on_model:
+        self._at_us = at_us = stream.time_us(now_us, period_us)
+        self.received_n = force_n = stream.decoder.reconstruct(at_us, position_m, now_us)
+        if stream.on_model:
             self.ticks_on_model += 1
         if self._hold.follow(force_n, now_us):
             self.age.add(now_us - self._valid_t_us)
@@ -140,28 +205,17 @@ class AppliedForce:
             self._foresight.move(now_us, self._position_m)
         if not self._hold.is_fresh(now_us):
             return self._hold.value(now_us)
-        decoder = self._rendering
-        if decoder is not self._asked:  # a question that takes long
-            self._asked, self._foretells = decoder, isinstance(decoder, Foretelling)
-        foretell = self._foretell if self._foretells else None
+        foretell = self._foretell if self._stream.predicts else None
         return self._foresight.expected(now_us, self._at_us, lead_us, self.received_n, foretell)
 
-    @property
-    def _rendering(self) -> Decoder:
-        return self._decoder if self._announced is None else self._announced.rendering
-
-    def _time_us(self, now_us: int, period_us: int) -> int:
-        """Return the time [µs] of the newest position whose answer could have arrived by now.
-
-        A prediction for that time is not contradicted; the answer to the next position comes within this period.
-        """
-        if self._heard_us is None:
-            return now_us
-        return self._heard_t_us + max(0, now_us - self._heard_us - period_us)
+    def _go_on_with(self, stream: _Stream) -> None:
+        """Apply the forces of a session from now on."""
+        self._stream, self._next = stream, None
+        self._foresight = Foresight(self._axes)
 
     def _foretell(self, lead_us: int, position_m: Vector) -> Vector:
         """Return what the decoder foretells [N] for a position [m] ahead."""
-        decoder: Any = self._rendering  # one that foretells
+        decoder: Any = self._stream.rendering  # one that foretells
         force_n: Vector = decoder.foretell(self._at_us + lead_us, position_m, self._position_us + lead_us)
         return force_n
 

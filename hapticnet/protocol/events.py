@@ -15,11 +15,15 @@ class Connected:
 
 @dataclass(frozen=True, slots=True)
 class ForceArrived:
-    """A force newer than the one applied; `MasterSession.applied` once it is decoded and held."""
+    """A force newer than the one applied; `MasterSession.applied` once it is decoded and held.
+
+    `is_parting`: it comes from the session before, which goes on until a force of the new one is applied.
+    """
 
     sequence: int
     t_us: int
     payload: bytes
+    is_parting: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,9 +35,13 @@ class OutlookArrived:
 
 @dataclass(frozen=True, slots=True)
 class HoldConfirmed:
-    """The slave received the position of time `t_us` and has sent nothing newer than the force applied."""
+    """The slave received the position of time `t_us` and has sent nothing newer than the force applied.
+
+    `is_parting`: as of `ForceArrived`.
+    """
 
     t_us: int
+    is_parting: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from typing import Final
 
 from hapticnet.errors import PeerError
 from hapticnet.outlook import LONGEST_SILENCE_US
-from hapticnet.protocol.arrivals import Arrival
+from hapticnet.protocol.arrivals import Arrival, ArrivalWindow
 from hapticnet.protocol.asking import Asking, Granted
 from hapticnet.protocol.events import (
     ChangeRefused,
@@ -28,6 +28,7 @@ from hapticnet.protocol.messages import (
     REASON_BYTES,
     Close,
     Code,
+    Force,
     Grant,
     Position,
     Request,
@@ -55,12 +56,25 @@ STALE_GROWTH: Final = 1.25
 """By how much each interval between positions is longer than the last while the link is stale."""
 
 
+class _Parting:
+    """The session before the present one: what is on its way is still felt."""
+
+    __slots__ = ("newest_force", "number", "seal", "window")
+
+    def __init__(self, number: int, seal: Seal | None, window: ArrivalWindow, newest_force: int | None) -> None:
+        self.number = number
+        self.seal = seal
+        self.window = window
+        self.newest_force = newest_force
+
+
 class MasterSession:
     """Keep a session with the slave: ask for it, number the positions, sort the forces, notice silence.
 
     What is not authenticated never ends a session. It makes the master ask for a new one, and the old session goes on
-    until that is proved. The owner sets `idle` while no force is felt in a session with few positions: silences may
-    then be longer.
+    until that is proved. Forces of the old session count until the first of the new one is applied: they answer
+    positions that were sent before the change, which may be a second ago. The owner sets `idle` while no force is felt
+    in a session with few positions: silences may then be longer.
 
     Parameters
     ----------
@@ -90,6 +104,7 @@ class MasterSession:
         self._replaced: Request | None = None  # what was asked for before a change that is not granted yet
         self._session = 0
         self._seal: Seal | None = None
+        self._parting: _Parting | None = None
         self._sequence = settings.first_sequence
         self._newest_force: int | None = None
         self._confirmed: int | None = None  # the newest force, or a KEEPALIVE since that confirmed it
@@ -214,8 +229,10 @@ class MasterSession:
                 self._count_stray(datagram.kind, len(data))
             elif datagram.kind in _ANSWERS:
                 self._receive_answer(datagram, len(data), now_us)
-            elif datagram.session != self._session or not self._session or datagram.version != self._version:
+            elif datagram.version != self._version or not datagram.session:
                 self._count_stray(datagram.kind, len(data))
+            elif datagram.session != self._session:
+                self._receive_parting(datagram, data, now_us)
             elif datagram.kind is Kind.RESET:
                 self._receive_reset(datagram, len(data))
             else:
@@ -226,6 +243,9 @@ class MasterSession:
 
     def applied(self, force: ForceArrived) -> None:
         """Acknowledge a force from now on, because it is applied."""
+        if force.is_parting:
+            return
+        self._parting = None
         self._newest_force = force.sequence
         self._acknowledge(force.sequence, self._fresh.heard_us)
 
@@ -256,7 +276,7 @@ class MasterSession:
                 self._hear(arrival, t_us, now_us)
                 if keepalive.outlook is not None:
                     self.events.append(OutlookArrived(keepalive.outlook))
-                if self._holds(keepalive.newest_force):
+                if _holds(self._newest_force, keepalive.newest_force):
                     if keepalive.outlook is not None or self._loss.estimate() is not None:  # the slave waits for it
                         self._acknowledge(datagram.sequence, now_us)
                     self._confirmed = datagram.sequence
@@ -269,11 +289,26 @@ class MasterSession:
         else:
             self._count_stray(kind, size)
 
-    def _holds(self, named: int | None) -> bool:
-        """Return whether a KEEPALIVE that names a FORCE confirms what is applied: that FORCE or one after it."""
-        if named is None or self._newest_force is None:
-            return named is self._newest_force
-        return distance(self._newest_force, named) >= 0
+    def _receive_parting(self, datagram: Datagram, data: bytes, now_us: int) -> None:
+        """Process a datagram of the session before; of any other, count it."""
+        parting, kind = self._parting, datagram.kind
+        if parting is None or datagram.session != parting.number or kind not in (Kind.FORCE, Kind.KEEPALIVE):
+            self._count_stray(kind, len(data))
+            return
+        body = datagram.body if parting.seal is None else parting.seal.open(data, datagram)
+        answer = unpack_force(body) if kind is Kind.FORCE else unpack_keepalive(body)
+        self.received.add(kind, len(data))
+        if parting.window.arrive(datagram.sequence) is not Arrival.NEW:
+            return
+        t_us = self._fresh_t_us(answer.t_us, Arrival.NEW, now_us)
+        if t_us is None:
+            return
+        self._hear(Arrival.NEW, t_us, now_us)
+        if isinstance(answer, Force):
+            parting.newest_force = datagram.sequence
+            self.events.append(ForceArrived(datagram.sequence, t_us, answer.payload, is_parting=True))
+        elif _holds(parting.newest_force, answer.newest_force):
+            self.events.append(HoldConfirmed(t_us, is_parting=True))
 
     def _receive_close(self, close: Close) -> None:
         if self.state is MasterState.CLOSING:
@@ -284,6 +319,7 @@ class MasterSession:
         else:
             self._move(Trigger.PEER_CLOSED)
             self._session = 0
+            self._parting = None
             self._asking.begin(self._grant.ticket if self._grant else None)
             self.events.append(SessionLost(f"the slave closed: {close.reason}"))
 
@@ -326,6 +362,9 @@ class MasterSession:
         self._grant = grant
         self.position_share = grant.position_share
         self._replaced = None
+        window = self.received.window
+        if self._session and self._newest_force is not None and window is not None:
+            self._parting = _Parting(self._session, self._seal, window, self._newest_force)
         self._session = grant.session
         self._seal = seal
         self._sequence = wrap(self._settings.first_sequence + 1)
@@ -453,6 +492,13 @@ class MasterSession:
 
     def _move(self, trigger: Trigger) -> None:
         self.state = MASTER_TRANSITIONS[self.state, trigger]
+
+
+def _holds(applied: int | None, named: int | None) -> bool:
+    """Return whether a KEEPALIVE that names a FORCE confirms what is applied: that FORCE or one after it."""
+    if named is None or applied is None:
+        return named is applied
+    return distance(applied, named) >= 0
 
 
 # Found faster than the members, for what every tick asks for.

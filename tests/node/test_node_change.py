@@ -3,17 +3,95 @@
 import pytest
 
 from hapticnet.errors import SettingsError
+from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.perception import WeberLaw
-from hapticnet.protocol.events import ChangeRefused, Connected
+from hapticnet.protocol.events import ChangeRefused, Connected, LinkStale
 from hapticnet.protocol.messages import Code
 from hapticnet.protocol.settings import SessionSettings
+from hapticnet.protocol.wire import unpack
+from hapticnet.samples import PositionSample
 
 SECOND = 1_000_000
+
+CHANGES = {
+    "codec": {"codec": "motion-predictive"},
+    "JND": {"law": WeberLaw(multiplier=4.0)},
+    "every sample": {"codec": "raw"},
+}
+
+
+class Still:
+    """A hand that rests five millimetres deep in the first tissue."""
+
+    axes = 1
+    duration_us = None
+
+    def sample(self, t_us):
+        return PositionSample(t_us, (0.025,))
 
 
 def events(node):
     return list(iter(node.next_event, None))
+
+
+@pytest.mark.parametrize("round_trip_ms", [0, 40, 220, 500, 960])
+@pytest.mark.parametrize("change", CHANGES)
+def test_a_change_in_contact_is_not_felt(loopback, change, round_trip_ms, sealed):
+    delay = f"delay={round_trip_ms / 2}ms"
+    link = loopback(1, sealed=sealed, forward=delay, feedback=delay, settings=MasterSettings(record=True))
+    link.master._operator = Still()
+    link.run(4 * SECOND)
+    link.master.change(**CHANGES[change])
+    link.run(6 * SECOND)
+    assert link.master.connections == 2
+    true_n = link.slave.stations[0].scene.force_n
+    assert true_n > 1.0
+    held_n = link.master.recording.table()["held_n"][4000:]
+    assert abs(held_n - true_n).max() <= link.master.codec.law.threshold_n(true_n) * 1.01
+    kinds = [type(event) for event in events(link.master)]
+    assert kinds.count(LinkStale) == (round_trip_ms > 200), "only before the very first force"
+
+
+def test_a_change_whose_first_force_is_lost_is_not_felt(loopback):
+    link = loopback(1, forward="delay=110ms", feedback="delay=110ms", settings=MasterSettings(record=True))
+    link.master._operator = Still()
+    link.run(4 * SECOND)
+    link.master.change(codec="raw")
+    lost = []
+
+    def receive(data, now_us):
+        frame = unpack(data)
+        if frame.session == link.master.session._session and link.master.connections == 2 and len(lost) < 20:
+            lost.append(data)  # the first forces of the new session
+        else:
+            MasterNode.receive_datagram(link.master, data, now_us)
+
+    link.master.receive_datagram = receive
+    link.run(6 * SECOND)
+    assert len(lost) == 20
+    true_n = link.slave.stations[0].scene.force_n
+    assert abs(link.master.recording.table()["held_n"][4000:] - true_n).max() <= 0.1
+
+
+def test_forces_of_the_session_before_count_only_until_the_first_of_the_new_one(loopback):
+    link = loopback(1, forward="delay=50ms", feedback="delay=50ms", settings=MasterSettings(record=True))
+    link.master._operator = Still()
+    link.run(2 * SECOND)
+    old = []
+    receive = link.master.receive_datagram
+    link.master.receive_datagram = lambda data, now_us: (old.append(data), receive(data, now_us))
+    link.master.change(codec="raw")
+    link.run(SECOND)
+    number = unpack(old[0]).session
+    assert number != unpack(old[-1]).session
+    copies = [data for data in old if unpack(data).session == number]
+    before = link.master.report()["received"]["stray"]
+    held_n = link.master.held_force_n(link.now_us)
+    for data in copies:
+        receive(data, link.now_us)
+    assert link.master.report()["received"]["stray"] == before + len(copies)
+    assert link.master.held_force_n(link.now_us) == held_n
 
 
 def test_the_scene_stays_pierced_and_the_force_follows_the_new_law(loopback, sealed):

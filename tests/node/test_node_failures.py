@@ -83,7 +83,7 @@ def test_a_decoder_that_raises_ends_the_session_once(loopback, calls):
     link = loopback(1, device=True)
     link.run(SECOND)
     events(link.master)
-    link.master._applied._decoder = BreaksDown(link.master._applied._decoder, calls)
+    link.master._applied._stream.decoder = BreaksDown(link.master._applied._stream.decoder, calls)
     link.run(SECOND)
     failure, end = events(link.master)
     assert failure.reason.startswith("the codec failed: ValueError: no hand at all (test_node_failures.py, line")

@@ -6,15 +6,17 @@ import struct
 import numpy as np
 import pytest
 
-from hapticnet.codec.registry import CODECS
+from hapticnet.codec.registry import CODECS, make_codec
 from hapticnet.device.plant import PlantSettings
 from hapticnet.device.simulated import SimulatedDevice
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
+from hapticnet.perception import WeberLaw
 from hapticnet.protocol.messages import Close, Force, Keepalive
 from hapticnet.protocol.wire import Kind
-from tests.peers import HandSlave
+from hapticnet.samples import PositionSample
+from tests.peers import GRANT, HandSlave
 
 HELD_US = 50_000
 EXTREMES = (0.0, -0.0, 1.0, 1e15, -1e15, 9.99e14, 1e300, -1e300, 5e-324, math.nan, math.inf)
@@ -46,6 +48,54 @@ def test_a_line_stays_at_its_end_however_long_no_other_update_comes(codec, paylo
         master.drive(now_us)
         if now_us > 300_000:
             assert master.held_force_n(now_us)[0] == pytest.approx(1.5)
+
+
+class Steady:
+    """A hand that moves at 80 mm/s."""
+
+    axes = 1
+    duration_us = None
+
+    def sample(self, t_us):
+        return PositionSample(t_us, (80e-9 * t_us,))
+
+
+@pytest.mark.parametrize("late_us", [0, 80_000])
+def test_a_decoder_knows_the_motion_of_the_hand_when_the_first_force_arrives(late_us):
+    viscous = bytes([3]) + struct.pack(">ffee", 1.0, 0.0, 0.0, 10.0)  # 1 N, and 10 N·s/m times the velocity
+    settings = MasterSettings(codec="motion-predictive", record=True)
+    master = MasterNode(Steady(), None, settings, np.random.default_rng(2))
+    slave = HandSlave(master).connect()
+    decoder = make_codec("motion-predictive", WeberLaw()).decoder(1)
+    for now_us in range(0, 200_000, 1000):
+        master.tick(now_us)
+        if now_us == 50_000 + late_us:
+            slave.say(Kind.FORCE, 1, Force(50_000, viscous), now_us)
+            decoder.decode(50_000, viscous)
+        master.drive(now_us)
+        expected_n = decoder.reconstruct(now_us, master.position_m, now_us)
+        assert master.received_n == expected_n
+    assert expected_n[0] == pytest.approx(1.8, rel=1e-3)
+
+
+@pytest.mark.parametrize("rate_hz", [20.0, 31.0, 137.0, 333.0, 999.0, 1e6])
+def test_a_device_is_driven_at_its_own_rate_and_positions_are_sent_at_the_granted_one(rate_hz):
+    device = SimulatedDevice(PlantSettings(), np.random.default_rng(0))
+    settings = MasterSettings(record=True)
+    master = MasterNode(Steady(), device, settings, np.random.default_rng(2))
+    HandSlave(master).connect(grant=GRANT._replace(rate_hz=rate_hz))
+    assert master.period_us == 1000
+    sent_us = []
+    master.datagrams_to_send()
+    for now_us in range(0, 190_000, 1000):
+        master.tick(now_us)
+        sent_us += [now_us for _ in master.datagrams_to_send()]
+        master.drive(now_us)
+    granted_us = max(1e6 / rate_hz, 1000.0)
+    due_us = np.arange(len(sent_us)) * granted_us
+    assert len(sent_us) == 1 + int(189_500 // granted_us)
+    assert np.abs(sent_us - due_us).max() <= 1000.0, "within a tick of when they are due"
+    assert master.report()["rate_hz"] == pytest.approx(min(rate_hz, 1000.0), rel=1e-3)
 
 
 @pytest.mark.parametrize("codec", CODECS)

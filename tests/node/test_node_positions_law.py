@@ -74,7 +74,7 @@ SCENES = {
 
 def applied_n(master, t_us):
     """Return the force that the master's decoder gives now at the position of the newest tick [N]."""
-    return master._applied._decoder.reconstruct(t_us, master.position_m, t_us)[0]
+    return master._applied._stream.decoder.reconstruct(t_us, master.position_m, t_us)[0]
 
 
 def exceeding(scene, hand, law, **settings):
