@@ -144,7 +144,7 @@ class Look(Watcher[NodeEvent]):
             return
         self._start_us = self._start_us or now
         applied, before = node._applied, window.measuring
-        age_us = now - applied._valid_t_us if applied._stream.heard_us is not None else None  # as in the master's report
+        age_us = now - applied._valid_t_us if applied._stream.heard_us is not None else None  # as in the report
         window.tick(now - self._start_us, node.position_m[0], node.held_n[0], age_us)
         if window.measuring and not before:
             node.session.round_trip = Distribution()

@@ -9,6 +9,7 @@ from hapticnet.codec.base import Codec, Decoder, Foretelling
 from hapticnet.codec.positions.sending import Difference
 from hapticnet.control.hold import Hold, HoldSettings
 from hapticnet.node.announced import AnnouncedDecoder
+from hapticnet.node.bounded import receiver
 from hapticnet.node.elsewhere import Elsewhere
 from hapticnet.node.foresight import Foresight
 from hapticnet.protocol.events import ForceArrived, HoldConfirmed
@@ -28,7 +29,7 @@ class _Stream:
     __slots__ = ("_asked", "_predicts", "announced", "decoder", "elsewhere", "heard_t_us", "heard_us")
 
     def __init__(self, codec: Codec, axes: int, stiffest_n_per_m: float | None, *, on_a_line: bool) -> None:
-        self.decoder: Decoder = codec.decoder(axes)
+        self.decoder: Decoder = receiver(codec, axes)
         self.announced: AnnouncedDecoder | None = None
         if stiffest_n_per_m is not None:
             self.decoder = self.announced = AnnouncedDecoder(self.decoder, axes, stiffest_n_per_m)

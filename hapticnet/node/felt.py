@@ -15,6 +15,7 @@ from hapticnet.channel.settings import ChannelSettings
 from hapticnet.codec.base import Codec
 from hapticnet.control.passivity import PassivityController
 from hapticnet.errors import PeerError
+from hapticnet.node.bounded import receiver
 from hapticnet.samples import Vector
 
 POSITION_BYTES: Final = 20
@@ -115,7 +116,7 @@ class _Link:
         self._positions: list[Vector | None] = [None] * len(stimuli)
         if positions is not None:
             self._positions = list(zip(*positions.T.tolist(), strict=True))
-        self._encoder, self._decoder = codec.encoder(axes), codec.decoder(axes)
+        self._encoder, self._decoder = codec.encoder(axes), receiver(codec, axes)
         forward_rng, feedback_rng = rng.spawn(2)
         self._forward = Emulator[int](forward, forward_rng)
         self._feedback = Emulator[_Update](feedback, feedback_rng)
