@@ -55,7 +55,7 @@ POSITIONS_PER_S: Final = 100.0
 SHARE_USED: Final = 0.5
 """Of a process's time in normal operation: the sessions of hosts that fail must find room."""
 
-WORKERS: Final = 8
+PROCESSES: Final = 8
 DELAY_S: Final = 5e-3
 """Processes of a host, and delay one way."""
 
@@ -90,12 +90,12 @@ def service(name: str, position_us: float, masters: int, seed: int, queue: int) 
     """Return a service whose processes need `position_us` of CPU for a position, and all that may happen to it."""
     sessions = max(4, math.floor(SHARE_USED * 1e6 / (position_us * POSITIONS_PER_S)))
     costs = datagram_costs(min(sessions, 1000), sealed=True)
-    hosts = max(2, math.ceil(masters / (WORKERS * sessions)))
+    hosts = max(2, math.ceil(masters / (PROCESSES * sessions)))
     settings = FleetSettings(
         masters=masters,
         addresses=masters,
         hosts=hosts,
-        workers=WORKERS,
+        processes=PROCESSES,
         delay_s=DELAY_S,
         position_s=1.0 / POSITIONS_PER_S,
         sparse=True,
@@ -136,7 +136,7 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
         "checks": checks,
         "rate_hz": RATE_HZ,
         "masters": masters,
-        "workers": WORKERS,
+        "processes": PROCESSES,
         "delay_s": DELAY_S,
         "detect_s": DETECT_S,
         "reboot_s": REBOOT_S,

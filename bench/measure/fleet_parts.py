@@ -30,7 +30,7 @@ class FleetSettings:
 
     Attributes
     ----------
-    hosts, workers
+    hosts, processes
         Machines, and processes of each; a session number tells which process holds the session.
     addresses
         Source addresses that the masters share evenly; requests are limited for each.
@@ -49,7 +49,7 @@ class FleetSettings:
     masters: int
     addresses: int
     hosts: int = 1
-    workers: int = 1
+    processes: int = 1
     delay_s: float = 50e-6
     sample_s: float = 1e-3
     position_s: float = 1e-3
@@ -111,7 +111,7 @@ class Host:
 
     def __init__(self, fleet: FleetSettings) -> None:
         self.in_rotation = True
-        self.slaves = [Slave(fleet, self) for _ in range(fleet.workers)]
+        self.slaves = [Slave(fleet, self) for _ in range(fleet.processes)]
 
 
 class Master:

@@ -16,7 +16,7 @@ DETECT_S: Final = 3.0
 REBOOT_S: Final = 30.0
 RESTART_S: Final = 1.5
 FAULT_S: Final = 10.0
-"""How long a host, a worker, and the network of all of them are away."""
+"""How long a host, a process, and the network of all of them are away."""
 
 GAP_S: Final = 5.0
 """From the moment that one host of a rolling restart is back until the next one stops."""
@@ -103,7 +103,7 @@ def host_reboots(model: Model) -> None:
     model.fail(model.hosts[0].slaves, answers_s=REBOOT_S)
 
 
-def worker_restarts(model: Model) -> None:
+def process_restarts(model: Model) -> None:
     """Kill the fullest process, which is started again."""
     model.fail([max(model.slaves, key=lambda slave: len(slave.seated))], answers_s=RESTART_S)
 
@@ -169,7 +169,7 @@ def play_all(settings: FleetSettings, seed: int) -> dict[str, Any]:
     rolled_s = settings.hosts * (RESTART_S + GAP_S)
     return {
         "coming and going": outage(settings, seed, coming_and_going, 60.0),
-        "worker restarts": outage(settings, seed, worker_restarts, 60.0),
+        "process restarts": outage(settings, seed, process_restarts, 60.0),
         "host lost": outage(settings, seed, host_lost, 60.0),
         "host reboots": outage(settings, seed, host_reboots, 150.0),
         "all lost": outage(settings, seed, all_lost, 100.0),
@@ -177,6 +177,6 @@ def play_all(settings: FleetSettings, seed: int) -> dict[str, Any]:
         "roaming, steered by address": outage(settings, seed, roaming(steered=False), 60.0),
         "roaming, steered by session": outage(settings, seed, roaming(steered=True), 60.0),
         "host lost, sites": outage(sites, seed, host_lost, 300.0),
-        "worker restarts, sites by address": outage(replace(sites, by_address=True), seed, worker_restarts, 1800.0),
+        "process restarts, sites by address": outage(replace(sites, by_address=True), seed, process_restarts, 1800.0),
         "lifted": {name: outage(each, seed, host_reboots, 150.0)["away_s"] for name, each in lifted.items()},
     }

@@ -27,7 +27,6 @@ MOST_SESSIONS: Final = 60_000
 CPUS: Final = sorted(os.sched_getaffinity(0))
 SERVER_CPUS: Final = set(CPUS[:1])
 GENERATOR_CPUS: Final = set(CPUS[1:2] or CPUS)
-WORKER_CPUS: Final = set(CPUS[:1] + CPUS[2:3] if len(CPUS) > 2 else CPUS)
 
 
 class Case(NamedTuple):
@@ -100,12 +99,12 @@ class Server:
         Options of the slave that make a variant of it; None for the echo.
     """
 
-    def __init__(self, bench: Bench, case: Case, options: Sequence[str] | None, cpus: set[int]) -> None:
+    def __init__(self, bench: Bench, case: Case, options: Sequence[str] | None) -> None:
         self._report = bench.folder / "report.json"
         self._report.unlink(missing_ok=True)
         if options is None:
             echo = [bench.folder / "echo", case.one_in]
-            self._process = bench.start(echo, cpus, fifo=bench.fifo, stdout=subprocess.PIPE)
+            self._process = bench.start(echo, SERVER_CPUS, fifo=bench.fifo, stdout=subprocess.PIPE)
             assert self._process.stdout is not None
             self.port = int(self._process.stdout.readline())
             return
@@ -115,7 +114,7 @@ class Server:
         command += ["--realtime" if bench.fifo else "--no-realtime"]
         said = bench.folder / "slave.log"
         with said.open("w") as log:  # a file: a pipe would fill up, as nothing reads it during the load
-            self._process = bench.start(command, cpus, fifo=False, stdout=subprocess.DEVNULL, stderr=log)
+            self._process = bench.start(command, SERVER_CPUS, fifo=False, stdout=subprocess.DEVNULL, stderr=log)
         until = time.monotonic() + START_WITHIN_S
         while not (lines := [line for line in said.read_text().splitlines() if "listening on " in line]):
             if self._process.poll() is not None or time.monotonic() > until:
@@ -149,9 +148,9 @@ class Server:
         return json.loads(self._report.read_text()) if self._report.exists() else None
 
 
-def play(bench: Bench, case: Case, options: Sequence[str] | None, masters: int, cpus: set[int]) -> dict[str, Any]:
+def play(bench: Bench, case: Case, options: Sequence[str] | None, masters: int) -> dict[str, Any]:
     """Return what one run of a server with so many masters gives: the generator's counts, and the server's."""
-    server = Server(bench, case, options, cpus)
+    server = Server(bench, case, options)
     try:
         command: list[object] = [bench.folder / "masters", "--port", server.port, "--masters", masters]
         command += ["--codec", case.codec, "--rate", case.rate_hz, "--sends", case.sends_hz, "--share", case.share]

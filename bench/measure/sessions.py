@@ -16,7 +16,7 @@ from typing import Any, Final
 
 import record
 from real_time import fifo_is_granted
-from session_load import SERVER_CPUS, WORKER_CPUS, Bench, Case, play, slave_command
+from session_load import Bench, Case, play, slave_command
 
 CASES: Final = {
     "deadband": Case("deadband", 1000.0, 1000.0, False, 0.0, 20, 40),
@@ -30,7 +30,6 @@ SERVERS: Final[dict[str, tuple[str, ...] | None]] = {
     "echo": None,
     "slave": (),
     "slave --compiled": ("--compiled",),
-    "slave --workers 2": ("--workers", "2"),
 }
 QUICK: Final = ("deadband", "raw, sealed", "coded positions")
 QUICK_MASTERS: Final = 3
@@ -107,8 +106,7 @@ def measured(name: str, bench: Bench, servers: Sequence[str], arguments: argpars
     runs: dict[str, list[Row]] = {server: [] for server in servers}
 
     def one(server: str, masters: int) -> Row:
-        cpus = WORKER_CPUS if "--workers" in server else SERVER_CPUS
-        row = play(bench, case, SERVERS[server], masters, cpus)
+        row = play(bench, case, SERVERS[server], masters)
         note(name, server, row, faults(row, case))
         return row
 

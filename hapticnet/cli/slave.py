@@ -40,9 +40,6 @@ def slave(
             " installed packages are always served.",
         ),
     ] = None,
-    workers: Annotated[
-        int, typer.Option(min=1, help="Processes that share the sessions, one for each processor core it may use.")
-    ] = 1,
     compiled: Annotated[
         bool,
         typer.Option(
@@ -73,38 +70,33 @@ def slave(
 
     Ends on Ctrl-C, SIGTERM or after --duration, and then prints its report.
     """
-    from hapticnet.cli.console import Console
-    from hapticnet.cli.slave_setup import SlaveOptions, SlaveRun, find_scene
-    from hapticnet.codec.registry import register_installed_codecs
+    from hapticnet.cli.slave_setup import SlaveOptions, serve
 
-    console = Console("slave", quiet=quiet, real_time=True)
-    options = SlaveOptions(
-        scene=scene,
-        key=key,
-        masters=masters,
-        insecure=insecure,
-        keep=keep,
-        fastest_rate=fastest_rate,
-        most_sessions=most_sessions,
-        seats=seats,
-        announce=announce,
-        codec=tuple(codec or ()),
-        compiled=compiled,
-        channel_out=channel_out,
-        seed=seed,
-        record=record,
-        record_format=record_format,
-        record_limit=record_limit,
-        stream=stream,
-        realtime=realtime,
-        quiet=quiet,
+    serve(
+        SlaveOptions(
+            listen=listen,
+            scene=scene,
+            duration=duration,
+            key=key,
+            masters=masters,
+            insecure=insecure,
+            keep=keep,
+            fastest_rate=fastest_rate,
+            most_sessions=most_sessions,
+            seats=seats,
+            announce=announce,
+            codec=tuple(codec or ()),
+            compiled=compiled,
+            channel_out=channel_out,
+            seed=seed,
+            record=record,
+            record_format=record_format,
+            record_limit=record_limit,
+            stream=stream,
+            metrics=metrics,
+            realtime=realtime,
+            json=json,
+            report=report,
+            quiet=quiet,
+        )
     )
-    for fault in register_installed_codecs():
-        console.warn(f"not served: {fault}")
-    source = find_scene(options)
-    run = SlaveRun(listen, duration, metrics, json, report, workers)
-    if workers > 1:
-        from hapticnet.cli.slave_crew import serve
-    else:
-        from hapticnet.cli.slave_alone import serve
-    serve(options, source, console, run)

@@ -8,7 +8,6 @@ from hapticnet.checks import check_parameter
 from hapticnet.codec.base import Codec
 from hapticnet.codec.registry import all_codecs, make_codec, with_share
 from hapticnet.errors import HapticnetError, SampleError, SettingsError
-from hapticnet.node.neighbours import identity_of
 from hapticnet.node.reception import Address
 from hapticnet.node.seats import NoSeatError, Seats
 from hapticnet.node.station import Station
@@ -49,13 +48,9 @@ class SlaveSettings(StationSettings):
     ----------
     fastest_rate_hz
         Highest sample rate granted to a master [Hz].
-    workers, worker
-        How many slaves share an address, and which of them this is. Session numbers and tickets tell it.
     """
 
     fastest_rate_hz: float = 10_000.0
-    workers: int = 1
-    worker: int = 0
     session: SessionSettings = field(default_factory=SessionSettings)
 
     def __post_init__(self) -> None:
@@ -140,7 +135,7 @@ class Admission:
             now_us=now_us,
             sparse=share > 0.0,
         )
-        ticket = ticket_of(self._settings.worker, self._settings.workers, random_bytes(self._rng, TICKET_BYTES))
+        ticket = random_bytes(self._rng, TICKET_BYTES)
         station = Station(
             session,
             Grant(session.number, rate_hz, timings.keepalive_us, scene.name, ticket, old is not None, announced, share),
@@ -161,12 +156,9 @@ class Admission:
         return station
 
     def _number(self, seats: Seats) -> int:
-        workers, worker = self._settings.workers, self._settings.worker
-        while True:
-            drawn = int(self._rng.integers(SMALLEST_SESSION, 1 << 32))
-            number = drawn - drawn % workers + worker
-            if SMALLEST_SESSION <= number < 1 << 32 and number not in seats.by_number:
-                return number
+        while (number := int(self._rng.integers(SMALLEST_SESSION, 1 << 32))) in seats.by_number:
+            pass
+        return number
 
     def _scene(self, entry: MasterEntry | None, master: str) -> Touchable:
         try:
@@ -179,15 +171,9 @@ class Admission:
             raise RefusalError(Code.FAILED, f"the scene cannot be made: {raised(error)}") from error
 
 
-def ticket_of(worker: int, workers: int, ticket: bytes) -> bytes:
-    """Return a ticket that tells its worker: the first byte, modulo the number of workers (at most 128)."""
-    first = ticket[0] - ticket[0] % workers + worker
-    return bytes([first if first < 256 else first - workers]) + ticket[1:]
-
-
-def worker_of(ticket: bytes, workers: int) -> int:
-    """Return the worker that gave a ticket."""
-    return ticket[0] % workers
+def identity_of(visitor: Visitor, host: Hashable) -> Hashable:
+    """Return whom a session counts for: a public key or, without keys, a host."""
+    return host if visitor.entry is None else visitor.entry.public
 
 
 def _codec(request: Request) -> Codec:

@@ -106,7 +106,7 @@ def append(lists: IntArray, which: int, at: int) -> None:
 
 def place_of_number(number: int, mask: int) -> int:
     """Return where the search for a session number in the index begins."""
-    return (number * 40503 >> 16) & mask  # Fibonacci hashing (Knuth): the numbers of a worker share their low bits
+    return (number * 40503 >> 16) & mask  # Fibonacci hashing (Knuth)
 
 
 def find(tables: Tables, number: int) -> int:

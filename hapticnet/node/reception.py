@@ -33,8 +33,6 @@ class Reception:
     ----------
     doors
         How to read the HELLOs of each version that is served.
-    secret
-        Makes the cookies, if other workers must accept them too; None for a random one.
 
     Attributes
     ----------
@@ -44,11 +42,11 @@ class Reception:
         HELLOs of senders that do not know this slave's public key.
     """
 
-    def __init__(self, doors: Mapping[int, Door], rng: Entropy, secret: bytes | None = None) -> None:
+    def __init__(self, doors: Mapping[int, Door], rng: Entropy) -> None:
         self.throttled = 0
         self.unkeyed = 0
         self._doors = doors
-        self._jar = CookieJar(rng, secret)
+        self._jar = CookieJar(rng)
         self._hosts = Buckets(REQUESTS_PER_S, REQUESTS_AT_ONCE)
         self._all = TokenBucket(ALL_REQUESTS_PER_S, ALL_REQUESTS_AT_ONCE)
         self._generation: int | None = None
@@ -90,19 +88,6 @@ class Reception:
             return None
         if not (self._hosts.take(host, now_us) and self._all.take(now_us)):
             self.throttled += 1
-            return None
-        return self.read_counted(datagram, hello, address, host, now_us)
-
-    def read_counted(
-        self,
-        datagram: Datagram,
-        hello: Hello,
-        address: Address,
-        host: Hashable,  # noqa: ARG002 - the same arguments as `read`
-        now_us: int,
-    ) -> Visitor | None:
-        """Read a request as `read` does, of a host whose requests were counted elsewhere."""
-        if self._is_spent(address, hello.nonce, now_us):
             return None
         self._spent.add((address, hello.nonce))
         return self._doors[datagram.version].read(hello, datagram.sequence)

@@ -9,7 +9,6 @@ from typing import Final, TypeVar
 
 from hapticnet.errors import HapticnetError
 from hapticnet.node.alarms import Alarms
-from hapticnet.node.neighbours import Alone, Neighbours
 from hapticnet.node.silence import Group, Silence
 from hapticnet.node.station import Station
 from hapticnet.protocol.settings import SessionSettings
@@ -31,19 +30,13 @@ class NoSeatError(HapticnetError):
 class Seats:
     """The present sessions of a slave.
 
-    Parameters
-    ----------
-    neighbours
-        Other workers, whose sessions take places too. They do not give way here: a HELLO goes where one may.
-
     Attributes
     ----------
     by_number
         The sessions by their numbers, in the order in which they came. Read it only.
     """
 
-    def __init__(self, settings: SessionSettings, neighbours: Neighbours | None = None) -> None:
-        self._neighbours = neighbours or Alone()
+    def __init__(self, settings: SessionSettings) -> None:
         self.by_number: dict[int, Station] = {}
         self._settings = settings
         self._came = 0
@@ -159,14 +152,14 @@ class Seats:
         self._count_silence(now_us)
         own = self._open.get(identity, {})
         without = sum(station in own for station in besides)
-        held = len(own) - without + self._neighbours.held(identity)
+        held = len(own) - without
         if held >= most:
             silence = {station: station.session.silent_us(now_us) for station in own if station not in besides}
             longest = max(silence, key=lambda station: (silence[station], -own[station]), default=None)
             if longest is None or silence[longest] <= self._settings.gives_way_us:
                 raise NoSeatError(f"all {most} sessions that this master may have are taken")
             return longest
-        if self._open_count - without + self._neighbours.taken() >= self._settings.most_sessions:
+        if self._open_count - without >= self._settings.most_sessions:
             found = self._silence.longest(held, now_us - self._settings.gives_way_us, identity)
             if found is None:
                 raise NoSeatError(f"all {self._settings.most_sessions} sessions of this slave are taken")

@@ -2,14 +2,12 @@
 
 from collections import deque
 from collections.abc import Callable, Hashable, Iterable
-from enum import Enum
 from typing import Any, Final
 
 from hapticnet.errors import PeerError
 from hapticnet.node.admission import Admission, MakeScene, RefusalError, SlaveSettings
 from hapticnet.node.alarms import Alarms
 from hapticnet.node.feedback import SceneFailedError
-from hapticnet.node.neighbours import Alone, Neighbours, PassedOn, Passing, Stage
 from hapticnet.node.reception import Address, Reception
 from hapticnet.node.seats import NoSeatError, Seats
 from hapticnet.node.slave_events import MasterJoined, MasterLeft, MasterRefused, ScenePaused, SlaveEvent
@@ -41,8 +39,6 @@ class SlaveNode:
         Returns an address as text for the report.
     host_of
         Returns the host of an address: whom open sessions count for, and whose requests are limited.
-    neighbours, secret
-        The other workers at this address, and what the cookies of all of them are made of; None if there are none.
     """
 
     def __init__(
@@ -54,8 +50,6 @@ class SlaveNode:
         doors: dict[int, Door] | None = None,
         write_address: Callable[[Address], str] = str,
         host_of: Callable[[Address], Hashable] = lambda address: address,
-        neighbours: Neighbours | None = None,
-        secret: bytes | None = None,
     ) -> None:
         self._write_address = write_address
         self._host_of = host_of
@@ -63,11 +57,9 @@ class SlaveNode:
         self.to_strangers = Traffic()
         self._settings = settings
         self._doors = {OPEN: OpenDoor()} if doors is None else doors
-        self._reception = Reception(self._doors, rng, secret)
-        neighbours = neighbours or Alone()
-        self._passing = Passing(neighbours, settings.session.most_per_identity)
+        self._reception = Reception(self._doors, rng)
         self._admission = Admission(make_scene, settings, rng)
-        self._seats = Seats(settings.session, neighbours)
+        self._seats = Seats(settings.session)
         self._stations = self._seats.by_number
         self._welcomes: dict[tuple[Address, int], tuple[Station, bytes]] = {}
         self._steps = Alarms(_next_step_us)  # of seated sessions whose positions are sent only when they matter
@@ -159,19 +151,6 @@ class SlaveNode:
         outbox, self._outbox = self._outbox, []
         return outbox
 
-    def hellos_to_pass_on(self) -> list[PassedOn]:
-        """Return the HELLOs that other workers must get now."""
-        hellos, self._passing.outbox = self._passing.outbox, []
-        return hellos
-
-    def receive_passed_on(self, hello: PassedOn, now_us: int) -> None:
-        """Process a HELLO that another worker has passed on."""
-        self._seats.see(now_us)
-        try:
-            self._receive_hello(unpack(hello.data), hello.data, hello.address, now_us, hello.stage)
-        except PeerError:
-            self.strangers.add_malformed(len(hello.data))
-
     def next_event(self) -> SlaveEvent | None:
         """Return the next event, or None."""
         return self._events.popleft() if self._events else None
@@ -220,7 +199,7 @@ class SlaveNode:
             station = self._stations.get(datagram.session)
             if station is None:
                 if datagram.kind is Kind.HELLO:
-                    self._receive_hello(datagram, data, address, now_us, Stage.ARRIVED)
+                    self._receive_hello(datagram, len(data), address, now_us)
                 else:
                     self._receive_stray(datagram, len(data), address)
                 return
@@ -285,17 +264,14 @@ class SlaveNode:
                 return True
         return False
 
-    def _receive_hello(self, datagram: Datagram, data: bytes, address: Address, now_us: int, stage: Stage) -> None:
-        size = len(data)
+    def _receive_hello(self, datagram: Datagram, size: int, address: Address, now_us: int) -> None:
         greeted = self._reception.greet(datagram, size, address, now_us)
         if isinstance(greeted, Hello):
             # A HELLO repeated after a lost answer gets the same answer.
             known = self._welcomes.get((address, greeted.nonce))
-            outcome = known or self._admit(datagram, data, greeted, address, now_us, stage)
-            if outcome is _Unadmitted.PASSED_ON:
-                return
-            if outcome is not _Unadmitted.TURNED_AWAY:
-                station, welcome = outcome
+            admitted = known or self._admit(datagram, greeted, address, now_us)
+            if admitted is not None:
+                station, welcome = admitted
                 self._at_hand(station)
                 station.session.account_hello(size, len(welcome), now_us)
                 self._outbox.append((welcome, address))
@@ -304,26 +280,19 @@ class SlaveNode:
         if isinstance(greeted, bytes):
             self._answer_stranger(greeted, address)
 
-    def _admit(
-        self, datagram: Datagram, data: bytes, hello: Hello, address: Address, now_us: int, stage: Stage
-    ) -> "tuple[Station, bytes] | _Unadmitted":
-        """Read the request of a proved address; return the new session and its WELCOME, or why there is none."""
+    def _admit(self, datagram: Datagram, hello: Hello, address: Address, now_us: int) -> tuple[Station, bytes] | None:
+        """Read the request of a proved address; return the new session and its WELCOME, None if there is none."""
         host = self._host_of(address)
-        if self._passing.unread(data, address, hello.nonce, host, stage):
-            return _Unadmitted.PASSED_ON
-        read = self._reception.read_counted if stage is Stage.ADMIT else self._reception.read
-        visitor = read(datagram, hello, address, host, now_us)
+        visitor = self._reception.read(datagram, hello, address, host, now_us)
         if visitor is None:
-            return _Unadmitted.TURNED_AWAY
-        if self._passing.read(data, address, hello.nonce, host, visitor, stage):
-            return _Unadmitted.PASSED_ON
+            return None
         try:
             station = self._admission.admit(visitor, datagram.sequence, address, host, self._seats, now_us)
         except RefusalError as refusal:
             self._answer_stranger(refusal.datagram(visitor, hello.nonce), address)
             name, public = visitor.request.name, visitor.public
             self._events.append(MasterRefused(name, address, public, refusal.code, str(refusal)))
-            return _Unadmitted.TURNED_AWAY
+            return None
         surplus = self._seats.surplus_half_open(station.identity)
         if surplus is not None:
             self._forget(surplus, Trigger.REPLACED, "its place was needed")
@@ -377,13 +346,6 @@ class SlaveNode:
             self.never_used += 1
             self.strangers.absorb(station.session.received)
             self.to_strangers.absorb(station.session.sent)
-
-
-class _Unadmitted(Enum):
-    """Why a HELLO of a proved address begins no session here."""
-
-    PASSED_ON = "another worker counts or serves it"
-    TURNED_AWAY = "not read, or refused"
 
 
 def _next_step_us(station: Station) -> int | None:

@@ -18,23 +18,16 @@ GENERATION_US: Final = 120_000_000
 class CookieJar:
     """Make cookies and recognise them.
 
-    Parameters
-    ----------
-    secret
-        What the secrets are derived from, so that all who know it accept each other's cookies at the same times;
-        None: they are random.
-
     Attributes
     ----------
     generation
         Number of the present secret; it changes every `GENERATION_US`.
     """
 
-    __slots__ = ("_common", "_previous", "_rng", "_secret", "generation")
+    __slots__ = ("_previous", "_rng", "_secret", "generation")
 
-    def __init__(self, rng: Entropy, secret: bytes | None = None) -> None:
+    def __init__(self, rng: Entropy) -> None:
         self._rng = rng
-        self._common = secret
         self.generation: int | None = None
         self._secret = self._previous = b""
 
@@ -58,14 +51,9 @@ class CookieJar:
         if generation == self.generation:
             return
         follows = self.generation is not None and generation == self.generation + 1
-        self._previous = self._secret if follows else self._make_secret(generation - 1)
-        self._secret = self._make_secret(generation)
+        self._previous = self._secret if follows else random_bytes(self._rng, 32)
+        self._secret = random_bytes(self._rng, 32)
         self.generation = generation
-
-    def _make_secret(self, generation: int) -> bytes:
-        if self._common is None:
-            return random_bytes(self._rng, 32)
-        return blake2s(generation.to_bytes(8, "big", signed=True), key=self._common, person=b"cookies").digest()
 
 
 def _cookie(secret: bytes, address: bytes, nonce: int) -> bytes:

@@ -64,12 +64,4 @@ SLAVE: Final = (
     Metric("throttled", "counter", "Requests for a session that were not read because there were too many."),
 )
 
-WORKERS: Final = (
-    *SLAVE,
-    Metric("worker_up", "gauge", "1 while a worker process (--workers) serves, else 0.", ("worker",)),
-    Metric("worker_sessions", "gauge", "Sessions of a worker at this moment.", ("worker",)),
-    Metric("worker_restarts", "counter", "How often a worker has ended and was started again.", ("worker",)),
-    Metric("worker_cpu_seconds", "counter", "Processor time of a worker.", ("worker",)),
-)
-
-TABLES: Final = {"master": MASTER, "slave": SLAVE, "workers": WORKERS}
+TABLES: Final = {"master": MASTER, "slave": SLAVE}

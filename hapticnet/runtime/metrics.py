@@ -158,20 +158,20 @@ class MasterMetrics(Metrics[NodeEvent]):
         }
 
 
-class SlaveFigures(Watcher[SlaveEvent]):
-    """The figures of a slave: of all its sessions together, so that no master can add names to them."""
+class SlaveMetrics(Metrics[SlaveEvent]):
+    """The metrics of a slave: of all its sessions together, so that no master can add names to them."""
 
-    name = "figures"
+    role = "slave"
 
-    def __init__(self, node: SlaveNode, overload: Overload) -> None:
+    def __init__(self, node: SlaveNode, address: HostPort, overload: Overload, tell: Callable[[str], None]) -> None:
+        super().__init__(address, tell)
         self._node = node
         self._overload = overload
-        self._events: Counter[str] = Counter()
         self._ended = _Totals()
 
-    def note(self, event: SlaveEvent, now_us: int) -> None:  # noqa: ARG002
+    def note(self, event: SlaveEvent, now_us: int) -> None:
         """Count an event, and keep the account of a session that has ended."""
-        self._events[type(event).__name__] += 1
+        super().note(event, now_us)
         if isinstance(event, MasterLeft):
             self._ended.add_station(event.station)
 
@@ -190,31 +190,9 @@ class SlaveFigures(Watcher[SlaveEvent]):
             "throttled": node.throttled,
         }
 
-    def distributions(self) -> dict[str, Distribution | None]:
-        """Return the distributions [µs] by name."""
-        return common_distributions(self._overload)
-
-
-class SlaveMetrics(Metrics[SlaveEvent]):
-    """The metrics of a slave."""
-
-    role = "slave"
-
-    def __init__(self, node: SlaveNode, address: HostPort, overload: Overload, tell: Callable[[str], None]) -> None:
-        super().__init__(address, tell)
-        self._figures = SlaveFigures(node, overload)
-
-    def note(self, event: SlaveEvent, now_us: int) -> None:
-        """Count an event."""
-        self._figures.note(event, now_us)
-
-    def values(self) -> Values:
-        """Return the present values by name."""
-        return self._figures.values()
-
     def distributions(self) -> Mapping[str, Distribution | None]:
         """Return the distributions [µs] by name."""
-        return self._figures.distributions()
+        return common_distributions(self._overload)
 
 
 class _Totals:

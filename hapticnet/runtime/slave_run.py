@@ -7,7 +7,6 @@ from socket import socket
 
 from hapticnet.node.bank_tables import Datagrams
 from hapticnet.node.compiled_slave import CompiledSlaveNode
-from hapticnet.node.neighbours import PassedOn
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_events import SlaveEvent
 from hapticnet.runtime.clock import now_us
@@ -18,7 +17,6 @@ from hapticnet.runtime.udp import OutgoingChannel, SocketAddress, UdpPort
 from hapticnet.runtime.udp_batch import BatchPort
 from hapticnet.runtime.waiting import Repeating, stop_on_signals, until
 from hapticnet.runtime.watching import Watcher, Watchers
-from hapticnet.runtime.workers.exchange import Exchange
 
 
 class SlaveRunner:
@@ -30,8 +28,6 @@ class SlaveRunner:
     ----------
     channel
         Emulated network for outgoing datagrams, or None.
-    exchange
-        How HELLOs get to other workers and come from them; None if there are none.
     tell
         Called with a line for the user if a watcher fails.
     """
@@ -42,7 +38,6 @@ class SlaveRunner:
         sock: socket,
         *,
         channel: OutgoingChannel | None = None,
-        exchange: Exchange | None = None,
         watchers: Sequence[Watcher[SlaveEvent]] = (),
         overload: Overload | None = None,
         tell: Callable[[str], None] = lambda _: None,
@@ -50,7 +45,6 @@ class SlaveRunner:
         self.node = node
         self._sock = sock
         self._channel = channel
-        self._exchange = exchange
         self._watchers = Watchers(watchers, tell)
         self._overload = overload
 
@@ -60,8 +54,6 @@ class SlaveRunner:
         await self._watchers.start()
         self._alarm = Alarm(loop, self._ring)
         self._port = self._open_port(loop)
-        if self._exchange is not None:
-            self._exchange.start(loop, self._receive_passed_on)
         if self._overload is not None:
             self._overload.attach(self._port)
         self._status = Repeating(loop, lambda: self._watchers.check(now_us()), self._overload)
@@ -69,8 +61,6 @@ class SlaveRunner:
     async def finish(self, reason: str) -> None:
         """End every session and stop."""
         self._status.cancel()
-        if self._exchange is not None:
-            self._exchange.stop()
         self.node.close(reason, now_us())
         self.flush()
         await self._port.drained(PARTING_S)
@@ -82,8 +72,6 @@ class SlaveRunner:
         """Send what the node has to send and report its events; call this after changing something at the node."""
         for data, address in self.node.datagrams_to_send():
             self._port.send(data, address)
-        if self._exchange is not None:
-            self._exchange.send(self.node.hellos_to_pass_on())
         self._alarm.set(self.node.next_timer_us())
         while (event := self.node.next_event()) is not None:
             self._watchers.note(event, now_us())
@@ -101,10 +89,6 @@ class SlaveRunner:
         self.flush()
         if self._watchers.observers:
             self._watchers.observe(now)
-
-    def _receive_passed_on(self, hello: PassedOn) -> None:
-        self.node.receive_passed_on(hello, now_us())
-        self.flush()
 
     def _ring(self) -> None:
         now = now_us()
@@ -150,7 +134,6 @@ async def run_slave(
     sock: socket,
     *,
     channel: OutgoingChannel | None = None,
-    exchange: Exchange | None = None,
     duration_s: float | None = None,
     watchers: Sequence[Watcher[SlaveEvent]] = (),
     overload: Overload | None = None,
@@ -166,7 +149,7 @@ async def run_slave(
     """
     loop = asyncio.get_running_loop()
     make = CompiledSlaveRunner if isinstance(node, CompiledSlaveNode) else SlaveRunner
-    runner = make(node, sock, channel=channel, exchange=exchange, watchers=watchers, overload=overload, tell=tell)
+    runner = make(node, sock, channel=channel, watchers=watchers, overload=overload, tell=tell)
     await runner.start()
 
     def hang_up() -> None:

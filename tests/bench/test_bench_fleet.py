@@ -82,7 +82,7 @@ def test_a_full_queue_drops_hellos_and_they_are_said_again(fleet):
 
 def test_masters_of_a_lost_host_spread_over_the_others(fleet):
     parts, model, _ = fleet
-    settings = parts.FleetSettings(masters=400, addresses=400, hosts=4, workers=2, detect_s=3.0)
+    settings = parts.FleetSettings(masters=400, addresses=400, hosts=4, processes=2, detect_s=3.0)
     made = model.Model(settings, 1)
     made.seat_all()
     lost = sum(len(slave.seated) for slave in made.hosts[0].slaves)
