@@ -4,7 +4,6 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from typing import Final, TypeAlias
 
-from hapticnet.checks import check_parameter
 from hapticnet.codec.base import Codec
 from hapticnet.codec.registry import all_codecs, make_codec, with_share
 from hapticnet.errors import HapticnetError, SampleError, SettingsError
@@ -26,6 +25,7 @@ from hapticnet.protocol.messages import (
     Welcome,
     clipped,
 )
+from hapticnet.protocol.ranges import RATE_HZ
 from hapticnet.protocol.settings import Entropy, SessionSettings, random_bytes
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import SEALED, Kind, pack, pack_body
@@ -54,7 +54,7 @@ class SlaveSettings(StationSettings):
     session: SessionSettings = field(default_factory=SessionSettings)
 
     def __post_init__(self) -> None:
-        check_parameter("fastest rate", self.fastest_rate_hz, self.session.slowest_hz, 1_000_000, "Hz")
+        RATE_HZ._replace(name="fastest rate").check(self.fastest_rate_hz)
 
 
 class RefusalError(HapticnetError):
@@ -136,7 +136,7 @@ class Admission:
             sparse=share > 0.0,
         )
         ticket = random_bytes(self._rng, TICKET_BYTES)
-        station = Station(
+        return Station(
             session,
             Grant(session.number, rate_hz, timings.keepalive_us, scene.name, ticket, old is not None, announced, share),
             address,
@@ -150,10 +150,6 @@ class Admission:
             continues=old,
             same_clock=same_clock,
         )
-        if old is not None:
-            old.add_heir(station)
-            seats.note_tickets(old)
-        return station
 
     def _number(self, seats: Seats) -> int:
         while (number := int(self._rng.integers(SMALLEST_SESSION, 1 << 32))) in seats.by_number:
@@ -177,8 +173,9 @@ def identity_of(visitor: Visitor, host: Hashable) -> Hashable:
 
 
 def _codec(request: Request) -> Codec:
-    """Return the codec asked for, after a rehearsal; a RefusalError says what is wrong with it."""
+    """Return the codec asked for, after a rehearsal; a RefusalError says which number is out of range."""
     try:
+        request.check()
         law = WeberLaw(weber_fraction=request.weber_fraction, floor_n=request.floor_n, multiplier=request.multiplier)
         codec = make_codec(request.codec, law, request.parameters)
         codec.encoder(request.axes)

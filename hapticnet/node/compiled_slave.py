@@ -11,7 +11,7 @@ from hapticnet.node.bank_tables import Datagrams, make_arrivals
 from hapticnet.node.reception import Address
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.station import Station
-from hapticnet.protocol.wire import MAX_DATAGRAM_BYTES
+from hapticnet.protocol.wire import MAX_DATAGRAM_BYTES, Datagram
 
 MOST_AT_ONCE: Final = 256
 """Datagrams of one pass."""
@@ -185,9 +185,12 @@ class CompiledSlaveNode(SlaveNode):
         self._in_python.update(self._to_answer)
         super()._answer_all(now_us)
 
-    def _at_hand(self, station: Station) -> None:
+    def _at_hand(self, station: Station, datagram: Datagram | None = None, data: bytes = b"") -> None:
         if station not in self._bank:
             return
+        seal = station.session.seal
+        if datagram is not None and seal is not None:
+            seal.open(data, datagram)  # what does not open must not cost the session its row; raises PeerError
         self._bank.take_out(station)
         self._in_python.add(station)
         self._steps.note(station)

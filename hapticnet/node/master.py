@@ -430,8 +430,7 @@ class MasterNode:
         if isinstance(event, Connected):
             self._connections += 1
             self.scene_name = event.grant.scene
-            rate_hz = max(self.settings.session.slowest_hz, min(self.settings.rate_hz, event.grant.rate_hz))
-            self.position_period_us = round(1e6 / rate_hz)
+            self.position_period_us = round(1e6 / min(self.settings.rate_hz, event.grant.rate_hz))
             self._codec = self._next_codec
             share = event.grant.position_share
             codec = with_share(self._codec, share) if share else self._codec

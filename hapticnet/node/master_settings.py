@@ -3,13 +3,13 @@
 from dataclasses import dataclass, field
 from typing import Final, Literal, TypeAlias
 
-from hapticnet.checks import check_parameter
 from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.control.hold import HoldSettings
 from hapticnet.control.limits import LimitSettings
 from hapticnet.errors import SettingsError
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.keys import MasterKey
+from hapticnet.protocol.ranges import POSITION_SHARE, RATE_HZ
 from hapticnet.protocol.settings import SessionSettings
 
 OnError: TypeAlias = Literal["end", "pause"]
@@ -18,8 +18,6 @@ Positions: TypeAlias = Literal["raw", "line"]
 
 DeviceTakes: TypeAlias = Literal["x", "y", "z", "norm"]
 """The part of the force that a device with one axis renders."""
-
-FASTEST_HZ: Final = 100_000.0
 
 LEAST_AGE_ON_A_LINE_US: Final = 200_000
 """Least age limit [µs] with positions that are only sent when they matter: the position behind an answer may be 150 ms
@@ -85,13 +83,13 @@ class MasterSettings:
     def __post_init__(self) -> None:
         if self.positions not in ("raw", "line"):
             raise SettingsError(f"positions is {self.positions!r}; it must be 'raw' or 'line'")
-        check_parameter("position_share", self.position_share, 0.01, 0.9)
+        POSITION_SHARE._replace(name="position_share", zero_allowed=False).check(self.position_share)
         if self.positions == "line" and self.session.max_age_us < LEAST_AGE_ON_A_LINE_US:
             raise SettingsError(
                 f"the age limit is {self.session.max_age_us / 1e6:g} s; with positions that are only sent when they"
                 f" matter it must be at least {LEAST_AGE_ON_A_LINE_US / 1e6:g} s, because they are up to 0.15 s old"
             )
-        check_parameter("rate", self.rate_hz, self.session.slowest_hz, FASTEST_HZ, "Hz")
+        RATE_HZ.check(self.rate_hz)
 
 
 def device_axis(takes: DeviceTakes, axes: int) -> int | None:

@@ -8,6 +8,7 @@ from hapticnet.protocol.buckets import Buckets, TokenBucket
 from hapticnet.protocol.cookies import CookieJar
 from hapticnet.protocol.handshake import Door, Visitor
 from hapticnet.protocol.messages import HELLO_BYTES, Code, Cookie, Hello, Refuse, unpack_hello
+from hapticnet.protocol.ranges import HELLO_SEQUENCE
 from hapticnet.protocol.settings import Entropy
 from hapticnet.protocol.wire import OPEN, SEALED, Datagram, Kind, pack, pack_body, unpack_nonce
 
@@ -66,6 +67,8 @@ class Reception:
         door = self._doors.get(datagram.version)
         if door is None:
             return self._refusal(unpack_nonce(datagram.body), datagram.version)
+        if datagram.version == SEALED and not HELLO_SEQUENCE.has(datagram.sequence):
+            raise PeerError(f"sealed HELLO with sequence {datagram.sequence}; it is at most {HELLO_SEQUENCE.largest}")
         hello = unpack_hello(datagram.body)
         if not door.is_for_us(hello, datagram.sequence):
             self.unkeyed += 1

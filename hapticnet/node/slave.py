@@ -207,7 +207,10 @@ class SlaveNode:
             if datagram.version != session.version or (station.address != address and session.seal is None):
                 self._receive_stray(datagram, len(data), address)
                 return
-            self._at_hand(station)
+            if datagram.kind is not Kind.POSITION and datagram.kind is not Kind.CLOSE:  # no master sends these
+                self._receive_stray(datagram, len(data), address)
+                return
+            self._at_hand(station, datagram, data)
             account = session.received
             was_half_open = session.state is SlaveState.HALF_OPEN
             has_position = station.take_in(datagram, data, address, now_us)
@@ -293,13 +296,16 @@ class SlaveNode:
             name, public = visitor.request.name, visitor.public
             self._events.append(MasterRefused(name, address, public, refusal.code, str(refusal)))
             return None
+        welcome = station.session.welcome(hello.nonce, *visitor.answer(station.grant))  # the last that can fail
         surplus = self._seats.surplus_half_open(station.identity)
         if surplus is not None:
             self._forget(surplus, Trigger.REPLACED, "its place was needed")
-        welcome = station.session.welcome(hello.nonce, *visitor.answer(station.grant))
         station.greeting = address, hello.nonce
         self._welcomes[station.greeting] = station, welcome
         self._seats.add(station)
+        if station.continues is not None:
+            station.continues.add_heir(station)
+            self._seats.note_tickets(station.continues)
         return station, welcome
 
     def _receive_stray(self, datagram: Datagram, size: int, address: Address) -> None:
@@ -325,8 +331,8 @@ class SlaveNode:
         self._outbox.append((station.session.close(reason, now_us, code), station.address))
         self._forget(station, Trigger.CLOSE, f"the slave closed: {reason}")
 
-    def _at_hand(self, station: Station) -> None:
-        """Bring a station up to date before it is used; here it always is."""
+    def _at_hand(self, station: Station, datagram: Datagram | None = None, data: bytes = b"") -> None:
+        """Bring a station up to date before it is used, or before it processes a datagram; here it always is."""
 
     def _forget(self, station: Station, trigger: Trigger, reason: str) -> None:
         self._at_hand(station)

@@ -13,10 +13,11 @@ from typing import Final
 
 from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey, X25519PublicKey
 
-from hapticnet.checks import check_integer, check_parameter
+from hapticnet.checks import check_integer
 from hapticnet.errors import SettingsError
 from hapticnet.protocol.messages import NAME_BYTES
-from hapticnet.protocol.settings import Entropy, SessionSettings
+from hapticnet.protocol.ranges import RATE_HZ
+from hapticnet.protocol.settings import Entropy
 
 KEY_BYTES: Final = 32
 KEY_CHARACTERS: Final = 44
@@ -24,7 +25,6 @@ KEY_CHARACTERS: Final = 44
 NO_PSK: Final = bytes(KEY_BYTES)
 """The pre-shared key where there is none, as in WireGuard."""
 
-FASTEST_HZ: Final = 1_000_000.0
 MOST_SESSIONS: Final = 100_000
 
 
@@ -120,7 +120,7 @@ class MasterEntry:
         if self.scene == "":
             raise SettingsError("scene is empty; omit it to give this master the slave's scene")
         if self.fastest_rate_hz is not None:
-            check_parameter("fastest_rate_hz", self.fastest_rate_hz, SessionSettings().slowest_hz, FASTEST_HZ, "Hz")
+            RATE_HZ._replace(name="fastest_rate_hz").check(self.fastest_rate_hz)
         if self.most_sessions is not None:
             check_integer("most_sessions", self.most_sessions, 1, MOST_SESSIONS)
 

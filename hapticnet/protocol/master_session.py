@@ -40,7 +40,7 @@ from hapticnet.protocol.messages import (
 )
 from hapticnet.protocol.seal import LAST_SEQUENCE, Seal
 from hapticnet.protocol.serial_number import MOST, distance, wrap
-from hapticnet.protocol.settings import Entropy, SessionSettings
+from hapticnet.protocol.settings import IDLE_KEEPALIVES, SPARSE_KEEPALIVES, Entropy, SessionSettings
 from hapticnet.protocol.states import MASTER_TRANSITIONS, MasterState, Trigger
 from hapticnet.protocol.stats import Distribution, Traffic
 from hapticnet.protocol.wire import OPEN, SEALED, Datagram, Kind, pack, pack_body, unpack
@@ -408,9 +408,10 @@ class MasterSession:
     @property
     def _keepalive_us(self) -> int:
         """The longest silence to expect from the slave without loss."""
+        granted_us = self._settings.keepalive_us if self._grant is None else self._grant.keepalive_us
         if not self.position_share:
-            return self._settings.keepalive_us
-        return self._settings.idle_keepalive_us if self.idle else self._settings.sparse_keepalive_us
+            return granted_us
+        return (IDLE_KEEPALIVES if self.idle else SPARSE_KEEPALIVES) * granted_us
 
     def _acknowledge(self, sequence: int, now_us: int) -> None:
         self._confirmed = sequence

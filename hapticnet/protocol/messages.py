@@ -5,6 +5,7 @@ import math
 from typing import Any, Final, NamedTuple
 
 from hapticnet.errors import PeerError
+from hapticnet.protocol import ranges
 from hapticnet.protocol.loss import REPORT_STEPS, Loss
 from hapticnet.protocol.members import new_tuple
 from hapticnet.protocol.serial_number import MODULUS
@@ -17,9 +18,6 @@ cannot be used to amplify a flood of forged HELLOs."""
 NAME_BYTES: Final = 64
 REASON_BYTES: Final = 200
 COOKIE_BYTES: Final = 16
-
-LATEST_US: Final = 1 << 53
-"""Times [µs] are below this, 285 years: recordings hold them as float64 without rounding."""
 
 TICKET_BYTES: Final = 16
 
@@ -67,9 +65,8 @@ class Request(NamedTuple):
 
     `ticket` is that of a session whose scene it wants to go on with, or None. `clock_us` is what the master's clock
     shows when it asks [µs]: time stamps of positions are its lower 32 bits, so that with it both sides record the same
-    times. `announced` tells whether it renders models of the contact ahead.
-    times. `position_share` is the share of the JND that positions may use, if they are to be sent only when they
-    matter; 0: every position is sent.
+    times. `announced` tells whether it renders models of the contact ahead. `position_share` is the share of the JND
+    that positions may use, if they are to be sent only when they matter; 0: every position is sent.
     """
 
     codec: str
@@ -84,6 +81,11 @@ class Request(NamedTuple):
     clock_us: int = 0
     announced: bool = False
     position_share: float = 0.0
+
+    def check(self) -> None:
+        """Raise SettingsError if a number is out of its range; codec and perception check theirs."""
+        ranges.RATE_HZ.check(self.rate_hz)
+        ranges.POSITION_SHARE.check(self.position_share)
 
 
 class Cookie(NamedTuple):
@@ -217,7 +219,7 @@ def unpack_hello(body: bytes) -> Hello:
 
 
 def unpack_request(packed: bytes) -> Request:
-    """Return the request of a HELLO; raise PeerError if it is invalid."""
+    """Return the request of a HELLO; raise PeerError if it is invalid. `Request.check` says what is out of range."""
     fields = unpack_body(packed, 12)
     codec, parameters, *law, rate_hz, axes, name, ticket, clock_us, announced, share = fields
     _require(_is_text(codec, NAME_BYTES), "codec", codec)
@@ -225,13 +227,13 @@ def unpack_request(packed: bytes) -> Request:
     for key, value in parameters.items():
         _require(_is_text(key, NAME_BYTES) and _is_number(value), "parameter", key)
     _require(all(map(_is_number, law)), "JND", law)
-    _require(_is_number(rate_hz) and 0.0 < rate_hz <= 1e6, "rate", rate_hz)
+    _require(_is_number(rate_hz), "rate", rate_hz)
     _require(type(axes) is int and 1 <= axes <= 3, "axes", axes)
     _require(_is_text(name, NAME_BYTES), "name", name)
     _require(ticket is None or _is_bytes(ticket, TICKET_BYTES), "ticket", ticket)
-    _require(type(clock_us) is int and 0 <= clock_us < LATEST_US, "clock", clock_us)
+    _require(type(clock_us) is int and ranges.CLOCK_US.has(clock_us), "clock", clock_us)
     _require(type(announced) is bool, "announced", announced)
-    _require(_is_share(share), "share of positions", share)
+    _require(_is_number(share), "share of positions", share)
     numbers = {key: float(value) for key, value in parameters.items()}
     weber_fraction, floor_n, multiplier = map(float, law)
     law_and_rate = weber_fraction, floor_n, multiplier, float(rate_hz)
@@ -258,13 +260,13 @@ def unpack_grant(packed: bytes) -> Grant:
     """Return the grant of a WELCOME; raise PeerError if it is invalid."""
     session, rate_hz, keepalive_us, scene, ticket, resumed, announced, share = unpack_body(packed, 8)
     _require(is_uint32(session) and session > 0, "session", session)
-    _require(_is_number(rate_hz) and 0.0 < rate_hz <= 1e6, "rate", rate_hz)
-    _require(is_uint32(keepalive_us), "keepalive interval", keepalive_us)
+    _require(_is_number(rate_hz) and ranges.RATE_HZ.has(rate_hz), "rate", rate_hz)
+    _require(type(keepalive_us) is int and ranges.KEEPALIVE_US.has(keepalive_us), "keepalive interval", keepalive_us)
     _require(_is_text(scene, NAME_BYTES), "scene", scene)
     _require(_is_bytes(ticket, TICKET_BYTES), "ticket", ticket)
     _require(type(resumed) is bool, "resumed", resumed)
     _require(type(announced) is bool, "announced", announced)
-    _require(_is_share(share), "share of positions", share)
+    _require(_is_number(share) and ranges.POSITION_SHARE.has(share), "share of positions", share)
     return Grant(session, float(rate_hz), keepalive_us, scene, ticket, resumed, announced, float(share))
 
 
@@ -312,7 +314,7 @@ def unpack_position(body: bytes) -> Position:
         return new_tuple(Position, (t_us, newest, payload, None))
     share, again = fields[3:]
     for percent in share, again:
-        _require(type(percent) is int and 0 <= percent <= REPORT_STEPS, "loss in per cent", percent)
+        _require(type(percent) is int and ranges.PERCENT.has(percent), "loss in per cent", percent)
     return Position(t_us, newest, payload, Loss(share / REPORT_STEPS, again / REPORT_STEPS))
 
 
@@ -356,10 +358,6 @@ def _outlook(more: list[Any]) -> bytes | None:
     outlook = more[0] if more else None
     _require(outlook is None or type(outlook) is bytes, "outlook", outlook)
     return outlook
-
-
-def _is_share(value: object) -> bool:
-    return type(value) in (int, float) and 0.0 <= value < 1.0  # type: ignore[operator]
 
 
 def _is_text(value: object, limit: int) -> bool:

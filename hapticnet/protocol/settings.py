@@ -1,10 +1,15 @@
 """Timings of a session, shared by both ends."""
 
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 from hapticnet.errors import SettingsError
+from hapticnet.protocol.ranges import KEEPALIVE_US
 from hapticnet.protocol.repair import RepairSettings
+
+SPARSE_KEEPALIVES: Final = 2
+IDLE_KEEPALIVES: Final = 10
+"""Keepalive intervals of silence in a session with few positions, and while no force is felt in it."""
 
 
 class Entropy(Protocol):
@@ -87,26 +92,22 @@ class SessionSettings:
     @property
     def sparse_keepalive_us(self) -> int:
         """`keepalive_us` where positions are sent only when they matter: one in a row may be lost, not three."""
-        return 2 * self.keepalive_us
+        return SPARSE_KEEPALIVES * self.keepalive_us
 
     @property
     def idle_keepalive_us(self) -> int:
         """As `sparse_keepalive_us`, while no force is felt."""
-        return 10 * self.keepalive_us
+        return IDLE_KEEPALIVES * self.keepalive_us
 
     @property
     def idle_stale_after_us(self) -> int:
         """`stale_after_us` of such a session while no force is felt, so that nothing has to be let go."""
         return 5 * self.stale_after_us
 
-    @property
-    def slowest_hz(self) -> float:
-        """Fewest positions per second: a slave sends only when it receives, so it must receive four per age limit."""
-        return 4e6 / self.stale_after_us
-
     def __post_init__(self) -> None:
-        if not 0 < 4 * self.keepalive_us <= self.stale_after_us:
+        KEEPALIVE_US.check(self.keepalive_us)
+        if 4 * self.keepalive_us > self.stale_after_us:
             raise SettingsError(
-                f"keepalive interval is {self.keepalive_us} µs; it must be above 0 and at most a quarter of the"
-                f" age limit of {self.stale_after_us} µs, or silence would pass for a dead link"
+                f"keepalive interval is {self.keepalive_us} µs; it must be at most a quarter of the age limit of"
+                f" {self.stale_after_us} µs, or silence would pass for a dead link"
             )

@@ -6,7 +6,7 @@ import pytest
 from hapticnet.node.compiled_slave import SHORTEST_TICK_US
 from hapticnet.protocol import seal, seal_steps
 from hapticnet.protocol.repair import RepairSettings
-from hapticnet.protocol.wire import Kind, pack
+from hapticnet.protocol.wire import SEALED, Kind, pack
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.tissue import Tissue
 from tests.node.adversary import Adversary
@@ -155,8 +155,8 @@ def test_a_session_that_is_often_unusual_stays_outside_for_longer_and_longer():
     for _ in range(8):
         crowd.run(40)
         number = twins.banked.stations[0].session.number
-        reset = pack(Kind.RESET, number, 0, b"")
-        twins.to([(reset, crowd.ends[0][0])], crowd.slaves_us)
+        astray = pack(Kind.POSITION, number, 1 << 31, b"")
+        twins.to([(astray, crowd.ends[0][0])], crowd.slaves_us)
         crowd.run(100)
         inside.append(len(twins.banked._bank))
     assert inside[:2] == [1, 1]
@@ -164,6 +164,20 @@ def test_a_session_that_is_often_unusual_stays_outside_for_longer_and_longer():
     crowd.run(2_600)
     assert len(twins.banked._bank) == 1
     finish(twins, crowd)
+
+
+@pytest.mark.parametrize("kind", Kind)
+def test_what_does_not_open_costs_a_sealed_session_nothing(kind):
+    twins = Twins(12)
+    crowd = Crowd(twins, 12, masters=MASTERS[:1], sealed=(True,))
+    crowd.run(200)
+    (station,) = twins.banked.stations
+    assert station in twins.banked._bank
+    for sequence in (0, 1, 300, 1 << 20, 1 << 31):
+        forged = pack(kind, station.session.number, sequence, bytes(40), SEALED)
+        for address in (crowd.ends[0][0], ("stranger", 1)):
+            twins.banked.receive_datagrams([(forged, address)], crowd.slaves_us)
+    assert station in twins.banked._bank
 
 
 def test_a_session_that_expires_is_not_stepped_once_more():

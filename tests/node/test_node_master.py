@@ -78,7 +78,7 @@ def test_a_decoder_knows_the_motion_of_the_hand_when_the_first_force_arrives(lat
     assert expected_n[0] == pytest.approx(1.8, rel=1e-3)
 
 
-@pytest.mark.parametrize("rate_hz", [20.0, 31.0, 137.0, 333.0, 999.0, 1e6])
+@pytest.mark.parametrize("rate_hz", [20.0, 31.0, 137.0, 333.0, 999.0, 1e5])
 def test_a_device_is_driven_at_its_own_rate_and_positions_are_sent_at_the_granted_one(rate_hz):
     device = SimulatedDevice(PlantSettings(), np.random.default_rng(0))
     settings = MasterSettings(record=True)

@@ -12,8 +12,14 @@ from hapticnet.node.seats import NoSeatError, Seats
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.states import SlaveState
 
+UNIT_US = 200
 SETTINGS = SessionSettings(
-    most_sessions=8, gives_way_us=40, stale_after_us=30, keepalive_us=5, keep_us=90, half_open_us=60
+    most_sessions=8,
+    gives_way_us=40 * UNIT_US,
+    stale_after_us=30 * UNIT_US,
+    keepalive_us=5 * UNIT_US,
+    keep_us=90 * UNIT_US,
+    half_open_us=60 * UNIT_US,
 )
 MOST, MOST_EACH = 6, 3
 
@@ -118,7 +124,7 @@ class History:
         return stations[int(self.rng.integers(len(stations)))] if stations else None
 
     def step(self):
-        self.now_us += -int(self.rng.integers(100)) if self.chance(0.01) else int(self.rng.integers(12))
+        self.now_us += UNIT_US * int(-self.rng.integers(100) if self.chance(0.01) else self.rng.integers(12))
         self.table.see(self.now_us)
         for station in self.stations:
             if self.chance(0.2):

@@ -61,7 +61,7 @@ def test_a_jar_keeps_nothing_for_an_address(jar):
         jar.accepts(bytes(16), f"address {nonce}".encode(), nonce, 0)
     sizes = [len(value) for value in (jar._secret, jar._previous)]
     assert sizes == [32, 32]
-    assert set(CookieJar.__slots__) == {"_common", "_previous", "_rng", "_secret", "generation"}
+    assert set(CookieJar.__slots__) == {"_previous", "_rng", "_secret", "generation"}
 
 
 @given(st.lists(st.integers(0, 300_000), min_size=50, max_size=200))

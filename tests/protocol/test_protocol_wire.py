@@ -205,7 +205,6 @@ def test_text_that_is_too_long_or_would_speak_to_a_terminal_is_refused(name):
     "change",
     [
         {"rate_hz": float("nan")},
-        {"rate_hz": 0.0},
         {"axes": 4},
         {"axes": True},
         {"weber_fraction": float("inf")},
@@ -225,9 +224,12 @@ def test_requests_that_cannot_be_are_refused(change):
     [
         {"session": 0},
         {"session": True},
-        {"rate_hz": -1.0},
+        {"rate_hz": 19.0},
+        {"rate_hz": 100_001.0},
         {"rate_hz": float("nan")},
-        {"keepalive_us": -1},
+        {"keepalive_us": 999},
+        {"keepalive_us": 50_001},
+        {"position_share": 0.001},
         {"scene": "bell\a"},
         {"ticket": b"short"},
         {"ticket": None},

@@ -1,0 +1,310 @@
+"""The largest force on a finger that a hostile slave can cause, found by a search over what it may send.
+
+Two searches, each on every finger. *asked*: any force and any force ahead, asked of the force loop at its own rate: all
+that a slave can reach, whatever it sends. *sent*: datagrams of an open session to a master with a device: any rate, any
+payload of several codecs, announced models, keepalives, and new sessions at any moment. Both mutate the worst sequences
+found so far. The device is simulated in Python or (``--device simavr``) as the compiled firmware, in virtual time.
+"""
+
+import argparse
+import contextlib
+import functools
+import random
+import struct
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import record
+from force_loop import FINGERS_N_M
+from force_scenarios import SEED_SHIFT_US, TICK_US, Simulated, started
+
+from hapticnet.control.force_settings import ForceControlSettings
+from hapticnet.control.limits import LimitSettings
+from hapticnet.device.parts import Finger
+from hapticnet.device.plant import PlantSettings
+from hapticnet.hardware import MAX_FORCE_N
+from hapticnet.node.fingertip import Fingertip
+from hapticnet.node.master import MasterNode
+from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.model_wire import OF_CODEC, pack_model
+from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
+from hapticnet.protocol.messages import (
+    COOKIE_BYTES,
+    TICKET_BYTES,
+    Close,
+    Cookie,
+    Force,
+    Grant,
+    Keepalive,
+    Welcome,
+    pack_answer,
+    unpack_hello,
+    unpack_position,
+    unpack_request,
+)  # fmt: skip
+from hapticnet.protocol.wire import Kind, pack, pack_body, unpack
+from hapticnet.scene.ahead import LayerAhead
+
+LONGEST_MS: Final = 3500
+"""Length of a sequence: time to find the finger, learn it, and mislead the loop."""
+
+KEPT: Final = 12
+"""Worst sequences that are mutated further."""
+
+FORCES_N: Final = (0.0, 0.3, 1.0, 3.0, 4.6, 6.0)
+PAUSES_MS: Final = (1, 3, 5, 10, 20, 40, 80, 160, 300)
+RATES_HZ: Final = (20.0, 31.0, 50.0, 137.0, 500.0, 1000.0, 1e5)
+CODECS: Final = ("raw", "deadband", "linear-predictive", "adaptive-predictive", "motion-predictive")
+SMALLEST_SESSION: Final = 1 << 16
+
+
+class Asked(NamedTuple):
+    """A force, and the force ahead, that are asked of the loop for some time."""
+
+    ms: int
+    force_n: float
+    ahead_n: float
+
+    @classmethod
+    def drawn(cls, rng: random.Random) -> "Asked":
+        force_n = some_force_n(rng)
+        return cls(
+            rng.choice((*PAUSES_MS, rng.randint(1, 400))), force_n, rng.choice((force_n, some_force_n(rng), 6.0))
+        )
+
+    def mutated(self, rng: random.Random) -> "Asked":
+        return Asked(
+            min(500, max(1, self.ms + rng.randint(-15, 15))),
+            max(0.0, self.force_n + rng.gauss(0.0, 0.3)),
+            max(0.0, self.ahead_n + rng.gauss(0.0, 0.3)),
+        )
+
+
+class Sent(NamedTuple):
+    """What a slave sends, and how long it then waits: "force", "keepalive", "model", "nothing" or "session"."""
+
+    ms: int
+    kind: str
+    force_n: float
+    slope: float
+    rate_hz: float
+
+    @classmethod
+    def drawn(cls, rng: random.Random) -> "Sent":
+        kind = rng.choice(("force", "force", "force", "keepalive", "model", "nothing", "session"))
+        return cls(rng.choice(PAUSES_MS), kind, some_force_n(rng), rng.uniform(-60.0, 60.0), rng.choice(RATES_HZ))
+
+    def mutated(self, rng: random.Random) -> "Sent":
+        ms = min(500, max(1, self.ms + rng.randint(-15, 15)))
+        return self._replace(
+            ms=ms, force_n=max(0.0, self.force_n + rng.gauss(0.0, 0.3)), slope=self.slope * rng.gauss(1, 0.3)
+        )
+
+
+Move = Asked | Sent
+
+
+@dataclass(frozen=True, slots=True)
+class Sequence:
+    """Moves, and the seed of the device's noise and phase."""
+
+    seed: int
+    moves: tuple[Move, ...]
+
+
+def some_force_n(rng: random.Random) -> float:
+    return rng.choice((*FORCES_N, rng.uniform(0.0, 5.0), rng.uniform(0.0, 1.0)))
+
+
+def play_asked(device: Simulated, now_us: int, sequence: Sequence) -> float:
+    """Return the largest true force [N] on the finger while the loop is asked for what the moves say."""
+    fingertip = Fingertip(device, LimitSettings(), ForceControlSettings())
+    largest_n = 0.0
+    for move in sequence.moves:
+        assert isinstance(move, Asked)
+        for _ in range(move.ms):
+            now_us += TICK_US
+            fingertip.press(move.force_n, now_us, move.ahead_n)
+            largest_n = max(largest_n, device.contact_force_n or 0.0)
+    return largest_n
+
+
+class HostileSlave:
+    """The slave's end of open sessions with one master; it sends what it is told to."""
+
+    def __init__(self, master: MasterNode) -> None:
+        self._master = master
+        self._number = SMALLEST_SESSION
+        self._sequence = 0
+        self._newest: int | None = None
+        self._t_us = 0
+        self.rate_hz = 1000.0
+        self._announced = False
+
+    def answer(self, now_us: int) -> None:
+        """Answer the requests of the master: grant every session, at the present rate."""
+        for data in self._master.datagrams_to_send():
+            datagram = unpack(data)
+            if datagram.kind is Kind.POSITION:
+                self._t_us = unpack_position(datagram.body).t_us
+            if datagram.kind is not Kind.HELLO:
+                continue
+            hello = unpack_hello(datagram.body)
+            if not hello.cookie:
+                self._send(Kind.COOKIE, pack_body(Cookie(hello.nonce, bytes(COOKIE_BYTES))), now_us, session=0)
+                continue
+            self._number += 1
+            self._sequence, self._newest = 0, None
+            self._announced = unpack_request(hello.request).announced
+            grant = Grant(self._number, self.rate_hz, 45_000, "hostile", bytes(TICKET_BYTES), True, self._announced)
+            self._send(Kind.WELCOME, pack_body(Welcome(hello.nonce, pack_body(grant))), now_us, session=self._number)
+
+    def do(self, move: Sent, codec: str, now_us: int) -> None:
+        """Send what a move says, for the newest position."""
+        if move.kind == "session":
+            self.rate_hz = move.rate_hz
+            self._send(Kind.CLOSE, pack_body(Close("another")), now_us)
+        elif move.kind == "keepalive":
+            self._send(Kind.KEEPALIVE, pack_answer(Keepalive(self._t_us, self._newest)), now_us)
+        elif move.kind in ("force", "model"):
+            payload = payload_of(move, codec)
+            if self._announced:
+                payload = pack_model((layer_of(move),), 1) if move.kind == "model" else OF_CODEC + payload
+            self._newest = self._sequence + 1
+            self._send(Kind.FORCE, pack_answer(Force(self._t_us, payload)), now_us)
+
+    def _send(self, kind: Kind, body: bytes, now_us: int, *, session: int | None = None) -> None:
+        if kind not in (Kind.COOKIE, Kind.WELCOME):
+            self._sequence += 1
+        number = self._number if session is None else session
+        self._master.receive_datagram(pack(kind, number, self._sequence, body), now_us)
+
+
+def payload_of(move: Sent, codec: str) -> bytes:
+    """Return a payload of a codec that asks for the force of a move, and for a slope where the codec has one."""
+    value = struct.pack(">f", move.force_n)
+    if codec == "linear-predictive":
+        return value + struct.pack(">f", move.slope)
+    if codec == "adaptive-predictive":
+        return value + struct.pack(">e", move.slope)
+    if codec == "motion-predictive":
+        travel, stiffness, viscosity = 0.1 * move.slope, 100.0 * abs(move.slope), abs(move.slope)
+        return bytes([3]) + struct.pack(">ffee", move.force_n, travel, stiffness, viscosity)
+    return value
+
+
+def layer_of(move: Sent) -> LayerAhead:
+    """Return a layer that is as stiff as a move says, somewhere in the way of the hand."""
+    return LayerAhead(0.01 * move.force_n, 10.0 + 100.0 * abs(move.slope), viscosity_n_s_per_m=abs(move.slope))
+
+
+def play_sent(device: Simulated, now_us: int, sequence: Sequence) -> float:
+    """Return the largest true force [N] on the finger while a slave sends what the moves say."""
+    codec = CODECS[sequence.seed % len(CODECS)]
+    rng = np.random.default_rng(sequence.seed)
+    operator = ScriptedOperator(InsertionSettings(insertions=10), rng)
+    settings = MasterSettings(codec=codec, announced=sequence.seed % 2 == 0)
+    master = MasterNode(operator, device, settings, rng)
+    slave = HostileSlave(master)
+    largest_n, next_us = 0.0, now_us
+    for move in sequence.moves:
+        assert isinstance(move, Sent)
+        end_us = now_us + 1000 * move.ms
+        slave.do(move, codec, now_us)
+        while now_us < end_us:
+            now_us = max(now_us, next_us)
+            next_us = now_us + master.period_us
+            master.tick(now_us)
+            slave.answer(now_us)
+            master.drive(now_us)
+            largest_n = max(largest_n, device.contact_force_n or 0.0)
+            now_us = next_us
+    return largest_n
+
+
+def search(
+    draw: Callable[[random.Random], Move], evaluate: Callable[[Sequence], float], seconds: float, seed: int
+) -> Any:
+    """Return how many sequences were played, and the worst with its force [N]."""
+    rng = random.Random(seed)
+    worst: list[tuple[float, Sequence]] = []
+    played, end_s = 0, time.monotonic() + seconds
+    while time.monotonic() < end_s or not played:
+        if len(worst) < KEPT or rng.random() < 0.15:
+            moves = [draw(rng) for _ in range(rng.randint(4, 40))]
+        else:
+            moves = mutated(list(rng.choice(worst)[1].moves), draw, rng)
+        sequence = Sequence(rng.randrange(70), cut(moves))
+        worst = sorted([*worst, (evaluate(sequence), sequence)], key=lambda each: -each[0])[:KEPT]
+        played += 1
+    return played, worst[0]
+
+
+def mutated(moves: list[Move], draw: Callable[[random.Random], Move], rng: random.Random) -> list[Move]:
+    """Return the moves with one to four changes."""
+    for _ in range(rng.randint(1, 4)):
+        at, change = rng.randrange(len(moves)), rng.random()
+        if change < 0.25:
+            moves[at] = draw(rng)
+        elif change < 0.4:
+            moves.insert(at, draw(rng))
+        elif change < 0.5 and len(moves) > 2:
+            del moves[at]
+        elif change < 0.6:  # the same again
+            other = rng.randrange(len(moves))
+            moves[at:at] = moves[min(at, other) : max(at, other) + 1]
+        else:
+            moves[at] = moves[at].mutated(rng)
+    return moves
+
+
+def cut(moves: list[Move]) -> tuple[Move, ...]:
+    """Return the moves of the first `LONGEST_MS`, at least one."""
+    total_ms, kept = 0, []
+    for move in moves:
+        total_ms += move.ms
+        if kept and total_ms > LONGEST_MS:
+            break
+        kept.append(move)
+    return tuple(kept)
+
+
+PLAYS: Final = {"asked": (Asked.drawn, play_asked), "sent": (Sent.drawn, play_sent)}
+
+
+def evaluated(kind: str, stiffness_n_m: float, what: str, sequence: Sequence) -> float:
+    """Return the largest force [N] of a sequence on a finger."""
+    settings = PlantSettings(finger=Finger(stiffness_n_m=stiffness_n_m))
+    with contextlib.ExitStack() as stack:
+        device, now_us = stack.enter_context(started(kind, settings, sequence.seed % 7))
+        return PLAYS[what][1](device, now_us + SEED_SHIFT_US, sequence)
+
+
+def measure(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the worst of each search on each finger."""
+    arguments.repetitions = 1
+    fingers_n_m = FINGERS_N_M[::2] if arguments.quick else FINGERS_N_M
+    seconds = 3.0 if arguments.quick else arguments.seconds
+    rows = []
+    for what, stiffness_n_m in ((what, finger) for what in PLAYS for finger in fingers_n_m):
+        evaluate = functools.partial(evaluated, arguments.device, stiffness_n_m, what)
+        played, (largest_n, sequence) = search(PLAYS[what][0], evaluate, seconds, arguments.seed)
+        row = {"what": what, "stiffness_n_m": stiffness_n_m, "played": played, "largest_n": largest_n}
+        rows.append({**row, "seed": sequence.seed, "moves": [list(move) for move in sequence.moves]})
+        print(f"{what}, {stiffness_n_m:.0f} N/m: {largest_n:.2f} N, the worst of {played} sequences", flush=True)
+    return {"device": arguments.device, "limit_n": MAX_FORCE_N, "rows": rows}
+
+
+def main() -> None:
+    parser = record.options(__doc__, seed=0)
+    parser.add_argument("--device", choices=("sim", "simavr"), default="sim")
+    parser.add_argument("--seconds", type=record.within(1.0), default=60.0, help="length of each search")
+    parser.add_argument("--quick", action="store_true", help="three seconds for each, on three fingers")
+    record.run(parser, measure, unit="as in each name")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,223 @@
+"""Every number of every message at its edges: what is out of range changes nothing, at either end of a session."""
+
+import itertools
+import math
+import re
+import struct
+from pathlib import Path
+
+import msgpack
+import numpy as np
+import pytest
+
+from hapticnet.codec.registry import CODECS
+from hapticnet.device.plant import PlantSettings
+from hapticnet.device.simulated import SimulatedDevice
+from hapticnet.node.admission import SlaveSettings
+from hapticnet.node.compiled_slave import CompiledSlaveNode
+from hapticnet.node.master import MasterNode
+from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.slave import SlaveNode
+from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
+from hapticnet.protocol import ranges
+from hapticnet.protocol.messages import Code
+from hapticnet.protocol.states import MasterState
+from hapticnet.protocol.wire import Kind, pack, pack_body
+from hapticnet.scene.presets import paper_scene
+from hapticnet.scene.scene import Scene
+from tests.peers import GRANT, HandMaster, HandSlave, Interned
+
+EDGES = (
+    *(0, 1, -1, True, None, "1", b"1", 2**16, 2**31, 2**32 - 1, 2**32, 2**53, 2**63, -(2**63), 0.0, -0.0, 0.5, 1.0),
+    *(5e-324, 1e-310, 1e-302, 1e-13, 19.999, 20.0, 1e5, 1e6, 1e15, 1e300, 1.7976931348623157e308),
+    *(math.inf, -math.inf, math.nan),
+)
+NUMBERS_OF_REQUEST = ("weber_fraction", "floor_n", "multiplier", "rate_hz", "axes", "clock_us", "position_share")
+NUMBERS_OF_GRANT = ("session", "rate_hz", "keepalive_us", "position_share")
+
+
+def slave_node(make=SlaveNode):
+    more = {"addresses": Interned()} if make is CompiledSlaveNode else {}
+    scene = paper_scene(1)
+    make_scene = lambda _: Scene(scene.tissues, name=scene.name)  # noqa: E731
+    return make(make_scene, SlaveSettings(), np.random.default_rng(1), **more)
+
+
+def master_node(**settings):
+    device = SimulatedDevice(PlantSettings(), np.random.default_rng(0))
+    operator = ScriptedOperator(InsertionSettings(), np.random.default_rng(1))
+    return MasterNode(operator, device, MasterSettings(**settings), np.random.default_rng(2))
+
+
+def ask(master, now_us):
+    """Ask for a session through a cookie; return the kind of the answer, None without one."""
+    answers = [*master.hello(now_us), *master.hello(now_us)]
+    return answers[1].kind if len(answers) > 1 else None
+
+
+def use(master, now_us):
+    """Move through the tissue in a session that was granted: it works."""
+    for step in range(1, 60):
+        place = struct.pack(">f", 0.02 + 0.0002 * step)
+        master.position(step, now_us + 1000 * step, payload=place, t_us=now_us + 1000 * step)
+    station = next(each for each in master.slave.stations if each.session.number == master.session)
+    assert station.steps > 10
+
+
+NONCES = itertools.count(1)
+
+
+@pytest.mark.parametrize("make", [SlaveNode, CompiledSlaveNode])
+@pytest.mark.parametrize("field", NUMBERS_OF_REQUEST)
+def test_a_request_is_granted_refused_in_words_or_dropped(make, field):
+    slave = slave_node(make)
+    kinds = set()
+    now_us = 0
+    for value in EDGES:
+        now_us += 1_000_000
+        master = HandMaster(slave, f"host {field} {value!r}", nonce=next(NONCES), **{field: value})
+        kind = ask(master, now_us)
+        kinds.add(kind)
+        bounds = {"rate_hz": ranges.RATE_HZ, "position_share": ranges.POSITION_SHARE}.get(field)
+        if bounds is not None and type(value) in (int, float) and math.isfinite(value):
+            assert kind is (Kind.WELCOME if bounds.has(value) else Kind.REFUSE), value
+        if kind is Kind.REFUSE:
+            assert master.refusal.code in (Code.PARAMETER, Code.AXES)
+            assert "must be" in master.refusal.reason or "axes" in master.refusal.reason
+        if kind is Kind.WELCOME:
+            use(master, now_us)
+    assert None in kinds, "what is no number is dropped"
+    assert Kind.WELCOME in kinds
+    assert slave.session_count <= len(EDGES)
+
+
+@pytest.mark.parametrize("name", CODECS)
+def test_every_parameter_of_every_codec_is_checked(name):
+    slave = slave_node()
+    known = [each for each in CODECS[name].__dataclass_fields__ if each != "law"]
+    now_us = 0
+    for key, value in itertools.product(known, EDGES):
+        now_us += 1_000_000
+        master = HandMaster(slave, f"host {key} {value!r}", nonce=next(NONCES), codec=name, parameters={key: value})
+        if ask(master, now_us) is Kind.WELCOME:
+            use(master, now_us)
+
+
+@pytest.mark.parametrize("field", NUMBERS_OF_GRANT)
+def test_a_grant_is_used_or_counted_as_malformed(field):
+    for value in EDGES:
+        master = master_node(positions="line", position_share=0.5)
+        slave = HandSlave(master)
+        master.tick(0)
+        slave.cookie(slave.hello(), 0)
+        hello = slave.hello()
+        slave.welcome(hello, 0, GRANT._replace(**{field: value}))
+        connected = master.session.state is MasterState.ESTABLISHED
+        report = master.report()
+        assert report["received"]["malformed"] + report["received"]["stray"] == (not connected)
+        for now_us in range(0, 30_000, 1000):
+            master.tick(now_us)
+            master.drive(now_us)
+        if connected:
+            assert ranges.RATE_HZ.has(report["rate_hz"])
+
+
+def bodies(fields, at):
+    """Return bodies with each edge in place of the field `at`."""
+    for value in EDGES:
+        try:
+            yield pack_body((*fields[:at], value, *fields[at + 1 :]))
+        except OverflowError:
+            continue
+
+
+@pytest.mark.parametrize("make", [SlaveNode, CompiledSlaveNode])
+@pytest.mark.parametrize("line", [False, True])
+def test_a_position_moves_the_scene_or_is_counted(make, line):
+    slave = slave_node(make)
+    master = HandMaster(slave, nonce=next(NONCES), position_share=0.25 if line else 0.0).join()
+    payload = struct.pack(">fe", 0.01, 0.01) if line else struct.pack(">f", 0.01)
+    floats = [struct.pack(">f", value) for value in (5e-324, 1e-45, 1e30, -3e38, math.inf, -math.inf, math.nan, -0.0)]
+    halves = [struct.pack(">e", value) for value in (6e-8, 65504.0, -65504.0, math.inf, math.nan)]
+    payloads = [*floats, *(each + half for each in floats[:3] for half in halves), b"", bytes(3), bytes(1000)]
+    sequence = itertools.count(1)
+    for at in range(5):
+        for body in bodies((1000, None, payload, 50, 50), at):
+            master.send(pack(Kind.POSITION, master.session, next(sequence), body), 1000)
+    for number, each in enumerate(payloads):
+        now_us = 2000 + 1000 * number
+        master.position(next(sequence), now_us, payload=each)
+    slave.tick(100_000)
+    slave.settle(100_000)
+    (station,) = slave.stations
+    sent = next(sequence) - 1
+    assert station.session.received.packets - 2 <= sent
+    assert all(map(math.isfinite, station.newest[1] + station.newest[2])) if station.newest else True
+
+
+@pytest.mark.parametrize("codec", CODECS)
+def test_a_force_is_applied_within_the_limits_or_counted(codec):
+    master = master_node(codec=codec, announced=True, positions="line")
+    slave = HandSlave(master)
+    slave.connect(grant=GRANT._replace(announced=True, position_share=0.25))
+    rng = np.random.default_rng(3)
+    singles = [struct.pack(">f", value) for value in (1e-45, 1e-38, 1.0, 3e38, -3e38, math.inf, math.nan)]
+    doubles = [struct.pack(">d", value) for value in (5e-324, 1e15, 1.1e15, 1e308, -math.inf, math.nan)]
+    outlooks = [b"".join(each) for each in itertools.product(singles, repeat=2)] + [b"", bytes(16)]
+    now_us, number = 0, 0
+    for _ in range(400):
+        now_us += 1000
+        number += 1
+        master.tick(now_us)
+        parts = [rng.choice([*singles, *doubles, rng.bytes(2)]) for _ in range(rng.integers(0, 12))]
+        payload = bytes([rng.integers(0, 6)]) * int(rng.integers(0, 3)) + b"".join(bytes(part) for part in parts)
+        outlook = outlooks[rng.integers(len(outlooks))]
+        body = pack_body((now_us, payload, outlook))
+        slave.master.receive_datagram(pack(Kind.FORCE, slave.session, number, body), now_us)
+        master.drive(now_us)
+        assert all(map(math.isfinite, master.held_n))
+        assert 0.0 <= master.target_n <= 5.0
+    for at, fields in itertools.product(range(3), [(now_us, b"", b""), (now_us, 5, b"")]):
+        for body in bodies(fields, at):
+            for kind in (Kind.FORCE, Kind.KEEPALIVE, Kind.CLOSE, Kind.COOKIE, Kind.WELCOME, Kind.REFUSE):
+                number += 1
+                slave.master.receive_datagram(pack(kind, slave.session, number, body), now_us)
+    assert not master.finished
+
+
+@pytest.mark.parametrize("element", range(5))
+def test_a_frame_is_read_or_counted(element):
+    slave, master = slave_node(), master_node()
+    HandSlave(master).connect()
+    for value in EDGES:
+        frame = [1, 4, GRANT.session, 7, b"\x90"]
+        frame[element] = value
+        try:
+            data = msgpack.packb(frame)
+        except (OverflowError, ValueError):
+            continue
+        for receive in (
+            lambda data=data: slave.receive_datagram(data, "a", 0),
+            lambda data=data: master.receive_datagram(data, 0),
+        ):
+            receive()
+    assert slave.session_count == 0
+    assert not master.finished
+
+
+def test_the_wire_document_names_every_range():
+    text = Path("docs/protocol.md").read_text(encoding="utf-8")
+    found = {
+        name: (bool(zero), float(low), float(high))
+        for name, zero, low, high in re.findall(r"^\| `(\w+)` \| (0 or )?([\d.]+) … ([\d.]+)", text, re.MULTILINE)
+    }
+    for name, bounds in {
+        "rate_hz": ranges.RATE_HZ,
+        "position_share": ranges.POSITION_SHARE,
+        "keepalive_us": ranges.KEEPALIVE_US,
+        "clock_us": ranges.CLOCK_US,
+        "sequence": ranges.HELLO_SEQUENCE,
+        "share": ranges.PERCENT,
+        "again": ranges.PERCENT,
+    }.items():
+        assert found[name] == (bounds.zero_allowed, bounds.smallest, bounds.largest), name
