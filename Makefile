@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 APT := $(if $(filter 0,$(shell id -u)),,sudo )apt-get
 
-.PHONY: help demo test check docker-check bench bench-peers bench-fleet peer-packages run-figure simulator chromium promtool clean system-packages
+.PHONY: help demo test check docker-check bench bench-peers bench-fleet peer-packages run-figure simulator lock chromium promtool clean system-packages
 .DEFAULT_GOAL := help
 
 help:
@@ -14,7 +14,7 @@ help:
 	@echo 'make test           install everything the tests need, and run them all'
 	@echo 'make check          linters, types, layers'
 	@echo 'make docker-check   build the image and play every scenario of docker/ (needs a Docker engine)'
-	@echo 'make bench          run every benchmark (more than an hour) and write docs/benchmarks*.md; results in results/bench'
+	@echo 'make bench          run every benchmark (about two hours) and write docs/benchmarks*.md; results in results/bench'
 	@echo 'make bench-peers    measure other stacks beside hapticnet (half an hour, as root) and write docs/benchmarks-peers.md'
 	@echo 'make bench-fleet    model a service of 100,000 masters, check it against real runs; result in results/bench'
 	@echo 'make run-figure     draw docs/figures/run.png, the run in the README'
@@ -39,7 +39,7 @@ docker-check: $(VENV)/installed-dev
 # Recordings to try every codec on, as FILE[:FORCE[:POSITION[:SCALE]]]; the repository has none.
 RECORDINGS ?=
 
-BENCHMARKS := codec_speed codec_stability packet_rate teleoperation positions announced scene_accuracy scene_cost force_loop finger_limit tilt virtual_time real_time round_trip sessions session_tables fuzz floods recording endurance
+BENCHMARKS := codec_speed codec_stability packet_rate teleoperation positions announced scene_accuracy scene_cost force_loop finger_limit hostile_slave tilt virtual_time real_time round_trip sessions session_tables fuzz floods recording endurance
 
 bench: system-packages $(VENV)/installed-dev
 	$(BIN)/python bench/measure/rate_distortion.py $(RECORDINGS) --json results/bench/rate_distortion.json
@@ -69,11 +69,11 @@ run-figure: $(VENV)/installed-plot
 	$(BIN)/python bench/report/plot_run.py docs/figures/run.png
 
 # The C programs that bench/ measures against, the network namespaces of the two-host test, and what the firmware is
-# built with and simulated in; systemd checks its units.
-SYSTEM_PACKAGES := gcc libc6-dev libssl-dev iproute2 gcc-avr avr-libc libsimavr-dev libelf-dev systemd
+# built with and simulated in; systemd checks its units, and strace what its filter permits.
+SYSTEM_PACKAGES := gcc libc6-dev libssl-dev iproute2 gcc-avr avr-libc libsimavr-dev libelf-dev systemd strace
 
 system-packages:
-	@if ! { command -v gcc && command -v ip && command -v systemd-analyze && command -v avr-gcc && \
+	@if ! { command -v gcc && command -v ip && command -v systemd-analyze && command -v strace && command -v avr-gcc && \
 			test -e /usr/include/simavr/sim_avr.h && test -e /usr/include/libelf.h && test -e /usr/include/openssl/evp.h; } >/dev/null; then \
 		if command -v apt-get >/dev/null; then \
 			$(APT) update -qq && $(APT) install -y -qq --no-install-recommends $(SYSTEM_PACKAGES); \
@@ -94,6 +94,15 @@ promtool:
 		dpkg-deb --fsys-tarfile prometheus_*.deb | tar -x --strip-components=3 ./usr/bin/promtool && \
 		rm prometheus_*.deb || echo 'no promtool; the tests of the alerts are skipped'; \
 	fi
+
+# Versions and hashes of all that the images install, newest first; uv is taken from PyPI.
+LOCK := $(BIN)/uv pip compile -q --upgrade --generate-hashes --python-version 3.11 --no-header --no-annotate \
+	--custom-compile-command 'make lock'
+
+lock: $(BIN)/python
+	@$(BIN)/pip install -q --disable-pip-version-check uv
+	echo hatchling | $(LOCK) pyproject.toml - --extra metrics --extra record --extra web --extra fast -o docker/locks/service.txt
+	echo hatchling | $(LOCK) pyproject.toml - --extra cluster --extra sweep -o docker/locks/sweep.txt
 
 simulator: system-packages
 	$(MAKE) -C firmware firmware sim

@@ -28,5 +28,17 @@ def _fill_standard_streams() -> None:
             os.set_inheritable(number, True)
 
 
+def _leave_working_folder() -> None:
+    """Do not search the working folder, which ``python -m`` puts first, for modules: a queue.py there is a user's.
+
+    In a checkout that is not installed, it has this package: then it comes last.
+    """
+    if not sys.flags.safe_path:
+        folder = sys.path.pop(0)
+        if os.path.dirname(os.path.dirname(os.path.abspath(__file__))) == os.path.abspath(folder):
+            sys.path.append(folder)
+
+
 if __name__ == "__main__":
+    _leave_working_folder()
     main()

@@ -1,4 +1,7 @@
-"""Range checks of settings, and the messages that report a value out of range."""
+"""Checks of settings, and the messages that say what is wrong and what would be right."""
+
+from collections.abc import Iterable
+from difflib import get_close_matches
 
 from hapticnet.errors import SettingsError
 
@@ -46,6 +49,12 @@ def check_above(name: str, value: float, bound: float, largest: float, unit: str
     """
     if not bound < value <= largest:
         raise _out_of_range(name, value, f"above {_text(bound)} and at most {_text(largest)}", unit)
+
+
+def meant(name: str, known: Iterable[str]) -> str:
+    """Return the question whether a known name was meant, to follow an unknown one; nothing if none is similar."""
+    close = get_close_matches(name, known, n=1)
+    return f" (did you mean {close[0]!r}?)" if close else ""
 
 
 def _out_of_range(name: str, value: float, expected: str, unit: str) -> SettingsError:

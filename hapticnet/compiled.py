@@ -5,14 +5,16 @@ in nopython mode; tuples of 1 to 3 floats stand for vectors, and ``if len(x) == 
 
 Machine code is kept in ``$XDG_CACHE_HOME/hapticnet`` (or ``$NUMBA_CACHE_DIR``), in a folder named after the content of
 the sources, so that an edited constant or function is never run from old machine code. Where that folder cannot be
-written, each process compiles what it uses.
+written, or another account can write it, each process compiles what it uses.
 """
 
 import hashlib
 import importlib.util
 import math
 import os
+import re
 import shutil
+import stat
 import tempfile
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -151,9 +153,16 @@ def _jit(function: Callable[..., Any], *, inline: bool, counts: bool = False) ->
     return jitted
 
 
+_OURS: Final = re.compile(r"[0-9a-f]{16}")
+"""Names of the folders that `_folder` makes. Nothing else is removed: the place may have been named by mistake."""
+
+
 @cache
 def _folder(base: str) -> Path | None:
-    """Return the folder for machine code of the present sources, None if it cannot be written; remove older ones."""
+    """Return the folder for machine code of the present sources; remove older ones.
+
+    None if it cannot be written, or if another account can write there: what is in it is run.
+    """
     package = Path(__file__).parent
     digest = hashlib.sha256()
     for file in sorted({file for pattern in SOURCES for file in package.glob(pattern)}):
@@ -161,14 +170,19 @@ def _folder(base: str) -> Path | None:
     try:
         caches = Path(base or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hapticnet"
         folder = caches / digest.hexdigest()[:16]
-        folder.mkdir(parents=True, exist_ok=True)
+        caches.parent.mkdir(parents=True, exist_ok=True)
+        for each in (caches, folder):
+            each.mkdir(mode=0o700, exist_ok=True)
+            if each.lstat().st_uid not in (0, os.geteuid()) or each.stat().st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+                return None
         os.utime(folder)
         with tempfile.TemporaryFile(dir=folder):
             pass
     except (OSError, RuntimeError):  # RuntimeError: there is no home directory
         return None  # numba would keep it beside the sources, and use it after a function that is called was edited
     with suppress(OSError):  # another process may remove the same ones
-        newest_first = sorted(caches.iterdir(), key=lambda each: each.stat().st_mtime, reverse=True)
+        ours = [each for each in caches.iterdir() if _OURS.fullmatch(each.name)]
+        newest_first = sorted(ours, key=lambda each: each.stat().st_mtime, reverse=True)
         for old in newest_first[KEPT_FOLDERS:]:
             shutil.rmtree(old, ignore_errors=True)
     return folder

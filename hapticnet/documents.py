@@ -1,18 +1,25 @@
 """Read, parse and validate TOML files; report each mistake in one line that says what would be right."""
 
+import re
 import reprlib
 import tomllib
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Final, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from hapticnet.checks import meant
 from hapticnet.errors import FileError, SettingsError
 from hapticnet.files import read_text
 
-LARGEST_DOCUMENT: Final = 16 * 2**20
+LARGEST_DOCUMENT: Final = 4 * 2**20
 """Size limit of a TOML file [B]; a scene of 10,000 tissues takes 2 MB."""
+
+MOST_PARTS: Final = 16
+"""Most parts of a dotted key: time and memory of tomllib grow with their square."""
+
+MOST_PARTS_TOGETHER: Final = 200_000
+"""Most parts of all dotted keys: each takes 1 kB of memory."""
 
 STRICT: Final = ConfigDict(extra="forbid", strict=True)
 """Model configuration of a document: no unknown keys, no type conversions."""
@@ -25,11 +32,29 @@ _EXPECTED: Final = {
     "list_type": "a list",
     "dict_type": "a table",
     "model_type": "a table",
+    "literal_error": "{expected}",
+    "finite_number": "a finite number",
+    "greater_than": "more than {gt:,}",
+    "greater_than_equal": "at least {ge:,}",
+    "less_than": "less than {lt:,}",
+    "less_than_equal": "at most {le:,}",
+    "string_too_short": "text of at least {min_length} characters",
+    "string_too_long": "text of at most {max_length} characters",
+    "too_short": "a list of at least {min_length}",
+    "too_long": "a list of at most {max_length}",
 }
-"""Expected value for pydantic's most frequent error types."""
+"""What would be right, for each of pydantic's error types that a model of ours can cause; its own words are for
+programmers."""
 
 WHOLE: Final = "the table"
 """What is wrong if no one key is."""
+
+_PART: Final = r"""(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""
+_DOTTED: Final = re.compile(rf"""(?<![\w"'.\\-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART})++""")
+"""A dotted key, or a number. Possessive, so that no text takes more than one pass."""
+
+_PARTS: Final = re.compile(_PART)
+_END_OF_KEY: Final = re.compile(r"[ \t]*+[=\]]")
 
 Document = TypeVar("Document", bound=BaseModel)
 
@@ -46,7 +71,8 @@ def read_document(path: Path) -> str:
 
 
 def parse_tables(text: str, source: str) -> dict[str, Any]:
-    """Return the tables of a TOML text; raise FileError with line and column if it is not TOML."""
+    """Return the tables of a TOML text; raise FileError with line and column if it is not TOML, or has huge keys."""
+    _check_keys(text, source)
     try:
         # Besides its own error, tomllib lets errors of int() and of the recursion limit through.
         return tomllib.loads(text)
@@ -54,8 +80,13 @@ def parse_tables(text: str, source: str) -> dict[str, Any]:
         raise FileError(f"{source}: not a TOML file: {_with_place(str(error), text)}") from error
 
 
-def parse_document(text: str, source: str, model: type[Document]) -> Document:
+def parse_document(text: str, source: str, model: type[Document], *, context: object = None) -> Document:
     """Return `text` parsed and validated by a model; messages name `source` as its origin.
+
+    Parameters
+    ----------
+    context
+        What the validators of the model get as their context.
 
     Raises
     ------
@@ -66,9 +97,23 @@ def parse_document(text: str, source: str, model: type[Document]) -> Document:
     """
     content = parse_tables(text, source)
     try:
-        return model.model_validate(content)
+        return model.model_validate(content, context=context)
     except ValidationError as error:
         raise SettingsError(f"{source}: {_first_mistake(error, model)}") from error
+
+
+def _check_keys(text: str, source: str) -> None:
+    """Raise FileError if a document of this size could take gigabytes of memory because of its dotted keys."""
+    together = 0
+    for found in _DOTTED.finditer(text):
+        if _END_OF_KEY.match(text, found.end()):
+            parts = len(_PARTS.findall(found[0]))
+            together += parts
+            if parts > MOST_PARTS:
+                line = text.count("\n", 0, found.start()) + 1
+                raise FileError(f"{source}: line {line} has a key of {parts:,} parts; at most {MOST_PARTS} are read")
+            if together > MOST_PARTS_TOGETHER:
+                raise FileError(f"{source}: its dotted keys have more than {MOST_PARTS_TOGETHER:,} parts together")
 
 
 def _with_place(message: str, text: str) -> str:
@@ -87,17 +132,17 @@ def _first_mistake(error: ValidationError, model: type[BaseModel]) -> str:
     if mistake["type"] == "list_type" and isinstance(mistake["input"], dict) and table is not model:
         return f"{where}[{key}] is one table; write [[{key}]], with two brackets, above each"
     if mistake["type"] == "extra_forbidden":
-        close = get_close_matches(key.rpartition(".")[2], table.model_fields, n=1)
-        meant = f" (did you mean {close[0]!r}?)" if close else ""
-        return f"{where}unknown key {key!r}{meant}; the keys are {', '.join(table.model_fields)}"
+        asked = meant(key.rpartition(".")[2], table.model_fields)
+        return f"{where}unknown key {key!r}{asked}; the keys are {', '.join(table.model_fields)}"
     if mistake["type"] == "missing":
         return f"{where}{key} is missing"
     if mistake["type"] == "value_error" and isinstance(mistake["input"], dict):  # of a whole table: it has no one value
         table_name = "" if key == WHOLE else f"{key}: "
         return f"{where}{table_name}{mistake['ctx']['error']}"
-    expected = _EXPECTED.get(mistake["type"])
-    told = str(mistake["ctx"]["error"]) if mistake["type"] == "value_error" else mistake["msg"]
-    right = f"it must be {expected}" if expected else f"{told[0].lower()}{told[1:]}"
+    if mistake["type"] == "value_error":  # of ours
+        right = str(mistake["ctx"]["error"])
+    else:
+        right = f"it must be {_EXPECTED.get(mistake['type'], 'something else').format(**mistake.get('ctx', {}))}"
     field = table.model_fields.get(key)
     if field is not None and not field.repr:  # a secret
         return f"{where}{key} is invalid; {right}"

@@ -47,6 +47,12 @@ class UnavailableError(HapticnetError):
     exit_code = 4
 
 
+class RunError(HapticnetError):
+    """A run is over. Something in it failed and did not end it: code was too slow, a process beside it ended."""
+
+    exit_code = 1
+
+
 class UserCodeError(HapticnetError):
     """A scene, an operator or a device of the user raised an exception or returned something that cannot be used."""
 
@@ -68,7 +74,12 @@ def in_words(error: BaseException) -> str:
 
 def printable(text: str) -> str:
     """Return a text for one line of a message: what would move the cursor of a terminal becomes spaces and "?"."""
-    return "".join(character if character.isprintable() else "?" for character in " ".join(text.split()))
+    return visible(" ".join(text.split()))
+
+
+def visible(text: str) -> str:
+    """Return a text in which "?" takes the place of what would speak to a terminal: it may come from a stranger."""
+    return text if text.isprintable() else "".join(each if each.isprintable() else "?" for each in text)
 
 
 def _message(error: BaseException) -> str:

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, TextIO
 
-from hapticnet.errors import FileError, SettingsError
+from hapticnet.errors import FileError, HapticnetError, SettingsError
 
 MAX_BYTES: Final = 2 * 2**30
 """Default size limit of files that are read [B]: 2 GiB."""
@@ -46,6 +46,17 @@ def bytes_in_words(size: int) -> str:
         if size > 0 and size % unit == 0:
             return f"{size // unit}{name}"
     return str(size)
+
+
+def user_path(path: str | os.PathLike[str]) -> Path:
+    """Return a path as a user wrote it, with a ``~`` at its start replaced by a home folder, as a shell does.
+
+    A shell does so only at the start of a word, and Python nowhere: ``--key=~/key.toml`` arrives as it is written.
+    """
+    try:
+        return Path(path).expanduser()
+    except RuntimeError:  # no such user: the name of a file
+        return Path(path)
 
 
 def check_readable(path: Path, max_bytes: int = MAX_BYTES) -> None:
@@ -87,6 +98,21 @@ def read_text(path: Path, max_bytes: int = MAX_BYTES) -> str:
         return content.decode()
     except UnicodeDecodeError as error:
         raise FileError(f"{path}: not UTF-8 text: byte {error.start} is 0x{content[error.start]:02x}") from error
+
+
+@contextmanager
+def file_errors(path: Path) -> Iterator[None]:
+    """Turn any exception that a reader raises on a damaged file into a FileError."""
+    try:
+        yield
+    except HapticnetError:
+        raise
+    except MemoryError as error:
+        raise FileError(f"{path}: too large for the memory of this machine") from error
+    except Exception as error:  # SciPy, pyarrow and NumPy raise many kinds for damaged files
+        known = isinstance(error, OSError) and error.strerror
+        reason = known or f"damaged, or not the kind of file it seems: {' '.join(str(error).split())[:200]}"
+        raise FileError(f"{path}: {reason}") from error
 
 
 @contextmanager

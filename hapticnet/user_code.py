@@ -21,6 +21,7 @@ from types import ModuleType
 from typing import Any, Final, TypeAlias, cast
 
 from hapticnet.errors import SettingsError, UserCodeError, in_words, printable, shortened
+from hapticnet.files import user_path
 from hapticnet.samples import LARGEST_COMPONENT, MAX_AXES, Vector
 
 Option: TypeAlias = int | float | bool | str
@@ -62,7 +63,7 @@ class UserClass:
     def file(self) -> Path | None:
         """The file that the user named, if it was not a module."""
         place = self.source.rpartition(":")[0]
-        return Path(place) if place.endswith(".py") else None
+        return user_path(place) if place.endswith(".py") else None
 
     @property
     def label(self) -> str:
@@ -119,7 +120,7 @@ def load_user_code(source: str, kind: str, folder: Path = Path()) -> Callable[..
     """
     place, _, name = source.rpartition(":")
     try:
-        module = _run_file(folder / place) if place.endswith(".py") else _import(place)
+        module = _run_file(folder / user_path(place)) if place.endswith(".py") else _import(place)
     except BaseException as error:
         raise SettingsError(f"{kind} {source}: importing {place} raised {raised(error)}") from error
     if module is None:

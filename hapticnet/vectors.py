@@ -8,7 +8,7 @@ below 1e-154 therefore count as zero on two and three axes.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import MutableSequence, Sequence
 
 from hapticnet.rounding import as_single
 from hapticnet.samples import LARGEST_COMPONENT, Vector
@@ -146,7 +146,7 @@ def row(rows: Sequence[Sequence[float]], index: int, like: Vector) -> Vector:
     return rows[index][0], rows[index][1], rows[index][2]
 
 
-def put(rows: list[list[float]], index: int, x: Vector) -> None:
+def put(rows: Sequence[MutableSequence[float]], index: int, x: Vector) -> None:
     """Write a vector to a row of a table."""
     rows[index][0] = x[0]
     if len(x) >= 2:

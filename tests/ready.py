@@ -76,7 +76,6 @@ def _fork_on_request(requests: socket.socket) -> None:
                 os.dup2(stream, number)
                 os.close(stream)
             os.chdir(folder)
-            sys.path[0] = folder
             os.environ.clear()
             os.environ.update(environment)
             sys.argv = ["hapticnet", *words]

@@ -145,12 +145,14 @@ def test_a_result_is_drawn():
     assert "samples sent" in sent.get_title(loc="left")
     assert error.get_xlim() == (0.5, 1.0)
     assert len(hn.encode(FORCE).plot()) == 3
+    with pytest.raises(hn.SettingsError, match="the recording ends at"):
+        hn.encode(FORCE).plot(window_s=(100.0, 105.0))
     pyplot.close("all")
 
 
 def test_without_matplotlib_a_line_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(hn.UnavailableError, match=r"pip install 'hapticnet\[plot\]'"):
+    with pytest.raises(hn.UnavailableError, match=r"pip install matplotlib"):
         hn.encode(FORCE).plot()
 
 

@@ -9,11 +9,15 @@ import numpy as np
 import pytest
 
 import hapticnet as hn
+from hapticnet.codec.registry import codec_parameters
 from hapticnet.device.plant import PlantSettings
 from hapticnet.device.simulated import SimulatedDevice
+from hapticnet.node.in_force import SettingsInForce
 from hapticnet.node.master_events import Failed, Paused
-from hapticnet.node.slave_events import MasterJoined, MasterLeft, ScenePaused
+from hapticnet.node.slave_events import MasterJoined, MasterLeft, ScenePaused, SceneResumed
 from hapticnet.protocol.events import Connected, Ended, LinkRecovered, LinkStale
+from hapticnet.recordings.session.in_force import in_force
+from hapticnet.recordings.session.reading import read_session
 
 ANY_PORT = "127.0.0.1:0"
 
@@ -63,8 +67,8 @@ def test_on_the_programs_own_loop_all_axes_are_felt_and_events_are_iterated():
                 assert master.force_n == pytest.approx((2.0, 0.0, -1.0), rel=0.1)
                 master.change(codec="raw")
                 iterator = master.events()
-                connected = [event async for event in until_second(Connected, iterator)]
-                assert kinds(connected) == [Connected, Connected]
+                connected = [event async for event in until_second(SettingsInForce, iterator)]
+                assert kinds(connected) == [Connected, SettingsInForce, Connected, SettingsInForce]
                 assert master.node.codec.law.multiplier == 2.0, "what is not given stays"
                 await master.exchange((0.01, 0.0, 0.0))
                 await master.exchange((0.01, 0.0, 0.0))
@@ -76,6 +80,38 @@ def test_on_the_programs_own_loop_all_axes_are_felt_and_events_are_iterated():
     asyncio.run(play())
 
 
+@pytest.mark.parametrize(("granted_hz", "device"), [(1000.0, None), (250.0, None), (250.0, "sim")])
+def test_a_loop_of_exchanges_keeps_the_rate_of_the_session(granted_hz, device):
+    async def play():
+        async with (
+            hn.Slave(Spring(), listen=ANY_PORT, fastest_rate_hz=granted_hz) as slave,
+            hn.Master(slave.address, rate_hz=1000.0, device=device) as master,
+        ):
+            await master.exchange(0.0)
+            before = master.node.positions_due, master.report()["sent"]["by_kind"]["position"]
+            for step in range(100):
+                await master.exchange(1e-5 * step)
+            return before, (master.node.positions_due, master.report()["sent"]["by_kind"]["position"]), master.node
+
+    before, after, node = asyncio.run(play())
+    assert node.position_period_us == 1e6 / granted_hz
+    assert after[0] - before[0] == 100, "each call waits for the next position, and no longer"
+    assert after[1] - before[1] == 100, "each is sent"
+
+
+def test_a_timer_that_is_early_or_late_ticks_at_its_rate(monkeypatch):
+    master = hn.TickedMaster("127.0.0.1:9", rate_hz=1000)
+    for count in range(1, 101):
+        monkeypatch.setattr("hapticnet.api.master.now_us", lambda at=1000 * count + (200 if count % 2 else -200): at)
+        master.tick(0.0)
+    assert master.report()["ticks"] == 100
+    for count in range(100):
+        monkeypatch.setattr("hapticnet.api.master.now_us", lambda at=200_000 + 250 * count: at)
+        master.tick(0.0)
+    assert 125 <= master.report()["ticks"] <= 126, "one that is too fast sends no more positions"
+    master.close()
+
+
 def test_a_program_without_asyncio_has_threads_and_its_signal_handlers_stay():
     handler = signal.getsignal(signal.SIGINT)
     with hn.ThreadedSlave("paper:1", listen=ANY_PORT) as slave, hn.ThreadedMaster(slave.address) as master:
@@ -83,8 +119,8 @@ def test_a_program_without_asyncio_has_threads_and_its_signal_handlers_stay():
         master.position = 0.026
         wait_until(lambda: master.force_n[0] > 1.1)
         master.change(multiplier=4.0)
-        wait_until(lambda: master.report()["multiplier"] == 4.0)
-        assert kinds(master.take_events()) == [Connected, Connected]
+        wait_until(lambda: [each["multiplier"] for each in master.report()["in_force"]] == [1.0, 4.0])
+        assert kinds(master.take_events()) == [Connected, SettingsInForce, Connected, SettingsInForce]
         assert signal.getsignal(signal.SIGINT) is handler
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("hapticnet ")]
     with pytest.raises(hn.UnavailableError, match="was left"):
@@ -101,7 +137,7 @@ def test_a_program_with_its_own_timer_ticks_both_ends():
         return master.tick(0.01)[0] > 1.9
 
     wait_until(tick)
-    assert kinds(master.take_events()) == [Connected]
+    assert kinds(master.take_events()) == [Connected, SettingsInForce]
     master.close()
     wait_until(lambda: slave.tick() or not slave.connected)
     assert kinds(slave.take_events()) == [MasterJoined, MasterLeft]
@@ -132,7 +168,7 @@ def test_an_exception_in_step_ends_the_session_or_pauses_it_as_asked():
         scene.broken = True
         wait_until(lambda: master.ended)
         assert "the arm does not answer" in master.ended
-        assert master.force_n == (0.0,)
+        wait_until(lambda: master.force_n == (0.0,))  # at the next tick
         with pytest.raises(hn.UnavailableError, match="the arm does not answer"):
             master.exchange(0.02)
     scene.broken = False
@@ -146,6 +182,7 @@ def test_an_exception_in_step_ends_the_session_or_pauses_it_as_asked():
         assert kinds(slave.take_events()) == [MasterJoined, ScenePaused]
         scene.broken = False
         slave.resume()
+        wait_until(lambda: kinds(slave.take_events()) == [SceneResumed])
         wait_until(lambda: master.force_n[0] > 1.9)
         assert master.ended is None
 
@@ -177,7 +214,7 @@ def test_an_operator_of_the_programs_own_feels_and_may_fail(policy, event):
             master.position = 0.02
         hand.broken = True
         wait_until(lambda: master.force_n == (0.0,))
-        assert kinds(master.take_events())[:2] == [Connected, event]
+        assert kinds(master.take_events())[:3] == [Connected, SettingsInForce, event]
         assert (master.ended is None) == (policy == "pause")
 
 
@@ -190,7 +227,7 @@ def test_an_operator_of_the_programs_own_feels_and_may_fail(policy, event):
         ({"codec": "morse"}, "morse"),
         ({"on_error": "shrug"}, "on_error is 'shrug'; choose from end, pause"),
         ({"device_takes": "z"}, "positions have one axis"),
-        ({"peer_key": "x"}, "needs both"),
+        ({"peer_key": "x"}, "peer_key is 'x'"),
         ({"address": "here"}, "must be HOST:PORT"),
         ({"address": "192.0.2.1:47800"}, "is another host"),
         ({"operator": object()}, "has no method sample"),
@@ -217,6 +254,27 @@ def test_nobody_there_and_a_position_of_other_axes_are_said_in_words():
 def test_what_is_not_entered_says_so():
     with pytest.raises(hn.UnavailableError, match="this Master is not running"):
         _ = hn.Master().force_n
+
+
+@pytest.mark.parametrize("suffix", [".mcap", ".csv", ".npz"])
+def test_a_recording_says_what_the_program_changed_and_when(tmp_path, suffix):
+    file = tmp_path / f"run{suffix}"
+    with (
+        hn.ThreadedSlave(Spring(), listen=ANY_PORT, fastest_rate_hz=500.0) as slave,
+        hn.ThreadedMaster(slave.address, start=0.005, multiplier=2.0, record=file) as master,
+    ):
+        wait_until(lambda: master.force_n[0] > 0.0)
+        master.change(codec="level-crossing", multiplier=4.0)
+        wait_until(lambda: len(master.report()["in_force"]) == 2)
+        master.exchange(0.005)
+    session = read_session(file)
+    ((first_us, first), (second_us, second)) = in_force(session.events)
+    assert session.main["t_us"][0] <= first_us < second_us <= session.main["t_us"][-1]
+    assert (first["codec"], first["multiplier"], first["rate_hz"]) == ("deadband", 2.0, 500.0), "as granted"
+    assert (second["codec"], second["multiplier"], second["scene"]) == ("level-crossing", 4.0, "Spring")
+    assert second["parameters"] == codec_parameters(hn.make_codec("level-crossing")) != {}
+    (note,) = (note for note in hn.load_recording(file).notes if "changed during this recording" in note)
+    assert note.startswith(f"codec, multiplier, parameters changed during this recording, at t_us {second_us}: ")
 
 
 def test_a_master_records_itself_and_presses_a_device_named_by_a_text(tmp_path):

@@ -59,6 +59,32 @@ def test_only_the_newest_folders_are_kept(tmp_path, monkeypatch):
     assert len(kept) == compiled_module.KEPT_FOLDERS
 
 
+def test_machine_code_that_another_account_could_have_written_is_not_used(tmp_path, monkeypatch):
+    """As in /tmp, where anybody can make the folder first."""
+    folder = compiled_module._folder.__wrapped__
+    inner = folder(str(tmp_path))
+    assert inner.stat().st_mode & 0o077 == 0
+    for each in (inner, inner.parent):
+        for mode in (0o770, 0o777):
+            each.chmod(mode)
+            assert folder(str(tmp_path)) is None
+        each.chmod(0o755)
+        assert folder(str(tmp_path)) == inner
+    owner = inner.stat().st_uid
+    monkeypatch.setattr(compiled_module.os, "geteuid", lambda: owner + 1)
+    assert folder(str(tmp_path)) == (inner if owner == 0 else None)
+
+
+def test_what_it_did_not_make_is_not_removed(tmp_path):
+    """A folder that was named by mistake may be called hapticnet, too, such as a checkout."""
+    names = [f"{number}" for number in range(10)]
+    for name in names:
+        (tmp_path / "hapticnet" / name).mkdir(parents=True)
+    (tmp_path / "hapticnet").chmod(0o755)
+    inner = compiled_module._folder.__wrapped__(str(tmp_path))
+    assert {each.name for each in inner.parent.iterdir()} == {*names, inner.name}
+
+
 @pytest.mark.parametrize("cache_home", ["a file", ""])
 def test_without_a_writable_folder_functions_are_compiled_but_not_kept(cache_home, tmp_path, monkeypatch):
     def no_home():

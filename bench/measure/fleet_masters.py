@@ -42,7 +42,7 @@ BIN_S: Final = 0.1
 
 PATIENCE_S: Final = 40.0
 
-COMMAND: Final = (sys.executable, "-m", "hapticnet", "slave", "--scene", "paper:1", "--no-realtime")
+COMMAND: Final = (sys.executable, "-m", "hapticnet", "slave", "--scene", "paper:1", "--no-real-time")
 
 
 class Slave:
@@ -55,7 +55,7 @@ class Slave:
 
     def start(self) -> None:
         """Start it, and wait until it listens."""
-        places = "--most-sessions", str(self._places), "--seats", str(self._places)
+        places = "--most-sessions", str(self._places), "--most-sessions-per-key", str(self._places)
         listen = "--listen", f"{self.address[0]}:{self.address[1]}"
         command = [*COMMAND, *listen, *places]
         self._process = subprocess.Popen(

@@ -154,9 +154,9 @@ def main() -> None:
     parser.add_argument("port", type=int, nargs="?", default=0)
     parser.add_argument("seconds", type=float, nargs="?", default=0.0)
     parser.add_argument("--sealed", action="store_true")
-    parser.add_argument("--realtime", action="store_true")
+    parser.add_argument("--real-time", action="store_true")
     arguments = parser.parse_args()
-    if arguments.realtime and arguments.role != "come":
+    if arguments.real_time and arguments.role != "come":
         prefer_realtime()
     if arguments.role == "slave":
         run(slave(sealed=arguments.sealed))

@@ -143,7 +143,7 @@ def flooded(kind: str, per_s: int, program: Path, arguments: argparse.Namespace,
     rng = np.random.default_rng(arguments.seed)
     made = [make(rng) for _ in range(DATAGRAMS)]
     datagrams = b"".join(len(data).to_bytes(2, "big") + data for data in made)
-    flags = [*(["--sealed"] if sealed else []), *(["--realtime"] if fifo else [])]
+    flags = [*(["--sealed"] if sealed else []), *(["--real-time"] if fifo else [])]
     quiet, loud = [], []
     come_s = QUICK_NEWCOMERS_S if arguments.quick else NEWCOMERS_S
     with role("slave", *flags) as slave:
@@ -181,7 +181,7 @@ def ratio(name: str, quiet: list[dict[str, float]], loud: list[dict[str, float]]
 
 def measure(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return all results."""
-    fifo = not arguments.no_realtime and fifo_is_granted()
+    fifo = not arguments.no_real_time and fifo_is_granted()
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder) / "flood"
@@ -196,7 +196,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=record.within(0.1), default=4.0, help="length of each window")
     parser.add_argument("--repetitions", type=record.within(1), default=5)
     parser.add_argument("--quick", action="store_true", help="two floods only, and fewer newcomers")
-    parser.add_argument("--no-realtime", action="store_true", help="leave everything in SCHED_OTHER")
+    parser.add_argument("--no-real-time", action="store_true", help="leave everything in SCHED_OTHER")
     record.run(parser, measure, unit="as in each name")
 
 

@@ -3,17 +3,20 @@
 Two searches, each on every finger. *asked*: any force and any force ahead, asked of the force loop at its own rate: all
 that a slave can reach, whatever it sends. *sent*: datagrams of an open session to a master with a device: any rate, any
 payload of several codecs, announced models, keepalives, and new sessions at any moment. Both mutate the worst sequences
-found so far. The device is simulated in Python or (``--device simavr``) as the compiled firmware, in virtual time.
+found so far; a search starts from those in hostile_worst.json, which tests replay (``--keep`` writes it). The device
+is simulated in Python or (``--device simavr``) as the compiled firmware, in virtual time.
 """
 
 import argparse
 import contextlib
 import functools
+import json
 import random
 import struct
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -47,6 +50,9 @@ from hapticnet.protocol.messages import (
 )  # fmt: skip
 from hapticnet.protocol.wire import Kind, pack, pack_body, unpack
 from hapticnet.scene.ahead import LayerAhead
+
+WORST: Final = Path(__file__).with_name("hostile_worst.json")
+"""The worst sequence known of each search, device and finger."""
 
 LONGEST_MS: Final = 3500
 """Length of a sequence: time to find the finger, learn it, and mislead the loop."""
@@ -226,12 +232,16 @@ def play_sent(device: Simulated, now_us: int, sequence: Sequence) -> float:
 
 
 def search(
-    draw: Callable[[random.Random], Move], evaluate: Callable[[Sequence], float], seconds: float, seed: int
-) -> Any:
-    """Return how many sequences were played, and the worst with its force [N]."""
+    draw: Callable[[random.Random], Move],
+    evaluate: Callable[[Sequence], float],
+    known: list[Sequence],
+    seconds: float,
+    seed: int,
+) -> tuple[int, Sequence]:
+    """Return how many sequences were played, and the one with the largest force."""
     rng = random.Random(seed)
-    worst: list[tuple[float, Sequence]] = []
-    played, end_s = 0, time.monotonic() + seconds
+    worst = [(evaluate(sequence), sequence) for sequence in known]
+    played, end_s = len(worst), time.monotonic() + seconds
     while time.monotonic() < end_s or not played:
         if len(worst) < KEPT or rng.random() < 0.15:
             moves = [draw(rng) for _ in range(rng.randint(4, 40))]
@@ -240,7 +250,7 @@ def search(
         sequence = Sequence(rng.randrange(70), cut(moves))
         worst = sorted([*worst, (evaluate(sequence), sequence)], key=lambda each: -each[0])[:KEPT]
         played += 1
-    return played, worst[0]
+    return played, max(worst, key=lambda each: each[0])[1]
 
 
 def mutated(moves: list[Move], draw: Callable[[random.Random], Move], rng: random.Random) -> list[Move]:
@@ -272,7 +282,25 @@ def cut(moves: list[Move]) -> tuple[Move, ...]:
     return tuple(kept)
 
 
-PLAYS: Final = {"asked": (Asked.drawn, play_asked), "sent": (Sent.drawn, play_sent)}
+class Search(NamedTuple):
+    """What a search draws, and how it is played."""
+
+    move: type[Asked] | type[Sent]
+    play: Callable[[Simulated, int, Sequence], float]
+
+
+SEARCHES: Final = {"asked": Search(Asked, play_asked), "sent": Search(Sent, play_sent)}
+
+
+def read_worst() -> list[dict[str, Any]]:
+    """Return the rows of the worst sequences known."""
+    rows: list[dict[str, Any]] = json.loads(WORST.read_text(encoding="utf-8"))
+    return rows
+
+
+def sequence_of(row: dict[str, Any]) -> Sequence:
+    """Return the sequence of a row."""
+    return Sequence(row["seed"], tuple(SEARCHES[row["what"]].move(*move) for move in row["moves"]))
 
 
 def evaluated(kind: str, stiffness_n_m: float, what: str, sequence: Sequence) -> float:
@@ -280,7 +308,7 @@ def evaluated(kind: str, stiffness_n_m: float, what: str, sequence: Sequence) ->
     settings = PlantSettings(finger=Finger(stiffness_n_m=stiffness_n_m))
     with contextlib.ExitStack() as stack:
         device, now_us = stack.enter_context(started(kind, settings, sequence.seed % 7))
-        return PLAYS[what][1](device, now_us + SEED_SHIFT_US, sequence)
+        return SEARCHES[what].play(device, now_us + SEED_SHIFT_US, sequence)
 
 
 def measure(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -288,21 +316,31 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
     arguments.repetitions = 1
     fingers_n_m = FINGERS_N_M[::2] if arguments.quick else FINGERS_N_M
     seconds = 3.0 if arguments.quick else arguments.seconds
+    worst = read_worst()
     rows = []
-    for what, stiffness_n_m in ((what, finger) for what in PLAYS for finger in fingers_n_m):
+    for what, stiffness_n_m in ((what, finger) for what in SEARCHES for finger in fingers_n_m):
         evaluate = functools.partial(evaluated, arguments.device, stiffness_n_m, what)
-        played, (largest_n, sequence) = search(PLAYS[what][0], evaluate, seconds, arguments.seed)
-        row = {"what": what, "stiffness_n_m": stiffness_n_m, "played": played, "largest_n": largest_n}
-        rows.append({**row, "seed": sequence.seed, "moves": [list(move) for move in sequence.moves]})
-        print(f"{what}, {stiffness_n_m:.0f} N/m: {largest_n:.2f} N, the worst of {played} sequences", flush=True)
+        known = [sequence_of(row) for row in worst if (row["what"], row["stiffness_n_m"]) == (what, stiffness_n_m)]
+        played, sequence = search(SEARCHES[what].move.drawn, evaluate, known, seconds, arguments.seed)
+        moves = [[round(part, 6) if isinstance(part, float) else part for part in move] for move in sequence.moves]
+        row = {"what": what, "device": arguments.device, "stiffness_n_m": stiffness_n_m, "played": played}
+        row |= {"seed": sequence.seed, "moves": moves}
+        row["largest_n"] = evaluate(sequence_of(row))
+        rows.append(row)
+        print(f"{what}, {stiffness_n_m:.0f} N/m: {row['largest_n']:.2f} N, the worst of {played} sequences", flush=True)
+    if arguments.keep:
+        found = {(row["what"], row["device"], row["stiffness_n_m"]): row for row in [*worst, *rows]}
+        lines = (json.dumps(found[key]) for key in sorted(found))
+        WORST.write_text("[\n" + ",\n".join(lines) + "\n]\n", encoding="utf-8")
     return {"device": arguments.device, "limit_n": MAX_FORCE_N, "rows": rows}
 
 
 def main() -> None:
     parser = record.options(__doc__, seed=0)
     parser.add_argument("--device", choices=("sim", "simavr"), default="sim")
-    parser.add_argument("--seconds", type=record.within(1.0), default=60.0, help="length of each search")
+    parser.add_argument("--seconds", type=record.within(1.0), default=15.0, help="length of each of the ten searches")
     parser.add_argument("--quick", action="store_true", help="three seconds for each, on three fingers")
+    parser.add_argument("--keep", action="store_true", help=f"write the worst sequences to {WORST.name}")
     record.run(parser, measure, unit="as in each name")
 
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from hapticnet.arrays import FloatArray
 from hapticnet.experiment.provenance import provenance
-from hapticnet.experiment.style import COLOURS, DASHES, INK, MARKERS, VERMILION, picture
+from hapticnet.experiment.style import COLOURS, DASHES, MARKERS, VERMILION, legend, mark_level, picture
 from hapticnet.study import hand
 from hapticnet.study.library import Felt, play_library
 from hapticnet.study.observers import OBSERVERS, Observer, ObserverSettings, judged
@@ -244,15 +244,14 @@ def draw(result: dict[str, Any], file: Path) -> None:
             markersize=4, zorder=5, label="the paper's people, s.e.",
         )  # fmt: skip
         for panel, unit in zip(axes, ("share of the force [JND]", "the same at every force [N]"), strict=True):
-            panel.axhline(100 / 6, color=INK, linestyle=":", linewidth=0.8)
+            mark_level(panel, 100 / 6, "chance" if panel is axes[1] else "")
             panel.set_xlabel(f"threshold: {unit}")
-        axes[0].annotate("chance", (6.8, 100 / 6), xytext=(0, 2), textcoords="offset points", fontsize=7)
         axes[0].set_ylim(0, 102)
         axes[0].set_ylabel("correct orders [%]")
         axes[0].set_title("deadband alone fitted at 0 JND only; the others at 2 and 4 JND, too", fontsize=7.5)
         axes[1].set_title("a prediction of each", fontsize=7.5)
         figure.suptitle("SIMULATED: four observers who order three tissues", fontsize=9)
-        axes[0].legend(loc="lower left", bbox_to_anchor=(0.0, 0.17), fontsize=7)
+        legend(figure, axes[0], ncols=3)
 
 
 if __name__ == "__main__":

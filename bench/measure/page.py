@@ -22,6 +22,7 @@ import aiohttp
 import numpy as np
 import record
 
+from hapticnet.cli.pages import address_in, address_of
 from hapticnet.runtime.children import Child
 from hapticnet.runtime.realtime import OTHER
 from hapticnet.web.ticks import Ticks
@@ -77,7 +78,7 @@ def watched(case: str, master: Child, browser: Any) -> Iterator[None]:
     if case == WITHOUT:
         yield
         return
-    url = next(line[line.index("http://") :] for line in master.lines() if "/watch?token=" in line)
+    url = next(address_of(file) for line in master.lines() if (file := address_in(line)[0]))
     if case in (BROWSER, HAND):
         page = browser.new_page(viewport={"width": 1280, "height": 720})
         page.goto(url)

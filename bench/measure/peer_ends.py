@@ -171,10 +171,10 @@ def main() -> None:
     parser.add_argument("--warm-up", type=int, default=500, help="ticks before what is measured")
     parser.add_argument("--ticks", type=int, default=4000, help="ticks that are measured")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--realtime", action="store_true")
+    parser.add_argument("--real-time", action="store_true")
     parser.add_argument("--out", type=Path, help="file for what the near end saw")
     arguments = parser.parse_args()
-    if arguments.realtime:
+    if arguments.real_time:
         prefer_realtime()
     if arguments.end == "far":
         run(far(arguments.stack, arguments.host))

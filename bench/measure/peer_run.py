@@ -92,9 +92,9 @@ class Runner:
 
     def _far(self, name: str, settings: dict[str, Any] | None) -> list[str]:
         if settings is None:
-            return [str(ENDS), "far", name, FAR_HOST, *(["--realtime"] if self._fifo else [])]
+            return [str(ENDS), "far", name, FAR_HOST, *(["--real-time"] if self._fifo else [])]
         command = ["-m", "hapticnet", "slave", "--listen", f"{FAR_HOST}:{PORT}", "--scene", f"paper:{SCENE_SEED}"]
-        command += ["--realtime" if self._fifo else "--no-realtime"]
+        command += ["--real-time" if self._fifo else "--no-real-time"]
         command += self._keys if settings["sealed"] else ["--insecure"]
         return command + (["--compiled"] if settings.get("compiled") else [])
 
@@ -103,7 +103,7 @@ class Runner:
         command += ["--ticks", str(self._ticks), "--seed", str(self._seed), "--out", str(self._folder / "seen.json")]
         if settings is not None:
             command += ["--settings", json.dumps({key: settings[key] for key in settings if key != "compiled"})]
-        return command + (["--realtime"] if self._fifo else [])
+        return command + (["--real-time"] if self._fifo else [])
 
     def _start(self, ends: ExitStack, wire: Link, end: str, arguments: list[str]) -> "End":
         started = End(wire.command(end, [sys.executable, *arguments]), self._folder / f"{end}.txt", self._environment)

@@ -138,7 +138,7 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
     if os.geteuid():
         raise UnavailableError("network namespaces and the lossy link need root: run this with sudo, or as root")
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # through what ends processes and namespaces
-    fifo = not arguments.no_realtime and fifo_is_granted()
+    fifo = not arguments.no_real_time and fifo_is_granted()
     if fifo:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(FIFO_PRIORITY))
     with tempfile.TemporaryDirectory() as folder:
@@ -177,7 +177,7 @@ def main() -> None:
     )
     parser.add_argument("--quick", action="store_true", help=f"only {'; '.join(QUICK)}, quiet and with the most loss")
     parser.add_argument("--only", nargs="+", metavar="STACK", help="only these, by name")
-    parser.add_argument("--no-realtime", action="store_true", help="leave everything in SCHED_OTHER")
+    parser.add_argument("--no-real-time", action="store_true", help="leave everything in SCHED_OTHER")
     record.run(parser, measure, unit="as in each name")
 
 

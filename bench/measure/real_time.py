@@ -30,7 +30,7 @@ CASES = tuple((codec, sealed) for codec in CODECS for sealed in (False, True))
 
 def measure(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return all results."""
-    fifo = not arguments.no_realtime and fifo_is_granted()
+    fifo = not arguments.no_real_time and fifo_is_granted()
     runs: dict[str, list[Any]] = {"c_tick": [], "udp_echo": [], **{name(*case): [] for case in CASES}}
     with tempfile.TemporaryDirectory() as folder:
         tick = compile_c(Path(folder))
@@ -80,7 +80,7 @@ def c_tick(program: Path, seconds: float, fifo: bool) -> list[float]:
 
 
 def udp_echo(seconds: float, fifo: bool) -> list[float]:
-    command = [sys.executable, str(PEERS / "udp_echo.py"), *(["--realtime"] if fifo else [])]
+    command = [sys.executable, str(PEERS / "udp_echo.py"), *(["--real-time"] if fifo else [])]
     environment = os.environ | {"PYTHONPATH": str(PEERS.parents[1])}
     server = subprocess.Popen([*command, "server"], stdout=subprocess.PIPE, text=True, env=environment)
     try:
@@ -99,7 +99,7 @@ def hapticnet(
     codec: str, seconds: float, fifo: bool, folder: Path, keys: tuple[list[str], list[str]]
 ) -> dict[str, Any]:
     """Run a slave and a master process with the options of `keys`, and return the master's report."""
-    scheduling = "--realtime" if fifo else "--no-realtime"
+    scheduling = "--real-time" if fifo else "--no-real-time"
     report = folder / "master.json"
     slave = Child(["slave", "--listen", "127.0.0.1:0", "--scene", "paper:1", scheduling, *keys[0]])
     try:
@@ -155,7 +155,7 @@ def main() -> None:
     parser = record.options(__doc__)
     parser.add_argument("--seconds", type=record.within(0.1), default=8.0, help="length of each measurement")
     parser.add_argument("--repetitions", type=record.within(1), default=3)
-    parser.add_argument("--no-realtime", action="store_true", help="leave everything in SCHED_OTHER")
+    parser.add_argument("--no-real-time", action="store_true", help="leave everything in SCHED_OTHER")
     record.run(parser, measure, unit="us")
 
 

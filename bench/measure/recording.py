@@ -217,10 +217,10 @@ def main() -> None:
     parser.add_argument("--repetitions", type=record.within(1), default=3)
     parser.add_argument("--kills", type=record.within(1), default=5, help="processes killed of each kind and format")
     parser.add_argument("--quick", action="store_true", help="only .mcap")
-    parser.add_argument("--no-realtime", action="store_true", help="leave everything in SCHED_OTHER")
+    parser.add_argument("--no-real-time", action="store_true", help="leave everything in SCHED_OTHER")
     parser.add_argument("--kind", help=argparse.SUPPRESS)
     parser.add_argument("--file", type=Path, help=argparse.SUPPRESS)
-    if "--kind" not in sys.argv and "--no-realtime" not in sys.argv:
+    if "--kind" not in sys.argv and "--no-real-time" not in sys.argv:
         prefer_realtime()
     record.run(parser, measure, unit="us of processor time; bytes; s lost")
 

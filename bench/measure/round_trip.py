@@ -100,7 +100,7 @@ def master(folder: Path, address: str, seconds: float, *, fifo: bool) -> None:
 
 def one_run(seconds: float, *, fifo: bool, compiled: bool) -> dict[str, float]:
     """Return the medians [µs] of one run."""
-    options = ["--realtime"] * fifo + ["--compiled"] * compiled
+    options = ["--real-time"] * fifo + ["--compiled"] * compiled
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, __file__, "--folder", folder, *options]
         server = subprocess.Popen([*command, "--end", "slave"], stdout=subprocess.PIPE, text=True)
@@ -138,7 +138,7 @@ def medians(stamps: dict[str, IntArray]) -> dict[str, float]:
 
 def measure(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the steps, and the echo's round trip, in turns."""
-    fifo = not arguments.no_realtime and real_time.fifo_is_granted()
+    fifo = not arguments.no_real_time and real_time.fifo_is_granted()
     runs: dict[str, list[dict[str, float]]] = {"plain slave": [], "compiled slave": []}
     echoes: list[float] = []
     for _ in range(arguments.repetitions):
@@ -163,7 +163,7 @@ def main() -> None:
     parser = record.options(__doc__)
     parser.add_argument("--seconds", type=record.within(1.0), default=4.0, help="length of each measurement")
     parser.add_argument("--repetitions", type=record.within(1), default=3)
-    parser.add_argument("--no-realtime", action="store_true", help="leave everything in SCHED_OTHER")
+    parser.add_argument("--no-real-time", action="store_true", help="leave everything in SCHED_OTHER")
     if "--end" not in sys.argv:
         record.run(parser, measure, unit="µs, medians")
         return
@@ -171,13 +171,13 @@ def main() -> None:
     end.add_argument("--end", required=True)
     end.add_argument("--folder", type=Path, required=True)
     end.add_argument("--seconds", type=float, default=4.0)
-    end.add_argument("--realtime", action="store_true")
+    end.add_argument("--real-time", action="store_true")
     end.add_argument("--compiled", action="store_true")
     chosen = end.parse_args()
     if chosen.end == "slave":
-        slave(chosen.folder, fifo=chosen.realtime, compiled=chosen.compiled)
+        slave(chosen.folder, fifo=chosen.real_time, compiled=chosen.compiled)
     else:
-        master(chosen.folder, chosen.end, chosen.seconds, fifo=chosen.realtime)
+        master(chosen.folder, chosen.end, chosen.seconds, fifo=chosen.real_time)
 
 
 if __name__ == "__main__":

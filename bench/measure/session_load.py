@@ -110,8 +110,8 @@ class Server:
             return
         keys = ("--key", "slave.toml", "--masters", "masters.toml") if case.sealed else ()
         command = [*bench.slave, "slave", "--listen", "127.0.0.1:0", "--scene", "paper:1", "--report", self._report]
-        command += ["--most-sessions", MOST_SESSIONS, "--seats", MOST_SESSIONS, *keys, *options]
-        command += ["--realtime" if bench.fifo else "--no-realtime"]
+        command += ["--most-sessions", MOST_SESSIONS, "--most-sessions-per-key", MOST_SESSIONS, *keys, *options]
+        command += ["--real-time" if bench.fifo else "--no-real-time"]
         said = bench.folder / "slave.log"
         with said.open("w") as log:  # a file: a pipe would fill up, as nothing reads it during the load
             self._process = bench.start(command, SERVER_CPUS, fifo=False, stdout=subprocess.DEVNULL, stderr=log)

@@ -195,7 +195,7 @@ def note(case: str, server: str, row: Row, wrong: Sequence[str]) -> None:
 
 def measure(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return all results."""
-    fifo = not arguments.no_realtime and fifo_is_granted()
+    fifo = not arguments.no_real_time and fifo_is_granted()
     settle_s = 0.2 if arguments.quick else 1.0
     cases = arguments.cases or (QUICK if arguments.quick else CASES)
     with tempfile.TemporaryDirectory() as folder:
@@ -242,7 +242,7 @@ def main() -> None:
     parser.add_argument("--servers", type=some_of(list(SERVERS)), metavar="SERVERS", default=list(SERVERS))
     parser.add_argument("--slave-python", type=Path, metavar="FILE", help="a hapticnet or its Python: another build")
     parser.add_argument("--quick", action="store_true", help="three cases with a few masters")
-    parser.add_argument("--no-realtime", action="store_true", help="leave everything in SCHED_OTHER")
+    parser.add_argument("--no-real-time", action="store_true", help="leave everything in SCHED_OTHER")
     record.run(parser, measure, unit="as in each name")
 
 

@@ -49,6 +49,10 @@ LOSSES: Final = (0.0, 0.05)
 HANDSHAKE_US: Final = 500_000
 """Traffic is counted after this time, while the hand still waits."""
 
+TICKS_LATE: Final = 3
+"""Ticks that a breach needs beside the round trip: to be stepped, answered and applied. `breach_share` is the share of
+the squared error of that time."""
+
 NOTHING: Final[Row] = {"packets": 0, "wire_bytes": 0, "by_kind": {}}
 
 
@@ -88,16 +92,22 @@ def play(setup: Row, delay_ms: int, loss: float, seed: int, insertions: int, mos
     moves = samples["position_m"] != 0.0
     t_us, position_m = samples["t_us"][moves], samples["position_m"][moves]
     scene = Scene(paper_scene(seed).tissues)
-    true_n = np.array(
-        [scene.step(PositionSample(round(t), (at,))).force_n for t, at in zip(t_us, position_m.tolist(), strict=True)]
-    )
-    held_n = samples["held_n"][moves][:, None]
+    forces_n, late_until_us, late = [], -math.inf, []
+    for t, at in zip(t_us.tolist(), position_m.tolist(), strict=True):
+        breaches = scene.breaches
+        forces_n.append(scene.step(PositionSample(round(t), (at,))).force_n)
+        if scene.breaches > breaches:
+            late_until_us = t + 2 * channel.delay_us + TICKS_LATE * 1000
+        late.append(t <= late_until_us)
+    true_n, held_n = np.array(forces_n), samples["held_n"][moves][:, None]
+    squares = ((held_n - true_n) ** 2)[:, 0]
     law = WeberLaw()
     felt = error_report(law, true_n, held_n)
     return {
         **{key: (count - before) / seconds for (key, count), before in zip(ended.items(), begun.values(), strict=True)},
         "felt_exceed_jnd_fraction": felt.exceed_jnd_fraction,
         "felt_rmse_n": felt.rmse_n,
+        "breach_share": float(squares[late].sum() / (squares.sum() or 1.0)),
         "created_share": energy_report(law, true_n, held_n, position_m[:, None]).created_share,
     }
 

@@ -55,7 +55,7 @@ async def client(port: int, seconds: float) -> None:
 
 
 if __name__ == "__main__":
-    if "--realtime" in sys.argv:
+    if "--real-time" in sys.argv:
         prefer_realtime()
-        sys.argv.remove("--realtime")
+        sys.argv.remove("--real-time")
     run(server() if sys.argv[1] == "server" else client(int(sys.argv[2]), float(sys.argv[3])))

@@ -5,16 +5,25 @@ from pathlib import Path
 from typing import Any, Final
 
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 from matplotlib.ticker import NullLocator
 
-from hapticnet.experiment.style import BLUE, GREEN, INK, ORANGE, PURPLE, VERMILION, draw_codecs, finish_axes, pyplot
+from hapticnet.experiment.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    PURPLE,
+    VERMILION,
+    draw_codecs,
+    finish_axes,
+    legend,
+    picture,
+)
 
 Row = dict[str, Any]
 
-plt = pyplot()
-
-GREY: Final = "#9aa5b1"
 CODECS: Final = (
     "deadband", "adaptive-predictive", "linear-predictive", "least-squares", "level-crossing", "velocity-adaptive"
 )  # fmt: skip
@@ -29,37 +38,36 @@ REDUCTIONS: Final = (0.0, 0.5, 0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 0.998)
 def draw(records: dict[str, Row], folder: Path) -> None:
     """Write every figure, as a PNG named after its function, to `folder`."""
     folder.mkdir(parents=True, exist_ok=True)
-    for name, function in FIGURES:
-        figure: Figure = function(records[name]["results"])
-        for axes in figure.axes:
-            axes.grid(linewidth=0.4, alpha=0.5)
-            axes.spines["top"].set_visible(False)
-        figure.savefig(folder / f"{function.__name__}.png", dpi=110)
-        plt.close(figure)
+    for name, function, (width_in, height_in) in FIGURES:
+        file = folder / f"{function.__name__}.png"
+        with picture(
+            file, height_in, width_in=width_in, font_size=10.0, axes_titlesize=11.0, savefig_dpi=110
+        ) as figure:
+            function(figure, records[name]["results"])
 
 
-def packets_against_error(results: Row) -> Figure:
+def packets_against_error(figure: Figure, results: Row) -> None:
     """Draw packets over error on the paper's scene, with raw and the optimum."""
-    figure, axes = plt.subplots(figsize=(8.6, 5.0), layout="constrained")
+    axes = figure.subplots()
     _codecs(axes, results, "paper's scene")
     raw = next(row for row in results["averages"] if (row["signals"], row["codec"]) == ("paper's scene", "raw"))
+    finish_axes(axes, across="log")
     axes.axhline(raw["packets_per_s"], color=GREY, linestyle="-.", label="raw: every sample")
     axes.set_ylabel("packets/s")
-    figure.legend(loc="outside right upper", frameon=False)
-    return figure
+    legend(figure, axes, below=False)
 
 
-def other_signals(results: Row) -> Figure:
+def other_signals(figure: Figure, results: Row) -> None:
     """Draw packets over error on one recording, if there is one, and made signals."""
     recorded = [row["name"] for row in results["signals"] if row["kind"] == "recorded"]
     shown = [*recorded[-1:], "smooth palpation", "noisy hold", "stiff wall"]
-    figure, columns = plt.subplots(1, len(shown), figsize=(4.0 * len(shown), 4.2), layout="constrained")
+    columns = figure.subplots(1, len(shown), sharey=True)
     for axes, signal in zip(columns, shown, strict=True):
         _codecs(axes, results, signal)
         axes.set_title(signal, fontsize=11)
+    finish_axes(*columns, across="log")
     columns[0].set_ylabel("packets/s")
-    figure.legend(*columns[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)
-    return figure
+    legend(figure, columns[0])
 
 
 def _codecs(axes: Axes, results: Row, signal: str) -> None:
@@ -70,13 +78,12 @@ def _codecs(axes: Axes, results: Row, signal: str) -> None:
     draw_codecs(axes, points, highlight="adaptive-predictive")
     _line(axes, rows["deadband"], "rmse_n", "optimum_holds_per_s", INK, "_", "--", label="fewest possible, held")
     _line(axes, rows["deadband"], "rmse_n", "optimum_lines_per_s", INK, "_", ":", label="fewest possible, lines")
-    finish_axes(axes, across="log")
     axes.set_xlabel("RMSE of the applied force [N]")
 
 
-def packet_rate(results: Row) -> Figure:
+def packet_rate(figure: Figure, results: Row) -> None:
     """Draw saving over the sampling rate, with the paper's, and saving over error."""
-    figure, (rates, errors) = plt.subplots(1, 2, figsize=(12.5, 5.2), layout="constrained")
+    (left, right), (rates, errors) = _side_by_side(figure, 2)
     scripted_s, paper = results["motion"]["push_s"], 100 * results["paper_byte_reduction"]
     scene = [row | {"saved": 100 * row["byte_reduction"], "left": 1 - row["packet_rate_reduction"]}
              for row in results["scene"]]  # fmt: skip
@@ -96,7 +103,7 @@ def packet_rate(results: Row) -> Figure:
     _rate_axis(rates, sorted({row["rate_hz"] for row in scene}), "sampling rate [Hz]")
     rates.set_ylim(18, 101)
     rates.set_ylabel("fewer bytes per penetration than raw [%], headers included")
-    rates.legend(loc="lower right", ncols=2, frameon=False, fontsize=9)
+    legend(left, rates, ncols=3)
     for rate_hz in dict.fromkeys(row["rate_hz"] for row in scene):
         rows = [row for row in scene if row["rate_hz"] == rate_hz]
         _line(errors, rows, "rmse_n", "left", GREY, "")
@@ -109,13 +116,13 @@ def packet_rate(results: Row) -> Figure:
     errors.margins(x=0.2)
     errors.set_xlabel("RMSE of the applied force [N]")
     errors.set_ylabel("fewer packets than raw, whole run [%]")
-    errors.legend(loc="lower right", frameon=False, fontsize=9)
-    return figure
+    legend(right, errors)
 
 
-def scene_accuracy(results: Row) -> Figure:
+def scene_accuracy(figure: Figure, results: Row) -> None:
     """Draw the error of the held force, the lateness of a breach, and cost over the rate of the scene."""
-    figure, (errors, late, cost) = plt.subplots(1, 3, figsize=(12.5, 4.2), layout="constrained")
+    parts, panels = _side_by_side(figure, 3)
+    errors, late, cost = panels
     laws = dict.fromkeys(row["law"] for row in results["forces"])
     for law, colour, marker in zip(laws, (BLUE, ORANGE, GREEN), "os^", strict=True):
         rows = [row for row in results["forces"] if row["law"] == law]
@@ -130,17 +137,16 @@ def scene_accuracy(results: Row) -> Figure:
     spent = [row | {"us": row["ns_per_second_best"] / 1e3} for row in results["cost"]]
     _line(cost, spent, "rate_hz", "us", BLUE, "o", label="best of the repetitions")
     cost.set_ylabel("time for a second of the paper's scene [µs]")
-    for axes in (errors, late, cost):
+    for part, axes in zip(parts, panels, strict=True):
         axes.set_xscale("log")
         axes.set_yscale("log")
         axes.set_xlabel("rate of the scene [Hz]")
-        axes.legend(fontsize=8, frameon=False)
-    return figure
+        legend(part, axes, ncols=2)
 
 
-def force_loop(results: Row) -> Figure:
+def force_loop(figure: Figure, results: Row) -> None:
     """Draw the step on each finger, and settling and ripple over the control rate."""
-    figure, (steps, rates) = plt.subplots(1, 2, figsize=(12.5, 5.2), layout="constrained")
+    (left, right), (steps, rates) = _side_by_side(figure, 2)
     from_n, to_n = results["from_n"], results["to_n"]
     for index, (row, colour) in enumerate(zip(results["step"], (BLUE, ORANGE, GREEN, VERMILION, PURPLE), strict=False)):
         raised_n, t_ms = 0.5 * index, [1e3 * t_s for t_s in row["trace"]["t_s"]]
@@ -153,7 +159,7 @@ def force_loop(results: Row) -> Figure:
         steps.annotate(text, (t_ms[-1], to_n + raised_n), xytext=(0, -14), textcoords="offset points", ha="right")
     steps.set_xlabel("time since the step [ms]")
     steps.set_ylabel("force [N], each finger raised by 0.5 N")
-    steps.legend(loc="lower right", frameon=False, fontsize=9)
+    legend(left, steps)
     ripples = rates.twinx()
     for axes, force, name, colour, marker, label in (
         (rates, "true", "settling_s", BLUE, "o", "5 % settling of the true force [ms]"),
@@ -169,15 +175,14 @@ def force_loop(results: Row) -> Figure:
         axes.set_ylim(bottom=0.0)
         axes.set_ylabel(label, color=colour)
     _rate_axis(rates, [row["rate_hz"] for row in results["rates"]], "control rate [Hz], 1 N/mm")
-    rates.legend(*(a + b for a, b in zip(rates.get_legend_handles_labels(), ripples.get_legend_handles_labels(),
-                                         strict=True)), loc="lower right", frameon=False, fontsize=9)  # fmt: skip
-    return figure
+    ripples.spines["right"].set_visible(True)
+    legend(right, rates, ripples, ncols=1)
 
 
-def felt(results: Row) -> Figure:
+def felt(figure: Figure, results: Row) -> None:
     """Draw what a hand feels above 1 JND, and the energy created, over the delay."""
     kinds = [kind for kind in dict.fromkeys(row["kind"] for row in results["means"]) if kind != "recorded"]
-    figure, grid = plt.subplots(2, len(kinds), figsize=(4.3 * len(kinds), 7.4), sharex=True, layout="constrained")
+    grid = figure.subplots(2, len(kinds), sharex=True, sharey="row")
     codecs = [codec for codec in dict.fromkeys(row["codec"] for row in results["means"]) if codec in FELT]
     for (above, below), kind in zip(grid.T, kinds, strict=True):
         for codec in codecs:
@@ -198,18 +203,17 @@ def felt(results: Row) -> Figure:
             axes.set_xscale("symlog", linthresh=5.0)
             axes.set_xticks(results["delays_ms"], [f"{each}" for each in results["delays_ms"]])
             axes.xaxis.set_minor_locator(NullLocator())
-            axes.set_ylim(bottom=0.0)
+    for row in grid:
+        row[0].set_ylim(bottom=0.0)
     grid[0][0].set_ylabel("ticks at which the force felt is off by\nmore than 1 JND [%]")
     grid[1][0].set_ylabel("energy created / work of the hand [%]")
-    handles = grid[1][0].get_legend_handles_labels()
-    figure.legend(*handles, loc="outside lower center", ncols=len(codecs), frameon=False)
-    return figure
+    legend(figure, grid[1][0], ncols=len(codecs))
 
 
-def repair(results: Row) -> Figure:
+def repair(figure: Figure, results: Row) -> None:
     """Draw exceedance that loss causes over extra bytes, a point for each loss, on three links."""
     links = (("datagrams", 100_000), ("ms", 100_000), ("datagrams", 20_000))
-    figure, columns = plt.subplots(1, len(links), figsize=(4.2 * len(links), 4.4), sharey=True, layout="constrained")
+    columns = figure.subplots(1, len(links), sharey=True)
     own = [row for row in results["rows"] if row["signal"] == "paper's scene" and row["codec"] == "deadband"]
     for axes, (clock, delay_us) in zip(columns, links, strict=True):
         for way, (colour, marker) in REPAIRS.items():
@@ -228,8 +232,13 @@ def repair(results: Row) -> Figure:
         axes.set_xlabel("more bytes, both directions [%]")
     columns[0].set_ylabel("samples that loss puts above 1 JND [%]")
     columns[0].set_ylim(bottom=0.0)
-    columns[0].legend(frameon=False)
-    return figure
+    legend(figure, columns[0])
+
+
+def _side_by_side(figure: Figure, count: int) -> tuple[list[FigureBase], list[Axes]]:
+    """Return parts of a figure, each with axes and room for a legend of their own."""
+    parts = list(figure.subfigures(1, count))
+    return parts, [part.subplots() for part in parts]
 
 
 def _line(
@@ -253,13 +262,13 @@ def _rate_axis(axes: Axes, rates_hz: Sequence[float], label: str) -> None:
     axes.set_xlabel(label)
 
 
-FIGURES: Final[tuple[tuple[str, Callable[[Row], Figure]], ...]] = (
-    ("rate_distortion", packets_against_error),
-    ("rate_distortion", other_signals),
-    ("packet_rate", packet_rate),
-    ("scene_accuracy", scene_accuracy),
-    ("force_loop", force_loop),
-    ("repair", repair),
-    ("felt", felt),
+FIGURES: Final[tuple[tuple[str, Callable[[Figure, Row], None], tuple[float, float]], ...]] = (
+    ("rate_distortion", packets_against_error, (8.6, 5.0)),
+    ("rate_distortion", other_signals, (16.0, 4.6)),
+    ("packet_rate", packet_rate, (12.5, 5.8)),
+    ("scene_accuracy", scene_accuracy, (12.5, 5.0)),
+    ("force_loop", force_loop, (12.5, 5.8)),
+    ("repair", repair, (12.6, 4.8)),
+    ("felt", felt, (12.9, 7.4)),
 )
-"""Benchmark and the function that draws from its results."""
+"""Benchmark, the function that draws from its results, and width and height [in]."""

@@ -120,14 +120,16 @@ class Encoded:
 
         Raises
         ------
+        SettingsError
+            If the stretch does not begin within the recording.
         UnavailableError
             If matplotlib is not installed.
         """
         try:
             from matplotlib import pyplot
         except ImportError as error:
-            raise UnavailableError("plot() needs matplotlib: pip install 'hapticnet[plot]'") from error
-        from hapticnet.experiment.signal_figure import Signal, fill_figure
+            raise UnavailableError("plot() needs matplotlib: pip install matplotlib") from error
+        from hapticnet.experiment.signal_figure import Signal, check_window, fill_figure
         from hapticnet.experiment.style import PRINT_WIDTH_IN, SETTINGS
 
         t_s = (self.t_us - self.t_us[0]) / 1e6
@@ -139,7 +141,10 @@ class Encoded:
             lost=self.sent[:0],
             law=self.codec.law,
         )
-        window_s = (0.0, float(t_s[-1])) if window_s is None else window_s
+        if window_s is None:
+            window_s = (0.0, float(t_s[-1]))
+        else:
+            check_window(window_s, "the recording", float(t_s[-1]))
         with pyplot.rc_context(SETTINGS):
             figure = pyplot.figure(figsize=(PRINT_WIDTH_IN, 4.4), layout="constrained")
             fill_figure(figure, signal, window_s=window_s, title=codec_label(self.codec))

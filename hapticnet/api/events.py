@@ -1,11 +1,15 @@
 """The events of a node for the program around it: a bounded queue, to be iterated or taken."""
 
 import asyncio
+import logging
 from collections import deque
 from collections.abc import AsyncIterator
 from typing import Final, Generic, TypeVar
 
 from hapticnet.runtime.watching import Watcher
+
+LOG: Final = logging.getLogger("hapticnet")
+"""Where a program finds what is worth a warning, such as a recording that meets a full disk."""
 
 Event = TypeVar("Event")
 

@@ -7,16 +7,21 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Self
 
-from hapticnet.api.events import EventQueue
-from hapticnet.api.master_setup import LOG, MasterSetup, PositionLike
+from hapticnet.api.events import LOG, EventQueue
+from hapticnet.api.master_setup import MasterSetup, PositionLike
 from hapticnet.api.threads import LoopThread
 from hapticnet.api.ticked import TickedSocket
 from hapticnet.api.views import MasterView
 from hapticnet.errors import SettingsError, UnavailableError
+from hapticnet.node.master import MasterNode
 from hapticnet.node.master_events import NodeEvent
 from hapticnet.protocol.events import Ended
-from hapticnet.runtime.clock import now_us
-from hapticnet.runtime.master_run import MasterRunner
+from hapticnet.protocol.stats import Distribution
+from hapticnet.runtime.clock import now_us, waited_us
+from hapticnet.runtime.master_run import MasterRun, MasterRunner
+from hapticnet.runtime.overload import Overload
+from hapticnet.runtime.realtime import scheduling
+from hapticnet.runtime.reports import master_report
 from hapticnet.runtime.waiting import either
 from hapticnet.runtime.watching import Watcher
 from hapticnet.samples import Vector
@@ -32,18 +37,18 @@ class _Exchanges(Watcher[NodeEvent]):
         self._waiting: list[tuple[int, asyncio.Future[Vector]]] = []
 
     def add(self) -> "asyncio.Future[Vector]":
-        """Return the force at the tick after the next, which sends the position."""
+        """Return the force in the next tick in which a position is due: it sends the one that was set."""
         future: asyncio.Future[Vector] = asyncio.get_running_loop().create_future()
-        self._waiting.append((self._view.node.ticks + 2, future))
+        self._waiting.append((self._view.node.positions_due + 1, future))
         return future
 
-    def observe(self, now_us: int) -> None:  # noqa: ARG002 - ticks are counted
-        """Answer those whose tick it is."""
+    def observe(self, now_us: int) -> None:  # noqa: ARG002 - positions are counted
+        """Answer those whose position is on its way."""
         if not self._waiting:
             return
         node = self._view.node
-        due = [future for tick, future in self._waiting if tick <= node.ticks]
-        self._waiting = [each for each in self._waiting if each[0] > node.ticks]
+        due = [future for count, future in self._waiting if count <= node.positions_due]
+        self._waiting = [each for each in self._waiting if each[0] > node.positions_due]
         for future in due:
             if not future.done():
                 future.set_result(node.held_n)
@@ -91,10 +96,14 @@ class Master(MasterSetup, MasterView):
             self._events = EventQueue[NodeEvent]()
             self._exchanges = _Exchanges(self)
             stop = asyncio.Event()
-            watchers = [self._events, self._exchanges, *self.watchers(self._node)]
+            self._overload = Overload(scheduling(), LOG.warning)
+            self._recording = self.recording(self._node)
+            watchers: list[Watcher[NodeEvent]] = [self._events, self._exchanges]
+            watchers += [] if self._recording is None else [self._recording]
             self._runner = MasterRunner(
-                self._node, sock, address, stop=stop, wire=wire, watchers=watchers, tell=LOG.warning
-            )
+                self._node, sock, address, stop=stop, wire=wire, watchers=watchers, overload=self._overload,
+                tell=LOG.warning,
+            )  # fmt: skip
             await self._runner.start()
             self._opened = opening.pop_all()
         try:
@@ -114,7 +123,9 @@ class Master(MasterSetup, MasterView):
         await self._leave("done")
 
     async def exchange(self, position: PositionLike) -> Vector:
-        """Set the position [m], and return the force [N] that is held one tick after it was sent.
+        """Set the position [m], wait until it is sent, and return the force [N] that is held then.
+
+        A loop of calls runs at the rate of the session. The force is the answer to earlier positions.
 
         Raises
         ------
@@ -133,6 +144,10 @@ class Master(MasterSetup, MasterView):
         The iteration ends with the session. At most 1000 events wait.
         """
         return self._events.each()
+
+    def _report(self, node: MasterNode) -> dict[str, Any]:
+        recorder = None if self._recording is None else self._recording.recorder
+        return master_report(node, self._runner.account(node.end_reason), self._overload, recorder=recorder)
 
     async def _leave(self, reason: str) -> None:
         # The session is closed even if the program cancels this task.
@@ -170,7 +185,9 @@ class ThreadedMaster(MasterSetup, MasterView):
         self._thread.leave()
 
     def exchange(self, position: PositionLike) -> Vector:
-        """Set the position [m], wait, and return the force [N] that is held one tick after it was sent.
+        """Set the position [m], wait until it is sent, and return the force [N] that is held then.
+
+        A loop of calls runs at the rate of the session. The force is the answer to earlier positions.
 
         Raises
         ------
@@ -180,6 +197,9 @@ class ThreadedMaster(MasterSetup, MasterView):
             If the session has ended.
         """
         return self._thread.wait_for(self._master.exchange(position))
+
+    def _report(self, node: MasterNode) -> dict[str, Any]:
+        return self._master._report(node)
 
     def take_events(self) -> list[NodeEvent]:
         """Return the events since the last call."""
@@ -226,7 +246,7 @@ class TickedMaster(MasterSetup, MasterView):
         self._node, self._hand, sock, self._slave = self.make(device)
         self._socket = TickedSocket(sock, "master")
         self._events = EventQueue[NodeEvent]()
-        self._sent_us = 0
+        self._due_us = self._strangers = 0
 
     @property
     def send_errors(self) -> int:
@@ -251,14 +271,30 @@ class TickedMaster(MasterSetup, MasterView):
         for data, address in self._socket.arrived():
             if address == self._slave:
                 node.receive_datagram(data, now_us())
+            else:
+                self._strangers += 1
         now = now_us()
-        if now - self._sent_us >= 0.9 * node.period_us:
-            self._sent_us = now
+        if 2 * (self._due_us - now) <= node.period_us:  # a timer that is early once is no faster timer
+            self._due_us = (self._due_us if now - self._due_us < node.period_us else now) + node.period_us
             node.tick(now)
             self._send()
             node.drive(now)
+        node.check(now, waited_us)
         self._send()
         return node.held_n
+
+    def _report(self, node: MasterNode) -> dict[str, Any]:
+        run = MasterRun(
+            end_reason=node.end_reason,
+            connected=node.connected,
+            lateness=Distribution().report(),
+            missed_ticks=None,
+            send_errors=self.send_errors,
+            strangers=self._strangers,
+            port_openings=None,
+            port_unwritten_bytes=None,
+        )
+        return master_report(node, run, Overload(scheduling(), LOG.warning))
 
     def take_events(self) -> list[NodeEvent]:
         """Return the events since the last call."""

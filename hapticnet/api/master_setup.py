@@ -1,12 +1,12 @@
 """What a master inside another program is made of: its parameters, checked, and its node."""
 
-import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import KW_ONLY, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
+from hapticnet.api.events import LOG
 from hapticnet.api.inputs import as_codec, check_choice, served
 from hapticnet.checks import check_parameter
 from hapticnet.codec import registry
@@ -14,31 +14,28 @@ from hapticnet.codec.base import Codec
 from hapticnet.device.base import Device
 from hapticnet.device.profile import Profile
 from hapticnet.device.user import HasApply, HasExchange, UserActuator, as_user_device
-from hapticnet.errors import SampleError, SettingsError
+from hapticnet.errors import SampleError
+from hapticnet.experiment.provenance import provenance
+from hapticnet.files import user_path
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_events import NodeEvent
 from hapticnet.node.master_settings import DeviceTakes, MasterSettings, OnError, Positions
 from hapticnet.operator.base import Operator
 from hapticnet.operator.user import HasSample, UserOperator
-from hapticnet.protocol.key_files import load_key
-from hapticnet.protocol.keys import MasterKey, parse_key
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.recordings.session.archive import check_format
 from hapticnet.runtime import devices
+from hapticnet.runtime.clock import now_us
 from hapticnet.runtime.entropy import SystemEntropy
 from hapticnet.runtime.recorder import RECORD_LIMIT_BYTES
 from hapticnet.runtime.session_recordings import MasterRecording
+from hapticnet.runtime.trust import master_key
 from hapticnet.runtime.udp import SocketAddress, is_loopback, open_toward, parse_host_port
-from hapticnet.runtime.watching import Watcher
 from hapticnet.samples import PositionSample, Vector, checked_vector
 
 if TYPE_CHECKING:
     import socket
 
     from hapticnet.runtime.serial_port import Wire
-
-LOG: Final = logging.getLogger("hapticnet")
-"""Where a program finds what is worth a warning, such as a recording that meets a full disk."""
 
 PositionLike: TypeAlias = float | Sequence[float]
 """A position [m]: a number for one axis, or a sequence with a number for each."""
@@ -98,7 +95,8 @@ class MasterSetup:
     passive
         Whether a force that would return more energy than the hand put in is damped.
     key, peer_key
-        This host's key file and the slave's public key (base64), for a sealed session.
+        This host's key file and the slave's public key (base64), for a sealed session. Default of the first:
+        ~/.config/hapticnet/key.toml.
     insecure
         Whether an open session with another host is allowed.
     name
@@ -110,6 +108,8 @@ class MasterSetup:
         to zero in both cases.
     record
         Record every tick in this file, .mcap, .csv or .npz (docs/recordings.md).
+    record_limit_bytes
+        Stop recording before it takes more disk space than this [B].
     connect_timeout_s
         How long to wait for the slave [s]; None: for ever.
     """
@@ -138,6 +138,7 @@ class MasterSetup:
     max_age_s: float = 1.0
     on_error: OnError = "end"
     record: str | Path | None = None
+    record_limit_bytes: int = RECORD_LIMIT_BYTES
     connect_timeout_s: float | None = 10.0
 
     def make(
@@ -156,8 +157,12 @@ class MasterSetup:
         settings = self._settings()
         sock, address = open_toward(parse_host_port(self.address))
         try:
-            settings = replace(settings, key=self._keys(is_loopback(address)))
-            node = MasterNode(operator, device, settings, SystemEntropy())
+            # Nobody names a key for an open session; on the command line, HAPTICNET_KEY may be for other slaves.
+            is_open_to = is_loopback(address) and self.key is None
+            key = None if self.key is None else user_path(self.key)
+            keys = master_key(self.address, is_open_to, key, self.peer_key, self.insecure, str)
+            settings = replace(settings, key=keys)
+            node = MasterNode(operator, device, settings, SystemEntropy(), now_us)
         except BaseException:
             sock.close()
             raise
@@ -183,11 +188,17 @@ class MasterSetup:
             with devices.real_time_device(self.device, self._profile(), 0, LOG.warning) as opened:
                 yield opened
 
-    def watchers(self, node: MasterNode) -> list[Watcher[NodeEvent]]:
+    def recording(self, node: MasterNode) -> MasterRecording | None:
         """Return what records the node, if anything."""
         if self.record is None:
-            return []
-        return [MasterRecording(node, Path(self.record), LOG.warning, limit_bytes=RECORD_LIMIT_BYTES)]
+            return None
+        about = {
+            "operator": "program" if self.operator is None else type(self.operator).__qualname__,
+            "device": "none" if self.device is None else self.device if isinstance(self.device, str) else "program",
+            "provenance": provenance(),
+        }
+        limit = self.record_limit_bytes
+        return MasterRecording(node, user_path(self.record), LOG.warning, limit_bytes=limit, about=about)
 
     def _operator(self) -> tuple[Hand | None, Operator]:
         if self.operator is None:
@@ -202,7 +213,7 @@ class MasterSetup:
         check_choice("positions", self.positions, ("raw", "line"))
         check_parameter("max_age_s", self.max_age_s, 0.01, 60.0, "s")
         if self.record is not None:
-            check_format(Path(self.record))
+            check_format(user_path(self.record))
         law = {"weber_fraction": self.weber_fraction, "floor_n": self.floor_n, "multiplier": self.multiplier}
         codec = served(as_codec(self.codec, **law, parameters={}))
         return MasterSettings(
@@ -225,19 +236,7 @@ class MasterSetup:
         )
 
     def _profile(self) -> Profile:
-        return devices.load(None if self.profile is None else Path(self.profile))
-
-    def _keys(self, loopback: bool) -> MasterKey | None:
-        if (self.key is None) != (self.peer_key is None):
-            raise SettingsError("a sealed session needs both: key, a key file, and peer_key, the slave's public key")
-        if self.key is None or self.peer_key is None:
-            if not (loopback or self.insecure):
-                raise SettingsError(
-                    f"{self.address} is another host, so the session needs key and peer_key; insecure=True allows a"
-                    " session that is not encrypted"
-                )
-            return None
-        return MasterKey(load_key(Path(self.key)), parse_key(self.peer_key, "peer_key"))
+        return devices.load(None if self.profile is None else user_path(self.profile))
 
 
 def as_position(position: PositionLike, axes: int | None = None) -> Vector:

@@ -4,15 +4,19 @@ import asyncio
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
-from hapticnet.api.events import EventQueue
+from hapticnet.api.events import LOG, EventQueue
 from hapticnet.api.slave_setup import SlaveSetup, address_of
 from hapticnet.api.threads import LoopThread
 from hapticnet.api.ticked import TickedSocket
 from hapticnet.api.views import SlaveView
+from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_events import SlaveEvent
-from hapticnet.runtime.clock import now_us
+from hapticnet.runtime.clock import now_us, waited_us
+from hapticnet.runtime.overload import Overload
+from hapticnet.runtime.realtime import scheduling
+from hapticnet.runtime.reports import slave_report
 from hapticnet.runtime.slave_run import SlaveRunner
 
 
@@ -40,7 +44,8 @@ class Slave(SlaveSetup, SlaveView):
         self._node, sock = self.make()
         self.address = address_of(sock)
         self._events = EventQueue[SlaveEvent]()
-        self._runner = SlaveRunner(self._node, sock, watchers=[self._events])
+        self._overload = Overload(scheduling(), LOG.warning)
+        self._runner = SlaveRunner(self._node, sock, watchers=[self._events], overload=self._overload, tell=LOG.warning)
         await self._runner.start()
         return self
 
@@ -48,7 +53,11 @@ class Slave(SlaveSetup, SlaveView):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         await asyncio.shield(self._runner.finish("shutting down"))
+        self.close_scenes()
         self._events.end()
+
+    def _report(self, node: SlaveNode) -> dict[str, Any]:
+        return slave_report(node, self._overload)
 
     def events(self) -> AsyncIterator[SlaveEvent]:
         """Return the events, to be iterated with ``async for``: MasterJoined, MasterLeft, ScenePaused and so on."""
@@ -77,6 +86,9 @@ class ThreadedSlave(SlaveSetup, SlaveView):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._thread.leave()
+
+    def _report(self, node: SlaveNode) -> dict[str, Any]:
+        return self._slave._report(node)
 
     def take_events(self) -> list[SlaveEvent]:
         """Return the events since the last call."""
@@ -114,9 +126,13 @@ class TickedSlave(SlaveSetup, SlaveView):
         due_us = node.next_timer_us()
         if due_us is not None and now >= due_us:
             node.tick(now)
+        node.check(now, waited_us)
         self._send()
         node.settle(now)
         self._send()
+
+    def _report(self, node: SlaveNode) -> dict[str, Any]:
+        return slave_report(node, Overload(scheduling(), LOG.warning))
 
     def take_events(self) -> list[SlaveEvent]:
         """Return the events since the last call."""
@@ -128,6 +144,7 @@ class TickedSlave(SlaveSetup, SlaveView):
             self.node.close("shutting down", now_us())
             self._send()
             self._socket.close()
+            self.close_scenes()
 
     def __enter__(self) -> Self:
         return self

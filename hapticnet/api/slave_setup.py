@@ -3,23 +3,23 @@
 from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
+from hapticnet.api.events import LOG
 from hapticnet.api.inputs import check_choice
-from hapticnet.checks import check_parameter
+from hapticnet.checks import check_integer, check_parameter
 from hapticnet.codec import registry
 from hapticnet.codec.plugins import checked_class
 from hapticnet.errors import SettingsError
+from hapticnet.files import user_path
 from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.master_settings import OnError
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.station_settings import Announces
-from hapticnet.protocol.handshake import Door, OpenDoor, SealedDoor
-from hapticnet.protocol.key_files import load_key, load_roster
-from hapticnet.protocol.keys import MasterEntry
 from hapticnet.protocol.settings import SessionSettings
-from hapticnet.protocol.wire import OPEN, SEALED
+from hapticnet.runtime.clock import now_us
 from hapticnet.runtime.entropy import SystemEntropy
+from hapticnet.runtime.trust import slave_trust
 from hapticnet.runtime.udp import HostPort, SocketAddress, bound_address, host_of, is_loopback, listen, parse_host_port
 from hapticnet.scene.base import Touchable
 from hapticnet.scene.sources import as_touchable, find_source
@@ -27,6 +27,8 @@ from hapticnet.scene.user import HasStep
 
 if TYPE_CHECKING:
     import socket
+
+MOST_SESSIONS: Final = 1_000_000
 
 SceneLike: TypeAlias = str | HasStep | Callable[[], HasStep]
 """The name of a scene, an object with a method ``step``, or a function that makes one for each master."""
@@ -45,7 +47,8 @@ class SlaveSetup:
     listen
         Where to listen, HOST:PORT; port 0 takes a free one.
     key, masters
-        This host's key file and the list of masters that are served, for sealed sessions.
+        This host's key file and the list of masters that are served, for sealed sessions. Default where other hosts
+        can reach `listen`: ~/.config/hapticnet/key.toml, and masters.toml beside the key.
     insecure
         Whether open sessions with other hosts are served.
     codecs
@@ -54,8 +57,8 @@ class SlaveSetup:
         How long the scene of a silent master is kept [s].
     fastest_rate_hz
         Highest rate granted [Hz].
-    most_sessions
-        Sessions served at once.
+    most_sessions, most_sessions_per_key
+        Sessions served at once, and those of one key (without keys, of one host), unless the list says.
     on_error
         What an exception in ``step`` does: ``"end"`` the session, or ``"pause"``, which answers with zero force until
         `resume`.
@@ -74,6 +77,7 @@ class SlaveSetup:
     keep_s: float = 30.0
     fastest_rate_hz: float = 10_000.0
     most_sessions: int = 64
+    most_sessions_per_key: int = 16
     on_error: OnError = "end"
     announce: Announces = "declared"
 
@@ -90,6 +94,9 @@ class SlaveSetup:
         check_choice("on_error", self.on_error, ("end", "pause"))
         check_choice("announce", self.announce, ("declared", "measured", "nothing"))
         check_parameter("keep_s", self.keep_s, 1.0, 86_400.0, "s")
+        check_integer("most_sessions", self.most_sessions, 1, MOST_SESSIONS)
+        check_integer("most_sessions_per_key", self.most_sessions_per_key, 1, MOST_SESSIONS)
+        self._closing: list[Callable[[], list[str]]] = []
         make_scene, most = self._scenes()
         for each in self.codecs:
             if isinstance(each, str):
@@ -99,20 +106,27 @@ class SlaveSetup:
         sock = listen(parse_host_port(self.listen, lowest_port=0))
         entropy = SystemEntropy()
         try:
-            doors = self._doors(entropy, is_loopback(sock.getsockname()))
+            key, masters = (None if path is None else user_path(path) for path in (self.key, self.masters))
+            loopback = is_loopback(sock.getsockname())
+            trust = slave_trust(bound_address(sock), loopback, key, masters, self.insecure, str)
+            if trust.guests is not None:
+                self._closing.append(trust.guests.close)
             settings = SlaveSettings(
                 fastest_rate_hz=self.fastest_rate_hz,
                 on_error=self.on_error,
                 announces=self.announce,
-                session=SessionSettings(most_sessions=most, most_per_identity=most, keep_us=round(self.keep_s * 1e6)),
+                session=SessionSettings(
+                    most_sessions=most, most_per_identity=self.most_sessions_per_key, keep_us=round(self.keep_s * 1e6)
+                ),
             )
             node = SlaveNode(
-                lambda entry: self._listed(entry) or make_scene(),
+                lambda entry: make_scene() if (listed := trust.scene_of(entry)) is None else listed.make(),
                 settings,
                 entropy,
-                doors=doors,
+                doors=trust.doors(entropy),
                 write_address=_place,
                 host_of=host_of,
+                clock=now_us,
             )
         except BaseException:
             sock.close()
@@ -125,6 +139,7 @@ class SlaveSetup:
         if isinstance(given, str):
             source = find_source(given)
             source.prepare()
+            self._closing.append(source.close)
             return source.make, self.most_sessions
         if hasattr(given, "step") and not isinstance(given, type):
             touched = as_touchable(given)
@@ -135,27 +150,11 @@ class SlaveSetup:
         as_touchable(make())  # refuse it now rather than when a master joins
         return lambda: as_touchable(make()), self.most_sessions
 
-    def _listed(self, entry: MasterEntry | None) -> Touchable | None:
-        """Return the scene that the list names for a master, if any."""
-        if entry is None or entry.scene is None or self.masters is None:
-            return None
-        return find_source(entry.scene, Path(self.masters).parent).make()
-
-    def _doors(self, entropy: SystemEntropy, loopback: bool) -> dict[int, Door]:
-        if (self.key is None) != (self.masters is None):
-            raise SettingsError("sealed sessions need both: key, a key file, and masters, the list of those served")
-        doors: dict[int, Door] = {}
-        if self.key is not None and self.masters is not None:
-            roster = load_roster(Path(self.masters))
-            doors[SEALED] = SealedDoor(load_key(Path(self.key)).private, roster, entropy)
-        elif not (loopback or self.insecure):
-            raise SettingsError(
-                f"{self.listen} can be reached from other hosts, so sessions need key and masters; insecure=True serves"
-                " anyone"
-            )
-        if not doors or self.insecure:
-            doors[OPEN] = OpenDoor()
-        return doors
+    def close_scenes(self) -> None:
+        """Close the objects of users that were made here, and log what goes wrong."""
+        for close in self._closing:
+            for fault in close():
+                LOG.warning(fault)
 
 
 def address_of(sock: "socket.socket") -> str:

@@ -7,6 +7,7 @@ from hapticnet.api.master_setup import Hand, PositionLike
 from hapticnet.codec import registry
 from hapticnet.codec.base import Codec
 from hapticnet.errors import RefusedError, SettingsError, UnavailableError
+from hapticnet.experiment.provenance import provenance
 from hapticnet.node.master import MasterNode
 from hapticnet.node.slave import SlaveNode
 from hapticnet.samples import Vector
@@ -90,8 +91,19 @@ class MasterView(NodeView[MasterNode]):
         return self.node.paused
 
     def report(self) -> dict[str, Any]:
-        """Return the account of this master, as ``hapticnet master --json`` prints it."""
-        return self.node.report()
+        """Return the account of this master, as ``hapticnet master --json`` prints it.
+
+        None for what it does not have, such as `end_reason` while it runs.
+
+        Raises
+        ------
+        UnavailableError
+            If it is not running.
+        """
+        return {**self._report(self.node), "provenance": provenance()}
+
+    def _report(self, node: MasterNode) -> dict[str, Any]:
+        raise NotImplementedError
 
     def change(
         self,
@@ -156,8 +168,11 @@ class SlaveView(NodeView[SlaveNode]):
         return tuple(station.session.request.name for station in self.node.stations if station.seated)
 
     def report(self) -> dict[str, Any]:
-        """Return the account of all sessions, as ``hapticnet slave --json`` prints it."""
-        return self.node.report()
+        """Return the account of all sessions, as ``hapticnet slave --json`` prints it; raise as for a master."""
+        return {**self._report(self.node), "provenance": provenance()}
+
+    def _report(self, node: SlaveNode) -> dict[str, Any]:
+        raise NotImplementedError
 
     def resume(self) -> None:
         """Step the scenes again that have failed and are paused."""

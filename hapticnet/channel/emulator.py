@@ -72,6 +72,11 @@ class Emulator(Generic[T]):
         Effects of the channel; those that are not set cost nothing.
     rng
         Random generator. Child streams are spawned from it; nothing is drawn from it.
+
+    Attributes
+    ----------
+    settings
+        Those used for packets that are pushed now.
     """
 
     __slots__ = (
@@ -79,7 +84,7 @@ class Emulator(Generic[T]):
         "_duplicated_bytes", "_duplicates", "_fifo", "_heap", "_hold_back_us", "_hold_backs", "_jitter_us",
         "_keeps_order", "_last_due_us", "_link_free_ns", "_losses", "_lost", "_lost_bytes", "_newest_delivered",
         "_plain", "_queue_dropped", "_queue_dropped_bytes", "_queue_ns", "_rate_bit_per_s", "_reordered", "_reorders",
-        "_rngs",
+        "_rngs", "settings",
     )  # fmt: skip
 
     def __init__(self, settings: ChannelSettings, rng: np.random.Generator) -> None:
@@ -104,6 +109,7 @@ class Emulator(Generic[T]):
 
     def change(self, settings: ChannelSettings) -> None:
         """Use other settings for the packets pushed from now on; those in flight arrive as planned."""
+        self.settings = settings
         loss_rng, duplicate_rng, jitter_rng, reorder_rng = self._rngs
         loss, jitter = settings.loss, settings.jitter
         self._losses = loss.fates(loss_rng) if loss is not None and loss.mean > 0.0 else None

@@ -2,7 +2,7 @@
 
 import os
 import sys
-from typing import Final
+from typing import Any, Final
 
 import typer
 
@@ -26,9 +26,10 @@ from hapticnet.cli import (
 )
 from hapticnet.cli.console import complain
 from hapticnet.cli.options import AUTO
-from hapticnet.cli.verbs import equip, found_of
+from hapticnet.cli.verbs import asks_for_json, equip, found_of
 from hapticnet.errors import FileError, HapticnetError, SettingsError, in_words
-from hapticnet.runtime.outlet import abandon
+from hapticnet.runtime.log_lines import Form
+from hapticnet.runtime.outlet import STDERR, abandon
 
 INTERNAL: Final = 70
 """Exit code of a fault in hapticnet itself (EX_SOFTWARE of sysexits.h)."""
@@ -39,6 +40,14 @@ READER_GONE: Final = 141
 
 SHOW_TRACEBACK: Final = "HAPTICNET_TRACEBACK"
 """Environment variable that shows where an internal error comes from."""
+
+WRONG: Final = {
+    "int_parsing": "is not a whole number",
+    "float_parsing": "is not a number",
+    "greater_than_equal": "is too small; it must be at least {ge:g}",
+    "less_than_equal": "is too large; it must be at most {le:g}",
+}
+"""What is wrong with a value, by pydantic's type of error."""
 
 app = typer.Typer(
     add_completion=True,
@@ -85,6 +94,8 @@ def main() -> None:
 
     docs/operations.md lists the exit codes.
     """
+    if asks_for_json(sys.argv[1:], os.environ):
+        STDERR.form = Form.JSON  # now, so that what is wrong with options is told in this form, too
     try:
         code = app(with_page_address(sys.argv[1:]), standalone_mode=False, prog_name="hapticnet")
         if sys.stdout is not None:
@@ -113,12 +124,23 @@ def _tell(error: Exception) -> int:
             raise error
         complain(f"internal error: {in_words(error)}; please report it with what {SHOW_TRACEBACK}=1 shows")
         return INTERNAL
+    _reword(error)
     message = error.format_message()
     if message.startswith("Usage:"):  # a verb is missing, and this is the help
         print(message, file=sys.stderr)
     else:
         complain(f"{_source(error)}{message} (see {_command_path(error)} --help)")
     return SettingsError.exit_code
+
+
+def _reword(error: Any) -> None:
+    """Say in plain words what typer says of a value in those of pydantic."""
+    mistakes = error.__cause__.errors() if hasattr(error.__cause__, "errors") else []
+    for mistake in mistakes[:1]:
+        if (words := WRONG.get(mistake["type"])) is not None:
+            error.message = f"{mistake['input']!r} {words.format(**mistake.get('ctx', {}))}"
+        else:
+            error.message = error.message.removeprefix("Value error, ").removesuffix(".")
 
 
 def with_page_address(arguments: list[str]) -> list[str]:

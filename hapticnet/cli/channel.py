@@ -11,13 +11,13 @@ if TYPE_CHECKING:
 
 
 def channel(
-    to: Annotated[str, typer.Option(metavar="HOST:PORT", help="Address of the slave.")],
+    connect: Annotated[str, typer.Option(metavar="HOST:PORT", help="Where the slave listens.")],
     listen: Annotated[str, typer.Option(metavar="HOST:PORT", help="Address for masters.")] = "127.0.0.1:47801",
     forward: Annotated[str, typer.Option(metavar="SPEC", help="Network from master to slave.")] = "perfect",
     feedback: Annotated[str, typer.Option(metavar="SPEC", help="Network from slave to master.")] = "perfect",
     duration: Annotated[float | None, typer.Option(min=0.0, help="Stop after this many seconds.")] = None,
     seed: options.Seed = 0,
-    realtime: options.Realtime = True,
+    real_time: options.RealTime = True,
     json: options.Json = False,
     report: options.Report = None,
     quiet: options.Quiet = False,
@@ -39,7 +39,7 @@ def channel(
     from hapticnet.runtime.udp import listen as listen_on
 
     there, back = parse_channel(forward), parse_channel(feedback)
-    target = parse_host_port(to)
+    target = parse_host_port(connect)
     sock = listen_on(parse_host_port(listen, lowest_port=0))
     check_outputs(report)
     console = Console("channel", quiet=quiet, real_time=True)
@@ -51,7 +51,7 @@ def channel(
     def on_status(relay: "Relay") -> None:
         console.status(f"{relay.clients} clients")
 
-    scheduling = prefer_realtime() if realtime else OTHER
+    scheduling = prefer_realtime() if real_time else OTHER
     console.say(f"listening on {bound_address(sock)}, to {target}: {there.describe()}; back: {back.describe()}")
     overload = Overload(scheduling, console.warn)
     account = run(

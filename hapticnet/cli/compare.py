@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from hapticnet.experiment.comparison import Row
     from hapticnet.experiment.trial import Trial
 
-THRESHOLDS = "1,2,4"
+MULTIPLIERS = "1,2,4"
 
 
 def compare(
@@ -29,20 +29,21 @@ def compare(
         ),
     ] = None,
     start: options.Start = None,
-    column: options.Column = None,
-    position: options.Position = None,
+    force_column: options.ForceColumn = None,
+    position_column: options.PositionColumn = None,
     position_scale: options.PositionScale = None,
-    rate: options.Rate = None,
+    time_column: options.TimeColumn = None,
+    sampling_rate: options.SamplingRate = None,
     missing: options.MissingValues = "refuse",
     max_size: options.MaxSize = options.MAX_SIZE,
     codecs: Annotated[
         str | None, typer.Option(metavar="CODEC[;CODEC…]", help="Codecs as for encode --codec; default: all.")
     ] = None,
-    thresholds: Annotated[str, typer.Option(metavar="M[,M…]", help="Deadband thresholds in JNDs.")] = THRESHOLDS,
+    multipliers: Annotated[str, typer.Option(metavar="M[,M…]", help="Deadband thresholds in JNDs.")] = MULTIPLIERS,
     weber: options.Weber = PAPER_WEBER_FRACTION,
     floor: options.Floor = PAPER_FLOOR_N,
     loss: Annotated[
-        str, typer.Option(metavar="P", help="Share of updates lost at random, such as 5%; repaired after 20 ms.")
+        str, typer.Option(metavar="PERCENT", help="Share of updates lost at random, such as 5%; repaired after 20 ms.")
     ] = "0",
     delay: Annotated[
         str, typer.Option(metavar="TIME", help="Delay of each way at which the felt force is judged, such as 25ms.")
@@ -55,26 +56,27 @@ def compare(
         ),
     ] = None,
     seed: options.Seed = 1,
-    jobs: Annotated[int, typer.Option(metavar="N", help="Processes; the figures do not depend on it.")] = 1,
+    jobs: options.Jobs = None,
     json: options.Json = False,
     csv: Annotated[Path | None, typer.Option(metavar="FILE", help="Write every figure to FILE as CSV.")] = None,
     latex: Annotated[Path | None, typer.Option(metavar="FILE", help="Write booktabs tables to FILE.")] = None,
-    plot: Annotated[Path | None, typer.Option(metavar="DIR", help="Draw figures into DIR.")] = None,
-    plot_format: Annotated[str, typer.Option(metavar="png|pdf|svg", help="Format of the figures.")] = "png",
+    plot_dir: Annotated[Path | None, typer.Option(metavar="DIR", help="Draw figures into DIR.")] = None,
+    plot_format: Annotated[options.PlotFormat, typer.Option(help="Format of the figures.")] = "png",
     signal: Annotated[
         str | None, typer.Option(metavar="CODEC", help="Codec whose signal is drawn over time; default: the first.")
     ] = None,
     window: Annotated[
         str | None, typer.Option(metavar="FROM:TO", help="Time [s] that the figure of the signal shows.")
     ] = None,
-    force: options.Force = False,
+    overwrite: options.Overwrite = False,
 ) -> None:
     """Run every codec over recordings and compare packets, bytes, errors and cost with the best possible."""
     import json as json_module
+    import os
 
     from hapticnet.channel.quantities import parse_time_us
     from hapticnet.cli.compare_trials import recorded_trials, scene_trials
-    from hapticnet.cli.console import Console, check_new, check_outputs, write_text
+    from hapticnet.cli.console import Console, check_needed, check_new, check_outputs, write_text
     from hapticnet.codec.registry import all_codecs, register_installed_codecs
     from hapticnet.errors import SettingsError
     from hapticnet.experiment.comparison import compare as compare_codecs
@@ -83,13 +85,17 @@ def compare(
     from hapticnet.experiment.grid import grid_codecs
     from hapticnet.experiment.provenance import provenance, provenance_lines
 
-    if not traces and any(option is not None for option in (column, position, rate)):
-        raise SettingsError("--column, --position and --rate say how to read a TRACE, and none is named")
-    if scene is not None and column is not None:
-        raise SettingsError("--column names a recorded force; with --scene the force is the scene's")
+    if not traces and any(option is not None for option in (force_column, position_column, time_column, sampling_rate)):
+        raise SettingsError(
+            "--force-column, --position-column, --time-column and --sampling-rate say how to read a TRACE, and none is"
+            " named"
+        )
+    if scene is not None and force_column is not None:
+        raise SettingsError("--force-column names a recorded force; with --scene the force is the scene's")
     if start is not None and (scene is None or not traces):
         raise SettingsError("--start moves the positions of a TRACE in a --scene; name both")
-    values = _grid(grid or [], thresholds, weber, floor, loss)
+    check_needed("--plot-dir", plot_dir, {"--signal": signal, "--window": window})
+    values = _grid(grid or [], multipliers, weber, floor, loss)
     losses = values.pop("loss")
     delay_us = parse_time_us(delay)
     if codecs is None:
@@ -98,27 +104,39 @@ def compare(
     chosen = grid_codecs(list(all_codecs()) if codecs is None else codecs.split(";"), values)
     files = dict.fromkeys(traces or ())
     say = Console("compare").say
-    reading = {"position": position, "position_scale": position_scale, "rate_hz": rate, "missing": missing}
+    reading = {
+        "position": position_column,
+        "position_scale": position_scale,
+        "time": time_column,
+        "rate_hz": sampling_rate,
+        "missing": missing,
+    }
     if scene is not None:
         trials = scene_trials(scene, list(files), say, start=start, seed=seed, **reading, max_bytes=max_size)
     else:
-        trials = recorded_trials(list(files), say, columns=column, **reading, max_bytes=max_size)
+        trials = recorded_trials(list(files), say, columns=force_column, **reading, max_bytes=max_size)
         trials = trials or [_paper(seed)]
     check_outputs(csv, latex, inputs=files)
-    check_new(csv, latex, force=force)
+    check_new(csv, latex, overwrite=overwrite)
     figures = None
-    if plot is not None:
+    if plot_dir is not None:
         from hapticnet.experiment.comparison_figures import Figures
 
-        figures = Figures(trials, chosen, folder=plot, form=plot_format, signal=signal, window=window, seed=seed)
+        figures = Figures(trials, chosen, folder=plot_dir, form=plot_format, signal=signal, window=window, seed=seed)
         check_outputs(*figures.files)
-        check_new(*figures.files, force=force)
+        check_new(*figures.files, overwrite=overwrite)
     console = Console("compare", quiet=json)
+    runs = len(trials) * len(losses) * len(chosen)
+    done = 0
 
     def on_row(row: "Row") -> None:
-        console.status(f"{row.trial}: {row.label} at {row.multiplier:g} JND")
+        nonlocal done
+        done += 1
+        console.progress(f"{done} of {runs}: {row.trial}, {row.label} at {row.multiplier:g} JND")
 
-    rows = compare_codecs(trials, chosen, loss=losses, delay_us=delay_us, seed=seed, jobs=jobs, on_row=on_row)
+    console.status(f"0 of {runs}")
+    processes = min(jobs or len(os.sched_getaffinity(0)), runs)
+    rows = compare_codecs(trials, chosen, loss=losses, delay_us=delay_us, seed=seed, jobs=processes, on_row=on_row)
     console.finish()
     if figures is not None:
         for picture in figures.draw(rows):
@@ -148,7 +166,7 @@ def _account(trials: "list[Trial]", rows: "list[Row]") -> dict[str, Any]:
     }
 
 
-def _grid(texts: list[str], thresholds: str, weber: float, floor: float, loss: str) -> dict[str, list[float]]:
+def _grid(texts: list[str], multipliers: str, weber: float, floor: float, loss: str) -> dict[str, list[float]]:
     """Return the values of the law, the loss and the codecs' parameters; a grid takes the place of an option."""
     from hapticnet.channel.quantities import parse_share
     from hapticnet.errors import SettingsError
@@ -156,7 +174,7 @@ def _grid(texts: list[str], thresholds: str, weber: float, floor: float, loss: s
 
     grid = parse_grid(texts)
     for key, option, given in (
-        ("multiplier", "--thresholds", thresholds != THRESHOLDS),
+        ("multiplier", "--multipliers", multipliers != MULTIPLIERS),
         ("weber_fraction", "--weber", weber != PAPER_WEBER_FRACTION),
         ("floor_n", "--floor", floor != PAPER_FLOOR_N),
         ("loss", "--loss", loss != "0"),
@@ -164,10 +182,10 @@ def _grid(texts: list[str], thresholds: str, weber: float, floor: float, loss: s
         if key in grid and given:
             raise SettingsError(f"--grid {key} and {option} set the same; give one of them")
     try:
-        multipliers = list(dict.fromkeys(float(part) for part in thresholds.split(",")))
+        values = list(dict.fromkeys(float(part) for part in multipliers.split(",")))
     except ValueError:
-        raise SettingsError(f"thresholds {thresholds!r} must be numbers of JNDs, such as 1,2,4") from None
-    usual = {"multiplier": multipliers, "weber_fraction": [weber], "floor_n": [floor], "loss": [parse_share(loss)]}
+        raise SettingsError(f"--multipliers {multipliers!r} must be numbers of JNDs, such as 1,2,4") from None
+    usual = {"multiplier": values, "weber_fraction": [weber], "floor_n": [floor], "loss": [parse_share(loss)]}
     return usual | grid
 
 

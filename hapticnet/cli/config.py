@@ -6,6 +6,7 @@ from typing import Annotated, Any, Final
 import typer
 
 from hapticnet.cli import options
+from hapticnet.files import user_path
 
 DEFAULT: Final = "default"
 """The source of a value that nobody set."""
@@ -39,6 +40,7 @@ def config(
 
     root: Any = ctx.find_root()
     known = dict(leaves(root.command))
+    file = None if file is None else user_path(file)
     in_file = {} if file is None else from_file(file, root.command)
     if verb:
         rows = _resolve(root, verb, file)

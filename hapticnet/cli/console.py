@@ -4,21 +4,21 @@ import json
 import math
 import os
 import sys
+import time
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
-from hapticnet.errors import FileError, SettingsError
+from hapticnet.errors import FileError, SettingsError, visible
 from hapticnet.files import check_replaceable, replacing, takes_a_stream
 from hapticnet.runtime.log_lines import Form, Level, log_line
 from hapticnet.runtime.outlet import STDERR, abandon, never_block, write_watched
 
-if TYPE_CHECKING:
-    from hapticnet.channel.emulator import Emulator
-    from hapticnet.channel.settings import ChannelSettings
-
 STALL_S: Final = 3.0
 """Time [s] that a process in real time waits for a reader of its report who has stopped reading."""
+
+PROGRESS_S: Final = 5.0
+"""Time [s] between two lines that say how far a run is, where there is no status line."""
 
 MOST_ENTRIES: Final = 20
 """Entries shown of a list in a report for a person."""
@@ -35,13 +35,20 @@ class Console:
         Whether to print only errors.
     real_time
         Whether this process must never wait for the reader of its messages. Their rate is then limited.
+
+    Attributes
+    ----------
+    faults
+        What has failed while the run went on.
     """
 
     def __init__(self, name: str, *, quiet: bool = False, real_time: bool = False) -> None:
         self._name = name
         self._quiet = quiet
+        self.faults: list[str] = []
         in_words = STDERR.form in (Form.PLAIN, Form.STAMPED)
         self._live = in_words and not quiet and sys.stderr is not None and sys.stderr.isatty()
+        self._next_progress_s = time.monotonic() + PROGRESS_S
         if real_time:
             never_block()
 
@@ -50,20 +57,49 @@ class Console:
         """Number of lines that were not printed, because there were too many or nobody read them."""
         return STDERR.left_out
 
-    def say(self, text: str, *, event: str | None = None, needed: bool = False) -> None:
-        """Print a permanent line, a `needed` one even if quiet; `event` names for programs what happened."""
-        if needed or not self._quiet:
-            STDERR.line(log_line(text, who=self._name, event=event), needed=needed)
+    def say(
+        self, text: str, *, event: str | None = None, fields: Mapping[str, Any] | None = None, needed: bool = False
+    ) -> None:
+        """Print a permanent line, a `needed` one even if quiet.
 
-    def warn(self, text: str, *, event: str | None = None) -> None:
+        For programs, `event` names what happened, and `fields` are what it is about.
+        """
+        if needed or not self._quiet:
+            STDERR.line(log_line(text, who=self._name, event=event, fields=fields), needed=needed)
+
+    def warn(self, text: str, *, event: str | None = None, fields: Mapping[str, Any] | None = None) -> None:
         """Print a permanent line about something that works worse than it could."""
         if not self._quiet:
-            STDERR.line(log_line(text, who=self._name, level=Level.WARNING, event=event))
+            STDERR.line(log_line(text, who=self._name, level=Level.WARNING, event=event, fields=fields))
+
+    def fault(self, text: str) -> None:
+        """Warn of something that has failed while the run goes on; report and exit code tell it, too."""
+        self.faults.append(text)
+        self.warn(text)
+
+    def warn_of_unused(self, unused: Mapping[str, tuple[bool, str]]) -> None:
+        """Warn of options that were given and have no effect.
+
+        Parameters
+        ----------
+        unused
+            By option: whether that is so, and why.
+        """
+        for option, (is_unused, why) in unused.items():
+            if is_unused:
+                self.warn(f"{option} has no effect: {why}")
 
     def status(self, line: str) -> None:
         """Replace the live status line, if stderr is a terminal."""
         if self._live:
             STDERR.status(f"{self._name}: {line}")
+
+    def progress(self, line: str) -> None:
+        """Show how far a long run is: as status on a terminal, elsewhere as a line every `PROGRESS_S`."""
+        self.status(line)
+        if not self._live and time.monotonic() >= self._next_progress_s:
+            self._next_progress_s = time.monotonic() + PROGRESS_S
+            self.say(line)
 
     def finish(self) -> None:
         """Remove the status line, and wait a moment until everything is printed."""
@@ -109,7 +145,10 @@ def deliver(
             write_text(file, text)
     finally:
         STDERR.drain()  # so that on a terminal the report stands below the messages
-        _print(text if as_json else "\n".join(_lines(shown or report)) + "\n", STALL_S if real_time else None)
+        _print(
+            text if as_json else "".join(f"{visible(line)}\n" for line in _lines(shown or report)),
+            STALL_S if real_time else None,
+        )
 
 
 def _print(text: str, stall_s: float | None) -> None:
@@ -126,13 +165,6 @@ def _print(text: str, stall_s: float | None) -> None:
     except OSError as error:
         abandon(sys.stdout)
         raise FileError(f"stdout cannot be written: {error.strerror}") from error
-
-
-def channel_account(settings: "ChannelSettings", channel: "Emulator[Any]") -> dict[str, Any]:
-    """Return what an emulated channel did, as part of a report."""
-    from dataclasses import asdict
-
-    return {"settings": settings.describe(), **asdict(channel.counters)}
 
 
 def write_text(path: Path, text: str) -> None:
@@ -161,11 +193,18 @@ def check_outputs(*outputs: Path | None, inputs: Iterable[Path | None] = ()) -> 
             check_replaceable(path)
 
 
-def check_new(*outputs: Path | None, force: bool) -> None:
+def check_needed(name: str, value: object, given: Mapping[str, object]) -> None:
+    """Raise SettingsError if one of the options `given` would be ignored, because the option `name` is missing."""
+    ignored = next((option for option, each in given.items() if each is not None), None)
+    if value is None and ignored is not None:
+        raise SettingsError(f"{ignored} needs {name}")
+
+
+def check_new(*outputs: Path | None, overwrite: bool) -> None:
     """Raise SettingsError if one of the outputs exists already, unless it may be overwritten."""
     for path in outputs:
-        if path is not None and not force and path.is_file():
-            raise SettingsError(f"{path} exists; choose another file or add --force to overwrite it")
+        if path is not None and not overwrite and path.is_file():
+            raise SettingsError(f"{path} exists; choose another file or add --overwrite")
 
 
 def _lines(report: Mapping[str, Any], indent: str = "") -> list[str]:

@@ -29,21 +29,23 @@ def demo(
     codec: options.Codec = "deadband",
     announced: Annotated[
         bool,
-        typer.Option("--announced", help="Let the slave announce the contact ahead, so that the device is in time."),
+        typer.Option(help="Let the slave announce the contact ahead, so that the device is in time."),
     ] = False,
     rate: Annotated[float, typer.Option(help="Positions a second.")] = 1000.0,
     page: options.PageOption = None,
-    out: Annotated[
+    out_dir: Annotated[
         Path | None,
         typer.Option(
             metavar="DIR", help="Folder for figures, JSON and recordings; default: results/demo, or the next free -N."
         ),
     ] = None,
-    force: options.Force = False,
+    overwrite: options.Overwrite = False,
     json: options.Json = False,
     quiet: options.Quiet = False,
 ) -> None:
     """Play the paper's four conditions with a slave and a master process on loopback, and compare them.
+
+    The picture bytes_per_penetration.png is the paper's Fig. 4.
 
     With --page, move the needle yourself in a browser instead, until Ctrl-C; nothing is written then.
     """
@@ -77,15 +79,15 @@ def demo(
             raise SettingsError(
                 "--page plays the paper's scene; for another: hapticnet slave --scene, and master --page"
             )
-        if json or out is not None:
-            raise SettingsError("--page is played live and writes no results; omit --out and --json")
+        if json or out_dir is not None:
+            raise SettingsError("--page is played live and writes no results; omit --out-dir and --json")
         signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
         play_on_page(page, Console("demo", quiet=quiet), seed=seed, device=device, codec=codec, rate_hz=rate)
         return
-    out = fresh_path(RESULTS) if out is None else out
+    out = fresh_path(RESULTS) if out_dir is None else out_dir
     report, bytes_figure, run_figure = (out / name for name in ("demo.json", "bytes_per_penetration.png", "run.png"))
     check_outputs(report, bytes_figure, run_figure)
-    check_new(report, bytes_figure, run_figure, force=force)
+    check_new(report, bytes_figure, run_figure, overwrite=overwrite)
     # Python does not clean up on SIGTERM by default; exiting this way ends the two processes first.
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     console = Console("demo", quiet=quiet)

@@ -5,7 +5,7 @@ import webbrowser
 from typing import TYPE_CHECKING, Final
 
 from hapticnet.cli.options import AUTO
-from hapticnet.cli.pages import PAGE
+from hapticnet.cli.pages import PAGE, address_in
 from hapticnet.codec.registry import split_codec
 from hapticnet.runtime.children import Child
 
@@ -27,17 +27,19 @@ def play_on_page(page: str, console: "Console", *, seed: int, device: str, codec
     UnavailableError
         When a process cannot do its part; repeats what it said.
     """
-    slave = Child(["slave", "--listen", "127.0.0.1:0", "--scene", f"paper:{seed}", "--codec", split_codec(codec)[0]])
+    slave = Child(
+        ["slave", "--listen", "127.0.0.1:0", "--scene", f"paper:{seed}", "--add-codec", split_codec(codec)[0]]
+    )
     master: Child | None = None
     try:
         arguments = ["master", "--connect", slave.address(), "--name", "demo", "--seed", str(seed)]
         arguments += ["--page" if page == AUTO else f"--page={page}", "--device", device]
         master = Child([*arguments, "--codec", codec, "--rate", str(rate_hz)])
         for line in master.lines():
-            console.say(line.partition(": ")[2], needed=PAGE in line)
-            if PAGE in line:
-                url = line.partition(PAGE)[2]
-                console.say("press Ctrl-C to end" if open_browser(url) else OPEN_IT)
+            file, said = address_in(line.partition(": ")[2])
+            console.say(said, needed=bool(file))
+            if said.startswith(PAGE):
+                console.say("press Ctrl-C to end" if open_browser(file) else OPEN_IT)
         master.finish()
     except KeyboardInterrupt:  # this is how it ends
         console.say("ended")
@@ -48,7 +50,10 @@ def play_on_page(page: str, console: "Console", *, seed: int, device: str, codec
 
 
 def open_browser(url: str) -> bool:
-    """Open a page where there is a browser with a window; return whether there is one."""
+    """Open a page where there is a browser with a window; return whether there is one.
+
+    All users of this machine can read the command line of a browser, so the address must have no token.
+    """
     if not any(os.environ.get(name) for name in ("BROWSER", "DISPLAY", "WAYLAND_DISPLAY")):
         return False
     try:

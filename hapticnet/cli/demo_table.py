@@ -62,11 +62,13 @@ def _tracking(row: Row) -> str:
 
 _PAPER = """\
 Paper: "Cutaneous haptic deadband compression". It states neither its sampling
-rate nor its motion, and the reduction depends on both.
+rate nor its motion, and the reduction grows with the rate: docs/benchmarks-tables.md
+has the rate at which it is the paper's.
 """
 
 _FOOTNOTE = """\
-Bytes include keepalives and UDP and IPv4 headers. The standard deviation is
+Bytes per penetration are those from the touch of a tissue to its breach, and
+include keepalives and UDP and IPv4 headers. The standard deviation is
 over all penetrations; lines below it are the means of each tissue, with its
 breach force. The packet-rate reduction counts force packets only. "As felt"
 compares the force held at each tick with the true force at the position of that

@@ -24,7 +24,7 @@ def doctor(
     key: options.KeyOption = None,
     peer_key: options.PeerKeyOption = None,
     masters: options.MastersOption = None,
-    quick: Annotated[bool, typer.Option("--quick", help="Leave out the 3 s of measuring.")] = False,
+    quick: Annotated[bool, typer.Option(help="Leave out the 3 s of measuring.")] = False,
     json: options.Json = False,
 ) -> None:
     """Say whether this machine can run a slave and a master, and what to do where it cannot.
@@ -65,7 +65,7 @@ def doctor(
 
 def _key_files(key: Path | None, peer_key: str | None, masters: Path | None) -> "KeyFiles":
     """Return where keys are: named by an option or the environment, or at their usual place."""
-    from hapticnet.cli.key import default_key, default_masters
+    from hapticnet.protocol.key_files import default_key, default_masters
     from hapticnet.runtime.doctor.keys import KeyFiles
 
     try:

@@ -14,9 +14,10 @@ LONGEST_REPEATED_S: Final = 5.0
 
 def encode(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Recording: .csv, .tsv, .npy, .npz, .mat or .parquet.")],
-    column: options.Column = None,
-    rate: options.Rate = None,
-    position: options.Position = None,
+    force_column: options.ForceColumn = None,
+    time_column: options.TimeColumn = None,
+    sampling_rate: options.SamplingRate = None,
+    position_column: options.PositionColumn = None,
     position_scale: options.PositionScale = None,
     missing: options.MissingValues = "refuse",
     max_size: options.MaxSize = options.MAX_SIZE,
@@ -24,7 +25,7 @@ def encode(
     weber: options.Weber = PAPER_WEBER_FRACTION,
     floor: options.Floor = PAPER_FLOOR_N,
     multiplier: options.Multiplier = 1.0,
-    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the decoded stream to FILE as CSV.")] = None,
+    csv: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the decoded stream to FILE as CSV.")] = None,
     json: options.Json = False,
     report: options.Report = None,
 ) -> None:
@@ -33,24 +34,25 @@ def encode(
     import time
     from dataclasses import asdict
 
+    from hapticnet.api.encoding import Encoded
     from hapticnet.cli.console import Console, check_outputs, deliver
     from hapticnet.codec.recording import encode_array
     from hapticnet.codec.registry import make_codec, parse_codec
     from hapticnet.errors import FileError, SampleError
-    from hapticnet.node.offline import cost_report
     from hapticnet.perception import WeberLaw
     from hapticnet.recordings.recording import load_recording
     from hapticnet.recordings.tables import write_csv
 
-    check_outputs(out, report, inputs=[file])
+    check_outputs(csv, report, inputs=[file])
     name, parameters = parse_codec(codec)
     chosen = make_codec(name, WeberLaw(weber_fraction=weber, floor_n=floor, multiplier=multiplier), parameters)
     recording = load_recording(
         file,
-        columns=column,
-        position=position,
+        columns=force_column,
+        position=position_column,
         position_scale=position_scale,
-        rate_hz=rate,
+        time=time_column,
+        rate_hz=sampling_rate,
         missing=missing,
         max_bytes=max_size,
     )
@@ -58,7 +60,7 @@ def encode(
     for note in recording.notes:
         console.say(f"{file}: {note}")
     if recording.position is None and chosen.needs_position:
-        console.say(f"{chosen.name} depends on the tool's motion; without --position it behaves as if at rest")
+        console.say(f"{chosen.name} depends on the tool's motion; without --position-column it behaves as if at rest")
     seconds = math.inf
     try:
         # The first run may load compiled code; a second one shows the codec's own speed.
@@ -70,9 +72,17 @@ def encode(
                 break
     except SampleError as error:
         raise FileError(f"{file}: {error}") from error
-    cost = cost_report(chosen, recording.t_us, recording.force, encoding)
-    if out is not None:
+    encoded = Encoded(
+        codec=chosen,
+        t_us=recording.t_us,
+        force=recording.force,
+        decoded=encoding.decoded,
+        sent=encoding.sent,
+        payload_bytes=encoding.payload_bytes,
+        position=recording.position,
+    )
+    if csv is not None:
         decoded = {name: encoding.decoded[:, axis] for axis, name in enumerate(recording.names)}
-        write_csv(out, {"t_us": recording.t_us, **decoded})
-    account = {**asdict(cost), "samples_per_second": cost.samples / seconds}
+        write_csv(csv, {"t_us": recording.t_us, **decoded})
+    account = {**asdict(encoded.report()), "samples_per_second": len(recording.t_us) / seconds}
     deliver(account, as_json=json, file=report)

@@ -1,6 +1,5 @@
 """``hapticnet key``: make and show the keys of sealed sessions."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -27,7 +26,7 @@ def new(
     import os
     import sys
 
-    from hapticnet.protocol.key_files import dump_master, write_key
+    from hapticnet.protocol.key_files import default_key, dump_master, write_key
     from hapticnet.protocol.keys import MasterEntry, format_key, new_key
     from hapticnet.runtime.entropy import SystemEntropy
 
@@ -49,7 +48,7 @@ def new(
 @app.command(short_help="Print the public key of a key file.")
 def public(file: options.KeyArgument = None) -> None:
     """Print the public key of a key file."""
-    from hapticnet.protocol.key_files import load_key
+    from hapticnet.protocol.key_files import default_key, load_key
     from hapticnet.protocol.keys import format_key
 
     print(format_key(load_key(file or default_key()).public))
@@ -61,10 +60,11 @@ def list_masters(file: options.MastersArgument = None, json: options.Json = Fals
     import os
 
     from hapticnet.cli.console import deliver
-    from hapticnet.cli.trust import read_guests
-    from hapticnet.protocol.key_files import load_key
+    from hapticnet.files import user_path
+    from hapticnet.protocol.key_files import default_key, default_masters, load_key
+    from hapticnet.runtime.trust import read_guests
 
-    key = Path(os.environ.get("HAPTICNET_KEY") or default_key())
+    key = user_path(os.environ.get("HAPTICNET_KEY") or default_key())
     path = file or default_masters(key)
     roster, _ = read_guests(path, load_key(key).public if key.exists() else None)
     if json:
@@ -73,21 +73,6 @@ def list_masters(file: options.MastersArgument = None, json: options.Json = Fals
         _print_table(roster)
     else:
         print(f"{path} admits no master; 'hapticnet key new' on a master's host prints what to add")
-
-
-def default_key() -> Path:
-    """Return where a host's key is kept unless another file is named."""
-    import os
-
-    base = os.environ.get("XDG_CONFIG_HOME", "")
-    # The XDG base directory specification: a relative path is to be ignored.
-    folder = Path(base) if Path(base).is_absolute() else Path.home() / ".config"
-    return folder / "hapticnet" / "key.toml"
-
-
-def default_masters(key: Path) -> Path:
-    """Return the slave's list of masters that belongs to a key file."""
-    return key.with_name("masters.toml")
 
 
 def _as_json(entry: "MasterEntry") -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """``hapticnet master``: the operator's side."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
@@ -13,13 +13,19 @@ if TYPE_CHECKING:
     from hapticnet.runtime.watching import Watcher
 
 
+INSERTIONS: Final = 5
+POSITION_SHARE: Final = 0.25
+
+
 def master(
     connect: Annotated[str, typer.Option(metavar="HOST:PORT", help="Where the slave listens.")] = "127.0.0.1:47800",
     key: options.KeyOption = None,
     peer_key: options.PeerKeyOption = None,
     insecure: options.Insecure = False,
     operator: options.OperatorOption = None,
-    insertions: Annotated[int, typer.Option(min=1, help="Insertions or palpations of the scripted operator.")] = 5,
+    insertions: Annotated[
+        int, typer.Option(min=1, help="Insertions or palpations of the scripted operator.")
+    ] = INSERTIONS,
     device: options.DeviceOption = "sim",
     profile: options.ProfileOption = None,
     duration: Annotated[
@@ -29,7 +35,7 @@ def master(
     codec: options.Codec = "deadband",
     weber: options.Weber = PAPER_WEBER_FRACTION,
     floor: options.Floor = PAPER_FLOOR_N,
-    participant: Annotated[
+    law: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE", help="The law that 'experiment limits' measured, in place of --weber and --floor."
@@ -57,13 +63,13 @@ def master(
     ] = "raw",
     position_share: Annotated[
         float, typer.Option(help="With --positions line: the share of the JND that positions may use.")
-    ] = 0.25,
+    ] = POSITION_SHARE,
     passive: Annotated[
-        bool, typer.Option("--passive", help="Damp a force that would return more energy than the hand put in.")
+        bool, typer.Option(help="Damp a force that would return more energy than the hand put in.")
     ] = False,
     first_touch: Annotated[
         bool,
-        typer.Option("--first-touch", help="Find the finger with a press of 1 N before asking for a session."),
+        typer.Option(help="Find the finger with a press of 1 N before asking for a session."),
     ] = False,
     seed: options.Seed = 0,
     connect_timeout: Annotated[
@@ -76,7 +82,7 @@ def master(
     record_limit: options.RecordLimit = options.RECORD_LIMIT,
     stream: options.StreamOption = None,
     metrics: options.MetricsOption = None,
-    realtime: options.Realtime = True,
+    real_time: options.RealTime = True,
     json: options.Json = False,
     report: options.Report = None,
     quiet: options.Quiet = False,
@@ -88,38 +94,40 @@ def master(
     Waits for the slave when it is not there yet, and again when it goes away. Ends on Ctrl-C, SIGTERM or when the
     operator is done, and then prints its report.
     """
-    from dataclasses import asdict
-
     import numpy as np
 
     from hapticnet.channel.emulator import Emulator
     from hapticnet.channel.spec import parse_channel
     from hapticnet.checks import check_parameter
-    from hapticnet.cli.console import Console, channel_account, check_outputs, deliver
-    from hapticnet.cli.key import default_key
+    from hapticnet.cli.console import Console, check_outputs, deliver
     from hapticnet.cli.law import law_given
     from hapticnet.cli.master_messages import MasterMessages
     from hapticnet.cli.operators import make_operator
     from hapticnet.cli.pages import choose_operator
-    from hapticnet.cli.trust import master_key, refusal_advice
     from hapticnet.cli.watching import watch_master
     from hapticnet.codec.registry import parse_codec
-    from hapticnet.errors import RefusedError, UnavailableError
+    from hapticnet.errors import RefusedError, RunError, UnavailableError
     from hapticnet.experiment.provenance import provenance
     from hapticnet.node.master import MasterNode
     from hapticnet.node.master_settings import MasterSettings
+    from hapticnet.protocol.key_files import default_key
     from hapticnet.protocol.settings import SessionSettings
     from hapticnet.recordings.session.archive import check_format
+    from hapticnet.recordings.session.in_force import settings_line
     from hapticnet.recordings.session.recovery import refuse_if_recorded
     from hapticnet.runtime import devices
+    from hapticnet.runtime.clock import now_us
     from hapticnet.runtime.entropy import SystemEntropy
-    from hapticnet.runtime.master_run import run_master
+    from hapticnet.runtime.master_run import MasterRun, run_master
     from hapticnet.runtime.overload import Overload, signs
     from hapticnet.runtime.realtime import OTHER, policy, prefer_realtime, run
+    from hapticnet.runtime.reports import master_report
+    from hapticnet.runtime.rescue import Rescue
     from hapticnet.runtime.session_recordings import MasterRecording
+    from hapticnet.runtime.trust import master_key, refusal_advice
     from hapticnet.runtime.udp import is_loopback, open_toward, parse_host_port
 
-    law = law_given(weber, floor, multiplier, participant)
+    weber_law = law_given(weber, floor, multiplier, law)
     check_parameter("--max-age", max_age, 0.01, 60.0, "s")
     known = devices.load(profile)
     address = parse_host_port(connect)
@@ -129,7 +137,7 @@ def master(
     settings = MasterSettings(
         codec=codec_name,
         parameters=parameters,
-        law=law,
+        law=weber_law,
         rate_hz=rate,
         name=name,
         key=keys,
@@ -146,7 +154,7 @@ def master(
     )
     console = Console(name, quiet=quiet, real_time=True)
     operator, served = choose_operator(operator, page, console)
-    hand = make_operator(operator, insertions=insertions, seed=seed, say=console.say)
+    hand = make_operator(operator, insertions=insertions, seed=seed, say=console.say, warn=console.warn)
     channels = {"channel_out": parse_channel(channel_out), "channel_in": parse_channel(channel_in)}
     emulators = {
         way: None if spec.is_perfect and served is None else Emulator[Any](spec, np.random.default_rng([seed, number]))
@@ -159,29 +167,64 @@ def master(
         refuse_if_recorded(record)
         if record.exists():
             console.warn(f"{record} exists; it is replaced when this run ends")
-    check_outputs(
-        record, report, inputs=[profile, participant, hand.file, None if keys is None else key or default_key()]
+    check_outputs(record, report, inputs=[profile, law, hand.file, None if keys is None else key or default_key()])
+    console.warn_of_unused(
+        {
+            "--insertions": (
+                insertions != INSERTIONS and operator.partition(":")[0] not in ("scripted", "palpation"),
+                f"the operator is {operator}",
+            ),
+            "--position-share": (position_share != POSITION_SHARE and positions == "raw", "it needs --positions line"),
+            "--device-takes": (device_takes != "x" and device == "none", "there is no device"),
+            "--first-touch": (first_touch and device == "none", "there is no device"),
+            "--profile": (profile is not None and device == "none", "there is no device"),
+            "--record-limit": (record_limit != options.RECORD_LIMIT and record is None, "it needs --record"),
+        }
     )
-    scheduling = prefer_realtime() if realtime else OTHER
+    scheduling = prefer_realtime() if real_time else OTHER
     kind = "an open session" if keys is None else "a sealed session"
     console.say(f"asking {address} for {kind}, {codec}, {rate:g} Hz, device {device}, {policy(scheduling)}")
     overload = Overload(scheduling, console.warn)
     recording: MasterRecording | None = None
+    outcome: MasterRun | None = None
+
+    def faults() -> list[str]:
+        """Return what was wrong although the run went on."""
+        return [*map(str, node.times.told), *rescue.faults, *console.faults]
+
+    def conclude() -> None:
+        """Deliver the report."""
+        console.finish()
+        busy = signs(overload.report())
+        if busy and not node.times.told:  # else these say why
+            console.warn(f"this machine was too busy for {1e6 / node.position_period_us:g} Hz: {'; '.join(busy)}")
+        recorder = None if recording is None else recording.recorder
+        account = master_report(
+            node,
+            outcome,
+            overload,
+            faults=[*rescue.faults, *console.faults],
+            operator=hand.report(),
+            recorder=recorder,
+            **emulators,
+        )
+        in_force = [f"{each['t_s']:10.3f} s  {settings_line(each)}" for each in account["in_force"]]
+        deliver(account, as_json=json, file=report, real_time=True, shown={**account, "in_force": in_force})
+
+    rescue = Rescue(conclude)
     with devices.real_time_device(device, known, seed, console.warn) as (fingertip, wire):
         if wire and known.is_generic and device.startswith("serial:"):
             console.warn(devices.NOT_CALIBRATED)
-        node = MasterNode(hand.operator, fingertip, settings, SystemEntropy())
+        node = MasterNode(hand.operator, fingertip, settings, SystemEntropy(), now_us)
+        emulated = {way: None if each is None else each.settings.describe() for way, each in emulators.items()}
+        node.emulate(**emulated)
         messages = MasterMessages(console, node, str(address), keys)
         watchers: list[Watcher[NodeEvent]] = [messages, *hand.watchers]
         if served is not None:
             watchers += served.watchers(node, hand.operator, operator, device, str(address), channels, emulators)
         watchers += watch_master(node, console, overload, stream=stream, metrics=metrics)
         if record is not None:
-            about = {
-                "seed": seed, "operator": operator, "device": device,
-                "channel_out": channels["channel_out"].describe(), "channel_in": channels["channel_in"].describe(),
-                "provenance": provenance(),
-            }  # fmt: skip
+            about = {"seed": seed, "operator": operator, "device": device, "provenance": provenance()}
             recording = MasterRecording(node, record, console.warn, limit_bytes=record_limit, about=about)
             watchers.append(recording)
         outcome = run(
@@ -196,23 +239,13 @@ def master(
                 connect_timeout_s=connect_timeout,
                 watchers=watchers,
                 overload=overload,
-                tell=console.warn,
+                tell=console.fault,
+                rescue=rescue,
             )
         )
-    console.finish()
-    busy = signs(overload.report())
-    if busy:
-        console.warn(f"this machine was too busy for {rate:g} Hz: {'; '.join(busy)}")
-    account = {"scheduling": scheduling, **node.report(), **asdict(outcome), "overload": overload.report()}
-    if (of_hand := hand.report()) is not None:
-        account["operator"] = of_hand
-    if recording is not None:
-        account["recording"] = recording.recorder.report()
-    for way, emulator in emulators.items():
-        if emulator is not None:
-            account[way] = channel_account(channels[way], emulator)
+    rescue.done()
     try:
-        deliver(account, as_json=json, file=report, real_time=True)
+        conclude()
     finally:  # the reader of stdout may have gone
         if recording is not None:
             recording.recorder.check()
@@ -225,3 +258,5 @@ def master(
         if outcome.strangers:
             advice = "datagrams came from another address: name the one it answers from"
         raise UnavailableError(f"no session with {address} within {connect_timeout:g} s: {advice}")
+    if faults():
+        raise RunError("; ".join(faults()))

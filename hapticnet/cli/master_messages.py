@@ -1,11 +1,13 @@
 """What a master tells the person who watches it."""
 
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Final
 
-from hapticnet.cli.trust import silence_advice
 from hapticnet.node.fingertip import DeviceFound, DeviceLost, FingerMet, FingerNotMet, ForceFault
+from hapticnet.node.in_force import SettingsInForce
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_events import Failed, NodeEvent, Paused
+from hapticnet.node.master_events import Failed, NodeEvent, Paused, Resumed
+from hapticnet.node.step_times import StepsTooSlow
 from hapticnet.protocol.events import (
     ChangeRefused,
     Connected,
@@ -13,23 +15,26 @@ from hapticnet.protocol.events import (
     Hinted,
     LinkRecovered,
     LinkStale,
+    Noticed,
     Refused,
     SessionLost,
 )
+from hapticnet.recordings.session.in_force import settings_line
+from hapticnet.runtime.trust import silence_advice
 from hapticnet.runtime.watching import Watcher
 
 if TYPE_CHECKING:
     from hapticnet.cli.console import Console
     from hapticnet.protocol.keys import MasterKey
-    from hapticnet.protocol.messages import Code
+    from hapticnet.protocol.messages import Code, Grant
 
 ADVISE_AFTER: Final = 6
 """Status intervals without a session after which the operator is told what to check: 3 s."""
 
 
 DISTURBANCES: Final = (
-    LinkStale, SessionLost, Refused, ChangeRefused, Hinted, DeviceLost, Paused, Failed, ForceFault,
-    FingerNotMet,
+    LinkStale, SessionLost, Refused, ChangeRefused, Hinted, Noticed, StepsTooSlow, DeviceLost, Paused, Failed,
+    ForceFault, FingerNotMet,
 )  # fmt: skip
 """Events that are told as warnings: something does not work as it should, and the run goes on or ends safely."""
 
@@ -60,9 +65,12 @@ class MasterMessages(Watcher[NodeEvent]):
         self._keys = keys
         self._hint: str | None = None
         self._intervals = 0
+        self._unused: set[str] = set()
 
     def note(self, event: NodeEvent, now_us: int) -> None:  # noqa: ARG002 - messages have their own time
         """Tell what has happened."""
+        if isinstance(event, SettingsInForce):  # for recordings: a person is told with the session, or asked for it
+            return
         if isinstance(event, Connected):
             self._intervals = ADVISE_AFTER
         elif isinstance(event, Ended) and event.refused:
@@ -70,7 +78,21 @@ class MasterMessages(Watcher[NodeEvent]):
         elif isinstance(event, Hinted):
             self._hint = event.reason
         tell = self._console.warn if isinstance(event, DISTURBANCES) else self._console.say
-        tell(in_words(event, self._node, self._address), event=type(event).__name__)
+        about = {"master": self._node.settings.name, "address": self._address, "codec": self._node.codec.name}
+        tell(in_words(event, self._node, self._address), event=type(event).__name__, fields=about)
+        if isinstance(event, Connected):
+            self._warn_of_unused(event.grant)
+
+    def _warn_of_unused(self, grant: "Grant") -> None:
+        """Warn, once, of what was asked for and the scene cannot do."""
+        settings, why = self._node.settings, f"the scene {grant.scene} cannot tell how its force may change"
+        line = settings.positions == "line" and not grant.position_share
+        unused = {
+            "--announced": (settings.announced and not grant.announced, f"the scene {grant.scene} announces nothing"),
+            "--positions line": (line, f"{why}, so every position is sent"),
+        }
+        self._console.warn_of_unused({name: each for name, each in unused.items() if name not in self._unused})
+        self._unused |= {name for name, (is_unused, _) in unused.items() if is_unused}
 
     def check(self, now_us: int) -> None:  # noqa: ARG002 - the interval is fixed
         """Give advice if there is no session yet, and renew the status line."""
@@ -92,6 +114,8 @@ def in_words(event: NodeEvent, node: MasterNode, address: str) -> str:
         codec = node.codec
         jnd = "" if codec.name == "raw" else f" at {codec.law.multiplier:g} JND"
         return f"connected to {address}, scene {grant.scene}{resumed}, {grant.rate_hz:g} Hz granted, {codec.name}{jnd}"
+    if isinstance(event, SettingsInForce):
+        return f"in force: {settings_line(asdict(event))}"
     if isinstance(event, LinkStale):
         if event.too_old_us is not None:
             return (
@@ -119,8 +143,14 @@ def in_words(event: NodeEvent, node: MasterNode, address: str) -> str:
         return f"device lost ({event.reason}); the session goes on, the finger feels nothing"
     if isinstance(event, Paused):
         return f"{event.reason}; the force goes to zero until the operator is resumed"
+    if isinstance(event, Resumed):
+        return "the operator is asked again; the force rises from zero"
     if isinstance(event, Failed):
         return f"{event.reason}; the force goes to zero and the session is closed"
+    if isinstance(event, Noticed):
+        return f"the slave says: {event.reason}"
+    if isinstance(event, StepsTooSlow):
+        return str(event)
     if isinstance(event, ForceFault):
         return f"platform retracted: {event.reason}"
     return "session ended" if event.reason == node.failure else f"session ended: {event.reason}"

@@ -5,11 +5,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from hapticnet.files import user_path
+
 if TYPE_CHECKING:
     from hapticnet.node.master_events import NodeEvent
     from hapticnet.operator.base import Operator
     from hapticnet.runtime.udp import HostPort
     from hapticnet.runtime.watching import Watcher
+    from hapticnet.user_code import UserClass
 
 OPERATORS: Final = (
     "scripted, palpation[:axes=2], page, trace:FILE[:COLUMN,…], udp:[HOST:]PORT[:axes=N],"
@@ -38,8 +41,10 @@ class Hand:
         return self.operator.report() if isinstance(self.operator, RemoteOperator) else None
 
 
-def make_operator(spec: str, *, insertions: int, seed: int, say: Callable[[str], None]) -> Hand:
-    """Return the operator written as `spec`; `say` is called with notes about it.
+def make_operator(
+    spec: str, *, insertions: int, seed: int, say: Callable[[str], None], warn: Callable[[str], None]
+) -> Hand:
+    """Return the operator written as `spec`; `say` is called with notes about it, `warn` with warnings.
 
     Raises
     ------
@@ -52,13 +57,16 @@ def make_operator(spec: str, *, insertions: int, seed: int, say: Callable[[str],
     """
     import numpy as np
 
-    from hapticnet.errors import SettingsError
     from hapticnet.operator.live import LiveHand
     from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
     from hapticnet.operator.trace import load_trace
     from hapticnet.operator.user import UserOperator
-    from hapticnet.user_code import find_user_class
+    from hapticnet.runtime.watching import Closing
 
+    found = check_operator(spec)
+    if found is not None:
+        made = found.make()
+        return Hand(UserOperator(made, found.label), found.file, [Closing(made, found.label, warn)])
     kind, _, rest = spec.partition(":")
     if spec == "page":
         return Hand(LiveHand())
@@ -67,28 +75,46 @@ def make_operator(spec: str, *, insertions: int, seed: int, say: Callable[[str],
     if kind == "palpation":
         from hapticnet.operator.palpation import PalpatingOperator, PalpationSettings
 
-        if rest not in ("", "axes=2", "axes=3"):
-            raise SettingsError(f"operator {spec!r}: expected palpation, palpation:axes=2 or palpation:axes=3")
         motion = PalpationSettings(palpations=insertions, axes=2 if rest == "axes=2" else 3)
         return Hand(PalpatingOperator(motion, np.random.default_rng([seed, 3])))
-    if kind == "trace" and rest:
+    if kind == "trace":
         file, columns = _trace(rest)
         operator, notes = load_trace(file, position=columns)
         for note in notes:
             say(f"{file}: {note}")
         return Hand(operator, file)
+    return _remote(spec, rest, say, warn)
+
+
+def check_operator(spec: str) -> "UserClass | None":
+    """Return the class of the user's that `spec` names, or None if it is an operator of hapticnet's own.
+
+    Files and sockets are not opened.
+
+    Raises
+    ------
+    SettingsError
+        If there is no such operator, or a class of the user's cannot be imported.
+    """
+    from hapticnet.checks import meant
+    from hapticnet.errors import SettingsError
+    from hapticnet.user_code import find_user_class
+
+    kind, _, rest = spec.partition(":")
+    if kind == "palpation" and rest not in ("", "axes=2", "axes=3"):
+        raise SettingsError(f"operator {spec!r}: expected palpation, palpation:axes=2 or palpation:axes=3")
     if kind == "udp" and rest:
-        return _remote(spec, rest, say)
-    found = find_user_class(spec, "operator")
-    if found is not None:
-        from hapticnet.runtime.watching import Closing
+        _remote_address(spec, rest)
+    elif not (spec in ("page", "scripted") or kind == "palpation" or (kind == "trace" and rest)):
+        found = find_user_class(spec, "operator")
+        if found is None:
+            names = "scripted", "palpation", "page", "trace", "udp"
+            raise SettingsError(f"unknown operator {spec!r}{meant(kind, names)}; there are: {OPERATORS}")
+        return found
+    return None
 
-        made = found.make()
-        return Hand(UserOperator(made, found.label), found.file, [Closing(made, found.label, say)])
-    raise SettingsError(f"unknown operator {spec!r}; there are: {OPERATORS}")
 
-
-def _remote(spec: str, rest: str, say: Callable[[str], None]) -> Hand:
+def _remote(spec: str, rest: str, say: Callable[[str], None], warn: Callable[[str], None]) -> Hand:
     """Return the operator udp:`rest`, with its socket open."""
     from hapticnet.operator.remote import RemoteOperator
     from hapticnet.runtime.hand_port import HandPort
@@ -100,7 +126,7 @@ def _remote(spec: str, rest: str, say: Callable[[str], None]) -> Hand:
     bound = bound_address(sock)
     say(f"positions are read from {bound}" + ("" if axes == 1 else f", {axes} axes"))
     if not is_loopback(sock.getsockname()):
-        say(f"warning: whoever reaches {bound} can move the tool; datagrams there are neither encrypted nor checked")
+        warn(f"whoever reaches {bound} can move the tool; datagrams there are neither encrypted nor checked")
     return Hand(operator, None, [HandPort(operator, sock, say)])
 
 
@@ -123,4 +149,5 @@ def _remote_address(spec: str, rest: str) -> "tuple[HostPort, int]":
 def _trace(whole: str) -> tuple[Path, str | None]:
     """Return file and columns of FILE[:COLUMN,…]; a file may have a colon in its name."""
     file, colon, columns = whole.rpartition(":")
-    return (Path(file), columns) if colon and not Path(whole).exists() else (Path(whole), None)
+    chosen = bool(colon) and not user_path(whole).exists()
+    return (user_path(file), columns) if chosen else (user_path(whole), None)

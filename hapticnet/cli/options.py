@@ -14,6 +14,8 @@ AUTO: Final = "auto"
 
 Missing: TypeAlias = Literal["refuse", "drop", "hold"]
 RecordFormat: TypeAlias = Literal["csv", "mcap", "npz"]
+ExportFormat: TypeAlias = Literal["csv", "mcap", "npz", "parquet"]
+PlotFormat: TypeAlias = Literal["png", "pdf", "svg"]
 
 
 Codec: TypeAlias = Annotated[
@@ -27,21 +29,27 @@ Weber: TypeAlias = Annotated[float, typer.Option(help="Weber fraction k: JND = k
 Floor: TypeAlias = Annotated[float, typer.Option(help="Smallest JND [N]; applies where k·|force| is below it.")]
 Multiplier: TypeAlias = Annotated[float, typer.Option(help="Deadband threshold in JNDs. The paper's: 1, 2, 4.")]
 Seed: TypeAlias = Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")]
-Column: TypeAlias = Annotated[
+ForceColumn: TypeAlias = Annotated[
     str | None,
     typer.Option(metavar="NAME[,NAME…]", help="Force columns [N], by name or number from 0; one to three axes."),
 ]
-Rate: TypeAlias = Annotated[
-    float | None, typer.Option(metavar="HZ", help="Sampling rate of files without a column t, time or timestamp.")
+TimeColumn: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME", help="Column of the times, by name or number; default: one called t, time, timestamp …"
+    ),
 ]
-Position: TypeAlias = Annotated[
+SamplingRate: TypeAlias = Annotated[
+    float | None, typer.Option(metavar="HZ", help="Sampling rate of files without a column of times.")
+]
+PositionColumn: TypeAlias = Annotated[
     str | None,
     typer.Option(metavar="NAME[,NAME…]", help="Position columns [m], for codecs and measures that need motion."),
 ]
 PositionScale: TypeAlias = Annotated[
     float | None,
     typer.Option(
-        metavar="M",
+        metavar="METRES",
         help="Metres per unit of position, instead of the unit in the column's name; negative if positions increase in"
         " the direction of a positive force.",
     ),
@@ -68,6 +76,9 @@ MaxSize: TypeAlias = Annotated[
         help="Largest file that is read, such as 500MB or 8GiB; default: 2GiB.",
     ),
 ]
+Jobs: TypeAlias = Annotated[
+    int | None, typer.Option(min=1, help="Processes; default: one a core. The results do not depend on it.")
+]
 RecordLimit: TypeAlias = Annotated[
     int,
     typer.Option(
@@ -77,10 +88,10 @@ RecordLimit: TypeAlias = Annotated[
         help="Disk space that recordings may take, such as 500MB or 8GiB; default: 2GiB.",
     ),
 ]
-Json: TypeAlias = Annotated[bool, typer.Option("--json", help="Print the report as JSON on stdout.")]
+Json: TypeAlias = Annotated[bool, typer.Option(help="Print the report as JSON on stdout.")]
 Report: TypeAlias = Annotated[Path | None, typer.Option(metavar="FILE", help="Write the report to FILE as JSON too.")]
-Force: TypeAlias = Annotated[bool, typer.Option("--force", help="Overwrite files that exist.")]
-Quiet: TypeAlias = Annotated[bool, typer.Option("--quiet", "-q", help="Print only errors and the report.")]
+Overwrite: TypeAlias = Annotated[bool, typer.Option(help="Overwrite files that exist.")]
+Quiet: TypeAlias = Annotated[bool, typer.Option("--quiet/--no-quiet", "-q", help="Print only errors and the report.")]
 StreamOption: TypeAlias = Annotated[
     str | None,
     typer.Option(
@@ -131,14 +142,14 @@ OperatorOption: TypeAlias = Annotated[
         " package.module:CLASS.",
     ),
 ]
-Realtime: TypeAlias = Annotated[bool, typer.Option(help="Use real-time scheduling (SCHED_FIFO) if permitted.")]
+RealTime: TypeAlias = Annotated[bool, typer.Option(help="Use real-time scheduling (SCHED_FIFO) if permitted.")]
 PageOption: TypeAlias = Annotated[
     str | None,
     typer.Option(
         "--page",
         metavar="[HOST:PORT]",
         help="Serve the live page, by default on 127.0.0.1:47880 or a free port, and print its URL; needs"
-        " hapticnet[web].",
+        " the extra web.",
     ),
 ]
 DeviceOption: TypeAlias = Annotated[
@@ -182,7 +193,7 @@ MastersOption: TypeAlias = Annotated[
 ]
 Insecure: TypeAlias = Annotated[
     bool,
-    typer.Option("--insecure", help="Allow open sessions with other hosts: neither encrypted nor authenticated."),
+    typer.Option(help="Allow open sessions with other hosts: neither encrypted nor authenticated."),
 ]
 KeyArgument: TypeAlias = Annotated[
     Path | None,

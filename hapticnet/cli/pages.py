@@ -1,8 +1,16 @@
 """What ``--page`` adds to a master: a server, its address, and the page as a watcher."""
 
+import atexit
+import os
+import re
+import shutil
 import socket
+import sys
+import tempfile
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+from urllib.parse import unquote, urlsplit
 
 from hapticnet.cli.options import AUTO
 from hapticnet.errors import UnavailableError
@@ -14,12 +22,16 @@ if TYPE_CHECKING:
     from hapticnet.node.master import MasterNode
     from hapticnet.node.master_events import NodeEvent
     from hapticnet.operator.base import Operator
+    from hapticnet.runtime.udp import HostPort
     from hapticnet.runtime.watching import Watcher
     from hapticnet.web.access import Access
     from hapticnet.web.messages import View
 
-PAGE: str = "live page: "
+PAGE: Final = "live page: "
 """Start of the message with the page's address."""
+
+_FILE: Final = re.compile(r"(file://\S+\.html) for \S+")
+_LINK: Final = '<!doctype html><meta http-equiv="refresh" content="0; url={url}"><a href="{url}">hapticnet</a>\n'
 
 
 class ServedPage:
@@ -87,13 +99,14 @@ def choose_operator(operator: str | None, page: str | None, console: "Console") 
     if page is None and operator != "page":
         return operator or "scripted", None
     sock, access = listen_for(page, ("operator", "watch"), console)
-    console.say(f"{PAGE}{access.url('watch')}", needed=True)
-    console.say(f"operator view, the scene only: {access.url('operator')}", needed=True)
+    say_addresses({PAGE: "watch", "operator view, the scene only: ": "operator"}, access, console)
     return operator or "page", ServedPage(sock, access, console)
 
 
-def listen_for(page: str | None, views: "tuple[View, ...]", console: "Console") -> "tuple[socket.socket, Access]":
-    """Return the socket on which views will be served, and how to reach them.
+def listen_for(
+    page: str | None, views: "tuple[View, ...]", console: "Console", before: "Access | None" = None
+) -> "tuple[socket.socket, Access]":
+    """Return the socket on which views will be served, and how to reach them; if possible, as `before`.
 
     Raises
     ------
@@ -106,13 +119,67 @@ def listen_for(page: str | None, views: "tuple[View, ...]", console: "Console") 
         from hapticnet.web.access import listen_for_pages
         from hapticnet.web.server import Server  # noqa: F401 - needs aiohttp
     except ModuleNotFoundError as error:
-        raise UnavailableError("the live page needs aiohttp: pip install 'hapticnet[web]'") from error
-    from hapticnet.runtime.udp import is_loopback, parse_host_port
+        raise UnavailableError("the live page needs aiohttp: pip install aiohttp") from error
+    from hapticnet.runtime.udp import is_loopback
 
-    sock, access = listen_for_pages(None if page in (None, AUTO) else parse_host_port(page, lowest_port=0), views)
+    sock, access = listen_for_pages(page_address(page), views, before)
     if not is_loopback(sock.getsockname()):
-        console.say(
-            "warning: other hosts can reach the page, and it is not encrypted: whoever reads these addresses on"
+        console.warn(
+            "other hosts can reach the page, and it is not encrypted: whoever reads these addresses on"
             " the network can move the needle"
         )
     return sock, access
+
+
+def page_address(page: str | None) -> "HostPort | None":
+    """Return the address of ``--page``; None without one. Raise SettingsError if it is malformed."""
+    from hapticnet.runtime.udp import parse_host_port
+
+    return None if page in (None, AUTO) else parse_host_port(page, lowest_port=0)
+
+
+def say_addresses(views: "Mapping[str, View]", access: "Access", console: "Console") -> None:
+    """Print the addresses of views, each with its text before it.
+
+    The tokens in them are for a person at a terminal. What is no terminal may be a log that others read: it gets the
+    names of files in a folder of this user, each of which leads a browser to a view.
+
+    Raises
+    ------
+    UnavailableError
+        If the files cannot be written.
+    """
+    addresses = {text: access.url(view) for text, view in views.items()}
+    if not _on_terminal():
+        try:
+            place = os.environ.get("XDG_RUNTIME_DIR", "")
+            folder = Path(tempfile.mkdtemp(prefix="hapticnet-page-", dir=place if os.access(place, os.W_OK) else None))
+            atexit.register(shutil.rmtree, folder, ignore_errors=True)
+            for text, view in views.items():
+                file = folder / f"{view}.html"
+                file.write_text(_LINK.format(url=addresses[text]), encoding="utf-8")
+                addresses[text] = f"{file.as_uri()} for {addresses[text].partition('?')[0]}"
+        except OSError as error:
+            raise UnavailableError(f"cannot store the page's address: {error.strerror}: {error.filename}") from error
+    for text, address in addresses.items():
+        console.say(f"{text}{address}", needed=True)
+
+
+def address_in(line: str) -> tuple[str, str]:
+    """Return the file that a line of `say_addresses` names, as an address, and the line for this process's reader."""
+    found = _FILE.search(line)
+    if found is None:
+        return "", line
+    if _on_terminal():
+        line = line.replace(found[0], address_of(found[1]))
+    return found[1], line
+
+
+def address_of(file: str) -> str:
+    """Return the address to which a file of `say_addresses` leads."""
+    link = Path(unquote(urlsplit(file).path)).read_text(encoding="utf-8")
+    return link.partition('href="')[2].partition('"')[0]
+
+
+def _on_terminal() -> bool:
+    return sys.stderr is not None and sys.stderr.isatty()

@@ -1,7 +1,7 @@
 """``hapticnet info``, ``recover`` and ``export``: recordings of sessions after the session."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, get_args
 
 import typer
 
@@ -10,8 +10,8 @@ from hapticnet.cli import options
 if TYPE_CHECKING:
     from hapticnet.recordings.session.session import Session
 
-SETTINGS_SHOWN: Final = ("codec", "parameters", "law", "rate_hz", "on_error", "device_takes")
-"""Settings of a master that `info` shows a person; --json has all of them."""
+LEFT_OUT: Final = ("wire_versions", "asked_at_start", "request", "grant")
+"""What `info` does not show a person: what was asked for is not what was in force. --json has it."""
 
 File = Annotated[Path, typer.Argument(metavar="FILE", help="A recording of master or slave: .mcap, .csv or .npz.")]
 
@@ -22,10 +22,7 @@ def info(
     json: options.Json = False,
     report: options.Report = None,
 ) -> None:
-    """Print what a recording holds: side, time, rows, events, configuration, and whether it is complete.
-
-    With --json, every setting of the run is part of the configuration.
-    """
+    """Print what a recording holds: side, time, rows, events, what was in force when, and whether it is complete."""
     from hapticnet.cli.console import check_outputs, deliver
     from hapticnet.recordings.session.reading import read_session
 
@@ -66,14 +63,14 @@ def recover(
 
 def export(
     file: File,
-    csv: Annotated[bool, typer.Option("--csv", help="Write CSV: samples, datagrams, events, configuration.")] = False,
-    parquet: Annotated[bool, typer.Option("--parquet", help="Write Parquet.")] = False,
-    npz: Annotated[bool, typer.Option("--npz", help="Write a NumPy archive.")] = False,
-    mcap: Annotated[bool, typer.Option("--mcap", help="Write MCAP for Foxglove and PlotJuggler.")] = False,
+    form: Annotated[
+        options.ExportFormat | None,
+        typer.Option("--format", help="Format to write; default: that of --out. mcap is for Foxglove and PlotJuggler."),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="The main file; default: FILE with another suffix.")
     ] = None,
-    force: options.Force = False,
+    overwrite: options.Overwrite = False,
     max_size: options.MaxSize = options.MAX_SIZE,
 ) -> None:
     """Write a recording in another format."""
@@ -81,20 +78,18 @@ def export(
     from hapticnet.errors import SettingsError
     from hapticnet.recordings.session.export import export as write
     from hapticnet.recordings.session.export import exported_files
-    from hapticnet.recordings.session.reading import read_session
+    from hapticnet.recordings.session.reading import check_session, read_session
 
-    flags = {".csv": csv, ".parquet": parquet, ".npz": npz, ".mcap": mcap}
-    chosen = [suffix for suffix, is_set in flags.items() if is_set]
-    if not chosen and out is not None and out.suffix.lower() in flags:
-        chosen = [out.suffix.lower()]
-    if len(chosen) != 1:
-        raise SettingsError("choose one format: --csv, --parquet, --npz or --mcap")
-    target = out or file.with_suffix(chosen[0])
-    if target.suffix.lower() != chosen[0]:
-        raise SettingsError(f"{target}: expected a name that ends in {chosen[0]}")
+    chosen = form or ("" if out is None else out.suffix.lower().removeprefix("."))
+    if chosen not in get_args(options.ExportFormat):
+        raise SettingsError("choose a format: --format csv, mcap, npz or parquet")
+    target = out or file.with_suffix(f".{chosen}")
+    if target.suffix.lower() != f".{chosen}":
+        raise SettingsError(f"{target}: expected a name that ends in .{chosen}")
+    check_session(file, max_bytes=max_size)  # first: else its name might be blamed
     files = exported_files(target)
     check_outputs(*files, inputs=[file])
-    check_new(*files, force=force)
+    check_new(*files, overwrite=overwrite)
     session = read_session(file, max_bytes=max_size)
     write(session, target)
     console = Console("export")
@@ -110,11 +105,13 @@ def _account(file: Path, session: "Session") -> dict[str, Any]:
     from datetime import UTC, datetime, timedelta
 
     from hapticnet.recordings.notes import time_notes
+    from hapticnet.recordings.session.in_force import change_notes, in_force
 
     t_us = session.main["t_us"].astype("int64")
     account: dict[str, Any] = {
         "file": str(file),
         "bytes": file.stat().st_size,
+        "is_whole": session.is_whole,
         "complete": session.complete,
         "side": session.side,
     }
@@ -128,11 +125,14 @@ def _account(file: Path, session: "Session") -> dict[str, Any]:
         }
     account["rows"] = {name: len(columns["t_us"]) for name, columns in session.tables.items()}
     account["columns"] = {name: ", ".join(columns) for name, columns in session.tables.items()}
-    account["notes"] = [{"note": note} for note in time_notes(t_us)] if len(t_us) else []
-    account["events"] = [
-        {"t_s": (event.t_us - int(t_us[0])) / 1e6 if len(t_us) else None, "event": event.name, "text": event.text}
-        for event in session.events
-    ]
+    notes = [*(time_notes(t_us) if len(t_us) else ()), *change_notes(session.events)]
+    account["notes"] = [{"note": note} for note in notes]
+
+    def t_s(event_us: int) -> float | None:
+        return (event_us - int(t_us[0])) / 1e6 if len(t_us) else None
+
+    account["in_force"] = [{"t_s": t_s(since_us), **settings} for since_us, settings in in_force(session.events)]
+    account["events"] = [{"t_s": t_s(event.t_us), "event": event.name, "text": event.text} for event in session.events]
     account["unix_offset_us"] = session.unix_offset_us
     account["about"] = session.about
     return account
@@ -140,18 +140,33 @@ def _account(file: Path, session: "Session") -> dict[str, Any]:
 
 def _overview(account: dict[str, Any]) -> dict[str, Any]:
     """Return the part of an account that a person is shown: a line for each event, and the most important settings."""
-    about = {key: value for key, value in account["about"].items() if key != "wire_versions"}
-    if isinstance(settings := about.get("settings"), dict):
-        about["settings"] = {key: settings[key] for key in SETTINGS_SHOWN if key in settings}
+    from hapticnet.recordings.session.in_force import EVENT, settings_line
+    from hapticnet.recordings.session.session import INCOMPLETE
+
+    about = {key: value for key, value in account["about"].items() if key not in (*LEFT_OUT, INCOMPLETE)}
     return {
-        **account,
-        "complete": "yes" if account["complete"] else f"no; 'hapticnet recover {account['file']}' saves what is whole",
+        **{key: value for key, value in account.items() if key != "is_whole"},
+        "complete": _complete_in_words(account),
         "notes": [each["note"] for each in account["notes"]],
-        "events": [_event_line(**each) for each in account["events"]],
+        "in_force": [_line(each.pop("t_s"), settings_line(each)) for each in map(dict, account["in_force"])],
+        "events": [
+            _line(each["t_s"], each["event"] if each["text"] == "{}" else f"{each['event']}  {each['text']}")
+            for each in account["events"]
+            if each["event"] != EVENT
+        ],
         "about": about,
     }
 
 
-def _event_line(t_s: float | None, event: str, text: str) -> str:
-    time = "" if t_s is None else f"{t_s:10.3f} s  "
-    return f"{time}{event}" if text == "{}" else f"{time}{event}  {text}"
+def _line(t_s: float | None, text: str) -> str:
+    return text if t_s is None else f"{t_s:10.3f} s  {text}"
+
+
+def _complete_in_words(account: dict[str, Any]) -> str:
+    from hapticnet.recordings.session.session import INCOMPLETE
+
+    if account["complete"]:
+        return "yes"
+    if not account["is_whole"]:
+        return f"no, cut off or damaged; 'hapticnet recover {account['file']}' saves what is whole"
+    return f"no; {account['about'].get(INCOMPLETE, 'its recording stopped before its session ended')}"

@@ -14,9 +14,8 @@ if TYPE_CHECKING:
 
     from hapticnet.recordings.recording import Motion
 
-SLOWEST_HZ: Final = 10.0
 FASTEST_HZ: Final = 10_000.0
-"""Range of rates at which recordings are replayed; slaves grant no others."""
+"""Highest rate at which recordings are replayed: what a slave grants if it was not told otherwise."""
 
 
 def replay(
@@ -30,8 +29,8 @@ def replay(
     key: options.KeyOption = None,
     peer_key: options.PeerKeyOption = None,
     insecure: options.Insecure = False,
-    position: options.Position = None,
-    column: options.Column = None,
+    position_column: options.PositionColumn = None,
+    force_column: options.ForceColumn = None,
     codec: options.Codec = "deadband",
     weber: options.Weber = PAPER_WEBER_FRACTION,
     floor: options.Floor = PAPER_FLOOR_N,
@@ -48,7 +47,7 @@ def replay(
     record: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Record the replay in FILE: .mcap, .csv or .npz.")
     ] = None,
-    realtime: options.Realtime = True,
+    real_time: options.RealTime = True,
     json: options.Json = False,
     report: options.Report = None,
     quiet: options.Quiet = False,
@@ -65,16 +64,16 @@ def replay(
     from hapticnet.recordings.recording import load_motion
 
     check_outputs(record, report, inputs=[file])
-    if connect is not None and column is not None:
-        raise SettingsError("--column chooses the force, but with --connect the slave's scene makes the force")
-    motion = load_motion(file, position=position)
-    with _slave(file, column, codec, motion, connect, realtime=realtime) as address:
+    if connect is not None and force_column is not None:
+        raise SettingsError("--force-column chooses the force, but with --connect the slave's scene makes the force")
+    motion = load_motion(file, position=position_column)
+    with _slave(file, force_column, codec, motion, connect, real_time=real_time) as address:
         master(
             connect=address,
             key=key,
             peer_key=peer_key,
             insecure=insecure,
-            operator=f"trace:{file}" if position is None else f"trace:{file}:{position}",
+            operator=f"trace:{file}" if position_column is None else f"trace:{file}:{position_column}",
             device=device,
             profile=profile,
             codec=codec,
@@ -89,7 +88,7 @@ def replay(
             connect_timeout=10.0,
             page=page,
             record=record,
-            realtime=realtime,
+            real_time=real_time,
             json=json,
             report=report,
             quiet=quiet,
@@ -101,17 +100,19 @@ def _rate_hz(t_us: list[int]) -> float:
     from itertools import pairwise
     from statistics import fmean, median
 
+    from hapticnet.protocol.ranges import RATE_HZ
+
     steps = [after - before for before, after in pairwise(t_us) if after > before]
     if not steps:
         return 1000.0
     usual = 2 * median(steps)
     step_us = fmean(step for step in steps if step <= usual)  # without gaps
-    return min(max(round(1e6 / step_us, 1), SLOWEST_HZ), FASTEST_HZ)
+    return min(max(round(1e6 / step_us, 1), RATE_HZ.smallest), FASTEST_HZ)
 
 
 @contextmanager
 def _slave(
-    file: Path, column: str | None, codec: str, motion: "Motion", connect: str | None, *, realtime: bool
+    file: Path, column: str | None, codec: str, motion: "Motion", connect: str | None, *, real_time: bool
 ) -> "Iterator[str]":
     """Yield the address of the slave: the one that was named, or one of our own that plays the recorded force."""
     from hapticnet.cli.console import Console
@@ -127,14 +128,15 @@ def _slave(
     axes = motion.position.shape[1]
     if force.axes != axes:
         raise SettingsError(
-            f"{file}: a force of {force.axes} axes for positions of {axes}; choose as many with --column and --position"
+            f"{file}: a force of {force.axes} axes for positions of {axes}; choose as many with"
+            " --force-column and --position-column"
         )
     for note in force.notes:
         if note not in motion.notes:  # which the operator tells
             Console("replay").say(f"{file}: {note}")
     scene = f"recording:{file}" if column is None else f"recording:{file}:{column}"
-    arguments = ["slave", "--listen", "127.0.0.1:0", "--scene", scene, "--codec", split_codec(codec)[0]]
-    slave = Child(arguments if realtime else [*arguments, "--no-realtime"])
+    arguments = ["slave", "--listen", "127.0.0.1:0", "--scene", scene, "--add-codec", split_codec(codec)[0]]
+    slave = Child(arguments if real_time else [*arguments, "--no-real-time"])
     try:
         yield slave.address()
     finally:

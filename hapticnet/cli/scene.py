@@ -15,7 +15,7 @@ Spec = Annotated[
 
 
 @app.command(short_help="Print the tissues or bodies of a scene.")
-def show(scene: Spec = "paper", json: options.Json = False, report: options.Report = None) -> None:
+def show(scene: Spec = "paper:0", json: options.Json = False, report: options.Report = None) -> None:
     """Print the tissues of a scene, from front to back, or its bodies; of a class of yours, its name and axes."""
     from dataclasses import asdict
 
@@ -49,13 +49,12 @@ def show(scene: Spec = "paper", json: options.Json = False, report: options.Repo
 @app.command("run", short_help="Move the tool along recorded positions.")
 def run_scene(
     scene: Spec,
-    positions: Annotated[Path, typer.Option(metavar="FILE", help="Positions: .csv, .tsv, .npy, .npz, .mat, .parquet.")],
-    column: Annotated[
-        str | None, typer.Option(help="Position column [m], by name or number from 0; else the one called position.")
-    ] = None,
+    trace: Annotated[Path, typer.Option(metavar="FILE", help="Positions: .csv, .tsv, .npy, .npz, .mat, .parquet.")],
+    position_column: options.PositionColumn = None,
     position_scale: options.PositionScale = None,
     start: options.Start = None,
-    rate: options.Rate = None,
+    time_column: options.TimeColumn = None,
+    sampling_rate: options.SamplingRate = None,
     missing: options.MissingValues = "refuse",
     max_size: options.MaxSize = options.MAX_SIZE,
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write there instead of to stdout.")] = None,
@@ -82,12 +81,13 @@ def run_scene(
     from hapticnet.scene.sources import find_source
 
     source = find_source(scene)
-    check_outputs(out, inputs=[positions, source.file])
+    check_outputs(out, inputs=[trace, source.file])
     motion = load_motion(
-        positions,
-        position=column,
+        trace,
+        position=position_column,
         position_scale=position_scale,
-        rate_hz=rate,
+        time=time_column,
+        rate_hz=sampling_rate,
         missing=missing,
         max_bytes=max_size,
     )
@@ -97,7 +97,7 @@ def run_scene(
     if axes != world.axes:
         raise SettingsError(f"position columns chosen: {axes}; {world.name} needs {world.axes}")
     for note in motion.notes:
-        Console("scene").say(f"{positions}: {note}")
+        Console("scene").say(f"{trace}: {note}")
     rows = []
     for t_us, position_m in zip(motion.t_us.tolist(), map(tuple, path_m.tolist()), strict=True):
         force = world.step(PositionSample(t_us, position_m))

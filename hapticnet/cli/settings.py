@@ -2,12 +2,12 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
 import typer
 
+from hapticnet.checks import meant
 from hapticnet.errors import SettingsError
 
 PREFIX: Final = "HAPTICNET_"
@@ -146,6 +146,8 @@ def from_file(path: Path, root: Any) -> dict[Verb, dict[str, Found]]:
 
 def _checked(value: Any, option: Any, where: str) -> str | bool | list[str]:
     """Return a value of a file as the command line would give it."""
+    if value == "":
+        raise SettingsError(f"{where} is empty; {wanted(option)}")
     if option.is_flag:
         if isinstance(value, bool):
             return value
@@ -159,6 +161,11 @@ def _checked(value: Any, option: Any, where: str) -> str | bool | list[str]:
     raise SettingsError(f"{where} is {value!r}; it must be text in quotes or a number")
 
 
+def wanted(option: Any) -> str:
+    """Return what to do about an option whose value is empty."""
+    return f"give {option.metavar or 'one of the choices'}" + ", or leave it out" * (not option.required)
+
+
 def _is_plain(value: Any) -> bool:
     return isinstance(value, str | int | float) and not isinstance(value, bool)
 
@@ -170,9 +177,8 @@ def _in_brackets(verb: Verb) -> str:
 def _guess(name: str, known: Iterable[str]) -> str:
     """Return a suggestion for a misspelt name; the known names if none is close."""
     known = sorted(known)
-    close = get_close_matches(name, known, n=1, cutoff=0.6)
-    if close:
-        return f"; did you mean {close[0]!r}?"
+    if asked := meant(name, known):
+        return asked
     return f"; choose from {', '.join(known)}" if known else ""
 
 

@@ -12,8 +12,15 @@ def slave(
     listen: Annotated[str, typer.Option(metavar="HOST:PORT", help="Where to listen; port 0 takes a free one.")] = (
         "127.0.0.1:47800"
     ),
-    scene: options.SceneOption = "paper",
+    scene: options.SceneOption = "paper:0",
     duration: Annotated[float | None, typer.Option(min=0.0, help="Stop after this many seconds.")] = None,
+    drain: Annotated[
+        float,
+        typer.Option(
+            metavar="SECONDS",
+            help="When stopped, take no new masters and let the present ones finish for up to this long.",
+        ),
+    ] = 0.0,
     key: options.KeyOption = None,
     masters: options.MastersOption = None,
     insecure: options.Insecure = False,
@@ -22,7 +29,7 @@ def slave(
     ] = 30.0,
     fastest_rate: Annotated[float, typer.Option(help="Highest sample rate granted to a master [Hz].")] = 10_000.0,
     most_sessions: Annotated[int, typer.Option(min=1, help="Sessions served at once.")] = 64,
-    seats: Annotated[
+    most_sessions_per_key: Annotated[
         int, typer.Option(min=1, help="Sessions of one key at once (without keys, of one host), unless the list says.")
     ] = 16,
     announce: Annotated[
@@ -32,7 +39,7 @@ def slave(
             " measured of it."
         ),
     ] = "declared",
-    codec: Annotated[
+    add_codec: Annotated[
         list[str] | None,
         typer.Option(
             metavar="FILE.py:CLASS",
@@ -43,14 +50,13 @@ def slave(
     compiled: Annotated[
         bool,
         typer.Option(
-            "--compiled",
             help="Serve all usual sessions in one compiled pass, for many masters: codecs raw and deadband, scenes of"
             " springs. Needs the fast extra.",
         ),
     ] = False,
     channel_out: options.ChannelOut = "perfect",
     seed: options.Seed = 0,
-    record: Annotated[
+    record_dir: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="Record each session in DIR/NAME-SESSION and the format's suffix."),
     ] = None,
@@ -58,7 +64,7 @@ def slave(
     record_limit: options.RecordLimit = options.RECORD_LIMIT,
     stream: options.StreamOption = None,
     metrics: options.MetricsOption = None,
-    realtime: options.Realtime = True,
+    real_time: options.RealTime = True,
     json: options.Json = False,
     report: options.Report = None,
     quiet: options.Quiet = False,
@@ -68,7 +74,7 @@ def slave(
     On loopback, anyone is served unless --key or --masters is given. Elsewhere, only the masters of the list are
     served: --key and --masters, by default key.toml and masters.toml in ~/.config/hapticnet.
 
-    Ends on Ctrl-C, SIGTERM or after --duration, and then prints its report.
+    Ends on Ctrl-C, SIGTERM or after --duration, and then prints its report. A second signal ends --drain.
     """
     from hapticnet.cli.slave_setup import SlaveOptions, serve
 
@@ -77,24 +83,25 @@ def slave(
             listen=listen,
             scene=scene,
             duration=duration,
+            drain=drain,
             key=key,
             masters=masters,
             insecure=insecure,
             keep=keep,
             fastest_rate=fastest_rate,
             most_sessions=most_sessions,
-            seats=seats,
+            most_sessions_per_key=most_sessions_per_key,
             announce=announce,
-            codec=tuple(codec or ()),
+            add_codec=tuple(add_codec or ()),
             compiled=compiled,
             channel_out=channel_out,
             seed=seed,
-            record=record,
+            record_dir=record_dir,
             record_format=record_format,
             record_limit=record_limit,
             stream=stream,
             metrics=metrics,
-            realtime=realtime,
+            real_time=real_time,
             json=json,
             report=report,
             quiet=quiet,

@@ -1,17 +1,22 @@
 """What a slave tells the person who watches it."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_events import MasterJoined, MasterLeft, MasterRefused, ScenePaused, SlaveEvent
+from hapticnet.node.slave_events import MasterJoined, MasterLeft, MasterRefused, ScenePaused, SceneResumed, SlaveEvent
+from hapticnet.node.step_times import StepsTooSlow
 from hapticnet.protocol.keys import format_key
 from hapticnet.runtime.udp import HostPort
 from hapticnet.runtime.watching import Watcher
 
 if TYPE_CHECKING:
     from hapticnet.cli.console import Console
-    from hapticnet.cli.trust import Guests
     from hapticnet.node.station import Station
+    from hapticnet.runtime.trust import Guests
+
+
+MOST_UNREAD: Final = 10
+"""Reasons for which HELLOs were dropped that are told, each once: strangers choose them."""
 
 
 class SlaveMessages(Watcher[SlaveEvent]):
@@ -30,11 +35,15 @@ class SlaveMessages(Watcher[SlaveEvent]):
         self._node = node
         self._guests = guests
         self._said_unkeyed = False
+        self._said_unread: set[str] = set()
+        self._said_draining = False
 
     def note(self, event: SlaveEvent, now_us: int) -> None:  # noqa: ARG002 - messages have their own time
         """Tell what has happened."""
-        tell = self._console.warn if isinstance(event, MasterRefused | ScenePaused) else self._console.say
-        tell(in_words(event), event=type(event).__name__)
+        tell = (
+            self._console.warn if isinstance(event, MasterRefused | ScenePaused | StepsTooSlow) else self._console.say
+        )
+        tell(in_words(event), event=type(event).__name__, fields=fields_of(event))
 
     def check(self, now_us: int) -> None:  # noqa: ARG002 - the interval is fixed
         """Renew the status line."""
@@ -43,6 +52,14 @@ class SlaveMessages(Watcher[SlaveEvent]):
             self._said_unkeyed = True
             public = format_key(self._guests.own.public)
             self._console.warn(f"somebody asks for a session with another slave's key; this slave's is {public}")
+        if node.draining and not self._said_draining:
+            self._said_draining = True
+            self._console.say(f"stopping: takes no new masters; {node.session_count} may finish (--drain)")
+        if node.unread_hello is not None:
+            reason, address = node.unread_hello
+            if reason not in self._said_unread and len(self._said_unread) < MOST_UNREAD:
+                self._said_unread.add(reason)
+                self._console.warn(f"a HELLO from {place(address)} was dropped: {reason}")
         self._console.status(status(node))
 
 
@@ -57,6 +74,8 @@ def in_words(event: SlaveEvent) -> str:
     if isinstance(event, MasterRefused):
         whose = "" if event.public is None else f", public key {format_key(event.public)}"
         return f"{event.name!r} from {place(event.address)}{whose}, was refused: {event.reason}"
+    if isinstance(event, StepsTooSlow):
+        return str(event)
     session = event.station.session
     if isinstance(event, MasterJoined):
         request = session.request
@@ -64,9 +83,23 @@ def in_words(event: SlaveEvent) -> str:
         return f"{who(event.station)} joined from {where}: {request.codec}, asks for {request.rate_hz:g} Hz"
     if isinstance(event, ScenePaused):
         return f"{who(event.station)} feels nothing from now on: {event.reason}"
+    if isinstance(event, SceneResumed):
+        return f"{who(event.station)} feels the scene again"
     if isinstance(event, MasterLeft):
         return f"{who(event.station)} left: {session.end_reason} ({event.station.steps} steps)"
     raise TypeError(event)
+
+
+def fields_of(event: SlaveEvent) -> dict[str, Any]:
+    """Return what an event is about, for programs."""
+    if isinstance(event, StepsTooSlow):
+        return {"code": event.what}
+    if isinstance(event, MasterRefused):
+        return {"master": event.name, "address": place(event.address), "refusal": event.code.name}
+    station = event.station
+    request = station.session.request
+    about = {"master": request.name, "address": place(station.address), "codec": request.codec}
+    return about if station.listed is None else {**about, "listed": station.listed}
 
 
 def who(station: "Station") -> str:

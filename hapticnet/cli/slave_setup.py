@@ -9,31 +9,33 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
+from hapticnet.api.slave_setup import MOST_SESSIONS
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.checks import check_integer, check_parameter
-from hapticnet.cli.console import Console, channel_account, check_outputs, deliver
+from hapticnet.cli.console import Console, check_outputs, deliver
+from hapticnet.cli.options import RECORD_LIMIT
 from hapticnet.cli.slave_messages import SlaveMessages, place
-from hapticnet.cli.trust import Guests, SlaveTrust, slave_trust
 from hapticnet.cli.watching import watch_slave
 from hapticnet.codec.registry import parse_codec, register_installed_codecs
 from hapticnet.compiled import fast_extra_installed
-from hapticnet.errors import FileError, SettingsError, UnavailableError
+from hapticnet.errors import FileError, RunError, SettingsError, UnavailableError
 from hapticnet.experiment.provenance import provenance
 from hapticnet.files import check_folder
 from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.compiled_slave import CompiledSlaveNode
 from hapticnet.node.slave import SlaveNode
-from hapticnet.protocol.handshake import Door, OpenDoor, SealedDoor
 from hapticnet.protocol.settings import SessionSettings
-from hapticnet.protocol.wire import OPEN, SEALED
 from hapticnet.recordings.session.archive import check_format
 from hapticnet.runtime.clock import now_us
 from hapticnet.runtime.entropy import SystemEntropy
 from hapticnet.runtime.overload import Overload
 from hapticnet.runtime.realtime import OTHER, policy, prefer_realtime, run
+from hapticnet.runtime.reports import slave_report
+from hapticnet.runtime.rescue import Rescue
 from hapticnet.runtime.session_recordings import SlaveRecording
 from hapticnet.runtime.slave_run import run_slave
+from hapticnet.runtime.trust import Guests, SlaveTrust, slave_trust
 from hapticnet.runtime.udp import bound_address, host_of, is_loopback, parse_host_port
 from hapticnet.runtime.udp import listen as listen_on
 from hapticnet.runtime.udp_batch import SocketAddresses
@@ -42,12 +44,14 @@ from hapticnet.scene.sources import SceneSource, find_source
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from hapticnet.channel.settings import ChannelSettings
     from hapticnet.node.slave_events import SlaveEvent
     from hapticnet.protocol.keys import MasterEntry
     from hapticnet.runtime.watching import Watcher
     from hapticnet.scene.base import Touchable
 
-MOST_SESSIONS: Final = 1_000_000
+NOT_RECORDED: Final = "it needs --record-dir"
+
 MOST_COMPILED: Final = 65_536
 """Most sessions of --compiled, which sets 27 kB of address space aside for each at once."""
 
@@ -59,24 +63,25 @@ class SlaveOptions:
     listen: str
     scene: str
     duration: float | None
+    drain: float
     key: Path | None
     masters: Path | None
     insecure: bool
     keep: float
     fastest_rate: float
     most_sessions: int
-    seats: int
+    most_sessions_per_key: int
     announce: Literal["declared", "measured", "nothing"]
-    codec: tuple[str, ...]
+    add_codec: tuple[str, ...]
     compiled: bool
     channel_out: str
     seed: int
-    record: Path | None
+    record_dir: Path | None
     record_format: str
     record_limit: int
     stream: str | None
     metrics: str | None
-    realtime: bool
+    real_time: bool
     json: bool
     report: Path | None
     quiet: bool
@@ -90,6 +95,12 @@ def serve(options: SlaveOptions) -> None:
     check(options)
     source = find_source(options.scene)
     source.prepare()
+    console.warn_of_unused(
+        {
+            "--record-format": (options.record_dir is None and options.record_format != "csv", NOT_RECORDED),
+            "--record-limit": (options.record_dir is None and options.record_limit != RECORD_LIMIT, NOT_RECORDED),
+        }
+    )
     for note in source.notes:
         console.say(f"{source.file}: {note}")
     out = parse_channel(options.channel_out)
@@ -100,7 +111,7 @@ def serve(options: SlaveOptions) -> None:
     if options.compiled:
         console.say("compiling; the first time, this takes a quarter of a minute")
     node = make_node(options, source, trust)
-    recording = record(options, node, console)
+    recording = record(options, node, out, console)
     channel = None if out.is_perfect else Emulator[Any](out, np.random.default_rng([options.seed, 1]))
     check_outputs(options.report, inputs=[source.file, *trust.files])
     watchers: list[Watcher[SlaveEvent]] = [SlaveMessages(console, node, trust.guests)]
@@ -110,7 +121,7 @@ def serve(options: SlaveOptions) -> None:
         console.say(line)
     for line in trust.warnings(loopback):
         console.warn(line)
-    scheduling = prefer_realtime() if options.realtime else OTHER
+    scheduling = prefer_realtime() if options.real_time else OTHER
     overload = Overload(scheduling, console.warn)
     watchers += watch_slave(node, console, overload, stream=options.stream, metrics=options.metrics)
     before = terminals()
@@ -119,6 +130,16 @@ def serve(options: SlaveOptions) -> None:
         if not terminal_is_gone(before):
             read_masters(node, trust.guests, console)
 
+    def conclude() -> None:
+        """Deliver the report."""
+        console.finish()
+        recorder = None if recording is None else recording.recorder
+        account = slave_report(
+            node, overload, faults=[*rescue.faults, *console.faults], recorder=recorder, channel_out=channel
+        )
+        deliver(account, as_json=options.json, file=options.report, real_time=True)
+
+    rescue = Rescue(conclude)
     try:
         run(
             run_slave(
@@ -126,47 +147,47 @@ def serve(options: SlaveOptions) -> None:
                 sock,
                 channel=channel,
                 duration_s=options.duration,
+                drain_s=options.drain,
                 watchers=watchers,
                 overload=overload,
-                tell=console.warn,
+                tell=console.fault,
                 on_listening=lambda: console.say(f"listening on {address}, scene {source.name}, {policy(scheduling)}"),
                 on_hangup=on_hangup,
+                rescue=rescue,
             )
         )
     finally:
         for fault in [*source.close(), *(() if trust.guests is None else trust.guests.close())]:
             console.warn(fault)
-    console.finish()
-    account: dict[str, Any] = {"scheduling": scheduling, **node.report(), "overload": overload.report()}
-    if recording is not None:
-        account["recording"] = recording.recorder.report()
-    if channel is not None:
-        account["channel_out"] = channel_account(out, channel)
+    rescue.done()
     try:
-        deliver(account, as_json=options.json, file=options.report, real_time=True)
+        conclude()
     finally:  # the reader of stdout may have gone
         if recording is not None:
             recording.recorder.check()
+    faults = [*map(str, node.times.told), *rescue.faults, *console.faults]
+    if faults:
+        raise RunError("; ".join(faults))
 
 
 def check(options: SlaveOptions) -> None:
     """Check options; raise a HapticnetError that says which one is wrong."""
-    for text in options.codec:
-        if parse_codec(text)[1]:
-            raise SettingsError(f"--codec {text}: omit the parameters; each master sends its own")
+    for text in options.add_codec:
+        parse_codec(text)  # which makes it known
+    check_parameter("--drain", options.drain, 0.0, 86_400.0, "s")
     check_parameter("--keep", options.keep, 1.0, 86_400.0, "s")
     most = MOST_COMPILED if options.compiled else MOST_SESSIONS
     check_integer("--most-sessions" + " with --compiled" * options.compiled, options.most_sessions, 1, most)
-    if options.record is not None:
+    if options.record_dir is not None:
         check_format(Path(f"session.{options.record_format}"))
-        check_folder(options.record)
+        check_folder(options.record_dir)
     if not options.compiled:
         return
-    for option, given in (("--record", options.record), ("--stream", options.stream)):
+    for option, given in (("--record-dir", options.record_dir), ("--stream", options.stream)):
         if given is not None:
             raise SettingsError(f"{option} needs each sample, which --compiled does not keep; omit one of them")
     if not fast_extra_installed():
-        raise UnavailableError("--compiled needs numba: pip install 'hapticnet[fast]'")
+        raise UnavailableError("--compiled needs numba: pip install numba")
     try:
         import numba  # noqa: F401 - the bank uses it
     except ImportError as error:  # it is there, but does not fit to numpy
@@ -175,44 +196,41 @@ def check(options: SlaveOptions) -> None:
 
 def make_node(options: SlaveOptions, source: SceneSource, trust: SlaveTrust) -> SlaveNode:
     """Return the node that serves."""
-    guests, entropy = trust.guests, SystemEntropy()
-    doors: dict[int, Door] = {OPEN: OpenDoor()} if trust.serves_open else {}
-    if guests is not None:
-        doors[SEALED] = SealedDoor(guests.own.private, guests.roster, entropy)
+    entropy = SystemEntropy()
 
     def make_scene(entry: "MasterEntry | None") -> "Touchable":
-        return (source if guests is None else guests.scene_of(entry, source)).make()
+        return (trust.scene_of(entry) or source).make()
 
     settings = SlaveSettings(
         fastest_rate_hz=options.fastest_rate,
         announces=options.announce,
-        record=options.record is not None,
-        record_datagrams=options.record is not None,
+        record=options.record_dir is not None,
+        record_datagrams=options.record_dir is not None,
         session=SessionSettings(
             most_sessions=options.most_sessions,
-            most_per_identity=options.seats,
+            most_per_identity=options.most_sessions_per_key,
             keep_us=round(options.keep * 1e6),
         ),
     )
     make: Callable[..., SlaveNode] = SlaveNode
     if options.compiled:
         make = partial(CompiledSlaveNode, addresses=SocketAddresses())
-    return make(make_scene, settings, entropy, doors=doors, write_address=place, host_of=host_of)
+    doors = trust.doors(entropy)
+    return make(make_scene, settings, entropy, doors=doors, write_address=place, host_of=host_of, clock=now_us)
 
 
-def record(options: SlaveOptions, node: SlaveNode, console: Console) -> SlaveRecording | None:
-    """Return what records the sessions, if that is asked for."""
-    if options.record is None:
+def record(options: SlaveOptions, node: SlaveNode, out: "ChannelSettings", console: Console) -> SlaveRecording | None:
+    """Return what records the sessions, if that is asked for; `out` is the network emulated for the answers."""
+    if options.record_dir is None:
         return None
-    about = {
-        "seed": options.seed,
-        "scene": options.scene,
-        "channel_out": options.channel_out,
-        "provenance": provenance(),
-    }
-    suffix = f".{options.record_format}"
     return SlaveRecording(
-        node, options.record, console.warn, suffix=suffix, limit_bytes=options.record_limit, about=about
+        node,
+        options.record_dir,
+        console.warn,
+        suffix=f".{options.record_format}",
+        limit_bytes=options.record_limit,
+        channel_out=None if out.is_perfect else out.describe(),
+        about={"seed": options.seed, "provenance": provenance()},
     )
 
 

@@ -3,7 +3,7 @@
 import functools
 import inspect
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -11,7 +11,19 @@ import typer
 
 from hapticnet.cli.completions import COMPLETIONS
 from hapticnet.cli.examples import EXAMPLES
-from hapticnet.cli.settings import CONFIG_VARIABLE, Found, Verb, load_found, unknown_variables, verb_of
+from hapticnet.cli.groups import GroupedCommand
+from hapticnet.cli.settings import (
+    CONFIG_VARIABLE,
+    FLAGS,
+    Found,
+    Verb,
+    load_found,
+    unknown_variables,
+    variable,
+    verb_of,
+)
+from hapticnet.cli.value_checks import check_values
+from hapticnet.files import user_path
 from hapticnet.runtime.log_lines import Form, Level, log_line
 from hapticnet.runtime.outlet import STDERR, keep_log
 
@@ -22,6 +34,7 @@ UNITS: Final = {
     "connect_timeout": "SECONDS",
     "duration": "SECONDS",
     "fastest_rate": "HZ",
+    "sampling_rate": "HZ",
     "floor": "NEWTONS",
     "rate": "HZ",
     "weber": "FRACTION",
@@ -42,6 +55,7 @@ def equip(app: typer.Typer) -> None:
         _describe_values(function)
         if "ctx" not in inspect.signature(function).parameters:  # config prints the options of other verbs
             info.callback = _with_common_options(function, log=verb in LOGGING)
+        info.cls = GroupedCommand
         info.epilog = _examples(verb)
     for verb, group in _groups(app, ()):
         group.info.epilog = _examples(verb)
@@ -94,9 +108,18 @@ def _value_of(kind: Any) -> str | None:
 def _configure(ctx: typer.Context, path: Path | None) -> Path | None:
     """Let the other options find their values in file and environment; called before they are read."""
     if not ctx.resilient_parsing:
+        path = None if path is None else user_path(path)
         ctx.meta[FOUND] = found = load_found(ctx, path, os.environ)
         ctx.default_map = {name: each.value for name, each in found.items()}
     return path
+
+
+def asks_for_json(arguments: Sequence[str], environment: Mapping[str, str]) -> bool:
+    """Return whether a command line or the environment asks for log lines in JSON, before either is checked."""
+    verb = tuple(arguments[:1])
+    return "--log-json" in arguments or (
+        verb in LOGGING and FLAGS.get(environment.get(variable(verb, "log-json"), "").lower(), False)
+    )
 
 
 def _choose_log(as_json: bool) -> bool:
@@ -117,7 +140,7 @@ CONFIG: Final = typer.Option(
     help="Take options that are not given here from this TOML file; hapticnet config shows which.",
 )
 LOG_JSON: Final = typer.Option(
-    "--log-json", is_eager=True, callback=_choose_log, help="Write each line on stderr as a JSON object."
+    "--log-json/--no-log-json", is_eager=True, callback=_choose_log, help="Write each line on stderr as a JSON object."
 )
 
 
@@ -141,13 +164,22 @@ def _with_common_options(function: Callable[..., None], *, log: bool) -> Callabl
     def verb(ctx: typer.Context, **options: Any) -> None:
         for each in added[1:]:
             del options[each.name]
+        options = {name: _with_home(value) for name, value in options.items()}
         _warn_of_variables(ctx)
+        check_values(ctx, options)
         function(**options)
 
     parameters = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in own.parameters.values()]
     verb.__signature__ = own.replace(parameters=[*parameters, *added])  # type: ignore[attr-defined]
     verb.__annotations__ = function.__annotations__ | {each.name: each.annotation for each in added}
     return verb
+
+
+def _with_home(value: Any) -> Any:
+    """Return the value of an option, a path with its ``~`` replaced: the shell leaves it in ``--key=~/key.toml``."""
+    if isinstance(value, list):
+        return [_with_home(each) for each in value]
+    return user_path(value) if isinstance(value, Path) else value
 
 
 def _warn_of_variables(ctx: typer.Context) -> None:

@@ -45,15 +45,15 @@ def watch_slave(
 
     return [
         *_watch(SlaveStream, SlaveMetrics, node, console, overload, stream, metrics),
-        *_notifiers(lambda: status(node)),
+        *_notifiers(lambda: status(node), lambda: node.draining),
     ]
 
 
-def _notifiers(status: Callable[[], str]) -> list[Any]:
+def _notifiers(status: Callable[[], str], stopping: Callable[[], bool] = lambda: False) -> list[Any]:
     from hapticnet.runtime.systemd import Notifier, notify_socket
 
     path = notify_socket()
-    return [] if path is None else [Notifier(path, status)]
+    return [] if path is None else [Notifier(path, status, stopping)]
 
 
 def _watch(
@@ -69,9 +69,9 @@ def _watch(
 
     watchers = []
     if stream is not None:
-        watchers.append(make_stream(node, parse_host_port(stream), console.warn))
+        watchers.append(make_stream(node, parse_host_port(stream), console.warn, console.fault))
     if metrics is not None:
-        served = make_metrics(node, parse_host_port(metrics, lowest_port=0), overload, console.warn)
+        served = make_metrics(node, parse_host_port(metrics, lowest_port=0), overload, console.fault)
         console.say(f"metrics on http://{served.address}/metrics")
         watchers.append(served)
     return watchers

@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from hapticnet.codec.base import Codec, Decoder, Encoder
 from hapticnet.errors import PeerError, SampleError, SettingsError
+from hapticnet.files import user_path
 from hapticnet.samples import MAX_AXES, Vector
 from hapticnet.user_code import load_user_code, raised, short
 
@@ -34,7 +35,7 @@ def user_class(source: str) -> type[Any]:
     SettingsError
         If the file or module cannot be imported, or the class is missing or not a codec.
     """
-    file = Path(source.rpartition(":")[0])
+    file = user_path(source.rpartition(":")[0])
     key = source, file.stat().st_mtime_ns if file.is_file() else 0
     if key not in _loaded:
         found = load_user_code(source, "codec")

@@ -5,6 +5,7 @@ import inspect
 from collections.abc import Mapping
 from typing import Any, Final
 
+from hapticnet.checks import meant
 from hapticnet.codec.base import Codec
 from hapticnet.codec.plugins import installed_codecs, user_class
 from hapticnet.codec.schemes.adaptive_predictive import AdaptivePredictive
@@ -61,11 +62,13 @@ def make_codec(name: str, law: WeberLaw, parameters: Mapping[str, float] | None 
     """
     made = CODECS.get(name) or _user_codecs.get(name)
     if made is None:
-        raise SettingsError(f"unknown codec {name!r}; there are: {', '.join(all_codecs())}")
+        raise SettingsError(f"unknown codec {name!r}{meant(name, all_codecs())}; there are: {', '.join(all_codecs())}")
     known = [field.name for field in dataclasses.fields(made) if field.name != "law"]
     for key in parameters or {}:
         if key not in known:
-            raise SettingsError(f"codec {name!r} has no parameter {key!r}; it has: {', '.join(known) or 'none'}")
+            raise SettingsError(
+                f"codec {name!r} has no parameter {key!r}{meant(key, known)}; it has: {', '.join(known) or 'none'}"
+            )
     try:
         codec: Codec = made(law=law, **(parameters or {}))
     except HapticnetError:

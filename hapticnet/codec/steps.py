@@ -11,12 +11,12 @@ which belong to the rule; every sender and every receiver has its own rule.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, MutableSequence, Sequence
 from typing import Any, Final, NamedTuple, Protocol
 
 from hapticnet.samples import Vector
 
-Table = list[list[float]]
+Table = Sequence[MutableSequence[float]]
 """Rows of numbers that a step may change."""
 
 MakeTable = Callable[[int, int], Any]

@@ -1,5 +1,6 @@
 """The encoder and the decoder of a scheme in a stream, which run its steps sample by sample."""
 
+from array import array
 from collections import deque
 from typing import Any, ClassVar, Never
 
@@ -29,6 +30,8 @@ class Scheme:
     needs_position: ClassVar[bool] = False
     builds_on_earlier: ClassVar[bool] = False
     """Whether a receiver that missed an update must refuse those after it."""
+    receiver_has_tables: ClassVar[bool] = False
+    """Whether the tables of its rule serve the receiver, too."""
     steps: ClassVar[Steps]
     law: WeberLaw
 
@@ -61,9 +64,14 @@ class Scheme:
         return MotionDecoder(self, axes) if self.steps.move is not ignore_motion else StepDecoder(self, axes)
 
 
-def table_of_lists(rows: int, columns: int) -> Table:
-    """Return a table of zeros for a stream."""
-    return [[0.0] * columns for _ in range(rows)]
+def table_of_rows(rows: int, columns: int) -> Table:
+    """Return a table of zeros for a stream. An array is read faster than a list and takes a third of its memory."""
+    return [array("d", bytes(8 * columns)) for _ in range(rows)]
+
+
+def no_table(rows: int, columns: int) -> Table:  # noqa: ARG001
+    """Return an empty table, for a receiver that uses none."""
+    return ()
 
 
 class StepEncoder:
@@ -74,7 +82,7 @@ class StepEncoder:
     def __init__(self, scheme: Scheme, axes: int) -> None:
         self._axes = axes
         self._steps = scheme.steps
-        self._rule = scheme.rule(axes, table_of_lists)
+        self._rule = scheme.rule(axes, table_of_rows)
         self._pack = scheme.form(axes).pack
         self._is_silent, self._send = scheme.steps.is_silent, scheme.steps.send
         self._sender = scheme.steps.start_sender(self._rule, axes)
@@ -224,7 +232,7 @@ class StepDecoder:
     __slots__ = ("_apply", "_receive", "_receiver", "_rule", "_unpack")
 
     def __init__(self, scheme: Scheme, axes: int) -> None:
-        self._rule = scheme.rule(axes, table_of_lists)
+        self._rule = scheme.rule(axes, table_of_rows if scheme.receiver_has_tables else no_table)
         self._unpack = scheme.form(axes).unpack
         self._receive, self._apply = scheme.steps.receive, scheme.steps.apply
         self._receiver = scheme.steps.start_receiver(self._rule, axes)

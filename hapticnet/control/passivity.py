@@ -37,12 +37,12 @@ class PassivityController:
         Energy [J] that damping has taken, in all contacts.
     """
 
-    __slots__ = ("_applied_n", "_contact_n", "_position_m", "_zero_n", "damped_j", "energy_j")
+    __slots__ = ("_applied_n", "_position_m", "_zero_n", "contact_n", "damped_j", "energy_j")
 
     def __init__(self, axes: int, contact_n: float) -> None:
         self.energy_j = 0.0
         self.damped_j = 0.0
-        self._contact_n = contact_n
+        self.contact_n = contact_n
         self._zero_n: Vector = (0.0,) * axes
         self._applied_n = self._zero_n
         self._position_m: Vector | None = None
@@ -69,7 +69,7 @@ class PassivityController:
         # back a little more; that is so without a network, too, and much less than a person can tell.
         self.energy_j += 0.5 * dot(plus(self._applied_n, force_n), move_m)
         size_n = magnitude(force_n)
-        if size_n <= self._contact_n and magnitude(self._applied_n) <= self._contact_n:
+        if size_n <= self.contact_n and magnitude(self._applied_n) <= self.contact_n:
             self.energy_j = 0.0
         square_m2 = dot(move_m, move_m)
         expected_j = self.energy_j + 0.5 * dot(force_n, move_m)

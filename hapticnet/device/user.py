@@ -62,6 +62,7 @@ class UserDevice(Device):
 
     def __init__(self, made: HasExchange, what: str = "the device") -> None:
         self.made = made
+        self.what = what
         self._exchange: Callable[[float, int], Any] = method_of(made, "exchange(displacement_m, now_us)", what)
         self._method = f"{type(made).__name__}.exchange"
         self.travel_m = _positive(made, "travel_m", TRAVEL_M, LARGEST_TRAVEL_M, "m", what)
@@ -126,6 +127,7 @@ class UserActuator:
 
     def __init__(self, made: HasApply, what: str = "the device") -> None:
         self.made = made
+        self.what = what
         self._apply: Callable[[float, int], Any] = method_of(made, "apply(force_n, now_us)", what)
         self._method = f"{type(made).__name__}.apply"
         self.max_force_n = _positive(made, "max_force_n", MAX_FORCE_N, LARGEST_FORCE_N, "N", what)

@@ -3,7 +3,7 @@
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,9 +18,6 @@ from hapticnet.scene.tissue import Tissue
 
 Columns = Mapping[str, FloatArray]
 """A recording: columns by name, shape (n,) each; see `node.recording`."""
-
-STAMP_MODULUS: Final = 1 << 32
-"""Time stamps are sent modulo 2³² µs, so the recordings of the two sides are matched modulo 2³²."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,28 +70,48 @@ def bytes_per_penetration(slave: Columns, *, contacts: bool = False) -> BytesPer
     """
     datagrams = slave["datagram_bytes"]
     wire = np.where(datagrams > 0, datagrams + UDP_IPV4_HEADER_BYTES, 0.0)
-    spent = np.concatenate([[0.0], np.cumsum(wire)])
     force = vectors(slave, "force", "n")
     # On one axis a shaft that is held back has a negative force, which ends a contact.
     touching = np.any(force > 0.0 if force.shape[1] == 1 else force != 0.0, axis=1)
-    free = np.flatnonzero(~touching)
     if contacts:
         breaches = np.flatnonzero(touching & ~np.append(touching[1:], [False]))
     else:
         breaches = np.flatnonzero(np.diff(slave["breaches"], prepend=0.0) > 0)
-    each = []
-    begin = 0
-    for end in breaches:
+    each = spent_until(wire, touching, breaches)
+    return BytesPerPenetration(each=tuple(each), depths_m=tuple(vectors(slave, "position", "m")[breaches, 0].tolist()))
+
+
+def spent_until(
+    wire: FloatArray, touching: npt.NDArray[np.bool_], breaches: npt.NDArray[np.signedinteger[Any]]
+) -> list[int]:
+    """Return what was spent on each penetration, from the touch to the breach.
+
+    It starts after the last sample without contact or after the previous breach, and ends with the breach: what is sent
+    while nothing is touched is of no penetration.
+
+    Parameters
+    ----------
+    wire
+        What was spent at each sample, such as bytes, shape (n,).
+    touching
+        Whether the sample is in contact, shape (n,).
+    breaches
+        Numbers of the samples with a breach, in order.
+    """
+    spent = np.concatenate([[0.0], np.cumsum(wire)])
+    free = np.flatnonzero(~touching)
+    each, begin = [], 0
+    for end in breaches.tolist():
         before = free[free < end]
         if len(before):
             begin = max(begin, int(before[-1]) + 1)
         each.append(int(spent[end + 1] - spent[begin]))
-        begin = int(end) + 1
-    return BytesPerPenetration(each=tuple(each), depths_m=tuple(vectors(slave, "position", "m")[breaches, 0].tolist()))
+        begin = end + 1
+    return each
 
 
 def felt_error(law: WeberLaw, slave: Columns, master: Columns) -> ErrorReport:
-    """Compare the force held at each tick with the true force at the position sent in the same tick.
+    """Compare the force held at each tick with the true force at the position of the same time.
 
     Unlike the error of the codec, this includes the round trip and every packet that was lost or late.
     """
@@ -109,12 +126,19 @@ def vectors(columns: Columns, quantity: str, unit: str) -> FloatArray:
 
 
 def matched(slave: Columns, master: Columns) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return the rows of both recordings with the same time stamps, shape (n,) each, in order of time."""
-    _, at_slave, at_master = np.intersect1d(_stamps(slave), _stamps(master), return_indices=True)
-    order = np.argsort(at_slave)
-    return at_slave[order], at_master[order]
+    """Return the rows of both recordings that belong together, shape (n,) each, in order of time.
 
-
-def _stamps(columns: Columns) -> npt.NDArray[np.int64]:
-    stamps: npt.NDArray[np.int64] = columns["t_us"].astype(np.int64) % STAMP_MODULUS
-    return stamps
+    To each row of the slave belongs the tick of the same time. If positions are sent only when they matter, the slave
+    also steps its scene in between, and then it is the tick nearest in time, within half a period. Of several answers
+    for one tick the last counts.
+    """
+    ticks_us, steps_us = master["t_us"].astype(np.int64), slave["t_us"].astype(np.int64)
+    if len(ticks_us) < 2:
+        same = np.flatnonzero(np.isin(steps_us, ticks_us))[-1:]
+        return same, np.zeros_like(same)
+    after = np.clip(np.searchsorted(ticks_us, steps_us), 1, len(ticks_us) - 1)
+    nearest = after - (steps_us - ticks_us[after - 1] < ticks_us[after] - steps_us)
+    at_slave = np.flatnonzero(2 * np.abs(ticks_us[nearest] - steps_us) <= np.median(np.diff(ticks_us)))
+    at_master = nearest[at_slave]
+    last = np.diff(at_master, append=len(ticks_us)) != 0
+    return at_slave[last], at_master[last]

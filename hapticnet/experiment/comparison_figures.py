@@ -1,6 +1,5 @@
 """Figures of a comparison, one a question: packets and bytes against error, distance from the optimum, signal."""
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -10,8 +9,8 @@ import numpy as np
 from hapticnet.codec.base import Codec
 from hapticnet.errors import SettingsError
 from hapticnet.experiment.comparison import Row, codec_label, encode_trial
-from hapticnet.experiment.signal_figure import Signal, draw_signal
-from hapticnet.experiment.style import BLUE, INK, check_format, draw_codecs, finish_axes, picture, pyplot
+from hapticnet.experiment.signal_figure import Signal, check_window, draw_signal
+from hapticnet.experiment.style import BLUE, INK, check_format, draw_codecs, finish_axes, legend, picture, pyplot
 from hapticnet.experiment.summary import HOLD_OPTIMUM, LINE_OPTIMUM, METHOD, Block, blocks, means
 from hapticnet.experiment.trial import Trial
 
@@ -72,6 +71,9 @@ class Figures:
         self._trials, self._seed = trials, seed
         self._codec = _chosen(codecs, signal)
         self._window = None if window is None else _window(window)
+        if self._window is not None:
+            for trial in trials:
+                check_window(self._window, trial.name, float(trial.t_us[-1] - trial.t_us[0]) * 1e-6)
         names = ["packets-against-error", "bytes-against-error", "packets-over-optimum"]
         if all(codec.name == "raw" for codec in codecs):
             names = []  # raw has no error to draw anything against
@@ -188,16 +190,7 @@ def _lines(
 
 def _finish(figure: Any, axes: Any, shown: Sequence[Block], swept: str) -> None:
     """Add the legend, and what the figure shows."""
-    handles, labels = axes.get_legend_handles_labels()
-    # Codecs first, in their order, then the optima: matplotlib puts lines without error bars first.
-    order = sorted(range(len(labels)), key=lambda index: labels[index].startswith("optimum"))
-    figure.legend(
-        [handles[index] for index in order],
-        [labels[index] for index in order],
-        loc="outside right center",
-        handlelength=3.6,
-        labelspacing=0.7,
-    )
+    legend(figure, axes, below=False, handlelength=3.6, labelspacing=0.7)
     values = sorted({getattr(block.settings, swept) for block in shown})
     some = (
         ", ".join(f"{value:g}" for value in values) if len(values) <= MOST_TICKS else f"{values[0]:g} to {values[-1]:g}"
@@ -220,9 +213,7 @@ def _window(text: str) -> tuple[float, float]:
     try:
         start_s, end_s = (float(part) for part in text.split(":"))
     except ValueError:
-        start_s, end_s = math.nan, math.nan
-    if not 0.0 <= start_s < end_s < math.inf:
-        raise SettingsError(f"window {text!r} must be FROM:TO in seconds from 0, such as 2.5:5")
+        raise SettingsError(f"window {text!r} must be FROM:TO in seconds from 0, such as 2.5:5") from None
     return start_s, end_s
 
 

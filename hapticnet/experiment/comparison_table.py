@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from hapticnet.channel.quantities import format_share, format_time
 from hapticnet.experiment.comparison import REPAIR_US, Row
+from hapticnet.experiment.latex import PACKAGES, escaped, row, table
 from hapticnet.experiment.summary import METHOD, Block, Line, blocks, means
 
 UNKNOWN: Final = "–"
@@ -67,7 +68,12 @@ SPEED_MEANING: Final = "time to encode and decode a sample in a stream, in plain
 
 COLUMNS: Final = (
     Column("packets_per_s", "packets\nper s", ".1f", "transmitted updates per second"),
-    Column("packet_rate_reduction", "fewer", ".1%", "share of the samples that are not transmitted"),
+    Column(
+        "packet_rate_reduction",
+        "fewer",
+        ".1%",
+        "share of all samples, rest and free motion included, that are not transmitted",
+    ),
     Column("wire_bytes_per_s", "kB\nper s", ".2f", "updates with protocol, UDP and IPv4 headers", 1e-3),
     Column("session_wire_bytes_per_s", "kB/s +\nkeepalives", ".2f", KEEPALIVES_MEANING, 1e-3, in_papers=False),
     Column("over_optimum", "×\noptimum", ".2f", OPTIMUM_MEANING),
@@ -103,7 +109,7 @@ def notes(shown: Sequence[Block]) -> list[str]:
     """Return a sentence for each column, and for each peculiarity of the blocks."""
     told = [f"{column.heading.replace(chr(10), ' ')}: {column.meaning}." for column in COLUMNS]
     if any(line.label.endswith("(at rest)") for block in shown for line in block.lines):
-        told.append("(at rest): depends on motion, but no positions were given (--position).")
+        told.append("(at rest): depends on motion, but no positions were given (--position-column).")
     delays = dict.fromkeys(format_time(block.settings.delay_us) for block in shown)
     told.append(f"The delay for the felt force is {' or '.join(delays)} each way.")
     if any(block.settings.loss for block in shown):
@@ -122,24 +128,23 @@ def latex(rows: Sequence[Row], origin: Sequence[str] = ()) -> str:
     single = blocks(rows)
     shown = means(single) or single
     columns = [column for column in COLUMNS if column.in_papers]
-    lines = [*(f"% {line}" for line in origin), "% Needs \\usepackage{booktabs}.", ""]
+    lines = [*(f"% {line}" for line in origin), PACKAGES, ""]
     for block in shown:
-        lines += [
-            "\\begin{table}",
-            "  \\centering\\footnotesize\\setlength{\\tabcolsep}{4pt}",
-            f"  \\caption{{{_escaped(heading(block, shown))}}}",
-            f"  \\begin{{tabular}}{{l{'r' * len(columns)}}}",
-            "    \\toprule",
-            _latex_row(["codec", *(column.heading.replace("\n", " ") for column in columns)]),
-            "    \\midrule",
-        ]
+        cells = [row(["codec", *(column.heading.replace("\n", " ") for column in columns)]), "\\midrule"]
         before_optimum = True
         for line in block.lines:
             if before_optimum and line.codec is None:
-                lines.append("    \\addlinespace")
+                cells.append("\\addlinespace")
                 before_optimum = False
-            lines.append(_latex_row([line.label, *(column.cell(line) for column in columns)]))
-        lines += ["    \\bottomrule", "  \\end{tabular}", "\\end{table}", ""]
+            cells.append(row([line.label, *(column.cell(line) for column in columns)]))
+        lines += [
+            "\\begin{table}",
+            "\\centering\\footnotesize\\setlength{\\tabcolsep}{4pt}",
+            f"\\caption{{{escaped(heading(block, shown))}}}",
+            *table(f"l{'r' * len(columns)}", cells),
+            "\\end{table}",
+            "",
+        ]
     return "\n".join([*lines, *(f"% {note}" for note in notes(shown))]) + "\n"
 
 
@@ -174,14 +179,3 @@ def csv_text(rows: Sequence[Row], origin: Sequence[str] = ()) -> str:
 def _scalars(flat: Mapping[str, Any]) -> dict[str, Any]:
     cells = {key: value for key, value in flat.items() if key != "parameters"}
     return cells | {"at_rest": int(flat["at_rest"])}
-
-
-def _latex_row(cells: Sequence[str]) -> str:
-    return f"    {' & '.join(map(_escaped, cells))} \\\\"
-
-
-def _escaped(text: str) -> str:
-    escaped = "".join(f"\\{character}" if character in "%&_#${}" else character for character in text)
-    for character, written in (("±", "$\\pm$"), ("×", "$\\times$"), ("–", "--"), ("µ", "$\\mu$")):
-        escaped = escaped.replace(character, written)
-    return escaped

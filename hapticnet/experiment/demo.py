@@ -174,8 +174,8 @@ def results(played: list[Played], tissues: Sequence[Tissue]) -> list[dict[str, A
 def _slave(folder: Path, scene: str, codec: str, report: Path) -> Iterator[str]:
     """Run a slave on a free port and yield its address; its report is written when it ends."""
     arguments = ["slave", "--listen", "127.0.0.1:0", "--scene", scene]
-    arguments += ["--codec", split_codec(codec)[0]]  # the slave must know a codec of the user's too
-    slave = Child([*arguments, "--record", str(folder / "slave"), "--report", str(report)])
+    arguments += ["--add-codec", split_codec(codec)[0]]  # the slave must know a codec of the user's too
+    slave = Child([*arguments, "--record-dir", str(folder / "slave"), "--report", str(report)])
     try:
         yield slave.address()
     finally:

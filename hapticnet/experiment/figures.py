@@ -6,12 +6,11 @@ from typing import Any, Final
 import numpy as np
 
 from hapticnet.arrays import FloatArray
-from hapticnet.experiment.analysis import STAMP_MODULUS, Columns, matched, vectors
+from hapticnet.experiment.analysis import Columns, matched, vectors
 from hapticnet.experiment.signal_figure import Signal, draw_force, draw_sent
-from hapticnet.experiment.style import BLUE, GREEN, INK, ORANGE, PURPLE, SKY, VERMILION, picture
+from hapticnet.experiment.style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, VERMILION, legend, picture
 from hapticnet.perception import WeberLaw
 
-GREY: Final = "#9aa5b1"
 TISSUE_LOOKS: Final = (("o", VERMILION), ("s", GREEN), ("^", PURPLE), ("D", ORANGE))
 
 RUN_WIDTH_IN: Final = 8.0
@@ -62,8 +61,7 @@ def draw_bytes_per_penetration(rows: list[dict[str, Any]], file: Path) -> None:
         axes.set_ylabel(f"feedback bytes per {counted}\n(with keepalives and UDP/IPv4 headers)")
         axes.set_xlabel("deadband threshold")
         axes.set_title(f"Bytes per {counted}: mean, standard deviation, every {counted}")
-        if axes.get_legend_handles_labels()[1]:
-            axes.legend(loc="upper right")
+        legend(figure, axes)
 
 
 def draw_run(slave: Columns, master: Columns, file: Path) -> None:
@@ -71,7 +69,7 @@ def draw_run(slave: Columns, master: Columns, file: Path) -> None:
     at_slave, at_master = matched(slave, master)
     stamps_us = slave["t_us"][at_slave]
     signal = Signal(
-        t_s=(stamps_us - stamps_us[0]) % STAMP_MODULUS * 1e-6,
+        t_s=(stamps_us - stamps_us[0]) * 1e-6,
         true_n=vectors(slave, "force", "n")[at_slave],
         applied_n=vectors(slave, "held", "n")[at_slave],
         sent=np.flatnonzero(slave["transmitted"][at_slave] > 0),
@@ -93,7 +91,7 @@ def draw_run(slave: Columns, master: Columns, file: Path) -> None:
             if axes is force:
                 figure.suptitle(share, color=BLUE, fontweight="bold")
         force.axvspan(*near_s, color=ORANGE, alpha=0.2, linewidth=0)
-        force.legend(loc="upper left")
+        legend(figure, force)
         near.set_facecolor("#fdf5e6")
         near.set_title("the shaded part, magnified")
         near.set_ylabel("")

@@ -5,6 +5,7 @@ import platform
 import shlex
 import sys
 from datetime import UTC, datetime
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ def provenance_lines() -> list[str]:
     return [f"{key}: {' '.join(str(value).split())}" for key, value in origin.items()]
 
 
+@cache
 def describe_machine() -> dict[str, str | int | None]:
     """Return processor, cores, system and Python."""
     return {

@@ -1,5 +1,6 @@
 """The figure of a signal: true and applied force, the samples that are sent, and the error over time."""
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -8,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticnet.arrays import FloatArray
-from hapticnet.experiment.style import BLUE, INK, SKY, VERMILION, picture
+from hapticnet.errors import SettingsError
+from hapticnet.experiment.style import BLUE, INK, SKY, VERMILION, legend_above, picture
 from hapticnet.perception import WeberLaw
 
 HEIGHT_IN: Final = 4.4
@@ -43,6 +45,15 @@ class Signal:
     felt_n: FloatArray | None = None
 
 
+def check_window(window_s: tuple[float, float], name: str, end_s: float) -> None:
+    """Raise SettingsError unless a stretch from and to a time [s] begins within a recording that ends at `end_s`."""
+    start_s, stop_s = window_s
+    if not 0.0 <= start_s < stop_s < math.inf:
+        raise SettingsError(f"window from {start_s:g} to {stop_s:g} s: it must go forward, from 0 s on")
+    if start_s >= end_s:
+        raise SettingsError(f"window from {start_s:g} to {stop_s:g} s: {name} ends at {end_s:g} s")
+
+
 def draw_signal(signal: Signal, file: Path, *, window_s: tuple[float, float], title: str) -> None:
     """Draw a stretch of a signal into a file; see `fill_figure`."""
     with picture(file, HEIGHT_IN) as figure:
@@ -54,8 +65,8 @@ def fill_figure(figure: Any, signal: Signal, *, window_s: tuple[float, float], t
     one_axis = signal.true_n.shape[1] == 1
     force, sent, error = figure.subplots(3, 1, sharex=True, height_ratios=HEIGHTS)
     draw_force(force, signal, window_s)
-    force.legend(loc="upper left", ncols=3)
-    force.set_title(title, loc="left")
+    legend_above(force)
+    figure.suptitle(title, fontsize=9)
     share = draw_sent(sent, signal, window_s)
     sent.set_title(share, loc="left", color=BLUE)
     shown = _shown(signal, window_s)
@@ -68,7 +79,7 @@ def fill_figure(figure: Any, signal: Signal, *, window_s: tuple[float, float], t
     error.set_ylabel("error [N]" if one_axis else "|error| [N]")
     if not one_axis:
         error.set_ylim(bottom=0.0)
-    error.legend(loc="upper left", ncols=2)
+    legend_above(error)
     error.set_xlabel("time [s]")
     error.set_xlim(window_s)
 
@@ -103,7 +114,9 @@ def draw_sent(axes: Any, signal: Signal, window_s: tuple[float, float]) -> str:
     axes.spines["left"].set_visible(False)
     axes.set_ylabel("sent", rotation=0, ha="right", va="center")
     count = int(shown.sum())
-    saved = f"{len(sent):,} of {count:,} samples sent: {1 - len(sent) / max(count, 1):.1%} fewer packets"
+    if not count:
+        return "no samples"
+    saved = f"{len(sent):,} of {count:,} samples sent: {1 - len(sent) / count:.1%} fewer packets"
     return saved + (f", {len(lost):,} lost (orange)" if len(lost) else "")
 
 

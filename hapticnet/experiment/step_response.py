@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticnet.errors import SettingsError
-from hapticnet.experiment.style import BLUE, INK, ORANGE, picture
+from hapticnet.experiment.style import BLUE, INK, ORANGE, legend, picture
 
 Numbers: TypeAlias = NDArray[np.float64]
 
@@ -20,6 +20,9 @@ RISE_TO: Final = 0.9
 
 SETTLED_WITHIN: Final = 0.05
 """Fraction of the step within which the response counts as settled: the 5 % convention."""
+
+LEAD_IN_S: Final = 0.25
+"""How much is drawn before the step [s]."""
 
 STEADY_FRACTION: Final = 0.25
 """Final share of the recording after the step that counts as steady. There is no convention for it."""
@@ -121,7 +124,7 @@ def plot_step(
     file
         Picture to write.
     t_s
-        Times [s], shape (samples,).
+        Times since the step [s], shape (samples,).
     target_n, force_n, contact_force_n
         Target, sensed and true force [N] at those times, shape (samples,).
     title
@@ -138,10 +141,11 @@ def plot_step(
         axes.plot(t_s, force_n, color=ORANGE, linewidth=1.6, label="sensed")
         if contact_force_n is not None:
             axes.plot(t_s, contact_force_n, color=INK, linewidth=1.0, linestyle="--", label="true force on the finger")
-        axes.set_xlabel("time [s]")
+        axes.set_xlabel("time since the step [s]")
         axes.set_ylabel("force [N]")
         axes.set_ylim(bottom=0.0)
-        axes.legend(loc="best")
+        axes.set_xlim(left=max(-LEAD_IN_S, float(t_s[0])))
+        legend(figure, axes)
         axes.set_title(title)
 
 

@@ -14,12 +14,17 @@ PRINT_WIDTH_IN: Final = 6.3
 """Width of the text on an A4 page with usual margins [in]."""
 
 INK: Final = "#222222"
+GREY: Final = "#9aa5b1"
 BLUE, VERMILION, GREEN, PURPLE, SKY, ORANGE = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00"
 """The palette of Okabe and Ito (2008) without its yellow, which is too light for lines, and its black: INK instead."""
 
 COLOURS: Final = (BLUE, VERMILION, GREEN, PURPLE, SKY, ORANGE)
 MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "*")
 DASHES: Final[tuple[Any, ...]] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
+
+LOG_MARK: Final = ", log scale"
+LOG_SPAN: Final = 5.0
+"""Largest over smallest figure from which on an upward axis is logarithmic."""
 
 SAME: Final = 0.004
 """Relative distance below which points fall on the same spot of a figure."""
@@ -48,7 +53,7 @@ def pyplot() -> Any:
     try:
         import matplotlib as mpl
     except ImportError as error:
-        raise UnavailableError("figures need matplotlib: pip install 'hapticnet[plot]'") from error
+        raise UnavailableError("figures need matplotlib: pip install matplotlib") from error
     mpl.use("Agg")
     from matplotlib import pyplot
 
@@ -76,11 +81,46 @@ def picture(file: Path, height_in: float, *, width_in: float = PRINT_WIDTH_IN, *
         figure = plt.figure(figsize=(width_in, height_in), layout="constrained")
         try:
             yield figure
+            _declare_logs(figure)
             # No date in the file: the same figure gives the same file.
             metadata = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}.get(file.suffix[1:])
             figure.savefig(file, metadata=metadata)
         finally:
             plt.close(figure)
+
+
+def legend(owner: Any, *axes: Any, below: bool = True, ncols: int = 4, **options: Any) -> None:
+    """Put one legend of all lines in some axes outside of them: below a figure or subfigure, or at its right.
+
+    A legend within axes hides what another run draws there.
+    """
+    handles: dict[str, Any] = {}
+    for each in axes:
+        for handle, label in zip(*each.get_legend_handles_labels(), strict=True):
+            handles.setdefault(label, handle)
+    # What is drawn with error bars first, in its order: matplotlib names plain lines before.
+    ordered = sorted(handles.items(), key=lambda item: not hasattr(item[1], "has_yerr"))
+    if handles:
+        columns = min(ncols, len(handles)) if below else 1
+        place = "outside lower center" if below else "outside right center"
+        owner.legend(
+            [handle for _, handle in ordered], [label for label, _ in ordered], loc=place, ncols=columns, **options
+        )
+
+
+def legend_above(axes: Any) -> None:
+    """Put the legend of axes that stand among others above them, at the right."""
+    columns = len(axes.get_legend_handles_labels()[1])
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1, ncols=columns)
+
+
+def mark_level(axes: Any, value: float, name: str) -> None:
+    """Draw a dotted line at a value, such as chance, with its name at the right of the axes."""
+    axes.axhline(value, color=INK, linestyle=":", linewidth=0.8)
+    axes.annotate(
+        name, (1.0, value), xycoords=("axes fraction", "data"), xytext=(3, 0), textcoords="offset points",
+        va="center", annotation_clip=False,
+    )  # fmt: skip
 
 
 def draw_codecs(axes: Any, lines: Mapping[str, Points], *, highlight: str | None = None) -> None:
@@ -114,20 +154,43 @@ def draw_codecs(axes: Any, lines: Mapping[str, Points], *, highlight: str | None
         )
 
 
-def finish_axes(axes: Any, *, across: str = "linear") -> None:
-    """Give axes their scales, the upward one logarithmic, and plain numbers."""
+def finish_axes(*panels: Any, across: str = "linear") -> None:
+    """Give axes that are read together the same scales, and plain numbers.
+
+    The upward scale is logarithmic where the figures span a factor of `LOG_SPAN`, else it begins at 0. `picture` says
+    on the label of an axis if it is logarithmic.
+    """
+    values = [
+        [value for axes in panels for line in axes.get_lines() for value in line.get_data()[which] if value > 0.0]
+        for which in (0, 1)
+    ]
+    spans = bool(values[1]) and max(values[1]) >= LOG_SPAN * min(values[1])
+    for axes in panels:
+        if spans:
+            _make_log(axes.yaxis, axes.set_yscale)
+        else:
+            axes.set_ylim(bottom=0.0)
+        # A logarithmic axis has no place for figures that are all zero, as is the error on a constant force.
+        if across == "log" and values[0]:
+            _make_log(axes.xaxis, axes.set_xscale)
+
+
+def _make_log(axis: Any, set_scale: Any) -> None:
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    for scale, axis, set_scale, which in (
-        ("log", axes.yaxis, axes.set_yscale, 1),
-        (across, axes.xaxis, axes.set_xscale, 0),
-    ):
-        # A logarithmic axis has no place for figures that are all zero, as is the error on a constant force.
-        if scale == "log" and any(value > 0.0 for line in axes.get_lines() for value in line.get_data()[which]):
-            set_scale("log")
-            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-            axis.set_minor_formatter(NullFormatter())
+    set_scale("log")
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _declare_logs(figure: Any) -> None:
+    """Say on the label of every logarithmic axis that it is one."""
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            text = axis.get_label_text()
+            if axis.get_scale() in ("log", "symlog") and text and LOG_MARK not in text:
+                axis.set_label_text(text + LOG_MARK)
 
 
 def _coincide(line: Points, other: Points) -> bool:

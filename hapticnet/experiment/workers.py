@@ -15,6 +15,7 @@ from typing import Any, Final, TypeAlias
 
 from hapticnet.checks import check_parameter
 from hapticnet.errors import UnavailableError
+from hapticnet.runtime.interpreter import safe_path
 
 MOST_JOBS: Final = 256
 PARENT_CHECK_S: Final = 0.5
@@ -48,7 +49,8 @@ def workers(jobs: int, shared: Any) -> Iterator[OrderedMap]:
         return
     context = multiprocessing.get_context("fork" if sys.platform == "linux" else "spawn")
     others = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(jobs, context, initializer=_keep, initargs=(shared, os.getpid()))
+    with safe_path():
+        pool = ProcessPoolExecutor(jobs, context, initializer=_keep, initargs=(shared, os.getpid()))
     try:
         yield partial(_in_order, pool)
     except BaseException as error:
@@ -67,7 +69,8 @@ def workers(jobs: int, shared: Any) -> Iterator[OrderedMap]:
 
 
 def _in_order(pool: ProcessPoolExecutor, function: Callable[[Any, Any], Any], items: Iterable[Any]) -> Iterator[Any]:
-    futures = deque(pool.submit(_call, function, item) for item in items)
+    with safe_path():
+        futures = deque(pool.submit(_call, function, item) for item in items)
     while futures:
         yield futures.popleft().result()
 

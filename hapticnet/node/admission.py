@@ -11,6 +11,7 @@ from hapticnet.node.reception import Address
 from hapticnet.node.seats import NoSeatError, Seats
 from hapticnet.node.station import Station
 from hapticnet.node.station_settings import StationSettings
+from hapticnet.node.step_times import StepTimes
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.handshake import Visitor
 from hapticnet.protocol.keys import MasterEntry
@@ -82,12 +83,16 @@ class Admission:
         Called for each new scene, because every master touches its own.
     rng
         Source of session numbers and tickets.
+    times
+        Where the steps of scenes and codecs are timed.
     """
 
-    def __init__(self, make_scene: MakeScene, settings: SlaveSettings, rng: Entropy) -> None:
+    def __init__(self, make_scene: MakeScene, settings: SlaveSettings, rng: Entropy, times: StepTimes) -> None:
         self._make_scene = make_scene
         self._settings = settings
         self._rng = rng
+        self._times = times
+        self.takes_new = True  # masters, besides those that go on with the scene of a session
 
     def admit(
         self, visitor: Visitor, sequence: int, address: Address, host: Hashable, seats: Seats, now_us: int
@@ -110,6 +115,8 @@ class Admission:
         timings = self._settings.session
         found = seats.to_continue(identity, request.name, request.ticket, now_us)
         old, same_clock = (None, False) if found is None else found
+        if old is None and not self.takes_new:
+            raise RefusalError(Code.STOPPING, "this slave is about to stop: ask another one, or again later")
         most = timings.most_per_identity if entry is None or entry.most_sessions is None else entry.most_sessions
         try:
             seats.who_gives_way(identity, most, () if old is None else (old,), now_us)
@@ -146,6 +153,7 @@ class Admission:
             seats=most,
             listed=None if entry is None else entry.name,
             settings=self._settings,
+            times=self._times,
             now_us=now_us,
             continues=old,
             same_clock=same_clock,

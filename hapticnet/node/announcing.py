@@ -15,7 +15,7 @@ from hapticnet.node.announced import AnnouncedDecoder
 from hapticnet.node.model_wire import OF_CODEC, pack_model, unpack_model
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector
-from hapticnet.scene.ahead import MOST_LAYERS, LayerAhead, LookAhead, stiffest_at
+from hapticnet.scene.ahead import MOST_LAYERS, LayerAhead, LookAhead, stiffest_at, too_stiff
 from hapticnet.scene.base import Touchable, look_ahead_of
 from hapticnet.scene.contact_model import ContactModel
 from hapticnet.vectors import distance, magnitude
@@ -53,15 +53,18 @@ class AnnouncingAccount:
         Updates sent because a model was wrong: other models, or payloads of the codec.
     unusable
         Announcements of the scene that break the limits.
+    left_out
+        Layers that were left out of announcements because they are too stiff together with those before them.
     on_model
         Samples at which a model was applied.
     fault
-        What was wrong with the newest announcement that was not usable.
+        What was wrong with the newest announcement that was not usable as a whole.
     """
 
     models: int = 0
     corrections: int = 0
     unusable: int = 0
+    left_out: int = 0
     on_model: int = 0
     fault: str | None = None
 
@@ -224,9 +227,10 @@ class AnnouncingEncoder:
         allowed: list[LayerAhead] = []
         total = 0.0
         for layer in layers:
-            if (
-                len(allowed) < MOST_LAYERS and not total + layer.stiffest_n_per_m > self._stiffest
-            ):  # NaN is refused later
+            if total + layer.stiffest_n_per_m > self._stiffest:  # NaN is refused later
+                self.account.left_out += 1
+                self.account.fault = "left out: " + too_stiff([*allowed, layer], self._stiffest)
+            elif len(allowed) < MOST_LAYERS:
                 total += layer.stiffest_n_per_m
                 allowed.append(layer)
         return allowed

@@ -9,7 +9,7 @@ from hapticnet.codec.base import Codec, Decoder, Foretelling
 from hapticnet.codec.positions.sending import Difference
 from hapticnet.control.hold import Hold, HoldSettings
 from hapticnet.node.announced import AnnouncedDecoder
-from hapticnet.node.bounded import receiver
+from hapticnet.node.bounded import BoundedDecoder, receiver
 from hapticnet.node.elsewhere import Elsewhere
 from hapticnet.node.foresight import Foresight
 from hapticnet.protocol.events import ForceArrived, HoldConfirmed
@@ -117,15 +117,17 @@ class AppliedForce:
         """Whether the force is that of an announced model."""
         return self._stream.on_model
 
-    def begin(self, codec: Codec, stiffest_n_per_m: float | None = None, *, on_a_line: bool = False) -> None:
-        """Begin a session: the one before is applied until the first force arrives.
+    def begin(self, codec: Codec, stiffest_n_per_m: float | None = None, *, on_a_line: bool = False) -> bool:
+        """Begin a session: the one before is applied until the first force arrives. Return whether there is none.
 
         `stiffest_n_per_m` is the limit of models of the contact ahead [N/m]; None if nothing is announced. `on_a_line`
         tells whether positions are sent only when they matter.
         """
         self._next = _Stream(codec, self._axes, stiffest_n_per_m, on_a_line=on_a_line)
-        if self._stream.heard_us is None:
-            self._go_on_with(self._next)
+        if self._stream.heard_us is not None:
+            return False
+        self._go_on_with(self._next)
+        return True
 
     def move(self, now_us: int, position_m: Vector) -> int | None:
         """Move the tool; return what the slave must know of an announced model, or None if nothing is announced."""
@@ -136,6 +138,8 @@ class AppliedForce:
         """Return how what is applied depends on where the tool has been; None if it does not."""
         stream, decoder = self._stream, self._stream.rendering
         elsewhere = stream.elsewhere
+        if isinstance(decoder, BoundedDecoder):
+            decoder = decoder.inner  # the bound is no difference that a position could mend
         if elsewhere is None or not isinstance(decoder, Foretelling):
             return None
         at_us = stream.time_us(now_us, period_us)
@@ -148,8 +152,8 @@ class AppliedForce:
             if stream is not None and stream.elsewhere is not None and place_m is not None:
                 stream.elsewhere.move(stream.time_us(now_us, period_us), place_m, now_us)
 
-    def take_in(self, event: ForceArrived, now_us: int) -> None:
-        """Apply a force that has arrived.
+    def take_in(self, event: ForceArrived, now_us: int) -> bool:
+        """Apply a force that has arrived; return whether the session before has been applied until now.
 
         Raises
         ------
@@ -167,6 +171,7 @@ class AppliedForce:
         if not stream.on_model:  # a model's force is that of now
             self._foresight.learn(event.t_us, self.received_n)
         self._valid_t_us = event.t_us
+        return begins
 
     def confirm(self, event: HoldConfirmed, now_us: int) -> None:
         """Note that what is applied was still right at a position."""

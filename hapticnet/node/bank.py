@@ -127,14 +127,15 @@ class Bank:
         return None if next_us == NEVER or not self._tables.lists[FOLLOWERS, 0] else next_us
 
     def put_in(self, station: Station) -> None:
-        """Take over a station that fits."""
-        at = self._free.pop()
+        """Take over a station that fits. What raises leaves it outside, and the row free."""
+        at = self._free[-1]
         row = self._tables.rows[at]
         station_to_row(station, row)
         row.address[:] = self._addresses.words(station.address)
         seal = station.session.seal
         if seal is not None:
             self._seals[at] = RowSeal(seal, self._tables.seals[at])
+        self._free.pop()
         self._stations[at] = station
         self._index(station.session.number, at)
         if station.course is not None:

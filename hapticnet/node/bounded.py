@@ -81,18 +81,23 @@ class BoundedDecoder:
 
     A second decoder, which is told the same updates, is where the newest answered position was: at the time that the
     first is asked for (`Decoder.reconstruct`).
+
+    Attributes
+    ----------
+    inner
+        The decoder whose forces are bounded.
     """
 
-    __slots__ = ("_answered", "_answered_us", "_behind", "_inner")
+    __slots__ = ("_answered", "_answered_us", "_behind", "inner")
 
     def __init__(self, codec: Codec, axes: int) -> None:
-        self._inner, self._behind = codec.decoder(axes), codec.decoder(axes)
+        self.inner, self._behind = codec.decoder(axes), codec.decoder(axes)
         self._answered = Answered()
         self._answered_us: int | None = None
 
     def decode(self, t_us: int, payload: bytes) -> None:
         """Take in a payload. See `Decoder.decode`."""
-        self._inner.decode(t_us, payload)
+        self.inner.decode(t_us, payload)
         if self._answered_us is None:
             for at_us, position in self._answered.way(t_us):
                 self._behind.reconstruct(at_us, position, at_us)
@@ -101,7 +106,7 @@ class BoundedDecoder:
 
     def reconstruct(self, t_us: int, position: Vector | None = None, position_us: int | None = None) -> Vector:
         """Return the stimulus to apply. See `Decoder.reconstruct`."""
-        force_n = self._inner.reconstruct(t_us, position, position_us)
+        force_n = self.inner.reconstruct(t_us, position, position_us)
         if position is None:
             return force_n
         now_us = t_us if position_us is None else position_us
@@ -124,7 +129,7 @@ class BoundedPredictingDecoder(BoundedDecoder):
 
     def foretell(self, t_us: int, position: Vector, position_us: int) -> Vector:
         """Return the stimulus of a time to come. See `Foretelling`."""
-        return self._limited(cast("Foretelling", self._inner).foretell(t_us, position, position_us))
+        return self._limited(cast("Foretelling", self.inner).foretell(t_us, position, position_us))
 
 
 def receiver(codec: Codec, axes: int) -> Decoder:

@@ -5,13 +5,15 @@ from typing import Any, Final
 
 import numpy as np
 
+from hapticnet.errors import PeerError
 from hapticnet.node.bank import AddressBook, Bank
 from hapticnet.node.bank_rows import can_fit, fits_now
 from hapticnet.node.bank_tables import Datagrams, make_arrivals
 from hapticnet.node.reception import Address
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.station import Station
-from hapticnet.protocol.wire import MAX_DATAGRAM_BYTES, Datagram
+from hapticnet.protocol.session_steps import DUPLICATE, LATE, arrived, count_malformed, count_received, sort
+from hapticnet.protocol.wire import MAX_DATAGRAM_BYTES, Datagram, Kind
 
 MOST_AT_ONCE: Final = 256
 """Datagrams of one pass."""
@@ -185,13 +187,13 @@ class CompiledSlaveNode(SlaveNode):
         self._in_python.update(self._to_answer)
         super()._answer_all(now_us)
 
-    def _at_hand(self, station: Station, datagram: Datagram | None = None, data: bytes = b"") -> None:
+    def _at_hand(self, station: Station, datagram: Datagram | None = None, data: bytes = b"") -> bool:
         if station not in self._bank:
-            return
-        seal = station.session.seal
-        if datagram is not None and seal is not None:
-            seal.open(data, datagram)  # what does not open must not cost the session its row; raises PeerError
+            return True
+        if datagram is not None and _is_only_counted(station, datagram, data):
+            return False
         self._bank.take_out(station)
+        self._is_quiet = False
         self._in_python.add(station)
         self._steps.note(station)
         if station.waits:
@@ -204,6 +206,7 @@ class CompiledSlaveNode(SlaveNode):
             self._waits[station] = now_us + wait_us, wait_us
         else:
             self._waits.pop(station, None)
+        return True
 
     def _may_go_in(self, station: Station, now_us: int) -> bool:
         if self._stations.get(station.session.number) is not station or not can_fit(station):
@@ -215,3 +218,24 @@ class CompiledSlaveNode(SlaveNode):
         super()._remove(station)
         self._waits.pop(station, None)
         self._is_quiet = False
+
+
+def _is_only_counted(station: Station, datagram: Datagram, data: bytes) -> bool:
+    """Return whether a datagram of a sealed session was forged or replayed; it is then counted in the session's row.
+
+    It must not cost the session this row.
+    """
+    seal, row = station.session.seal, station.session.row
+    if seal is None:
+        return False
+    try:
+        seal.open(data, datagram)
+    except PeerError:
+        count_malformed(row, len(data))
+        return True
+    arrival = sort(row, datagram.sequence)
+    if datagram.kind is not Kind.POSITION or arrival not in (DUPLICATE, LATE):
+        return False
+    count_received(row, len(data))
+    arrived(row, datagram.sequence, arrival)
+    return True

@@ -17,9 +17,11 @@ from hapticnet.node.applied import AppliedForce
 from hapticnet.node.fingertip import Fingertip
 from hapticnet.node.first_touch import FirstTouch
 from hapticnet.node.forward import Forward
-from hapticnet.node.master_events import Failed, NodeEvent, Paused
+from hapticnet.node.in_force import InForce, SettingsInForce
+from hapticnet.node.master_events import Failed, NodeEvent, Paused, Resumed
 from hapticnet.node.master_settings import MasterSettings, device_axis
 from hapticnet.node.recording import DATAGRAM_COLUMNS, IN, OUT, Recording, frame_kind, master_columns
+from hapticnet.node.step_times import Clock, StepTimes, no_wait
 from hapticnet.operator.base import Operator
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.events import (
@@ -29,10 +31,11 @@ from hapticnet.protocol.events import (
     ForceArrived,
     HoldConfirmed,
     MasterEvent,
+    Noticed,
     OutlookArrived,
 )
 from hapticnet.protocol.master_session import MasterSession
-from hapticnet.protocol.messages import NAME_BYTES, Code, Request, clipped
+from hapticnet.protocol.messages import Code, Request
 from hapticnet.protocol.settings import Entropy
 from hapticnet.protocol.states import MasterState
 from hapticnet.protocol.stats import Distribution
@@ -53,12 +56,16 @@ class MasterNode:
         only passed on.
     rng
         Source of nonces.
+    clock
+        Times the steps of operator, device and a user's codec; None: they are not timed.
 
     Attributes
     ----------
     period_us, position_period_us
         Time [µs] between two ticks, and between two positions that are sent, as the slave has granted it. A position is
         sent in the tick nearest to the time it is due.
+    positions_due
+        Number of ticks so far in which a position was due.
     position_m
         Position [m] of the newest tick; None before there is a session.
     held_n
@@ -69,6 +76,12 @@ class MasterNode:
         What the slave calls the scene; None before there is a session.
     paused
         Why the operator is not asked for positions; None if it is.
+    in_force
+        Which settings are in force, and were.
+    notices
+        What slaves told about the sessions, the newest of each code.
+    times
+        The times of steps of operator, device and a user's codec.
     recording, datagrams
         Rows of every tick and of every datagram, if they are recorded.
     """
@@ -79,10 +92,14 @@ class MasterNode:
         device: Device | UserActuator | Fingertip | None,
         settings: MasterSettings,
         rng: Entropy,
+        clock: Clock | None = None,
     ) -> None:
         self.settings = settings
+        self.times = StepTimes(clock)
+        self.notices: dict[Code, str] = {}
         self.position_period_us = round(1e6 / settings.rate_hz)
         self.ticks = 0
+        self.positions_due = 0
         self.end_reason: str | None = None
         self.refused = False
         self.failure: str | None = None
@@ -107,6 +124,10 @@ class MasterNode:
         # No slave may slow the force loop down: its limits hold for the rate of the device.
         least_hz = self._fingertip.device.least_rate_hz if isinstance(self._fingertip, Fingertip) else 0.0
         self.period_us = round(1e6 / max(settings.rate_hz, least_hz))
+        self._operator_time = self.times.of(getattr(operator, "what", "the operator"))
+        made = self._fingertip and self._fingertip.device
+        self._device_time = self.times.of(getattr(made, "what", "the device and its force loop"))
+        self._codec_time = self.times.of_codec(self._codec)
         self._foretells = isinstance(self._fingertip, Fingertip) and self._port is None
         self._lead_us = self._fingertip.lead_us if isinstance(self._fingertip, Fingertip) else 0
         self._first_touch: FirstTouch | None = None
@@ -121,6 +142,8 @@ class MasterNode:
         self._connections = 0
         self._tracking = RunningError(settings.law)
         self.scene_name: str | None = None
+        self.in_force = InForce()
+        self._granted: SettingsInForce | None = None
         self._events: deque[NodeEvent] = deque()
         self._ticked_us = 0
         self._position_due_us = 0
@@ -149,6 +172,11 @@ class MasterNode:
     def axes(self) -> int:
         """Number of axes of a position and of a force."""
         return len(self._zero_n)
+
+    @property
+    def largest_n(self) -> float | None:
+        """Largest force [N] that is asked of the device; None without one that renders forces by a force loop."""
+        return self._fingertip.largest_n if isinstance(self._fingertip, Fingertip) else None
 
     @property
     def device_status(self) -> str | None:
@@ -188,12 +216,14 @@ class MasterNode:
         session.tick(now_us)
         if session.events:
             self._digest_events(now_us)
+        is_due = not session.streaming or self._position_is_due(now_us)
+        self.positions_due += is_due
         if self._script_start_us is not None and session.streaming:
             if self.paused is None:
                 self._ask_operator(now_us - self._script_start_us, now_us)
             if self.position_m is not None:
                 state = self._applied.move(now_us, self.position_m)
-                if self._position_is_due(now_us):
+                if is_due:
                     self._send(self.position_m, state, now_us)
 
     def _position_is_due(self, now_us: int) -> bool:
@@ -227,12 +257,21 @@ class MasterNode:
         except Exception as error:  # a user's codec may raise anything
             self._fail(f"the codec failed: {in_words(error)}", now_us)
 
+    def check(self, now_us: int, waited_us: Clock = no_wait) -> None:
+        """Look whether operator, device and codec keep up with the ticks; call this a few times a second.
+
+        `waited_us` returns how long this thread has waited for a processor in all [µs].
+        """
+        self._events.extend(self.times.check(now_us, waited_us) or ())
+
     def drive(self, now_us: int) -> None:
         """Hold the force of the present position, move the device one step toward it, and record the tick."""
         if self._first_touch is not None:
             self._touch(self._first_touch, now_us)
             return
+        self._codec_time.begin()
         self._apply(now_us)
+        self._codec_time.end(self.period_us)
         if self._fingertip is not None:
             self._press(self._fingertip, now_us)
         if self.recording is not None:
@@ -271,6 +310,7 @@ class MasterNode:
                 self._fail(f"the codec failed: {in_words(error)}", now_us)
 
     def _press(self, fingertip: Fingertip | Actuator, now_us: int) -> None:
+        self._device_time.begin()
         try:
             held_n = self._rendered_n(self.held_n)
             ahead_n = held_n if self._ahead_n is self.held_n else self._rendered_n(self._ahead_n)
@@ -278,6 +318,7 @@ class MasterNode:
         except Exception as error:  # what drives a device may raise anything; it is asked for no force from now on
             self._fail(f"the device failed: {in_words(error)}", now_us)
             return
+        self._device_time.end(self.period_us)
         self.target_n, self.sensed_n = fingertip.target_n, fingertip.sensed_n
         if self._connections and fingertip.reading is not None:
             self._tracking.add((self.target_n,), (self.sensed_n,))
@@ -313,8 +354,14 @@ class MasterNode:
         self._next_codec = chosen
         self.session.change(self._request(chosen))
 
+    def emulate(self, channel_out: str | None, channel_in: str | None) -> None:
+        """Tell which networks are emulated at this end from now on, for recordings and reports."""
+        self._events += self.in_force.emulate(channel_out, channel_in, self._ticked_us)
+
     def resume(self) -> None:
         """Ask the operator for positions again after `Paused`; the force rises from zero."""
+        if self.paused is not None:
+            self._events.append(Resumed())
         self.paused = None
 
     def close(self, reason: str, now_us: int) -> None:
@@ -355,6 +402,7 @@ class MasterNode:
             **asdict(self._codec.law),
             "rate_hz": 1e6 / self.position_period_us,
             "positions": self._forward.report(),
+            "in_force": self.in_force.report(),
             "ticks": self.ticks,
             "sealed": self.session.sealed,
             "connections": self._connections,
@@ -365,6 +413,8 @@ class MasterNode:
             "round_trip": self.session.round_trip.report(),
             "age_of_applied_force": self.age.report(),
             "ticks_on_model": self._applied.ticks_on_model,
+            "step_times": self.times.report(),
+            "notices": list(self.notices.values()),
             "sent": self.session.sent.report(),
             "received": self.session.received.report(),
         }
@@ -377,12 +427,13 @@ class MasterNode:
             rate_hz=self.settings.rate_hz,
             axes=self._operator.axes,
             position_share=self.settings.position_share if self.settings.positions == "line" else 0.0,
-            name=clipped(self.settings.name, NAME_BYTES),
+            name=self.settings.name,
             announced=self.settings.announced,
         )
 
     def _ask_operator(self, t_us: int, now_us: int) -> None:
         """Let the operator feel the held force, and ask it for its position."""
+        self._operator_time.begin()
         try:
             if self._feel is not None:
                 self._feel(t_us, self.held_n)
@@ -398,6 +449,7 @@ class MasterNode:
                 self._events.append(Paused(reason))
         else:
             self.position_m = position_m
+            self._operator_time.end(self.period_us)
 
     def _fail(self, reason: str, now_us: int) -> None:
         if self.failure is None:
@@ -413,13 +465,15 @@ class MasterNode:
     def _digest(self, event: MasterEvent, now_us: int) -> None:
         if isinstance(event, ForceArrived):
             try:
-                self._applied.take_in(event, now_us)
+                begins = self._applied.take_in(event, now_us)
             except PeerError:
                 self.session.payload_was_malformed()
             except Exception as error:  # a user's codec may raise anything
                 self._fail(f"the codec failed: {in_words(error)}", now_us)
             else:
                 self.session.applied(event)
+                if begins and self._granted is not None:
+                    self._events += self.in_force.begin(self._granted, now_us)
             return
         if isinstance(event, OutlookArrived):
             self._forward.told(event.payload)
@@ -427,23 +481,29 @@ class MasterNode:
         if isinstance(event, HoldConfirmed):
             self._applied.confirm(event, now_us)
             return
+        self._events.append(event)
         if isinstance(event, Connected):
             self._connections += 1
             self.scene_name = event.grant.scene
-            self.position_period_us = round(1e6 / min(self.settings.rate_hz, event.grant.rate_hz))
+            self._granted = SettingsInForce.of(self._request(self._next_codec), event.grant)
+            self.position_period_us = round(1e6 / self._granted.rate_hz)
             self._codec = self._next_codec
+            self._codec_time = self.times.of_codec(self._codec)
             share = event.grant.position_share
             codec = with_share(self._codec, share) if share else self._codec
-            self._applied.begin(
-                codec, stiffest_at(event.grant.rate_hz) if event.grant.announced else None, on_a_line=share > 0.0
-            )
+            stiffest = stiffest_at(event.grant.rate_hz) if event.grant.announced else None
+            if self._applied.begin(codec, stiffest, on_a_line=share > 0.0):
+                self._events += self.in_force.begin(self._granted, now_us)
             self._forward.begin(self._codec.law, share)
+            if self._port is not None:
+                self._port.contact_n = self._codec.law.floor_n
             if self._script_start_us is None:
                 self._script_start_us = now_us
+        elif isinstance(event, Noticed):
+            self.notices[event.code] = event.reason
         elif isinstance(event, ChangeRefused):
             self._next_codec = self._codec
         elif isinstance(event, Ended):
             self.end_reason, self.refused = event.reason, event.refused
             if event.code is Code.FAILED and not event.refused:
                 self.failure = event.reason
-        self._events.append(event)

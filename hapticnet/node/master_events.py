@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from hapticnet.node.fingertip import FingertipEvent
+from hapticnet.node.in_force import SettingsInForce
+from hapticnet.node.step_times import StepsTooSlow
 from hapticnet.protocol.events import (
     ChangeRefused,
     Connected,
@@ -11,6 +13,7 @@ from hapticnet.protocol.events import (
     Hinted,
     LinkRecovered,
     LinkStale,
+    Noticed,
     Refused,
     SessionLost,
 )
@@ -30,15 +33,24 @@ class Paused:
     reason: str
 
 
+@dataclass(frozen=True, slots=True)
+class Resumed:
+    """The operator is asked again after `Paused`."""
+
+
 NodeEvent: TypeAlias = (
     Connected
+    | SettingsInForce
     | LinkStale
     | LinkRecovered
     | SessionLost
     | Refused
     | ChangeRefused
     | Hinted
+    | Noticed
+    | StepsTooSlow
     | Paused
+    | Resumed
     | Failed
     | Ended
     | FingertipEvent

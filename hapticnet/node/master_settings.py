@@ -8,7 +8,7 @@ from hapticnet.control.hold import HoldSettings
 from hapticnet.control.limits import LimitSettings
 from hapticnet.errors import SettingsError
 from hapticnet.perception import WeberLaw
-from hapticnet.protocol.keys import MasterKey
+from hapticnet.protocol.keys import MasterKey, check_name
 from hapticnet.protocol.ranges import POSITION_SHARE, RATE_HZ
 from hapticnet.protocol.settings import SessionSettings
 
@@ -20,8 +20,8 @@ DeviceTakes: TypeAlias = Literal["x", "y", "z", "norm"]
 """The part of the force that a device with one axis renders."""
 
 LEAST_AGE_ON_A_LINE_US: Final = 200_000
-"""Least age limit [µs] with positions that are only sent when they matter: the position behind an answer may be 150 ms
-older than the time that it is for, so a shorter limit would leave no answer fresh."""
+"""Smallest `max_age_us` with positions that are only sent when they matter: the position behind an answer may be 150 ms
+older than the time that it is for, so that with a shorter limit no answer would be fresh."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,12 +81,13 @@ class MasterSettings:
     control: ForceControlSettings = field(default_factory=ForceControlSettings)
 
     def __post_init__(self) -> None:
+        check_name(self.name)
         if self.positions not in ("raw", "line"):
             raise SettingsError(f"positions is {self.positions!r}; it must be 'raw' or 'line'")
         POSITION_SHARE._replace(name="position_share", zero_allowed=False).check(self.position_share)
         if self.positions == "line" and self.session.max_age_us < LEAST_AGE_ON_A_LINE_US:
             raise SettingsError(
-                f"the age limit is {self.session.max_age_us / 1e6:g} s; with positions that are only sent when they"
+                f"the largest age is {self.session.max_age_us / 1e6:g} s; with positions that are only sent when they"
                 f" matter it must be at least {LEAST_AGE_ON_A_LINE_US / 1e6:g} s, because they are up to 0.15 s old"
             )
         RATE_HZ.check(self.rate_hz)

@@ -20,8 +20,8 @@ REQUESTS_AT_ONCE: Final = 8
 """Requests of one host that are read: a sealed one costs a key exchange, an open one the tables of its codec."""
 
 ALL_REQUESTS_PER_S: Final = 100.0
-ALL_REQUESTS_AT_ONCE: Final = 50
-"""Requests of all hosts together that are read."""
+ALL_REQUESTS_AT_ONCE: Final = 10
+"""Requests of all hosts together that are read. One takes up to a millisecond, which positions wait for."""
 
 
 class Reception:
@@ -63,7 +63,7 @@ class Reception:
             If the HELLO is malformed; the caller counts it.
         """
         if size < HELLO_BYTES:
-            raise PeerError(f"HELLO of {size} bytes; it is padded to {HELLO_BYTES}")
+            raise PeerError(f"HELLO of {size} bytes; pad it to at least {HELLO_BYTES}")
         door = self._doors.get(datagram.version)
         if door is None:
             return self._refusal(unpack_nonce(datagram.body), datagram.version)

@@ -10,15 +10,22 @@ from hapticnet.node.alarms import Alarms
 from hapticnet.node.feedback import SceneFailedError
 from hapticnet.node.reception import Address, Reception
 from hapticnet.node.seats import NoSeatError, Seats
-from hapticnet.node.slave_events import MasterJoined, MasterLeft, MasterRefused, ScenePaused, SlaveEvent
+from hapticnet.node.slave_events import MasterJoined, MasterLeft, MasterRefused, ScenePaused, SceneResumed, SlaveEvent
 from hapticnet.node.station import Station
+from hapticnet.node.step_times import Clock, StepTimes, no_wait
 from hapticnet.protocol.handshake import Door, OpenDoor, SealedDoor
 from hapticnet.protocol.keys import Roster
-from hapticnet.protocol.messages import Code, Hello
+from hapticnet.protocol.messages import REASON_BYTES, Code, Hello, clipped
 from hapticnet.protocol.settings import Entropy
 from hapticnet.protocol.states import SlaveState, Trigger
 from hapticnet.protocol.stats import Traffic
 from hapticnet.protocol.wire import OPEN, SEALED, Datagram, Kind, pack, unpack
+
+NOTICES_AT_ONCE: Final = 20
+"""Masters that are told at once that the slave is to stop: all of a thousand would wait for their forces meanwhile."""
+
+NOTICE_EVERY_US: Final = 2_000_000
+"""Least time [µs] between two such notices to a master; a datagram may be lost."""
 
 REPORTS_KEPT: Final = 1000
 """Accounts of ended sessions that are kept: one or two megabytes, so that memory is bounded."""
@@ -39,6 +46,15 @@ class SlaveNode:
         Returns an address as text for the report.
     host_of
         Returns the host of an address: whom open sessions count for, and whose requests are limited.
+    clock
+        Times the steps of scenes and of users' codecs; None: they are not timed.
+
+    Attributes
+    ----------
+    unread_hello
+        Why the newest malformed HELLO was dropped, and where it came from; None if there was none.
+    times
+        The times of these steps.
     """
 
     def __init__(
@@ -50,6 +66,7 @@ class SlaveNode:
         doors: dict[int, Door] | None = None,
         write_address: Callable[[Address], str] = str,
         host_of: Callable[[Address], Hashable] = lambda address: address,
+        clock: Clock | None = None,
     ) -> None:
         self._write_address = write_address
         self._host_of = host_of
@@ -58,14 +75,18 @@ class SlaveNode:
         self._settings = settings
         self._doors = {OPEN: OpenDoor()} if doors is None else doors
         self._reception = Reception(self._doors, rng)
-        self._admission = Admission(make_scene, settings, rng)
+        self.times = StepTimes(clock)
+        self._admission = Admission(make_scene, settings, rng, self.times)
         self._seats = Seats(settings.session)
         self._stations = self._seats.by_number
         self._welcomes: dict[tuple[Address, int], tuple[Station, bytes]] = {}
         self._steps = Alarms(_next_step_us)  # of seated sessions whose positions are sent only when they matter
+        self._to_notify: list[Station] = []
+        self._notify_us = 0  # when all masters are told again that the slave is to stop
         self._to_answer: list[Station] = []
         self._to_settle: list[Station] = []
         self.never_used = 0
+        self.unread_hello: tuple[str, Address] | None = None
         self._ended: deque[dict[str, Any]] = deque(maxlen=REPORTS_KEPT)
         self._outbox: list[tuple[bytes, Address]] = []
         self._events: deque[SlaveEvent] = deque()
@@ -139,6 +160,40 @@ class SlaveNode:
             self._answer(station, now_us, station.step_between)
             self._to_settle.append(station)
 
+    def check(self, now_us: int, waited_us: Clock = no_wait) -> None:
+        """Look whether scenes keep up with positions; call this a few times a second.
+
+        `waited_us` returns how long this thread has waited for a processor in all [µs].
+
+        What is too slow is told once as an event, and to its masters once a second while it lasts. After `drain`, the
+        masters are told that the slave is to stop.
+        """
+        if self.draining:
+            self._tell_stop(now_us)
+        news = self.times.check(now_us, waited_us)
+        if news is None:
+            return
+        self._events.extend(news)
+        for station in tuple(self._stations.values()):
+            slow = station.slow if station.row is None and station.seated else None
+            if slow is not None:
+                self._notify(station, str(slow.told), Code.SLOW, now_us)
+
+    def drain(self, now_us: int) -> None:
+        """Take no new masters from now on, and tell the present ones: they may finish until `close`."""
+        self._admission.takes_new = False
+        self._tell_stop(now_us)
+
+    @property
+    def draining(self) -> bool:
+        """Whether new masters are refused because the slave is to stop."""
+        return not self._admission.takes_new
+
+    @property
+    def drained(self) -> bool:
+        """Whether no master has a session any more."""
+        return not any(station.seated for station in self._stations.values())
+
     def next_timer_us(self) -> int | None:
         """Return when `tick` may have something to do [µs]; None if there is no session."""
         expiry_us, step_us = self._seats.next_expiry_us(), self._steps.earliest_us()
@@ -158,12 +213,14 @@ class SlaveNode:
     def close(self, reason: str, now_us: int) -> None:
         """End every session and send the masters a CLOSE."""
         for station in self.stations:
-            self._end(station, reason, now_us)
+            self._end(station, reason, now_us, code=Code.STOPPING)
 
     def resume(self) -> None:
         """Step the scenes again that have failed and are paused."""
         for station in self.stations:
-            station.resume()
+            if station.paused is not None:
+                station.resume()
+                self._events.append(SceneResumed(station))
 
     def serve_only(self, roster: Roster, now_us: int) -> None:
         """Use another list of masters; end the sessions of those who are no longer in it."""
@@ -185,6 +242,7 @@ class SlaveNode:
             "never_used": self.never_used,
             "throttled": self.throttled,
             "unkeyed": self.unkeyed,
+            "step_times": self.times.report(),
             "strangers": self.strangers.report(),
             "to_strangers": self.to_strangers.report(),
         }
@@ -210,7 +268,8 @@ class SlaveNode:
             if datagram.kind is not Kind.POSITION and datagram.kind is not Kind.CLOSE:  # no master sends these
                 self._receive_stray(datagram, len(data), address)
                 return
-            self._at_hand(station, datagram, data)
+            if not self._at_hand(station, datagram, data):
+                return
             account = session.received
             was_half_open = session.state is SlaveState.HALF_OPEN
             has_position = station.take_in(datagram, data, address, now_us)
@@ -256,6 +315,7 @@ class SlaveNode:
             station.inherit(station.continues)
             self._forget(station.continues, Trigger.CONTINUED, "its master goes on in a new session")
         self._seats.seat(station)
+        self._forget_greeting(station)  # its master has the WELCOME: who repeats the HELLO now is somebody else
         self._events.append(MasterJoined(station))
         return True
 
@@ -268,6 +328,13 @@ class SlaveNode:
         return False
 
     def _receive_hello(self, datagram: Datagram, size: int, address: Address, now_us: int) -> None:
+        try:
+            self._greet(datagram, size, address, now_us)
+        except PeerError as error:
+            self.unread_hello = clipped(str(error), REASON_BYTES), address
+            raise
+
+    def _greet(self, datagram: Datagram, size: int, address: Address, now_us: int) -> None:
         greeted = self._reception.greet(datagram, size, address, now_us)
         if isinstance(greeted, Hello):
             # A HELLO repeated after a lost answer gets the same answer.
@@ -275,7 +342,6 @@ class SlaveNode:
             admitted = known or self._admit(datagram, greeted, address, now_us)
             if admitted is not None:
                 station, welcome = admitted
-                self._at_hand(station)
                 station.session.account_hello(size, len(welcome), now_us)
                 self._outbox.append((welcome, address))
                 return
@@ -331,20 +397,44 @@ class SlaveNode:
         self._outbox.append((station.session.close(reason, now_us, code), station.address))
         self._forget(station, Trigger.CLOSE, f"the slave closed: {reason}")
 
-    def _at_hand(self, station: Station, datagram: Datagram | None = None, data: bytes = b"") -> None:
-        """Bring a station up to date before it is used, or before it processes a datagram; here it always is."""
+    def _tell_stop(self, now_us: int) -> None:
+        """Tell some of the masters that the slave is to stop."""
+        if not self._to_notify and now_us >= self._notify_us:
+            self._to_notify = [each for each in self._stations.values() if each.seated]
+            self._notify_us = now_us + NOTICE_EVERY_US
+        now, self._to_notify = self._to_notify[:NOTICES_AT_ONCE], self._to_notify[NOTICES_AT_ONCE:]
+        for station in now:
+            if station.session.state is SlaveState.OPEN:
+                self._notify(
+                    station, "this slave is about to stop: end soon, or go on elsewhere", Code.STOPPING, now_us
+                )
+
+    def _notify(self, station: Station, reason: str, code: Code, now_us: int) -> None:
+        """Tell a master something about its session, which goes on."""
+        self._at_hand(station)
+        self._outbox.append((station.session.notice(reason, now_us, code), station.address))
+
+    def _at_hand(self, station: Station, datagram: Datagram | None = None, data: bytes = b"") -> bool:  # noqa: ARG002
+        """Bring a station up to date before it is used, or before it processes a datagram; here it always is.
+
+        Return False if the datagram needs no processing: it has been counted.
+        """
+        return True
 
     def _forget(self, station: Station, trigger: Trigger, reason: str) -> None:
         self._at_hand(station)
         station.session.end(trigger, reason)
         self._remove(station)
 
+    def _forget_greeting(self, station: Station) -> None:
+        if station.greeting is not None:
+            self._welcomes.pop(station.greeting, None)
+
     def _remove(self, station: Station) -> None:
         """Remove a session that has ended."""
         self._seats.remove(station)
         self._steps.forget(station)
-        if station.greeting is not None:
-            self._welcomes.pop(station.greeting, None)
+        self._forget_greeting(station)
         if station.seated:
             self._ended.append(self._report(station))
             self._events.append(MasterLeft(station))

@@ -5,6 +5,7 @@ from typing import TypeAlias
 
 from hapticnet.node.reception import Address
 from hapticnet.node.station import Station
+from hapticnet.node.step_times import StepsTooSlow
 from hapticnet.protocol.messages import Code
 
 
@@ -31,6 +32,13 @@ class ScenePaused:
 
 
 @dataclass(frozen=True, slots=True)
+class SceneResumed:
+    """The scene of a session is stepped again after `ScenePaused`."""
+
+    station: Station
+
+
+@dataclass(frozen=True, slots=True)
 class MasterRefused:
     """A master that has proved its address was refused a session, for `reason`.
 
@@ -44,4 +52,4 @@ class MasterRefused:
     reason: str
 
 
-SlaveEvent: TypeAlias = MasterJoined | MasterLeft | MasterRefused | ScenePaused
+SlaveEvent: TypeAlias = MasterJoined | MasterLeft | MasterRefused | ScenePaused | SceneResumed | StepsTooSlow

@@ -5,16 +5,17 @@ from dataclasses import asdict
 from typing import Any, Final, TypeAlias
 
 from hapticnet.codec.base import Codec
-from hapticnet.codec.positions.lines import unpack_line
+from hapticnet.codec.positions.lines import PromisedLine, unpack_line
 from hapticnet.codec.registry import codec_parameters
 from hapticnet.codec.schemes.raw import Raw
-from hapticnet.errors import PeerError, SampleError, in_words
+from hapticnet.errors import SampleError, in_words
 from hapticnet.measure.metrics import RunningError
 from hapticnet.node.course import VELOCITY_STEP_US, Course
 from hapticnet.node.feedback import Feedback, SceneFailedError
 from hapticnet.node.model_wire import read_state
 from hapticnet.node.recording import DATAGRAM_COLUMNS, IN, OUT, Recording, frame_kind, slave_columns
 from hapticnet.node.station_settings import StationSettings
+from hapticnet.node.step_times import StepTime, StepTimes
 from hapticnet.protocol.messages import Grant
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import Datagram, Kind
@@ -46,11 +47,11 @@ class Station:
     continues
         The station whose scene this one goes on with. A restarted master has another clock; `same_clock` tells whether
         this one's time stamps go on from the old ones.
+    times
+        Where the steps of scene and codec are timed.
 
     Attributes
     ----------
-    feedback
-        What is sent for each force.
     newest
         The newest position that was answered: its time [µs] on the master's clock, position [m], true force [N], force
         that the master holds if nothing is lost [N], and whether a force was transmitted. None before the first.
@@ -68,6 +69,7 @@ class Station:
         seats: int,
         listed: str | None,
         settings: StationSettings,
+        times: StepTimes,
         now_us: int,
         continues: "Station | None" = None,
         same_clock: bool = True,
@@ -104,10 +106,22 @@ class Station:
         self.between = 0
         self._answered: _Answered | None = None
         self._positions = Raw().decoder(scene.axes)
-        self.feedback = Feedback(session, codec, scene, announced=grant.announced, rate_hz=grant.rate_hz)
+        self._feedback: Feedback | None = None
+        self._period_us = 1e6 / grant.rate_hz
+        self._scene_time = times.of(getattr(scene, "what", f"scene {scene.name}"))
+        self._codec_time = times.of_codec(codec)
         self._told: int | None = None  # which layers of the model the master has pierced
         self._zero_n = (0.0,) * scene.axes
         self._error = RunningError(codec.law)
+
+    @property
+    def feedback(self) -> Feedback:
+        """What is sent for each force; built at the first position, so that an unused session costs little."""
+        if self._feedback is None:
+            self._feedback = Feedback(
+                self.session, self.codec, self.scene, announced=self.grant.announced, rate_hz=self.grant.rate_hz
+            )
+        return self._feedback
 
     def is_own(self, ticket: bytes) -> bool | None:
         """Return whether the holder of a ticket is this station's own master; None if the ticket is of another scene.
@@ -146,29 +160,38 @@ class Station:
         """
         if self.datagrams is not None:
             self.datagrams.add((now_us, IN, frame_kind(data), len(data)))
-        position = self.session.receive(datagram, data, now_us)
-        if position is None:
+        taken = self.session.receive(datagram, data, now_us, self._read)
+        if taken is None:
             return False
         if self.session.seal is not None:
             self.address = address  # the newest datagram that opens tells where the master is
-        try:
-            payload, told = position.payload, None
-            if self.feedback.announced:
-                told, payload = read_state(payload)
-            if self.course is not None:
-                line = unpack_line(position.t_us, payload, self.scene.axes)
-                self.course.take_in(line, now_us)
-                sample = PositionSample(line.t_us, line.position_m)
-            else:
-                self._positions.decode(position.t_us, payload)
-                sample = PositionSample(position.t_us, self._positions.reconstruct(position.t_us))
-        except (PeerError, SampleError):  # counted as a datagram already, so not by `add_malformed`
-            self.session.received.malformed += 1
-            return False
-        self.superseded += self._pending is not None
-        self._pending = sample
+        t_us, (told, position_m, velocity_m_per_s) = taken
+        if self.course is not None:
+            self.course.take_in(PromisedLine(t_us, position_m, velocity_m_per_s), now_us)
+        if self._pending is not None:
+            self.superseded += 1
+            self._scene_time.unanswered += 1
+            self._codec_time.unanswered += 1
+        self._pending = PositionSample(t_us, position_m)
         self._told = told if self.session.in_step else None
         return True
+
+    def _read(self, payload: bytes) -> tuple[int | None, Vector, Vector]:
+        """Return what the payload of a position says: the state of the master's model, a place [m], a velocity [m/s].
+
+        Raises
+        ------
+        PeerError
+            If it is malformed.
+        """
+        told = None
+        if self.grant.announced:
+            told, payload = read_state(payload)
+        if self.course is not None:
+            line = unpack_line(0, payload, self.scene.axes)
+            return told, line.position_m, line.velocity_m_per_s
+        self._positions.decode(0, payload)
+        return told, self._positions.reconstruct(0), ()
 
     @property
     def waits(self) -> bool:
@@ -258,7 +281,9 @@ class Station:
         if self.course is not None:
             self.course.answered(sample.t_us)
         self.steps += 1
+        self._codec_time.begin()
         payload, datagram = self.feedback.answer(sample, force_n, now_us)
+        self._codec_time.end(self._period_us)
         self._stepped_us = now_us
         self._answered = sample, force_n, payload, datagram, now_us
         return datagram
@@ -287,6 +312,11 @@ class Station:
         if self.datagrams is not None and datagram is not None:
             self.datagrams.add((now_us, OUT, frame_kind(datagram), size))
 
+    @property
+    def slow(self) -> StepTime | None:
+        """The code of this session whose steps are too slow now; None if there is none."""
+        return next((each for each in (self._scene_time, self._codec_time) if each.is_slow), None)
+
     def resume(self) -> None:
         """Step the scene again after it has failed."""
         self.paused = None
@@ -298,7 +328,9 @@ class Station:
         self._scene_us = sample.t_us + (self._shift_us or 0)
         try:
             at_scene_time = PositionSample(self._scene_us, sample.position_m) if self._shift_us else sample
+            self._scene_time.begin()
             force_n = self.scene.step(at_scene_time).force_n
+            self._scene_time.end(self._period_us)
         except SampleError:
             raise
         except Exception as error:  # a user's scene may raise anything

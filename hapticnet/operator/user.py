@@ -34,10 +34,11 @@ class UserOperator:
         If ``sample`` is missing, a method cannot be called this way, or an attribute cannot be used.
     """
 
-    __slots__ = ("_feel", "_hand_feel", "_hand_sample", "_sample", "axes", "duration_us", "hand")
+    __slots__ = ("_feel", "_hand_feel", "_hand_sample", "_sample", "axes", "duration_us", "hand", "what")
 
     def __init__(self, hand: HasSample, what: str = "the operator") -> None:
         self.hand = hand
+        self.what = what
         kind = type(hand).__name__
         self._sample, self._feel = f"{kind}.sample", f"{kind}.feel"
         self._hand_sample: Callable[[int], Any] = method_of(hand, "sample(t_us)", what)

@@ -69,7 +69,10 @@ class SessionLost:
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """The slave refused a new session to a master that had one. The master asks again after `retry_us` [µs]."""
+    """The slave refused a new session to a master that had one, or because it is about to stop.
+
+    The master asks again after `retry_us` [µs].
+    """
 
     reason: str
     code: Code
@@ -100,6 +103,14 @@ class Ended:
     code: Code = Code.OTHER
 
 
+@dataclass(frozen=True, slots=True)
+class Noticed:
+    """The slave tells something about the session, which goes on; once for each `code` of a session."""
+
+    reason: str
+    code: Code
+
+
 MasterEvent: TypeAlias = (
     Connected
     | ForceArrived
@@ -111,5 +122,6 @@ MasterEvent: TypeAlias = (
     | Refused
     | ChangeRefused
     | Hinted
+    | Noticed
     | Ended
 )

@@ -8,6 +8,7 @@ handshake, and the answer comes back in the second.
 from dataclasses import dataclass
 from typing import Protocol
 
+from hapticnet.errors import PeerError
 from hapticnet.protocol.keys import NO_PSK, MasterEntry, MasterKey, Roster
 from hapticnet.protocol.mac import hello_mac, is_hello_mac
 from hapticnet.protocol.messages import (
@@ -76,6 +77,7 @@ class SealedAttempt:
     def __init__(self, request: Request, nonce: int, sequence: int, key: MasterKey, rng: Entropy) -> None:
         self.nonce = nonce
         self._sequence = sequence
+        self._has_psk = key.own.psk != NO_PSK
         self._initiator = Initiator(key.own.private, key.peer, key.own.psk, prologue(nonce, sequence), rng)
         self._noise1 = self._initiator.write(pack_body(request))
         self._mac = hello_mac(key.peer, nonce, sequence, self._noise1)
@@ -86,8 +88,18 @@ class SealedAttempt:
 
     def read(self, grant: bytes) -> tuple[Grant | Refusal, Seal]:
         """Return what a WELCOME grants, and the seal; raise PeerError unless the slave's key made it."""
-        payload, keys = self._initiator.read(grant)
-        return unpack_grant_or_refusal(payload), Seal(keys.to_responder, keys.to_initiator)
+        try:
+            payload, keys = self._initiator.read(grant)
+            answer = unpack_grant_or_refusal(payload)
+        except PeerError:
+            if not self._has_psk:
+                raise
+            # A slave that does not know a key knows no pre-shared key of it, and can only refuse.
+            payload, keys = self._initiator.read(grant, NO_PSK)
+            answer = unpack_grant_or_refusal(payload)
+            if isinstance(answer, Grant):
+                raise PeerError("a grant without the pre-shared key") from None
+        return answer, Seal(keys.to_responder, keys.to_initiator)
 
 
 @dataclass(frozen=True, slots=True)

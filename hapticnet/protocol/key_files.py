@@ -36,7 +36,11 @@ from hapticnet.protocol.keys import NO_PSK, MasterEntry, PrivateKey, Roster, for
 PRIVATE_MODE: Final = 0o600
 PRIVATE_FOLDER_MODE: Final = 0o700
 
+ROOT: Final = 0
+"""Account that can change every file anyway."""
+
 _OTHERS: Final = stat.S_IRWXG | stat.S_IRWXO
+_WRITTEN_BY_OTHERS: Final = stat.S_IWGRP | stat.S_IWOTH
 
 # Mistakes in a field with repr=False are reported without its value.
 _Secret = Annotated[str, Field(repr=False)]
@@ -67,19 +71,34 @@ class _RosterTable(BaseModel):
     master: list[_MasterTable] = []
 
 
+def default_key() -> Path:
+    """Return where a host's key is kept unless another file is named."""
+    base = os.environ.get("XDG_CONFIG_HOME", "")
+    # The XDG base directory specification: a relative path is to be ignored.
+    folder = Path(base) if Path(base).is_absolute() else Path.home() / ".config"
+    return folder / "hapticnet" / "key.toml"
+
+
+def default_masters(key: Path) -> Path:
+    """Return the slave's list of masters that belongs to a key file."""
+    return key.parent / "masters.toml"
+
+
 def load_key(path: Path) -> PrivateKey:
     """Return the key in a key file.
 
     Raises
     ------
     FileError
-        If the file is missing, unreadable, accessible to group or others, or not TOML.
+        If the file is missing, unreadable, accessible to group or others, another account's, in a folder that all
+        accounts can change, or not TOML.
     SettingsError
         If a key is unknown or missing, or is not a key.
     """
     if is_missing(path):
         raise FileError(f"{path} does not exist; make it with: hapticnet key new {shlex.quote(str(path))}")
     text = read_document(path)
+    _check_owner(path)
     _check_private(path)
     table = parse_document(text, str(path), _KeyTable)
     try:
@@ -94,8 +113,8 @@ def load_roster(path: Path) -> Roster:
     Raises
     ------
     FileError
-        If the file is missing, unreadable or not TOML; if anybody may write it; or if it holds a pre-shared key and is
-        accessible to group or others.
+        If the file is missing, unreadable or not TOML; if group or others may write it, it is another account's, or all
+        accounts can change its folder; or if it holds a pre-shared key and is accessible to group or others.
     SettingsError
         If a key is unknown or missing, a value is invalid, or a master is listed twice.
     """
@@ -105,10 +124,13 @@ def load_roster(path: Path) -> Roster:
             " master's host"
         )
     table = parse_document(read_document(path), str(path), _RosterTable)
+    _check_owner(path)
     if any(master.psk is not None for master in table.master):
         _check_private(path)
-    elif _mode(path) & stat.S_IWOTH:
-        raise FileError(f"{path} can be changed by anybody on this machine; run: chmod o-w {shlex.quote(str(path))}")
+    elif (mode := _mode(path)) & _WRITTEN_BY_OTHERS:
+        raise FileError(
+            f"{path} can be changed by other users (mode {mode:04o}); run: chmod go-w {shlex.quote(str(path))}"
+        )
     masters = []
     for number, master in enumerate(table.master, start=1):
         try:
@@ -194,6 +216,35 @@ def _psk(text: str | None) -> bytes:
     return psk
 
 
+def open_folder(path: Path) -> Path | None:
+    """Return the folder of a file, or of what a link leads to, if all accounts can replace files in it; else None."""
+    for folder in (path.absolute().parent, path.resolve().parent):
+        mode = _mode(folder)
+        if mode & stat.S_IWOTH and not mode & stat.S_ISVTX:
+            return folder
+    return None
+
+
+def is_anothers(path: Path) -> bool:
+    """Return whether a file belongs neither to this account nor to root."""
+    return _status(path).st_uid not in (ROOT, os.geteuid())
+
+
+def _check_owner(path: Path) -> None:
+    """Raise FileError if another account can change or replace a file because of its owner or its folder."""
+    if is_anothers(path):
+        raise FileError(
+            f"{path} belongs to another account (number {_status(path).st_uid}), which can change it;"
+            f" run: sudo chown $USER {shlex.quote(str(path))}"
+        )
+    folder = open_folder(path)
+    if folder is not None:
+        raise FileError(
+            f"{path} can be replaced by all accounts, because they can change its folder;"
+            f" run: chmod o-w {shlex.quote(str(folder))}"
+        )
+
+
 def _check_private(path: Path) -> None:
     """Raise FileError if group or others can read or write a file that holds a secret."""
     mode = _mode(path)
@@ -205,8 +256,12 @@ def _check_private(path: Path) -> None:
 
 
 def _mode(path: Path) -> int:
+    return stat.S_IMODE(_status(path).st_mode)
+
+
+def _status(path: Path) -> os.stat_result:
     try:
-        return stat.S_IMODE(path.stat().st_mode)
+        return path.stat()
     except OSError as error:
         raise FileError(f"{path}: {_reason(error)}") from error
 

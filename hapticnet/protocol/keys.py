@@ -9,12 +9,15 @@ import binascii
 import reprlib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Final
 
+from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey, X25519PublicKey
+from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305
 
 from hapticnet.checks import check_integer
-from hapticnet.errors import SettingsError
+from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.protocol.messages import NAME_BYTES
 from hapticnet.protocol.ranges import RATE_HZ
 from hapticnet.protocol.settings import Entropy
@@ -45,6 +48,8 @@ class PrivateKey:
     ------
     SettingsError
         If a key has another length.
+    UnavailableError
+        If OpenSSL has not the algorithms of sealed sessions.
     """
 
     private: bytes = field(repr=False)
@@ -54,6 +59,7 @@ class PrivateKey:
     def __post_init__(self) -> None:
         _check_length("private", self.private)
         _check_length("psk", self.psk)
+        check_algorithms()
         public = X25519PrivateKey.from_private_bytes(self.private).public_key().public_bytes_raw()
         object.__setattr__(self, "public", public)
 
@@ -113,8 +119,7 @@ class MasterEntry:
     most_sessions: int | None = None
 
     def __post_init__(self) -> None:
-        if not self.name or not self.name.isprintable() or len(self.name.encode()) > NAME_BYTES:
-            raise SettingsError(f"name is {reprlib.repr(self.name)}; it must be 1 to {NAME_BYTES} printable bytes")
+        check_name(self.name)
         check_public("public", self.public)
         _check_length("psk", self.psk)
         if self.scene == "":
@@ -209,15 +214,40 @@ def check_public(name: str, public: bytes) -> None:
     ------
     SettingsError
         If the length is wrong or the point is of small order; the all-zero key is one.
+    UnavailableError
+        If OpenSSL has not the algorithms of sealed sessions.
     """
     _check_length(name, public)
+    any_private = check_algorithms()
     try:
-        _ANY_PRIVATE.exchange(X25519PublicKey.from_public_bytes(public))
+        any_private.exchange(X25519PublicKey.from_public_bytes(public))
     except ValueError:
         raise SettingsError(f"{name} {format_key(public)} is not a public key; no private key belongs to it") from None
 
 
-_ANY_PRIVATE: Final = X25519PrivateKey.from_private_bytes(bytes(KEY_BYTES))
+@cache
+def check_algorithms() -> X25519PrivateKey:
+    """Check that OpenSSL has what sealed sessions need, and return a private key that nobody uses.
+
+    Raises
+    ------
+    UnavailableError
+        If it has not: on a machine in FIPS mode.
+    """
+    try:
+        ChaCha20Poly1305(bytes(KEY_BYTES)).encrypt(bytes(12), b"", None)
+        return X25519PrivateKey.from_private_bytes(bytes(KEY_BYTES))
+    except UnsupportedAlgorithm as error:
+        raise UnavailableError(
+            "sealed sessions and their keys need X25519 and ChaCha20-Poly1305, and OpenSSL has not both here, as in"
+            " FIPS mode; open sessions need neither"
+        ) from error
+
+
+def check_name(name: str) -> None:
+    """Raise SettingsError unless a master may have this name."""
+    if not name.strip() or not name.isprintable() or len(name.encode()) > NAME_BYTES:
+        raise SettingsError(f"name is {reprlib.repr(name)}; it must be 1 to {NAME_BYTES} printable bytes")
 
 
 def _check_length(name: str, key: bytes) -> None:

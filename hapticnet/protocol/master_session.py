@@ -17,6 +17,7 @@ from hapticnet.protocol.events import (
     LinkRecovered,
     LinkStale,
     MasterEvent,
+    Noticed,
     OutlookArrived,
     Refused,
     SessionLost,
@@ -37,6 +38,7 @@ from hapticnet.protocol.messages import (
     unpack_close,
     unpack_force,
     unpack_keepalive,
+    unpack_notice,
 )
 from hapticnet.protocol.seal import LAST_SEQUENCE, Seal
 from hapticnet.protocol.serial_number import MOST, distance, wrap
@@ -117,6 +119,7 @@ class MasterSession:
         self._told_slow = False
         self._stale_interval_us = 0.0
         self._next_stale_us = 0
+        self._noticed: set[Code] = set()
         self._next_close_us: int | None = None
         self._tries_left = settings.close_tries
         self._close_reason = ""
@@ -286,6 +289,12 @@ class MasterSession:
             self.received.add(kind, size)
             if self.received.arrive(datagram.sequence) is Arrival.NEW:
                 self._receive_close(close)
+        elif kind is Kind.NOTICE:
+            notice = unpack_notice(body)
+            self.received.add(kind, size)
+            if self._arrive(datagram.sequence) in (Arrival.NEW, Arrival.LATE) and notice.code not in self._noticed:
+                self._noticed.add(notice.code)
+                self.events.append(Noticed(notice.reason, notice.code))
         else:
             self._count_stray(kind, size)
 
@@ -350,7 +359,7 @@ class MasterSession:
             if self.streaming:
                 self._asking.stop()
             self.events.append(ChangeRefused(answer.reason, answer.code))
-        elif self._grant is None:
+        elif self._grant is None and answer.code is not Code.STOPPING:
             self._end(Trigger.REFUSED, answer.reason, refused=True, code=answer.code)
         else:
             self.events.append(Refused(answer.reason, answer.code, self._asking.refused(now_us)))
@@ -373,6 +382,7 @@ class MasterSession:
         self._fresh.heard(now_us)
         self._fresh.ahead_us = 3 * LONGEST_SILENCE_US // 2 if grant.position_share else 0
         self._doubted = False
+        self._noticed.clear()
         self.received.open_window(sequence, authentic=seal is not None)
         self._move(Trigger.WELCOMED)
         self.events.append(Connected(grant))

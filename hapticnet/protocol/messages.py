@@ -33,6 +33,8 @@ class Code(enum.IntEnum):
     FULL = 5
     FAILED = 6
     KEY = 7
+    STOPPING = 8
+    SLOW = 9
 
     @classmethod
     def _missing_(cls, value: object) -> "Code":  # noqa: ARG003 - the signature is the enum module's
@@ -203,6 +205,13 @@ class Close(NamedTuple):
     code: Code = Code.OTHER
 
 
+class Notice(NamedTuple):
+    """Slave to master: what the person there should know; the session goes on."""
+
+    reason: str
+    code: Code
+
+
 def pack_hello(hello: Hello, sequence: int, version: int = OPEN) -> bytes:
     """Return a HELLO datagram, padded to `HELLO_BYTES`."""
     bare = pack(Kind.HELLO, 0, sequence, pack_body((*hello, b"")), version)
@@ -341,16 +350,25 @@ def unpack_keepalive(body: bytes) -> Keepalive:
 
 def unpack_close(body: bytes) -> Close:
     """Return the CLOSE in a body; raise PeerError if it is invalid."""
-    reason, code = unpack_body(body, 2)
-    _require(_is_text(reason, REASON_BYTES), "reason", reason)
-    _require(is_uint32(code), "code", code)
-    return Close(reason, Code(code))
+    return Close(*_reason_and_code(body))
+
+
+def unpack_notice(body: bytes) -> Notice:
+    """Return the NOTICE in a body; raise PeerError if it is invalid."""
+    return Notice(*_reason_and_code(body))
 
 
 def clipped(text: str, limit: int) -> str:
     """Return `text` cut to at most `limit` bytes of UTF-8, without control characters a terminal would obey."""
     printable = "".join(character if character.isprintable() else "?" for character in text)
     return printable.encode()[:limit].decode(errors="ignore")
+
+
+def _reason_and_code(body: bytes) -> tuple[str, Code]:
+    reason, code = unpack_body(body, 2)
+    _require(_is_text(reason, REASON_BYTES), "reason", reason)
+    _require(is_uint32(code), "code", code)
+    return reason, Code(code)
 
 
 def _outlook(more: list[Any]) -> bytes | None:

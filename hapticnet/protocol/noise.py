@@ -109,8 +109,8 @@ class Initiator:
         self._ephemeral, self._written = ephemeral, transcript
         return message
 
-    def read(self, message: bytes) -> tuple[bytes, TransportKeys]:
-        """Return the payload of the second message, and the session's keys.
+    def read(self, message: bytes, psk: bytes | None = None) -> tuple[bytes, TransportKeys]:
+        """Return the payload of the second message, and the session's keys; `psk` stands in for this side's own.
 
         A message that is refused changes nothing: the true answer can still be read.
 
@@ -128,7 +128,7 @@ class Initiator:
         transcript.mix_ephemeral(theirs)
         transcript.mix_key(_shared_secret(self._ephemeral, theirs))
         transcript.mix_key(_shared_secret(self._static, theirs))
-        transcript.mix_psk(self._psk)
+        transcript.mix_psk(self._psk if psk is None else psk)
         payload = transcript.decrypt(message[KEY_BYTES:])
         return payload, transcript.split()
 

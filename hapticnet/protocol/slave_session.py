@@ -1,18 +1,18 @@
 """The slave's end of one session, sans-I/O. `node.slave` holds the table of all sessions."""
 
-from typing import Any, Final
+from collections.abc import Callable
+from typing import Any, Final, TypeVar
 
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.arrivals import Arrival
 from hapticnet.protocol.buckets import TokenBucket
-from hapticnet.protocol.members import new_tuple
 from hapticnet.protocol.messages import (
     REASON_BYTES,
     Close,
     Code,
     Force,
     Keepalive,
-    Position,
+    Notice,
     Request,
     Welcome,
     clipped,
@@ -28,6 +28,9 @@ from hapticnet.protocol.states import SLAVE_TRANSITIONS, SlaveState, Trigger
 from hapticnet.protocol.stats import Traffic
 from hapticnet.protocol.wire import OPEN, SEALED, Datagram, Kind, pack, pack_body
 from hapticnet.samples import Vector
+
+Place = TypeVar("Place")
+"""What the payload of a position says."""
 
 POLICED_SHARE: Final = 1.2
 """Positions a second that are served, over the granted rate: room for clocks that differ."""
@@ -105,15 +108,19 @@ class SlaveSession:
         body = pack_body(Welcome(nonce, answer))
         return pack(Kind.WELCOME, self.number, self._settings.first_sequence, body, self.version)
 
-    def receive(self, datagram: Datagram, data: bytes, now_us: int) -> Position | None:
-        """Process a datagram of this session; return its position if that is the newest one.
+    def receive(
+        self, datagram: Datagram, data: bytes, now_us: int, read: Callable[[bytes], Place]
+    ) -> tuple[int, Place] | None:
+        """Process a datagram of this session; return the time and place of its position if that is the newest one.
 
-        The position's time stamp comes back unwrapped. A CLOSE moves the session to CLOSED.
+        The time stamp [µs] comes back unwrapped, the place as `read` returns it for the payload. A CLOSE moves the
+        session to CLOSED.
 
         Raises
         ------
         PeerError
-            If the body cannot be opened or is malformed; the caller counts it.
+            If the body cannot be opened, or it or its payload is malformed; nothing has changed then, and the caller
+            counts it.
         """
         body = datagram.body
         received = self.received
@@ -125,6 +132,7 @@ class SlaveSession:
                 return None
         if datagram.kind is _POSITION:
             t_us, newest, payload, loss = unpack_position(body)
+            place = read(payload)  # the last that can fail
             received.add(_POSITION, len(data))
             if received.arrive(datagram.sequence) is not _NEW:
                 return None
@@ -147,7 +155,7 @@ class SlaveSession:
             if loss is not None:
                 self._repair.reported(loss, now_us)
             self._position_t_us = t_us = unwrap(t_us, clock_us)
-            return new_tuple(Position, (t_us, newest, payload, None))
+            return t_us, place
         if datagram.kind is Kind.CLOSE:
             close = unpack_close(body)
             self.received.add(datagram.kind, len(data))
@@ -159,11 +167,10 @@ class SlaveSession:
         return None
 
     def account_hello(self, size: int, welcome_size: int, now_us: int) -> None:
-        """Count a HELLO for this session and its WELCOME; it shows that the master is alive."""
+        """Count a HELLO for this half-open session and its WELCOME; it shows that the master is alive."""
         self.received.add(Kind.HELLO, size)
         self.sent.add(Kind.WELCOME, welcome_size)
-        if self.state is SlaveState.HALF_OPEN:
-            self._heard_us = now_us
+        self._heard_us = now_us
 
     def repair_is_due(self, now_us: int, stimulus: Vector) -> bool:
         """Return whether the present stimulus must be sent although the codec is silent (`protocol.repair`)."""
@@ -220,6 +227,10 @@ class SlaveSession:
         """Return a CLOSE."""
         return self._datagram(Kind.CLOSE, Close(clipped(reason, REASON_BYTES), code), now_us)
 
+    def notice(self, reason: str, now_us: int, code: Code) -> bytes:
+        """Return a NOTICE."""
+        return self._datagram(Kind.NOTICE, Notice(clipped(reason, REASON_BYTES), code), now_us)
+
     def masters_clock_us(self, now_us: int) -> int:
         """Return about what the master's clock shows now [µs], unwrapped."""
         # Time stamps wrap after 71 minutes, and a silent session may be kept for longer.
@@ -249,8 +260,9 @@ class SlaveSession:
         self._move(trigger)
         self.end_reason = reason
 
-    def _datagram(self, kind: Kind, message: Force | Keepalive | Close, now_us: int) -> bytes:
-        if isinstance(message, Close):
+    def _datagram(self, kind: Kind, message: Force | Keepalive | Close | Notice, now_us: int) -> bytes:
+        answers = not isinstance(message, Close | Notice)
+        if isinstance(message, Close | Notice):
             body = pack_body(message)
         else:
             body = pack_answer(message)
@@ -261,7 +273,8 @@ class SlaveSession:
         else:
             datagram = self.seal.pack(kind, self.number, self._sequence, body)
         self._sequence = wrap(self._sequence + 1)
-        self._repair.spoke(now_us)
+        if answers:
+            self._repair.spoke(now_us)  # anything else does not show that positions arrive
         self.sent.add(kind, len(datagram))
         return datagram
 

@@ -26,7 +26,7 @@ class Traffic:
     stray
         Well formed, but of no present session, or with a sequence number that is not believed.
     too_old
-        Forces and keepalives that answer a position older than the age limit, or one that was never sent; not applied.
+        Forces and keepalives that answer a position beyond the largest age, or one that was never sent; not applied.
     over_rate
         Positions beyond the granted rate; not served.
     lost_before

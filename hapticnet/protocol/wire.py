@@ -52,6 +52,7 @@ class Kind(enum.IntEnum):
     CLOSE = 7
     RESET = 8
     COOKIE = 9
+    NOTICE = 10
 
 
 _pack = msgpack.Packer().pack

@@ -1,9 +1,10 @@
 """Arrays from NumPy, MATLAB and Parquet files as columns."""
 
 import zipfile
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -11,8 +12,14 @@ import numpy.typing as npt
 from hapticnet.arrays import FloatArray, IntArray
 from hapticnet.errors import FileError, UnavailableError
 from hapticnet.recordings.columns import printable
+from hapticnet.recordings.session.in_force import change_notes
+from hapticnet.recordings.session.reading import npz_events
 
 Arrays = Mapping[str, npt.NDArray[Any]]
+
+_MAT_HEADER_BYTES: Final = 128
+_MAT_COMPRESSED: Final = 15
+_PIECE_BYTES: Final = 2**20
 
 _SESSION = {"about", "events"}
 """Arrays that a recording of hapticnet has beside its tables; see `session.npz_writer`."""
@@ -104,7 +111,11 @@ def open_npz(path: Path, max_bytes: int) -> ArraySource:
                 with archive.open(member) as file:
                     arrays[member.filename.removesuffix(".npy")] = _load_array(path, file, max_bytes)
     if _SESSION.issubset(arrays):  # a recording of hapticnet: the main table is what is meant
+        events = npz_events(str(arrays["events"]))
         arrays = {name: array for name, array in arrays.items() if "." not in name and name not in _SESSION}
+        source = _named(path, arrays)
+        source.notes = change_notes(events)
+        return source
     return _named(path, arrays)
 
 
@@ -113,10 +124,12 @@ def open_mat(path: Path, max_bytes: int) -> ArraySource:
     try:
         from scipy import io
     except ImportError as error:
-        raise UnavailableError(f"{path}: reading MATLAB files needs SciPy: pip install 'hapticnet[mat]'") from error
+        raise UnavailableError(f"{path}: reading MATLAB files needs SciPy: pip install scipy") from error
     elements = sum(int(np.prod(shape, dtype=object)) for _, shape, _ in io.whosmat(path))
     if 8 * elements > max_bytes:
         raise FileError(f"{path}: unpacks to {8 * elements} bytes; the limit is {max_bytes}")
+    if _unpacked_mat(path, max_bytes) > max_bytes:  # with the fields of structures, which whosmat does not tell
+        raise FileError(f"{path}: unpacks to more than {max_bytes} bytes, which is the limit")
     variables = io.loadmat(path, appendmat=False, simplify_cells=True)
     arrays: dict[str, npt.NDArray[Any]] = {}
 
@@ -131,20 +144,43 @@ def open_mat(path: Path, max_bytes: int) -> ArraySource:
     return _named(path, arrays)
 
 
+def _unpacked_mat(path: Path, most: int) -> int:
+    """Return how many bytes the variables of a MATLAB file of v5 to v7 unpack to, or a number above `most`."""
+    total = 0
+    with path.open("rb") as file:
+        header = file.read(_MAT_HEADER_BYTES)
+        order: Literal["little", "big"] = "little" if header[-2:] == b"IM" else "big"
+        while header.startswith(b"MATLAB") and total <= most and len(tag := file.read(8)) == 8:
+            kind, size = int.from_bytes(tag[:4], order), int.from_bytes(tag[4:], order)
+            if kind != _MAT_COMPRESSED:
+                file.seek(size, 1)
+                total += size
+                continue
+            unpacker = zlib.decompressobj()
+            packed = file.read(size)
+            while packed and total <= most:
+                total += len(unpacker.decompress(packed, _PIECE_BYTES))
+                packed = unpacker.unconsumed_tail
+    return total
+
+
 def open_parquet(path: Path, max_bytes: int) -> ArraySource:
     """Return the columns of a Parquet file."""
     try:
         import pyarrow.parquet
     except ImportError as error:
-        raise UnavailableError(
-            f"{path}: reading Parquet files needs pyarrow: pip install 'hapticnet[parquet]'"
-        ) from error
+        raise UnavailableError(f"{path}: reading Parquet files needs pyarrow: pip install pyarrow") from error
     with pyarrow.parquet.ParquetFile(path) as file:
-        rows, names = file.metadata.num_rows, file.schema_arrow.names
+        rows, schema = file.metadata.num_rows, file.schema_arrow
+    names = schema.names
     if len(set(names)) < len(names):
         raise FileError(f"{path}: several columns have the same name; there are {', '.join(names)}")
 
     def read(wanted: Sequence[str]) -> list[npt.NDArray[Any]]:
+        for name in wanted:
+            kind = schema.field(name).type
+            if not pyarrow.types.is_primitive(kind):  # each value may have any size
+                raise FileError(f'{path}, column "{name}": holds {kind}; expected real numbers')
         if 8 * rows * len(wanted) > max_bytes:
             raise FileError(f"{path}: unpacks to {8 * rows * len(wanted)} bytes; the limit is {max_bytes}")
         table = pyarrow.parquet.read_table(path, columns=list(wanted), partitioning=None)

@@ -1,5 +1,6 @@
 """Text tables: CSV, TSV and columns separated by spaces, with decimal points or decimal commas."""
 
+import codecs
 import csv
 import math
 from collections.abc import Iterator, Sequence
@@ -21,6 +22,7 @@ LONGEST_LINE: Final = 2**20
 """Limit of the characters in a line; a file with a longer one is not a table."""
 
 _SAMPLE_ROWS: Final = 100
+_BLOCK_BYTES: Final = 2**20
 _SKIPPED: Final = ("", "#", "%")
 
 
@@ -37,8 +39,7 @@ class DelimitedSource:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        with path.open("rb") as file:
-            self._encoding = "utf-16" if file.read(2) in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+        self._encoding = _encoding_of(path)
         comment = ""
         sample: list[tuple[int, str]] = []
         with self._text() as file:
@@ -54,6 +55,8 @@ class DelimitedSource:
         self._layout = find_layout(path, sample, comment)
         self.names = self._layout.names
         self.notes = self._layout.notes
+        if self._encoding == "latin-1":
+            self.notes = ("the text is not UTF-8; it is read as Latin-1", *self.notes)
         if len(sample) == self._layout.header_rows:
             raise FileError(f"{path}: there are no rows under the header")
         self._sample = [split_cells(line, self._layout.separator) for _, line in sample[self._layout.header_rows :]]
@@ -184,7 +187,7 @@ class DelimitedSource:
             with self.path.open(encoding=self._encoding) as file:
                 yield file
         except UnicodeError as error:
-            raise FileError(f"{self.path}{self._undecodable()}: not UTF-8 text; save the file as UTF-8") from error
+            raise FileError(f"{self.path}: not UTF-16 text, as its first bytes say; save the file as UTF-8") from error
         except OSError as error:
             raise FileError(f"{self.path}: {error.strerror or error}") from error
 
@@ -195,18 +198,24 @@ class DelimitedSource:
                 raise FileError(f"{self.path}: a line is longer than {LONGEST_LINE} characters; this is not a table")
             yield line
 
-    def _undecodable(self) -> str:
-        """Return the place of the first line that is not UTF-8, for a message."""
-        with self.path.open("rb") as file:
-            for number, line in enumerate(file, start=1):
-                try:
-                    line.decode()
-                except UnicodeDecodeError:
-                    return f", line {number}"
-        return ""
-
     def _fault(self, row: int, index: int, cell: str, expected: str) -> FileError:
         return FileError(f'{self._cell(row, index)}: "{printable(cell[:60])}" is not {expected}')
 
     def _cell(self, row: int, index: int) -> str:
         return f'{self.path}, {self.place(row)}, column "{self.names[index][:60]}"'
+
+
+def _encoding_of(path: Path) -> str:
+    """Return the encoding of a text: UTF-16 with a byte order mark, UTF-8, or else Latin-1."""
+    with path.open("rb") as file:
+        if file.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+            return "utf-16"
+        file.seek(0)
+        decoder = codecs.getincrementaldecoder("utf-8")()
+        try:
+            for block in iter(partial(file.read, _BLOCK_BYTES), b""):
+                decoder.decode(block)
+            decoder.decode(b"", final=True)
+        except UnicodeDecodeError:
+            return "latin-1"
+    return "utf-8-sig"

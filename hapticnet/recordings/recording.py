@@ -1,7 +1,7 @@
 """One recording from a file: forces and positions with their times, in SI units, and what the user should know."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -12,10 +12,18 @@ import numpy as np
 from hapticnet.arrays import FloatArray, IntArray
 from hapticnet.checks import check_parameter
 from hapticnet.errors import FileError, SettingsError
-from hapticnet.files import MAX_BYTES
-from hapticnet.recordings.columns import FORCE_UNITS, LENGTH_UNITS, find_columns, listed, scale_of, split_unit
+from hapticnet.files import MAX_BYTES, file_errors, user_path
+from hapticnet.recordings.columns import (
+    FORCE_UNITS,
+    LENGTH_UNITS,
+    find_column,
+    find_columns,
+    listed,
+    scale_of,
+    split_unit,
+)
 from hapticnet.recordings.notes import peak_note, time_notes
-from hapticnet.recordings.sources import Source, file_errors, open_source
+from hapticnet.recordings.sources import Source, open_source
 from hapticnet.recordings.times import NO_STAMP, find_times, times_us
 from hapticnet.samples import MAX_AXES
 
@@ -88,15 +96,16 @@ def load_recording(
     columns: Columns | None = None,
     position: Columns | None = None,
     position_scale: float | None = None,
+    time: str | None = None,
     rate_hz: float | None = None,
     missing: Missing = "refuse",
     max_bytes: int = MAX_BYTES,
 ) -> Recording:
     """Read a force, and a position if asked for, from a CSV, TSV, .npy, .npz, .mat or .parquet file.
 
-    Times come from a column called t, time or timestamp, with or without a unit (``t_us``, ``time [ms]``), as numbers
-    or as dates and times in ISO 8601; without such a column, from `rate_hz`. Units in names (``Fx (mN)``, ``x [mm]``,
-    ``pos_mm``) are obeyed.
+    Times come from the column `time`, or else from one called t, time or timestamp, with or without a unit (``t_us``,
+    ``time [ms]``), as numbers or as dates and times in ISO 8601; without such a column, from `rate_hz`. Units in names
+    (``Fx (mN)``, ``x [mm]``, ``pos_mm``) are obeyed.
 
     Parameters
     ----------
@@ -109,6 +118,8 @@ def load_recording(
     position_scale
         Metres in one unit of position, instead of the unit in the name; negative if positions increase in the
         direction in which a positive force pushes.
+    time
+        Column of the times, by name or number. None: see above.
     rate_hz
         Sampling rate [Hz] of a file without times. A file with times keeps its own, and a note says so.
     missing
@@ -121,21 +132,28 @@ def load_recording(
     FileError
         If the file cannot be read or used; the message names line or row and column where there is one.
     SettingsError
-        If an argument is out of range, or the numbers of force and position columns differ.
+        If an argument is out of range, a column is named twice, or the numbers of force and position columns differ.
     UnavailableError
         If the package that reads this kind of file is not installed.
     """
     if position is None and position_scale is not None:
-        raise SettingsError("--position-scale applies to --position, which is not given")
-    source = _open(Path(path), rate_hz, missing, max_bytes)
+        raise SettingsError(
+            "--position-scale (position_scale=) applies to --position-column, which is not given (position=)"
+        )
+    source = _open(user_path(path), rate_hz, missing, max_bytes)
     with file_errors(source.path):
-        force_at = _choose(source, columns, "force")
-        position_at = [] if position is None else _choose(source, position, "position")
+        time_at = _times(source, time)
+        force_at = _choose(source, columns, "force", time_at)
+        position_at = [] if position is None else _choose(source, position, "position", time_at)
+        if time is None and rate_hz is not None and time_at in (*force_at, *position_at):
+            time_at = None  # such as a torque t
+        _check_apart(source, {"time": [time_at], "force": force_at, "position": position_at})
         if position_at and len(position_at) != len(force_at):
             raise SettingsError(
                 f"{len(position_at)} position columns for {len(force_at)} force columns; the counts must match"
             )
-        t_us, force, moved, notes = _read(source, force_at, position_at, position_scale, rate_hz, missing)
+        t_us, force, moved, notes = _read(source, time_at, force_at, position_at, position_scale, rate_hz, missing)
+    notes = (*notes, *_choice_note(source, columns, "force", force_at, time_at))
     names = tuple(source.names[index] for index in force_at)
     if columns is None and any("received" in name for name in names):
         notes = (*notes, f"no true force; {', '.join(names)} is what a master received, compressed already")
@@ -147,6 +165,7 @@ def load_motion(
     *,
     position: Columns | None = None,
     position_scale: float | None = None,
+    time: str | None = None,
     rate_hz: float | None = None,
     missing: Missing = "refuse",
     max_bytes: int = MAX_BYTES,
@@ -158,13 +177,18 @@ def load_motion(
     position
         One to three position columns; None: those called position or pos (``position_m``, ``pos_x [mm]``), or else
         the only column that is not time.
-    position_scale, rate_hz, missing, max_bytes
+    position_scale, time, rate_hz, missing, max_bytes
         As for `load_recording`, which lists the errors raised, too.
     """
-    source = _open(Path(path), rate_hz, missing, max_bytes)
+    source = _open(user_path(path), rate_hz, missing, max_bytes)
     with file_errors(source.path):
-        chosen = _choose(source, position, "position")
-        t_us, _, moved, notes = _read(source, [], chosen, position_scale, rate_hz, missing)
+        time_at = _times(source, time)
+        chosen = _choose(source, position, "position", time_at)
+        if time is None and rate_hz is not None and time_at in chosen:
+            time_at = None
+        _check_apart(source, {"time": [time_at], "position": chosen})
+        t_us, _, moved, notes = _read(source, time_at, [], chosen, position_scale, rate_hz, missing)
+    notes = (*notes, *_choice_note(source, position, "position", chosen, time_at))
     return Motion(t_us=t_us, position=moved, notes=notes)
 
 
@@ -176,15 +200,19 @@ def _open(path: Path, rate_hz: float | None, missing: str, max_bytes: int) -> So
     return open_source(path, max_bytes)
 
 
-def _choose(source: Source, columns: Columns | None, what: str) -> list[int]:
+def _times(source: Source, time: str | None) -> int | None:
+    """Return the column of the times; None if there is none."""
+    return find_times(source.names) if time is None else find_column(source.path, source.names, time)
+
+
+def _choose(source: Source, columns: Columns | None, what: str, time_at: int | None) -> list[int]:
     """Return the columns asked for, or those that can only be meant."""
     if isinstance(columns, str):
         columns = [name.strip() for name in columns.split(",")]
     if columns is not None:
         chosen = [index for name in columns for index in find_columns(source.path, source.names, name)]
     else:
-        times = find_times(source.names)
-        others = [index for index, name in enumerate(source.names) if index != times and name]
+        others = _others(source, time_at)
         named = _named(source.names, others, what)
         chosen = named or others
         if len(chosen) != 1 and not named:
@@ -192,6 +220,34 @@ def _choose(source: Source, columns: Columns | None, what: str) -> list[int]:
     if not 1 <= len(chosen) <= MAX_AXES:
         raise SettingsError(f"{len(chosen)} {what} columns are chosen; a signal has 1 to {MAX_AXES}")
     return chosen
+
+
+def _others(source: Source, time_at: int | None) -> list[int]:
+    return [index for index, name in enumerate(source.names) if index != time_at and name]
+
+
+def _choice_note(
+    source: Source, columns: Columns | None, what: str, chosen: list[int], time_at: int | None
+) -> list[str]:
+    """Return a note on columns that were chosen by their names among others."""
+    if columns is not None or len(_others(source, time_at)) == 1:
+        return []
+    names = ", ".join(source.names[index] for index in chosen)
+    return [f"{what}: {names}, chosen by {'its name' if len(chosen) == 1 else 'their names'}"]
+
+
+def _check_apart(source: Source, uses: Mapping[str, Sequence[int | None]]) -> None:
+    """Raise SettingsError if a column is to be two things, or one thing twice."""
+    used: dict[int, str] = {}
+    for what, indices in uses.items():
+        for index in indices:
+            if index is None:
+                continue
+            if index in used:
+                told = f"{what} twice" if used[index] == what else f"{used[index]} and as {what}"
+                other = "; name another column of times with --time-column (time=)" if used[index] == "time" else ""
+                raise SettingsError(f'{source.path}: column "{source.names[index]}" is taken as {told}{other}')
+            used[index] = what
 
 
 def _named(names: Sequence[str], others: list[int], what: str) -> list[int]:
@@ -209,6 +265,7 @@ def _named(names: Sequence[str], others: list[int], what: str) -> list[int]:
 
 def _read(
     source: Source,
+    time_at: int | None,
     force_at: list[int],
     position_at: list[int],
     position_scale: float | None,
@@ -218,7 +275,6 @@ def _read(
     """Return times [µs], shape (n,), forces [N] and positions [m], shapes (n, columns), and notes."""
     indices = [*force_at, *position_at]
     scales, unit_notes = _scales(source.names, force_at, position_at, position_scale)
-    time_at = find_times(source.names)
     times, values, read_notes = _numbers(source, time_at, indices, rate_hz)
     times, values, missing_notes = _without_missing(source, time_at, indices, times, values, missing)
     if np.abs(times).max() > LATEST_US:
@@ -261,19 +317,23 @@ def _numbers(
     if time_at is None:
         if rate_hz is None:
             raise FileError(
-                f"{source.path}: no column is called t, time or timestamp (such as t_s or time [ms]); give the"
-                f" sampling rate with --rate; {listed(source.names)}"
+                f"{source.path}: no column is called t, time or timestamp (such as t_s or time [ms]); rename the column"
+                " of times, or name it with --time-column (time=), or give the rate with --sampling-rate (rate_hz=);"
+                f" {listed(source.names)}"
             )
         values = source.numbers(indices)
         return np.arange(len(values), dtype=np.float64) * (1e6 / rate_hz), values, []
     name = source.names[time_at]
-    notes = [] if rate_hz is None else [f'column "{name}" has the times; --rate {rate_hz:g} is not used']
+    notes = [] if rate_hz is None else [f'column "{name}" has the times; --sampling-rate {rate_hz:g} is not used']
     if source.has_stamps(time_at):
         stamps = source.stamps_us(time_at)
         t_us = np.where(stamps == NO_STAMP, np.nan, stamps.astype(np.float64))
         return t_us, source.numbers(indices), notes
     values = source.numbers([time_at, *indices])
-    t_us, note = times_us(name, values[:, 0])
+    try:
+        t_us, note = times_us(name, values[:, 0])
+    except SettingsError as error:
+        raise FileError(f"{source.path}: {error}") from None
     return t_us, values[:, 1:], notes + ([note] if note else [])
 
 
@@ -292,7 +352,7 @@ def _without_missing(
         index = time_at if timeless[row] and time_at is not None else indices[int(np.argmax(absent[row]))]
         raise FileError(
             f'{source.path}, {source.place(row)}, column "{source.names[index]}": no number; {count} of {len(values)}'
-            " rows lack one; use --missing drop to leave them out, or --missing hold to repeat the last value"
+            " rows lack one; use --missing drop (missing=) to leave them out, or hold to repeat the last value"
         )
     if missing == "drop":
         kept = ~faulty

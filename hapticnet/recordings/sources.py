@@ -1,26 +1,38 @@
 """What kind of file a recording is, told by its first bytes, and how each kind is opened."""
 
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final, Protocol
 
 from hapticnet.arrays import FloatArray, IntArray
-from hapticnet.errors import FileError, HapticnetError
-from hapticnet.files import check_readable
+from hapticnet.errors import FileError
+from hapticnet.files import check_readable, file_errors
 from hapticnet.recordings.arrays import ArraySource, open_mat, open_npy, open_npz, open_parquet
 from hapticnet.recordings.delimited import DelimitedSource
+from hapticnet.recordings.session.csv_writer import beside
+from hapticnet.recordings.session.in_force import change_notes
 from hapticnet.recordings.session.mcap_reader import read_mcap
+from hapticnet.recordings.session.reading import csv_events
 
 _READABLE: Final = "CSV, TSV, .npy, .npz, .mat, hapticnet's own .mcap and .parquet can be read"
 
 
 def open_mcap(path: Path, max_bytes: int) -> ArraySource:
     """Return the main table of a recording that hapticnet wrote as MCAP, as columns."""
-    columns = read_mcap(path, max_bytes).main
-    rows = len(next(iter(columns.values())))
-    return ArraySource(path, list(columns), lambda names: [columns[name] for name in names], rows)
+    session = read_mcap(path, max_bytes)
+    columns = session.main
+    source = ArraySource(path, list(columns), lambda names: [columns[name] for name in names], len(columns["t_us"]))
+    source.notes = change_notes(session.events)
+    return source
+
+
+def open_text(path: Path, _max_bytes: int) -> DelimitedSource:
+    """Return a text table as columns; if hapticnet recorded it, its events are beside it."""
+    source = DelimitedSource(path)
+    if beside(path, "about.json").exists() and source.names[0] == "t_us":
+        source.notes = (*source.notes, *change_notes(csv_events(beside(path, "events.csv"))))
+    return source
 
 
 _READERS: Final[dict[str, Callable[[Path, int], "Source"]]] = {
@@ -29,7 +41,7 @@ _READERS: Final[dict[str, Callable[[Path, int], "Source"]]] = {
     "a MATLAB file": open_mat,
     "a Parquet file": open_parquet,
     "an MCAP file": open_mcap,
-    "a text table": lambda path, _: DelimitedSource(path),
+    "a text table": open_text,
 }
 
 _KINDS: Final = (
@@ -108,21 +120,6 @@ def open_source(path: Path, max_bytes: int) -> Source:
             head = file.read(_HEAD_BYTES)
         kind = kind_of(path, head)
         return _READERS[kind](path, max_bytes)
-
-
-@contextmanager
-def file_errors(path: Path) -> Iterator[None]:
-    """Turn any exception that a reader raises on a damaged file into a FileError."""
-    try:
-        yield
-    except HapticnetError:
-        raise
-    except MemoryError as error:
-        raise FileError(f"{path}: too large for the memory of this machine") from error
-    except Exception as error:  # SciPy, pyarrow and NumPy raise many kinds for damaged files
-        known = isinstance(error, OSError) and error.strerror
-        reason = known or f"damaged, or not the kind of file it seems: {' '.join(str(error).split())[:200]}"
-        raise FileError(f"{path}: {reason}") from error
 
 
 def kind_of(path: Path, head: bytes) -> str:

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from hapticnet.arrays import FloatArray
+from hapticnet.errors import SettingsError
 from hapticnet.recordings.columns import TIME_UNITS, factor_of, split_unit
 
 NO_STAMP: Final = int(np.datetime64("NaT").astype(np.int64))
@@ -44,10 +45,18 @@ def times_us(name: str, values: FloatArray) -> tuple[FloatArray, str | None]:
 
     A unit in the column's name is obeyed. Without one, numbers of the size of a time since 1970 are read as that, in
     s, ms, µs or ns; others in the first of s, ms, µs and ns in which the median step is at most 0.5 s, 0.1 s or 0.1 s.
+
+    Raises
+    ------
+    SettingsError
+        If the name has a unit in brackets that is not one of time.
     """
-    factor = factor_of(split_unit(name)[1], TIME_UNITS)
+    _, unit, in_brackets = split_unit(name)
+    factor = factor_of(unit, TIME_UNITS)
     if factor is not None:
         return values * factor, None
+    if in_brackets:
+        raise SettingsError(f'column "{name}": "{unit}" is not a known unit of time; known are {", ".join(TIME_UNITS)}')
     finite = values[np.isfinite(values)]
     steps = np.abs(np.diff(finite))
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0

@@ -4,11 +4,11 @@ import ctypes
 import os
 import signal
 import subprocess
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 from hapticnet.errors import UnavailableError
+from hapticnet.runtime.interpreter import python_command
 
 LISTENING: Final = "listening on "
 """Start of a slave's message that it can be reached, followed by its address and a comma."""
@@ -47,7 +47,7 @@ class Child:
                 os._exit(1)
 
         self._process = subprocess.Popen(  # noqa: S603 - our own program, arguments not through a shell
-            [sys.executable, "-m", "hapticnet", *arguments],
+            python_command("-m", "hapticnet", *arguments),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,

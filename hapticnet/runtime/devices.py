@@ -141,7 +141,7 @@ def _user_device(found: "UserClass", say: Callable[[str], None]) -> "Iterator[Us
 
 def _parse(text: str) -> "tuple[str, PlantSettings | None]":
     """Return the kind of device and, if it is simulated, its plant."""
-    from hapticnet.checks import check_parameter
+    from hapticnet.checks import check_parameter, meant
     from hapticnet.device.parts import Finger
     from hapticnet.device.plant import PlantSettings
     from hapticnet.errors import SettingsError
@@ -151,7 +151,9 @@ def _parse(text: str) -> "tuple[str, PlantSettings | None]":
     if kind == "serial":
         return kind, None
     if kind not in ("sim", "simavr"):
-        raise SettingsError(f"unknown device {text!r}; choose from {DEVICES}")
+        raise SettingsError(
+            f"unknown device {text!r}{meant(kind, ('sim', 'simavr', 'serial', 'none'))}; choose from {DEVICES}"
+        )
     if not separator:
         return kind, PlantSettings()
     try:

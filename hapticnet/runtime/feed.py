@@ -4,7 +4,6 @@ import fcntl
 import json
 import os
 import subprocess
-import sys
 import time
 from collections import deque
 from collections.abc import Callable
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 from hapticnet.recordings.session.frames import FrameKind, Heading, pack_begin, pack_frame, pack_rows_header
 from hapticnet.runtime.background import start_background
+from hapticnet.runtime.interpreter import python_command
 from hapticnet.runtime.writer import DONE, FAILED, PIPE_BYTES, STOPPED
 
 if TYPE_CHECKING:
@@ -41,6 +41,17 @@ class Feed:
         Called with a line for the user.
     limit_bytes
         Bound of the disk space taken.
+
+    Attributes
+    ----------
+    begun
+        Number of recordings that began.
+    completed
+        Number of those that the writer completed; None if it did not say, or has not yet.
+    stopped
+        Why nothing more is recorded; None while something is.
+    fault
+        The first thing that was not recorded as it should; None if there is none.
     """
 
     def __init__(self, tell: Callable[[str], None], *, limit_bytes: int) -> None:
@@ -53,8 +64,8 @@ class Feed:
         self._process: subprocess.Popen[bytes] | None = None
         self._starting: threading.Thread | None = None
         self._said = b""
-        self._done = False
-        self._began = False
+        self.begun = 0
+        self.completed: int | None = None
         self._path: Path | None = None  # of the only recording
         self._start_fault: str | None = None
 
@@ -70,9 +81,9 @@ class Feed:
 
     def begin(self, recording: int, heading: Heading) -> None:
         """Begin a recording; the writer starts with the first one."""
-        self._path = None if self._began else heading.path
-        if not self._began:
-            self._began = True
+        self._path = None if self.begun else heading.path
+        self.begun += 1
+        if self.begun == 1:
             # From a thread at normal priority: the writer inherits that, and nothing here waits for its start.
             self._starting = start_background(self._start, "start of the writer")
         self._put(pack_begin(recording, heading))
@@ -115,7 +126,7 @@ class Feed:
 
     def finish(self) -> None:
         """Pass on everything and wait until the files are complete, for at most `FINISH_WITHIN_S`."""
-        if not self._began:
+        if not self.begun:
             return
         if self._starting is not None:
             self._starting.join()
@@ -145,7 +156,7 @@ class Feed:
         self._waiting_bytes += view.nbytes
 
     def _start(self) -> None:
-        command = [sys.executable, "-m", "hapticnet.runtime.writer", str(self._limit_bytes)]
+        command = python_command("-m", "hapticnet.runtime.writer", str(self._limit_bytes))
         try:
             process = subprocess.Popen(  # noqa: S603 - our own program, arguments not through a shell
                 command,
@@ -171,7 +182,7 @@ class Feed:
             data = os.read(process.stdout.fileno(), 65536)
         except (BlockingIOError, ValueError):
             return
-        if not data and not self._done and self.stopped is None:
+        if not data and self.completed is None and self.stopped is None:
             code = process.poll()
             if code is None:  # it is about to end
                 return
@@ -187,7 +198,9 @@ class Feed:
 
     def _hear(self, kind: str, text: str) -> None:
         if kind == DONE:
-            self._done = True
+            self.completed = int(text)
+            if self.completed < self.begun and self.stopped is None:
+                self.stop(f"its writer completed {self.completed:,} of {self.begun:,} files", is_fault=True)
         elif kind in (STOPPED, FAILED):
             self.stop(text, is_fault=kind == FAILED)
             self._drop()

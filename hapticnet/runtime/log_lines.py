@@ -7,7 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import Enum
-from typing import Final
+from typing import Any, Final
+
+from hapticnet.errors import visible
 
 
 class Level(Enum):
@@ -50,6 +52,8 @@ class LogLine:
         Part of the program that says it.
     event
         Name of the event that it tells, for programs; None if it tells none.
+    fields
+        What the event is about, for programs: master, address, codec.
     """
 
     time_s: float
@@ -57,11 +61,13 @@ class LogLine:
     who: str
     text: str
     event: str | None = None
+    fields: Mapping[str, Any] | None = None
 
     def write(self, form: Form) -> str:
         """Return the line, with its line end."""
         if form is Form.JSON:
-            fields = {"time": self._stamp(), "level": self.level.value, "source": self.who, "message": self.text}
+            fields: dict[str, Any] = {"time": self._stamp(), "level": self.level.value, "source": self.who}
+            fields |= {"message": self.text, **(self.fields or {})}
             if self.event is not None:
                 fields["event"] = self.event
             return json.dumps(fields, ensure_ascii=False) + "\n"
@@ -76,9 +82,16 @@ class LogLine:
         return datetime.fromtimestamp(self.time_s, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
-def log_line(text: str, *, who: str, level: Level = Level.INFO, event: str | None = None) -> LogLine:
-    """Return a line that is said now."""
-    return LogLine(time_s=time.time(), level=level, who=who, text=text, event=event)
+def log_line(
+    text: str,
+    *,
+    who: str,
+    level: Level = Level.INFO,
+    event: str | None = None,
+    fields: Mapping[str, Any] | None = None,
+) -> LogLine:
+    """Return a line that is said now. Nothing in it speaks to a terminal, whatever file or peer it quotes."""
+    return LogLine(time_s=time.time(), level=level, who=who, text=visible(text), event=event, fields=fields)
 
 
 def is_journal(environment: Mapping[str, str], descriptor: int) -> bool:

@@ -7,8 +7,9 @@ from socket import socket
 
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_events import NodeEvent
-from hapticnet.runtime.clock import now_us
+from hapticnet.runtime.clock import now_us, waited_us
 from hapticnet.runtime.overload import Overload
+from hapticnet.runtime.rescue import Rescue
 from hapticnet.runtime.serial_port import Wire, open_wire
 from hapticnet.runtime.timer import Ticker
 from hapticnet.runtime.udp import IncomingChannel, OutgoingChannel, SocketAddress, UdpPort
@@ -21,12 +22,15 @@ PARTING_S = 1.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MasterRun:
-    """Account of a master's run in real time, for its report; `port_…` is None without a serial port."""
+    """Account of a master's run in real time, for its report.
 
-    end_reason: str
+    `end_reason` is None while it runs, `missed_ticks` if the program has the timer, `port_…` without a serial port.
+    """
+
+    end_reason: str | None
     connected: bool
     lateness: dict[str, object]
-    missed_ticks: int
+    missed_ticks: int | None
     send_errors: int
     strangers: int
     port_openings: int | None
@@ -111,8 +115,8 @@ class MasterRunner:
         )
         self._ticker = Ticker(loop, self.node.period_us, self._tick)
         if self._overload is not None:
-            self._overload.attach(self._port, self._ticker)
-        self._status = Repeating(loop, lambda: self._watchers.check(now_us()), self._overload)
+            self._overload.attach(self._port, self._ticker, self.node.times)
+        self._status = Repeating(loop, self._check, self._overload)
 
     async def finish(self, reason: str) -> MasterRun:
         """Close the session, stop the ticks and return the account of the run."""
@@ -128,8 +132,12 @@ class MasterRunner:
             await self._watchers.stop()
             if self._serial is not None:
                 await self._serial.stop()
+        return self.account(reason)
+
+    def account(self, end_reason: str | None) -> MasterRun:
+        """Return the account of the run so far."""
         return MasterRun(
-            end_reason=reason,
+            end_reason=end_reason,
             connected=self.connected.is_set(),
             lateness=self._ticker.lateness.report(),
             missed_ticks=self._ticker.missed,
@@ -153,6 +161,12 @@ class MasterRunner:
             self._serial.flush(now)
         if self._watchers.observers:
             self._watchers.observe(now)
+
+    def _check(self) -> None:
+        now = now_us()
+        self.node.check(now, waited_us)
+        self._flush()
+        self._watchers.check(now)
 
     def _flush(self) -> None:
         node = self.node
@@ -181,13 +195,14 @@ async def run_master(
     overload: Overload | None = None,
     tell: Callable[[str], None] = lambda _: None,
     stop: asyncio.Event | None = None,
+    rescue: Rescue | None = None,
 ) -> MasterRun:
     """Run until `stop` is set, a refusal, or `duration_s` [s] after the first connection; then close the session.
 
-    Without a `stop`, SIGINT and SIGTERM end the run; with one, signals are left to the host program. The other
-    parameters, and the errors, are those of `MasterRunner`.
+    Without a `stop`, SIGINT and SIGTERM end the run; with one, signals are left to the host program. `rescue`
+    ends a run that is stuck then. The other parameters, and the errors, are those of `MasterRunner`.
     """
-    stop = stop or stop_on_signals(asyncio.get_running_loop())
+    stop = stop or stop_on_signals(asyncio.get_running_loop(), rescue)
     runner = MasterRunner(
         node, sock, slave, stop=stop, wire=wire, channel=channel, channel_in=channel_in, watchers=watchers,
         overload=overload, tell=tell,

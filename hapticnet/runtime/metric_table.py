@@ -34,6 +34,7 @@ COMMON: Final = (
     Metric("datagrams_lost", "counter", "Datagrams of peers that did not arrive."),
     Metric("datagrams_dropped", "counter", "Datagrams that arrived and were not used.", ("reason",)),
     Metric("queue_age_seconds", "histogram", "Time from arrival at this machine until a datagram is read."),
+    Metric("step_seconds", "histogram", "Time of a step of scene, operator, device or a user's codec."),
     Metric("kernel_drops", "counter", "Datagrams that the system dropped because they were not read in time."),
     Metric("events", "counter", "Events of the node, by name.", ("event",)),
     Metric("log_lines_left_out", "counter", "Lines that were not written to stderr."),
@@ -60,6 +61,7 @@ SLAVE: Final = (
     *COMMON,
     Metric("sessions", "gauge", "Sessions at this moment."),
     Metric("steps", "counter", "Positions answered."),
+    Metric("draining", "gauge", "1 while new masters are refused because the slave is to stop, else 0."),
     Metric("strangers_datagrams", "counter", "Datagrams of no session.", ("direction",)),
     Metric("throttled", "counter", "Requests for a session that were not read because there were too many."),
 )

@@ -14,6 +14,7 @@ from hapticnet.node.master_events import NodeEvent
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_events import MasterLeft, SlaveEvent
 from hapticnet.node.station import Station
+from hapticnet.node.step_times import StepTimes
 from hapticnet.protocol.stats import Distribution, Traffic
 from hapticnet.protocol.wire import Kind
 from hapticnet.runtime.outlet import STDERR
@@ -54,7 +55,7 @@ class Metrics(Watcher[Event], Generic[Event]):
 
     def __init__(self, address: HostPort, tell: Callable[[str], None]) -> None:
         if find_spec("prometheus_client") is None:
-            raise UnavailableError("--metrics needs prometheus-client: pip install 'hapticnet[metrics]'")
+            raise UnavailableError("--metrics needs prometheus-client: pip install prometheus-client")
         self._socket = listen_for_streams(address)
         self.address = bound_address(self._socket)
         self._tell = tell
@@ -113,10 +114,10 @@ def common_values(events: Mapping[str, int], overload: Overload) -> Values:
     }
 
 
-def common_distributions(overload: Overload) -> dict[str, Distribution | None]:
+def common_distributions(overload: Overload, times: StepTimes) -> dict[str, Distribution | None]:
     """Return the distributions [µs] by name that master and slave have."""
     port = overload.port
-    return {"queue_age_seconds": port.queue.age if port is not None else None}
+    return {"queue_age_seconds": port.queue.age if port is not None else None, "step_seconds": times.all_took()}
 
 
 class MasterMetrics(Metrics[NodeEvent]):
@@ -151,7 +152,7 @@ class MasterMetrics(Metrics[NodeEvent]):
         """Return the distributions [µs] by name."""
         node, ticker = self._node, self._overload.ticker
         return {
-            **common_distributions(self._overload),
+            **common_distributions(self._overload, node.times),
             "tick_lateness_seconds": ticker.lateness if ticker is not None else None,
             "round_trip_seconds": node.session.round_trip,
             "force_age_seconds": node.age,
@@ -186,13 +187,14 @@ class SlaveMetrics(Metrics[SlaveEvent]):
             "forces": {"sent": totals.forces},
             "sessions": len(node.stations),
             "steps": totals.steps,
+            "draining": float(node.draining),
             "strangers_datagrams": {"received": node.strangers.packets, "sent": node.to_strangers.packets},
             "throttled": node.throttled,
         }
 
     def distributions(self) -> Mapping[str, Distribution | None]:
         """Return the distributions [µs] by name."""
-        return common_distributions(self._overload)
+        return common_distributions(self._overload, self._node.times)
 
 
 class _Totals:

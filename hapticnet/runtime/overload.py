@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
+from hapticnet.node.step_times import StepTimes
 from hapticnet.runtime.outlet import STDERR
 from hapticnet.runtime.realtime import OTHER, policy
 from hapticnet.runtime.timer import Ticker
@@ -33,15 +34,18 @@ class Overload:
 
     Attributes
     ----------
+    scheduling
+        As given.
     port, ticker
         What is watched; None before `attach`, and if there is no ticker.
     """
 
     def __init__(self, scheduling: str, say: Callable[[str], None]) -> None:
-        self._scheduling = scheduling
+        self.scheduling = scheduling
         self._say = say
         self.port: UdpPort | None = None
         self.ticker: Ticker | None = None
+        self._times: StepTimes | None = None
         self._since_us: int | None = None
         self._missed = self._ticks = 0
         self._dropped = 0
@@ -50,14 +54,14 @@ class Overload:
         if refusal:
             say(f"no real-time scheduling, so a busy machine disturbs it: {refusal.removesuffix(')')}")
 
-    def attach(self, port: UdpPort, ticker: Ticker | None = None) -> None:
-        """Set what is watched."""
-        self.port, self.ticker = port, ticker
+    def attach(self, port: UdpPort, ticker: Ticker | None = None, times: StepTimes | None = None) -> None:
+        """Set what is watched, and the times of steps, which may be the cause."""
+        self.port, self.ticker, self._times = port, ticker, times
 
     @property
     def is_realtime(self) -> bool:
         """Whether this process has real-time scheduling."""
-        return policy(self._scheduling) != OTHER
+        return policy(self.scheduling) != OTHER
 
     def check(self, now_us: int) -> None:
         """Tell what is wrong, if anything; call this a few times a second."""
@@ -70,6 +74,8 @@ class Overload:
         if starts:  # what happened while the process started is no overload
             self._dropped = self.port.queue.count_drops()
             return
+        if self._times is not None and self._times.explains_delay:
+            return  # the machine is not the cause; the node tells what is
         # A single late datagram is a hiccup, not a queue.
         if len(ages) > 1 and (age_us := ages[-max(2, len(ages) // 100 + 1)]) > LARGEST_QUEUE_AGE_US:
             self._tell("age", now_us, f"datagrams wait {age_us / 1000:.1f} ms until this process reads them")
@@ -91,7 +97,7 @@ class Overload:
             "kernel_drops": self.port.queue.count_drops() if self.port is not None else None,
             "missed_ticks": ticker.missed if ticker else None,
             "missed_share": ticker.missed / max(1, ticker.missed + ticker.lateness.count) if ticker else None,
-            "scheduling": self._scheduling,
+            "scheduling": self.scheduling,
             "lines_left_out": STDERR.left_out,
         }
 

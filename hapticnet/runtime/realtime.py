@@ -46,6 +46,13 @@ def prefer_realtime() -> str:
     return f"SCHED_FIFO {FIFO_PRIORITY}"
 
 
+def scheduling() -> str:
+    """Return the scheduling of this process, described as by `prefer_realtime`."""
+    if sys.platform.startswith("linux") and os.sched_getscheduler(0) == os.SCHED_FIFO:
+        return f"SCHED_FIFO {os.sched_getparam(0).sched_priority}"
+    return OTHER
+
+
 def policy(scheduling: str) -> str:
     """Return the first words of what `prefer_realtime` returned, without the reason."""
     return scheduling.partition(" (")[0]

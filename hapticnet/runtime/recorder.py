@@ -11,6 +11,7 @@ from typing import Any, Final
 import msgpack
 
 from hapticnet.errors import FileError, in_words
+from hapticnet.recordings.session.archive import MOST_FILES
 from hapticnet.recordings.session.frames import FrameKind, Heading, Table
 from hapticnet.runtime.clock import now_us
 from hapticnet.runtime.feed import Feed
@@ -21,8 +22,8 @@ BATCH_S: Final = 0.05
 CATCH_UP_S: Final = 0.005
 """The same while bytes wait."""
 
-MOST_FILES: Final = 1000
-"""Most sessions recorded in a run."""
+FILE_LIMIT: Final = 1000
+"""Most files and folders that the recordings of a run may be."""
 
 RECORD_LIMIT_BYTES: Final = 2 * 2**30
 """Disk space [B] that recordings may take unless another limit is given."""
@@ -51,6 +52,7 @@ class Recorder:
         self._tell = tell
         self._about = dict(about or {})
         self._files = 0
+        self._open: dict[int, int] = {}  # what of these goes when a recording is complete
         self._not_recorded = 0
 
     def open(
@@ -65,12 +67,15 @@ class Recorder:
         unix_offset_us
             Add it to the rows' `t_us` for µs since 1970.
         """
-        if self._files >= MOST_FILES:
+        most, complete = MOST_FILES[path.suffix.lower()]
+        if self._files + most > FILE_LIMIT:
             if not self._not_recorded:
-                self._tell(f"{MOST_FILES:,} sessions are recorded; later ones are not")
+                self._tell(f"the recordings have {FILE_LIMIT:,} files; a session that begins now is not recorded")
             self._not_recorded += 1
             return None
-        self._files += 1
+        self._files += most
+        number = self.feed.begun + 1
+        self._open[number] = most - complete
         heading = Heading(
             path=path.absolute(),
             side=side,
@@ -78,8 +83,8 @@ class Recorder:
             unix_offset_us=unix_offset_us,
             about={**self._about, **about},
         )
-        self.feed.begin(self._files, heading)
-        return self._files
+        self.feed.begin(number, heading)
+        return number
 
     def event(self, number: int, t_us: int, event: object) -> None:
         """Record an event of a node."""
@@ -90,6 +95,7 @@ class Recorder:
         """Complete a recording; `about` is what is known only now, such as the report."""
         self.feed.tell_writer(FrameKind.ABOUT, number, msgpack.packb(dict(about), default=str))
         self.feed.tell_writer(FrameKind.END, number)
+        self._files -= self._open.pop(number)
 
     def finish(self) -> None:
         """Wait until the files are complete."""
@@ -104,7 +110,12 @@ class Recorder:
 
     def report(self) -> dict[str, Any]:
         """Return the account of what was recorded for JSON."""
-        return {"files": self._files, "sessions_not_recorded": self._not_recorded, "stopped": self.feed.stopped}
+        return {
+            "begun": self.feed.begun,
+            "completed": self.feed.completed,
+            "sessions_not_recorded": self._not_recorded,
+            "stopped": self.feed.stopped,
+        }
 
 
 class Batches:
@@ -154,7 +165,7 @@ def _plain(value: object) -> dict[str, Any]:
         items = getattr(value, "_asdict", dict)()
     kept: dict[str, Any] = {}
     for name, item in items.items():
-        if item is None or isinstance(item, (str, int, float)):
+        if item is None or isinstance(item, (str, int, float, dict)):  # a dict: the parameters of a codec
             kept[name] = item
         elif hasattr(item, "_asdict"):
             kept[name] = _plain(item)

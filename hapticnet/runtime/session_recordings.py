@@ -5,6 +5,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Final
 
+from hapticnet.node.in_force import SettingsInForce
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_events import NodeEvent
 from hapticnet.node.master_settings import MasterSettings
@@ -12,6 +13,7 @@ from hapticnet.node.recording import Recording
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_events import MasterJoined, MasterLeft, MasterRefused, SlaveEvent
 from hapticnet.node.station import Station
+from hapticnet.node.step_times import StepsTooSlow
 from hapticnet.protocol.wire import OPEN, SEALED
 from hapticnet.recordings.session.frames import Table
 from hapticnet.runtime.recorder import Batches, Recorder, unix_offset_us
@@ -134,6 +136,8 @@ class SlaveRecording(Watcher[SlaveEvent]):
     ----------
     suffix
         .mcap, .csv or .npz.
+    channel_out
+        The network emulated for the answers, as written for ``--channel-out``; None: none.
     about
         Configuration, seed and versions, for each file.
     """
@@ -142,10 +146,11 @@ class SlaveRecording(Watcher[SlaveEvent]):
 
     def __init__(
         self, node: SlaveNode, folder: Path, say: Callable[[str], None], *, suffix: str, limit_bytes: int,
-        about: Mapping[str, Any] | None = None,
+        channel_out: str | None = None, about: Mapping[str, Any] | None = None,
     ) -> None:  # fmt: skip
         self.recorder = Recorder(say, limit_bytes=limit_bytes, about=about)
         self._node = node
+        self._channel_out = channel_out
         self._folder = folder
         self._suffix = suffix
         self._tracks: dict[Station, _Track] = {}
@@ -158,7 +163,7 @@ class SlaveRecording(Watcher[SlaveEvent]):
 
     def note(self, event: SlaveEvent, now_us: int) -> None:
         """Record an event; complete the file of a master that has left."""
-        if isinstance(event, MasterRefused):
+        if isinstance(event, MasterRefused | StepsTooSlow):  # of no session
             return
         station = event.station
         if isinstance(event, MasterJoined):
@@ -169,11 +174,13 @@ class SlaveRecording(Watcher[SlaveEvent]):
             return
         if isinstance(event, MasterLeft):
             self._collect_one(station, track)
-            track.note(event, now_us)
+        track.note(event, now_us)
+        if isinstance(event, MasterJoined):
+            settings = SettingsInForce.of(station.session.request, station.grant)
+            track.note(replace(settings, channel_out=self._channel_out), now_us)
+        elif isinstance(event, MasterLeft):
             track.end({"report": station.report()})
             del self._tracks[station]
-        else:
-            track.note(event, now_us)
 
     async def stop(self) -> None:
         """Complete the files."""
@@ -201,10 +208,13 @@ def file_name(master: str, session: int) -> str:
 
 
 def about_master(settings: MasterSettings) -> dict[str, Any]:
-    """Return a master's configuration for its recording, without its key."""
+    """Return a master's configuration for its recording, without its key.
+
+    What was in force is told by the events `SettingsInForce`.
+    """
     plain = asdict(replace(settings, key=None))
     del plain["key"]
-    return {"settings": plain, "sealed": settings.key is not None, "wire_versions": WIRE_VERSIONS}
+    return {"asked_at_start": plain, "sealed": settings.key is not None, "wire_versions": WIRE_VERSIONS}
 
 
 def _of_station(station: Station) -> dict[str, Any]:

@@ -4,12 +4,12 @@ import asyncio
 import fcntl
 import os
 import subprocess
-import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Final
 
 from hapticnet.runtime.frames import pack_frame
+from hapticnet.runtime.interpreter import python_command
 
 PIPE_BYTES: Final = 2**20
 """Capacity [B] of the pipe: what the process may be behind. Linux permits this much without privileges."""
@@ -58,7 +58,7 @@ class SideProcess:
         self._tell = tell
         self._rest = b""
         self._process = subprocess.Popen(  # noqa: S603 - our own module, arguments not through a shell
-            [sys.executable, "-m", module, *map(str, descriptors), *arguments],
+            python_command("-m", module, *map(str, descriptors), *arguments),
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -86,14 +86,15 @@ class SideProcess:
                 sent = True
         except BlockingIOError:
             pass
-        except OSError:  # the process has ended
-            self._close()
-            self._tell(f"{self._name} has ended unexpectedly (exit code {self._process.poll()}); the run goes on")
+        except OSError:
+            self._has_ended()
         self.left_out += not sent
         return sent
 
     async def stop(self) -> None:
         """Let the process end, and kill it if that takes long."""
+        if self._pipe is not None and self._process.poll() is not None:
+            self._has_ended()
         self._close()
         waited_s = 0.0
         while self._process.poll() is None and waited_s < END_WITHIN_S:
@@ -102,6 +103,12 @@ class SideProcess:
         if self._process.poll() is None:
             self._process.kill()
             self._process.wait()
+
+    def _has_ended(self) -> None:
+        self._close()
+        with suppress(subprocess.TimeoutExpired):  # its end of the pipe is closed a moment before it ends
+            self._process.wait(POLL_S)
+        self._tell(f"{self._name} has ended unexpectedly (exit code {self._process.poll()}); the run goes on")
 
     def _close(self) -> None:
         if self._pipe is not None:

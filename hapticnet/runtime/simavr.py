@@ -43,14 +43,18 @@ def simavr_build() -> tuple[Path, Path]:
         If one of them is missing.
     """
     named = os.environ.get(BUILD_VARIABLE)
-    folder = Path(named) if named else Path(__file__).parents[2] / "firmware" / "build"
+    firmware = Path(__file__).parents[2] / "firmware"
+    if not named and not (firmware / "Makefile").is_file():
+        raise UnavailableError(
+            "the simulator is not in an installed package: run `make simulator` in a checkout of hapticnet, then"
+            f" export {BUILD_VARIABLE}=CHECKOUT/firmware/build"
+        )
+    folder = Path(named) if named else firmware / "build"
     paths = folder / "harness", folder / "firmware-500000.elf"
     for path in paths:
         if not path.is_file():
-            raise UnavailableError(
-                f"{path} is missing: in a checkout of hapticnet, `make simulator` builds it "
-                f"({BUILD_VARIABLE} names another folder)"
-            )
+            where = f"; {BUILD_VARIABLE} must name the checkout's firmware/build" if named else ""
+            raise UnavailableError(f"{path} is missing: `make simulator` in the checkout of hapticnet builds it{where}")
     return paths
 
 

@@ -4,19 +4,24 @@ import asyncio
 import signal
 from collections.abc import Callable, Sequence
 from socket import socket
+from typing import Final
 
 from hapticnet.node.bank_tables import Datagrams
 from hapticnet.node.compiled_slave import CompiledSlaveNode
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_events import SlaveEvent
-from hapticnet.runtime.clock import now_us
+from hapticnet.runtime.clock import now_us, waited_us
 from hapticnet.runtime.master_run import PARTING_S
 from hapticnet.runtime.overload import Overload
+from hapticnet.runtime.rescue import Rescue
 from hapticnet.runtime.timer import Alarm
 from hapticnet.runtime.udp import OutgoingChannel, SocketAddress, UdpPort
 from hapticnet.runtime.udp_batch import BatchPort
 from hapticnet.runtime.waiting import Repeating, stop_on_signals, until
 from hapticnet.runtime.watching import Watcher, Watchers
+
+POLL_S: Final = 0.1
+"""Time [s] between two looks whether the last master has left."""
 
 
 class SlaveRunner:
@@ -55,8 +60,8 @@ class SlaveRunner:
         self._alarm = Alarm(loop, self._ring)
         self._port = self._open_port(loop)
         if self._overload is not None:
-            self._overload.attach(self._port)
-        self._status = Repeating(loop, lambda: self._watchers.check(now_us()), self._overload)
+            self._overload.attach(self._port, times=self.node.times)
+        self._status = Repeating(loop, self._check, self._overload)
 
     async def finish(self, reason: str) -> None:
         """End every session and stop."""
@@ -67,6 +72,15 @@ class SlaveRunner:
         self._alarm.stop()
         self._port.close()
         await self._watchers.stop()
+
+    async def drain(self, stop: asyncio.Event, within_s: float) -> None:
+        """Take no new masters, and wait until the present ones have finished, `stop` is set, or for `within_s` [s]."""
+        self.node.drain(now_us())
+        self._settle()
+        end_us = now_us() + round(within_s * 1e6)
+        while not self.node.drained and (left_us := end_us - now_us()) > 0:
+            if await until(stop, min(POLL_S, left_us / 1e6)):
+                return
 
     def flush(self) -> None:
         """Send what the node has to send and report its events; call this after changing something at the node."""
@@ -94,6 +108,18 @@ class SlaveRunner:
         now = now_us()
         self.node.tick(now)
         self._answer(now)
+
+    def _check(self) -> None:
+        now = now_us()
+        self.node.check(now, waited_us)
+        self._settle()
+        self._watchers.check(now)
+
+    def _settle(self) -> None:
+        """Send what the node has to say besides answers; then those that said it may go on as before."""
+        self.flush()
+        self.node.settle(now_us())
+        self.flush()
 
 
 class CompiledSlaveRunner(SlaveRunner):
@@ -135,17 +161,22 @@ async def run_slave(
     *,
     channel: OutgoingChannel | None = None,
     duration_s: float | None = None,
+    drain_s: float = 0.0,
     watchers: Sequence[Watcher[SlaveEvent]] = (),
     overload: Overload | None = None,
     tell: Callable[[str], None] = lambda _: None,
     on_listening: Callable[[], None] | None = None,
     on_hangup: Callable[[], None] | None = None,
     stop: asyncio.Event | None = None,
+    rescue: Rescue | None = None,
 ) -> None:
     """Serve until `stop` is set or `duration_s` [s] have passed, then close every session.
 
+    Before, masters have `drain_s` [s] to finish; `stop` ends this, too, when it is set again.
+
     Without a `stop`, SIGINT and SIGTERM end the run, and `on_hangup` is called at each SIGHUP; with one, signals are
-    left to the host program. `on_listening` is called when datagrams and signals are answered.
+    left to the host program. `rescue` ends a run that is stuck then. `on_listening` is called when datagrams and
+    signals are answered.
     """
     loop = asyncio.get_running_loop()
     make = CompiledSlaveRunner if isinstance(node, CompiledSlaveNode) else SlaveRunner
@@ -158,12 +189,15 @@ async def run_slave(
             runner.flush()
 
     if stop is None:
-        stop = stop_on_signals(loop)
+        stop = stop_on_signals(loop, rescue)
         if on_hangup is not None:
             loop.add_signal_handler(signal.SIGHUP, hang_up)
     try:
         if on_listening is not None:
             on_listening()
         await until(stop, duration_s)
+        if drain_s and not node.drained:
+            stop.clear()
+            await runner.drain(stop, drain_s)
     finally:
         await runner.finish("shutting down")

@@ -81,6 +81,8 @@ class Stream(Watcher[Event], Generic[Event]):
         Where the datagrams go; the host is looked up at once.
     tell
         Called with a line for the user if samples are left out.
+    fault
+        Called with a line for the user if the sending process fails.
 
     Raises
     ------
@@ -90,7 +92,8 @@ class Stream(Watcher[Event], Generic[Event]):
 
     name = "stream"
 
-    def __init__(self, target: HostPort, tell: Callable[[str], None]) -> None:
+    def __init__(self, target: HostPort, tell: Callable[[str], None], fault: Callable[[str], None]) -> None:
+        self._fault = fault
         self._socket, (host, port, *_) = open_toward(target)
         self._arguments = str(host), str(port)
         self._tell = tell
@@ -103,7 +106,7 @@ class Stream(Watcher[Event], Generic[Event]):
     async def start(self) -> None:
         """Start the sending process."""
         self._process = SideProcess(
-            MODULE, [self._socket.fileno()], self._arguments, name="the process of --stream", tell=self._tell
+            MODULE, [self._socket.fileno()], self._arguments, name="the process of --stream", tell=self._fault
         )
         self._socket.close()
         self._schedule()
@@ -146,8 +149,10 @@ class Stream(Watcher[Event], Generic[Event]):
 class MasterStream(Stream[NodeEvent]):
     """Stream every tick of a master: ``master/position_m``, ``master/held_n`` and so on."""
 
-    def __init__(self, node: MasterNode, target: HostPort, tell: Callable[[str], None]) -> None:
-        super().__init__(target, tell)
+    def __init__(
+        self, node: MasterNode, target: HostPort, tell: Callable[[str], None], fault: Callable[[str], None]
+    ) -> None:
+        super().__init__(target, tell, fault)
         self._node = node
         self._own: Series | None = None
 
@@ -170,8 +175,10 @@ class MasterStream(Stream[NodeEvent]):
 class SlaveStream(Stream[SlaveEvent]):
     """Stream every step of a slave's scenes: ``slave/NAME/force_n`` for the true force, and so on."""
 
-    def __init__(self, node: SlaveNode, target: HostPort, tell: Callable[[str], None]) -> None:
-        super().__init__(target, tell)
+    def __init__(
+        self, node: SlaveNode, target: HostPort, tell: Callable[[str], None], fault: Callable[[str], None]
+    ) -> None:
+        super().__init__(target, tell, fault)
         self._node = node
         self._steps: dict[int, int] = {}
 

@@ -4,9 +4,12 @@ import os
 import socket
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from typing import Generic
+from typing import Final, Generic
 
 from hapticnet.runtime.watching import Event, Watcher
+
+EXTENSION_US: Final = 10_000_000
+"""Time [µs] that systemd is asked to wait for the end, again and again while a slave waits for its masters."""
 
 
 class Notifier(Watcher[Event], Generic[Event]):
@@ -20,13 +23,16 @@ class Notifier(Watcher[Event], Generic[Event]):
         The socket of systemd, from the variable NOTIFY_SOCKET; ``@`` at its start stands for an abstract one.
     status
         Returns a line for ``systemctl status``.
+    stopping
+        Returns whether the process was told to end and waits for others; systemd then waits for it, too.
     """
 
     name = "systemd"
 
-    def __init__(self, path: str, status: Callable[[], str]) -> None:
+    def __init__(self, path: str, status: Callable[[], str], stopping: Callable[[], bool] = lambda: False) -> None:
         self._address = "\0" + path[1:] if path.startswith("@") else path
         self._status = status
+        self._stopping = stopping
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
 
@@ -36,7 +42,8 @@ class Notifier(Watcher[Event], Generic[Event]):
 
     def check(self, now_us: int) -> None:  # noqa: ARG002 - the interval is fixed
         """Tell that the loop runs."""
-        self._send(f"WATCHDOG=1\nSTATUS={self._status()}")
+        more = f"\nEXTEND_TIMEOUT_USEC={EXTENSION_US}" if self._stopping() else ""
+        self._send(f"WATCHDOG=1\nSTATUS={self._status()}{more}")
 
     async def stop(self) -> None:
         """Tell that the process is about to end."""

@@ -14,15 +14,12 @@ from hapticnet.errors import UnavailableError
 from hapticnet.node.bank_tables import Datagrams, make_arrivals
 from hapticnet.protocol.frames import ADDRESS_WORDS
 from hapticnet.runtime.clock import now_us
-from hapticnet.runtime.udp import DRAIN_AT_MOST, READ_BYTES, SAMPLE_EVERY, OutgoingChannel, UdpPort
+from hapticnet.runtime.udp import CROWD_BUFFER_BYTES, DRAIN_AT_MOST, READ_BYTES, SAMPLE_EVERY, OutgoingChannel, UdpPort
 
 ReceiveArrivals: TypeAlias = Callable[[Datagrams, int, int], None]
 
 ADDRESS_BYTES: Final = 4 * ADDRESS_WORDS
 """Size of a sockaddr_in6, the larger one of the two."""
-
-BUFFER_BYTES: Final = 1 << 22
-"""Room for 20 ms of a thousand masters (the system counts 768 B for a small datagram), if it allows that much."""
 
 # struct iovec, and struct mmsghdr with its struct msghdr, from <sys/socket.h> on 64-bit Linux.
 _PIECE: Final = np.dtype([("base", np.uint64), ("length", np.uint64)])
@@ -104,7 +101,7 @@ class BatchPort(UdpPort):
         pointer = ctypes.c_void_p
         self._recvmmsg.argtypes = [ctypes.c_int, pointer, ctypes.c_uint, ctypes.c_int, pointer]
         self._sendmmsg.argtypes = [ctypes.c_int, pointer, ctypes.c_uint, ctypes.c_int]
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, CROWD_BUFFER_BYTES)
         self._receive_arrivals = receive
         self._arrivals = make_arrivals(DRAIN_AT_MOST)
         self._incoming = _Messages(self._arrivals)

@@ -2,38 +2,31 @@
 
 import asyncio
 import signal
-import time
 from collections.abc import Callable
 from typing import Final
 
 from hapticnet.runtime.clock import now_us
 from hapticnet.runtime.overload import Overload
+from hapticnet.runtime.rescue import Rescue
 
 STATUS_INTERVAL_S: Final = 0.5
 
 
-PATIENCE_S: Final = 0.5
-"""Time [s] in which a loop that runs reacts to a signal."""
-
-
-def stop_on_signals(loop: asyncio.AbstractEventLoop) -> asyncio.Event:
+def stop_on_signals(loop: asyncio.AbstractEventLoop, rescue: Rescue | None = None) -> asyncio.Event:
     """Return an event that SIGINT and SIGTERM set.
 
-    A loop that is stuck, perhaps in a method of a user's class that does not return, cannot set it. There, a second
-    signal raises KeyboardInterrupt. Once the loop is closed, signals do what they do by default.
+    A loop that is stuck, perhaps in a method of a user's class that does not return, cannot set it: `Rescue` ends it
+    then. Once the loop is closed, signals do what they do by default.
     """
     stop = asyncio.Event()
-    first_s: float | None = None
+    rescue = rescue or Rescue()
 
     def insist(number: int, _: object) -> None:
-        nonlocal first_s
         if loop.is_closed():  # uvloop leaves this handler behind
             signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
             signal.raise_signal(number)
             return
-        first_s = time.monotonic() if first_s is None else first_s
-        if time.monotonic() - first_s > PATIENCE_S and not stop.is_set():
-            raise KeyboardInterrupt
+        rescue.signalled(loop)
 
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
@@ -78,7 +71,7 @@ class Repeating:
         self._handle.cancel()
 
     def _fire(self) -> None:
+        self._callback()
         if self._overload is not None:
             self._overload.check(now_us())
-        self._callback()
         self._handle = self._loop.call_later(STATUS_INTERVAL_S, self._fire)

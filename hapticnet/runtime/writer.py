@@ -40,7 +40,7 @@ def main() -> None:
     except Exception as error:  # the user gets one line, and what was written stays recoverable
         _say(FAILED, f"the writer failed: {in_words(error)}")
     else:
-        _say(DONE, "")
+        _say(DONE, str(archive.completed))
 
 
 def _serve(archive: Archive) -> None:

@@ -23,6 +23,9 @@ assumption.
 """
 
 STIFFEST_N_PER_M: Final = 1e4
+LARGEST_FORCE_N: Final = 1000.0
+"""Largest force of a layer; far above what any device renders, so that a force is finite at every position."""
+
 LARGEST_VALUE: Final = 1e6
 LARGEST_VISCOSITY: Final = 100.0
 SMALLEST_VALUE: Final = 1e-9
@@ -77,8 +80,8 @@ class LayerAhead(NamedTuple):
 
     @property
     def stiffest_n_per_m(self) -> float:
-        """Largest stiffness [N/m] at any indentation: with stiffening a, that is k + a·F at the breach."""
-        return self.stiffness_n_per_m + (self.stiffening_per_m and self.stiffening_per_m * self.breach_force_n)
+        """Largest stiffness [N/m] at any indentation: with stiffening a, that is k + a·F at the largest force F."""
+        return self.stiffness_n_per_m + self.stiffening_per_m * min(self.breach_force_n, LARGEST_FORCE_N)
 
     def depth_m(self, position_m: Vector) -> float:
         """Return how far a position is past the surface at rest [m]."""
@@ -115,7 +118,16 @@ def check_layers(layers: Sequence[LayerAhead], axes: int, stiffest_n_per_m: floa
             raise SampleError(f"breach force of a layer ahead is {layer.breach_force_n} N; at most {LARGEST_VALUE:g}")
     total = sum(layer.stiffest_n_per_m for layer in layers)
     if not total <= stiffest_n_per_m * (1.0 + ROUNDING):
-        raise SampleError(f"layers ahead of {total:g} N/m together; at most {stiffest_n_per_m:g} N/m are rendered")
+        raise SampleError(too_stiff(layers, stiffest_n_per_m))
+
+
+def too_stiff(layers: Sequence[LayerAhead], stiffest_n_per_m: float) -> str:
+    """Return in words that layers are stiffer together than a master renders [N/m]."""
+    total = sum(layer.stiffest_n_per_m for layer in layers)
+    words = f"layers ahead of {total:g} N/m together; at most {stiffest_n_per_m:g} N/m are rendered at this rate"
+    if any(layer.stiffening_per_m and layer.breach_force_n > LARGEST_FORCE_N for layer in layers):
+        words += f". One that stiffens and does not break counts as stiff as it is at {LARGEST_FORCE_N:g} N"
+    return words
 
 
 _RANGES: Final = {

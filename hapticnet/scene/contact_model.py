@@ -5,16 +5,12 @@ Slave and master run the same model. The master's is stepped by its own position
 
 import math
 from collections.abc import Sequence
-from typing import Final
 
 from hapticnet.samples import Vector
-from hapticnet.scene.ahead import LayerAhead
+from hapticnet.scene.ahead import LARGEST_FORCE_N, LayerAhead
 from hapticnet.scene.laws import LARGEST_EXPONENT
 from hapticnet.scene.needle import LARGEST_SPEED_M_PER_S
 from hapticnet.vectors import dot, minus, plus, times
-
-LARGEST_FORCE_N: Final = 1000.0
-"""Largest force of a layer; far above what any device renders, so that a force is finite at every position."""
 
 
 class ContactModel:

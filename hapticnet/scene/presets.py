@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from hapticnet.checks import meant
 from hapticnet.errors import SettingsError
+from hapticnet.files import user_path
 from hapticnet.scene.tissue import SceneSettings, Tissue
 
 if TYPE_CHECKING:
@@ -52,7 +54,7 @@ def paper_scene(seed: int) -> SceneSettings:
 
 def scene_file(spec: str) -> Path | None:
     """Return the path of the file that `spec` names; None for a built-in scene."""
-    path = Path(spec)
+    path = user_path(spec)
     return path if path.suffix == ".toml" and spec not in scene_names() else None
 
 
@@ -78,8 +80,9 @@ def find_scene(spec: str, folder: Path = Path()) -> "AnySceneSettings":
     path = scene_file(spec)
     if path is None:
         raise SettingsError(
-            f"unknown scene {spec!r}; choose from paper, paper:SEED, {', '.join(scene_names())}, "
-            "the path of a .toml file, recording:FILE, FILE.py:CLASS or package.module:CLASS"
+            f"unknown scene {spec!r}{meant(spec, ['paper', *scene_names()])}; choose from paper, paper:SEED,"
+            f" {', '.join(scene_names())}, the path of a .toml file, recording:FILE, FILE.py:CLASS or"
+            " package.module:CLASS"
         )
     return load_scene(folder / path)
 

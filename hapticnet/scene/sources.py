@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from hapticnet.errors import SettingsError
+from hapticnet.files import user_path
 from hapticnet.scene.bodies import BodyScene
 from hapticnet.scene.body import BodySceneSettings
 from hapticnet.scene.presets import find_scene, scene_file, scene_names
@@ -127,8 +128,8 @@ class RecordedSource(SceneSource):
 
     def __init__(self, spec: str, folder: Path) -> None:
         file, colon, columns = spec.rpartition(":")
-        chosen = bool(colon) and not (folder / spec).exists()
-        self.file = folder / (file if chosen else spec)
+        chosen = bool(colon) and not (folder / user_path(spec)).exists()
+        self.file = folder / user_path(file if chosen else spec)
         self._force = RecordedForce(self.file, columns=columns if chosen else None)
         self.name = self._force.name
         self.notes = self._force.notes

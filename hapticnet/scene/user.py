@@ -39,10 +39,11 @@ class UserScene:
         If ``step`` is missing or cannot be called with one argument, or an attribute cannot be used.
     """
 
-    __slots__ = ("__weakref__", "_method", "_step", "axes", "name", "touched")
+    __slots__ = ("__weakref__", "_method", "_step", "axes", "name", "touched", "what")
 
     def __init__(self, touched: HasStep, what: str = "the scene") -> None:
         self.touched = touched
+        self.what = what
         self._step: Callable[[PositionSample], Any] = method_of(touched, "step(sample)", what)
         self._method = f"{type(touched).__name__}.step"
         self.axes = axes_of(touched, what)

@@ -9,22 +9,23 @@ import numpy as np
 
 from hapticnet.errors import SettingsError
 from hapticnet.experiment.conditions import CONDITIONS
-from hapticnet.study.checking import accepted, check_design, missing, ratings_of
-from hapticnet.study.measures import COMPARED, MEASURES, WITH_MARGIN, mean
+from hapticnet.study.checking import accepted, check_design, laws_of, missing, ratings_of
+from hapticnet.study.measures import COMPARED, MEASURES, SHARES, WITH_MARGIN, mean
 from hapticnet.study.observers import labelled
 from hapticnet.study.quality import predictors
 from hapticnet.study.results import MARGIN, PAPER_ERRORS, Comparison, ConditionResult, Figure, Results
 from hapticnet.study.rows import OrderRow
 from hapticnet.study.statistics import (
     Leaving,
+    chance_variance,
     equivalence,
     holm,
     leaving_point,
     mean_interval,
+    share_interval,
     sign_flip,
     standard_error,
     two_sided,
-    wilson,
 )
 
 
@@ -69,6 +70,7 @@ def analyse(rows: Sequence[OrderRow], *, margin: float = MARGIN, seed: int = 1) 
         repeated=sum(row.event == "repeated" for row in rows),
         aborted=sum(row.event == "aborted" for row in rows),
         missing=missing(rows, trials, names),
+        laws=laws_of(trials),
     )
 
 
@@ -79,6 +81,7 @@ def _place(trials: Sequence[OrderRow], name: str) -> tuple[float, str]:
 
 def _condition(trials: Sequence[OrderRow], ratings: Sequence[OrderRow], participants: Sequence[str]) -> ConditionResult:
     name = trials[0].condition or ""
+    pairs = _pairs(trials, participants)
     correct = sum(row.correct or 0 for row in trials)
     own = {person: [row for row in trials if row.participant == person] for person in participants}
     figures = {
@@ -94,27 +97,31 @@ def _condition(trials: Sequence[OrderRow], ratings: Sequence[OrderRow], particip
         multiplier=0.0 if trials[0].codec == "raw" else trials[0].multiplier or 0.0,
         trials=len(trials),
         correct=correct,
-        interval=wilson(correct, len(trials)),
+        interval=share_interval(correct, len(trials), [each for each in figures["correct"].each if each == each]),
         figures=figures,
-        pair_shares=_pair_shares(trials),
+        pair_shares=tuple(share for share, _ in pairs),
+        pair_intervals=tuple(interval for _, interval in pairs),
         paper_correct=paper.paper_correct if paper else None,
         paper_error=PAPER_ERRORS.get(name),
         paper_byte_reduction=paper.paper_byte_reduction if paper else None,
     )
 
 
-def _pair_shares(trials: Sequence[OrderRow]) -> tuple[float, float, float]:
-    told = [row for row in trials if row.order_true and row.order_answered]
+def _pairs(trials: Sequence[OrderRow], participants: Sequence[str]) -> list[tuple[float, tuple[float, float]]]:
+    """Return for each pair of tissues the share of right answers and its interval over participants."""
 
-    def share(softer: int, harder: int) -> float:
-        right = [
-            row.order_answered.index(row.order_true[softer]) < row.order_answered.index(row.order_true[harder])
-            for row in told
-            if row.order_answered and row.order_true
-        ]
-        return fmean(right) if right else math.nan
+    def told(softer: int, harder: int) -> tuple[float, tuple[float, float]]:
+        right: dict[str, list[int]] = {}
+        for row in trials:
+            if row.order_true and row.order_answered:
+                place = row.order_answered.index
+                own = right.setdefault(row.participant, [])
+                own.append(place(row.order_true[softer]) < place(row.order_true[harder]))
+        answers = [each for person in participants for each in right.get(person, ())]
+        shares = [fmean(own) for own in right.values()]
+        return fmean(answers) if answers else math.nan, share_interval(sum(answers), len(answers), shares)
 
-    return share(0, 1), share(1, 2), share(0, 2)
+    return [told(0, 1), told(1, 2), told(0, 2)]
 
 
 def _comparisons(conditions: Sequence[ConditionResult], margin: float) -> tuple[Comparison, ...]:
@@ -128,24 +135,37 @@ def _comparisons(conditions: Sequence[ConditionResult], margin: float) -> tuple[
             differences = differences[np.isfinite(differences)]
             if not len(differences):
                 continue
-            within, interval_90 = equivalence(differences, margin) if key in WITH_MARGIN else (None, None)
+            least = 0.0
+            if key in WITH_MARGIN:
+                people = len(reference.figures[key].each)
+                least = sum(chance_variance(each.correct, each.trials, people) for each in (reference, other))
+            within, interval_90 = (
+                equivalence(differences, margin, least_variance=least) if key in WITH_MARGIN else (None, None)
+            )
             own.append(
                 Comparison(
                     measure=key,
                     condition=other.name,
                     reference=reference.name,
                     difference=float(differences.mean()),
-                    interval=mean_interval(differences),
+                    interval=_bounded(key, mean_interval(differences, least_variance=least)),
                     probability=two_sided(sign_flip(differences)),
                     adjusted=1.0,
                     within_margin=within,
-                    interval_90=interval_90,
+                    interval_90=None if interval_90 is None else _bounded(key, interval_90),
                     participants=len(differences),
                 )
             )
         adjusted = holm([each.probability for each in own])
         found += [_adjust(each, value) for each, value in zip(own, adjusted, strict=True)]
     return tuple(found)
+
+
+def _bounded(measure: str, interval: tuple[float, float]) -> tuple[float, float]:
+    """Return an interval of a difference without what a difference of shares cannot be; infinite ones say "unknown"."""
+    if measure not in SHARES or not all(map(math.isfinite, interval)):
+        return interval
+    return max(interval[0], -1.0), min(interval[1], 1.0)
 
 
 def _adjust(comparison: Comparison, adjusted: float) -> Comparison:

@@ -4,6 +4,8 @@ from collections import Counter
 from collections.abc import Sequence
 
 from hapticnet.errors import SettingsError
+from hapticnet.study.flow import NO_CONSENT
+from hapticnet.study.results import UsedLaw
 from hapticnet.study.rows import OrderRow
 
 APART = "analyse each in a folder of its own"
@@ -100,13 +102,25 @@ def missing(rows: Sequence[OrderRow], trials: Sequence[OrderRow], conditions: Se
     unrated = sorted({person for person, name in counts if (person, name) not in rated})
     if rated and unrated:
         told.append(f"Ratings are missing of participants {', '.join(unrated)}.")
-    started = {row.participant for row in rows} - set(people)
+    declined = {row.participant for row in rows if row.event == "end" and row.reason == NO_CONSENT} - set(people)
+    if declined:
+        told.append(f"Participants {', '.join(sorted(declined))} did not agree to take part.")
+    started = {row.participant for row in rows} - set(people) - declined
     if started:
         told.append(f"Participants {', '.join(sorted(started))} have no answered trial.")
-    fractions = sorted({row.weber_fraction for row in trials if row.weber_fraction is not None})
-    if len(fractions) > 1:
-        told.append(
-            f"1 JND is not the same for all: Weber fractions from {fractions[0]:.3g} to {fractions[-1]:.3g}"
-            " (each participant's own)."
-        )
     return tuple(told)
+
+
+def laws_of(trials: Sequence[OrderRow]) -> tuple[UsedLaw, ...]:
+    """Return what 1 JND was for each participant."""
+    found = {
+        UsedLaw(
+            participant=row.participant,
+            weber_fraction=row.weber_fraction,
+            floor_n=row.floor_n,
+            source=row.jnd_source or "unknown",
+        )
+        for row in trials
+        if row.weber_fraction is not None and row.floor_n is not None
+    }
+    return tuple(sorted(found, key=lambda law: (law.participant, law.source)))

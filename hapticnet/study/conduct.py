@@ -61,9 +61,7 @@ async def conduct(
 
     def save() -> list[AnyRow]:
         rows = [replace(row, date=date(), version=version) for row in flow.take_rows()]
-        for row in rows:
-            store.append(row)
-        return rows
+        return [row for row in rows if store.append(row)]
 
     save()
     while not flow.done:
@@ -84,9 +82,11 @@ async def conduct(
         save()  # what was noted meanwhile did not come of the activity
         flow.complete(outcome, rig.now_us())
         for row in save():
-            if on_outcome is not None:
+            if on_outcome is not None and row.event != "started":  # it is of the next activity
                 await _beside(partial(on_outcome, row, outcome))  # the device goes on meanwhile
     await front.show(flow)
+    if flow.declined:
+        raise UnavailableError("the participant did not agree to take part; nothing was asked or measured")
     if flow.failure is not None:
         raise UnavailableError(f"{flow.failure}; everything answered is stored, go on with --resume")
 

@@ -10,8 +10,9 @@ from typing import Any, Final, Literal
 from hapticnet.errors import SettingsError
 from hapticnet.files import make_folder, replacing
 from hapticnet.study import store
+from hapticnet.study.plan import PLAN_FILE, Plan, find_plan
 from hapticnet.study.reading import read_people, table_files
-from hapticnet.study.rows import MISSING, LimitsRow, OrderRow, Row, columns, sidecar, to_line
+from hapticnet.study.rows import MISSING, LimitsRow, OrderRow, Row, answers_about, columns, sidecar, to_line
 
 BIDS_VERSION: Final = "1.10.0"
 
@@ -78,6 +79,12 @@ def export(source: Path, target: Path, form: Form, *, name: str, people: str = "
     return written
 
 
+def _plan(source: Path) -> Plan | None:
+    """Return the plan of a study; None if it is not there, as in a folder that holds only some of its files."""
+    path = source / PLAN_FILE
+    return find_plan(str(path)) if path.exists() else None
+
+
 def _describe(name: str, observers: Sequence[str]) -> tuple[str, str]:
     """Return name and description, which say if the data are simulated."""
     if observers:
@@ -102,18 +109,23 @@ def _bids(
     texts = {"dataset_description.json": _json(dataset), "README.md": _readme(name, description)}
     people = sorted({participant for _, participant, _ in rows})
     measured = {each.participant: each for each in read_people(source)}
-    lines = ["participant_id\tweber_fraction\tsimulated"]
+    plan = _plan(source)
+    asked = [] if plan is None else [question.name for question in plan.question]
+    lines = ["\t".join(["participant_id", "weber_fraction", "simulated", *asked])]
     for person in people:
         observer = next(
             (row.observer for key, own in rows.items() if key[1] == person for row in own if row.observer), None
         )
         fraction = f"{measured[person].weber_fraction:.6g}" if person in measured else MISSING
-        lines.append(f"sub-{person}\t{fraction}\t{observer or MISSING}")
+        answers = answers_about(row for key, own in rows.items() if key[1] == person for row in own)
+        told_of = (answers.get(name, MISSING) for name in asked)
+        lines.append("\t".join([f"sub-{person}", fraction, observer or MISSING, *told_of]))
     texts["participants.tsv"] = "\n".join(lines) + "\n"
     texts["participants.json"] = _json(
         {
             "weber_fraction": {"Description": "Measured JND of force as a share of the force."},
             "simulated": {"Description": "Name of the simulated observer; n/a for a person."},
+            **{question.name: {"Description": question.text} for question in (plan.question if plan else [])},
         }
     )
     for (task, person, session), own in sorted(rows.items()):
@@ -124,7 +136,7 @@ def _bids(
         shown = [BIDS_NAMES.get(attribute, attribute) for attribute in attributes]
         cells = [[row[old[attribute]] for attribute in attributes] for row in map(row_cells, own)]
         texts[f"{stem}.tsv"] = "\n".join("\t".join(line) for line in [shown, *cells]) + "\n"
-        described = sidecar(kind)
+        described = sidecar(kind, {} if plan is None else plan.texts.levels)
         texts[f"{stem}.json"] = _json(
             {
                 "TaskName": task,
@@ -154,7 +166,7 @@ def _psych_ds(
         writer.writerows([row[column] for column in names.values()] for row in map(row_cells, own))
         texts[f"data/subject-{person}_session-{session}_task-{task}_data.csv"] = buffer.getvalue()
         for attribute, column in names.items():
-            described.setdefault(attribute, {"name": attribute, **_property(sidecar(kind)[column])})
+            described.setdefault(attribute, {"name": attribute, **_property(sidecar(kind, {})[column])})
     dataset: dict[str, Any] = {
         "@context": "https://schema.org/",
         "@type": "Dataset",

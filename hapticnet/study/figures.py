@@ -8,13 +8,26 @@ from typing import Any, Final
 
 import numpy as np
 
-from hapticnet.experiment.style import BLUE, COLOURS, DASHES, GREEN, INK, MARKERS, ORANGE, SKY, VERMILION, picture
+from hapticnet.experiment.style import (
+    BLUE,
+    COLOURS,
+    DASHES,
+    GREEN,
+    GREY,
+    INK,
+    MARKERS,
+    ORANGE,
+    SKY,
+    VERMILION,
+    legend,
+    mark_level,
+    picture,
+)
 from hapticnet.study.power import Power
 from hapticnet.study.results import CHANCE, Results
 from hapticnet.study.statistics import falling
 
 HEIGHT_IN: Final = 3.6
-GREY: Final = "#9aa5b1"
 FORMS: Final = ("pdf", "png")
 TITLE_WIDTH: Final = 80
 """Characters in a line of a title."""
@@ -132,12 +145,11 @@ def _correct(axes: Any, results: Results) -> None:
                 place - 0.2, 100 * condition.paper_correct, yerr=paper_error, fmt="D", color=VERMILION, capsize=3,
                 markersize=4, zorder=5, label=None if place else f"{PAPER}, s.e.",
             )  # fmt: skip
-    axes.axhline(100 * CHANCE, color=INK, linestyle=":", linewidth=0.8)
-    axes.annotate("chance", (-0.45, 100 * CHANCE), xytext=(0, 2), textcoords="offset points", fontsize=7)
+    mark_level(axes, 100 * CHANCE, "chance")
     _ticks(axes, results)
     axes.set_ylim(0.0, 104.0)
     axes.set_ylabel("correct orders [%]")
-    told = "bars: mean; thick: s.e.; thin: Wilson 95 %; dots: participants; diamonds: the paper, s.e."
+    told = "bars: mean; thick: s.e.; thin: 95 % over participants; dots: participants; diamonds: the paper, s.e."
     axes.set_title(titled("Correct orders", results.simulated) + f"\n{told}", fontsize=8)
 
 
@@ -146,15 +158,17 @@ def _pairs(axes: Any, results: Results) -> None:
     for number, name in enumerate(names):
         shares = [100 * each.pair_shares[number] for each in results.conditions]
         look = {"color": COLOURS[number], "marker": MARKERS[number], "linestyle": DASHES[number]}
-        axes.plot(range(len(shares)), shares, **look, markersize=4.5, label=name)
-    axes.axhline(50.0, color=INK, linestyle=":", linewidth=0.8)
-    axes.annotate("chance", (0.0, 50.0), xytext=(0, 2), textcoords="offset points", fontsize=7)
+        places = np.arange(len(shares)) + 0.08 * (number - 1)
+        ends = np.array([100 * np.array(each.pair_intervals[number]) for each in results.conditions])
+        axes.plot(places, shares, **look, markersize=4.5, label=name)
+        axes.vlines(places, ends[:, 0], ends[:, 1], color=COLOURS[number], linewidth=0.9)
+    mark_level(axes, 50.0, "chance")
     _ticks(axes, results)
-    lowest = min([100 * share for each in results.conditions for share in each.pair_shares if math.isfinite(share)])
+    lowest = min([100 * low for each in results.conditions for low, _ in each.pair_intervals])
     axes.set_ylim(min(40.0, lowest - 5.0), 103.0)
     axes.set_ylabel("correct pairs [%]")
-    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), title="pair")
-    axes.set_title(titled("Which pairs are told apart", results.simulated))
+    legend(axes.figure, axes, title="pair")
+    axes.set_title(titled("Which pairs are told apart: share and 95 % interval over participants", results.simulated))
 
 
 def _curve(axes: Any, results: Results) -> None:
@@ -188,7 +202,7 @@ def _curve(axes: Any, results: Results) -> None:
     axes.set_xticks(x)
     axes.set_xlabel("threshold [JND]")
     axes.set_ylabel("difference of correct orders [points]")
-    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    legend(axes.figure, axes, below=False)
     axes.set_title(titled("From which threshold on is performance worse?", results.simulated))
 
 
@@ -232,6 +246,5 @@ def _power(figure: Any, powers: Sequence[Power], source: str) -> None:
         axes.set_ylim(0.0, 102.0 if axes is not panels[2] else None)
     panels[0].axhline(80.0, color=INK, linestyle=":", linewidth=0.8)
     panels[0].axhline(5.0, color=INK, linestyle=":", linewidth=0.8)
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=min(len(conditions) - 1, 4) or 1, fontsize=7)
+    legend(figure, panels[0], fontsize=7)
     figure.suptitle(titled(f"Each condition against {conditions[0]!r}, sign-flip tests at 5 %", [source]), fontsize=9)

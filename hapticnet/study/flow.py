@@ -6,12 +6,20 @@ Where a session stands follows from its rows alone, so a session that was killed
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Final, Generic
 
 from hapticnet.study import screens
+from hapticnet.study.plan import ASK, Plan, QuestionPlan
 from hapticnet.study.rig import Activity, Fault, Meet, Outcome
-from hapticnet.study.rows import AnyRow, Event
-from hapticnet.study.screens import Screen, ScreenKind, Why
+from hapticnet.study.rows import AnyRow, Event, answers_about
+from hapticnet.study.screens import Screen, ScreenKind, Screens
+
+NO_CONSENT: Final = "no consent"
+"""Reason for the end of a session whose participant did not agree."""
+
+KILLED: Final = "the process ended during the trial"
 
 CALM_US: Final = 1_000_000
 """Time [µs] for which a screen is shown before Escape ends the session: a second press was meant for the trial."""
@@ -28,8 +36,12 @@ class Flow(ABC, Generic[AnyRow]):
         Time [µs] at which this run begins.
     constants
         Values of columns that are the same in all rows: participant, session, observer and device.
-    instructions, consent
-        Texts.
+    plan
+        The plan, with what the participant reads.
+    questions
+        What is asked about the participant after the consent.
+    instructions
+        Text of the first screen.
     most_attempts
         How often the platform may fail to meet the finger, one after the other.
 
@@ -43,6 +55,8 @@ class Flow(ABC, Generic[AnyRow]):
         Whether the activity must be stopped, because there is an answer or an abort.
     done
         Whether the session is over, or cannot go on now: then `failure` says why.
+    deepest_m
+        How deep [m] the needle was in the present trial, as the front notes it; None while that is not known.
     """
 
     kind: type[AnyRow]
@@ -53,17 +67,23 @@ class Flow(ABC, Generic[AnyRow]):
         now_us: int,
         constants: dict[str, Any],
         *,
+        plan: Plan,
+        questions: Sequence[QuestionPlan],
         instructions: str,
-        consent: str,
         most_attempts: int,
     ) -> None:
         self.rows = list(rows)
+        self.deepest_m: float | None = None
         self.done = False
         self.failure: str | None = None
         self.answered = False
         self.activity: Activity | None = None
         self._constants = constants
-        self._consent = consent
+        self._screens = Screens(plan.texts)
+        self._why = plan.texts.why
+        self._consent = plan.consent
+        self._consent_text = plan.texts.consent.whole
+        self._questions = questions
         self._most_attempts = most_attempts
         self._fresh: list[AnyRow] = []
         self._earlier = len(rows)
@@ -78,8 +98,17 @@ class Flow(ABC, Generic[AnyRow]):
         if any(row.event == "end" for row in rows):
             self._finish()
             return
+        if rows and rows[-1].event == "started":  # part of this trial was felt, and it comes again
+            self.rows.append(replace(rows[-1], event="aborted", reason=KILLED))
+            self._fresh.append(self.rows[-1])
+            self._earlier += 1
         self._emit("begin", now_us, text="resumed" if rows else None)
-        self.screen = screens.instructions(instructions, again=again)
+        self.screen = self._screens.instructions(instructions, again=again)
+
+    @property
+    def declined(self) -> bool:
+        """Whether the participant did not agree to take part."""
+        return any(row.event == "end" and row.reason == NO_CONSENT for row in self.rows)
 
     def take_rows(self) -> list[AnyRow]:
         """Return the rows that came since the last call; store them before anything else."""
@@ -103,11 +132,16 @@ class Flow(ABC, Generic[AnyRow]):
             self.abort("the participant stopped", now_us)
         elif screen.kind is ScreenKind.CONSENT:
             if key == screens.YES:
-                self._emit("consent", now_us, text=screens.hash_of(self._consent))
+                self._emit("consent", now_us, text=screens.hash_of(self._consent_text))
                 self._go_on(now_us)
             else:
-                self._emit("end", now_us, reason="no consent")
+                self._emit("end", now_us, reason=NO_CONSENT)
                 self._finish()
+        elif screen.kind is ScreenKind.ABOUT:
+            question = self._unasked()[0]
+            answer = "prefers not to say" if key == screens.PREFER_NOT else question.choices[int(key) - 1]
+            self._emit("question", now_us, since_us=self._shown_us, text=f"{question.name}: {answer}", key=key)
+            self._go_on(now_us)
         elif screen.kind is ScreenKind.BREAK:
             self._emit("break", now_us, since_us=self._shown_us)
             self._met = False  # the finger was out
@@ -122,7 +156,7 @@ class Flow(ABC, Generic[AnyRow]):
         del now_us
         if self.activity is not None and not self.answered:
             self._abort = reason
-            self.answered = True
+            self._conclude(halted=True)
 
     def note_noise(self, level: float, now_us: int) -> None:
         """Note that masking noise has another level now, as a share of full scale."""
@@ -156,17 +190,37 @@ class Flow(ABC, Generic[AnyRow]):
         if self._failed_meetings >= self._most_attempts:
             self._stop(reason)
         else:
-            self._show(screens.repeat(Why.UNMET if abort is None else Why.STOPPED), now_us)
+            self._repeat_later(self._why.unmet if abort is None else self._why.stopped, now_us)
 
     def _go_on(self, now_us: int) -> None:
         """Show what comes next."""
         if not any(row.event == "consent" for row in self.rows):
-            self._show(screens.consent(self._consent), now_us)
+            if self._consent == ASK:
+                self._show(self._screens.consent(), now_us)
+                return
+            self._emit("consent", now_us, text=self._consent)
+        unasked = self._unasked()
+        if unasked:
+            self._show(self._screens.about(unasked[0].text, unasked[0].choices), now_us)
         else:
             self._next(now_us)
 
+    def _unasked(self) -> list[QuestionPlan]:
+        """Return the questions about the participant that are still to be asked."""
+        asked = answers_about(self.rows)
+        return [question for question in self._questions if question.name not in asked]
+
+    def _conclude(self, *, halted: bool) -> None:
+        """Let the activity come to its end; the participant sees at once that the key was taken."""
+        self.answered = True
+        self.screen = self._screens.moment(halted=halted)
+
+    def _repeat_later(self, why: str, now_us: int) -> None:
+        """Say why something comes again."""
+        self._show(self._screens.repeat(why, now_us), now_us)
+
     def _meet(self, now_us: int) -> None:
-        self._show(screens.meeting(), now_us, Meet())
+        self._show(self._screens.meeting(), now_us, Meet())
 
     def _in_vain(self, this_n: int) -> int:
         """Return how often a trial was begun in vain in this run; earlier runs may have had another device."""
@@ -181,14 +235,14 @@ class Flow(ABC, Generic[AnyRow]):
     def _finish(self) -> None:
         self.done = True
         self.activity = None
-        self.screen = screens.done()
+        self.screen = self._screens.done()
 
     def _stop(self, reason: str) -> None:
         """Interrupt the session: it can go on later."""
         self.done = True
         self.activity = None
         self.failure = reason
-        self.screen = screens.stopped()
+        self.screen = self._screens.stopped()
 
     def _emit(self, event: Event, now_us: int, *, since_us: int | None = None, **values: Any) -> AnyRow:
         """Store a row; `since_us` is when its event began."""

@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 from hapticnet.study.flow import Flow
 from hapticnet.study.rig import Outcome, Rig
 from hapticnet.study.rows import AnyRow
+from hapticnet.study.screens import Screen, question_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +23,22 @@ Said: TypeAlias = str | Stop
 
 
 class KeyFront(ABC):
-    """Shows screens and passes keys on."""
+    """Shows screens and passes keys on.
+
+    Attributes
+    ----------
+    number
+        Number of the present question. A key counts for the question on which it was pressed and for no other.
+    """
+
+    def __init__(self) -> None:
+        self.number = 0
+        self._shown: Screen | None = None
+        self._said: asyncio.Queue[tuple[int | None, Said]] = asyncio.Queue()
+
+    def hear(self, said: Said, number: int | None = None) -> None:
+        """Take what a person says, to the question of this number; None counts for any."""
+        self._said.put_nowait((number, said))
 
     async def show(self, flow: Flow[AnyRow]) -> None:
         """Show the present screen."""
@@ -43,6 +59,7 @@ class KeyFront(ABC):
                 await asyncio.wait(awaited, return_when=asyncio.FIRST_COMPLETED)
                 if listening.done() and not activity.done():
                     said = listening.result()
+                    flow.deepest_m = rig.deepest_m
                     if isinstance(said, Stop):
                         flow.abort(said.reason, rig.now_us())
                     else:
@@ -56,10 +73,21 @@ class KeyFront(ABC):
         finally:
             listening.cancel()
 
-    @abstractmethod
     def _present(self, flow: Flow[AnyRow]) -> None:
         """Show the present screen, if it has changed."""
+        screen, before = flow.screen, self._shown
+        if screen != before:
+            self._shown = screen
+            self.number += before is None or question_of(screen) != question_of(before)
+            self._print(flow)
 
-    @abstractmethod
     async def _next(self) -> Said:
         """Return what the person says next."""
+        while True:
+            number, said = await self._said.get()
+            if number is None or number == self.number:
+                return said
+
+    @abstractmethod
+    def _print(self, flow: Flow[AnyRow]) -> None:
+        """Show the present screen, which has changed."""

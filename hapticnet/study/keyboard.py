@@ -35,6 +35,11 @@ class Keyboard:
         self._before: list[Any] | None = None
         self._reads = False
 
+    @property
+    def is_terminal(self) -> bool:
+        """Whether keys come from a terminal, one by one as a person presses them."""
+        return self._before is not None
+
     def __enter__(self) -> Self:
         if os.isatty(self._stdin):
             self._before = termios.tcgetattr(self._stdin)

@@ -36,7 +36,7 @@ class Felt:
     updates, steps, counts
         Mean number of updates and mean step of a contact, and number of contacts.
     bytes_per_penetration
-        Mean bytes of the FORCE datagrams for each penetration.
+        Mean bytes from the touch of a tissue to its breach.
     """
 
     condition: str
@@ -111,7 +111,7 @@ def _play(shared: tuple[Plan, MakeHand], task: Task) -> tuple[list[Look], float]
     )
     outcome = play_trial(stimulus, make_hand=make_hand)
     measures = outcome.measures
-    return contacts(outcome), measures.wire_bytes / max(measures.penetrations, 1)
+    return contacts(outcome), measures.penetration_bytes / max(measures.penetrations, 1)
 
 
 def play_trial(stimulus: Stimulus, *, make_hand: MakeHand = scripted_hand) -> Played:

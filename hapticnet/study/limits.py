@@ -99,8 +99,8 @@ class Ascending:
     thresholds
         For each series that is over: the smallest difference [N] called different; None if none was, or in a catch
         series.
-    false_alarms
-        Catch series in which something was called different.
+    catch_pairs, false_alarms
+        Pairs of catch series that were answered, and those of them that were called different.
     """
 
     def __init__(self, plan: LimitsPlan, series: Sequence[Series]) -> None:
@@ -108,6 +108,7 @@ class Ascending:
         self._series = series
         self._step = 0
         self.thresholds: list[float | None] = []
+        self.catch_pairs = 0
         self.false_alarms = 0
 
     def question(self) -> Question | None:
@@ -132,6 +133,7 @@ class Ascending:
             return
         series = self._series[question.series]
         self._step += 1
+        self.catch_pairs += series.catch
         if answer == "different":
             self.false_alarms += series.catch
             self._end(None if series.catch else question.difference_n)
@@ -152,8 +154,3 @@ class Ascending:
             if not series.catch:
                 found[series.reference_n].append(threshold_n)
         return found
-
-    @property
-    def catches(self) -> int:
-        """Catch series that are over."""
-        return sum(series.catch for series, _ in zip(self._series, self.thresholds, strict=False))

@@ -1,6 +1,7 @@
 """The session in which the JND is measured."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -12,11 +13,11 @@ from hapticnet.study import screens
 from hapticnet.study.flow import Flow
 from hapticnet.study.forced_choice import ForcedChoice
 from hapticnet.study.limits import Ascending, Question, Series, draw_series
-from hapticnet.study.plan import Plan
+from hapticnet.study.plan import Plan, QuestionPlan
 from hapticnet.study.rig import Activity, Fault, Outcome, Present
 from hapticnet.study.rows import LimitsRow
 from hapticnet.study.schedule import LARGEST_SEED, participant_number
-from hapticnet.study.screens import ScreenKind, Why
+from hapticnet.study.screens import ScreenKind
 from hapticnet.study.stimulus import Pair, Presented
 
 PARTS = 3
@@ -35,6 +36,19 @@ class LimitsSchedule:
     plan: str
     series: tuple[Series, ...]
     intervals: tuple[int, ...]
+
+    def lines(self, plan: Plan) -> list[str]:
+        """Return the schedule for a person: a line for each series."""
+        method = plan.limits.method
+        told = [f"participant {self.participant}, session {self.session}: {method}, seed {self.seed}"]
+        for number, each in enumerate(self.series, start=1):
+            begin = f"from {100 * each.start:.2g} %, {100 * plan.limits.step:g} % a step"
+            if each.pairs is not None:
+                begin = f"{each.pairs} pairs of equal forces"
+            elif method != "ascending":
+                begin = f"at most {plan.limits.pairs} pairs"
+            told.append(f"  series {number}: {each.reference_n:g} N, {begin}")
+        return told
 
     def to_json(self) -> str:
         """Return the schedule as text."""
@@ -99,21 +113,29 @@ class LimitsFlow(Flow[LimitsRow]):
     kind = LimitsRow
 
     def __init__(
-        self, plan: Plan, schedule: LimitsSchedule, rows: list[LimitsRow], now_us: int, constants: dict[str, Any]
+        self,
+        plan: Plan,
+        schedule: LimitsSchedule,
+        rows: list[LimitsRow],
+        now_us: int,
+        constants: dict[str, Any],
+        questions: Sequence[QuestionPlan] = (),
     ) -> None:
         self.procedure = procedure_of(plan, schedule, rows)
         self._plan = plan.limits
+        self._texts = plan.texts
         self._series = len(schedule.series)
         self._question: Question | None = None
         self._presented: Presented | None = None
         self._presented_us = now_us
-        ascending = self._plan.method == "ascending"
+        instructions = plan.texts.instructions
         super().__init__(
             rows,
             now_us,
             constants,
-            instructions=screens.ASCENDING_INSTRUCTIONS if ascending else screens.CHOICE_INSTRUCTIONS,
-            consent=plan.consent,
+            plan=plan,
+            questions=questions,
+            instructions=instructions.ascending if self._plan.method == "ascending" else instructions.choice,
             most_attempts=self._plan.most_attempts,
         )
 
@@ -130,7 +152,7 @@ class LimitsFlow(Flow[LimitsRow]):
         elif not self._met:
             self._meet(now_us)
         elif question.step == 0 and self._break_is_due(question.series):
-            self._show(screens.pause(now_us + round(1e6 * self._plan.break_s), self._progress()), now_us)
+            self._show(self._screens.pause(now_us + round(1e6 * self._plan.break_s), self._progress()), now_us)
         else:
             self._question = question
             pair = Pair(
@@ -138,14 +160,15 @@ class LimitsFlow(Flow[LimitsRow]):
                 stimulus_us=round(1e6 * self._plan.stimulus_s),
                 gap_us=round(1e6 * self._plan.gap_s),
             )
-            self._show(screens.stimuli(self._progress()), now_us, Present(pair))
+            self._emit("started", now_us, **self._values(question, None))
+            self._show(self._screens.stimuli(self._progress()), now_us, Present(pair))
 
     def _break_is_due(self, series: int) -> bool:
         breaks = sum(row.event == "break" for row in self.rows)
         return breaks < PARTS - 1 and series >= (breaks + 1) * self._series / PARTS
 
     def _progress(self) -> str:
-        return f"{len(self.procedure.thresholds)} of {self._series} series"
+        return self._texts.screens.series.format(done=len(self.procedure.thresholds), all=self._series)
 
     def _take_key(self, key: str, now_us: int) -> None:
         if self.screen.kind is not ScreenKind.QUESTION or self._question is None:
@@ -169,15 +192,16 @@ class LimitsFlow(Flow[LimitsRow]):
         question = self._question
         if question is None or not isinstance(activity, Present):
             return
-        reason, event, why = abort, "aborted", Why.STOPPED
+        reason, event, why = abort, "aborted", self._why.stopped
         if reason is None and isinstance(outcome, Fault):
-            reason, why = outcome.reason, Why.FAULT
+            reason, why = outcome.reason, self._why.fault
         presented = outcome if isinstance(outcome, Presented) else None
         if reason is None and presented is not None:
-            reason, event, why = presented.missed(self._plan.tolerance), "repeated", Why.UNDELIVERED
+            reason, event, why = presented.missed(self._plan.tolerance), "repeated", self._why.undelivered
         if reason is None and presented is not None:
             shown_us = self._shown_us
-            ask = screens.same_or_different if self._plan.method == "ascending" else screens.which_stronger
+            method = self._plan.method
+            ask = self._screens.same_or_different if method == "ascending" else self._screens.which_stronger
             self._presented, self._presented_us = presented, now_us
             self._show(ask(self._progress()), now_us)
             self._shown_us = shown_us  # the row begins with the stimuli
@@ -194,7 +218,7 @@ class LimitsFlow(Flow[LimitsRow]):
         if vain >= self._plan.most_attempts:
             self._stop(f"a pair was presented {vain} times in vain; the last time: {reason}")
         else:
-            self._show(screens.repeat(why), now_us)
+            self._repeat_later(why, now_us)
 
     def _number(self) -> int:
         """Return the number of the present pair: that of the answers before it."""

@@ -51,8 +51,8 @@ MEASURES: Final[dict[str, tuple[str, Measure]]] = {
         lambda rows: mean(row.pairs_correct / 3 for row in rows if row.pairs_correct is not None),
     ),
     "kendall": ("Kendall's distance", lambda rows: mean(row.kendall for row in rows)),
-    "bytes": ("bytes per penetration", _per_penetration("wire_bytes")),
-    "packets": ("packets per penetration", _per_penetration("force_packets")),
+    "bytes": ("bytes per penetration", _per_penetration("penetration_bytes")),
+    "packets": ("packets per penetration", _per_penetration("penetration_packets")),
     "time_s": ("time from contact to answer [s]", _median_time),
     "insertions": ("insertions", lambda rows: mean(row.insertions for row in rows)),
     "penetrations": ("penetrations", lambda rows: mean(row.penetrations for row in rows)),
@@ -68,6 +68,9 @@ MEASURES: Final[dict[str, tuple[str, Measure]]] = {
 
 WITH_MARGIN: Final = ("correct",)
 """Measures for which a margin of equivalence is stated."""
+
+SHARES: Final = ("correct", "pairs")
+"""Compared measures that are shares, from 0 to 1."""
 
 COMPARED: Final = (*WITH_MARGIN, "pairs", "kendall", "time_s", "insertions", "peak_n", "rating")
 """Measures that are compared between conditions."""

@@ -6,7 +6,6 @@ and what they cannot.
 """
 
 import dataclasses
-import difflib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +15,7 @@ from typing import Final, Literal, TypeAlias, get_args
 import numpy as np
 
 from hapticnet.arrays import FloatArray
-from hapticnet.checks import check_parameter
+from hapticnet.checks import check_parameter, meant
 from hapticnet.errors import SettingsError
 from hapticnet.study.cues import Look
 
@@ -184,16 +183,14 @@ def parse_observer(text: str) -> ObserverSettings:
     """
     name, _, given = text.partition(":")
     if name not in OBSERVERS:
-        raise SettingsError(
-            f"unknown observer {name!r}{_similar(name, list(OBSERVERS))}; there are: {', '.join(OBSERVERS)}"
-        )
+        raise SettingsError(f"unknown observer {name!r}{meant(name, OBSERVERS)}; there are: {', '.join(OBSERVERS)}")
     fields = {field.name: field.type for field in dataclasses.fields(ObserverSettings) if field.name != "name"}
     values: dict[str, str | float] = {}
     for part in filter(None, given.split(",")):
         key, equals, value = part.partition("=")
         if not equals or key not in fields:
             raise SettingsError(
-                f"observer {name!r} has no parameter {key!r}{_similar(key, list(fields))}; it has: {', '.join(fields)}"
+                f"observer {name!r} has no parameter {key!r}{meant(key, fields)}; it has: {', '.join(fields)}"
             )
         try:
             values[key] = float(value) if fields[key] is float else value
@@ -322,8 +319,3 @@ def judged(
 
 def _mean_cue(own: Sequence[Look], cue: Cue) -> float:
     return float(np.mean([max(getattr(look, CUE_FIELDS[cue]), 1e-6) for look in own]))
-
-
-def _similar(name: str, known: list[str]) -> str:
-    close = difflib.get_close_matches(name, known, n=1)
-    return f"; did you mean {close[0]!r}?" if close else ""

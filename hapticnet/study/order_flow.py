@@ -7,15 +7,19 @@ from typing import Any, Final
 from hapticnet.perception import WeberLaw
 from hapticnet.study import screens
 from hapticnet.study.flow import Flow
-from hapticnet.study.plan import ConditionPlan, Plan, law_of
+from hapticnet.study.plan import ConditionPlan, Plan, QuestionPlan, law_of
 from hapticnet.study.rig import LIFTED, NO_MEASURES, Activity, Fault, Outcome, Play
 from hapticnet.study.rows import OrderRow
 from hapticnet.study.schedule import OrderSchedule, Trial
-from hapticnet.study.screens import ScreenKind, Why
+from hapticnet.study.screens import ScreenKind
 from hapticnet.study.trial import Measures, Played, Stimulus
 
 PRACTICE: Final = "practice"
 """What practice trials have in the column of the condition."""
+
+TOUCHED: Final = 0.5
+"""Share of its breach depth to which the needle must have pushed a tissue in before an answer is taken. The same depth
+for each, so that a refused answer tells nothing about the stiffness."""
 
 UNCOMPRESSED: Final = ConditionPlan(name=PRACTICE, codec="raw", multiplier=0.0)
 
@@ -27,7 +31,7 @@ class OrderFlow(Flow[OrderRow]):
     ----------
     law
         The participant's law at 1 JND.
-    rows, now_us, constants
+    rows, now_us, constants, questions
         As for `Flow`.
     """
 
@@ -41,6 +45,7 @@ class OrderFlow(Flow[OrderRow]):
         rows: list[OrderRow],
         now_us: int,
         constants: dict[str, Any],
+        questions: Sequence[QuestionPlan] = (),
     ) -> None:
         self.trial: Trial | None = None
         self._plan = plan
@@ -53,9 +58,10 @@ class OrderFlow(Flow[OrderRow]):
         super().__init__(
             rows,
             now_us,
-            constants,
-            instructions=screens.ORDER_INSTRUCTIONS,
-            consent=plan.consent,
+            constants | {"weber_fraction": law.weber_fraction, "floor_n": law.floor_n},
+            plan=plan,
+            questions=questions,
+            instructions=plan.texts.instructions.order,
             most_attempts=plan.order.most_attempts,
         )
 
@@ -71,7 +77,7 @@ class OrderFlow(Flow[OrderRow]):
             first = practice.index == practice.block * self._plan.order.practice
             if first and self._rounds_shown <= practice.block:
                 self._rounds_shown = practice.block + 1
-                self._show(screens.practice(practice.block), now_us)
+                self._show(self._screens.practice(practice.block), now_us)
             else:
                 self._begin_trial(practice, now_us)
             return
@@ -82,11 +88,13 @@ class OrderFlow(Flow[OrderRow]):
                 return
             own = [row for row in self.rows if row.block == block]
             if self._rates and not any(row.event == "rating" for row in own):
-                self._show(screens.rating(self._progress()), now_us)
+                self._show(self._screens.rating(self._progress()), now_us)
                 return
             breaks = sum(row.event == "break" for row in self.rows)
             if block + 1 < self._schedule.blocks and breaks <= block:
-                self._show(screens.pause(now_us + round(1e6 * self._plan.order.break_s), self._progress()), now_us)
+                self._show(
+                    self._screens.pause(now_us + round(1e6 * self._plan.order.break_s), self._progress()), now_us
+                )
                 return
         self._emit("end", now_us)
         self._finish()
@@ -98,8 +106,8 @@ class OrderFlow(Flow[OrderRow]):
     def _progress(self) -> str:
         answered = sum(row.event == "trial" for row in self.rows)
         if self.trial is not None and self.trial.condition is None:
-            return "practice"
-        return f"{answered} of {len(self._schedule.trials)} trials"
+            return self._plan.texts.screens.practising
+        return self._plan.texts.screens.trials.format(done=answered, all=len(self._schedule.trials))
 
     def _pending(self, block: int) -> Trial | None:
         """Return the next trial of a block: those that did not count come again at its end."""
@@ -128,7 +136,10 @@ class OrderFlow(Flow[OrderRow]):
         self.trial = trial
         self._typed = self._keys = ""
         self._answer_us = None
-        self._show(screens.trial("", self._progress()), now_us, Play(self._stimulus(trial)))
+        self.deepest_m = None
+        stimulus = self._stimulus(trial)
+        self._emit("started", now_us, **self._values(trial, stimulus))
+        self._show(self._screens.trial("", self._progress()), now_us, Play(stimulus))
 
     def _attempts_of(self, trial: Trial) -> int:
         """Return how often a trial was begun in this run and earlier ones."""
@@ -164,26 +175,39 @@ class OrderFlow(Flow[OrderRow]):
         if self.screen.kind is not ScreenKind.TRIAL:
             return
         self._keys += {screens.BACKSPACE: "<", screens.ENTER: ""}.get(key, key)
+        untouched = None
         if key == screens.ENTER:
-            self._answer_us = now_us
-            self.answered = True
-            return
-        self._typed = self._typed[:-1] if key == screens.BACKSPACE else self._typed + key
-        self.screen = screens.trial(self._typed, self._progress())
+            untouched = self._untouched()
+            if untouched is None:
+                self._answer_us = now_us
+                self._conclude(halted=False)
+                return
+        else:
+            self._typed = self._typed[:-1] if key == screens.BACKSPACE else self._typed + key
+        self.screen = self._screens.trial(self._typed, self._progress(), untouched=untouched)
+
+    def _untouched(self) -> int | None:
+        """Return the first tissue that the needle was not pushed into, as far as that is known."""
+        if self.deepest_m is None or not isinstance(self.activity, Play):
+            return None
+        for number, tissue in enumerate(self.activity.stimulus.tissues, start=1):
+            if self.deepest_m < tissue.rest_position_m + TOUCHED * tissue.breach_depth_m:
+                return number
+        return None
 
     def _complete_activity(self, activity: Activity, outcome: Outcome, abort: str | None, now_us: int) -> None:
         trial = self.trial
         if trial is None or not isinstance(activity, Play):
             return
-        reason, why = abort, Why.STOPPED
+        reason, why = abort, self._why.stopped
         if reason is None and isinstance(outcome, Fault | Played):
             reason = outcome.reason if isinstance(outcome, Fault) else outcome.failure
-            why = Why.LIFTED if reason == LIFTED else Why.FAULT
+            why = self._why.lifted if reason == LIFTED else self._why.fault
         if reason is None and self._answer_us is None:
-            why = Why.LATE
+            why = self._why.late
             reason = f"no answer within {self._plan.order.time_limit_s:g} s"
         measures = outcome.measures if isinstance(outcome, Played) else NO_MEASURES
-        values = self._values(trial, activity.stimulus, measures)
+        values = self._values(trial, activity.stimulus) | self._measured(measures)
         if reason is not None:
             self._emit("aborted", now_us, since_us=self._shown_us, reason=reason, **values)
             self._repeat(trial, reason, why, now_us)
@@ -192,26 +216,27 @@ class OrderFlow(Flow[OrderRow]):
         undelivered = measures.undelivered(self._plan.order.least_delivered)
         if undelivered is not None:
             self._emit("repeated", now_us, since_us=self._shown_us, reason=undelivered, **values)
-            self._repeat(trial, undelivered, Why.UNDELIVERED, now_us)
+            why = self._why.undelivered if measures.touched_all else self._why.untouched
+            self._repeat(trial, undelivered, why, now_us)
             return
         practising = trial.condition is None
         self._emit("practice" if practising else "trial", now_us, since_us=self._shown_us, **values)
         if practising:
-            self._show(screens.feedback(self._typed, trial.order), now_us)
+            self._show(self._screens.feedback(self._typed, trial.order, now_us), now_us)
         else:
             self._go_on(now_us)
 
-    def _repeat(self, trial: Trial, reason: str, why: Why, now_us: int) -> None:
+    def _repeat(self, trial: Trial, reason: str, why: str, now_us: int) -> None:
         self._met = False  # who knows where the finger is now?
         attempts = self._in_vain(trial.index)
         if attempts >= self._plan.order.most_attempts:
             self._stop(f"trial {trial.index} was begun {attempts} times in vain; the last time: {reason}")
         else:
-            self._show(screens.repeat(why), now_us)
+            self._repeat_later(why, now_us)
 
-    def _values(self, trial: Trial, stimulus: Stimulus, measures: Measures) -> dict[str, Any]:
-        """Return the columns of a trial, answered or not."""
-        law, tissues = stimulus.law, stimulus.tissues
+    def _values(self, trial: Trial, stimulus: Stimulus) -> dict[str, Any]:
+        """Return the columns of a trial that are known before it begins."""
+        tissues = stimulus.tissues
         values: dict[str, Any] = {
             "this_n": trial.index,
             "this_rep_n": trial.repetition,
@@ -220,10 +245,17 @@ class OrderFlow(Flow[OrderRow]):
             "condition": self.condition.name,
             "codec": stimulus.codec,
             "multiplier": self.condition.threshold,
-            "weber_fraction": law.weber_fraction,
-            "floor_n": law.floor_n,
             "order_true": trial.order,
             "seed": stimulus.seed,
+        }
+        for number, tissue in enumerate(tissues, start=1):
+            values[f"breach_force_{number}_n"] = tissue.breach_force_n
+            values[f"stiffness_{number}_n_per_m"] = tissue.stiffness_n_per_m
+        return values
+
+    def _measured(self, measures: Measures) -> dict[str, Any]:
+        """Return the columns of a trial that was played, answered or not."""
+        values: dict[str, Any] = {
             "first_contact_s": measures.first_contact_s,
             "insertions": measures.insertions,
             "penetrations": measures.penetrations,
@@ -231,12 +263,12 @@ class OrderFlow(Flow[OrderRow]):
             "perceptual_error": measures.perceptual_error,
             "force_packets": measures.force_packets,
             "wire_bytes": measures.wire_bytes,
+            "penetration_packets": measures.penetration_packets,
+            "penetration_bytes": measures.penetration_bytes,
             "missed_ticks": measures.missed_ticks,
             "link_stale": measures.link_stale,
         }
-        for number, tissue in enumerate(tissues, start=1):
-            values[f"breach_force_{number}_n"] = tissue.breach_force_n
-            values[f"stiffness_{number}_n_per_m"] = tissue.stiffness_n_per_m
+        for number in range(1, len(measures.peaks_held_n) + 1):
             values[f"peak_held_{number}_n"] = measures.peaks_held_n[number - 1]
             values[f"peak_sensed_{number}_n"] = measures.peaks_sensed_n[number - 1]
         return values

@@ -7,6 +7,8 @@ condition or a count of packets. What a screen says is in `screens`.
 from collections.abc import Callable
 from typing import Final
 
+from aiohttp import WSCloseCode
+
 from hapticnet.errors import PeerError
 from hapticnet.node.master_events import NodeEvent
 from hapticnet.operator.base import Operator
@@ -15,7 +17,8 @@ from hapticnet.protocol.events import Connected
 from hapticnet.runtime.clock import now_us
 from hapticnet.samples import PositionSample
 from hapticnet.scene.tissue import SceneSettings
-from hapticnet.study.screens import Screen
+from hapticnet.study.screens import Screen, ScreenKind
+from hapticnet.study.texts import Texts
 from hapticnet.study.trial import Stimulus
 from hapticnet.web import messages
 from hapticnet.web.audience import Audience
@@ -67,6 +70,8 @@ class ParticipantPage(Audience):
         The hand; None if nothing is to be moved.
     source
         Where its positions come from, in a word: page, trace, udp, ….
+    texts
+        What the participant reads.
     masking_noise
         Whether masking noise begins with the first press on the page.
     say
@@ -75,7 +80,7 @@ class ParticipantPage(Audience):
     Attributes
     ----------
     number
-        Number of the present task.
+        Number of the present question.
     on_key, on_noise, on_change
         Called with a key and the number of its task; with a level of the masking noise; when the page comes or goes.
     """
@@ -83,7 +88,9 @@ class ParticipantPage(Audience):
     views: tuple[View, ...] = ("operator",)
     farewell = "the session has ended"
 
-    def __init__(self, hand: SeenHand | None, source: str, *, masking_noise: bool, say: Callable[[str], None]) -> None:
+    def __init__(
+        self, hand: SeenHand | None, source: str, *, texts: Texts, masking_noise: bool, say: Callable[[str], None]
+    ) -> None:
         operator = None if hand is None else hand.operator
         self._live = operator if isinstance(operator, LiveHand) else None
         super().__init__(self._live, say)
@@ -93,6 +100,7 @@ class ParticipantPage(Audience):
         self.on_change: Callable[[bool], None] = lambda _: None
         self._hand = hand
         self._source = source
+        self._texts = texts
         self._masking_noise = masking_noise
         self._screen: Screen | None = None
         self._scene: SceneSettings | None = None
@@ -101,13 +109,19 @@ class ParticipantPage(Audience):
         self._tip_m = 0.0
 
     @property
+    def parting(self) -> tuple[int, str]:
+        """A session that is not over may go on, and the page with it."""
+        over = self._screen is not None and self._screen.kind is ScreenKind.DONE
+        return super().parting if over else (WSCloseCode.GOING_AWAY, "the session is interrupted")
+
+    @property
     def is_open(self) -> bool:
         """Whether a participant has the page open."""
         return bool(self.clients)
 
-    def show(self, screen: Screen, *, is_new: bool) -> None:
-        """Show a screen; keys pressed on those before a new one do nothing any more."""
-        self.number += is_new
+    def show(self, screen: Screen, number: int) -> None:
+        """Show a screen that asks the question of this number."""
+        self.number = number
         self._screen = screen
         self._tell_all(self._task())
 
@@ -144,7 +158,7 @@ class ParticipantPage(Audience):
         self.on_change(False)
 
     def _greet(self, client: Client) -> None:
-        experiment = {"masking_noise": self._masking_noise}
+        experiment = {"masking_noise": self._masking_noise, "texts": self._texts.for_page()}
         client.post(messages.text("hello", **hello("operator", self._source, self._live), experiment=experiment))
         client.post(self._scene_text())
         client.post(messages.text("ready", ready=self._is_ready))
@@ -197,7 +211,16 @@ class ParticipantPage(Audience):
         screen = self._screen
         if screen is None:
             return messages.text(
-                "task", number=self.number, screen="wait", title="", text="", keys=[], typed="", progress="", wait_s=0.0
+                "task",
+                number=self.number,
+                screen="wait",
+                title="",
+                text="",
+                keys=[],
+                typed="",
+                remark="",
+                progress="",
+                wait_s=0.0,
             )
         wait_us = 0 if screen.not_before_us is None else max(0, screen.not_before_us - now_us())
         return messages.text(
@@ -208,6 +231,7 @@ class ParticipantPage(Audience):
             text=screen.text,
             keys=[{"key": key, "does": does} for key, does in screen.keys],
             typed=screen.typed,
+            remark=screen.remark,
             progress=screen.progress,
             wait_s=wait_us / 1e6,
         )

@@ -1,18 +1,19 @@
 """A participant at a page in the browser, who answers with keys or clicks; the experimenter is at the terminal."""
 
-import asyncio
 from collections.abc import Callable
-from dataclasses import replace
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from hapticnet.runtime.clock import now_us
 from hapticnet.study import screens
 from hapticnet.study.flow import Flow
-from hapticnet.study.key_front import KeyFront, Said, Stop
+from hapticnet.study.key_front import KeyFront, Stop
 from hapticnet.study.page import ParticipantPage
 from hapticnet.study.rig import Activity, Outcome, Play, Rig
 from hapticnet.study.rows import AnyRow
-from hapticnet.study.screens import Screen, ScreenKind
+from hapticnet.study.screens import ScreenKind
+
+if TYPE_CHECKING:
+    import asyncio
 
 CLOSED: Final = Stop("the page was closed")
 STOPPED: Final = Stop("the experimenter stopped")
@@ -28,33 +29,26 @@ class PageFront(KeyFront):
     """
 
     def __init__(self, page: ParticipantPage, tell: Callable[[str], None]) -> None:
+        super().__init__()
         self._page = page
         self._tell = tell
-        self._said: asyncio.Queue[tuple[int | None, Said]] = asyncio.Queue()
         self._flow: Flow[Any] | None = None
-        self._shown: Screen | None = None
         self._activity: Activity | None = None
         self._level = 0.0
-        page.on_key = lambda number, key: self._said.put_nowait((number, key))
+        page.on_key = lambda number, key: self.hear(key, number)
         page.on_noise = self._note_noise
         page.on_change = self._note_change
 
     def hear_experimenter(self, key: str) -> None:
         """Take a key of the experimenter: Escape stops what is performed."""
         if key == screens.ESCAPE:
-            self._said.put_nowait((None, STOPPED))
+            self.hear(STOPPED)
 
     async def attend(self, flow: Flow[AnyRow], activity: "asyncio.Future[Outcome]", rig: Rig) -> Outcome:
         """Pass keys on while an activity is performed; stop it when there is an answer, or nobody to give one."""
         if not self._page.is_open:
-            self._said.put_nowait((None, CLOSED))
+            self.hear(CLOSED)
         return await super().attend(flow, activity, rig)
-
-    async def _next(self) -> Said:
-        while True:
-            number, said = await self._said.get()
-            if number is None or number == self._page.number:
-                return said
 
     def _present(self, flow: Flow[AnyRow]) -> None:
         self._flow = flow
@@ -64,29 +58,25 @@ class PageFront(KeyFront):
                 self._page.begin(flow.activity.stimulus)
             else:
                 self._page.end()
-        if flow.screen != self._shown:
-            is_new = self._shown is None or _question(flow.screen) != _question(self._shown)
-            self._shown = flow.screen
-            self._page.show(flow.screen, is_new=is_new)
-            if is_new:
-                self._tell(_line(flow))
+        super()._present(flow)
+
+    def _print(self, flow: Flow[AnyRow]) -> None:
+        is_new = self.number != self._page.number
+        self._page.show(flow.screen, self.number)
+        if is_new and flow.screen.kind is not ScreenKind.MOMENT:
+            self._tell(_line(flow))
 
     def _note_noise(self, level: float) -> None:
         if self._flow is not None and level != self._level:
             self._level = level
             self._flow.note_noise(level, now_us())
-            self._said.put_nowait((None, ""))  # so that the row is stored now
+            self.hear("")  # so that the row is stored now
 
     def _note_change(self, is_open: bool) -> None:
         self._tell(f"the participant's page is {'open' if is_open else 'closed'}")
         if not is_open:
             self._note_noise(0.0)
-            self._said.put_nowait((None, CLOSED))
-
-
-def _question(screen: Screen) -> Screen:
-    """Return what a screen asks, whatever has been answered so far."""
-    return replace(screen, keys=(), typed="")
+            self.hear(CLOSED)
 
 
 def _line(flow: Flow[Any]) -> str:

@@ -5,14 +5,19 @@ import json
 from pathlib import Path
 from typing import Annotated, Final, Literal, TypeAlias
 
-from pydantic import BaseModel, Field, field_validator, model_validator
+from pydantic import BaseModel, BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
 from hapticnet.channel.spec import parse_channel
+from hapticnet.checks import meant
 from hapticnet.codec.registry import make_codec, parse_codec
+from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.documents import STRICT, parse_document, read_document
 from hapticnet.errors import HapticnetError, SettingsError
+from hapticnet.files import user_path
+from hapticnet.hardware import MAX_FORCE_N
 from hapticnet.perception import JND_REFERENCE_FORCES_N, PAPER_FLOOR_N, PAPER_WEBER_FRACTION, WeberLaw
 from hapticnet.scene.presets import PAPER_BREACH_FORCES_N, PAPER_GAP_M
+from hapticnet.study.texts import Texts, english, find_texts
 
 REACHABLE_BREACH_FORCES_N: Final = (1.8, 3.15, 4.5)
 """Breach forces [N] in the ratios of the paper's, all within the 4.6 N that the device reaches.
@@ -20,8 +25,19 @@ REACHABLE_BREACH_FORCES_N: Final = (1.8, 3.15, 4.5)
 The paper's largest, 5 N, is felt as 4.6 N: the upper gap shrinks from ln(5/3.5) = 0.357 to ln(4.54/3.33) = 0.309.
 """
 
+PLAN_FILE: Final = "plan.toml"
+"""Name of the plan within the folder of a study."""
+
+ASK: Final = "ask"
+NO_CONSENT: Final = "none, because "
+"""What a plan says of the consent: it is asked for on the screen, or it is not, for a reason."""
+
+REACHED_N: Final = MAX_FORCE_N - ForceControlSettings().headroom_n
+"""Largest force [N] that is asked of the device (docs/safety.md). Two forces beyond it feel the same."""
+
 Arrangement: TypeAlias = Literal["blocked", "interleaved"]
 Method: TypeAlias = Literal["ascending", "up-down", "bayesian"]
+UseOfJnd: TypeAlias = Literal["preferred", "required", "ignored"]
 
 Force: TypeAlias = Annotated[float, Field(gt=0.0, le=5.0)]
 Share: TypeAlias = Annotated[float, Field(gt=0.0, le=1.0)]
@@ -126,7 +142,11 @@ class LimitsPlan(BaseModel):
     largest
         Difference as a share of the reference at which a series ends without a "different".
     catch
-        Share of further series in which nothing changes.
+        Further series in which nothing changes, as a share of the others.
+    most_false_alarms
+        Share of the pairs of these series that may be called different; with more, the JND is excluded.
+    most_censored
+        Series of a reference that may end without a "different"; with more, the JND is excluded.
     pairs
         Pairs of a staircase.
     stimulus_s, gap_s
@@ -147,7 +167,9 @@ class LimitsPlan(BaseModel):
     step: Share = 0.01
     start: Annotated[float, Field(ge=0.0, le=1.0)] = 0.03
     largest: Share = 0.4
-    catch: Annotated[float, Field(ge=0.0, le=1.0)] = 0.2
+    catch: Annotated[float, Field(ge=0.0, le=1.0)] = 0.33
+    most_false_alarms: Share = 0.25
+    most_censored: Annotated[int, Field(ge=0, le=1000)] = 2
     pairs: Annotated[int, Field(ge=5, le=1000)] = 40
     stimulus_s: Annotated[float, Field(ge=0.2, le=10.0)] = 1.0
     gap_s: Annotated[float, Field(ge=0.0, le=10.0)] = 0.5
@@ -164,27 +186,29 @@ class LimitsPlan(BaseModel):
                 f"start {self.start:g} and step {self.step:g} leave no room below largest {self.largest:g}"
             )
         strongest_n = max(self.references_n) * (1.0 + self.largest)
-        if strongest_n > 5.0:
-            raise ValueError(f"the largest comparison is {strongest_n:g} N; the device ends at 5 N")
+        if strongest_n > REACHED_N:
+            raise ValueError(f"the largest comparison is {strongest_n:g} N; the device ends at {REACHED_N:g} N")
         return self
 
 
 class JndPlan(BaseModel):
-    """The law of participants without a measured JND.
+    """The law of the ordering task.
 
     Attributes
     ----------
     weber_fraction, floor_n
         As in ``master --weber`` and ``--floor``.
     measured
-        Whether each participant's own JND is used; it must have been measured before.
+        Use of each participant's own JND: "preferred" uses it where it was measured with the device of the ordering
+        task and no rule excludes it, and else the numbers above; "required" refuses a session without it; "ignored"
+        uses the numbers above for all.
     """
 
     model_config = STRICT
 
     weber_fraction: Annotated[float, Field(ge=0.0, le=1.0)] = PAPER_WEBER_FRACTION
     floor_n: Annotated[float, Field(ge=0.0, le=5.0)] = PAPER_FLOOR_N
-    measured: bool = False
+    measured: UseOfJnd = "preferred"
 
 
 class LinkPlan(BaseModel):
@@ -214,6 +238,33 @@ class LinkPlan(BaseModel):
         return spec
 
 
+class QuestionPlan(BaseModel):
+    """A question about the participant, such as handedness, which is asked once.
+
+    Attributes
+    ----------
+    name
+        Name of the answer in the data.
+    text
+        The question.
+    choices
+        Its answers; the participant may also prefer not to say.
+    """
+
+    model_config = STRICT
+
+    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,29}$")]
+    text: Annotated[str, Field(pattern=r"\S", max_length=1000)]
+    choices: Annotated[list[Annotated[str, Field(pattern=r"\S", max_length=100)]], Field(min_length=2, max_length=9)]
+
+
+def _texts(spec: object, info: ValidationInfo) -> object:
+    try:
+        return find_texts(spec, info.context if isinstance(info.context, Path) else Path())
+    except HapticnetError as error:
+        raise ValueError(str(error)) from error
+
+
 def _paper_conditions() -> list[ConditionPlan]:
     deadbands = [ConditionPlan(name=f"{times} JND", multiplier=float(times)) for times in (1, 2, 4)]
     return [ConditionPlan(name="none", codec="raw", multiplier=0.0), *deadbands]
@@ -229,8 +280,13 @@ class Plan(BaseModel):
     masking_noise
         Whether white noise is played: by the page from the first press on it, else only once it is switched on there;
         at a terminal by a player of the system.
+    texts
+        Everything that the participant reads, the consent among it: in a TOML file, a language that is shipped, or
+        themselves.
     consent
-        Text that each participant agrees to. Its hash is stored with the consent.
+        "ask": the consent is asked for on the screen, and the hash of its text is stored; or "none, because " and why.
+    question
+        What is asked about the participant, as ``[[question]]`` tables.
     condition
         The conditions of the ordering task, as ``[[condition]]`` tables.
     """
@@ -239,11 +295,9 @@ class Plan(BaseModel):
 
     name: Annotated[str, Field(min_length=1, max_length=60)] = "paper"
     masking_noise: bool = False
-    consent: str = (
-        "You will feel forces of up to 5 N at your right index finger. You may stop at any moment, without giving a"
-        " reason, with the key Escape or by lifting your finger. Your answers are stored under a number, without your"
-        " name."
-    )
+    texts: Annotated[Texts, BeforeValidator(_texts)] = Field(default_factory=english)
+    consent: str = ASK
+    question: Annotated[list[QuestionPlan], Field(max_length=20)] = Field(default_factory=list)
     condition: Annotated[list[ConditionPlan], Field(min_length=1, max_length=20)] = Field(
         default_factory=_paper_conditions
     )
@@ -252,11 +306,25 @@ class Plan(BaseModel):
     jnd: JndPlan = Field(default_factory=JndPlan)
     link: LinkPlan = Field(default_factory=LinkPlan)
 
+    @field_validator("consent")
+    @classmethod
+    def _check_consent(cls, consent: str) -> str:
+        reason = consent.removeprefix(NO_CONSENT)
+        if consent != ASK and (reason == consent or not reason.strip()):
+            raise ValueError(
+                f'it must be "{ASK}", to ask for it on the screen, or "{NO_CONSENT}…" with your reason; its text is in'
+                " the file of texts"
+            )
+        return consent
+
     @model_validator(mode="after")
     def _check(self) -> "Plan":
         names = [condition.name for condition in self.condition]
         if len(set(names)) < len(names):
             raise ValueError("two conditions have the same name")
+        asked = [question.name for question in self.question]
+        if len(set(asked)) < len(asked):
+            raise ValueError("two questions have the same name")
         law = WeberLaw()
         for condition in self.condition:
             try:
@@ -290,10 +358,12 @@ def find_plan(spec: str) -> Plan:
     """
     if spec in PRESETS:
         return PRESETS[spec]
-    path = Path(spec)
+    path = user_path(spec)
     if path.suffix != ".toml":
-        raise SettingsError(f"unknown plan {spec!r}; choose {', '.join(PRESETS)} or the path of a .toml file")
-    return parse_document(read_document(path), str(path), Plan)
+        raise SettingsError(
+            f"unknown plan {spec!r}{meant(spec, PRESETS)}; choose {', '.join(PRESETS)} or the path of a .toml file"
+        )
+    return parse_document(read_document(path), str(path), Plan, context=path.parent)
 
 
 def law_of(condition: ConditionPlan, weber_fraction: float, floor_n: float) -> WeberLaw:

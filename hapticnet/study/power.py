@@ -13,7 +13,7 @@ from hapticnet.experiment.workers import workers
 from hapticnet.study.library import Felt
 from hapticnet.study.observers import ObserverSettings, judged
 from hapticnet.study.results import MARGIN
-from hapticnet.study.statistics import leaving_point, mean_interval, sign_flip, two_sided
+from hapticnet.study.statistics import chance_variance, leaving_point, mean_interval, sign_flip, two_sided
 
 ALPHA: Final = 0.05
 
@@ -116,7 +116,7 @@ class Power:
     equivalent
         Share of experiments that show equivalence within the margin.
     half_width
-        Mean half width of the 95 % interval of the difference; infinite where a design has none.
+        Mean half width of the 95 % interval of the difference.
     left_at, left_spread
         Median over experiments of the point at which the curve leaves the margin, and half the range of 95 % of them;
         the same for every condition, and NaN unless most experiments find one.
@@ -217,7 +217,11 @@ def _simulate(shared: tuple[Answers, float, int], task: tuple[int, int, int]) ->
             lower, upper = sign_flip(own, shift=-margin)[1], sign_flip(own, shift=margin)[0]
             equal[experiment, condition] = max(lower, upper) < ALPHA
             if experiment < widths:
-                low, high = mean_interval(own)
+                right = np.rint(trials * scores[experiment].sum(axis=0)).astype(int).tolist()
+                least = sum(
+                    chance_variance(right[each], participants * trials, participants) for each in (0, condition)
+                )
+                low, high = mean_interval(own, least_variance=least)
                 half_widths[experiment, condition] = 0.5 * (high - low)
     left_at = np.full(widths, np.nan)
     along = np.argsort(answers.multipliers)

@@ -6,8 +6,15 @@ import io
 import math
 from collections.abc import Sequence
 from itertools import groupby
+from typing import Final
 
 from hapticnet.study.power import Power
+
+LEAST_EFFECT: Final = 0.03
+NO_EFFECT: Final = (
+    "These answers hardly differ between conditions, so no number of participants finds a difference. Choose the number"
+    " with --shares and the smallest fall that matters to you."
+)
 
 
 def lines(found: Sequence[Power], source: str) -> list[str]:
@@ -22,7 +29,7 @@ def lines(found: Sequence[Power], source: str) -> list[str]:
             if each is own[0]:
                 told.append(f"  {each.condition:<16} {share:<28}")
                 continue
-            width = f"{100 * each.half_width:.1f}" if math.isfinite(each.half_width) else "none"
+            width = f"{100 * each.half_width:.1f}"
             told.append(
                 f"  {each.condition:<16} {share:<28} {100 * each.difference:+9.1f}  {100 * each.power:4.0f} %"
                 f"  {100 * each.equivalent:8.0f} %  {width:>10}"
@@ -31,6 +38,8 @@ def lines(found: Sequence[Power], source: str) -> list[str]:
             spread = f" ± {own[0].left_spread:.1f}" if math.isfinite(own[0].left_spread) else ""
             told.append(f"  the curve leaves the margin at {own[0].left_at:.1f}{spread} JND (median, half of 95 %)")
         told.append("")
+    if all(abs(each.difference) < LEAST_EFFECT for each in found):
+        told += [NO_EFFECT, ""]
     return told[:-1]
 
 

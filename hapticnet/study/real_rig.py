@@ -1,6 +1,7 @@
 """The chain of a session in real time: one device for all of it, and for each trial a session with the slave."""
 
 import asyncio
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Self
@@ -85,6 +86,7 @@ class RealRig:
         self, body: Body, settings: MasterSettings, address: HostPort | None, *, tell: Callable[[str], None]
     ) -> None:
         self.description = body.fingertip.device.description
+        self.deepest_m: float | None = None
         self._body = body
         self._settings = settings
         self._address = address
@@ -170,7 +172,8 @@ class RealRig:
         hand = body.hand or scripted_hand(stimulus)
         sock, slave = open_toward(self._address)
         node = MasterNode(hand, body.fingertip, stimulus.master_settings(self._settings), SystemEntropy())
-        disturbances = _Disturbances(self)
+        disturbances = _Disturbances(self, node)
+        self.deepest_m = -math.inf
         forward, feedback = (_emulator(stimulus, which) for which in ("forward", "feedback"))
         runner = MasterRunner(
             node, sock, slave, stop=self._stop, channel=forward, channel_in=feedback, watchers=[disturbances]
@@ -180,6 +183,8 @@ class RealRig:
         try:
             if not await either(runner.connected, self._stop, CONNECT_WITHIN_S):
                 return Fault(f"no session with the slave at {self._address}: is it running there?", lost=False)
+            if not runner.connected.is_set():  # ticks are recorded before there is a session, but nothing was played
+                return Fault("stopped", lost=False)
             if node.scene_name not in (None, NamedTissues.name):
                 wrong = f"the slave at {self._address} serves the scene {node.scene_name!r}"
                 return Fault(f"{wrong}; start it with --scene {SCENE_SPEC}", lost=False)
@@ -189,6 +194,7 @@ class RealRig:
             await until(self._stop, limit_s)
         finally:
             node.paused = "the trial is over"  # so that nothing is held while the session closes
+            self.deepest_m = None
             self._press_nothing(now_us())
             self._closing = asyncio.ensure_future(self._close(runner))
         fault = disturbances.fault
@@ -244,15 +250,18 @@ class _Disturbances(Watcher[NodeEvent]):
 
     name = "study"
 
-    def __init__(self, rig: RealRig) -> None:
+    def __init__(self, rig: RealRig, node: MasterNode) -> None:
         self.fault: Fault | None = None
         self._rig = rig
+        self._node = node
         self._lift = LiftWatch()
 
     def observe(self, now_us: int) -> None:
         """Pass a tick on; end the trial if the finger is lifted."""
         rig = self._rig
         rig._after_tick(now_us)
+        if rig.deepest_m is not None and self._node.position_m is not None:
+            rig.deepest_m = max(rig.deepest_m, self._node.position_m[0])
         fingertip = rig._body.fingertip
         if self.fault is None and not rig._stop.is_set():
             self.fault = self._lift.check(fingertip.target_n, fingertip.sensed_n, now_us)

@@ -14,6 +14,8 @@ from hapticnet.experiment.provenance import provenance
 from hapticnet.files import make_folder
 from hapticnet.recordings.session.archive import FORMATS, check_mcap
 from hapticnet.recordings.session.frames import Heading, Table
+from hapticnet.recordings.session.session import REPORT
+from hapticnet.runtime.recorder import event_text
 from hapticnet.runtime.session_recordings import about_master
 from hapticnet.study.order_flow import PRACTICE
 from hapticnet.study.rig import Outcome
@@ -76,10 +78,12 @@ def record_trials(
         )
         try:
             writer = FORMATS[path.suffix](heading)
+            for t_us, settings_in_force in outcome.in_force:
+                writer.event(t_us, type(settings_in_force).__name__, event_text(settings_in_force))
             for index, columns in enumerate(tables.values()):
                 if rows := _rows(columns):
                     writer.rows(index, rows[0])
-            writer.finish({"outcome": row.event})
+            writer.finish({REPORT: {"outcome": row.event}})
         except (OSError, UnavailableError) as error:
             reason = getattr(error, "strerror", None) or error
             raise FileError(f"{path}: the recording cannot be written: {reason}; its answer is safe") from error

@@ -29,15 +29,15 @@ JND_HEAD: Final = (
 )
 
 JND_NOTE: Final = (
-    "Residual: root mean square of the relative deviations from Weber's law; false alarms: series without a difference"
-    " that were called different. The paper printed one JND per subject in newton, mean 0.05, SD 0.0076, without its"
-    " reference forces or a Weber fraction."
+    "Residual: root mean square of the relative deviations from Weber's law; false alarms: pairs of equal forces"
+    " in catch series that were called different. The paper printed one JND per subject in newton, mean 0.05,"
+    " SD 0.0076, without its reference forces or a Weber fraction."
 )
 
 COMPARED: Final = (
     "p: exact sign-flip test over participants, two-sided; Holm's adjustment is over the conditions of a measure."
-    " Equivalence: two one-sided sign-flip tests with a margin of ±{margin:g} points{stated}. An interval is all shifts"
-    " that the test does not reject; a 95 % interval needs 6 participants, a 90 % interval 5."
+    " Equivalence: two one-sided sign-flip tests with a margin of ±{margin:g} points{stated}. Intervals are"
+    " Student's over participants, of orders never narrower than chance alone; at the edge they and p may differ."
 )
 
 PREDICTED: Final = (
@@ -47,8 +47,11 @@ PREDICTED: Final = (
 )
 
 BYTES: Final = (
-    "Bytes are those of FORCE datagrams with UDP and IPv4 headers. The paper states neither its sampling rate nor its"
-    " packets, so its saving is a comparison, not a target."
+    "Bytes and packets per penetration are those from the touch of a tissue to its breach, keepalives and UDP and IPv4"
+    " headers included, as in `hapticnet demo`; what is sent while nothing is touched, such as while the participant"
+    " thinks, does not count. The saving grows with the rate of the samples and falls with the speed of the hand. The"
+    " paper states neither, so its saving is a comparison, not a target; docs/benchmarks-tables.md has the saving over"
+    " the rate, with the motion of the demo."
 )
 
 SIMULATED: Final = (
@@ -97,8 +100,8 @@ def markdown(
     parts += [_summary(results), "", *[f"- {line}" for line in results.missing], *([""] if results.missing else [])]
     parts += ["## Conditions", "", *condition_table(results), ""]
     parts += [
-        "Wilson's interval takes trials as independent; the standard error (s.e.) is over participants, n − 1. "
-        + NO_PAPER_TEST,
+        "An interval of a share is of the share that participants like these would reach (Korn & Graubard 1998); the"
+        " standard error (s.e.) is over participants, n − 1. " + NO_PAPER_TEST,
         "",
         BYTES,
         "",
@@ -111,6 +114,24 @@ def markdown(
         *_curve_section(results),
         *_quality(results),
         *_models(effects, models_note),
+        *_laws(results),
+        *_jnds(people),
+        "## Origin",
+        "",
+        *[f"- {line}" for line in origin],
+    ]
+    return "\n".join(parts).rstrip() + "\n"
+
+
+def jnd_markdown(people: Sequence[ParticipantFile], *, title: str, origin: Sequence[str] = ()) -> str:
+    """Return the report of a study in which JNDs were measured and nothing was ordered yet."""
+    simulated = sorted({each.simulated for each in people if each.simulated})
+    parts = [
+        f"# {title}" + (f" – SIMULATED ({', '.join(simulated)})" if simulated else ""),
+        "",
+        *([SIMULATED, ""] if simulated else []),
+        "No trial of the ordering task was answered yet; these are the measured JNDs.",
+        "",
         *_jnds(people),
         "## Origin",
         "",
@@ -213,6 +234,19 @@ def _models(effects: Sequence[Effect], note: str | None) -> list[str]:
     return [*lines, "", *[f"- {note}" for note in notes], ""]
 
 
+def _laws(results: Results) -> list[str]:
+    lines = ["## What 1 JND was", "", "| participant | Weber fraction | at least [N] | from |", "|---|---|---|---|"]
+    lines += [
+        f"| {each.participant} | {each.weber_fraction:.4g} | {each.floor_n:.4g} | {each.source} |"
+        for each in results.laws
+    ]
+    fractions = [each.weber_fraction for each in results.laws]
+    if fractions and min(fractions) < max(fractions):
+        spread = f"Weber fractions from {min(fractions):.3g} to {max(fractions):.3g}"
+        lines += ["", f"**1 JND is not the same for all**: {spread}, so a condition is not the same threshold for all."]
+    return [*lines, ""] if fractions else []
+
+
 def _jnds(people: Sequence[ParticipantFile]) -> list[str]:
     if not people:
         return []
@@ -224,16 +258,20 @@ def _jnds(people: Sequence[ParticipantFile]) -> list[str]:
     ]
     for each in people:
         interval = UNKNOWN if each.low is None or each.high is None else f"{each.low:.3f} to {each.high:.3f}"
-        alarms = UNKNOWN if each.catch_series is None else f"{each.false_alarms} of {each.catch_series}"
+        alarms = f"{each.false_alarms} of {each.catch_pairs}" if each.catch_pairs else UNKNOWN
         lines.append(
             f"| {each.participant} | {each.method} | {each.weber_fraction:.3f} | {interval} |"
             f" {number(each.through_origin)} | {number(each.residual)} | {alarms} | {number(each.device_error_n)} |"
             f" {each.simulated or 'no'} |"
         )
-    fractions = [each.weber_fraction for each in people]
+    doubts = [f"- Participant {each.participant}, excluded: {why}." for each in people for why in each.excluded]
+    doubts += [f"- Participant {each.participant}: {why}." for each in people for why in each.warnings]
+    fractions = [each.weber_fraction for each in people if not each.excluded]
     error = standard_error(fractions)
     spread = "" if error is None else f" ± {error:.4f} (s.e.)"
-    return [*lines, "", f"Mean Weber fraction {fmean(fractions):.4f}{spread}. {JND_NOTE}", ""]
+    mean = f"Mean Weber fraction {fmean(fractions):.4f}{spread}" if fractions else "Every JND is excluded"
+    left_out = f", without {len(people) - len(fractions)} excluded" if 0 < len(fractions) < len(people) else ""
+    return [*lines, "", *doubts, *([""] if doubts else []), f"{mean}{left_out}. {JND_NOTE}", ""]
 
 
 def _plain(name: str) -> str:

@@ -45,12 +45,14 @@ class ConditionResult:
     trials, correct
         Trials answered, and those with the whole order right.
     interval
-        Wilson's 95 % interval of that share, as if all trials were independent.
+        95 % interval of that share over participants.
     figures
         The figures of `MEASURES` by name.
     pair_shares
         Share of right answers for each pair of tissues, by the rank of stiffness: softest–middle, middle–hardest,
         softest–hardest.
+    pair_intervals
+        Their 95 % intervals over participants.
     paper_correct, paper_error, paper_byte_reduction
         The paper's figures for the condition of this name; None without one.
     """
@@ -62,7 +64,8 @@ class ConditionResult:
     correct: int
     interval: tuple[float, float]
     figures: dict[str, Figure]
-    pair_shares: tuple[float, float, float]
+    pair_shares: tuple[float, ...]
+    pair_intervals: tuple[tuple[float, float], ...]
     paper_correct: float | None
     paper_error: float | None
     paper_byte_reduction: float | None
@@ -82,7 +85,7 @@ class Comparison:
     measure
         The compared measure, a key of `MEASURES`.
     difference, interval
-        Mean difference and its 95 % interval by inversion of the sign-flip test.
+        Mean difference and its 95 % interval over participants.
     probability, adjusted
         Two-sided probability of the exact sign-flip test, and after Holm for the comparisons of this measure.
     within_margin, interval_90
@@ -131,6 +134,16 @@ class Predictor:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class UsedLaw:
+    """What 1 JND was for a participant: Weber fraction, smallest JND [N], and where they come from."""
+
+    participant: str
+    weber_fraction: float
+    floor_n: float
+    source: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Results:
     """Results of a study.
 
@@ -149,6 +162,8 @@ class Results:
         How well objective measures predict the ratings, best first.
     missing
         What is missing or uneven in the data, as sentences.
+    laws
+        What 1 JND was for each participant; two entries for one whose sessions had different laws.
     """
 
     simulated: tuple[str, ...]
@@ -161,3 +176,4 @@ class Results:
     repeated: int
     aborted: int
     missing: tuple[str, ...] = ()
+    laws: tuple[UsedLaw, ...] = ()

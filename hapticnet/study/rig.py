@@ -98,9 +98,16 @@ Outcome: TypeAlias = Met | Presented | Played | Fault
 
 
 class Rig(Protocol):
-    """What performs the activities of a session."""
+    """What performs the activities of a session.
+
+    Attributes
+    ----------
+    deepest_m
+        How deep [m] the tip of the needle was in the present trial; None without one, or if that is not known.
+    """
 
     description: str
+    deepest_m: float | None
 
     def now_us(self) -> int:
         """Return the time [µs]."""
@@ -182,6 +189,7 @@ class VirtualRig:
 
     def __init__(self, fingertip: Fingertip, settings: MasterSettings, *, make_hand: MakeHand = scripted_hand) -> None:
         self.description = fingertip.device.description
+        self.deepest_m: float | None = None  # a hand that ends by itself has been everywhere
         self._fingertip = fingertip
         self._settings = settings
         self._make_hand = make_hand

@@ -6,7 +6,7 @@ the same columns; the column ``event`` says which kind a row is, and what does n
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal, TypeAlias, TypeVar, get_args, get_type_hints
 
@@ -15,22 +15,25 @@ from hapticnet.errors import FileError
 MISSING: Final = "n/a"
 
 Event: TypeAlias = Literal[
-    "begin", "consent", "meet", "practice", "trial", "aborted", "repeated", "rating", "break", "noise", "stopped", "end"
-]
+    "begin", "consent", "question", "meet", "started", "practice", "trial", "aborted", "repeated", "rating", "break",
+    "noise", "stopped", "end",
+]  # fmt: skip
 """What a row tells.
 
-``begin``: the session began, or went on after a crash. ``consent``: the participant agreed. ``meet``: the platform met
-the finger. ``practice``: a practice trial was answered. ``trial``: a trial was answered; only these are analysed.
-``aborted``: a trial ended without a valid answer, for ``reason``, and comes again. ``repeated``: a trial was answered,
-but the device did not deliver its forces; it comes again. ``rating``: a quality of experience was given for the block.
-``break``: a break is over. ``noise``: the page plays masking noise at the level in ``text``, a share of full scale; 0
-is off. ``stopped``: the session was ended early, for ``reason``; it can go on. ``end``: the session is complete.
+``begin``: the session began, or went on after a crash. ``consent``: the participant agreed, or ``text`` says why the
+plan asks for no consent. ``question``: the answer to a question about the participant, in ``text``. ``meet``: the
+platform met the finger. ``started``: a trial or a pair began to be presented. ``practice``: a practice trial was
+answered. ``trial``: a trial was answered; only these are analysed. ``aborted``: a trial ended without a valid answer,
+for ``reason``, and comes again. ``repeated``: a trial was answered, but the device did not deliver its forces; it comes
+again. ``rating``: a quality of experience was given for the block. ``break``: a break is over. ``noise``: the page
+plays masking noise at the level in ``text``, a share of full scale; 0 is off. ``stopped``: the session was ended early,
+for ``reason``; it can go on. ``end``: the session is complete.
 """
 
 
-def column(description: str, *, name: str | None = None, levels: dict[str, str] | None = None) -> Any:
+def column(description: str, *, name: str | None = None) -> Any:
     """Return a field that is ``n/a`` unless given, with the description for the sidecar."""
-    return dataclasses.field(default=None, metadata={"name": name, "description": description, "levels": levels})
+    return dataclasses.field(default=None, metadata={"name": name, "description": description})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,6 +77,7 @@ class OrderRow(Row):
     multiplier: float | None = column("Threshold of the codec in JNDs; 0 without compression.")
     weber_fraction: float | None = column("Weber fraction of the threshold.")
     floor_n: float | None = column("Smallest JND of the threshold in newton.")
+    jnd_source: str | None = column("Where the JND of the threshold comes from: the participant's file, or the plan.")
     breach_force_1_n: float | None = column("Breach force of the first tissue in newton.")
     breach_force_2_n: float | None = column("Breach force of the second tissue in newton.")
     breach_force_3_n: float | None = column("Breach force of the third tissue in newton.")
@@ -100,9 +104,13 @@ class OrderRow(Row):
         "Root mean square of ln(held force / force of the tissue at the same moment) while the tissue's is above"
         " 0.3 N; a smaller held force counts as 0.3 N."
     )
-    force_packets: int | None = column("FORCE datagrams that the slave sent in this trial.")
+    force_packets: int | None = column("FORCE datagrams that the slave sent in this trial, thinking time included.")
     wire_bytes: int | None = column("Bytes of the FORCE datagrams with their UDP and IPv4 headers.")
-    rating: int | None = column("Quality of experience of the block, 1 (bad) to 7 (excellent).")
+    penetration_packets: int | None = column(
+        "Datagrams that the slave sent from the touch of a tissue to its breach, over all penetrations."
+    )
+    penetration_bytes: int | None = column("Bytes of these datagrams with their UDP and IPv4 headers.")
+    rating: int | None = column("How the tissues of the block felt, 1 to 7.")
 
     @property
     def breach_forces_n(self) -> tuple[float | None, ...]:
@@ -146,6 +154,12 @@ class LimitsRow(Row):
 AnyRow = TypeVar("AnyRow", bound=Row)
 
 
+def answers_about(rows: Iterable[Row]) -> dict[str, str]:
+    """Return what was answered about a participant, by the name of the question."""
+    answers = (row.text.partition(": ") for row in rows if row.event == "question" and row.text)
+    return {name: answer for name, _, answer in answers}
+
+
 def columns(kind: type[Row]) -> dict[str, str]:
     """Return the attribute of each column by the name of the column, in the order of the table."""
     return {each.metadata.get("name") or each.name: each.name for each in dataclasses.fields(kind)}
@@ -184,8 +198,14 @@ def from_cells(kind: type[AnyRow], names: Sequence[str], cells: Sequence[str]) -
         raise FileError("the table has no column event, participant or session") from error
 
 
-def sidecar(kind: type[Row]) -> dict[str, Any]:
-    """Return the description of each column, as a JSON file beside the table has it."""
+def sidecar(kind: type[Row], levels: Mapping[str, Mapping[str, str]]) -> dict[str, Any]:
+    """Return the description of each column, as a JSON file beside the table has it.
+
+    Parameters
+    ----------
+    levels
+        What values of a column meant to the participant (`Texts.levels`).
+    """
     described: dict[str, Any] = {
         "event": {"Description": "Kind of the row.", "Levels": {name: name for name in get_args(Event)}},
         "participant": {"Description": "Number of the participant."},
@@ -198,6 +218,8 @@ def sidecar(kind: type[Row]) -> dict[str, Any]:
             unit = _unit(each.name)
             if unit is not None:
                 described[name]["Units"] = unit
+            if each.name in levels:
+                described[name]["Levels"] = dict(levels[each.name])
     return described
 
 

@@ -103,6 +103,20 @@ class OrderSchedule:
         """Number of blocks."""
         return self.trials[-1].block + 1
 
+    def lines(self, plan: Plan) -> list[str]:
+        """Return the schedule for a person: a line for each block, with the orders of the tissues."""
+        told = [f"participant {self.participant}, session {self.session}: {len(self.trials)} trials, seed {self.seed}"]
+        told += [f"  practice: {' '.join(trial.order for trial in self.practice)}"] if self.practice else []
+        for block in range(self.blocks):
+            own = [
+                (plan.condition[each.condition or 0].name, each.order) for each in self.trials if each.block == block
+            ]
+            names = {name for name, _ in own}
+            orders = [order if len(names) == 1 else f"{name} {order}" for name, order in own]
+            separator = " " if len(names) == 1 else ", "
+            told.append(f"  block {block + 1}, {' and '.join(sorted(names))}: {separator.join(orders)}")
+        return told
+
     def to_json(self) -> str:
         """Return the schedule as text."""
         return json.dumps(asdict(self), indent=1) + "\n"

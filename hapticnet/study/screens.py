@@ -2,8 +2,11 @@
 
 import enum
 import hashlib
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Final
+
+from hapticnet.study.texts import Texts
 
 ENTER: Final = "enter"
 ESCAPE: Final = "escape"
@@ -13,7 +16,11 @@ SAME: Final = "s"
 DIFFERENT: Final = "d"
 YES: Final = "y"
 NO: Final = "n"
+PREFER_NOT: Final = "0"
 RATING_KEYS: Final = tuple("1234567")
+
+READ_US: Final = 1_000_000
+"""Time [µs] for which feedback stays at least: a second press of Enter was meant for the screen before it."""
 
 
 class ScreenKind(enum.StrEnum):
@@ -21,28 +28,19 @@ class ScreenKind(enum.StrEnum):
 
     INSTRUCTIONS = "instructions"
     CONSENT = "consent"
+    ABOUT = "about"
     MEET = "meet"
     PRACTICE = "practice"
     TRIAL = "trial"
     STIMULI = "stimuli"
     QUESTION = "question"
+    MOMENT = "moment"
     FEEDBACK = "feedback"
     REPEAT = "repeat"
     RATING = "rating"
     BREAK = "break"
     STOPPED = "stopped"
     DONE = "done"
-
-
-class Why(enum.StrEnum):
-    """Why a trial comes again, in words for the participant; the reason in the table may tell forces, these do not."""
-
-    STOPPED = "it was stopped"
-    LATE = "the time was over before you answered"
-    UNMET = "the platform did not find your finger"
-    UNDELIVERED = "the forces did not reach your finger in full"
-    LIFTED = "your finger was lifted"
-    FAULT = "there was a technical fault"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,6 +55,8 @@ class Screen:
         Keys that do something, with what they do.
     typed
         What has been typed of an answer.
+    remark
+        What was wrong with the last key.
     progress
         How far the session is; empty where that does not matter.
     not_before_us
@@ -68,31 +68,9 @@ class Screen:
     text: str
     keys: tuple[tuple[str, str], ...] = ()
     typed: str = ""
+    remark: str = ""
     progress: str = ""
     not_before_us: int | None = None
-
-
-END: Final = (ESCAPE, "end the session")
-NEXT: Final = ((ENTER, "go on"), END)
-STOP: Final = (ESCAPE, "stop: the force goes to zero at once")
-
-ORDER_INSTRUCTIONS: Final = (
-    "You hold a needle above three tissues, called 1, 2 and 3 from front to back. They differ in stiffness. Push the"
-    " needle through them, one after the other, slowly and as often as you like; you feel each at your fingertip. Then"
-    " type the tissues from the softest to the hardest, for instance 2 1 3, and confirm with Enter. Until then you may"
-    " change your answer with Backspace. Take your time. You may stop at any moment with Escape or by lifting your"
-    " finger; the force is then zero at once, and the trial comes again later. Escape between two trials ends the"
-    " session."
-)
-ASCENDING_INSTRUCTIONS: Final = (
-    "You feel two forces at your fingertip, one after the other. Then say whether they felt the same or different. Say"
-    " different only if you felt a difference. There are series in which nothing changes. You may stop at any moment"
-    " with Escape or by lifting your finger."
-)
-CHOICE_INSTRUCTIONS: Final = (
-    "You feel two forces at your fingertip, one after the other. Then say which was stronger, the first or the second."
-    " If you are not sure, guess. You may stop at any moment with Escape or by lifting your finger."
-)
 
 
 def hash_of(text: str) -> str:
@@ -100,131 +78,160 @@ def hash_of(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def instructions(text: str, *, again: bool) -> Screen:
-    """Return the first screen of a session, or of one that goes on."""
-    title = "The session goes on" if again else "Instructions"
-    return Screen(kind=ScreenKind.INSTRUCTIONS, title=title, text=text, keys=NEXT)
+def question_of(screen: Screen) -> Screen:
+    """Return what a screen asks, whatever has been answered so far."""
+    return replace(screen, keys=(), typed="", remark="")
 
 
-def consent(text: str) -> Screen:
-    """Return the screen that asks for consent."""
-    return Screen(kind=ScreenKind.CONSENT, title="Consent", text=text, keys=((YES, "I agree"), (NO, "I do not agree")))
+class Screens:
+    """The screens in the words of a study.
 
+    Parameters
+    ----------
+    texts
+        The words.
+    """
 
-def meeting() -> Screen:
-    """Return the screen while the platform meets the finger."""
-    return Screen(
-        kind=ScreenKind.MEET,
-        title="Hold your finger still",
-        text="The platform finds your finger and presses it lightly for a second.",
-        keys=(STOP,),
-    )
+    def __init__(self, texts: Texts) -> None:
+        self._texts = texts
+        self._words = words = texts.screens
+        self._end = (ESCAPE, words.end)
+        self._next = ((ENTER, words.go_on), self._end)
+        self._stop = (ESCAPE, words.stop)
 
+    def instructions(self, text: str, *, again: bool) -> Screen:
+        """Return the first screen of a session, or of one that goes on."""
+        words = self._words
+        title = words.again if again else words.instructions
+        return Screen(kind=ScreenKind.INSTRUCTIONS, title=title, text=text, keys=self._next)
 
-def practice(round_number: int) -> Screen:
-    """Return the screen before a round of practice."""
-    text = "Some trials for practice follow. After each you see the right order."
-    if round_number:
-        text = "Let us practise once more. " + text
-    return Screen(kind=ScreenKind.PRACTICE, title="Practice", text=text, keys=NEXT)
+    def consent(self) -> Screen:
+        """Return the screen that asks for consent."""
+        words = self._words
+        keys = (YES, words.agree), (NO, words.disagree)
+        return Screen(kind=ScreenKind.CONSENT, title=words.consent, text=self._texts.consent.whole, keys=keys)
 
+    def about(self, text: str, choices: Sequence[str]) -> Screen:
+        """Return a question about the participant."""
+        answers = tuple((str(number), choice) for number, choice in enumerate(choices, start=1))
+        keys = (*answers, (PREFER_NOT, self._words.prefer_not), self._end)
+        return Screen(kind=ScreenKind.ABOUT, title=self._words.about, text=text, keys=keys)
 
-def trial(typed: str, progress: str) -> Screen:
-    """Return the screen of a trial."""
-    keys = [(key, f"tissue {key}") for key in TISSUE_KEYS if key not in typed]
-    if typed:
-        keys.append((BACKSPACE, "undo"))
-    if len(typed) == len(TISSUE_KEYS):
-        keys.append((ENTER, "confirm"))
-    return Screen(
-        kind=ScreenKind.TRIAL,
-        title="Feel the three tissues",
-        text="Put them in order, from the softest to the hardest.",
-        keys=(*keys, STOP),
-        typed=typed,
-        progress=progress,
-    )
+    def meeting(self) -> Screen:
+        """Return the screen while the platform meets the finger."""
+        words = self._words
+        return Screen(kind=ScreenKind.MEET, title=words.meet, text=words.meet_text, keys=(self._stop,))
 
+    def practice(self, round_number: int) -> Screen:
+        """Return the screen before a round of practice."""
+        words = self._words
+        text = words.practice_again if round_number else words.practice_text
+        return Screen(kind=ScreenKind.PRACTICE, title=words.practice, text=text, keys=self._next)
 
-def stimuli(progress: str) -> Screen:
-    """Return the screen while two forces are presented."""
-    return Screen(
-        kind=ScreenKind.STIMULI, title="Two forces", text="Feel the first and the second force.", keys=(STOP,),
-        progress=progress,
-    )  # fmt: skip
+    def trial(self, typed: str, progress: str, *, untouched: int | None = None) -> Screen:
+        """Return the screen of a trial; `untouched` is the tissue that must be touched before the answer is taken."""
+        words = self._words
+        keys = [(key, words.tissue.format(number=key)) for key in TISSUE_KEYS if key not in typed]
+        if typed:
+            keys.append((BACKSPACE, words.undo))
+        if len(typed) == len(TISSUE_KEYS):
+            keys.append((ENTER, words.confirm))
+        return Screen(
+            kind=ScreenKind.TRIAL,
+            title=words.trial,
+            text=words.trial_text,
+            keys=(*keys, self._stop),
+            typed=typed,
+            remark="" if untouched is None else words.untouched.format(number=untouched),
+            progress=progress,
+        )
 
+    def moment(self, *, halted: bool) -> Screen:
+        """Return the screen while what was performed comes to its end."""
+        words = self._words
+        text = words.halt_text if halted else words.moment_text
+        return Screen(kind=ScreenKind.MOMENT, title=words.moment, text=text)
 
-def same_or_different(progress: str) -> Screen:
-    """Return the question of the method of limits."""
-    return Screen(
-        kind=ScreenKind.QUESTION,
-        title="Same or different?",
-        text="Did the two forces feel the same or different?",
-        keys=((SAME, "same"), (DIFFERENT, "different"), END),
-        progress=progress,
-    )
+    def stimuli(self, progress: str) -> Screen:
+        """Return the screen while two forces are presented."""
+        words = self._words
+        return Screen(
+            kind=ScreenKind.STIMULI, title=words.stimuli, text=words.stimuli_text, keys=(self._stop,),
+            progress=progress,
+        )  # fmt: skip
 
+    def same_or_different(self, progress: str) -> Screen:
+        """Return the question of the method of limits."""
+        words = self._words
+        return Screen(
+            kind=ScreenKind.QUESTION,
+            title=words.ascending,
+            text=words.ascending_text,
+            keys=((SAME, words.same), (DIFFERENT, words.different), self._end),
+            progress=progress,
+        )
 
-def which_stronger(progress: str) -> Screen:
-    """Return the question of the forced choice."""
-    return Screen(
-        kind=ScreenKind.QUESTION,
-        title="Which was stronger?",
-        text="Which force was stronger? If you are not sure, guess.",
-        keys=(("1", "the first"), ("2", "the second"), END),
-        progress=progress,
-    )
+    def which_stronger(self, progress: str) -> Screen:
+        """Return the question of the forced choice."""
+        words = self._words
+        return Screen(
+            kind=ScreenKind.QUESTION,
+            title=words.choice,
+            text=words.choice_text,
+            keys=(("1", words.first), ("2", words.second), self._end),
+            progress=progress,
+        )
 
+    def feedback(self, answered: str, right: str, now_us: int) -> Screen:
+        """Return the feedback of a practice trial."""
+        words = self._words
+        return Screen(
+            kind=ScreenKind.FEEDBACK,
+            title=words.right if answered == right else words.wrong,
+            text=words.feedback.format(order=" ".join(right), answer=" ".join(answered)),
+            keys=self._next,
+            not_before_us=now_us + READ_US,
+        )
 
-def feedback(answered: str, right: str) -> Screen:
-    """Return the feedback of a practice trial."""
-    verdict = "Right" if answered == right else "Not quite"
-    text = f"{verdict}: from the softest to the hardest, the order is {' '.join(right)}. You said {' '.join(answered)}."
-    return Screen(kind=ScreenKind.FEEDBACK, title=verdict, text=text, keys=NEXT)
+    def repeat(self, why: str, now_us: int) -> Screen:
+        """Return the screen after a trial that does not count; `why` is one of the texts for that."""
+        words = self._words
+        return Screen(
+            kind=ScreenKind.REPEAT,
+            title=words.repeat,
+            text=words.repeat_text.format(why=why),
+            keys=self._next,
+            not_before_us=now_us + READ_US,
+        )
 
+    def rating(self, progress: str) -> Screen:
+        """Return the question for the quality of experience."""
+        words = self._words
+        return Screen(
+            kind=ScreenKind.RATING,
+            title=words.rating,
+            text=words.rating_text.format(low=words.rating_low, high=words.rating_high),
+            keys=(*((key, "") for key in RATING_KEYS), self._end),
+            progress=progress,
+        )
 
-def repeat(why: Why) -> Screen:
-    """Return the screen after a trial that does not count."""
-    return Screen(
-        kind=ScreenKind.REPEAT,
-        title="This one comes again",
-        text=f"It does not count: {why}. Please put your finger back, and move slowly.",
-        keys=NEXT,
-    )
+    def pause(self, not_before_us: int, progress: str) -> Screen:
+        """Return the screen of a break."""
+        words = self._words
+        return Screen(
+            kind=ScreenKind.BREAK,
+            title=words.pause,
+            text=words.pause_text,
+            keys=self._next,
+            progress=progress,
+            not_before_us=not_before_us,
+        )
 
+    def done(self) -> Screen:
+        """Return the last screen."""
+        return Screen(kind=ScreenKind.DONE, title=self._words.done, text=self._words.done_text)
 
-def rating(progress: str) -> Screen:
-    """Return the question for the quality of experience."""
-    return Screen(
-        kind=ScreenKind.RATING,
-        title="How did the tissues of this block feel?",
-        text="From 1, very artificial or disturbed, to 7, like real tissue.",
-        keys=(*((key, "") for key in RATING_KEYS), END),
-        progress=progress,
-    )
-
-
-def pause(not_before_us: int, progress: str) -> Screen:
-    """Return the screen of a break."""
-    return Screen(
-        kind=ScreenKind.BREAK,
-        title="Break",
-        text="Take your finger out and rest. Put it back before you go on.",
-        keys=NEXT,
-        progress=progress,
-        not_before_us=not_before_us,
-    )
-
-
-def done() -> Screen:
-    """Return the last screen."""
-    return Screen(kind=ScreenKind.DONE, title="Thank you", text="The session is over. You may take your finger out.")
-
-
-def stopped() -> Screen:
-    """Return the screen of a session that cannot go on now; why is for the experimenter."""
-    return Screen(
-        kind=ScreenKind.STOPPED,
-        title="The session is interrupted",
-        text="Please tell the experimenter. Your answers are safe.",
-    )
+    def stopped(self) -> Screen:
+        """Return the screen of a session that cannot go on now; why is for the experimenter."""
+        words = self._words
+        return Screen(kind=ScreenKind.STOPPED, title=words.interrupted, text=words.interrupted_text)

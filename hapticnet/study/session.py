@@ -15,13 +15,13 @@ from hapticnet.files import make_folder, replacing
 from hapticnet.perception import WeberLaw
 from hapticnet.study.limits_flow import LimitsFlow, LimitsSchedule, device_errors_n, draw_limits
 from hapticnet.study.order_flow import OrderFlow
-from hapticnet.study.plan import Plan, find_plan
-from hapticnet.study.rows import AnyRow, LimitsRow, OrderRow
+from hapticnet.study.plan import PLAN_FILE, Plan, QuestionPlan, find_plan
+from hapticnet.study.reading import table_files
+from hapticnet.study.rows import AnyRow, LimitsRow, OrderRow, Row, answers_about
 from hapticnet.study.schedule import OrderSchedule, draw_order, participant_number
-from hapticnet.study.store import Store, opened, session_folder, stored_schedule, table_name
+from hapticnet.study.store import Store, opened, read_rows, session_folder, stored_schedule, table_name
 from hapticnet.study.weber import ParticipantFile, load_participant, participant_file
 
-PLAN_FILE: Final = "plan.toml"
 ORDER: Final = "order"
 LIMITS: Final = "limits"
 
@@ -42,6 +42,9 @@ class SessionSettings:
         Whether an interrupted session goes on.
     hurried
         Whether breaks last no time, for a simulated observer in real time.
+    replays
+        Whether a session that goes on is played from its begin again, and must come out as it is stored: in virtual
+        time, where device and hand would otherwise be in another state than without the interruption.
     """
 
     participant: str
@@ -53,6 +56,7 @@ class SessionSettings:
     device: str
     resume: bool = False
     hurried: bool = False
+    replays: bool = False
 
     @property
     def conducted_plan(self) -> Plan:
@@ -101,6 +105,34 @@ def check_number(settings: SessionSettings) -> None:
             )
 
 
+def check_session(settings: SessionSettings, task: str) -> None:
+    """Check that a part of the study can begin or go on, before anything is opened.
+
+    Raises
+    ------
+    SettingsError
+        If the number cannot be used, the session exists and is not to go on or the other way round, or the folder has
+        the data of people and the session is of a simulated observer or the other way round.
+    """
+    check_number(settings)
+    table = settings.table(task)
+    if table.exists() and not settings.resume:
+        raise SettingsError(f"{table} exists; go on with it by --resume, or choose another --session")
+    if settings.resume and not table.exists():
+        raise SettingsError(
+            f"{table} does not exist, so there is nothing to go on with; check --participant, --session and --out-dir,"
+            " or leave out --resume"
+        )
+    for other in sorted(settings.out.glob("sub-*/ses-*/*/*_beh.tsv")):
+        for row in read_rows(other, Row, most=1):
+            if (row.observer is None) != (settings.observer is None) and other != table:
+                theirs = "a person" if row.observer is None else f"the simulated observer {row.observer!r}"
+                raise SettingsError(
+                    f"{settings.out} has answers of {theirs} (participant {row.participant}); keep people and simulated"
+                    " observers in folders apart, with --out-dir"
+                )
+
+
 def participant_path(out: Path, participant: str) -> Path:
     """Return the file with a participant's JND."""
     return out / "participants" / f"{participant}.toml"
@@ -119,7 +151,7 @@ def keep_plan(plan: Plan, out: Path) -> None:
     path = out / PLAN_FILE
     if path.exists():
         if find_plan(str(path)).digest() != plan.digest():
-            raise SettingsError(f"{path} is another plan than the one given; choose another folder with --out")
+            raise SettingsError(f"{path} is another plan than the one given; choose another folder with --out-dir")
         return
     make_folder(out)
     with replacing(path) as file:
@@ -146,26 +178,72 @@ def limits_schedule(settings: SessionSettings) -> LimitsSchedule:
     return schedule
 
 
-def law_of_participant(settings: SessionSettings) -> WeberLaw:
-    """Return the law at 1 JND: the plan's, or the participant's own where the plan asks for it.
+@dataclass(frozen=True, slots=True)
+class ChosenLaw:
+    """The law of an ordering task at 1 JND.
+
+    Attributes
+    ----------
+    source
+        Where it comes from: the participant's file, or the plan and why.
+    """
+
+    law: WeberLaw
+    source: str
+
+    def describe(self) -> str:
+        """Return a line for the experimenter."""
+        return f"1 JND is {100 * self.law.weber_fraction:.4g} %, at least {self.law.floor_n:.4g} N, from {self.source}"
+
+
+def law_of_participant(settings: SessionSettings) -> ChosenLaw:
+    """Return the law at 1 JND: that with which the session began, or the participant's own, or the plan's.
 
     Raises
     ------
     SettingsError
-        If the participant's JND was not measured but is needed.
+        If the plan requires the participant's own JND and there is none that can be used.
     FileError
-        If it cannot be read.
+        If a file cannot be read.
     """
-    jnd = settings.plan.jnd
-    if not jnd.measured:
-        return WeberLaw(weber_fraction=jnd.weber_fraction, floor_n=jnd.floor_n)
-    path = participant_path(settings.out, settings.participant)
-    if not path.exists():
+    table, jnd = settings.table(ORDER), settings.plan.jnd
+    for row in read_rows(table, OrderRow)[:1] if settings.resume and table.exists() else ():
+        if row.weber_fraction is not None and row.floor_n is not None:
+            began = WeberLaw(weber_fraction=row.weber_fraction, floor_n=row.floor_n)
+            return ChosenLaw(began, row.jnd_source or "the begin of the session")
+    of_plan = WeberLaw(weber_fraction=jnd.weber_fraction, floor_n=jnd.floor_n)
+    if jnd.measured == "ignored":
+        return ChosenLaw(of_plan, "the plan, which ignores measured JNDs")
+    first = participant_path(settings.out, settings.participant)
+    refused = []
+    for path in [first, *sorted(first.parent.glob(f"{settings.participant}-session-*.toml"))]:
+        if path.exists():
+            measured = load_participant(path)
+            why_not = _unusable(measured, settings)
+            if why_not is None:
+                return ChosenLaw(measured.law, f"{path.relative_to(settings.out)}, measured")
+            refused.append(f"{path.relative_to(settings.out)} {why_not}")
+    reason = "; ".join(refused) or f"{first} does not exist"
+    if jnd.measured == "required":
         raise SettingsError(
-            f"{path} does not exist, but the plan asks for the participant's own JND: measure it first, with"
-            f" 'hapticnet experiment limits --participant {settings.participant}'"
+            f"the plan requires the participant's own JND, but {reason}: measure it first, with 'hapticnet experiment"
+            f" limits --participant {settings.participant}' and the same --device"
         )
-    return load_participant(path).law
+    return ChosenLaw(of_plan, f"the plan: {'; '.join(refused) or 'no JND was measured'}")
+
+
+def _unusable(measured: ParticipantFile, settings: SessionSettings) -> str | None:
+    """Return why a measured JND cannot be used for this participant and this device; None if it can."""
+    if measured.simulated != settings.observer:
+        return "is of a person" if measured.simulated is None else f"is of the simulated observer {measured.simulated}"
+    if not same_device(measured.device, settings.device):
+        return f"was measured with the device {measured.device}, not with {settings.device}"
+    return f"is excluded: {'; '.join(measured.excluded)}" if measured.excluded else None
+
+
+def same_device(one: str | None, other: str | None) -> bool:
+    """Return whether two devices, as written for ``--device``, may be the same; a port changes with each plug."""
+    return one == other or bool(one and other and one.startswith("serial:") and other.startswith("serial:"))
 
 
 @contextmanager
@@ -173,11 +251,16 @@ def order_session(settings: SessionSettings, now_us: int) -> Iterator[tuple[Orde
     """Yield flow and table of the ordering task."""
     check_number(settings)
     keep_plan(settings.plan, settings.out)
-    law, schedule = law_of_participant(settings), order_schedule(settings)
+    chosen, schedule = law_of_participant(settings), order_schedule(settings)
+    constants = settings.constants | {"jnd_source": chosen.source}
     name = settings.table(ORDER).name
-    with opened(settings.folder(ORDER), name, OrderRow, schedule=schedule.to_json(), resume=settings.resume) as store:
-        _check_observer(settings, store)
-        yield OrderFlow(settings.conducted_plan, schedule, law, store.rows, now_us, settings.constants), store
+    questions, levels = _questions(settings), settings.plan.texts.levels
+    with opened(
+        settings.folder(ORDER), name, OrderRow, schedule=schedule.to_json(), resume=settings.resume, levels=levels
+    ) as store:
+        _check_begin(settings, store)
+        plan, rows = settings.conducted_plan, [] if settings.replays else store.rows
+        yield OrderFlow(plan, schedule, chosen.law, rows, now_us, constants, questions), store
 
 
 @contextmanager
@@ -188,8 +271,10 @@ def limits_session(settings: SessionSettings, now_us: int) -> Iterator[tuple[Lim
     schedule = limits_schedule(settings)
     name = settings.table(LIMITS).name
     with opened(settings.folder(LIMITS), name, LimitsRow, schedule=schedule.to_json(), resume=settings.resume) as store:
-        _check_observer(settings, store)
-        yield LimitsFlow(settings.conducted_plan, schedule, store.rows, now_us, settings.constants), store
+        _check_begin(settings, store)
+        plan, questions = settings.conducted_plan, _questions(settings)
+        rows = [] if settings.replays else store.rows
+        yield LimitsFlow(plan, schedule, rows, now_us, settings.constants, questions), store
 
 
 def write_participant(settings: SessionSettings, flow: LimitsFlow) -> tuple[Path, ParticipantFile]:
@@ -201,15 +286,15 @@ def write_participant(settings: SessionSettings, flow: LimitsFlow) -> tuple[Path
         If no JND was found.
     """
     procedure = flow.procedure
-    catches = getattr(procedure, "catches", None)
     measured = participant_file(
         settings.participant,
-        settings.plan.limits.method,
+        settings.plan.limits,
         procedure.by_reference(),
         device_errors_n=device_errors_n(flow.rows),
         false_alarms=getattr(procedure, "false_alarms", None),
-        catch_series=catches,
+        catch_pairs=getattr(procedure, "catch_pairs", None),
         simulated=settings.observer,
+        device=settings.device,
         date=today(),
         version=version(),
     )
@@ -232,12 +317,30 @@ def version() -> str:
     return str(provenance()["version"])
 
 
-def _check_observer(settings: SessionSettings, store: Store[AnyRow]) -> None:
-    """Raise SettingsError if a session of a person would go on with an observer, or of one observer with another."""
+def _questions(settings: SessionSettings) -> list[QuestionPlan]:
+    """Return what is to be asked about a person: each question once, in whichever session comes first."""
+    folder = settings.out / f"sub-{settings.participant}"
+    if settings.observer is not None or not settings.plan.question or not folder.is_dir():
+        return list(settings.plan.question) if settings.observer is None else []
+    tables = [(file, kind) for kind in (OrderRow, LimitsRow) for file in table_files(folder, kind)]
+    rows: list[Row] = [row for file, kind in tables for row in read_rows(file, kind)]
+    asked = answers_about(rows)
+    return [question for question in settings.plan.question if question.name not in asked]
+
+
+def _check_begin(settings: SessionSettings, store: Store[AnyRow]) -> None:
+    """Raise SettingsError if a session would go on with another observer, or another device, than it began with."""
     for row in store.rows[:1]:
         if row.observer != settings.observer:
             began = "a person" if row.observer is None else f"the simulated observer {row.observer!r}"
             raise SettingsError(f"{store.path} was begun by {began}; it can only go on so")
+        if not same_device(row.device, settings.device):
+            raise SettingsError(
+                f"{store.path} was begun with the device {row.device}, not {settings.device}; go on with that device,"
+                " or begin another --session"
+            )
+    if settings.replays:
+        store.replay()
 
 
 def _check_plan(digest: str, plan: Plan) -> None:
@@ -249,8 +352,12 @@ def account_of(settings: SessionSettings, flow: OrderFlow) -> dict[str, Any]:
     """Return the account of an ordering task for the command line: no condition, and no score of a person."""
     trials = [row for row in flow.rows if row.event == "trial"]
     score = {} if settings.observer is None else {"correct": sum(row.correct or 0 for row in trials)}
+    first = flow.rows[0]
     return {
         "participant": settings.participant,
+        "weber_fraction": first.weber_fraction,
+        "floor_n": first.floor_n,
+        "jnd_source": first.jnd_source,
         "trials": len(trials),
         **score,
         "repeated": sum(row.event == "repeated" for row in flow.rows),

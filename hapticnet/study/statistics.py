@@ -14,6 +14,7 @@ import numpy as np
 
 from hapticnet.arrays import FloatArray
 from hapticnet.errors import SettingsError
+from hapticnet.experiment.summary import t_quantile
 
 CONFIDENCE: Final = 0.95
 
@@ -28,9 +29,6 @@ COARSE_CELLS: Final = 20_000
 
 LIMIT_SHARE: Final = 1e-12
 
-ROUNDED_TO: Final = 1e-4
-"""Grid to which intervals are rounded outwards."""
-
 
 def wilson(successes: int, trials: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
     """Return Wilson's interval of a share; without trials, 0 to 1.
@@ -39,12 +37,36 @@ def wilson(successes: int, trials: int, confidence: float = CONFIDENCE) -> tuple
     """
     if trials == 0:
         return 0.0, 1.0
-    z = NormalDist().inv_cdf(0.5 + confidence / 2.0)
-    share = successes / trials
+    return _wilson(successes / trials, trials, NormalDist().inv_cdf(0.5 + confidence / 2.0))
+
+
+def _wilson(share: float, trials: float, z: float) -> tuple[float, float]:
     centre = (share + z * z / (2 * trials)) / (1 + z * z / trials)
     half = z / (1 + z * z / trials) * math.sqrt(share * (1 - share) / trials + z * z / (4 * trials * trials))
     # At the ends the interval touches 0 or 1, which rounding would miss.
-    return (0.0 if successes == 0 else centre - half), (1.0 if successes == trials else centre + half)
+    return (centre - half if share > 0.0 else 0.0), (centre + half if share < 1.0 else 1.0)
+
+
+def share_interval(
+    successes: int, trials: int, shares: Sequence[float] | FloatArray, confidence: float = CONFIDENCE
+) -> tuple[float, float]:
+    """Return the interval of the share that participants like these would reach; without trials, 0 to 1.
+
+    It is Wilson's with the trials that independent answers would need for the standard error over participants, no more
+    than there were, and with Student's t: E. L. Korn & B. I. Graubard, "Confidence intervals for proportions with small
+    expected number of positive counts estimated from survey data", Survey Methodology 24 (1998). Wilson's interval over
+    all trials is too narrow, because the trials of one participant are alike.
+
+    Parameters
+    ----------
+    shares
+        The share of each participant, shape (n,).
+    """
+    if trials == 0 or len(shares) < 2:
+        return 0.0, 1.0
+    share, error = successes / trials, standard_error(shares) or 0.0
+    independent = min(trials, share * (1.0 - share) / error**2) if error else trials
+    return _wilson(share, independent, t_quantile(len(shares) - 1, confidence))
 
 
 def standard_error(values: Sequence[float] | FloatArray) -> float | None:
@@ -109,28 +131,44 @@ def two_sided(tails: tuple[float, float]) -> float:
     return min(1.0, 2.0 * min(tails))
 
 
-def mean_interval(differences: Sequence[float] | FloatArray, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Return the interval of the mean difference by inversion of the sign-flip test.
+def mean_interval(
+    differences: Sequence[float] | FloatArray, confidence: float = CONFIDENCE, *, least_variance: float = 0.0
+) -> tuple[float, float]:
+    """Return Student's interval of the mean difference over participants; infinite where nothing tells the spread.
 
-    It has every shift that the test does not reject. With n participants the smallest two-sided probability is
-    2/2ⁿ, so that with fewer than 6 a 95 % interval is infinite.
+    Parameters
+    ----------
+    least_variance
+        Variance of one participant's difference by chance alone, see `chance_variance`. Scores of few trials have
+        ties, and their spread may come out as much too small, or as none.
     """
     values = np.asarray(differences, dtype=np.float64)
-    alpha = 1.0 - confidence
-    if not len(values) or 2.0 ** (1 - len(values)) > alpha:
+    if len(values) < 2:
         return -math.inf, math.inf
-    # Shifts that are rejected or not change only where a sum of signs crosses; such means of subsets lie in this range.
-    low, high = float(values.min()) - 1e-9, float(values.max()) + 1e-9
-    if high - low < 1e-8:
-        return low, high
+    variance = max(float(values.var(ddof=1)), least_variance)
+    if variance <= LIMIT_SHARE:
+        return -math.inf, math.inf
     middle = float(values.mean())
-    edges = _edge(values, alpha, low, middle, side=1), _edge(values, alpha, high, middle, side=0)
-    # Outwards: at a shift that equals some differences, the test is more cautious than beside it.
-    return math.floor(edges[0] / ROUNDED_TO) * ROUNDED_TO, math.ceil(edges[1] / ROUNDED_TO) * ROUNDED_TO
+    half = t_quantile(len(values) - 1, confidence) * math.sqrt(variance / len(values))
+    return middle - half, middle + half
+
+
+def chance_variance(successes: int, trials: int, people: int) -> float:
+    """Return the variance of one participant's share by chance alone, in one condition of all participants.
+
+    The share is taken with two more successes and two more failures, so that it is never 0 or 1: A. Agresti & B. A.
+    Coull, The American Statistician 52 (1998).
+    """
+    share = (successes + 2) / (trials + 4)
+    return share * (1.0 - share) * people / trials
 
 
 def equivalence(
-    differences: Sequence[float] | FloatArray, margin: float, *, one_sided: bool = False
+    differences: Sequence[float] | FloatArray,
+    margin: float,
+    *,
+    one_sided: bool = False,
+    least_variance: float = 0.0,
 ) -> tuple[float, tuple[float, float]]:
     """Test whether a mean difference is within a margin that was stated beforehand; two one-sided tests at 5 %.
 
@@ -141,6 +179,8 @@ def equivalence(
     ----------
     one_sided
         Whether only a fall below −margin matters (non-inferiority).
+    least_variance
+        As for `mean_interval`.
 
     Returns
     -------
@@ -149,7 +189,7 @@ def equivalence(
     """
     lower = sign_flip(differences, shift=-margin)[1]
     upper = 0.0 if one_sided else sign_flip(differences, shift=margin)[0]
-    return max(lower, upper), mean_interval(differences, 0.90)
+    return max(lower, upper), mean_interval(differences, 0.90, least_variance=least_variance)
 
 
 def holm(probabilities: Sequence[float]) -> list[float]:
@@ -179,7 +219,9 @@ class Leaving:
     at
         The condition's value at which the fall reaches the margin; None if it does not, up to the largest value tested.
     low, high
-        95 % interval by resampling participants; `high` is infinite where resamples do not reach the margin.
+        95 % interval by resampling participants; `high` is infinite where resamples do not reach the margin. Its
+        quantiles lie further out than 2.5 and 97.5 %, since resamples of few participants vary too little:
+        T. C. Hesterberg, "What teachers should know about the bootstrap", The American Statistician 69 (2015).
     reached
         Share of the resamples in which the margin is reached.
     """
@@ -213,7 +255,8 @@ def leaving_point(
     drawn = scores[rng.integers(people, size=(resamples, people))].mean(axis=1)
     points = np.array([_leaves(x, each, margin) for each in drawn])
     found = _leaves(x, scores.mean(axis=0), margin)
-    low, high = np.quantile(points, [0.025, 0.975], method="inverted_cdf")
+    tail = NormalDist().cdf(-math.sqrt(people / (people - 1)) * t_quantile(people - 1)) if people > 1 else 0.0
+    low, high = np.quantile(points, [tail, 1.0 - tail], method="inverted_cdf")
     return Leaving(
         at=found if math.isfinite(found) else None,
         low=float(low),
@@ -251,17 +294,3 @@ def _fits(values: FloatArray, grid: float) -> bool:
     """Return whether all values are multiples of a grid and the table of sums is not too large."""
     steps = np.abs(values) / grid
     return bool(np.abs(steps - np.rint(steps)).max() < 1e-6 and 2.0 * steps.sum() < MOST_CELLS)
-
-
-def _edge(values: FloatArray, alpha: float, outside: float, inside: float, *, side: int) -> float:
-    """Return, by bisection, the last shift towards `outside` that the test does not reject."""
-    for _ in range(40):
-        middle = 0.5 * (outside + inside)
-        # The tail that looks from this side: low shifts are rejected because the mean is high.
-        if sign_flip(values, shift=middle)[side] > alpha / 2.0:
-            inside = middle
-        else:
-            outside = middle
-        if abs(outside - inside) < 1e-5:
-            break
-    return inside

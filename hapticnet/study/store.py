@@ -8,8 +8,9 @@ session away; the system releases it when the process ends, however it ends.
 import fcntl
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Final, Generic
 
@@ -49,20 +50,35 @@ class Store(Generic[AnyRow]):
         self.path = path
         self.rows: list[AnyRow] = []
         self.dropped = False
+        self._expected: list[AnyRow] = []
         self._kind = kind
         self._descriptor = descriptor
         self._read()
 
-    def append(self, row: AnyRow) -> None:
-        """Write a row and wait until it is on the disk.
+    def replay(self) -> None:
+        """Expect the rows of earlier runs again, before new ones are written."""
+        self._expected, self.rows = self.rows[::-1], []
+
+    def append(self, row: AnyRow) -> bool:
+        """Write a row and wait until it is on the disk; return whether it is new, and not one that was expected again.
 
         Raises
         ------
         FileError
             If it cannot be written, for instance because the disk is full. The table is as before then.
+        SettingsError
+            If another row was expected again.
         """
-        self._write(to_line(row))
-        self.rows.append(row)
+        earlier = self._expected.pop() if self._expected else None
+        if earlier is None:
+            self._write(to_line(row))
+        elif to_line(replace(row, date=earlier.date, version=earlier.version)) != to_line(earlier):
+            raise SettingsError(
+                f"{self.path}: line {len(self.rows) + 2} would come out differently now: the session was begun with"
+                " another version, seed or profile; go on with those, or choose another --session"
+            )
+        self.rows.append(row if earlier is None else earlier)
+        return earlier is None
 
     def _write(self, line: str) -> None:
         data = line.encode()
@@ -107,8 +123,8 @@ class Store(Generic[AnyRow]):
             raise FileError(f"{self.path}: written by another version of hapticnet; its columns differ")
 
 
-def read_rows(path: Path, kind: type[AnyRow]) -> list[AnyRow]:
-    """Return the rows of a table without changing it; a torn last line is left out.
+def read_rows(path: Path, kind: type[AnyRow], *, most: int | None = None) -> list[AnyRow]:
+    """Return the rows of a table without changing it, `most` of them; a torn last line is left out.
 
     Raises
     ------
@@ -121,7 +137,7 @@ def read_rows(path: Path, kind: type[AnyRow]) -> list[AnyRow]:
         raise FileError(f"{path}: {error.strerror}") from error
     lines = data[: data.rfind(b"\n") + 1].decode("utf-8", "replace").splitlines()
     rows = []
-    for number, line in enumerate(lines[1:], start=2):
+    for number, line in enumerate(lines[1 : None if most is None else 1 + most], start=2):
         try:
             rows.append(from_cells(kind, lines[0].split("\t"), line.split("\t")))
         except FileError as error:
@@ -130,7 +146,15 @@ def read_rows(path: Path, kind: type[AnyRow]) -> list[AnyRow]:
 
 
 @contextmanager
-def opened(folder: Path, name: str, kind: type[AnyRow], *, schedule: str, resume: bool) -> Iterator[Store[AnyRow]]:
+def opened(
+    folder: Path,
+    name: str,
+    kind: type[AnyRow],
+    *,
+    schedule: str,
+    resume: bool,
+    levels: Mapping[str, Mapping[str, str]] | None = None,
+) -> Iterator[Store[AnyRow]]:
     """Open or make the table of a session, with its schedule and its sidecar, and keep other sessions away.
 
     Parameters
@@ -139,6 +163,8 @@ def opened(folder: Path, name: str, kind: type[AnyRow], *, schedule: str, resume
         The schedule to store with a new session. A session that goes on keeps its own; read it with `stored_schedule`.
     resume
         Whether the session may exist already.
+    levels
+        As for `sidecar`.
 
     Raises
     ------
@@ -153,11 +179,11 @@ def opened(folder: Path, name: str, kind: type[AnyRow], *, schedule: str, resume
         if path.exists() and not resume:
             raise SettingsError(f"{path} exists; go on with it by --resume, or choose another --session")
         try:
-            if not (folder / SCHEDULE).exists():
+            if not path.exists() or not (folder / SCHEDULE).exists():  # a schedule without a table was never used
                 _create(folder / SCHEDULE, schedule)
             described = path.with_suffix(".json")
             if not described.exists():
-                _create(described, json.dumps(sidecar(kind), indent=1) + "\n")
+                _create(described, json.dumps(sidecar(kind, levels or {}), indent=1, ensure_ascii=False) + "\n")
             descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o644)
             _sync_folder(folder)
         except OSError as error:

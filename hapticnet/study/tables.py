@@ -4,8 +4,9 @@ import csv
 import io
 import math
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Final
 
+from hapticnet.experiment.latex import PACKAGES, escaped, row, table
 from hapticnet.study.measures import NAMES
 from hapticnet.study.results import Comparison, ConditionResult, Figure, Results
 
@@ -35,7 +36,9 @@ def condition_table(results: Results) -> list[str]:
         "| | " + " | ".join(head) + " |",
         "|---" * (len(head) + 1) + "|",
         _line("answered trials", [str(each.trials) for each in results.conditions]),
-        _line("correct orders, Wilson 95 %", [_wilson(each) for each in results.conditions]),
+        _line(
+            "correct orders, 95 % over participants", [_share(each.share, each.interval) for each in results.conditions]
+        ),
         _line("the paper's, ± s.e.", [_paper(each) for each in results.conditions]),
     ]
     for key, name in NAMES.items():
@@ -61,11 +64,8 @@ def condition_table(results: Results) -> list[str]:
             )
         )
     for number, name in enumerate(("softest–middle", "middle–hardest", "softest–hardest")):
-        shares = [
-            UNKNOWN if math.isnan(each.pair_shares[number]) else f"{100 * each.pair_shares[number]:.1f} %"
-            for each in results.conditions
-        ]
-        lines.append(_line(f"correct pairs, {name}", shares))
+        shares = [_share(each.pair_shares[number], each.pair_intervals[number]) for each in results.conditions]
+        lines.append(_line(f"correct pairs, {name}, 95 %", shares))
     return lines
 
 
@@ -141,18 +141,12 @@ def csv_text(results: Results, origin: Sequence[str] = ()) -> str:
 
 
 def latex(results: Results, origin: Sequence[str] = ()) -> str:
-    """Return the table of the conditions for a paper, with booktabs."""
-    lines = [f"% {line}" for line in (*_warning(results), *origin)]
-    columns = "l" + "r" * len(results.conditions)
-    lines += ["\\begin{tabular}{" + columns + "}", "\\toprule"]
-    lines.append(" & ".join(["", *[_tex(each.name) for each in results.conditions]]) + " \\\\")
-    lines.append("\\midrule")
-    for row in condition_table(results)[2:]:
-        cells = [cell.strip() for cell in row.strip("|").split("|")]
-        lines.append(" & ".join(_tex(cell) for cell in cells) + " \\\\")
-    caption = _tex("; ".join(_warning(results)))
-    lines += ["\\bottomrule", "\\end{tabular}"]
-    return "\n".join([*lines, *([f"% caption: {caption}"] if caption else [])]) + "\n"
+    """Return the table of the conditions for a paper, with booktabs, no wider than the page."""
+    cells = [row(["", *[each.name for each in results.conditions]]), "\\midrule"]
+    cells += [row([cell.strip() for cell in line.strip("|").split("|")]) for line in condition_table(results)[2:]]
+    caption = [f"% caption: {escaped(line)}" for line in _warning(results)]
+    comments = [f"% {line}" for line in (*_warning(results), *origin)]
+    return "\n".join([*comments, PACKAGES, *table("l" + "r" * len(results.conditions), cells), *caption]) + "\n"
 
 
 def _warning(results: Results) -> list[str]:
@@ -179,9 +173,9 @@ def _cell(key: str, figure: Figure) -> str:
     return f"{number} ± {error} {unit}".rstrip()
 
 
-def _wilson(condition: ConditionResult) -> str:
-    low, high = condition.interval
-    return f"{100 * condition.share:.1f} % [{100 * low:.0f}, {100 * high:.0f}]"
+def _share(share: float, interval: tuple[float, float]) -> str:
+    low, high = interval
+    return UNKNOWN if math.isnan(share) else f"{100 * share:.1f} % [{100 * low:.0f}, {100 * high:.0f}]"
 
 
 def _paper(condition: ConditionResult) -> str:
@@ -211,10 +205,3 @@ def chance(probability: float) -> str:
 def number(value: float | None) -> str:
     """Return a number as text."""
     return UNKNOWN if value is None else f"{value:.3f}"
-
-
-def _tex(text: Any) -> str:
-    replaced = str(text)
-    for plain, tex in (("%", "\\%"), ("±", "$\\pm$"), ("−", "$-$"), ("–", "--"), ("_", "\\_"), ("&", "\\&")):
-        replaced = replaced.replace(plain, tex)
-    return replaced

@@ -5,9 +5,12 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
 from hapticnet.arrays import FloatArray
 from hapticnet.codec.registry import parse_codec
+from hapticnet.experiment.analysis import spent_until
+from hapticnet.node.in_force import SettingsInForce
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.recording import IN
@@ -104,9 +107,12 @@ class Measures:
         Largest speed [m/s] into the tissue while in contact.
     perceptual_error
         Root mean square, while in contact, of ln(held force / force of the tissue at the same moment); None without
-        contact. See `perceptual_error`.
+        contact. See `_perceptual_error`.
     force_packets, wire_bytes
-        FORCE datagrams received, and their bytes with UDP and IPv4 headers.
+        FORCE datagrams received in all of the trial, and their bytes with UDP and IPv4 headers.
+    penetration_packets, penetration_bytes
+        Datagrams received from the touch of a tissue to its breach, over all penetrations, with keepalives, and their
+        bytes with UDP and IPv4 headers, counted as in `experiment.analysis.spent_until`.
     missed_ticks, link_stale
         Ticks left out, and how often the link was silent.
     """
@@ -120,8 +126,15 @@ class Measures:
     perceptual_error: float | None
     force_packets: int
     wire_bytes: int
+    penetration_packets: int = 0
+    penetration_bytes: int = 0
     missed_ticks: int = 0
     link_stale: int = 0
+
+    @property
+    def touched_all(self) -> bool:
+        """Whether each tissue was touched."""
+        return None not in (*self.peaks_held_n, *self.peaks_sensed_n)
 
     def undelivered(self, least: float) -> str | None:
         """Return why the trial must be repeated; None if every tissue was touched and its force delivered.
@@ -150,8 +163,8 @@ class Played:
         Why it was aborted; None if it ended by itself or with an answer.
     ticks, datagrams
         The recordings of the master by column (`node.recording.master_columns`, `DATAGRAM_COLUMNS`), shape (n,).
-    settings
-        Settings of the master.
+    settings, in_force
+        Settings that the master asked for; what was in force, and from when on [µs].
     unix_offset_us
         Add it to the times of both for µs since 1970; 0 in virtual time.
     """
@@ -161,6 +174,7 @@ class Played:
     ticks: dict[str, FloatArray]
     datagrams: dict[str, FloatArray]
     settings: MasterSettings
+    in_force: tuple[tuple[int, SettingsInForce], ...]
     unix_offset_us: int = 0
     failure: str | None = None
 
@@ -186,6 +200,10 @@ def played(
         ticks=ticks,
         datagrams=datagrams,
         settings=node.settings,
+        in_force=tuple(
+            (t_us, replace(each, channel_out=stimulus.forward, channel_in=stimulus.feedback))
+            for t_us, each in node.in_force.history
+        ),
         unix_offset_us=unix_offset_us,
         failure=failure,
     )
@@ -200,6 +218,8 @@ def _measure(
 ) -> Measures:
     """Return the figures of a trial."""
     forces = (datagrams["direction"] == IN) & (datagrams["kind"] == float(Kind.FORCE))
+    replayed = _replay(ticks, stimulus.tissues)
+    packets, spent = _spent(ticks, datagrams, replayed)
     held_n, sensed_n = _peaks(ticks, stimulus.surfaces_m)
     touching = np.flatnonzero(ticks["held_n"] > 0.0)
     speed = np.diff(ticks["position_m"]) / np.maximum(np.diff(ticks["t_us"]), 1.0) * 1e6
@@ -207,21 +227,56 @@ def _measure(
     return Measures(
         first_contact_s=float(ticks["t_us"][touching[0]] - ticks["t_us"][0]) * 1e-6 if len(touching) else None,
         insertions=_entries(ticks["position_m"], stimulus.surfaces_m[0]),
-        penetrations=sum(
-            _entries(ticks["position_m"], tissue.rest_position_m + tissue.breach_depth_m) for tissue in stimulus.tissues
-        ),
+        penetrations=len(packets),
         peaks_held_n=held_n,
         peaks_sensed_n=sensed_n,
         peak_speed_m_per_s=float(max(speed.max(), 0.0)) if len(speed) else None,
-        perceptual_error=perceptual_error(ticks, stimulus.tissues),
+        perceptual_error=_perceptual_error(ticks, replayed),
         force_packets=int(forces.sum()),
         wire_bytes=int((datagrams["datagram_bytes"][forces] + UDP_IPV4_HEADER_BYTES).sum()),
+        penetration_packets=sum(packets),
+        penetration_bytes=sum(spent),
         missed_ticks=missed_ticks,
         link_stale=link_stale,
     )
 
 
-def perceptual_error(ticks: dict[str, FloatArray], felt: Sequence[Tissue]) -> float | None:
+@dataclass(frozen=True, slots=True)
+class _Replay:
+    """The tissues at each tick with a position: whether there is one, the force [N], and the number of breaches."""
+
+    known: npt.NDArray[np.bool_]
+    force_n: FloatArray
+    breaches: FloatArray
+
+
+def _replay(ticks: dict[str, FloatArray], felt: Sequence[Tissue]) -> _Replay:
+    """Return what the tissues, as they were at the begin of the trial, did at each tick."""
+    scene = Scene(felt)
+    known = np.isfinite(ticks["position_m"])
+    places = zip(ticks["t_us"][known].tolist(), ticks["position_m"][known].tolist(), strict=True)
+    steps = [(scene.step(PositionSample(int(t_us), (tip_m,))).force_n[0], scene.breaches) for t_us, tip_m in places]
+    force_n, breaches = np.array(steps, dtype=np.float64).reshape(-1, 2).T
+    return _Replay(known, force_n, breaches)
+
+
+def _spent(
+    ticks: dict[str, FloatArray], datagrams: dict[str, FloatArray], replayed: _Replay
+) -> tuple[list[int], list[int]]:
+    """Return datagrams and bytes from the slave for each penetration."""
+    t_us = ticks["t_us"][replayed.known]
+    back = (datagrams["direction"] == IN) & np.isin(datagrams["kind"], [float(Kind.FORCE), float(Kind.KEEPALIVE)])
+    tick = np.clip(np.searchsorted(t_us, datagrams["t_us"][back], side="right") - 1, 0, None)
+    wire = datagrams["datagram_bytes"][back] + UDP_IPV4_HEADER_BYTES
+    breaches = np.flatnonzero(np.diff(replayed.breaches, prepend=0.0) > 0)
+    packets, spent = (
+        spent_until(np.bincount(tick, weights, len(t_us)).astype(np.float64), replayed.force_n > 0.0, breaches)
+        for weights in (np.ones(len(tick)), wire)
+    )
+    return packets, spent
+
+
+def _perceptual_error(ticks: dict[str, FloatArray], replayed: _Replay) -> float | None:
     """Return the root mean square of ln(held force / force of the tissues at the same moment); None without contact.
 
     Codec, delay and losses all add to it. Both forces are mapped by Weber and Fechner's logarithm, so that equal
@@ -229,17 +284,8 @@ def perceptual_error(ticks: dict[str, FloatArray], felt: Sequence[Tissue]) -> fl
     objective quality evaluation framework for haptic data reduction", World Haptics Conference 2011. Moments with less
     than `LEAST_HELD_N` from the tissues are left out: a breach, late by 2 ms, would outweigh all the rest. A smaller
     held force counts as that much.
-
-    Parameters
-    ----------
-    felt
-        The tissues, as they were at the begin of the trial.
     """
-    scene = Scene(felt)
-    known = np.isfinite(ticks["position_m"])
-    places = zip(ticks["t_us"][known].tolist(), ticks["position_m"][known].tolist(), strict=True)
-    true_n = np.array([scene.step(PositionSample(int(t_us), (tip_m,))).force_n[0] for t_us, tip_m in places])
-    held_n = ticks["held_n"][known]
+    true_n, held_n = replayed.force_n, ticks["held_n"][replayed.known]
     contact = true_n > LEAST_HELD_N
     if not contact.any():
         return None

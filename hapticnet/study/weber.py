@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
-from typing import Annotated, Any, Final
+from typing import Annotated, Any
 
 import numpy as np
 import tomli_w
@@ -14,10 +14,9 @@ from pydantic import BaseModel, Field
 
 from hapticnet.documents import STRICT, parse_document, read_document
 from hapticnet.errors import SettingsError
+from hapticnet.experiment.summary import t_quantile
 from hapticnet.perception import WeberLaw
-
-RESAMPLES: Final = 2000
-LEVEL: Final = 0.95
+from hapticnet.study.plan import LimitsPlan
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,7 +52,8 @@ class WeberFit:
     through_origin
         Slope of the least-squares line through the origin.
     low, high
-        95 % interval of the mean of ratios, over resampled series (percentiles).
+        95 % interval of the mean of ratios, of the mean of endlessly many such series; None where the series tell no
+        spread. Student's, with one relative variance of all series about the mean of their reference.
     residual
         Root mean square over references of (JND − k·reference) / (k·reference), with k the mean of ratios: 0 if Weber's
         law holds exactly.
@@ -61,8 +61,8 @@ class WeberFit:
 
     mean_of_ratios: float
     through_origin: float
-    low: float
-    high: float
+    low: float | None
+    high: float | None
     residual: float
 
 
@@ -71,7 +71,7 @@ def thresholds(found: Mapping[float, Sequence[float | None]]) -> tuple[Threshold
     return tuple(_threshold(reference_n, each) for reference_n, each in sorted(found.items()))
 
 
-def fit(found: Mapping[float, Sequence[float | None]], seed: int = 0) -> WeberFit:
+def fit(found: Mapping[float, Sequence[float | None]]) -> WeberFit:
     """Return the fits to the JNDs [N] of the series of each reference.
 
     Raises
@@ -89,25 +89,28 @@ def fit(found: Mapping[float, Sequence[float | None]], seed: int = 0) -> WeberFi
     references_n = np.array(sorted(known))
     jnds_n = np.array([fmean(known[reference_n]) for reference_n in sorted(known)])
     ratio = float(np.mean(jnds_n / references_n))
-    rng = np.random.default_rng([seed, 8])
-    means = np.mean(
-        [
-            np.mean(rng.choice(np.array(series), (RESAMPLES, len(series))), axis=1) / reference_n
-            for reference_n, series in known.items()
-        ],
-        axis=0,
-    )
-    low, high = np.quantile(means, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0]).tolist()
+    half = _half_width(known)
     expected_n = ratio * references_n
     with np.errstate(divide="ignore", invalid="ignore"):
         residual = float(np.sqrt(np.mean(np.square(jnds_n / expected_n - 1.0)))) if ratio else 0.0
     return WeberFit(
         mean_of_ratios=ratio,
         through_origin=float(jnds_n @ references_n / (references_n @ references_n)),
-        low=low,
-        high=high,
+        low=None if half is None else max(0.0, ratio - half),
+        high=None if half is None else ratio + half,
         residual=residual,
     )
+
+
+def _half_width(known: Mapping[float, Sequence[float]]) -> float | None:
+    """Return half of the interval of the mean of ratios; None where the series tell no spread."""
+    ratios = [np.array(series) / reference_n for reference_n, series in known.items()]
+    freedom = sum(len(each) - 1 for each in ratios)
+    squares = sum(float(np.sum((each - each.mean()) ** 2)) for each in ratios)
+    if not freedom or squares <= 1e-18:
+        return None
+    variance = squares / freedom * sum(1.0 / len(each) for each in ratios) / len(ratios) ** 2
+    return t_quantile(freedom) * math.sqrt(variance)
 
 
 class ReferenceTable(BaseModel):
@@ -132,12 +135,18 @@ class ParticipantFile(BaseModel):
         The law: the mean of ratios, and the JND at the weakest reference.
     through_origin, low, high, residual
         As in `WeberFit`.
-    false_alarms, catch_series
-        Catch series in which something was called different, and all of them.
+    false_alarms, catch_pairs
+        Pairs of catch series that were called different, and all of them.
+    excluded
+        Rules of the plan by which the JND must not be used; empty if it may be.
+    warnings
+        What is doubtful about it.
     device_error_n
         Root mean square [N] of what the device delivered less what was asked for. A JND below it is of the device.
     simulated
         The simulated observer, if it was none of a person.
+    device
+        The device with which it was measured, as written for ``--device``.
     """
 
     model_config = STRICT
@@ -151,9 +160,12 @@ class ParticipantFile(BaseModel):
     high: float | None = None
     residual: float | None = None
     false_alarms: int | None = None
-    catch_series: int | None = None
+    catch_pairs: int | None = None
+    excluded: list[str] = []
+    warnings: list[str] = []
     device_error_n: float | None = None
     simulated: str | None = None
+    device: str | None = None
     date: str | None = None
     version: str | None = None
     reference: list[ReferenceTable] = []
@@ -175,18 +187,24 @@ class ParticipantFile(BaseModel):
 
 def participant_file(
     participant: str,
-    method: str,
+    plan: LimitsPlan,
     found: Mapping[float, Sequence[float | None]],
     *,
     device_errors_n: Mapping[float, Sequence[float]],
+    false_alarms: int | None = None,
+    catch_pairs: int | None = None,
     **further: Any,
 ) -> ParticipantFile:
     """Return the file of a participant whose series gave these JNDs.
 
     Parameters
     ----------
+    plan
+        How the JND was measured, and the rules that exclude one.
     device_errors_n
         Sensed less held force [N] of every stimulus, by reference.
+    false_alarms, catch_pairs
+        As in `ParticipantFile`; None for a method without catch series.
     **further
         Further attributes of the file.
 
@@ -205,17 +223,53 @@ def participant_file(
     every_n = [error_n for errors_n in device_errors_n.values() for error_n in errors_n]
     return ParticipantFile(
         participant=participant,
-        method=method,
-        weber_fraction=min(fitted.mean_of_ratios, 1.0),
-        floor_n=fitted.mean_of_ratios * min(found),
+        method=plan.method,
+        weber_fraction=min(_written(fitted.mean_of_ratios), 1.0),
+        floor_n=_written(fitted.mean_of_ratios * min(found)),
         through_origin=fitted.through_origin,
         low=fitted.low,
         high=fitted.high,
         residual=fitted.residual,
+        false_alarms=false_alarms,
+        catch_pairs=catch_pairs,
+        excluded=_excluded(plan, tables, false_alarms, catch_pairs),
+        warnings=_warnings(plan, tables, catch_pairs),
         device_error_n=_root_mean_square(every_n),
         reference=tables,
         **further,
     )
+
+
+def _excluded(
+    plan: LimitsPlan, tables: Sequence[ReferenceTable], false_alarms: int | None, catch_pairs: int | None
+) -> list[str]:
+    """Return the rules of the plan that exclude a JND."""
+    told = []
+    if catch_pairs and false_alarms is not None and false_alarms > plan.most_false_alarms * catch_pairs:
+        told.append(
+            f"{false_alarms} of {catch_pairs} pairs of equal forces were called different, more than"
+            f" {100 * plan.most_false_alarms:g} %: the answers may not follow the forces"
+        )
+    for each in tables:
+        if each.censored > plan.most_censored:
+            told.append(
+                f"{each.censored} of {each.series} series at {each.reference_n:g} N ended without a JND, more than"
+                f" {plan.most_censored}: the mean is too small"
+            )
+    return told
+
+
+def _warnings(plan: LimitsPlan, tables: Sequence[ReferenceTable], catch_pairs: int | None) -> list[str]:
+    """Return what is doubtful about a JND."""
+    told = [
+        f"the JND at {each.reference_n:g} N, {each.jnd_n:.3f} N, is below the error of the device,"
+        f" {each.device_error_n:.3f} N: it is a property of the device"
+        for each in tables
+        if each.jnd_n is not None and each.device_error_n is not None and each.jnd_n < each.device_error_n
+    ]
+    if plan.method == "ascending" and not catch_pairs:
+        told.append("there was no catch series, so that random answers would not have been noticed")
+    return told
 
 
 def load_participant(path: Path) -> ParticipantFile:
@@ -244,6 +298,11 @@ def _threshold(reference_n: float, series: Sequence[float | None]) -> Threshold:
 
 def _root_mean_square(errors_n: Sequence[float]) -> float | None:
     return math.sqrt(fmean(error_n**2 for error_n in errors_n)) if errors_n else None
+
+
+def _written(value: float) -> float:
+    """Return a number with six digits, so that tables give the law exactly."""
+    return float(f"{value:.6g}")
 
 
 def _known(table: Any) -> Any:

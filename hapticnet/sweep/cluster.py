@@ -14,7 +14,7 @@ from hapticnet.sweep.pool import Broken, Computed, Outcome
 from hapticnet.sweep.runs import Plan
 from hapticnet.sweep.table import versions
 
-NEEDS: Final = "--scheduler needs Dask's distributed: pip install 'hapticnet[cluster]'"
+NEEDS: Final = "--scheduler needs Dask's distributed: pip install distributed"
 
 CONNECT_S: Final = 10.0
 """Time [s] in which a scheduler must answer, at the beginning and after the connection was lost."""
@@ -184,8 +184,8 @@ class ClusterPool:
             self._client.register_plugin(self._keeper, name=self._name)
         except Exception as error:
             raise UnavailableError(
-                f"the Dask cluster at {self._address} cannot take the study; install the same hapticnet[cluster,sweep]"
-                f" at its scheduler and workers: {in_words(error)}"
+                f"the Dask cluster at {self._address} cannot take the study; install the same hapticnet,"
+                f" with the extras cluster and sweep, at its scheduler and workers: {in_words(error)}"
             ) from error
 
     def _count(self) -> None:

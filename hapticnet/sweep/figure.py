@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from hapticnet.errors import SettingsError
-from hapticnet.experiment.style import PRINT_WIDTH_IN, check_format, draw_codecs, finish_axes, picture
+from hapticnet.experiment.style import LOG_MARK, PRINT_WIDTH_IN, check_format, draw_codecs, finish_axes, legend, picture
+from hapticnet.experiment.summary import t_quantile
 from hapticnet.sweep.query import Results, summary
 
 LABELS: Final = {
@@ -84,35 +85,35 @@ def draw(results: Results, drawing: Drawing, file: Path, *, where: str | None = 
         raise SettingsError(
             f"--panel {','.join(drawing.panel)} makes {len(panels)} panels; at most {MOST_PANELS} are drawn"
         )
+    runs = max(runs for _, _, runs in panels)
     columns = 2 if len(panels) == 4 else min(ACROSS, len(panels))
     rows = -(-len(panels) // columns)
     with picture(file, 0.9 + PANEL_HEIGHT_IN * rows, width_in=PRINT_WIDTH_IN) as figure:
-        grid = figure.subplots(rows, columns, sharex=True, squeeze=False)
-        for axes, (title, lines) in zip(grid.flat, panels, strict=False):
+        grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+        for axes, (title, lines, _) in zip(grid.flat, panels, strict=False):
             draw_codecs(axes, lines)
             axes.set_title(title)
         for axes in list(grid.flat)[len(panels) :]:
             axes.set_visible(False)
-        _finish(figure, grid, drawing, results.about["name"])
+        whiskers = (
+            f"; whiskers: 95 % interval of the mean over up to {runs:,} runs" if runs > 1 else "; one run a point"
+        )
+        figure.suptitle(results.about["name"] + whiskers, fontsize=9)
+        _finish(figure, grid, drawing)
 
 
-def _finish(figure: Any, grid: Any, drawing: Drawing, name: str) -> None:
-    for axes in grid.flat:
-        if drawing.y not in LINEAR and axes.get_visible():  # errors and rates span decades; shares of answers do not
-            finish_axes(axes, across="log" if drawing.x.endswith("_per_s") else "linear")
+def _finish(figure: Any, grid: Any, drawing: Drawing) -> None:
+    shown = [axes for axes in grid.flat if axes.get_visible()]
+    if drawing.y not in LINEAR:  # errors and rates span decades; shares of answers do not
+        finish_axes(*shown, across="log" if drawing.x.endswith("_per_s") else "linear")
+        for axes in shown:
             _thin_out(axes)
     for axes in grid[-1]:
         axes.set_xlabel(LABELS.get(drawing.x, drawing.x))
-    for axes in grid[:, 0]:
-        axes.set_ylabel(LABELS.get(drawing.y, drawing.y))
-    handles: dict[str, Any] = {}
-    for axes in grid.flat:
-        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-            handles.setdefault(label, handle)
-    labels = list(handles)
+    told = LABELS.get(drawing.y, drawing.y) + (LOG_MARK if grid.flat[0].get_yscale() == "log" else "")
+    figure.supylabel(told, fontsize="medium")  # once: the panels share the axis
     if drawing.line:
-        figure.legend(list(handles.values()), labels, loc="outside lower center", ncols=min(4, len(labels)))
-    figure.suptitle(name, fontsize=9)
+        legend(figure, *shown)
 
 
 def _thin_out(axes: Any) -> None:
@@ -126,24 +127,45 @@ def _thin_out(axes: Any) -> None:
 
 def _panels(
     results: Results, drawing: Drawing, where: str | None
-) -> list[tuple[str, Mapping[str, Sequence[tuple[float, ...]]]]]:
-    """Return for each panel its title and its lines, as points (x, y)."""
+) -> list[tuple[str, Mapping[str, Sequence[tuple[float, ...]]], int]]:
+    """Return for each panel its title, its lines, as points (x, y, half widths), and the most runs of a point."""
     shown = (*drawing.panel, *drawing.line)
     others = (drawing.x,) if drawing.x in results.settings else drawing.by
     by = tuple(dict.fromkeys([*shown, *others]))
-    found = summary(results, by, tuple(dict.fromkeys([drawing.x, drawing.y])), quantiles=(), where=where)
+    found = summary(
+        results, by, tuple(dict.fromkeys([drawing.x, drawing.y])), quantiles=(), deviations=True, where=where
+    )
     panels: dict[str, dict[str, list[tuple[float, ...]]]] = {}
+    runs: dict[str, int] = {}
     for row in found.rows:
         named = dict(zip(found.columns, row, strict=True))
         x, y = named[f"{drawing.x}_mean"], named[f"{drawing.y}_mean"]
         if x is not None and y is not None:
             panel = "\n".join(_values(drawing.panel, named))  # two settings do not fit above a panel on one line
             line = ", ".join(_values(drawing.line, named))
-            panels.setdefault(panel, {}).setdefault(line, []).append((x, y))
+            half_widths = (_half_width(named[f"{name}_sd"], named["runs"]) for name in (drawing.x, drawing.y))
+            panels.setdefault(panel, {}).setdefault(line, []).append((x, y, *half_widths))
+            runs[panel] = max(runs.get(panel, 0), named["runs"])
     if not panels:
         raise SettingsError("there is nothing to draw: no run without error meets the condition")
-    return [(title, {line: sorted(points) for line, points in lines.items()}) for title, lines in panels.items()]
+    return [
+        (title, {line: sorted(points) for line, points in lines.items()}, runs[title])
+        for title, lines in panels.items()
+    ]
+
+
+def _half_width(deviation: float | None, runs: int) -> float:
+    """Return half of the interval of Student's t around a mean; 0 of a single run."""
+    return 0.0 if deviation is None or runs < 2 else t_quantile(runs - 1) * deviation / math.sqrt(runs)
 
 
 def _values(names: Sequence[str], row: Mapping[str, Any]) -> list[str]:
-    return [f"{name} {row[name]:g}" if isinstance(row[name], float) else str(row[name]) for name in names]
+    """Return the value of each setting with what the setting is called and its unit."""
+    return [_value(LABELS.get(name, name), row[name]) for name in names]
+
+
+def _value(label: str, value: Any) -> str:
+    if not isinstance(value, float):
+        return str(value)
+    name, _, unit = label.partition(" [")
+    return f"{name} {value:g} {unit.removesuffix(']')}".rstrip()

@@ -9,11 +9,12 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
 
+from hapticnet.documents import LARGEST_DOCUMENT
 from hapticnet.errors import FileError, SettingsError, UnavailableError
 from hapticnet.files import check_folder, read_text, replacing
 from hapticnet.sweep.grid import Shard, overlap
 from hapticnet.sweep.runs import Plan, all_columns, runs_of
-from hapticnet.sweep.table import read_origin, versions
+from hapticnet.sweep.table import digest_of, read_origin, versions
 
 ABOUT: Final = "sweep.json"
 STUDY: Final = "study.toml"
@@ -22,7 +23,7 @@ UNFINISHED: Final = ".tmp"
 SHARDS: Final = "shard-*.parquet"
 """The files with the rows, as a glob."""
 
-_SHARD: Final = re.compile(r"shard-(\d{10})-(\d{10})\.parquet")
+_SHARD: Final = re.compile(r"shard-(\d{10})-(\d{10})-([0-9a-f]{16})\.parquet")
 _POISON: Final = re.compile(r"shard-(\d{10})-(\d{10})\.poison\.json")
 
 
@@ -117,9 +118,9 @@ class Folder:
         if not path.exists():
             raise FileError(f"{self.path} has no {ABOUT}: it is not a folder that hapticnet sweep wrote")
         try:
-            content: dict[str, Any] = json.loads(read_text(path))
+            content: dict[str, Any] = json.loads(read_text(path, LARGEST_DOCUMENT))
             known = {key: content[key] for key in ("name", "study", "runs", "cells", "columns", "measures", "versions")}
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise FileError(f"{path} is damaged: {error}; it was written by hapticnet sweep") from error
         return content | known
 
@@ -131,20 +132,22 @@ class Folder:
         FileError
             If one is damaged, belongs to another study, or has runs of another one.
         """
-        found = []
+        found: dict[Path, Shard] = {}
         for file in sorted(self.path.glob(SHARDS)):
             named = _SHARD.fullmatch(file.name)
-            about, rows = read_origin(file)
+            about, rows, digest_found = read_origin(file)
+            if named is not None and named[3] != digest_found:
+                raise FileError(f"{file} was changed or damaged; remove it, and its runs are computed again")
             shard = Shard(about.first, about.end)
             if about.study != digest:
                 raise FileError(f"{file} belongs to another study; move it elsewhere")
             if named is None or shard != Shard(int(named[1]), int(named[2])) or rows != shard.runs:
                 raise FileError(f"{file} has {rows} rows from run {shard.first} on, which its name does not say")
-            found.append(shard)
-        if twice := overlap(found):
-            one, other = (self.path / shard_name(shard) for shard in twice)
+            found[file] = shard
+        if twice := overlap(list(found.values())):
+            one, other = [file for file, shard in found.items() if shard in twice][:2]
             raise FileError(f"{one} and {other.name} have runs in common; remove one of them")
-        return found
+        return list(found.values())
 
     def write(self, shard: Shard, content: bytes) -> None:
         """Store a shard: all of it, on disk, under its name; or nothing.
@@ -154,7 +157,7 @@ class Folder:
         FileError
             If it cannot be written.
         """
-        path = self.path / shard_name(shard)
+        path = self.path / shard_name(shard, content)
         part = path.with_name(path.name + UNFINISHED)
         try:
             try:
@@ -194,9 +197,9 @@ class Folder:
             )
 
 
-def shard_name(shard: Shard) -> str:
-    """Return the file name of a shard."""
-    return f"{_stem(shard)}.parquet"
+def shard_name(shard: Shard, content: bytes) -> str:
+    """Return the file name of a shard: it has a digest of the file, so that no changed bit passes unnoticed."""
+    return f"{_stem(shard)}-{digest_of(content)}.parquet"
 
 
 def _stem(shard: Shard) -> str:

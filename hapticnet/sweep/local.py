@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final
 from hapticnet.checks import check_integer
 from hapticnet.errors import in_words
 from hapticnet.experiment.workers import MOST_JOBS, end_with_parent
+from hapticnet.runtime.interpreter import safe_path
 from hapticnet.sweep.grid import Shard
 from hapticnet.sweep.pool import Broken, Computed, Outcome
 from hapticnet.sweep.runs import Plan, Runner
@@ -89,10 +90,11 @@ class _Worker:
     def submit(self, shard: Shard) -> None:
         if self._pool is None:
             context = multiprocessing.get_context("spawn")
-            self._pool = ProcessPoolExecutor(1, context, initializer=_begin, initargs=(self._plan, os.getpid()))
+            with safe_path():
+                self._pool = ProcessPoolExecutor(1, context, initializer=_begin, initargs=(self._plan, os.getpid()))
         others = set(multiprocessing.active_children())
         try:
-            with _sigint_blocked():  # a process that is started here inherits it: Ctrl-C is for this one
+            with safe_path(), _sigint_blocked():  # a process that is started here inherits it: Ctrl-C is for this one
                 self.shards.append((shard, self._pool.submit(_compute, shard)))
         except BrokenProcessPool:  # it was killed with nothing to do, so no shard is to blame
             self.close()

@@ -122,7 +122,7 @@ class OrderingRunner:
             "packets": measures.force_packets,
             "wire_bytes": measures.wire_bytes,
             "penetrations": measures.penetrations,
-            "bytes_per_penetration": measures.wire_bytes / max(measures.penetrations, 1),
+            "bytes_per_penetration": measures.penetration_bytes / max(measures.penetrations, 1),
             "perceptual_error": measures.perceptual_error,
         }
 

@@ -55,19 +55,22 @@ class Summary:
         Columns of the groups, and the measures.
     quantiles
         Which quantiles were computed.
+    deviations
+        Whether standard deviations were.
     rows
-        For each group its values, the number of runs, and for each measure the mean and the quantiles.
+        For each group its values, the number of runs, and for each measure the mean, the quantiles and the deviation.
     """
 
     by: tuple[str, ...]
     of: tuple[str, ...]
     quantiles: tuple[float, ...]
+    deviations: bool
     rows: list[tuple[Any, ...]]
 
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of all columns."""
-        marks = ["mean", *(f"q{100 * each:g}" for each in self.quantiles)]
+        marks = ["mean", *(f"q{100 * each:g}" for each in self.quantiles), *(["sd"] if self.deviations else [])]
         return (*self.by, "runs", *(f"{name}_{mark}" for name in self.of for mark in marks))
 
 
@@ -77,12 +80,12 @@ def open_results(folder: Folder) -> Results:
     Raises
     ------
     FileError
-        If it is not the folder of a study, or nothing is there yet.
+        If it is not the folder of a study, a shard in it is damaged or another study's, or nothing is there yet.
     UnavailableError
         If DuckDB is not installed.
     """
     about = folder.about()
-    if not any(folder.path.glob(SHARDS)):
+    if not folder.shards(about["study"]):
         raise FileError(f"{folder.path}: no shard is finished yet")
     others = (*about["measures"], *NOT_VARIED)
     settings = [name for name in about["columns"] if name not in others]
@@ -118,12 +121,15 @@ def summary(
     of: Sequence[str],
     *,
     quantiles: Sequence[float] = QUANTILES,
+    deviations: bool = False,
     where: str | None = None,
 ) -> Summary:
     """Return mean and quantiles of measures for each group. Runs with errors are left out.
 
     Parameters
     ----------
+    deviations
+        Whether to add the standard deviation over the runs of a group; None of a single run.
     where
         A condition on rows, in SQL.
 
@@ -140,10 +146,11 @@ def summary(
     parts = [*groups, "count(*)"]
     for name in map(_quoted, of):
         parts += [f"avg({name})", *(f"quantile_cont({name}::DOUBLE, {each!r})" for each in quantiles)]
+        parts += [f"stddev_samp({name})"] if deviations else []
     condition = f" WHERE error IS NULL AND ({where})" if where else " WHERE error IS NULL"
     grouped = f" GROUP BY {', '.join(groups)} ORDER BY {', '.join(groups)}" if groups else ""
     rows = _rows(results.folder, f"SELECT {', '.join(parts)}", condition + grouped)
-    return Summary(tuple(by), tuple(of), tuple(quantiles), rows)
+    return Summary(tuple(by), tuple(of), tuple(quantiles), deviations, rows)
 
 
 def _usual(results: Results) -> tuple[str, ...]:

@@ -133,6 +133,7 @@ def recorded(path: Path, name: str, reading: Reading) -> Recorded:
         columns=reading.column,
         position=reading.position,
         position_scale=reading.position_scale,
+        time=reading.time,
         rate_hz=reading.rate_hz,
         missing=reading.missing,
         max_bytes=MAX_BYTES,

@@ -1,12 +1,12 @@
 """A study as its file states it: STUDY.toml with a task, its axes, and how often all of it is repeated."""
 
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, TypeAlias
 
 from pydantic import BaseModel, Field
 
+from hapticnet.checks import meant
 from hapticnet.documents import STRICT, parse_document, parse_tables, read_document
 from hapticnet.errors import SettingsError
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION
@@ -78,7 +78,7 @@ class OrderingAxes(LinkAxes):
     Attributes
     ----------
     observer
-        Simulated observers, as for ``--observer``.
+        Simulated observers, as for ``--simulate``.
     """
 
     observer: Texts = ["literature"]
@@ -92,6 +92,7 @@ class Reading(BaseModel):
     column: str | None = None
     position: str | None = None
     position_scale: float | None = None
+    time: str | None = None
     rate_hz: float | None = None
     missing: Literal["refuse", "drop", "hold"] = "refuse"
 
@@ -202,7 +203,5 @@ def parse_study(text: str, source: str) -> AnyStudy:
     if not isinstance(task, str) or task not in TASKS:
         if task is None:
             raise SettingsError(f"{source}: task is missing; choose from {', '.join(TASKS)}")
-        close = get_close_matches(str(task), TASKS, n=1)
-        meant = f"; did you mean {close[0]!r}?" if close else f"; choose from {', '.join(TASKS)}"
-        raise SettingsError(f"{source}: task is {task!r}{meant}")
+        raise SettingsError(f"{source}: task is {task!r}{meant(str(task), TASKS)}; choose from {', '.join(TASKS)}")
     return parse_document(text, source, TASKS[task])

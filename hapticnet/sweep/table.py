@@ -1,5 +1,6 @@
 """Rows as Parquet: one file for each shard, which says in its metadata what it belongs to."""
 
+import hashlib
 import json
 import platform
 from dataclasses import asdict, dataclass
@@ -13,7 +14,7 @@ from hapticnet.sweep.grid import Shard
 from hapticnet.sweep.link import Columns, Row
 
 METADATA_KEY: Final = b"hapticnet"
-NEEDS: Final = "hapticnet sweep needs pyarrow and duckdb: pip install 'hapticnet[sweep]'"
+NEEDS: Final = "hapticnet sweep needs pyarrow and duckdb: pip install pyarrow duckdb"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,8 +79,13 @@ def shard_bytes(columns: Columns, rows: list[Row], about: Origin) -> bytes:
     return content
 
 
-def read_origin(path: Path) -> tuple[Origin, int]:
-    """Return the origin of a shard, and its number of rows.
+def digest_of(content: bytes) -> str:
+    """Return the digest of a shard, 16 hexadecimal digits of SHA-256."""
+    return hashlib.sha256(content).hexdigest()[:16]
+
+
+def read_origin(path: Path) -> tuple[Origin, int, str]:
+    """Return the origin of a shard, its number of rows, and the digest of the file.
 
     Raises
     ------
@@ -88,8 +94,9 @@ def read_origin(path: Path) -> tuple[Origin, int]:
     """
     pa, parquet = arrow()
     try:
-        about = parquet.read_metadata(path)
-        return Origin(**json.loads(about.metadata[METADATA_KEY])), int(about.num_rows)
+        content = path.read_bytes()
+        about = parquet.read_metadata(pa.BufferReader(content))
+        return Origin(**json.loads(about.metadata[METADATA_KEY])), int(about.num_rows), digest_of(content)
     except OSError as error:
         if error.errno is not None:
             raise FileError(f"{path}: {error.strerror}") from error

@@ -79,8 +79,13 @@ class Audience(Watcher[NodeEvent], ABC):
         if self._timer is not None:
             self._timer.cancel()
         for client in self.clients:
-            client.close(CloseCode.MASTER_ENDED, self.farewell)
+            client.close(*self.parting)
         await asyncio.gather(*(client.finish() for client in self.clients))
+
+    @property
+    def parting(self) -> tuple[int, str]:
+        """Code and reason with which pages are disconnected at the end."""
+        return CloseCode.MASTER_ENDED, self.farewell
 
     def refusal(self) -> tuple[CloseCode, str] | None:
         """Return why one page more is not served; None if it is."""

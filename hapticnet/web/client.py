@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 from aiohttp import web
 
 from hapticnet.runtime.clock import now_us
-from hapticnet.web.messages import CloseCode, View
+from hapticnet.web.messages import View
 
 if TYPE_CHECKING:
     from hapticnet.web.requests import Hand
@@ -57,7 +57,7 @@ class Client:
         self._wake = asyncio.Event()
         self._second = 0
         self._messages = 0
-        self._closing: tuple[CloseCode, str] | None = None
+        self._closing: tuple[int, str] | None = None
         self._sender = asyncio.ensure_future(self._send())
 
     def post(self, message: str) -> None:
@@ -87,7 +87,7 @@ class Client:
         """Whether the page is being disconnected."""
         return self._closing is not None
 
-    def close(self, code: CloseCode, reason: str) -> None:
+    def close(self, code: int, reason: str) -> None:
         """Disconnect the page and tell it why."""
         if self._closing is None:
             self._closing = code, reason

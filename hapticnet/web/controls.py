@@ -27,8 +27,8 @@ class Controls:
     Parameters
     ----------
     channels
-        The emulated channels at the master's end, each with its settings, feedback first; none: delay and loss cannot
-        be changed.
+        The emulated channels at the master's end, each with its settings: feedback, then forward; none: delay and loss
+        cannot be changed.
     is_fixed
         Whether nothing can be changed.
 
@@ -119,3 +119,5 @@ class Controls:
                 settings = replace(settings, loss=BernoulliLoss(share) if share else None)
             channel.change(settings)
             self._channels[number] = channel, settings
+        back, out = (settings.describe() for _, settings in self._channels)
+        self._node.emulate(out, back)

@@ -61,6 +61,7 @@ class Description:
                 "rate_hz": 1e6 / self._node.position_period_us,
                 "axes": self._node.axes,
                 "device": settings.device,
+                "largest_n": self._node.largest_n,
                 "master": self._node.settings.name,
                 "hapticnet": __version__,
                 "columns": messages.COLUMNS,

@@ -116,10 +116,14 @@ class Connection(asyncio.Protocol):
         self._server.connection_made(GatedTransport(self, transport))  # type: ignore[arg-type] # what aiohttp needs of it
 
     def connection_lost(self, error: Exception | None) -> None:
-        """End."""
+        """End.
+
+        The server is told when its tasks have begun what they were given: before, aiohttp's fail, because of a
+        connection that is lost they know no handler any more.
+        """
         self._gate.leave(self)
         self._bytes.clear()
-        self._server.connection_lost(error)
+        asyncio.get_running_loop().call_soon(self._server.connection_lost, error)
 
     def data_received(self, data: bytes) -> None:
         """Keep what has arrived until it is this connection's turn, and read nothing more until then."""

@@ -88,7 +88,7 @@ From the server, JSON
 
 The hello of the watch view has, besides::
 
-     "rate_hz": 1000, "axes": 1, "device": "…" or null, "master": "…", "hapticnet": "0.1.0",
+     "rate_hz": 1000, "axes": 1, "device": "…" or null, "largest_n": 4.6 or null, "master": "…", "hapticnet": "0.1.0",
      "columns": ["t", "position", …], "history_s": 5,
      "codecs": [{"name": "deadband", "summary": "…"}, …],
      "limits": {"multiplier": [0, 8], "delay_ms": [0, 250], "loss_percent": [0, 50]},
@@ -121,13 +121,14 @@ of codec is not a change of this::
      "delay_ms": 0, "loss_percent": 0,              // of the emulated channel, in each direction
      "round_trip_ms": 0.41 or null,                 // median over the last second
      "feedback": TRAFFIC, "forward": TRAFFIC,
-     "lost": 0,                                     // datagrams of the slave that did not arrive since ``since_s``
+     "arrived": 1400, "lost": 0,                    // datagrams of the slave since ``since_s``
      "device": "ready" or null,                     // its status in words
      "pages": {"watch": 2, "operator": 1, "left_out": 0}}   // left_out: messages that slow pages did not get
 
     TRAFFIC = {"packets_per_s": 21, "bytes_per_s": 1344,                  // over the last second, UDP and IP headers
                "raw_packets_per_s": 1000, "raw_bytes_per_s": 49000,       // the same if every sample were sent raw
-               "packets": 812, "bytes": 51968, "raw_packets": 12400, "raw_bytes": 607600}   // since ``since_s``
+               "packets": 812, "bytes": 51968, "raw_packets": 12400, "raw_bytes": 607600}   // since ``since_s``,
+                                                                          // while a force was felt
 
 ``link`` is the state of the session: connecting, established, stale, closing or closed. ``state`` also has ``since_s``,
 the time when codec, multiplier, delay or loss last changed (0 at first). The threshold of the deadband around a force F
@@ -147,8 +148,9 @@ A page must ignore messages of unknown type.
 
 In an experiment
 ----------------
-There is the operator view only, and one page at a time. Its hello has ``"experiment": {"masking_noise": false}``, which
-says whether masking noise begins with the first press on the page. Tissues have a name, which is their number from
+There is the operator view only, and one page at a time. Its hello has ``"experiment": {"masking_noise": false,
+"texts": {"connected": "…", …}}``: whether masking noise begins with the first press on the page, and what the page says
+around the tasks (`hapticnet.study.texts.Texts.for_page`). Tissues have a name, which is their number from
 front to back. Frames come, and the hand can be taken, only while a scene can be touched.
 
 ``task``, after the hello and when it changes: what to show, and which keys do something (`hapticnet.study.screens`)::
@@ -156,12 +158,13 @@ front to back. Frames come, and the hand can be taken, only while a scene can be
     {"type": "task", "number": 7, "screen": "trial", "title": "Feel the three tissues", "text": "…",
      "keys": [{"key": "1", "does": "tissue 1"}, {"key": "escape", "does": "stop: …"}],
      "typed": "21",                         // what has been typed of an answer
+     "remark": "",                          // what was wrong with the last key
      "progress": "3 of 40 trials",          // may be empty
      "wait_s": 0.0}                         // time until the key ``enter`` does something
 
-``screen`` is one of ``instructions``, ``consent``, ``meet``, ``practice``, ``trial``, ``stimuli``, ``question``,
-``feedback``, ``repeat``, ``rating``, ``break``, ``stopped`` and ``done``; a page shows the scene in a ``trial``. No
-task names a condition or a force, or, outside of practice, the right answer.
+``screen`` is one of ``instructions``, ``consent``, ``about``, ``meet``, ``practice``, ``trial``, ``stimuli``,
+``question``, ``moment``, ``feedback``, ``repeat``, ``rating``, ``break``, ``stopped`` and ``done``; a page shows the
+scene in a ``trial``. No task names a condition or a force, or, outside of practice, the right answer.
 
 From the page, binary
 ---------------------

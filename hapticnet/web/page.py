@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
+from hapticnet.node.in_force import SettingsInForce
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_events import NodeEvent
 from hapticnet.operator.live import LiveHand
@@ -83,6 +84,8 @@ class Page(Audience):
 
     def note(self, event: NodeEvent, now_us: int) -> None:
         """Tell the watch views about an event, and follow the slave's scene."""
+        if isinstance(event, SettingsInForce):  # the state message has them
+            return
         if isinstance(event, Connected):
             self._connections += 1
             self._flush()  # what was before belongs to the scene before
@@ -183,7 +186,8 @@ class Page(Audience):
             sealed=session.sealed,
             **self._controls.report(),
             round_trip_ms=None if round_trip_us is None else round(round_trip_us / 1000, 3),
-            **self._traffic.report(now_s),
+            **self._traffic.report(now_s, felt=self._ticks.take_felt()),
+            arrived=self._traffic.arrived,
             lost=self._traffic.lost,
             device=self._node.device_status,
             pages=self.report(),

@@ -81,7 +81,7 @@ LIMITS: Final[dict[str, tuple[float, float]]] = {
 }
 """Ranges of the settings that a page may change.
 
-The delay applies in each direction, so that the largest one stays well below the age limit of a force, 1 s.
+The delay applies in each direction, so that the largest one stays well below the largest age of a force, 1 s.
 """
 
 _ORDERS: Final[dict[str, PageMessage]] = {"take": Take(), "release": Release(), "let_go": LetGo()}

@@ -34,7 +34,7 @@ class Seat:
         if self._hand is None:
             raise PeerError("the positions of this run come from elsewhere; there is no hand to take")
         if self.holder is not None and self.holder is not client:
-            raise PeerError("another page has the hand")
+            raise PeerError("another page moves the needle")
         self.holder = client
         self._hand.take()
 

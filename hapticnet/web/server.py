@@ -41,6 +41,15 @@ HEADERS: Final = {
     "Server": "hapticnet",
 }
 
+NO_ENTRY: Final = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="color-scheme" content="light dark"><title>hapticnet</title>
+<link rel="stylesheet" href="static/theme.css"><link rel="stylesheet" href="static/page.css"></head>
+<body class="operator"><main><section id="task" class="card"><h2>This link does not open the page</h2>
+<p>It belongs to an earlier run, or was not copied whole. Open the address that the program printed last. As a
+participant, please tell the experimenter.</p></section></main></body></html>
+"""
+
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
@@ -115,9 +124,7 @@ class Server(Watcher[NodeEvent]):
     async def _serve_view(self, request: web.Request) -> web.Response:
         view = _view(request)
         if not self._access.opens(view, request.query.get("token", "")):
-            return web.Response(
-                status=403, text="This link is not valid, or of an earlier run. Open the address that was printed.\n"
-            )
+            return web.Response(status=403, text=NO_ENTRY, content_type="text/html", charset="utf-8")
         return self._file(f"{view}.html")
 
     async def _serve_file(self, request: web.Request) -> web.Response:

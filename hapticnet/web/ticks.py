@@ -32,6 +32,7 @@ class Ticks:
         self._start_us = start_us
         self._rows: list[tuple[float, ...]] = []
         self._packets = 0.0
+        self._felt = False
         self._past = np.empty((len(messages.COLUMNS), 2 * MOST_KEPT))  # times [s] since the server began come first
         self._begin = self._end = 0  # of the rows that are kept
 
@@ -67,6 +68,7 @@ class Ticks:
             true = np.array(mirror.forces_n(t_us.astype(np.int64).tolist(), position.tolist()))
         packets = np.diff(counts, prepend=self._packets)
         self._packets = float(counts[-1])
+        self._felt = self._felt or bool(received.any())
         times_s = 1e-6 * (t_us - t_us[0])
         columns = np.stack([times_s, position, true, received, held, target, sensed, platform, packets])
         start_s = 1e-6 * float(t_us[0] - self._start_us)
@@ -74,6 +76,11 @@ class Ticks:
         self.rows += len(rows)
         self._keep(start_s, columns)
         return _in_messages(first, start_s, columns)
+
+    def take_felt(self) -> bool:
+        """Return whether a force was felt in the ticks that were taken since the last call."""
+        felt, self._felt = self._felt, False
+        return felt
 
     def history(self) -> list[bytes]:
         """Return SAMPLES messages of the past that is kept, for a page that opens now."""

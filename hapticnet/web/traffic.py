@@ -1,6 +1,7 @@
 """Packets and bytes of both directions beside what they would be without compression, and round trips."""
 
 from collections import deque
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -41,6 +42,8 @@ class RecentMedian:
 class TrafficMeter:
     """Rates over the last second, and totals since the settings last changed.
 
+    The totals count only while a force is felt: a needle that rests outside would make any codec look good.
+
     Attributes
     ----------
     since_s
@@ -52,15 +55,23 @@ class TrafficMeter:
         self._node = node
         self._raw_positions = 0
         self._raw_bytes = 0
-        self._base = self._count()
-        self._lost_before = 0
-        self._past: deque[tuple[float, _Counts]] = deque([(0.0, self._base)])
+        self._last = self._count()
+        self._totals: _Counts = (0.0,) * len(self._last)
+        self._arrived_before = self._lost_before = 0
+        self._past: deque[tuple[float, _Counts]] = deque([(0.0, self._last)])
 
     def restart(self, now_s: float) -> None:
         """Begin the totals again."""
         self.since_s = now_s
-        self._base = self._count()
+        self._last = self._count()
+        self._totals = (0.0,) * len(self._last)
+        self._arrived_before = self._node.session.received.packets
         self._lost_before = self._node.session.received.lost
+
+    @property
+    def arrived(self) -> int:
+        """Datagrams of the slave that arrived since `since_s`."""
+        return self._node.session.received.packets - self._arrived_before
 
     @property
     def lost(self) -> int:
@@ -68,9 +79,19 @@ class TrafficMeter:
         # A datagram that was only late is taken off the count again, perhaps after the totals began.
         return max(0, self._node.session.received.lost - self._lost_before)
 
-    def report(self, now_s: float) -> dict[str, dict[str, float]]:
-        """Return the two directions for the state message; call this a few times a second."""
+    def report(self, now_s: float, *, felt: bool) -> dict[str, dict[str, float]]:
+        """Return the two directions for the state message; call this a few times a second.
+
+        Parameters
+        ----------
+        felt
+            Whether a force was felt since the last call.
+        """
         counts = self._count()
+        if felt:
+            gained = zip(self._totals, counts, self._last, strict=True)
+            self._totals = tuple(total + new - old for total, new, old in gained)
+        self._last = counts
         past = self._past
         past.append((now_s, counts))
         while len(past) > 2 and now_s - past[1][0] >= WINDOW_S:
@@ -78,7 +99,7 @@ class TrafficMeter:
         then_s, before = past[0]
         elapsed_s = max(now_s - then_s, 0.2)
         rates = [(new - old) / elapsed_s for new, old in zip(counts, before, strict=True)]
-        totals = [new - old for new, old in zip(counts, self._base, strict=True)]
+        totals = self._totals
         return {"feedback": _direction(rates[:4], totals[:4]), "forward": _direction(rates[4:], totals[4:])}
 
     def _count(self) -> _Counts:
@@ -94,7 +115,7 @@ class TrafficMeter:
         return (session.received.packets, session.received.wire_bytes, positions, self._raw_bytes, *sent, *sent)
 
 
-def _direction(rates: list[float], totals: list[float]) -> dict[str, Any]:
+def _direction(rates: Sequence[float], totals: Sequence[float]) -> dict[str, Any]:
     return {f"{key}_per_s": round(rate, 1) for key, rate in zip(_KEYS, rates, strict=True)} | {
         key: int(total) for key, total in zip(_KEYS, totals, strict=True)
     }

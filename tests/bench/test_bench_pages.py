@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 pytestmark = pytest.mark.timeout(400)  # every benchmark is run, on a machine that may be busy
+HEADLINE = ("<!-- headline: written by make bench -->", "<!-- end of headline -->")
 REPORT = Path(__file__).parents[2] / "bench" / "report"
 SPEED = {"name": "speed", "results": {"codecs": [{"codec": "slow", "ratio": 0.25}, {"codec": "fast", "ratio": 0.75}]}}
 CLAIM = """
@@ -173,6 +174,12 @@ def test_every_placeholder_of_the_pages_has_its_figure(pages):
     assert set(pages) == {f"{name}.md" for name in names}
     for text in pages.values():
         assert not re.search(r"{{|{%|\bnan\b|None|Undefined", text)
+
+
+def test_the_readme_has_the_headline_of_its_template(pages):
+    readme = (REPORT.parents[1] / "README.md").read_text().partition(HEADLINE[0] + "\n")[2].partition(HEADLINE[1])[0]
+    without_figures = (re.sub(r"\d[\d.,]*", "0", text) for text in (readme, pages["headline.md"]))
+    assert len(set(without_figures)) == 1
 
 
 def test_every_table_is_whole(pages):

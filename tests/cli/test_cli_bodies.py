@@ -7,7 +7,7 @@ import pytest
 
 from hapticnet.recordings.tables import read_csv
 
-HAND = ("--position", "x,y,z", "--position-scale", "0.001", "--start", "0.018,0,0")
+HAND = ("--position-column", "x,y,z", "--position-scale", "0.001", "--start", "0.018,0,0")
 
 
 @pytest.fixture
@@ -29,7 +29,7 @@ def test_scene_show_lists_the_bodies(run):
 
 def test_scene_run_puts_a_recorded_hand_into_the_scene(run, hand, tmp_path):
     out = tmp_path / "felt.csv"
-    arguments = ("scene", "run", "phantom", "--positions", hand, "--column", *HAND[1:], "--out", out)
+    arguments = ("scene", "run", "phantom", "--trace", hand, "--position-column", *HAND[1:], "--out", out)
     assert run(*arguments).returncode == 0
     table = read_csv(out)
     first = [table[f"position_{axis}_m"][0] for axis in "xyz"]
@@ -41,7 +41,7 @@ def test_scene_run_puts_a_recorded_hand_into_the_scene(run, hand, tmp_path):
 
 
 def test_compare_tries_codecs_on_a_recorded_hand_in_a_scene(run, hand):
-    done = run("compare", hand, "--scene", "phantom", *HAND, "--codecs", "raw;deadband", "--thresholds", "1", "--json")
+    done = run("compare", hand, "--scene", "phantom", *HAND, "--codecs", "raw;deadband", "--multipliers", "1", "--json")
     account = json.loads(done.stdout)
     (recording,) = account["recordings"]
     assert (recording["name"], recording["axes"], recording["period_ms"]) == ("phantom, hand", 3, 1.0)
@@ -51,7 +51,7 @@ def test_compare_tries_codecs_on_a_recorded_hand_in_a_scene(run, hand):
 
 
 def test_compare_tries_codecs_on_a_scene_under_its_scripted_hand(run):
-    arguments = ("--codecs", "deadband", "--thresholds", "1", "--json", "--seed", "3")
+    arguments = ("--codecs", "deadband", "--multipliers", "1", "--json", "--seed", "3")
     account = json.loads(run("compare", "--scene", "phantom", *arguments).stdout)
     (recording,) = account["recordings"]
     assert (recording["name"], recording["axes"]) == ("phantom, scripted hand 3", 3)
@@ -62,10 +62,16 @@ def test_compare_tries_codecs_on_a_scene_under_its_scripted_hand(run):
     ("arguments", "message"),
     [
         (("--start", "0,0,0"), "--start moves the positions of a TRACE in a --scene"),
-        (("--scene", "phantom", "--column", "x"), "--column names a recorded force"),
-        (("--scene", "phantom", "--position", "x,y,z", "--start", "1,b"), "start '1,b' must be one to three numbers"),
-        (("--scene", "phantom", "--position", "x,y,z", "--start", "1"), "the start has 1 coordinates; the positions"),
-        (("--scene", "paper", "--position", "x,y,z"), "the positions have 3 axes; paper:0 has 1"),
+        (("--scene", "phantom", "--force-column", "x"), "--force-column names a recorded force"),
+        (
+            ("--scene", "phantom", "--position-column", "x,y,z", "--start", "1,b"),
+            "start '1,b' must be one to three numbers",
+        ),
+        (
+            ("--scene", "phantom", "--position-column", "x,y,z", "--start", "1"),
+            "the start has 1 coordinates; the positions",
+        ),
+        (("--scene", "paper", "--position-column", "x,y,z"), "the positions have 3 axes; paper:0 has 1"),
     ],
 )
 def test_what_does_not_fit_together_is_told_in_one_line(run, hand, arguments, message):
@@ -79,6 +85,6 @@ def test_an_operator_palpates_on_as_many_axes_as_asked():
     from hapticnet.errors import SettingsError
 
     for spec, axes in (("palpation", 3), ("palpation:axes=2", 2)):
-        assert make_operator(spec, insertions=1, seed=1, say=print).operator.axes == axes
+        assert make_operator(spec, insertions=1, seed=1, say=print, warn=print).operator.axes == axes
     with pytest.raises(SettingsError, match="expected palpation"):
-        make_operator("palpation:axes=4", insertions=1, seed=1, say=print)
+        make_operator("palpation:axes=4", insertions=1, seed=1, say=print, warn=print)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from hapticnet.cli.compare_table import print_rows
+from hapticnet.cli.console import Console
 from hapticnet.codec.registry import CODECS, make_codec
 from hapticnet.experiment.comparison import compare
 from hapticnet.experiment.comparison_table import COLUMNS, latex
@@ -51,7 +52,7 @@ def traces(tmp_path):
 
 
 def test_every_codec_stands_beside_the_optimum(traces):
-    done = hapticnet("compare", traces[0], "--column", "fx", "--thresholds", "1,2", "--json")
+    done = hapticnet("compare", traces[0], "--force-column", "fx", "--multipliers", "1,2", "--json")
     account = json.loads(done.stdout)
     rows = account["rows"]
     assert account["settings"]["weber_fraction"] == [0.05]
@@ -71,16 +72,16 @@ def test_every_codec_stands_beside_the_optimum(traces):
 
 def test_what_differs_in_a_parameter_only_is_told_apart(traces):
     codecs = f"adaptive-predictive;{WIDE}"
-    done = hapticnet("compare", traces[0], "--column", "fx", "--thresholds", "1", "--codecs", codecs)
+    done = hapticnet("compare", traces[0], "--force-column", "fx", "--multipliers", "1", "--codecs", codecs)
     found = [line.split()[0] for line in done.stdout.splitlines() if "predictive" in line]
     assert found == ["adaptive-predictive", WIDE]
     assert "…" not in done.stdout
 
 
 def test_encode_and_compare_call_the_same_figures_the_same(traces):
-    arguments = (traces[0], "--column", "fx", "--json", "--codec")
+    arguments = (traces[0], "--force-column", "fx", "--json", "--codec")
     report = json.loads(hapticnet("encode", *arguments, "deadband").stdout)
-    compared = hapticnet("compare", *arguments[:-1], "--thresholds", "1", "--codecs", "deadband")
+    compared = hapticnet("compare", *arguments[:-1], "--multipliers", "1", "--codecs", "deadband")
     (row,) = json.loads(compared.stdout)["rows"]
     shared = set(report) & set(row)
     assert {"sent", "wire_bytes", "rmse_n", "keepalives", "worst_100ms_packets"} <= shared
@@ -89,7 +90,7 @@ def test_encode_and_compare_call_the_same_figures_the_same(traces):
 
 def test_csv_has_every_figure_at_full_precision_and_says_where_it_comes_from(traces, tmp_path):
     out = tmp_path / "rows.csv"
-    done = hapticnet("compare", *traces, "--column", "fx", "--codecs", f"deadband;{WIDE}", "--json", "--csv", out)
+    done = hapticnet("compare", *traces, "--force-column", "fx", "--codecs", f"deadband;{WIDE}", "--json", "--csv", out)
     rows = json.loads(done.stdout)["rows"]
     comments = [line for line in out.read_text().splitlines() if line.startswith("#")]
     assert [line.split()[1] for line in comments] == ["version:", "date:", "machine:", "command:"]
@@ -106,10 +107,10 @@ def test_csv_has_every_figure_at_full_precision_and_says_where_it_comes_from(tra
 
 
 def test_json_says_where_it_comes_from():
-    done = hapticnet("compare", "--codecs", "deadband", "--thresholds", "1", "--json")
+    done = hapticnet("compare", "--codecs", "deadband", "--multipliers", "1", "--json")
     account = json.loads(done.stdout)
     assert set(account["provenance"]) == {"version", "date", "machine", "command"}
-    assert account["provenance"]["command"].endswith("compare --codecs deadband --thresholds 1 --json")
+    assert account["provenance"]["command"].endswith("compare --codecs deadband --multipliers 1 --json")
     (row,) = account["rows"]
     assert row["trial"].startswith("paper's scene")
     assert row["energy_peak_j"] is not None
@@ -118,7 +119,7 @@ def test_json_says_where_it_comes_from():
 
 def test_a_grid_tries_every_combination_and_parameters_where_they_exist(traces):
     done = hapticnet(
-        "compare", traces[0], "--column", "fx", "--codecs", "raw;deadband;least-squares", "--json", "--jobs", "2",
+        "compare", traces[0], "--force-column", "fx", "--codecs", "raw;deadband;least-squares", "--json", "--jobs", "2",
         "--grid", "multiplier=0.5:2:4", "--grid", "loss=0,0.1", "--grid", "updates=2,4",
     )  # fmt: skip
     rows = json.loads(done.stdout)["rows"]
@@ -131,16 +132,28 @@ def test_a_grid_tries_every_combination_and_parameters_where_they_exist(traces):
 def test_a_codec_from_a_file_is_compared_in_several_processes(traces, tmp_path):
     (tmp_path / "own.py").write_text(OWN)
     codecs = f"deadband;{tmp_path}/own.py:Own"
-    arguments = ("--codecs", codecs, "--thresholds", "1", "--plot", tmp_path / "plots", "--signal", "own")
-    done = hapticnet("compare", traces[0], "--column", "fx", *arguments, "--jobs", "2", "--json")
+    arguments = ("--codecs", codecs, "--multipliers", "1", "--plot-dir", tmp_path / "plots", "--signal", "own")
+    done = hapticnet("compare", traces[0], "--force-column", "fx", *arguments, "--jobs", "2", "--json")
     deadband, own = json.loads(done.stdout)["rows"]
     assert own["label"] == "own"
     assert own["sent"] == deadband["sent"]
 
 
+def test_a_long_run_tells_how_far_it_is_where_there_is_no_terminal(monkeypatch, capfd):
+    now_s = [0.0]
+    monkeypatch.setattr("hapticnet.cli.console.time.monotonic", lambda: now_s[0])
+    console = Console("compare")
+    for done in range(1, 41):
+        now_s[0] = 0.5 * done
+        console.progress(f"{done} of 40")
+    console.finish()
+    told = [line.rpartition(": ")[2] for line in capfd.readouterr().err.splitlines()]
+    assert told == ["10 of 40", "20 of 40", "30 of 40", "40 of 40"]
+
+
 def test_loss_and_two_axes_are_told_in_the_table(traces):
     codecs = "raw;deadband:step_n=0.001"
-    done = hapticnet("compare", traces[0], "--column", "fx,fy", "--codecs", codecs, "--loss", "10%")
+    done = hapticnet("compare", traces[0], "--force-column", "fx,fy", "--codecs", codecs, "--loss", "10%")
     assert "deadband:step_n=0.001" in done.stdout
     assert "optimum, hold" in done.stdout
     assert "lost at random" in done.stdout
@@ -151,8 +164,17 @@ FIGURES = ("bytes-against-error", "packets-against-error", "packets-over-optimum
 
 @pytest.mark.parametrize(("form", "start"), [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")])
 def test_figures_are_drawn_in_any_format_and_overwritten_only_on_demand(traces, tmp_path, form, start):
-    arguments = ("compare", traces[0], "--column", "fx", "--codecs", "raw;deadband;merging", "--plot-format", form)
-    plots = ("--plot", tmp_path / "plots", "--signal", "merging", "--window", "0.2:0.9")
+    arguments = (
+        "compare",
+        traces[0],
+        "--force-column",
+        "fx",
+        "--codecs",
+        "raw;deadband;merging",
+        "--plot-format",
+        form,
+    )
+    plots = ("--plot-dir", tmp_path / "plots", "--signal", "merging", "--window", "0.2:0.9")
     done = hapticnet(*arguments, *plots)
     assert done.returncode == 0, done.stderr
     drawn = sorted((tmp_path / "plots").iterdir())
@@ -162,17 +184,17 @@ def test_figures_are_drawn_in_any_format_and_overwritten_only_on_demand(traces, 
     again = hapticnet(*arguments, *plots)
     assert again.returncode == 2
     assert "exists" in again.stderr
-    assert "--force" in again.stderr
-    assert hapticnet(*arguments, *plots, "--force").returncode == 0
+    assert "--overwrite" in again.stderr
+    assert hapticnet(*arguments, *plots, "--overwrite").returncode == 0
     assert [file.read_bytes() for file in drawn] == before
 
 
 def test_several_recordings_and_a_constant_force_are_drawn(traces, tmp_path):
     np.save(tmp_path / "still.npy", np.zeros(500))
-    for files, more in ((traces, ("--column", "fx")), ([tmp_path / "still.npy"], ("--rate", "1000"))):
+    for files, more in ((traces, ("--force-column", "fx")), ([tmp_path / "still.npy"], ("--sampling-rate", "1000"))):
         for codecs in ("raw", "raw;deadband;linear-predictive"):
             plots = tmp_path / f"{len(files)}{codecs[-1]}"
-            done = hapticnet("compare", *files, *more, "--codecs", codecs, "--thresholds", "1", "--plot", plots)
+            done = hapticnet("compare", *files, *more, "--codecs", codecs, "--multipliers", "1", "--plot-dir", plots)
             assert done.returncode == 0, done.stderr
             assert all(line.startswith("compare: picture") for line in done.stderr.splitlines())
             assert len(list(plots.iterdir())) == len(files) + (0 if codecs == "raw" else 3)
@@ -214,6 +236,8 @@ def test_latex_and_terminal_have_the_same_columns_and_the_mean_of_several_record
     columns = [column for column in COLUMNS if column.in_papers]
     assert {line.count("&") for line in body} == {len(columns)}
     assert "over 3 recordings" in text
+    assert "felt $>$ JND" in text
+    assert text.count("\\begin{adjustbox}{max width=\\linewidth}") == text.count("\\end{adjustbox}") == 1
     deadband = next(line for line in body if "deadband" in line)
     shown = deadband.split("&")[1].replace("$\\pm$", "±").strip()
     assert shown in printed

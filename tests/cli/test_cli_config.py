@@ -9,13 +9,13 @@ FILE = """
 [master]
 codec = "raw"
 rate = 500
-realtime = false
+real-time = false
 
 [device.step]
 from = 0.7
 
 [slave]
-codec = ["a.py:One", "b.py:Two"]
+add-codec = ["a.py:One", "b.py:Two"]
 """
 
 
@@ -41,19 +41,19 @@ def test_the_command_line_precedes_the_environment_which_precedes_the_file(run, 
     assert values["weber"] == (0.1, "command line")
     assert values["codec"] == ("deadband", "HAPTICNET_MASTER_CODEC")
     assert values["floor"] == (0.03, "HAPTICNET_MASTER_FLOOR")
-    assert values["realtime"] == (False, f"{rig} [master]")
+    assert values["real-time"] == (False, f"{rig} [master]")
     assert values["multiplier"] == (1.0, "default")
 
 
 def test_a_flag_of_the_environment_and_an_own_name_of_a_key(run):
-    values = resolved(run("config", "--json", "master", HAPTICNET_MASTER_REALTIME="off", HAPTICNET_KEY="mine.toml"))
-    assert values["realtime"] == (False, "HAPTICNET_MASTER_REALTIME")
+    values = resolved(run("config", "--json", "master", HAPTICNET_MASTER_REAL_TIME="off", HAPTICNET_KEY="mine.toml"))
+    assert values["real-time"] == (False, "HAPTICNET_MASTER_REAL_TIME")
     assert values["key"] == ("mine.toml", "HAPTICNET_KEY")
 
 
 def test_a_list_and_a_verb_of_two_words(run, rig):
     values = resolved(run("config", "--json", "slave", HAPTICNET_CONFIG=str(rig)))
-    assert values["codec"] == (["a.py:One", "b.py:Two"], f"{rig} [slave]")
+    assert values["add-codec"] == (["a.py:One", "b.py:Two"], f"{rig} [slave]")
     values = resolved(run("config", "--config", rig, "--json", "device", "step"))
     assert values["from"] == (0.7, f"{rig} [device.step]")
 
@@ -83,10 +83,10 @@ def test_what_a_file_sets_reaches_the_verb(run, tmp_path):
         ("[device.stp]\nfrom = 1\n", ("unknown table [device.stp]", "'step'")),
         ("codec = 'raw'\n", ("unknown key 'codec'",)),
         ("master = 3\n", ("master is a command", "[master]")),
-        ("[master]\nrealtime = 'no'\n", ("realtime is 'no'", "true or false")),
+        ("[master]\nreal-time = 'no'\n", ("real-time is 'no'", "true or false")),
         ("[master]\ncodec = true\n", ("codec is True", "text in quotes or a number")),
         ("[master]\ncodec = ['raw']\n", ("codec is ['raw']", "text in quotes")),
-        ("[slave]\ncodec = 'a.py:One'\n", ("codec is 'a.py:One'", "it must be a list")),
+        ("[slave]\nadd-codec = 'a.py:One'\n", ("add-codec is 'a.py:One'", "it must be a list")),
         ("[master]\nconfig = 'other.toml'\n", ("unknown key 'config'",)),
         ("[master\n", ("not a TOML file", "line 1")),
     ],
@@ -107,10 +107,10 @@ def test_a_wrong_file_is_one_line_whatever_the_verb(run, tmp_path, text, words):
 def test_an_invalid_value_is_told_with_the_place_it_comes_from(run, tmp_path):
     path = tmp_path / "rig.toml"
     path.write_text("[channel]\nduration = 'long'\n")
-    done = run("channel", "--to", "127.0.0.1:9", "--config", path)
+    done = run("channel", "--connect", "127.0.0.1:9", "--config", path)
     assert done.returncode == 2
     assert f"{path} [channel]: " in done.stderr
-    done = run("channel", "--to", "127.0.0.1:9", HAPTICNET_CHANNEL_DURATION="long")
+    done = run("channel", "--connect", "127.0.0.1:9", HAPTICNET_CHANNEL_DURATION="long")
     assert "HAPTICNET_CHANNEL_DURATION: " in done.stderr
     assert "Traceback" not in done.stderr
     done = run("codecs", HAPTICNET_CODECS_JSON="maybe")

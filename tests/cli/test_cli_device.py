@@ -178,7 +178,7 @@ def test_step_draws_only_when_asked_and_overwrites_no_figure_unasked(tmp_path):
     assert done.returncode == 2
     assert "exists" in done.stderr
     assert figure.read_text() == "mine"
-    assert hapticnet("device", "step", "sim:0.6", "--plot", figure, "--force").returncode == 0
+    assert hapticnet("device", "step", "sim:0.6", "--plot", figure, "--overwrite").returncode == 0
     assert figure.read_text().startswith("<?xml")
 
 

@@ -55,6 +55,7 @@ def files(tmp_path):
         "timeless.csv": "force_N\n1\n2\n",
         "empty.csv": "",
         "latin.csv": b"t_s,force_N\n0,1\n0,\xe9\n",
+        "minutes.csv": "time [min],force_N\n0,1\n0.001,2\n",
         "text.npy": "not an array",
     }
     for name, text in made.items():
@@ -74,15 +75,15 @@ def files(tmp_path):
         ("nan.csv", ("nan.csv, line 3", "force_N")),
         ("big.csv", ("sample 1", "1e+300", "within")),
         ("two.csv", ("which column?", "t_s, fx, fy")),
-        ("timeless.csv", ("--rate",)),
+        ("timeless.csv", ("--sampling-rate",)),
         ("gap.csv", ("line 3", "no number", "--missing drop")),
         ("picture.csv", ("a PNG picture", ".parquet can be read")),
         ("backwards.csv", ("time runs backwards",)),
         ("/dev/zero", ("is a character device",)),
         ("empty.csv", ("the file has no data",)),
-        ("latin.csv", ("line 3", "UTF-8")),
+        ("latin.csv", ("line 3", "é")),
         ("text.npy", ("not a .npy file, but text",)),
-        ("nan.npy", ("no column is called t", "--rate")),
+        ("nan.npy", ("no column is called t", "--sampling-rate")),
         ("objects.npy", ("damaged",)),
         ("", ("is a directory",)),
     ],
@@ -98,14 +99,14 @@ def test_recordings_that_cannot_be_encoded_are_refused_in_one_line(files, file, 
         (("--weber", "nan"), ("Weber fraction is nan",)),
         (("--floor", "-1"), ("JND floor is -1.0",)),
         (("--multiplier", "inf"), ("JND multiplier is inf",)),
-        (("--rate", "0"), ("rate is 0.0",)),
-        (("--rate", "inf"), ("rate is inf",)),
-        (("--column", "x"), ("x",)),
-        (("--column", "fx,fy,fx,fy"), ("4 force columns",)),
+        (("--sampling-rate", "0"), ("rate is 0.0",)),
+        (("--sampling-rate", "inf"), ("rate is inf",)),
+        (("--force-column", "x"), ("x",)),
+        (("--force-column", "fx,fy,fx,fy"), ("4 force columns",)),
         (("--weber", "many"), ("--weber",)),
         (("--colour", "red"), ("--colour",)),
-        (("--column", "fx", "--out", "/proc/nowhere/out.csv"), ("/proc/nowhere",)),
-        (("--column", ""), ("no column",)),
+        (("--force-column", "fx", "--csv", "/proc/nowhere/out.csv"), ("/proc/nowhere",)),
+        (("--force-column", ""), ("is empty",)),
     ],
 )
 def test_flags_of_encode_that_cannot_be_are_refused_in_one_line(files, arguments, words):
@@ -133,19 +134,19 @@ def test_flags_of_encode_that_cannot_be_are_refused_in_one_line(files, arguments
         (("master", "--device", "glove"), ("unknown device 'glove'", "sim")),
         (("master", "--rate", "0"), ("rate is 0.0 Hz",)),
         (("master", "--rate", "nan"), ("rate is nan Hz",)),
-        (("channel", "--to", "nowhere"), ("HOST:PORT",)),
-        (("channel",), ("to",)),
+        (("channel", "--connect", "nowhere"), ("HOST:PORT",)),
+        (("channel",), ("--connect",)),
         (("scene", "show", "/dev/zero.toml"), ("No such file",)),
         (("scene", "show", "{files}/zero.toml"), ("is a character device",)),
         (("master", "--profile", "{files}/zero.toml"), ("is a character device",)),
         (("master", "--operator", "trace:{files}/zero.toml"), ("is a character device",)),
         (("master", "--operator", "trace:{files}/good.csv"), ("which column?",)),
         (("master", "--operator", "trace:{files}/good.csv:y"), ('no column "y"',)),
-        (("scene", "run", "paper", "--positions", "{files}/zero.toml"), ("is a character device",)),
+        (("scene", "run", "paper", "--trace", "{files}/zero.toml"), ("is a character device",)),
         (("scene", "show", "paper:x"), ("paper:x", "seed")),
-        (("scene", "run", "paper", "--positions", "missing.csv"), ("missing.csv",)),
+        (("scene", "run", "paper", "--trace", "missing.csv"), ("missing.csv",)),
         (("fly",), ("fly",)),
-        (("demo", "--device", "glove", "--out", "{files}/demo"), ("unknown device 'glove'",)),
+        (("demo", "--device", "glove", "--out-dir", "{files}/demo"), ("unknown device 'glove'",)),
     ],
 )
 def test_flags_and_files_that_cannot_be_are_refused_in_one_line(files, arguments, words):
@@ -157,11 +158,11 @@ def test_flags_and_files_that_cannot_be_are_refused_in_one_line(files, arguments
     [
         ("master", "--record", "/proc/nowhere/x.csv"),
         ("master", "--report", "/proc"),
-        ("slave", "--listen", "127.0.0.1:0", "--record", "/proc/nowhere"),
+        ("slave", "--listen", "127.0.0.1:0", "--record-dir", "/proc/nowhere"),
         ("slave", "--listen", "127.0.0.1:0", "--report", "/proc/nowhere/x.json"),
-        ("channel", "--listen", "127.0.0.1:0", "--to", "127.0.0.1:1", "--report", "/proc/nowhere/x.json"),
-        ("scene", "run", "paper", "--positions", "missing.csv", "--out", "/proc/nowhere/x.csv"),
-        ("demo", "--out", "/proc/nowhere"),
+        ("channel", "--listen", "127.0.0.1:0", "--connect", "127.0.0.1:1", "--report", "/proc/nowhere/x.json"),
+        ("scene", "run", "paper", "--trace", "missing.csv", "--out", "/proc/nowhere/x.csv"),
+        ("demo", "--out-dir", "/proc/nowhere"),
     ],
 )
 def test_results_that_cannot_be_written_are_refused_before_the_run(arguments):
@@ -191,7 +192,7 @@ def test_a_port_in_use_is_named_in_one_line(verb):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         address = f"127.0.0.1:{taken.getsockname()[1]}"
-        extra = ("--to", "127.0.0.1:1") if verb == "channel" else ()
+        extra = ("--connect", "127.0.0.1:1") if verb == "channel" else ()
         assert_one_line(hapticnet(verb, "--listen", address, *extra), address, "in use", code=UNAVAILABLE)
 
 
@@ -217,30 +218,43 @@ def test_an_address_that_is_not_this_machines():
     ("arguments", "words"),
     [
         (("{files}/big.csv",), ("big, sample 1", "1e+300")),
-        (("{files}/two.csv", "--column", "fx"), ("1 samples over no time",)),
+        (("{files}/two.csv", "--force-column", "fx"), ("1 samples over no time",)),
         (
-            ("{files}/good.csv", "--column", "f", "--position", "x", "--position-scale", "nan"),
+            ("{files}/good.csv", "--force-column", "f", "--position-column", "x", "--position-scale", "nan"),
             ("--position-scale is nan",),
         ),
-        (("{files}/good.csv", "--column", "f", "--position-scale", "2"), ("--position, which is not given",)),
-        (("{files}/good.csv", "--column", "f", "--max-size", "1"), ("the limit is 1",)),
-        (("{files}/good.csv", "--column", "f", "--max-size", "much"), ("much", "500MB")),
-        (("--column", ""), ("none is named",)),
-        (("--rate", "0"), ("none is named",)),
+        (
+            ("{files}/good.csv", "--force-column", "f", "--position-scale", "2"),
+            ("--position-column, which is not given",),
+        ),
+        (("{files}/good.csv", "--force-column", "f", "--max-size", "1"), ("the limit is 1",)),
+        (("{files}/good.csv", "--force-column", "f", "--max-size", "much"), ("much", "500MB")),
+        (("--force-column", "f_n"), ("none is named",)),
+        (("--sampling-rate", "0"), ("none is named",)),
         (("--floor", "1e-165"), ("JND floor is 1e-165", "1e-12")),
-        (("--thresholds", "1,x"), ("'1,x'", "JNDs")),
-        (("--thresholds", "nan"), ("multiplier is nan",)),
+        (("--multipliers", "1,x"), ("'1,x'", "JNDs")),
+        (("--multipliers", "nan"), ("multiplier is nan",)),
         (("--codecs", "deadband;mp3"), ("'mp3'",)),
         (("--loss", "nan"), ("nan",)),
         (("--grid", "multiplier"), ("'multiplier'", "KEY=FROM:TO:COUNT")),
         (("--grid", "gain=1,2"), ("'gain'", "multiplier", "window_ms")),
-        (("--grid", "multiplier=1,2", "--thresholds", "4"), ("--grid multiplier and --thresholds",)),
-        (("--jobs", "0"), ("jobs is 0",)),
-        (("--plot", "{files}/plots", "--plot-format", "gif"), ("'gif'", "png, pdf or svg")),
-        (("--plot", "{files}/plots", "--signal", "mp3"), ("'mp3'", "deadband")),
-        (("--plot", "{files}/plots", "--window", "3:1"), ("'3:1'", "FROM:TO")),
-        (("{files}/good.csv", "--column", "f", "--csv", "{files}/good.csv"), ("good.csv", "choose another file")),
-        (("--csv", "{files}/good.csv"), ("good.csv exists", "--force")),
+        (("--grid", "multiplier=1,2", "--multipliers", "4"), ("--grid multiplier and --multipliers",)),
+        (("--jobs", "0"), ("--jobs", "it must be at least 1")),
+        (("--plot-dir", "{files}/plots", "--plot-format", "gif"), ("'gif'", "'png', 'pdf', 'svg'")),
+        (("--plot-dir", "{files}/plots", "--signal", "mp3"), ("'mp3'", "deadband")),
+        (("--plot-dir", "{files}/plots", "--window", "3-1"), ("'3-1'", "FROM:TO")),
+        (("--plot-dir", "{files}/plots", "--window", "3:1"), ("from 3 to 1 s", "forward")),
+        (("--plot-dir", "{files}/plots", "--window", "100:105"), ("from 100 to 105 s", "paper's scene 1 ends at 10.7")),
+        (
+            ("{files}/good.csv", "--force-column", "f", "--position-column", "f"),
+            ('"f" is taken as force and as position',),
+        ),
+        (("{files}/two.csv", "--force-column", "fx,fx"), ('"fx" is taken as force twice',)),
+        (("{files}/good.csv", "--force-column", "t_s"), ('"t_s" is taken as time and as force', "--time-column")),
+        (("{files}/good.csv", "--force-column", "f", "--time-column", "nowhere"), ('no column "nowhere"', "t_s, f, x")),
+        (("{files}/minutes.csv",), ('"min" is not a known unit of time', "known are s, sec")),
+        (("{files}/good.csv", "--force-column", "f", "--csv", "{files}/good.csv"), ("good.csv", "choose another file")),
+        (("--csv", "{files}/good.csv"), ("good.csv exists", "--overwrite")),
     ],
 )
 def test_what_cannot_be_compared_is_refused_in_one_line(files, arguments, words):
@@ -252,15 +266,15 @@ def test_recordings_of_one_name_stay_apart(tmp_path):
         (tmp_path / folder).mkdir()
         np.save(tmp_path / folder / "force.npy", scale * np.sin(np.arange(500) * 0.01))
     done = hapticnet(
-        "compare", tmp_path / "a" / "force.npy", tmp_path / "b" / "force.npy", "--rate", "1000", "--thresholds", "1",
-        "--codecs", "deadband",
+        "compare", tmp_path / "a" / "force.npy", tmp_path / "b" / "force.npy", "--sampling-rate", "1000",
+        "--multipliers", "1", "--codecs", "deadband",
     )  # fmt: skip
     for folder in "ab":
         assert f"{tmp_path / folder / 'force.npy'}: 500 samples" in done.stdout
     assert done.stdout.count("threshold 1 JND") == 3  # each recording, and the mean
 
 
-@pytest.mark.parametrize("others", [("--out", "{file}"), ("--out", "{file}.x", "--report", "{file}.x")])
+@pytest.mark.parametrize("others", [("--csv", "{file}"), ("--csv", "{file}.x", "--report", "{file}.x")])
 def test_no_result_is_written_over_the_recording_or_over_another_result(tmp_path, others):
     file = tmp_path / "force.csv"
     file.write_text("t_s,force_N\n0.0,1.0\n0.001,2.0\n")
@@ -272,7 +286,7 @@ def test_no_result_is_written_over_the_recording_or_over_another_result(tmp_path
 def test_a_full_disk_leaves_the_old_result(tmp_path):
     file = tmp_path / "report.json"
     file.write_text("kept")
-    limited = f"ulimit -f 0; exec {sys.executable} -m hapticnet scene show --report {file}"
+    limited = f"ulimit -f 0; exec {sys.executable} -B -m hapticnet scene show --report {file}"
     done = subprocess.run(
         ["bash", "-c", limited], capture_output=True, text=True, env=os.environ | {"PYTHONPATH": str(ROOT)}
     )

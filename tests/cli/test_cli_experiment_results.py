@@ -7,7 +7,10 @@ import sys
 
 import pytest
 
+from hapticnet.experiment.latex import escaped
+from hapticnet.study.plan import LimitsPlan
 from hapticnet.study.rows import OrderRow, header, to_line
+from hapticnet.study.weber import participant_file
 from tests.study.made import rows
 
 FIGURES = ("bytes-per-penetration", "correct-orders", "pairs", "curve", "ratings")
@@ -43,7 +46,7 @@ def test_analyse_writes_report_tables_and_pictures(run, study):
 
 
 def test_tables_have_every_participant_and_say_that_they_are_simulated(run, study):
-    run("experiment", "analyse", study, "--no-figures")
+    run("experiment", "analyse", study, "--no-plots")
     text = (study / "results" / "conditions.csv").read_text()
     assert text.startswith("# SIMULATED")
     table = list(csv.DictReader(line for line in text.splitlines() if not line.startswith("#")))
@@ -59,27 +62,53 @@ def test_tables_have_every_participant_and_say_that_they_are_simulated(run, stud
     assert all("%" not in line.replace("\\%", "") for line in body)
 
 
+def test_the_latex_table_is_no_wider_than_the_page_and_shows_every_character(run, study):
+    run("experiment", "analyse", study, "--no-plots")
+    tex = (study / "results" / "conditions.tex").read_text()
+    assert "\\begin{adjustbox}{max width=\\linewidth}\n\\begin{tabular}" in tex
+    assert "% Needs \\usepackage{adjustbox} and \\usepackage{booktabs}." in tex
+    table = tex.partition("\\toprule")[2].partition("\\bottomrule")[0]
+    assert table.isascii()
+    assert escaped("a_b 5% {x} felt > JND < 1, ±2 − 3 µm") == (
+        "a\\_b 5\\% \\{x\\} felt $>$ JND $<$ 1, $\\pm$2 $-$ 3 $\\mu$m"
+    )
+
+
+def test_measured_jnds_alone_give_a_report(run, tmp_path):
+    folder = tmp_path / "study" / "participants"
+    folder.mkdir(parents=True)
+    found = {1.0: [0.05, 0.06]}
+    text = participant_file("03", LimitsPlan(), found, device_errors_n={}, catch_pairs=20, false_alarms=9).to_toml()
+    (folder / "03.toml").write_text(text)
+    done = run("experiment", "analyse", tmp_path / "study")
+    assert done.returncode == 0, done.stderr
+    assert "No trial of the ordering task was answered yet" in done.stdout
+    assert "| 03 | ascending | 0.055 |" in done.stdout
+    assert "Participant 03, excluded: 9 of 20 pairs" in done.stdout
+    assert {file.name for file in (tmp_path / "study" / "results").iterdir()} == {"report.md", "results.json"}
+
+
 def test_analyse_as_json_has_no_number_that_json_does_not_have(run, study):
-    done = run("experiment", "analyse", study, "--no-figures", "--json")
+    done = run("experiment", "analyse", study, "--no-plots", "--json")
     account = json.loads(done.stdout, parse_constant=lambda name: pytest.fail(name))
     assert account["results"]["simulated"] == ["step-masking, fitted to the paper"]
     assert len(account["results"]["conditions"]) == 4
 
 
 def test_results_are_not_overwritten_unless_forced(run, study):
-    assert run("experiment", "analyse", study, "--no-figures").returncode == 0
-    again = run("experiment", "analyse", study, "--no-figures")
+    assert run("experiment", "analyse", study, "--no-plots").returncode == 0
+    again = run("experiment", "analyse", study, "--no-plots")
     assert again.returncode != 0
     assert "report.md" in again.stderr
-    assert run("experiment", "analyse", study, "--no-figures", "--force").returncode == 0
+    assert run("experiment", "analyse", study, "--no-plots", "--overwrite").returncode == 0
 
 
 def test_the_margin_is_the_plan_s_and_another_one_is_told(run, study):
     (study / "plan.toml").write_text("[order]\nequivalence_margin = 0.2\n")
-    assert "a margin of ±20 points, stated in the plan" in run("experiment", "analyse", study, "--no-figures").stdout
-    other = run("experiment", "analyse", study, "--no-figures", "--force", "--margin", "0.3").stdout
+    assert "a margin of ±20 points, stated in the plan" in run("experiment", "analyse", study, "--no-plots").stdout
+    other = run("experiment", "analyse", study, "--no-plots", "--overwrite", "--margin", "0.3").stdout
     assert "±30 points, given at the analysis, not beforehand; the plan stated ±20" in other
-    assert run("experiment", "analyse", study, "--force", "--margin", "0").returncode != 0
+    assert run("experiment", "analyse", study, "--overwrite", "--margin", "0").returncode != 0
 
 
 def test_without_matplotlib_and_statsmodels_the_rest_is_done_and_the_commands_are_told(run, study, monkeypatch):
@@ -88,8 +117,8 @@ def test_without_matplotlib_and_statsmodels_the_rest_is_done_and_the_commands_ar
     monkeypatch.setitem(sys.modules, "statsmodels.api", None)
     done = run("experiment", "analyse", study)
     assert done.returncode == 0
-    assert "pip install 'hapticnet[plot]'" in done.stderr
-    assert "pip install 'hapticnet[stats]'" in done.stdout
+    assert "pip install matplotlib" in done.stderr
+    assert "pip install statsmodels" in done.stdout
     assert {file.name for file in (study / "results").iterdir()} == set(TABLES)
 
 
@@ -133,15 +162,36 @@ def test_little_data_give_an_honest_report_with_its_pictures(run, tmp_path, made
     assert not (tmp_path / "study" / "results" / "curve.png").exists()
 
 
+def test_power_assumes_the_paper_s_shares_and_asks_for_those_of_other_conditions(run, tmp_path):
+    options = ("--participants", "16", "--experiments", "100", "--jobs", "1")
+    done = run("experiment", "power", "reachable", *options)
+    assert done.stdout.startswith("SIMULATED, assumed shares 0.775,0.8,0.675,0.5375")
+    plan = tmp_path / "my.toml"
+    plan.write_text('[[condition]]\nname = "none"\ncodec = "raw"\n[[condition]]\nname = "3 JND"\nmultiplier = 3.0\n')
+    done = run("experiment", "power", plan, *options)
+    assert done.returncode == 2
+    assert "condition '3 JND' is none of the paper's" in done.stderr
+    assert "--shares 0.775,0.675" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert run("experiment", "power", plan, "--shares", "0.775,0.675", *options).returncode == 0
+
+
+def test_power_of_answers_without_an_effect_says_that_no_number_of_participants_finds_one(run):
+    options = ("--participants", "8", "--experiments", "100", "--jobs", "1")
+    done = run("experiment", "power", "--shares", "0.775,0.775,0.775,0.775", *options)
+    assert "no number of participants finds a difference" in done.stdout
+    assert "no number" not in run("experiment", "power", *options).stdout
+
+
 def test_power_of_assumed_shares_is_printed_and_written(run, tmp_path):
     pytest.importorskip("matplotlib")
     options = ("--shares", "0.775,0.8,0.675,0.5375", "--participants", "6,8", "--experiments", "100", "--jobs", "1")
-    done = run("experiment", "power", *options, "--out", tmp_path / "power")
+    done = run("experiment", "power", *options, "--out-dir", tmp_path / "power")
     assert done.returncode == 0
     assert done.stdout.startswith("SIMULATED, assumed shares 0.775,0.8,0.675,0.5375")
     assert {file.name for file in (tmp_path / "power").iterdir()} == {"power.csv", "power.png", "power.pdf"}
     assert (tmp_path / "power" / "power.csv").read_text().startswith("# SIMULATED")
-    again = run("experiment", "power", *options, "--out", tmp_path / "power")
+    again = run("experiment", "power", *options, "--out-dir", tmp_path / "power")
     assert again.returncode != 0
     account = json.loads(run("experiment", "power", *options, "--json").stdout)
     assert len(account["designs"]) == 8
@@ -154,7 +204,8 @@ def test_power_of_assumed_shares_is_printed_and_written(run, tmp_path):
         (("--shares", "most"), "shares 'most' must be numbers"),
         (("--shares", "0.7,0.7,0.7,0.7", "--participants", "many"), "participants 'many' must be whole numbers"),
         (("--shares", "0.7,0.7,0.7,0.7", "--participants", "1"), "number of participants"),
-        (("--observer", "nobody"), "unknown observer 'nobody'"),
+        (("--simulate", "nobody"), "unknown observer 'nobody'"),
+        (("--simulate", "literature", "--shares", "0.7,0.7,0.7,0.7"), "give one of them"),
         (("absent.toml",), "absent.toml"),
     ],
 )

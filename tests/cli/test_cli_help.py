@@ -1,5 +1,6 @@
 """Each verb's help ends with examples that work, and the shell completes names and values."""
 
+import itertools
 import re
 import shlex
 
@@ -9,11 +10,20 @@ import typer
 from hapticnet.cli import app, with_page_address
 from hapticnet.cli.examples import EXAMPLES
 from hapticnet.cli.settings import leaves
-from tests.ready import hapticnet
+from tests.ready import ROOT, hapticnet
 
 ROOT_COMMAND = typer.main.get_command(app)
 VERBS = dict(leaves(ROOT_COMMAND))
 
+
+README = (ROOT / "README.md").read_text()
+PAGES = [README, *(file.read_text() for file in sorted((ROOT / "docs").glob("*.md")))]
+BLOCKS = [
+    block for page in PAGES for block in re.findall(r"^(?: {4}.*\n)+|^```(?:sh)?\n(?s:.*?)^```", page, re.MULTILINE)
+]
+SHOWN = [line for block in BLOCKS for line in re.findall(r"^ *((?:\w+=\S+ )?hapticnet [a-z].*)", block, re.MULTILINE)]
+IN_TABLES = re.findall(r"`(hapticnet [^`]* --[^`]*)`", README)
+COMMANDS = dict.fromkeys([*(line for lines in EXAMPLES.values() for line in lines), *SHOWN, *IN_TABLES])
 
 GROUPS = {verb[:count] for verb in VERBS for count in range(len(verb))}
 
@@ -31,9 +41,10 @@ def test_the_help_names_the_values_of_options_and_not_their_types(run, verb):
     assert re.findall(r"--\S+ <(?:int|float|str|path)\b.*?>", run(*verb, "--help").stdout) == []
 
 
-@pytest.mark.parametrize("line", [line for lines in EXAMPLES.values() for line in lines])
-def test_every_example_can_be_parsed(line):
-    words = shlex.split(line.partition(">")[0].removesuffix(" 2"))
+@pytest.mark.parametrize("line", COMMANDS)
+def test_every_command_of_the_examples_and_of_the_documents_can_be_parsed(line):
+    words = shlex.split(line, comments=True)
+    words = list(itertools.takewhile(lambda word: not re.match(r"2?>|[|&]", word), words))
     words = with_page_address(words[words.index("hapticnet") + 1 :])
     if words[0] == "sweep" and words[1] not in ("run", "show"):
         words.insert(1, "run")

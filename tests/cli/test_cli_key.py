@@ -144,7 +144,7 @@ def test_a_key_that_others_can_read_is_refused_with_the_command_that_corrects_it
         (("new", "/proc/nowhere/key.toml"), "cannot create the folder"),
         (("new", "/dev/stdout"), "never overwritten"),
         (("new", "key.toml", "--name", "x" * 65), "name is 'xxx"),
-        (("new", "key.toml", "--name", ""), "name is ''"),
+        (("new", "key.toml", "--name", ""), "it is empty; give TEXT"),
     ],
 )
 def test_files_and_names_that_cannot_be_are_one_line(tmp_path, arguments, words):

@@ -2,13 +2,16 @@
 
 import socket
 import sys
+from pathlib import Path
 
 import pytest
 
 from hapticnet.cli import with_page_address
 from hapticnet.cli.console import Console
-from hapticnet.cli.pages import choose_operator
+from hapticnet.cli.demo_page import open_browser
+from hapticnet.cli.pages import PAGE, address_in, address_of, choose_operator, say_addresses
 from hapticnet.errors import SettingsError, UnavailableError
+from hapticnet.web.access import Access
 from tests.ready import hapticnet
 
 
@@ -39,8 +42,33 @@ def test_the_page_is_the_operator_unless_another_is_named(capsys: pytest.Capture
         assert served is not None
         served.close()
         said = capsys.readouterr().err
-        assert "/watch?token=" in said  # without it the page could not be opened
-        assert "/operator?token=" in said
+        for view in ("watch", "operator"):  # without them the page could not be opened
+            assert f"/{view}.html" in said
+
+
+def test_a_token_is_printed_on_a_terminal_and_stored_for_its_user_alone_elsewhere(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    """What is no terminal may be a log that others read, and all users can read the command line of a browser."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    access = Access("127.0.0.1", 47880)
+    say_addresses({PAGE: "watch"}, access, Console("master", quiet=True))
+    line = capsys.readouterr().err
+    assert access.tokens["watch"] not in line
+    file, passed_on = address_in(line)
+    assert passed_on == line
+    assert address_of(file) == access.url("watch")
+    (folder,) = tmp_path.iterdir()
+    assert folder.stat().st_mode & 0o077 == 0
+    opened = []
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or True)
+    assert open_browser(file)
+    assert opened == [file]
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    assert access.url("watch") in address_in(line)[1]
+    say_addresses({PAGE: "watch"}, access, Console("master", quiet=True))
+    assert access.url("watch") in capsys.readouterr().err
 
 
 def test_a_page_for_other_hosts_is_warned_about(capsys: pytest.CaptureFixture[str]):
@@ -67,14 +95,14 @@ def test_without_aiohttp_the_extra_is_named(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "aiohttp", None)
     monkeypatch.delitem(sys.modules, "hapticnet.web.server", raising=False)
     monkeypatch.delitem(sys.modules, "hapticnet.web.client", raising=False)
-    with pytest.raises(UnavailableError, match=r"pip install 'hapticnet\[web\]'"):
+    with pytest.raises(UnavailableError, match=r"pip install aiohttp"):
         choose_operator(None, "auto", Console("master", quiet=True))
 
 
 def test_the_demo_on_the_page_writes_no_results():
     done = hapticnet("demo", "--page", "--json")
     assert done.returncode == 2
-    assert "omit --out and --json" in done.stderr
+    assert "omit --out-dir and --json" in done.stderr
     assert done.stderr.count("\n") == 1
 
 
@@ -88,7 +116,7 @@ def test_the_demo_on_the_page_writes_no_results():
     ],
 )
 def test_a_page_of_the_experiment_that_makes_no_sense_is_told_in_one_line(run, tmp_path, arguments, complaint):
-    done = run("experiment", *arguments, "--participant", "01", "--out", tmp_path)
+    done = run("experiment", *arguments, "--participant", "01", "--out-dir", tmp_path)
     assert done.returncode == 2
     assert complaint in done.stderr
     assert done.stderr.count("\n") == 1

@@ -2,17 +2,31 @@
 
 import json
 import shutil
+from dataclasses import replace
 
+import msgpack
 import numpy as np
 import pyarrow.parquet
 import pytest
 
 from hapticnet.errors import FileError, SettingsError
+from hapticnet.recordings.session.frames import FrameKind, FrameReader, pack_begin
 from hapticnet.recordings.session.reading import read_session
 from hapticnet.recordings.session.sink import UNFINISHED
-from tests.recordings.session_cases import ABOUT, EVENTS, SUFFIXES, write_session
+from tests.recordings.session_cases import (
+    ABOUT,
+    EVENTS,
+    SUFFIXES,
+    give,
+    give_rows,
+    heading,
+    make_archive,
+    tick_rows,
+    write_session,
+)
 
 TICKS = 200
+NONE = "not a recording of hapticnet"
 
 
 @pytest.fixture
@@ -47,8 +61,22 @@ def test_recover_completes_and_says_so(run, tmp_path):
     assert f"run 'hapticnet recover {copy}'" in done.stderr
     done = run("recover", copy, "--json")
     assert json.loads(done.stdout)["file"] == str(tmp_path / "copy.mcap")
-    assert read_session(tmp_path / "copy.mcap").complete
+    assert "complete        no; it was recovered from a file" in run("info", tmp_path / "copy.mcap").stdout
     assert "there is nothing to recover" in run("recover", tmp_path / "copy.mcap").stderr
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_info_says_that_a_recovered_recording_lacks_its_end_and_export_keeps_that(run, tmp_path, suffix):
+    write_session(tmp_path / f"run{suffix}", ticks=TICKS, finish=False)
+    for file in sorted(tmp_path.glob(f"run*{UNFINISHED}")):  # of which nobody holds a lock
+        (shutil.copytree if file.is_dir() else shutil.copy)(file, tmp_path / file.name.replace("run", "copy"))
+    assert run("recover", tmp_path / f"copy{suffix}").returncode == 0
+    path = tmp_path / f"copy{suffix}"
+    for _ in range(2):
+        assert json.loads(run("info", path, "--json").stdout)["complete"] is False
+        assert "complete        no; " in run("info", path).stdout
+        run("export", path, "--format", "mcap", "--out", tmp_path / "exported.mcap")
+        path = tmp_path / "exported.mcap"
 
 
 def test_recover_says_if_nothing_is_whole(run, tmp_path):
@@ -61,7 +89,7 @@ def test_recover_says_if_nothing_is_whole(run, tmp_path):
 @pytest.mark.parametrize("suffix", ["csv", "npz", "mcap"])
 def test_export_keeps_everything(run, recording, tmp_path, suffix):
     out = tmp_path / f"out.{suffix}"
-    assert run("export", recording, f"--{suffix}", "--out", out).returncode == 0
+    assert run("export", recording, "--format", suffix, "--out", out).returncode == 0
     before, after = read_session(recording), read_session(out)
     assert (after.about, after.events, after.side) == (before.about, before.events, before.side)
     for name, columns in before.tables.items():
@@ -71,21 +99,22 @@ def test_export_keeps_everything(run, recording, tmp_path, suffix):
 
 
 def test_export_writes_parquet_with_the_configuration(run, recording, tmp_path):
-    assert run("export", recording, "--parquet").returncode == 0
+    assert run("export", recording, "--format", "parquet").returncode == 0
     table = pyarrow.parquet.read_table(tmp_path / "run.parquet")
     np.testing.assert_array_equal(table["held_n"].to_numpy(), read_session(recording).main["held_n"])
     assert json.loads(table.schema.metadata[b"hapticnet"])["seed"] == ABOUT["seed"]
     assert pyarrow.parquet.read_table(tmp_path / "run.datagrams.parquet").num_rows == 2 * TICKS
-    assert pyarrow.parquet.read_table(tmp_path / "run.events.parquet")["event"].to_pylist() == ["Connected", "Ended"]
+    assert pyarrow.parquet.read_table(tmp_path / "run.events.parquet")["event"].to_pylist() == [
+        name for _, name, _ in EVENTS
+    ]
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((), "choose one format"),
-        (("--csv", "--npz"), "choose one format"),
-        (("--csv", "--out", "a.npz"), "expected a name that ends in .csv"),
-        (("--mcap",), "is an input and would be overwritten"),
+        ((), "choose a format: --format csv, mcap, npz or parquet"),
+        (("--format", "csv", "--out", "a.npz"), "expected a name that ends in .csv"),
+        (("--format", "mcap"), "is an input and would be overwritten"),
     ],
 )
 def test_an_export_that_cannot_be_meant_is_refused(run, recording, arguments, message):
@@ -94,10 +123,51 @@ def test_an_export_that_cannot_be_meant_is_refused(run, recording, arguments, me
     assert message in done.stderr
 
 
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        (
+            "force.csv",
+            "not a recording of hapticnet: that is a .mcap or .npz file, or a .csv file with force.about.json",
+        ),
+        (
+            "notes.txt",
+            "not a recording of hapticnet: that is a .mcap or .npz file, or a .csv file with notes.about.json",
+        ),
+        ("noise.bin", "not a recording of hapticnet"),
+        ("array.npz", "not a recording of hapticnet; its arrays are x"),
+        ("run.events.csv", "a part of a recording; name its main file, "),
+        ("run.datagrams.csv", "a part of a recording; name its main file, "),
+        ("gone.csv", "No such file"),
+    ],
+)
+@pytest.mark.parametrize("form", ["csv", "npz"])
+def test_an_export_of_what_is_no_recording_says_so_and_writes_nothing(run, tmp_path, name, words, form):
+    write_session(tmp_path / "run.csv", ticks=10)
+    (tmp_path / "force.csv").write_text("t_s,force_n\n0,1\n0.001,2\n")
+    (tmp_path / "notes.txt").write_text("Not a table.")
+    (tmp_path / "noise.bin").write_bytes(bytes(range(256)))
+    np.savez(tmp_path / "array.npz", x=np.arange(3))
+    before = sorted(tmp_path.iterdir())
+    done = run("export", tmp_path / name, "--format", form)
+    assert done.returncode == FileError.exit_code
+    assert f"{tmp_path / name}: {words}" in done.stderr
+    assert sorted(tmp_path.iterdir()) == before
+
+
 def test_an_existing_file_is_exported_over_only_with_force(run, recording, tmp_path):
     (tmp_path / "run.events.csv").write_text("precious")
-    assert "add --force" in run("export", recording, "--csv").stderr
-    assert run("export", recording, "--csv", "--force").returncode == 0
+    assert "add --overwrite" in run("export", recording, "--format", "csv").stderr
+    assert run("export", recording, "--format", "csv", "--overwrite").returncode == 0
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("verb", [("encode",), ("compare", "--codecs", "raw")])
+def test_a_person_who_computes_with_a_recording_is_told_that_no_one_setting_holds(run, tmp_path, suffix, verb):
+    path = tmp_path / f"run{suffix}"
+    write_session(path, ticks=TICKS)
+    done = run(verb[0], path, *verb[1:])
+    assert done.stderr.count("codec, parameters changed during this recording, at t_us 1100000") == 1
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
@@ -109,23 +179,51 @@ def test_encode_reads_the_received_force_of_a_recording(run, tmp_path, suffix):
     assert done.stderr.count("no true force; received_n is what a master received, compressed already") == 1
 
 
-def test_info_shows_a_person_a_line_for_each_event_and_the_settings_that_matter(run, recording):
+def test_info_shows_a_person_a_line_for_each_event_and_what_was_in_force_when(run, recording):
     shown = run("info", recording).stdout.splitlines()
-    events = shown[shown.index("events:") + 1 :][: len(EVENTS)]
-    assert [line.split()[2] for line in events] == [name for _, name, _ in EVENTS]
+    law = "1 JND (weber 0.05, floor 0.025 N), 1000 Hz, scene paper:1"
+    assert shown[shown.index("in_force:") + 1 :][:2] == [
+        f"       0.001 s  deadband at {law}, channel in delay=5ms",
+        f"       0.100 s  level-crossing:hysteresis=0.5 at {law}, channel in delay=20ms",
+    ]
+    events = shown[shown.index("events:") + 1 :][:2]
+    assert [line.split()[2] for line in events] == ["Connected", "Ended"]
+    assert not [line for line in shown if "asked_at_start" in line], "what was asked for is not what was in force"
+    note = "channel_in, codec, parameters changed during this recording, at t_us 1100000: "
+    assert [line for line in shown if note in line]
     assert "complete        yes" in shown
 
 
 def test_compare_and_trace_read_a_recording(run, recording):
     done = run("compare", recording, "--codecs", "raw", "--json")
     assert json.loads(done.stdout)["recordings"][0]["samples"] == TICKS
-    assert run("scene", "run", "paper", "--positions", recording).stdout.count("\n") == TICKS + 1
+    assert run("scene", "run", "paper", "--trace", recording).stdout.count("\n") == TICKS + 1
 
 
 def test_replay_refuses_what_does_not_fit(run, tmp_path):
     write_session(tmp_path / "run.csv", ticks=10, axes=3)
-    done = run("replay", tmp_path / "run.csv", "--column", "held_x_n")
+    done = run("replay", tmp_path / "run.csv", "--force-column", "held_x_n")
     assert done.returncode == SettingsError.exit_code
     assert "a force of 1 axes for positions of 3" in done.stderr
-    done = run("replay", tmp_path / "run.csv", "--column", "held_x_n", "--connect", "127.0.0.1:9")
+    done = run("replay", tmp_path / "run.csv", "--force-column", "held_x_n", "--connect", "127.0.0.1:9")
     assert "with --connect the slave's scene makes the force" in done.stderr
+
+
+def test_nothing_in_a_file_speaks_to_the_terminal(run, tmp_path):
+    """Such as the sequence that changes the title of its window."""
+    evil = "\x1b]0;title\x07"
+    plain = heading(tmp_path / "a.npz")
+    archive = make_archive([])
+    begins = pack_begin(1, replace(plain, side=evil, about={evil: evil, "settings": {"codec": evil}, "more": [evil]}))
+    for frame in FrameReader().feed(begins):
+        archive.take(frame)
+    give(archive, FrameKind.EVENT, msgpack.packb([1_000_000, evil, evil]))
+    give(archive, FrameKind.EVENT, msgpack.packb([1_000_000, "SettingsInForce", json.dumps({"codec": evil})]))
+    give_rows(archive, tick_rows(5))
+    archive.finish()
+    np.savez(tmp_path / "b.npz", **{evil: np.zeros((2, 2, 2))})
+    for file, code in (("a.npz", 0), ("b.npz", FileError.exit_code)):
+        done = run("info", tmp_path / file)
+        assert done.returncode == code
+        assert "?]0;title?" in done.stdout + done.stderr
+        assert all(line.isprintable() for line in (done.stdout + done.stderr).splitlines())

@@ -3,6 +3,7 @@
 import csv
 import fcntl
 import json
+import re
 import shutil
 import signal
 import sys
@@ -10,8 +11,12 @@ import sys
 import numpy as np
 import pytest
 
+from hapticnet.errors import FileError
 from hapticnet.sweep import cluster
 from hapticnet.sweep.conduct import Progress
+from hapticnet.sweep.folder import Folder, shard_name
+from hapticnet.sweep.grid import Shard
+from hapticnet.sweep.query import open_results
 
 STUDY = """
 name = "small"
@@ -49,7 +54,7 @@ def swept(run, study, tmp_path, tmp_path_factory):
     kept = tmp_path_factory.getbasetemp() / "swept"
     out = tmp_path / "out"
     if not kept.exists():
-        done = run("sweep", study, "--out", out, "--workers", "1", "--shard", "5", "--json")
+        done = run("sweep", study, "--out-dir", out, "--jobs", "1", "--shard", "5", "--json")
         assert done.returncode == 0, done.stderr
         report = json.loads(done.stdout)
         assert report["complete"]
@@ -67,7 +72,7 @@ def one_line(done, code, text):
 
 
 def test_a_dry_run_counts_the_runs_and_times_some(run, study, tmp_path):
-    done = run("sweep", "run", study, "--dry-run", "--json", "--workers", "3", "--repeats", "1000")
+    done = run("sweep", "run", study, "--dry-run", "--json", "--jobs", "3", "--repeats", "1000")
     told = json.loads(done.stdout)
     assert (told["combinations"], told["repeats"], told["runs"], told["workers"]) == (6, 1000, 6000, 3)
     assert told["timed"] == 20
@@ -135,51 +140,61 @@ def test_show_tells_what_it_does_not_have(run, swept, monkeypatch, tmp_path, arg
 def test_the_folder_of_another_study_is_refused_and_kept(run, study, swept):
     before = {path.name: path.read_bytes() for path in swept.iterdir()}
     study.write_text(STUDY.replace("[1, 2.5]", "[1, 3]"))
-    one_line(run("sweep", study, "--out", swept), 2, "another study ('small'), or this study was changed since")
+    one_line(run("sweep", study, "--out-dir", swept), 2, "another study ('small'), or this study was changed since")
     study.write_text(STUDY)
     (study.parent / "force.csv").write_text("t_s,force_n\n0,1\n0.001,2\n")
-    one_line(run("sweep", study, "--out", swept), 2, "this study was changed since")
+    one_line(run("sweep", study, "--out-dir", swept), 2, "this study was changed since")
     assert {path.name: path.read_bytes() for path in swept.iterdir()} == before
 
 
 def test_a_damaged_or_foreign_shard_is_named(run, study, swept):
-    shard = swept / "shard-0000000005-0000000010.parquet"
+    (shard,) = swept.glob("shard-0000000005-0000000010-*.parquet")
     content = shard.read_bytes()
+    for at in range(4, len(content), 199):
+        shard.write_bytes(content[:at] + bytes([content[at] ^ 1 << at % 8]) + content[at + 1 :])
+        with pytest.raises(FileError, match=f"^{re.escape(str(shard))} .*; remove it, and its runs are computed again"):
+            open_results(Folder(swept))
+    shard.write_bytes(content[:100] + b"!" + content[101:])
+    for verb in (("sweep", "show", swept), ("sweep", study, "--out-dir", swept)):
+        one_line(run(*verb), 3, f"{shard} was changed or damaged; remove it, and its runs are computed again")
     shard.write_bytes(content[:-20])
-    one_line(run("sweep", study, "--out", swept), 3, f"{shard} is not a whole shard of a study; remove it")
+    one_line(run("sweep", study, "--out-dir", swept), 3, f"{shard} is not a whole shard of a study; remove it")
     shard.unlink()
-    (swept / "shard-0000000006-0000000011.parquet").write_bytes(content)
-    one_line(run("sweep", study, "--out", swept), 3, "which its name does not say")
-    (swept / "shard-0000000006-0000000011.parquet").unlink()
-    done = run("sweep", study, "--out", swept, "--workers", "1", "--json")
+    foreign = swept / shard_name(Shard(6, 11), content)
+    foreign.write_bytes(content)
+    one_line(run("sweep", study, "--out-dir", swept), 3, "which its name does not say")
+    foreign.unlink()
+    done = run("sweep", study, "--out-dir", swept, "--jobs", "1", "--json")
     assert json.loads(done.stdout)["computed"] == 5
 
 
 def test_a_folder_that_another_sweep_writes_to_is_left_alone(run, study, swept):
     with (swept / "sweep.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        one_line(run("sweep", study, "--out", swept), 4, "another sweep is at work in this folder")
+        one_line(run("sweep", study, "--out-dir", swept), 4, "another sweep is at work in this folder")
 
 
 def test_what_is_missing_on_the_command_line_or_the_machine_is_told(run, study, swept, tmp_path, monkeypatch):
-    one_line(run("sweep", study), 2, "--out DIR is missing")
-    one_line(run("sweep", tmp_path / "none.toml", "--out", tmp_path / "x"), 3, "No such file")
-    one_line(run("sweep", study, "--out", study), 3, "study.toml")
-    one_line(run("sweep", study, "--out", tmp_path / "x", "--workers", "0"), 2, "workers is 0")
-    both = ("--workers", "1", "--scheduler", "tcp://127.0.0.1:1")
-    one_line(run("sweep", study, "--out", tmp_path / "x", *both), 2, "give one of them")
+    one_line(run("sweep", study), 2, "--out-dir DIR is missing")
+    one_line(run("sweep", tmp_path / "none.toml", "--out-dir", tmp_path / "x"), 3, "No such file")
+    one_line(run("sweep", study, "--out-dir", study), 3, "study.toml")
+    one_line(run("sweep", study, "--out-dir", tmp_path / "x", "--jobs", "0"), 2, "--jobs")
+    both = ("--jobs", "1", "--scheduler", "tcp://127.0.0.1:1")
+    one_line(run("sweep", study, "--out-dir", tmp_path / "x", *both), 2, "give one of them")
     one_line(run("sweep", "show", tmp_path), 3, "is not a folder that hapticnet sweep wrote")
     monkeypatch.setattr(cluster, "CONNECT_S", 0.3)
     gone = ("--scheduler", "tcp://127.0.0.1:1")
-    one_line(run("sweep", study, "--out", tmp_path / "x", *gone), 4, "no Dask scheduler answers at tcp://127.0.0.1:1")
+    one_line(
+        run("sweep", study, "--out-dir", tmp_path / "x", *gone), 4, "no Dask scheduler answers at tcp://127.0.0.1:1"
+    )
     for package, arguments in (
-        ("pyarrow", (study, "--out", tmp_path / "x")),
+        ("pyarrow", (study, "--out-dir", tmp_path / "x")),
         ("duckdb", ("show", swept)),
-        ("distributed", (study, "--out", tmp_path / "x", *gone)),
+        ("distributed", (study, "--out-dir", tmp_path / "x", *gone)),
     ):
         with monkeypatch.context() as patch:
             patch.setitem(sys.modules, package, None)
-            one_line(run("sweep", *arguments), 4, "pip install 'hapticnet[")
+            one_line(run("sweep", *arguments), 4, "pip install ")
 
 
 def test_a_signal_ends_the_sweep_with_its_code_after_the_shards_in_hand(run, study, tmp_path, monkeypatch):
@@ -191,6 +206,6 @@ def test_a_signal_ends_the_sweep_with_its_code_after_the_shards_in_hand(run, stu
 
     monkeypatch.setattr("hapticnet.sweep.conduct.conduct", conduct)
     for number in (signal.SIGINT, signal.SIGTERM):
-        done = run("sweep", study, "--out", tmp_path / "out")
+        done = run("sweep", study, "--out-dir", tmp_path / "out")
         assert done.returncode == 128 + number
         assert "stopped with 5 of 18 runs; the same command goes on" in done.stderr

@@ -127,7 +127,7 @@ def test_a_report_does_not_overwrite_a_key_or_the_list(tmp_path):
     [
         (("slave", "--keep", "0.5"), "--keep is 0.5 s; it must be between 1"),
         (("slave", "--keep", "nan"), "--keep is nan"),
-        (("slave", "--seats", "0"), "--seats"),
+        (("slave", "--most-sessions-per-key", "0"), "--most-sessions-per-key"),
         (("master", "--max-age", "0"), "--max-age is 0.0 s; it must be between 0.01"),
         (("master", "--max-age", "inf"), "--max-age is inf"),
     ],

@@ -65,7 +65,8 @@ def rig(monkeypatch, tmp_path):
 
 
 def make(spec, said=None):
-    return make_operator(spec, insertions=1, seed=0, say=(said if said is not None else []).append)
+    tell = (said if said is not None else []).append
+    return make_operator(spec, insertions=1, seed=0, say=tell, warn=tell)
 
 
 def test_a_class_of_the_user_is_an_operator():
@@ -85,7 +86,7 @@ def test_a_udp_operator_listens_on_loopback_unless_a_host_is_named():
     assert re.fullmatch(r"positions are read from 127\.0\.0\.1:\d+", said[0])
     assert hands[1].operator.axes == 3
     assert said[1].endswith(", 3 axes")
-    assert said[3].startswith("warning: whoever reaches 0.0.0.0:")
+    assert said[3].startswith("whoever reaches 0.0.0.0:")
     assert len(said) == 4
     assert hand.report() == {"positions": 0, "malformed": 0, "strangers": 0, "silences": 0, "answers": 0}
 
@@ -135,7 +136,7 @@ class Slave:
     def __init__(self, scene):
         command = [sys.executable, "-m", "hapticnet", "slave", "--listen", "127.0.0.1:0", "--scene", scene]
         self.process = subprocess.Popen(
-            [*command, "--no-realtime", "--json"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            [*command, "--no-real-time", "--json"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )
 
     def __enter__(self):
@@ -154,7 +155,7 @@ def test_own_scene_own_hand_and_own_device_play_together_along_three_axes():
     with Slave("rig.py:Sphere") as slave:
         played = hapticnet(
             "master", "--connect", slave.address, "--operator", "rig:Orbit:radius=0.02", "--device", "rig.py:Motor",
-            "--device-takes", "z", "--no-realtime", "--json", "--codec", "raw",
+            "--device-takes", "z", "--no-real-time", "--json", "--codec", "raw",
         )  # fmt: skip
     assert played.returncode == 0, played.stderr
     assert "felt 2.0 0.0 -2.0" in played.stderr
@@ -169,7 +170,7 @@ def test_a_scene_that_breaks_ends_the_session_with_one_line_on_both_sides_and_th
     with Slave("rig.py:Fragile") as slave:
         for _ in range(2):
             played = hapticnet(
-                "master", "--connect", slave.address, "--operator", "rig.py:Push", "--device", "none", "--no-realtime"
+                "master", "--connect", slave.address, "--operator", "rig.py:Push", "--device", "none", "--no-real-time"
             )
             assert played.returncode != 0
             line = "the slave closed: the scene failed: Fragile.step raised ValueError: it broke (rig.py, line 14)"
@@ -183,7 +184,7 @@ def test_a_scene_that_breaks_ends_the_session_with_one_line_on_both_sides_and_th
 def test_a_scene_of_ones_own_is_tried_without_a_network():
     with open("path.csv", "w") as file:
         file.write("t_us,position_m\n0,0.001\n1000,0.004\n2000,0.006\n")
-    tried = hapticnet("scene", "run", "rig.py:Fragile", "--positions", "path.csv")
+    tried = hapticnet("scene", "run", "rig.py:Fragile", "--trace", "path.csv")
     assert tried.stderr.strip() == "hapticnet: Fragile.step raised ValueError: it broke (rig.py, line 14)"
     assert hapticnet("scene", "show", "rig.py:Sphere", "--json").stdout.startswith(
         '{\n  "name": "Sphere",\n  "axes": 3'

@@ -12,7 +12,7 @@ from hapticnet.codec.recording import encode_array
 from hapticnet.codec.schemes.least_squares import LeastSquares
 from hapticnet.codec.schemes.linear_predictive import LinearPredictive, Sender, is_silent, least_squares_slope
 from hapticnet.codec.steps import Past
-from hapticnet.codec.streams import table_of_lists
+from hapticnet.codec.streams import table_of_rows
 from hapticnet.errors import PeerError, SampleError, SettingsError
 from hapticnet.perception import WeberLaw
 from hapticnet.vectors import magnitude
@@ -272,7 +272,7 @@ def test_the_slope_is_that_of_a_least_squares_fit():
 
 @given(st.floats(-1e15, 1e15), st.floats(-1e15, 1e15), st.integers(-(10**18), 10**18))
 def test_a_line_stays_in_range(value, slope, at_us):
-    rule = LinearPredictive(law=LAW, horizon_ms=10_000.0).rule(1, table_of_lists)
+    rule = LinearPredictive(law=LAW, horizon_ms=10_000.0).rule(1, table_of_rows)
     sender = Sender(True, line_from(rule, 0, (value,), (slope,)))
     (point,) = line_at(rule, sender.line, at_us)
     assert abs(point) <= 1e15

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.schemes.deadband import Deadband
 from hapticnet.codec.schemes.velocity_adaptive import VelocityAdaptive, start, watch
-from hapticnet.codec.streams import table_of_lists
+from hapticnet.codec.streams import table_of_rows
 from hapticnet.errors import SampleError, SettingsError
 from hapticnet.perception import WeberLaw
 from hapticnet.vectors import magnitude
@@ -58,7 +58,7 @@ def test_without_positions_or_without_gain_it_is_the_deadband(case, law, step_n)
 def speed_after(time_constant_ms, *path):
     """Return the speed [m/s] of a hand after times and positions."""
     axes = len(path[0][1])
-    rule = VelocityAdaptive(time_constant_ms=time_constant_ms).rule(axes, table_of_lists)
+    rule = VelocityAdaptive(time_constant_ms=time_constant_ms).rule(axes, table_of_rows)
     moving = start(rule, axes)
     for t_us, position in path:
         moving = watch(rule, moving, t_us, position)

@@ -30,6 +30,8 @@ def compose(tool_is_missing):
         tool_is_missing("neither 'docker compose' nor 'docker-compose' is installed")
     program = ["docker", "compose"] if plugin else ["docker-compose"]
     # If only the host can reach the package index, build images on its network.
+    RESULTS.mkdir(exist_ok=True)
+    RESULTS.chmod(0o777)  # the account of the image writes there
     environment = {"BUILD_NETWORK": "host", "INSERTIONS": "1"} | os.environ
 
     def run(scenario, *arguments):

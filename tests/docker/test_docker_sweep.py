@@ -51,7 +51,7 @@ def swept_here(tmp_path):
     """Return the rows that one process gives."""
     study = tmp_path / "study.toml"
     study.write_text(STUDY)
-    command = [sys.executable, "-m", "hapticnet", "sweep", "run", study, "--out", tmp_path / "here", "--workers", "1"]
+    command = [sys.executable, "-m", "hapticnet", "sweep", "run", study, "--out-dir", tmp_path / "here", "--jobs", "1"]
     subprocess.run(command, check=True, cwd=ROOT, capture_output=True)
     return rows(tmp_path / "here")
 
@@ -121,7 +121,7 @@ def test_a_worker_on_another_host_is_killed_and_nothing_is_lost_or_comes_twice(h
     for log in (first_log, other_log):
         wait_until(lambda log=log: "Registered to" in log.read_text())
     out = tmp_path / "cluster"
-    command = ("hapticnet", "sweep", "run", tmp_path / "study.toml", "--out", out, "--shard", "8")
+    command = ("hapticnet", "sweep", "run", tmp_path / "study.toml", "--out-dir", out, "--shard", "8")
     sweep, log = start(scheduler, *command, "--scheduler", address, "--json")
     wait_until(lambda: len(list(out.glob(SHARDS))) >= 6 or sweep.poll() is not None)
     os.killpg(first.pid, signal.SIGKILL)
@@ -155,6 +155,8 @@ def compose(tool_is_missing):
 
 def test_a_worker_in_a_container_is_killed_and_nothing_is_lost_or_comes_twice(compose, tmp_path):
     results = ROOT / "docker" / "results"
+    results.mkdir(exist_ok=True)
+    results.chmod(0o777)  # the account of the image writes there
     compose("build")
     compose("up", "-d")
     wait_until(lambda: len(list((results / "sweep").glob(SHARDS))) >= 2)
@@ -164,7 +166,7 @@ def test_a_worker_in_a_container_is_killed_and_nothing_is_lost_or_comes_twice(co
     assert report["complete"]
     assert report["poison"] == []
     command = [sys.executable, "-m", "hapticnet", "sweep", "run", "studies/repair.toml", "--repeats", "2"]
-    subprocess.run([*command, "--out", tmp_path / "here"], check=True, cwd=ROOT, capture_output=True)
+    subprocess.run([*command, "--out-dir", tmp_path / "here"], check=True, cwd=ROOT, capture_output=True)
     there, here = rows(results / "sweep"), rows(tmp_path / "here")
     assert [row["run"] for row in there] == [row["run"] for row in here] == list(range(240))
     # Another build of numpy may round the last digit differently, so only counts are compared to the bit.

@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -5,6 +7,7 @@ from hapticnet.experiment.analysis import bytes_per_penetration, felt_error, mat
 from hapticnet.experiment.conditions import CONDITIONS
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.perception import WeberLaw
+from hapticnet.recordings.tables import write_csv
 from hapticnet.scene.presets import paper_scene
 
 
@@ -86,6 +89,44 @@ def test_what_is_felt_lags_by_the_round_trip_and_matches_across_the_wrap(loopbac
     assert 0.0 < reports[0].exceed_jnd_fraction < 0.05
     assert reports[1].exceed_jnd_fraction > 5 * reports[0].exceed_jnd_fraction
     assert reports[1].rmse_n > 2 * reports[0].rmse_n
+
+
+@pytest.fixture(params=["raw", "line"])
+def both_sides(request, loopback):
+    """Return what both sides record over a network whose delay varies, where ticks are as late as on a real machine."""
+    settings = MasterSettings(record=True, record_datagrams=True, positions=request.param)
+    link = loopback(1, forward="wifi", feedback="wifi", settings=settings)
+    rng = np.random.default_rng(1)
+    for _ in range(4000):
+        link._next_tick_us += int(rng.integers(-200, 200))
+        link.run(1000)
+    return link.slave.stations[0].recording.table(), link.master.recording.table()
+
+
+def test_each_row_of_a_slave_has_its_tick_however_few_positions_are_sent(both_sides):
+    slave, master = both_sides
+    at_slave, at_master = matched(slave, master)
+    assert len(at_slave) > 0.9 * len(np.unique(slave["t_us"]))
+    assert len(set(at_master.tolist())) == len(at_master)
+    assert abs(slave["t_us"][at_slave] - master["t_us"][at_master]).max() <= 600
+    distance_m = abs(slave["position_m"][at_slave] - master["position_m"][at_master])
+    assert distance_m.max() < 0.002, "the tool was there"
+
+
+def test_the_example_of_the_documentation_joins_all_rows(both_sides, tmp_path, monkeypatch):
+    slave, master = both_sides
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "recordings").mkdir()
+    for file, columns in (("run.csv", master), ("recordings/master-0a1b2c3d.csv", slave)):
+        write_csv(tmp_path / file, columns | {"t_us": columns["t_us"].astype(np.int64)})
+    page = (Path(__file__).parents[2] / "docs" / "recordings.md").read_text()
+    ((code),) = [block.split("```")[0] for block in page.split("```python\n")[1:]]
+    names = {}
+    exec(compile(code, "recordings.md", "exec"), names)  # noqa: S102 - our own page
+    at_slave, at_master = matched(slave, master)
+    assert len(names["both"]) >= len(at_slave)
+    own_n = master["held_n"][at_master] - slave["force_n"][at_slave]
+    assert np.sqrt((names["error"] ** 2).mean()) == pytest.approx(np.sqrt((own_n**2).mean()), rel=0.02)
 
 
 def test_the_papers_figures_are_on_record():

@@ -1,10 +1,48 @@
 """The figures: lines that coincide, the figure of a run, and that the same data give the same file."""
 
-import pytest
+import re
 
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from hapticnet.codec.registry import make_codec
 from hapticnet.errors import SettingsError
+from hapticnet.experiment.comparison import compare
+from hapticnet.experiment.comparison_figures import Figures
 from hapticnet.experiment.figures import draw_run
-from hapticnet.experiment.style import COLOURS, check_format, draw_codecs, picture
+from hapticnet.experiment.step_response import plot_step
+from hapticnet.experiment.style import COLOURS, check_format, draw_codecs, finish_axes, legend, mark_level, picture
+from hapticnet.experiment.trial import Trial
+from hapticnet.perception import WeberLaw
+from tests.ready import ROOT
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """Return the figures that are written, as they are written."""
+    figures = []
+    write = Figure.savefig
+
+    def keep(figure, *arguments, **options):
+        write(figure, *arguments, **options)
+        figures.append(figure)
+
+    monkeypatch.setattr(Figure, "savefig", keep)
+    return figures
+
+
+def check_readable(figure):
+    """Check that no legend hides what axes show, and that every logarithmic axis says that it is one."""
+    legends = [*figure.legends, *(axes.get_legend() for axes in figure.axes if axes.get_legend())]
+    assert legends
+    for each in legends:
+        box = each.get_window_extent()
+        assert not any(axes.get_window_extent().shrunk(0.98, 0.98).overlaps(box) for axes in figure.axes)
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            if axis.get_label_text():
+                assert (axis.get_scale() != "linear") == axis.get_label_text().endswith("log scale")
 
 
 def test_lines_that_coincide_are_drawn_once_under_both_names(tmp_path):
@@ -41,3 +79,51 @@ def test_a_run_is_drawn_even_without_a_breach_and_always_the_same(tmp_path, loop
 def test_a_format_that_does_not_exist_is_refused():
     with pytest.raises(SettingsError, match="'gif'; it must be png, pdf or svg"):
         check_format("gif")
+
+
+def test_the_figures_of_a_comparison_hide_nothing_and_declare_their_scales(tmp_path, drawn):
+    t_us = 1000 * np.arange(2000)
+    trial = Trial(name="sine", t_us=t_us, stimuli=2.0 + np.sin(t_us * 7e-6)[:, None])
+    codecs = [make_codec(name, WeberLaw(multiplier=m), {}) for name in ("deadband", "merging") for m in (1.0, 4.0)]
+    Figures([trial], codecs, folder=tmp_path).draw(compare([trial], codecs))
+    assert len(drawn) == 4
+    for figure in drawn:
+        check_readable(figure)
+
+
+def test_the_figure_of_a_step_begins_shortly_before_it(tmp_path, drawn):
+    t_s = np.arange(-2.5, 2.0, 0.001)
+    plot_step(tmp_path / "step.png", t_s, 1.0 * (t_s >= 0), np.clip(5 * t_s, 0.0, 1.0))
+    (figure,) = drawn
+    assert figure.axes[0].get_xlim()[0] == -0.25
+    check_readable(figure)
+
+
+@pytest.mark.parametrize(("values", "scale"), [((0.13, 0.16, 0.2), "linear"), ((0.02, 0.1, 0.5), "log")])
+def test_only_figures_that_span_much_get_a_logarithmic_axis_and_panels_share_it(tmp_path, drawn, values, scale):
+    with picture(tmp_path / "panels.png", 2.0) as figure:
+        panels = figure.subplots(1, 2, sharey=True)
+        for axes, shown in zip(panels, (values[:2], values[1:]), strict=True):
+            draw_codecs(axes, {"deadband": [(1.0, shown[0], 0.0, 0.01), (2.0, shown[1], 0.0, 0.01)]})
+        finish_axes(*panels)
+        panels[0].set_ylabel("error")
+        legend(figure, *panels)
+    assert [axes.get_yscale() for axes in panels] == [scale, scale]
+    assert (scale == "log") == (panels[0].get_ylim()[0] > 0.0)
+    check_readable(drawn[0])
+
+
+def test_the_name_of_a_level_stands_beside_the_axes(tmp_path):
+    with picture(tmp_path / "chance.png", 2.0) as figure:
+        axes = figure.subplots()
+        axes.plot([0.0, 1.0], [0.0, 100.0])
+        mark_level(axes, 50.0, "chance")
+        figure.canvas.draw()
+        assert axes.texts[0].get_window_extent().x0 >= axes.get_window_extent().x1
+
+
+def test_legends_and_figures_are_made_by_the_one_style():
+    style = ROOT / "hapticnet" / "experiment" / "style.py"
+    for file in [*(ROOT / "hapticnet").rglob("*.py"), *(ROOT / "bench").rglob("*.py")]:
+        if file != style:
+            assert re.findall(r"\.legend\(|plt\.|pyplot\.subplots", file.read_text()) == [], file

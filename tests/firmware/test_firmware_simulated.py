@@ -21,6 +21,7 @@ from hapticnet.device.messages import (
     StreamAck,
 )
 from hapticnet.errors import SettingsError, UnavailableError
+from hapticnet.runtime import simavr
 from hapticnet.runtime.simavr import BUILD_VARIABLE, CYCLES_PER_US, Simavr, simavr_build
 
 RETRACTED_US = Linkage().retracted_us
@@ -161,6 +162,16 @@ def test_the_environment_variable_sets_the_folder_of_the_build(tmp_path: Path, m
             simavr_build()
         (tmp_path / name).touch()
     assert simavr_build() == (tmp_path / "harness", tmp_path / "firmware-500000.elf")
+
+
+def test_an_installed_package_says_where_the_simulator_is_built(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv(BUILD_VARIABLE, raising=False)
+    monkeypatch.setattr(simavr, "__file__", str(tmp_path / "site-packages/hapticnet/runtime/simavr.py"))
+    with pytest.raises(UnavailableError, match=rf"in a checkout of hapticnet, then export {BUILD_VARIABLE}=") as error:
+        simavr_build()
+    assert "site-packages" not in str(error.value), "nothing can be built there"
 
 
 def test_the_default_build_is_that_of_the_checkout(monkeypatch: pytest.MonkeyPatch) -> None:

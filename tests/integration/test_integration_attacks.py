@@ -37,7 +37,7 @@ breach_force_n = 3.0
 PIERCE = {0.0: 0.0, 0.3: 0.034, 0.8: 0.034, 0.9: 0.06, 1.1: 0.032, 100.0: 0.032}
 """Press the skin with 2.8 N for half a second, pierce it, and rest where it would press with 2.4 N if it were whole."""
 
-FAST = ("--no-realtime",)
+FAST = ("--no-real-time",)
 
 
 @pytest.fixture

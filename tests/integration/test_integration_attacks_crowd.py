@@ -20,7 +20,7 @@ from tests.integration.conftest import Process
 from tests.integration.on_path import OnPath, drop, late, pass_on
 from tests.integration.strangers import Client, Forger, now_us, parse, pump
 
-FAST = ("--no-realtime",)
+FAST = ("--no-real-time",)
 ELSEWHERE = "127.0.0.66"
 """A host from which nobody works; all of 127/8 is this machine."""
 
@@ -187,7 +187,7 @@ def test_a_master_that_finds_no_seat_any_more_writes_its_report_and_recording(st
 def test_sessions_that_come_and_go_cost_neither_files_nor_memory_without_end(start, tmp_path):
     """N8: 16,797 sessions of one step in 8 s, as many files, and 118 MB more."""
     folder = tmp_path / "recordings"
-    server = start("slave", "--listen", "127.0.0.1:0", "--record", str(folder), "--json", *FAST)
+    server = start("slave", "--listen", "127.0.0.1:0", "--record-dir", str(folder), "--json", *FAST)
     address = server.wait_for(r"listening on ([\d.]+:\d+)").group(1)
     before_mb = memory_mb(server)
     came = 0
@@ -244,7 +244,7 @@ def test_an_endless_file_is_refused_in_one_line(start, tmp_path, arguments):
 def test_single_bytes_from_many_sources_do_not_shut_the_channel(start, slave):
     """N11: 400 datagrams of one byte from 128 sources, and no place for 30 s."""
     _, address = slave
-    channel = start("channel", "--listen", "127.0.0.1:0", "--to", address, "--json", *FAST)
+    channel = start("channel", "--listen", "127.0.0.1:0", "--connect", address, "--json", *FAST)
     between = channel.wait_for(r"listening on ([\d.]+:\d+)").group(1)
     sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(200)]
     for number in range(400):

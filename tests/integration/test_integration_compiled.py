@@ -6,7 +6,7 @@ from hapticnet.node.bank import Bank
 from hapticnet.protocol.repair import RepairSettings
 from hapticnet.runtime.udp_batch import SocketAddresses
 
-FAST = ("--no-realtime",)
+FAST = ("--no-real-time",)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -58,7 +58,7 @@ def test_a_signal_ends_it_with_the_account_of_present_sessions(start, compiled):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--record", "recordings"), "--record needs each sample, which --compiled does not keep"),
+        (("--record-dir", "recordings"), "--record-dir needs each sample, which --compiled does not keep"),
         (("--stream", "127.0.0.1:9870"), "--stream needs each sample, which --compiled does not keep"),
     ],
 )

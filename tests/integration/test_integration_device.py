@@ -10,7 +10,7 @@ import pytest
 
 from hapticnet.runtime.simavr import BUILD_VARIABLE
 
-FAST = ("--no-realtime",)
+FAST = ("--no-real-time",)
 FIRMWARE = Path(__file__).parents[2] / "firmware"
 PATIENCE_S = 60.0
 

@@ -13,7 +13,7 @@ import pytest
 from tests.cli.test_cli_errors import REFUSED, THE_ERROR, UNAVAILABLE
 from tests.ready import ROOT, hapticnet
 
-FAST = ("--no-realtime", "--device", "none")
+FAST = ("--no-real-time", "--device", "none")
 
 
 def make_key(path, name):
@@ -49,7 +49,7 @@ def sealed(start, keys) -> Callable[..., tuple]:
 
     def start_slave(*more: str):
         own = ("--key", str(keys.folder / "slave.toml"), "--masters", str(keys.list))
-        process = start("slave", "--listen", "127.0.0.1:0", "--no-realtime", "--json", *own, *more)
+        process = start("slave", "--listen", "127.0.0.1:0", "--no-real-time", "--json", *own, *more)
         return process, process.wait_for(r"listening on ([\d.]+:\d+)").group(1)
 
     return start_slave
@@ -162,7 +162,7 @@ def test_a_slave_whose_terminal_is_closed_ends_with_its_report(keys, tmp_path):
     report = tmp_path / "slave.json"
     arguments = ["slave", "--listen", "127.0.0.1:0", "--key", keys.folder / "slave.toml", "--masters", keys.list]
     process = subprocess.Popen(
-        [sys.executable, "-m", "hapticnet", *arguments, "--report", report, "--no-realtime"],
+        [sys.executable, "-m", "hapticnet", *arguments, "--report", report, "--no-real-time"],
         cwd=ROOT,
         stdin=its_end,
         stdout=subprocess.DEVNULL,
@@ -213,7 +213,7 @@ def test_positions_are_sent_when_they_matter_over_a_real_network(start, sealed, 
         server, address = sealed("--scene", "paper:1")
         trust = keys.of("first")
     else:
-        server = start("slave", "--listen", "127.0.0.1:0", "--scene", "paper:1", "--json", "--no-realtime")
+        server = start("slave", "--listen", "127.0.0.1:0", "--scene", "paper:1", "--json", "--no-real-time")
         address, trust = server.wait_for(r"listening on ([\d.]+:\d+)").group(1), ()
     link = "--channel-out", "delay=10ms,loss=1%", "--channel-in", "delay=10ms,loss=1%"
     options = "--positions", "line", "--codec", "adaptive-predictive", "--insertions", "1", "--json"
@@ -226,3 +226,35 @@ def test_positions_are_sent_when_they_matter_over_a_real_network(start, sealed, 
     assert session["between"] > 0.5 * positions["ticks"]
     assert positions["sent"] < 0.25 * positions["ticks"]
     assert master.report()["connections"] == 1
+
+
+FIPS_ONLY = """openssl_conf = init
+[init]
+alg_section = algorithms
+[algorithms]
+default_properties = fips=yes
+"""
+
+
+def test_where_openssl_has_not_the_algorithms_sealed_sessions_are_refused_and_open_ones_work(
+    start, keys, tmp_path, monkeypatch
+):
+    """As in FIPS mode; this OpenSSL has no FIPS provider at all, so it is left with no algorithm."""
+    (tmp_path / "openssl.cnf").write_text(FIPS_ONLY)
+    monkeypatch.setenv("OPENSSL_CONF", str(tmp_path / "openssl.cnf"))
+    slave = start("slave", "--listen", "127.0.0.1:0", "--no-real-time")
+    address = slave.wait_for(r"listening on ([\d.]+:\d+)").group(1)
+    master = start("master", "--connect", address, "--duration", "0.5", *FAST)
+    assert master.process.wait(20) == 0, master.said()
+    sealed_slave = ("--key", str(keys.folder / "slave.toml"), "--masters", str(keys.list))
+    for arguments in (
+        ("slave", "--listen", "127.0.0.1:0", *sealed_slave),
+        ("master", "--connect", address, *keys.of("first"), *FAST),
+        ("key", "new", str(tmp_path / "new.toml")),
+        ("key", "public", str(keys.folder / "slave.toml")),
+    ):
+        refused = start(*arguments)
+        assert refused.process.wait(20) == UNAVAILABLE
+        assert "need X25519 and ChaCha20-Poly1305, and OpenSSL has not both here, as in FIPS mode" in refused.said()
+        assert "Traceback" not in refused.said()
+    assert not (tmp_path / "new.toml").exists()

@@ -8,7 +8,7 @@ from hapticnet.experiment.conditions import CONDITIONS
 from hapticnet.experiment.demo import Played, disturbances
 
 PATIENCE_S = 20.0
-FAST = ("--no-realtime",)
+FAST = ("--no-real-time",)
 
 
 def test_a_slave_that_was_stopped_tells_what_waited_and_what_was_dropped(start, slave):
@@ -67,3 +67,51 @@ def test_a_demo_on_a_busy_machine_says_so():
     assert disturbances([played(fast, "SCHED_OTHER (refused)")]) == (
         "no real-time scheduling; slave: the system dropped 7 datagrams"
     )
+
+
+SLOW = """
+import time
+
+class Slow:
+    shared = False
+    def step(self, sample):
+        time.sleep(0.02)
+        return 100.0 * sample.position_m[0]
+
+    def sample(self, t_us):
+        time.sleep(0.005)
+        return 0.01
+"""
+
+
+def test_a_scene_that_is_too_slow_is_named_by_the_slave_and_told_by_the_master(start, tmp_path):
+    (tmp_path / "own.py").write_text(SLOW)
+    server = start("slave", "--listen", "127.0.0.1:0", "--scene", f"{tmp_path}/own.py:Slow", "--json", *FAST)
+    address = server.wait_for(r"listening on ([\d.]+:\d+)").group(1)
+    master = start("master", "--connect", address, "--duration", "60", "--json", *FAST)
+    named = (
+        r"warning slave: scene \S+own.py:Slow is too slow: a step takes \S+ ms, at most \S+ ms, and is due every 1 ms"
+    )
+    server.wait_for(named)
+    master.wait_for(r"warning master: the slave says: scene \S+own.py:Slow is too slow")
+    assert master.end() == 0
+    assert server.end() == 1, "a check found a problem"
+    assert "datagrams wait" not in server.said(), "it is not the queue"
+    assert server.said().count("warning slave: scene ") == 1
+    (times,) = server.report()["step_times"].values()
+    assert times["p50_us"] > 19_000
+    assert times["too_slow"]
+    assert server.report()["sessions"][0]["superseded"] > server.report()["sessions"][0]["steps"]
+    assert "own.py:Slow is too slow" in master.report()["notices"][0]
+
+
+def test_an_operator_that_is_too_slow_is_named_by_the_master(start, slave, tmp_path):
+    (tmp_path / "own.py").write_text(SLOW)
+    server, address = slave
+    operator = f"{tmp_path}/own.py:Slow"
+    master = start("master", "--connect", address, "--operator", operator, "--json", *FAST)
+    master.wait_for(r"warning master: operator \S+own.py:Slow is too slow: a step takes")
+    assert master.end() == 1
+    assert "this machine was too busy" not in master.said()
+    assert master.report()["step_times"][f"operator {operator}"]["too_slow"]
+    assert server.end() == 0

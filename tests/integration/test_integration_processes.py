@@ -14,7 +14,7 @@ import pytest
 from hapticnet.recordings.tables import read_csv
 from tests.cli.test_cli_errors import REFUSED, THE_ERROR, UNAVAILABLE
 
-FAST = ("--no-realtime",)
+FAST = ("--no-real-time",)
 ROOT = Path(__file__).parents[2]
 
 
@@ -113,7 +113,7 @@ def test_a_channel_process_delays_and_loses_what_passes_through_it(start, slave)
         "channel",
         "--listen",
         "127.0.0.1:0",
-        "--to",
+        "--connect",
         address,
         "--forward",
         "delay=10ms,loss=5%",
@@ -218,7 +218,7 @@ def test_a_master_whose_stderr_nobody_reads_plays_to_its_end_and_reports(slave):
 
 
 def test_a_demo_that_is_ended_ends_its_processes_first(tmp_path):
-    command = [sys.executable, "-m", "hapticnet", "demo", "--out", str(tmp_path)]
+    command = [sys.executable, "-m", "hapticnet", "demo", "--out-dir", str(tmp_path)]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, cwd=ROOT) as demo:
         next(line for line in demo.stderr if "condition 1" in line)
         children: list[str] = []

@@ -51,7 +51,7 @@ def is_running(pid):
 def test_an_interrupted_and_a_killed_sweep_go_on_where_they_were(start, tmp_path):
     study, out = tmp_path / "study.toml", tmp_path / "out"
     study.write_text(STUDY)
-    command = ("sweep", "run", str(study), "--out", str(out), "--workers", "2", "--shard", "3", "--json")
+    command = ("sweep", "run", str(study), "--out-dir", str(out), "--jobs", "2", "--shard", "3", "--json")
     count = 0
 
     def grows():

@@ -56,7 +56,7 @@ def run() -> Iterator[Callable[..., subprocess.Popen]]:
     started = []
 
     def start_process(*arguments: object, **streams: int) -> subprocess.Popen:
-        command = [sys.executable, "-m", "hapticnet", *map(str, arguments), "--no-realtime"]
+        command = [sys.executable, "-m", "hapticnet", *map(str, arguments), "--no-real-time"]
         started.append(subprocess.Popen(command, stdin=subprocess.DEVNULL, cwd=ROOT, **streams))
         return started[-1]
 
@@ -94,7 +94,7 @@ def test_a_master_whose_stderr_nobody_reads_plays_to_its_end(run, address, full_
     assert json.loads(report.read_text())["end_reason"] == "done"
 
 
-@pytest.mark.parametrize("verb", [("slave", "--listen", "127.0.0.1:0"), ("channel", "--to", "127.0.0.1:1")])
+@pytest.mark.parametrize("verb", [("slave", "--listen", "127.0.0.1:0"), ("channel", "--connect", "127.0.0.1:1")])
 def test_a_process_none_of_whose_output_is_read_ends_on_one_sigint(run, full_pipe, verb, tmp_path):
     report = tmp_path / "report.json"
     if verb[0] == "channel":

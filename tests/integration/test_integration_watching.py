@@ -8,7 +8,7 @@ import urllib.request
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-FAST = ("--no-realtime", "--device", "none")
+FAST = ("--no-real-time", "--device", "none")
 
 
 @pytest.fixture
@@ -24,7 +24,7 @@ def plotjuggler():
 def test_both_sides_stream_every_sample_and_serve_metrics_and_log_json(start, plotjuggler):
     target = f"127.0.0.1:{plotjuggler.getsockname()[1]}"
     watched = ("--stream", target, "--metrics", "127.0.0.1:0", "--log-json", "--json", "--rate", "200")
-    server = start("slave", "--listen", "127.0.0.1:0", "--scene", "paper:1", *watched[:-2], "--no-realtime")
+    server = start("slave", "--listen", "127.0.0.1:0", "--scene", "paper:1", *watched[:-2], "--no-real-time")
     address = server.wait_for(r"listening on ([\d.]+:\d+)").group(1)
     master = start("master", "--connect", address, "--name", "left", "--duration", "2", *watched, *FAST)
     master.wait_for("connected to")

@@ -46,12 +46,12 @@ def test_everything_selects_the_same_pods():
 
 def test_the_slave_reads_its_key_where_it_is_copied_with_the_mode_it_asks_for():
     (copying,) = POD["initContainers"]
-    assert copying["command"][:3] == ["install", "-m", "600"]
-    target = copying["command"][-1]
+    assert copying["command"][:5] == ["install", "-D", "-m", "600", "-t"]
+    target = copying["command"][5]
     assert [Path(OPTIONS[name]).parent for name in ("key", "masters")] == [Path(target)] * 2
     for container in (copying, SLAVE):
         mounts = {mount["mountPath"] for mount in container["volumeMounts"]}
-        assert target.rstrip("/") in mounts
+        assert str(Path(target).parent) in mounts, "a folder that it makes itself: all may write in that of a volume"
     named = {mount["name"] for container in (copying, SLAVE) for mount in container["volumeMounts"]}
     assert named == {volume["name"] for volume in POD["volumes"]}
 
@@ -62,3 +62,7 @@ def test_a_container_may_do_little_and_has_its_own_core(container):
     assert container["resources"]["requests"]["cpu"].isdigit()
     assert container["securityContext"]["capabilities"] == {"drop": ["ALL"]}
     assert container["securityContext"]["readOnlyRootFilesystem"]
+
+
+def test_masters_have_the_time_of_drain_before_a_slave_is_killed():
+    assert POD["terminationGracePeriodSeconds"] >= float(OPTIONS["drain"]) + 10

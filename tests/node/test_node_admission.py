@@ -44,7 +44,7 @@ def test_the_slave_knows_a_sealed_master_by_its_key_and_an_open_one_by_its_host(
 
 def test_numbers_and_tickets_are_large_random_and_all_different(sealed):
     slave = make_slave(sealed=sealed)
-    masters = [HandMaster(slave, nonce, sealed=sealed, nonce=nonce).join() for nonce in range(1, 15)]
+    masters = [HandMaster(slave, nonce, sealed=sealed, nonce=nonce).join(10_000 * nonce) for nonce in range(1, 15)]
     grants = [master.grant for master in masters]
     assert len({grant.session for grant in grants}) == len({grant.ticket for grant in grants}) == 14
     assert min(grant.session for grant in grants) >= SMALLEST_SESSION

@@ -253,7 +253,26 @@ def test_a_wall_too_stiff_to_render_is_left_out():
     link = link_with(lambda: Telling(paper(), lambda true: [LayerAhead(0.03, 1e6), *true]), "perfect")
     link.run(3 * SECOND)
     assert account(link)["unusable"] == 0
+    assert account(link)["left_out"] > 0
+    assert account(link)["fault"].startswith("left out: layers ahead of 1e+06 N/m together; at most 10000 N/m")
     assert felt(link).exceed_jnd_fraction == 0.0
+
+
+@pytest.mark.parametrize(("stiffening", "is_announced"), [(5.0, True), (9.0, True), (10.0, False), (100.0, False)])
+def test_a_layer_that_stiffens_and_never_breaks_is_announced_up_to_its_stiffness_at_the_largest_force(
+    stiffening, is_announced
+):
+    tissue = Tissue(
+        name="wall", rest_position_m=0.02, stiffness_n_per_m=300.0, breach_force_n=1e6, stiffening_per_m=stiffening
+    )
+    never = lambda true: [each._replace(breach_force_n=math.inf) for each in true]  # noqa: E731
+    link = link_with(lambda: Telling(Scene((tissue,)), never), "perfect")
+    link.run(3 * SECOND)
+    assert (link.master.report()["ticks_on_model"] > 1000) is is_announced
+    assert (account(link)["left_out"] > 0) is not is_announced
+    if not is_announced:
+        assert "stiffens and does not break" in account(link)["fault"]
+    assert link.slave.stations[0].report()["exceed_jnd_fraction"] == 0.0
 
 
 def test_a_breach_that_only_the_master_saw_is_corrected_within_a_round_trip():

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hapticnet import virtual_link
 from hapticnet.channel.settings import ChannelSettings
 from hapticnet.codec.base import Foretelling
 from hapticnet.codec.registry import CODECS, make_codec
@@ -49,6 +50,27 @@ def test_a_stiffness_learned_a_round_trip_ago_does_not_strike(monkeypatch):
     monkeypatch.setattr(bounded, "MARGIN_N", 1e9)
     without_n, _ = largest_applied_n(25_000)
     assert without_n > 3.0 * true_n, "the case tests the bound"
+
+
+def bytes_of_positions():
+    """Return how many bytes the coded positions of some insertions take at 50 ms each way."""
+    late = "delay=50ms"
+    link = virtual_link(
+        scene="paper:1",
+        codec="motion-predictive",
+        positions="line",
+        forward=late,
+        feedback=late,
+        seed=1,
+    )
+    link.run(seconds=6)
+    return link.report().forward_wire_bytes
+
+
+def test_the_bound_costs_no_positions(monkeypatch):
+    within_bound = bytes_of_positions()
+    monkeypatch.setattr(bounded, "MARGIN_N", 1e9)
+    assert within_bound <= 1.05 * bytes_of_positions()
 
 
 def test_without_delay_the_bound_changes_nothing():

@@ -3,6 +3,7 @@
 import pytest
 
 from hapticnet.errors import SettingsError
+from hapticnet.node.in_force import SettingsInForce
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.perception import WeberLaw
@@ -106,7 +107,7 @@ def test_the_scene_stays_pierced_and_the_force_follows_the_new_law(loopback, sea
     assert after.scene is before.scene
     assert after is not before
     assert (after.codec.name, after.codec.law.multiplier) == ("level-crossing", 2.0)
-    assert [type(event) for event in events(link.master)] == [Connected]
+    assert [type(event) for event in events(link.master)] == [Connected, SettingsInForce]
     assert link.master.report()["codec"] == "level-crossing"
     link.run(SECOND)
     error_n = abs(link.master.held_force_n(link.now_us)[0] - after.scene.force_n)

@@ -9,6 +9,7 @@ import pytest
 from hapticnet.codec.registry import CODECS, make_codec
 from hapticnet.device.plant import PlantSettings
 from hapticnet.device.simulated import SimulatedDevice
+from hapticnet.errors import SettingsError
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
@@ -136,3 +137,9 @@ def test_a_keepalive_of_a_new_session_does_not_confirm_the_force_of_an_earlier_o
         slave.say(Kind.KEEPALIVE, number, Keepalive(now_us, None), now_us)
         master.drive(now_us)
     assert master.held_force_n(800_000)[0] == 0.0
+
+
+@pytest.mark.parametrize("name", ["", " ", "a\nb", "x" * 65])
+def test_a_name_that_no_list_could_have_is_refused_and_not_cut_off(name):
+    with pytest.raises(SettingsError, match="it must be 1 to 64 printable bytes"):
+        MasterSettings(name=name)

@@ -327,7 +327,7 @@ def test_a_scene_that_refuses_places_on_the_line_is_asked_once_a_period():
     assert not loop.master.finished
 
 
-def test_an_age_limit_that_leaves_no_answer_fresh_is_refused():
+def test_a_largest_age_that_leaves_no_answer_fresh_is_refused():
     limits = SessionSettings(max_age_us=150_000)
     assert MasterSettings(session=limits).session is limits
     with pytest.raises(SettingsError, match=r"at least 0\.2 s"):

@@ -20,39 +20,49 @@ from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.protocol import ranges
+from hapticnet.protocol.handshake import OpenDoor, SealedDoor
+from hapticnet.protocol.keys import Roster
 from hapticnet.protocol.messages import Code
 from hapticnet.protocol.states import MasterState
-from hapticnet.protocol.wire import Kind, pack, pack_body
+from hapticnet.protocol.wire import Kind, pack_body
 from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
-from tests.peers import GRANT, HandMaster, HandSlave, Interned
+from tests.node.undisturbed import seal_or_pack
+from tests.peers import ENTRY, GRANT, KEY, SLAVE, HandMaster, HandSlave, Interned
 
 EDGES = (
     *(0, 1, -1, True, None, "1", b"1", 2**16, 2**31, 2**32 - 1, 2**32, 2**53, 2**63, -(2**63), 0.0, -0.0, 0.5, 1.0),
     *(5e-324, 1e-310, 1e-302, 1e-13, 19.999, 20.0, 1e5, 1e6, 1e15, 1e300, 1.7976931348623157e308),
     *(math.inf, -math.inf, math.nan),
 )
+SEALED_KINDS = (Kind.FORCE, Kind.KEEPALIVE, Kind.CLOSE, Kind.NOTICE)
 NUMBERS_OF_REQUEST = ("weber_fraction", "floor_n", "multiplier", "rate_hz", "axes", "clock_us", "position_share")
 NUMBERS_OF_GRANT = ("session", "rate_hz", "keepalive_us", "position_share")
 
 
 def slave_node(make=SlaveNode):
+    rng = np.random.default_rng(1)
     more = {"addresses": Interned()} if make is CompiledSlaveNode else {}
     scene = paper_scene(1)
     make_scene = lambda _: Scene(scene.tissues, name=scene.name)  # noqa: E731
-    return make(make_scene, SlaveSettings(), np.random.default_rng(1), **more)
+    doors = {1: OpenDoor(), 2: SealedDoor(SLAVE.private, Roster([ENTRY]), rng)}
+    return make(make_scene, SlaveSettings(), rng, doors=doors, **more)
 
 
-def master_node(**settings):
+def master_node(sealed=False, **settings):
     device = SimulatedDevice(PlantSettings(), np.random.default_rng(0))
     operator = ScriptedOperator(InsertionSettings(), np.random.default_rng(1))
-    return MasterNode(operator, device, MasterSettings(**settings), np.random.default_rng(2))
+    return MasterNode(
+        operator, device, MasterSettings(key=KEY if sealed else None, **settings), np.random.default_rng(2)
+    )
 
 
 def ask(master, now_us):
-    """Ask for a session through a cookie; return the kind of the answer, None without one."""
+    """Ask for a session through a cookie; return REFUSE, WELCOME or, without an answer, None."""
     answers = [*master.hello(now_us), *master.hello(now_us)]
-    return answers[1].kind if len(answers) > 1 else None
+    if len(answers) < 2:
+        return None
+    return Kind.REFUSE if master.refusal is not None else answers[1].kind
 
 
 def use(master, now_us):
@@ -69,13 +79,13 @@ NONCES = itertools.count(1)
 
 @pytest.mark.parametrize("make", [SlaveNode, CompiledSlaveNode])
 @pytest.mark.parametrize("field", NUMBERS_OF_REQUEST)
-def test_a_request_is_granted_refused_in_words_or_dropped(make, field):
+def test_a_request_is_granted_refused_in_words_or_dropped(make, field, sealed):
     slave = slave_node(make)
     kinds = set()
     now_us = 0
     for value in EDGES:
         now_us += 1_000_000
-        master = HandMaster(slave, f"host {field} {value!r}", nonce=next(NONCES), **{field: value})
+        master = HandMaster(slave, f"host {field} {value!r}", sealed=sealed, nonce=next(NONCES), **{field: value})
         kind = ask(master, now_us)
         kinds.add(kind)
         bounds = {"rate_hz": ranges.RATE_HZ, "position_share": ranges.POSITION_SHARE}.get(field)
@@ -104,10 +114,10 @@ def test_every_parameter_of_every_codec_is_checked(name):
 
 
 @pytest.mark.parametrize("field", NUMBERS_OF_GRANT)
-def test_a_grant_is_used_or_counted_as_malformed(field):
+def test_a_grant_is_used_or_counted_as_malformed(field, sealed):
     for value in EDGES:
-        master = master_node(positions="line", position_share=0.5)
-        slave = HandSlave(master)
+        master = master_node(sealed, positions="line", position_share=0.5)
+        slave = HandSlave(master, sealed=sealed)
         master.tick(0)
         slave.cookie(slave.hello(), 0)
         hello = slave.hello()
@@ -133,9 +143,9 @@ def bodies(fields, at):
 
 @pytest.mark.parametrize("make", [SlaveNode, CompiledSlaveNode])
 @pytest.mark.parametrize("line", [False, True])
-def test_a_position_moves_the_scene_or_is_counted(make, line):
+def test_a_position_moves_the_scene_or_is_counted(make, line, sealed):
     slave = slave_node(make)
-    master = HandMaster(slave, nonce=next(NONCES), position_share=0.25 if line else 0.0).join()
+    master = HandMaster(slave, sealed=sealed, nonce=next(NONCES), position_share=0.25 if line else 0.0).join()
     payload = struct.pack(">fe", 0.01, 0.01) if line else struct.pack(">f", 0.01)
     floats = [struct.pack(">f", value) for value in (5e-324, 1e-45, 1e30, -3e38, math.inf, -math.inf, math.nan, -0.0)]
     halves = [struct.pack(">e", value) for value in (6e-8, 65504.0, -65504.0, math.inf, math.nan)]
@@ -143,7 +153,7 @@ def test_a_position_moves_the_scene_or_is_counted(make, line):
     sequence = itertools.count(1)
     for at in range(5):
         for body in bodies((1000, None, payload, 50, 50), at):
-            master.send(pack(Kind.POSITION, master.session, next(sequence), body), 1000)
+            master.send(seal_or_pack(master.seal, Kind.POSITION, next(sequence), body, master.session), 1000)
     for number, each in enumerate(payloads):
         now_us = 2000 + 1000 * number
         master.position(next(sequence), now_us, payload=each)
@@ -156,9 +166,9 @@ def test_a_position_moves_the_scene_or_is_counted(make, line):
 
 
 @pytest.mark.parametrize("codec", CODECS)
-def test_a_force_is_applied_within_the_limits_or_counted(codec):
-    master = master_node(codec=codec, announced=True, positions="line")
-    slave = HandSlave(master)
+def test_a_force_is_applied_within_the_limits_or_counted(codec, sealed):
+    master = master_node(sealed, codec=codec, announced=True, positions="line")
+    slave = HandSlave(master, sealed=sealed)
     slave.connect(grant=GRANT._replace(announced=True, position_share=0.25))
     rng = np.random.default_rng(3)
     singles = [struct.pack(">f", value) for value in (1e-45, 1e-38, 1.0, 3e38, -3e38, math.inf, math.nan)]
@@ -173,15 +183,16 @@ def test_a_force_is_applied_within_the_limits_or_counted(codec):
         payload = bytes([rng.integers(0, 6)]) * int(rng.integers(0, 3)) + b"".join(bytes(part) for part in parts)
         outlook = outlooks[rng.integers(len(outlooks))]
         body = pack_body((now_us, payload, outlook))
-        slave.master.receive_datagram(pack(Kind.FORCE, slave.session, number, body), now_us)
+        slave.master.receive_datagram(seal_or_pack(slave.seal, Kind.FORCE, number, body, slave.session), now_us)
         master.drive(now_us)
         assert all(map(math.isfinite, master.held_n))
         assert 0.0 <= master.target_n <= 5.0
     for at, fields in itertools.product(range(3), [(now_us, b"", b""), (now_us, 5, b"")]):
         for body in bodies(fields, at):
-            for kind in (Kind.FORCE, Kind.KEEPALIVE, Kind.CLOSE, Kind.COOKIE, Kind.WELCOME, Kind.REFUSE):
+            for kind in (*SEALED_KINDS, Kind.COOKIE, Kind.WELCOME, Kind.REFUSE):
                 number += 1
-                slave.master.receive_datagram(pack(kind, slave.session, number, body), now_us)
+                seal = slave.seal if kind in SEALED_KINDS else None
+                slave.master.receive_datagram(seal_or_pack(seal, kind, number, body, slave.session), now_us)
     assert not master.finished
 
 

@@ -146,8 +146,10 @@ def test_an_unknown_key_is_refused_in_words_that_only_its_holder_can_read():
     assert "does not know the master's key" in reason
 
 
-def test_this_master_ends_after_a_sealed_refusal_with_its_reason():
-    master = make_master()
+@pytest.mark.parametrize("psk", [NO_PSK, PSK], ids=["without psk", "with psk"])
+def test_this_master_ends_after_a_sealed_refusal_with_its_reason(psk):
+    """A slave that does not know the key has no psk for it."""
+    master = make_master(psk=psk)
     peer = Slave(SLAVE.private, SLAVE.public, [0, "not today", 7])
     for now_us in (0, 1000, 2000):
         master.tick(now_us)
@@ -157,6 +159,19 @@ def test_this_master_ends_after_a_sealed_refusal_with_its_reason():
                 master.receive_datagram(peer.receive(again)[2], now_us)
     assert master.refused
     assert master.end_reason == "not today"
+
+
+def test_no_grant_opens_without_the_psk():
+    master = make_master(psk=PSK)
+    peer = Slave(SLAVE.private, SLAVE.public, GRANT)
+    for now_us in range(0, 1_000_000, 1000):
+        master.tick(now_us)
+        for data in master.datagrams_to_send():
+            answer = peer.receive(data)[2]
+            if answer is not None:
+                master.receive_datagram(answer, now_us)
+    assert not master.connected
+    assert master.report()["received"]["malformed"] > 0
 
 
 def test_a_forged_sequence_in_a_welcome_makes_no_true_datagram_late():

@@ -114,11 +114,11 @@ def test_a_working_session_never_gives_way(house):
 
 
 def test_half_open_sessions_take_no_place(house):
-    for name in "aaabbbcccddd":
-        house.visitor(name).join(0)
+    for number, name in enumerate("aaabbbcccddd"):
+        house.visitor(name).join(10_000 * number)  # a slave reads 100 requests a second
     assert house.open() == []
-    for name in "efgh":
-        house.works(name, 10)
+    for number, name in enumerate("efgh", start=12):
+        house.works(name, 10_000 * number)
     assert house.open() == ["e13", "f14", "g15", "h16"]
 
 

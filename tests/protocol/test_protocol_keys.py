@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticnet.errors import FileError, SettingsError
+from hapticnet.protocol import key_files
 from hapticnet.protocol.key_files import dump_master, load_key, load_roster, write_key
 from hapticnet.protocol.keys import (
     NO_PSK,
@@ -248,6 +249,34 @@ most_sessions = 2
     ]
 
 
+@pytest.mark.parametrize(("load", "text"), [(load_key, f'private = "{ALICE_TEXT}"'), (load_roster, ENTRY)])
+class TestWhoCanChangeIt:
+    def test_a_file_of_another_account_is_refused_and_one_of_root_is_not(self, tmp_path, monkeypatch, load, text):
+        path = private_file(tmp_path / "a.toml", text)
+        there = path.stat()
+        monkeypatch.setattr(os, "geteuid", lambda: there.st_uid + 1)
+        monkeypatch.setattr(key_files, "ROOT", there.st_uid)
+        load(path)
+        monkeypatch.setattr(key_files, "ROOT", -1)
+        message = message_of(FileError, load, path)
+        assert f"belongs to another account (number {there.st_uid})" in message
+        assert message.endswith(f"run: sudo chown $USER {path}")
+
+    def test_a_folder_that_all_can_change_is_refused_also_behind_a_link(self, tmp_path, load, text):
+        for name in ("open", "own"):
+            (tmp_path / name).mkdir()
+        (tmp_path / "open").chmod(0o777)
+        there = private_file(tmp_path / "open" / "a.toml", text)
+        (tmp_path / "own" / "to.toml").symlink_to(there)
+        own = private_file(tmp_path / "own" / "a.toml", text)
+        (tmp_path / "open" / "to.toml").symlink_to(own)
+        load(own)
+        for path in (there, tmp_path / "own" / "to.toml", tmp_path / "open" / "to.toml"):
+            assert message_of(FileError, load, path).endswith(f"run: chmod o-w {tmp_path / 'open'}")
+        (tmp_path / "open").chmod(0o1777)  # as /tmp: nobody can replace a file of another
+        load(there)
+
+
 def test_an_empty_list_admits_nobody(tmp_path):
     assert len(load_roster(private_file(tmp_path / "masters.toml", "", 0o644))) == 0
 
@@ -255,8 +284,9 @@ def test_an_empty_list_admits_nobody(tmp_path):
 def test_a_list_may_be_read_by_others_unless_it_holds_a_secret(tmp_path):
     path = private_file(tmp_path / "masters.toml", ENTRY, 0o644)
     assert len(load_roster(path)) == 1
-    path.chmod(0o646)
-    assert message_of(FileError, load_roster, path).endswith(f"run: chmod o-w {path}")
+    for mode in (0o646, 0o664):
+        path.chmod(mode)
+        assert message_of(FileError, load_roster, path).endswith(f"(mode {mode:04o}); run: chmod go-w {path}")
     private_file(path, f'{ENTRY}psk = "{PSK_TEXT}"', 0o644)
     assert message_of(FileError, load_roster, path).endswith(f"run: chmod 600 {path}")
     path.chmod(0o600)

@@ -18,7 +18,7 @@ from hapticnet.protocol.master_session import MasterSession
 from hapticnet.protocol.messages import Close, Code, Force, Keepalive, unpack_position
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.states import MASTER_TRANSITIONS, SLAVE_TRANSITIONS, MasterState, SlaveState
-from hapticnet.protocol.wire import Kind, pack, pack_body
+from hapticnet.protocol.wire import Kind, pack, pack_body, unpack
 from tests.peers import GRANT, KEY, REQUEST, SESSION, TICKET, HandSlave, apply_forces, events_of
 
 
@@ -110,6 +110,22 @@ def test_a_keepalive_confirms_the_hold_only_when_nothing_newer_was_sent(sealed):
     assert events_of(session) == [HoldConfirmed(0)]
     slave.say(Kind.KEEPALIVE, 4, Keepalive(0, 3), 300)
     assert events_of(session) == [], "FORCE 3 was lost: what is held is not confirmed"
+
+
+def test_the_session_of_a_grant_counts_and_not_that_of_its_frame(sealed):
+    session = new_session(sealed)
+    slave = HandSlave(session, sealed=sealed)
+    taken = session.receive_datagram
+
+    def changed(data, now_us):
+        frame = unpack(data)
+        taken(pack(*frame[1:2], 7, *frame[3:], frame.version) if frame.kind is Kind.WELCOME else data, now_us)
+
+    session.receive_datagram = changed
+    slave.connect()
+    send_position(session, slave, 0)
+    slave.say(Kind.FORCE, 1, Force(0, b"f"), 0)
+    assert any(isinstance(event, ForceArrived) for event in apply_forces(session))
 
 
 def test_silence_makes_the_link_stale_and_a_fresh_datagram_brings_it_back(sealed):

@@ -37,6 +37,7 @@ READERS = {
     Kind.KEEPALIVE: messages.unpack_keepalive,
     Kind.CLOSE: messages.unpack_close,
     Kind.COOKIE: messages.unpack_cookie,
+    Kind.NOTICE: messages.unpack_notice,
 }
 CONTENTS = {Kind.HELLO: messages.unpack_request, Kind.WELCOME: messages.unpack_grant}
 ANY_READER = (unpack, *READERS.values(), *CONTENTS.values(), messages.unpack_grant_or_refusal)
@@ -130,7 +131,7 @@ def test_an_oversized_datagram_is_refused_unread():
     ("datagram", "complaint"),
     [
         ((OPEN, 0, 0, 0, b""), "unknown kind"),
-        ((OPEN, 10, 0, 0, b""), "unknown kind"),
+        ((OPEN, 11, 0, 0, b""), "unknown kind"),
         ((LATER, Kind.FORCE, 0, 0, b""), "protocol version 6; the versions are 1 and 2"),
         ((LATER, Kind.COOKIE, 0, 0, b""), "protocol version 6"),
         ((True, Kind.HELLO, 0, 0, b""), "protocol version True"),

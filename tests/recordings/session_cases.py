@@ -1,5 +1,6 @@
 """A recording for tests: its heading, its rows, and an archive that takes it in without a process."""
 
+import json
 from pathlib import Path
 
 import msgpack
@@ -12,8 +13,16 @@ from hapticnet.recordings.session.frames import FrameKind, FrameReader, Heading,
 PLENTY = 2**30
 OFFSET_US = 1_790_000_000_000_000
 SUFFIXES = (".mcap", ".csv", ".npz")
-ABOUT = {"seed": 7, "settings": {"codec": "deadband"}}
-EVENTS = [(1_000_000, "Connected", '{"scene": "paper"}'), (1_500_000, "Ended", "ein Ende – mit Umlaut ä")]
+ABOUT = {"seed": 7, "asked_at_start": {"codec": "deadband"}}
+FIRST = {"codec": "deadband", "parameters": {}, "multiplier": 1.0, "weber_fraction": 0.05, "floor_n": 0.025,
+         "rate_hz": 1000.0, "scene": "paper:1", "channel_in": "delay=5ms"}  # fmt: skip
+SECOND = FIRST | {"codec": "level-crossing", "parameters": {"hysteresis": 0.5}, "channel_in": "delay=20ms"}
+EVENTS = [
+    (1_000_000, "Connected", '{"scene": "paper"}'),
+    (1_001_000, "SettingsInForce", json.dumps(FIRST)),
+    (1_100_000, "SettingsInForce", json.dumps(SECOND)),
+    (1_500_000, "Ended", "ein Ende – mit Umlaut ä"),
+]
 
 
 def heading(path: Path, *, axes: int = 1) -> Heading:

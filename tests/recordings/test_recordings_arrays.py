@@ -110,7 +110,7 @@ def test_parquet_with_missing_values_and_stamps(tmp_path):
         assert recording.force.tolist() == [[1.0], [1.0]]
         with pytest.raises(FileError, match=r"row 1.*2 of 3 rows lack one"):
             load_recording(path, columns="f")
-        with pytest.raises(FileError, match='column "n": holds object'):
+        with pytest.raises(FileError, match='column "n": holds string'):
             load_recording(path, columns="n", missing="hold")
 
 
@@ -131,6 +131,14 @@ def test_what_unpacks_to_more_than_the_limit_is_refused_before_it_is_unpacked(tm
             load_recording(tmp_path / name, rate_hz=1000.0, max_bytes=1_000_000)
 
 
+def test_fields_of_mat_structures_count_for_the_limit(tmp_path):
+    for packed in (True, False):
+        scipy.io.savemat(tmp_path / "a.mat", {"s": {"a": {"f": np.zeros(200_000)}}, "t": 1.0}, do_compression=packed)
+        with pytest.raises(FileError, match=r"unpacks to more than 1000000 bytes|1600[0-9]{3} bytes; the limit"):
+            load_recording(tmp_path / "a.mat", rate_hz=1000.0, max_bytes=1_000_000)
+        assert len(load_recording(tmp_path / "a.mat", rate_hz=1000.0, columns="s.a.f").force) == 200_000
+
+
 def test_an_npy_header_that_claims_more_than_the_limit_is_refused(tmp_path):
     np.save(tmp_path / "a.npy", np.zeros(9))
     content = (tmp_path / "a.npy").read_bytes()
@@ -140,13 +148,13 @@ def test_an_npy_header_that_claims_more_than_the_limit_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("package", "name", "extra"), [("scipy", "a.mat", "mat"), ("pyarrow.parquet", "a.parquet", "parquet")]
+    ("package", "module", "name"), [("scipy", "scipy", "a.mat"), ("pyarrow", "pyarrow.parquet", "a.parquet")]
 )
-def test_a_missing_extra_is_named(tmp_path, monkeypatch, package, name, extra):
+def test_a_missing_package_is_named(tmp_path, monkeypatch, package, module, name):
     save_mat(tmp_path / "a.mat", {"f": FORCE})
     save_parquet(tmp_path / "a.parquet", {"f": FORCE[:, 0]})
-    monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(UnavailableError, match=rf"pip install 'hapticnet\[{extra}\]'"):
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(UnavailableError, match=rf"pip install {package}"):
         load_recording(tmp_path / name, rate_hz=1000.0)
 
 

@@ -104,6 +104,60 @@ def test_times_are_read_in_the_unit_of_their_column(file, header, first, second)
     assert recording.notes == ()
 
 
+@pytest.mark.parametrize(
+    ("header", "time", "step_us"),
+    [("Zeit [s]", "Zeit [s]", 10), ("Zeit [ms]", "Zeit", 0), ("X_Value", "X_Value", 10), ("X_Value", "0", 10)],
+)
+def test_a_column_of_any_name_can_have_the_times(file, header, time, step_us):
+    path = file(f"{header},F\n0,1\n0.00001,2\n0.00002,3\n")
+    with pytest.raises(FileError, match=r"which column\?"):
+        load_recording(path)
+    recording = load_recording(path, time=time)
+    assert np.diff(recording.t_us).tolist() == [step_us, step_us]
+    assert recording.names == ("F",)
+    assert load_motion(path, time=time).position[:, 0].tolist() == [1.0, 2.0, 3.0]
+
+
+def test_a_unit_of_another_quantity_is_no_time(file):
+    with pytest.raises(FileError, match=r'"time \[min\]": "min" is not a known unit of time; known are s, sec, '):
+        load_recording(file("time [min],f\n0,1\n1,2\n"))
+
+
+def test_a_text_that_is_not_utf_8_is_latin_1_wherever_that_shows(file):
+    path = file("t_s;f [µN];Ort\n".encode("latin-1") + b"0;1;x\n" * 1000 + "0;2;Gerät\n".encode("latin-1"))
+    recording = load_recording(path, columns="f")
+    assert recording.force[-1, 0] == pytest.approx(2e-6)
+    assert "the text is not UTF-8; it is read as Latin-1" in recording.notes
+    late = file(b"t_s,f,Ort\n" + b"0,1,x\n" * 300_000 + "0,2,Gerät\n".encode("latin-1"), "late.csv")
+    assert load_recording(late, columns="f").force[-1, 0] == 2.0
+
+
+def test_columns_that_are_chosen_by_their_names_are_told(file):
+    path = file("t_s,force_x,force_y,force_z,x\n0,1,2,3,4\n0.001,2,3,4,5\n")
+    assert "force: force_x, force_y, force_z, chosen by their names" in load_recording(path).notes
+    assert load_recording(path, columns="force_x").notes == ()
+    assert "position: pos_x, chosen by its name" in load_motion(file("t_s,pos_x,f\n0,1,2\n1e-3,2,3\n", "m.csv")).notes
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"columns": "fx", "position": "fx"}, "taken as force and as position"),
+        ({"columns": "fx,fx"}, "taken as force twice"),
+        ({"columns": "fx", "position": "t_s"}, "taken as time and as position"),
+        ({"columns": "1,fy", "time": "fx"}, "taken as time and as force"),
+    ],
+)
+def test_a_column_is_one_thing_once(three, arguments, words):
+    with pytest.raises(SettingsError, match=words):
+        load_recording(three, **arguments)
+
+
+def test_a_force_called_t_is_no_time_where_the_rate_gives_the_times(file):
+    recording = load_recording(file("T,x\n5,1\n4,2\n"), columns="T", rate_hz=1000.0)
+    assert (recording.force[:, 0].tolist(), recording.t_us.tolist()) == ([5.0, 4.0], [0, 1000])
+
+
 @pytest.mark.parametrize("name", ["time", "timestamp", "t", "Time Stamp"])
 @pytest.mark.parametrize(
     ("unit", "word"), [(1e6, "seconds"), (1e3, "milliseconds"), (1.0, "microseconds"), (1e-3, "nanoseconds")]
@@ -156,8 +210,8 @@ def test_the_rate_applies_to_files_without_times_only_and_that_is_told(file, thr
     assert load_recording(file("f\n1\n2\n3\n", "f.csv"), rate_hz=500.0).t_us.tolist() == [0, 2000, 4000]
     recording = load_recording(three, columns="fx", rate_hz=500.0)
     assert recording.t_us.tolist() == [0, 1000, 2500]
-    assert any('"t_s" has the times; --rate 500 is not used' in note for note in recording.notes)
-    with pytest.raises(FileError, match=r"no column is called t, time or timestamp .* --rate"):
+    assert any('"t_s" has the times; --sampling-rate 500 is not used' in note for note in recording.notes)
+    with pytest.raises(FileError, match=r"no column is called t, time or timestamp .* --sampling-rate"):
         load_recording(file("f\n1\n2\n", "f.csv"))
 
 
@@ -174,7 +228,12 @@ def test_rates_that_microseconds_cannot_express_are_refused(three, rate_hz):
         ("t_s,f\n0,1\n0.002,1\n0.001,2\n", {}, FileError, r"backwards 1 times, first at sample 2 from 0\.002000 s to"),
         ("t_s,f\n0,1\n", {"missing": "guess"}, SettingsError, "missing is 'guess'; it must be refuse, drop or hold"),
         ("t_s,f,x,y\n0,1,2,3\n", {"columns": "f", "position": "x,y"}, SettingsError, "2 position columns for 1 force"),
-        ("t_s,f\n0,1\n", {"position_scale": 2.0}, SettingsError, "--position, which is not given"),
+        (
+            "t_s,f\n0,1\n",
+            {"position_scale": 2.0},
+            SettingsError,
+            r"--position-column, which is not given \(position=\)",
+        ),
         ("t_s,f,x\n0,1,2\n", {"columns": "f", "position": "x", "position_scale": 0.0}, SettingsError, "position-scale"),
         ("t_s,a,b,c,d\n0,1,2,3,4\n", {"columns": "a,b,c,d"}, SettingsError, "4 force columns are chosen"),
         ("t_s,f\n0,1\n", {"columns": ""}, FileError, 'no column ""'),

@@ -101,7 +101,8 @@ def test_the_first_bad_cell_is_named_by_line_and_column(table_of, cell, clean_ro
         ("a,b\n" + "1,2\n" * 200 + '"1\n3",4\n5,6\n', "line 202: a quote is opened and not closed"),
         ("a;b\n1;" + "x" * 200_000, "line 2: field larger than field limit"),
         ("a\n" + "1" * 2_000_000, "a line is longer than 1048576 characters"),
-        (b"a\n1\n\xff\xfe\n", "line 3: not UTF-8 text"),
+        (b"a\n1\n\xff\xfe\n", 'line 3, column "a": "ÿþ" is not a finite number'),
+        (b"\xff\xfea", "not UTF-16 text"),
         ("a;b\n1,5;2.5\n", 'line 2, column "b": numbers with a decimal point and with a decimal comma'),
     ],
 )

@@ -8,7 +8,7 @@ import pytest
 
 from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.recordings.session import sink as sink_module
-from hapticnet.recordings.session.archive import check_format
+from hapticnet.recordings.session.archive import MOST_FILES, check_format
 from hapticnet.recordings.session.frames import FrameKind, FrameReader, pack_begin, pack_frame
 from hapticnet.recordings.session.reading import read_session
 from hapticnet.recordings.session.recovery import recover_file
@@ -47,7 +47,24 @@ def test_disk_space_is_bounded(tmp_path, said, suffix):
     archive.finish()
     assert 100 < len(read_session(tmp_path / f"a{suffix}").main["t_us"]) < 10_000, "what was recorded before is kept"
     assert disk_space(tmp_path) <= limit
-    assert said == [f"False: the limit of {limit:,} bytes is reached (--record-limit)"]
+    assert said == [f"False: the limit of {limit:,} bytes for recordings is reached"]
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_recording_has_as_many_files_as_its_format_says(tmp_path, suffix, monkeypatch):
+    counts = []
+
+    def counting(do):
+        def counted(*arguments):
+            counts.append(len(list(tmp_path.rglob("*"))))
+            return do(*arguments)
+
+        return counted
+
+    for owner, name in ((sink_module.Sink, "flush"), (sink_module.Sink, "discard"), (Path, "replace")):
+        monkeypatch.setattr(owner, name, counting(getattr(owner, name)))
+    write_session(tmp_path / f"a{suffix}", ticks=200)
+    assert (max(counts), len(list(tmp_path.rglob("*")))) == MOST_FILES[suffix]
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
@@ -179,7 +196,7 @@ def test_only_known_formats_are_recorded():
 
 def test_without_the_extra_one_line_says_what_to_install(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
-    with pytest.raises(UnavailableError, match=r"pip install 'hapticnet\[record\]'"):
+    with pytest.raises(UnavailableError, match=r"pip install mcap"):
         check_format(Path("run.mcap"))
 
 

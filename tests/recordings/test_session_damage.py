@@ -54,6 +54,11 @@ def test_a_numpy_archive_whose_arrays_do_not_fit_together_is_refused(tmp_path):
         np.savez(path, **{**whole, **damage})
         with pytest.raises(FileError, match=message):
             read_session(path)
+    for offset_us in (-(10**17), 10**17):
+        about = json.loads(str(whole["about"])) | {"unix_offset_us": offset_us}
+        np.savez(path, **{**whole, "about": np.array(json.dumps(about))})
+        with pytest.raises(FileError, match="MCAP has no times before 1970 or after 2554"):
+            export(read_session(path), tmp_path / "far.mcap")
     about = json.loads(str(whole["about"])) | {"unix_offset_us": 10**30}
     np.savez(path, **{**whole, "about": np.array(json.dumps(about))})
     assert read_session(path).unix_offset_us == 0

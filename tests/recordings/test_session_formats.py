@@ -2,17 +2,27 @@
 
 import json
 import sys
+import tracemalloc
 
+import lz4.frame
 import numpy as np
 import pytest
+import zstandard
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
+from mcap.records import Chunk
 from mcap_protobuf.decoder import DecoderFactory
 
+from hapticnet.cli.master_messages import DISTURBANCES as MASTER_DISTURBANCES
 from hapticnet.errors import FileError, UnavailableError
 from hapticnet.node.recording import DATAGRAM_COLUMNS, master_columns
+from hapticnet.node.slave_events import ScenePaused
 from hapticnet.recordings.recording import load_motion, load_recording
-from hapticnet.recordings.session.protobuf import pack_event, row_descriptor, unpack_event, varint
+from hapticnet.recordings.session import session as session_module
+from hapticnet.recordings.session.mcap_reader import EVENT_BYTES
+from hapticnet.recordings.session.mcap_writer import DISTURBANCES
+from hapticnet.recordings.session.protobuf import LEVELS, log_descriptor, pack_log, row_descriptor, unpack_log, varint
 from hapticnet.recordings.session.reading import read_session
 from tests.recordings.session_cases import (
     ABOUT,
@@ -80,8 +90,16 @@ def test_the_public_reader_decodes_every_message_of_an_mcap_file(tmp_path):
     decoded = np.array([[getattr(tick, name) for name in master_columns(1)] for _, tick in ticks])
     np.testing.assert_array_equal(decoded, rows["tick"])
     assert [message.log_time for message, _ in ticks] == [(int(t_us) + OFFSET_US) * 1000 for t_us in rows["tick"][:, 0]]
-    assert [(event.t_us, event.event, event.text) for topic, _, event in messages if topic == "/master/event"] == EVENTS
-    assert json.loads(metadata["hapticnet"]["settings"]) == ABOUT["settings"]
+    logs = [(message, log) for topic, message, log in messages if topic == "/master/event"]
+    assert [(message.log_time // 1000 - OFFSET_US, log.name, log.message) for message, log in logs] == EVENTS
+    assert all(log.timestamp.ToNanoseconds() == message.log_time for message, log in logs)
+    assert {type(log).DESCRIPTOR.fields_by_name["level"].enum_type.values[log.level].name for _, log in logs} == {
+        "INFO"
+    }
+    assert {summary.schemas[channel.schema_id].name for channel in summary.channels.values()} == {
+        "hapticnet.Tick", "hapticnet.Datagram", "foxglove.Log",
+    }  # fmt: skip
+    assert json.loads(metadata["hapticnet"]["asked_at_start"]) == ABOUT["asked_at_start"]
     assert json.loads(metadata["hapticnet.report"]["report"]) == {"ticks": TICKS}
 
 
@@ -100,10 +118,30 @@ def test_varints(number, packed):
     assert varint(number) == packed
 
 
-@pytest.mark.parametrize("cut", range(len(pack_event(1, "name", "text"))))
+def test_the_descriptor_of_a_log_is_that_of_foxglove():
+    """As in schemas/proto/foxglove/Log.proto and LogLevel.proto of github.com/foxglove/schemas."""
+    _, levels, log = FileDescriptorSet.FromString(log_descriptor()).file
+    assert (levels.package, log.package, log.message_type[0].name) == ("foxglove", "foxglove", "Log")
+    assert [(field.name, field.number, field.type, field.type_name) for field in log.message_type[0].field] == [
+        ("timestamp", 1, 11, ".google.protobuf.Timestamp"), ("level", 2, 14, ".foxglove.LogLevel"),
+        ("message", 3, 9, ""), ("name", 4, 9, ""), ("file", 5, 9, ""), ("line", 6, 7, ""),
+    ]  # fmt: skip
+    assert [value.name for value in levels.enum_type[0].value] == list(LEVELS)
+
+
+@pytest.mark.parametrize("time_ns", [0, 1, 1_790_000_000_123_456_000, -1_000, -1_000_000_001])
+def test_a_log_reads_back(time_ns):
+    assert unpack_log(pack_log(time_ns, "WARNING", "LinkStale", "")) == (time_ns, "LinkStale", "")
+
+
+def test_what_a_person_is_warned_of_is_a_warning_in_the_file():
+    assert {kind.__name__ for kind in (*MASTER_DISTURBANCES, ScenePaused)} == DISTURBANCES
+
+
+@pytest.mark.parametrize("cut", range(len(pack_log(1, "INFO", "name", "text"))))
 def test_an_event_that_is_cut_off_is_refused(cut):
     with pytest.raises(ValueError, match=r"event|end of its message"):
-        unpack_event(pack_event(1, "name", "text")[:cut])
+        unpack_log(pack_log(1, "INFO", "name", "text")[:cut])
 
 
 def test_csv_has_datagrams_events_and_configuration_beside_it(tmp_path):
@@ -126,7 +164,7 @@ def test_something_else_is_refused_in_one_line(tmp_path):
 def test_without_the_extra_one_line_says_what_to_install(tmp_path, monkeypatch):
     write_session(tmp_path / "run.mcap", ticks=10)
     monkeypatch.setitem(sys.modules, "mcap.data_stream", None)
-    with pytest.raises(UnavailableError, match=r"pip install 'hapticnet\[record\]'"):
+    with pytest.raises(UnavailableError, match=r"pip install mcap"):
         read_session(tmp_path / "run.mcap")
 
 
@@ -137,3 +175,58 @@ def test_a_file_that_unpacks_to_too_much_is_refused(tmp_path):
     archive.finish()
     with pytest.raises(FileError, match="unpacks to more than"):
         read_session(tmp_path / "run.mcap", max_bytes=(tmp_path / "run.mcap").stat().st_size)
+
+
+def mcap_with_chunks(path, *chunks):
+    """Write a recording, and behind its rows chunks of contents, compression and declared size."""
+    write_session(path, ticks=10)
+    data = path.read_bytes()
+    builder = RecordBuilder()
+    for contents, compression, size in chunks:
+        packed = {"zstd": zstandard.compress, "lz4": lz4.frame.compress, "": bytes}[compression](contents)
+        Chunk(compression, packed, 0, 0, 0, len(contents) if size is None else size).write(builder)
+    path.write_bytes(data[: data.index(b"\x0f\x04\0\0\0\0\0\0\0")] + builder.end())  # in the place of DataEnd
+
+
+def zeros(count):
+    return bytes([0x7F]) + count.to_bytes(8, "little") + bytes(count)
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4"])
+@pytest.mark.parametrize("size", [None, 100])
+def test_what_a_chunk_unpacks_to_is_bounded_before_it_is_unpacked(tmp_path, compression, size):
+    """Whether it says how large it is, or says less; what is in it counts, whatever it is."""
+    limit = 8 * 2**20
+    mcap_with_chunks(tmp_path / "run.mcap", *[(zeros(4 * 2**20), compression, size)] * 20)
+    assert (tmp_path / "run.mcap").stat().st_size < limit / 10
+    tracemalloc.start()
+    try:
+        if size is None:
+            with pytest.raises(FileError, match=f"unpacks to more than {limit} bytes"):
+                read_session(tmp_path / "run.mcap", max_bytes=limit)
+        else:
+            session = read_session(tmp_path / "run.mcap", max_bytes=limit)
+            assert len(session.main["t_us"]) == 10
+            assert not session.is_whole
+        assert tracemalloc.get_traced_memory()[1] < 3 * limit
+    finally:
+        tracemalloc.stop()
+
+
+def test_events_count_for_what_they_take_in_memory(tmp_path):
+    event = pack_log(1, "INFO", "", "")
+    message = b"\x05" + (22 + len(event)).to_bytes(8, "little") + b"\x03" + bytes(21) + event
+    mcap_with_chunks(tmp_path / "run.mcap", (message * 20_000, "zstd", None))
+    with pytest.raises(FileError, match="has more than 10,000 events"):
+        read_session(tmp_path / "run.mcap", max_bytes=10_000 * EVENT_BYTES)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_json_is_bounded_because_it_grows_in_memory(tmp_path, monkeypatch, suffix):
+    write_session(tmp_path / f"run{suffix}", ticks=10)
+    monkeypatch.setattr(session_module, "LARGEST_JSON", 10)
+    if suffix == ".mcap":  # a text that is no JSON stays a text
+        assert isinstance(read_session(tmp_path / "run.mcap").about["report"], str)
+    else:
+        with pytest.raises(FileError, match="not a recording"):
+            read_session(tmp_path / f"run{suffix}")

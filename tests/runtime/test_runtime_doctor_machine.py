@@ -1,5 +1,7 @@
 """What the doctor says of a machine, on folders that stand for /proc and /sys."""
 
+import asyncio
+import socket
 import tempfile
 
 import pytest
@@ -10,7 +12,7 @@ from hapticnet.runtime.doctor.limits import examine_limits
 from hapticnet.runtime.doctor.machine import MEMORY_FOLDER, Machine, scratch_folder
 from hapticnet.runtime.doctor.processor import judge_count, judge_governor, judge_idle, judge_load, judge_stolen
 from hapticnet.runtime.doctor.scheduling import judge_budget, judge_scheduling, try_fifo
-from hapticnet.runtime.doctor.sockets import judge_buffer, judge_drops
+from hapticnet.runtime.doctor.sockets import examine_sockets, judge_buffer, judge_drops
 from hapticnet.runtime.doctor.timing import (
     WallClock,
     judge_clock,
@@ -19,7 +21,8 @@ from hapticnet.runtime.doctor.timing import (
     read_wall_clock,
     reading_cost_ns,
 )
-from hapticnet.runtime.udp import BUFFER_BYTES
+from hapticnet.runtime.udp import CROWD_BUFFER_BYTES
+from hapticnet.runtime.udp_batch import BatchPort
 
 OK, WARNING, PROBLEM, ABSENT = Verdict.OK, Verdict.WARNING, Verdict.PROBLEM, Verdict.ABSENT
 CPU = "sys/devices/system/cpu"
@@ -307,12 +310,12 @@ def test_a_virtual_machine_is_recognised(machine):
 
 
 def test_the_kernel_doubles_what_it_grants():
-    assert judge_buffer("receive", 2 * BUFFER_BYTES, None).verdict is OK
+    assert judge_buffer("receive", 2 * CROWD_BUFFER_BYTES, None).verdict is OK
     finding = judge_buffer("receive", 2 * 212_992, None)
     assert finding.verdict is WARNING
-    assert finding.value == "208 KiB of the 1 MiB asked for; holds 512 datagrams"
+    assert finding.value == "208 KiB of the 4 MiB asked for; holds 512 datagrams"
     assert "512 ms" in finding.meaning
-    assert commands(finding)[0] == f"sudo sysctl -w net.core.rmem_max={BUFFER_BYTES}"
+    assert commands(finding)[0] == f"sudo sysctl -w net.core.rmem_max={CROWD_BUFFER_BYTES}"
     assert "wmem_max" in commands(judge_buffer("send", 2 * 212_992, None))[0]
     assert "on the host" in judge_buffer("send", 2 * 212_992, "docker").to_do[0].text
 
@@ -323,3 +326,17 @@ def test_dropped_datagrams_are_a_share(machine, dropped, verdict):
     finding = judge_drops(machine({"proc/net/snmp": snmp}))
     assert finding.verdict is verdict
     assert finding.value == f"{dropped} of {10000 + dropped} since boot"
+
+
+def test_the_receive_buffer_that_is_tested_is_the_one_that_a_compiled_slave_asks_for(monkeypatch):
+    asked = []
+    monkeypatch.setattr(socket.socket, "setsockopt", lambda _, _level, option, value: asked.append((option, value)))
+    examine_sockets(Machine())
+    loop = asyncio.new_event_loop()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.setblocking(False)
+        port = BatchPort(loop, sock, lambda *_: None)
+        port.close()
+    loop.close()
+    sizes = [value for option, value in asked if option == socket.SO_RCVBUF]
+    assert sizes == [CROWD_BUFFER_BYTES, CROWD_BUFFER_BYTES]

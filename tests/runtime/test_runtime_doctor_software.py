@@ -199,6 +199,10 @@ def test_a_key_that_others_can_read_or_replace_is_named(keys, tmp_path):
     tmp_path.chmod(0o770)
     replaceable = keys(key=path)["key"]
     assert (replaceable.verdict, command(replaceable)) == (WARNING, f"chmod go-w {tmp_path}")
+    tmp_path.chmod(0o777)
+    refused = keys(key=path)["key"]
+    assert (refused.verdict, command(refused)) == (PROBLEM, f"chmod o-w {tmp_path}")
+    tmp_path.chmod(0o700)
     path.chmod(0o644)
     readable = keys(key=path)["key"]
     assert (readable.verdict, command(readable)) == (PROBLEM, f"chmod 600 {path}")

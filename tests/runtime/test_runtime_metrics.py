@@ -149,5 +149,5 @@ def test_health_tells_whether_the_loop_still_runs(server):
 
 def test_without_the_extra_there_is_one_clear_line(loopback, monkeypatch):
     monkeypatch.setattr(metrics_module, "find_spec", lambda _: None)
-    with pytest.raises(metrics_module.UnavailableError, match=r"pip install 'hapticnet\[metrics\]'"):
+    with pytest.raises(metrics_module.UnavailableError, match=r"pip install prometheus-client"):
         MasterMetrics(loopback().master, ANY_PORT, Overload("SCHED_FIFO 10", print), print)

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import signal
+import sys
 import time
 from pathlib import Path
 
@@ -76,7 +77,7 @@ def test_a_recording_in_pieces_becomes_one_file(tmp_path, recorder, said):
     recorder.check()
     np.testing.assert_array_equal(times(tmp_path / "a.mcap"), 1000 * np.arange(500))
     assert said == []
-    assert recorder.report() == {"files": 1, "sessions_not_recorded": 0, "stopped": None}
+    assert recorder.report() == {"begun": 1, "completed": 1, "sessions_not_recorded": 0, "stopped": None}
 
 
 def test_the_writer_has_normal_priority_and_a_session_of_its_own(tmp_path, recorder):
@@ -186,24 +187,46 @@ def test_reaching_the_limit_is_no_error(tmp_path, said):
         add(recorder, number, 100, first)
     recorder.finish()
     recorder.check()
-    assert said == ["recording stops: the limit of 20,000 bytes is reached (--record-limit)"]
+    assert said == ["recording stops: the limit of 20,000 bytes for recordings is reached"]
     assert recorder.report()["stopped"] is not None
     assert (tmp_path / "a.csv").stat().st_size <= 20_000
 
 
-def test_the_number_of_files_is_bounded(tmp_path, recorder, said, monkeypatch):
-    monkeypatch.setattr(recorder_module, "MOST_FILES", 3)
-    numbers = [open_file(recorder, tmp_path / f"{number}.csv") for number in range(10)]
-    assert numbers == [1, 2, 3, *[None] * 7]
-    for number in (1, 2, 3):
+@pytest.mark.parametrize(("suffix", "together", "one_by_one"), [(".mcap", 17, 17), (".csv", 3, 4), (".npz", 2, 12)])
+def test_the_number_of_files_is_bounded(tmp_path, recorder, said, monkeypatch, suffix, together, one_by_one):
+    """Every file that a session makes counts. While it runs, one of some formats has more of them."""
+    monkeypatch.setattr(recorder_module, "FILE_LIMIT", 17)
+    numbers = [open_file(recorder, tmp_path / f"{number}{suffix}") for number in range(20)]
+    assert [number for number in numbers if number is not None] == list(range(1, together + 1))
+    for number in range(1, together + 1):
         add(recorder, number, 1)
+        recorder.end(number, {})
+    opened = together
+    while (number := open_file(recorder, tmp_path / f"{opened}-later{suffix}")) is not None:
+        add(recorder, number, 1)
+        recorder.end(number, {})
+        opened += 1
+    assert opened == one_by_one
     recorder.finish()
-    assert sorted(file.name for file in tmp_path.glob("?.csv")) == ["0.csv", "1.csv", "2.csv"]
-    assert said == ["3 sessions are recorded; later ones are not", "7 sessions were not recorded"]
+    assert len(list(tmp_path.rglob("*"))) <= 17
+    assert said[0] == "the recordings have 17 files; a session that begins now is not recorded"
+    assert said[1].endswith("sessions were not recorded")
+
+
+def test_a_recording_that_the_writer_did_not_get_is_missed(tmp_path, recorder, said):
+    """Such as when something else in the process read the first bytes of the pipe."""
+    number = open_file(recorder, tmp_path / "a.csv")
+    recorder.feed._waiting.clear()
+    add(recorder, number, 10)
+    recorder.finish()
+    with pytest.raises(FileError, match="incomplete: its writer completed 0 of 1 files"):
+        recorder.check()
+    assert said == ["recording stops: its writer completed 0 of 1 files"]
+    assert recorder.report()["completed"] == 0
 
 
 def test_a_writer_that_cannot_start_is_told_in_one_line(tmp_path, recorder, said, monkeypatch):
-    monkeypatch.setattr(feed_module.sys, "executable", str(tmp_path / "missing"))
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "missing"))
     number = open_file(recorder, tmp_path / "a.csv")
     add(recorder, number, 1)
     recorder.finish()

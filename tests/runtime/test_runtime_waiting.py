@@ -1,33 +1,41 @@
 """Signals to a process whose event loop runs, and to one whose loop is stuck."""
 
+import re
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
-
-from hapticnet.runtime.waiting import PATIENCE_S
 
 PROGRAM = """
 import asyncio, sys, time
 import uvloop
+from hapticnet.errors import UserCodeError
+from hapticnet.runtime.rescue import Rescue
 from hapticnet.runtime.waiting import stop_on_signals
 
-async def main(is_stuck):
-    stop = stop_on_signals(asyncio.get_running_loop())
+async def main(state):
+    rescue = Rescue(lambda: print("reported", flush=True))
+    stop = stop_on_signals(asyncio.get_running_loop(), rescue)
     print("ready", flush=True)
-    while is_stuck:
+    while state == "stuck":
         pass
+    while state == "deaf":
+        try:
+            time.sleep(0.01)
+        except BaseException:
+            pass
+    if state == "waits":
+        time.sleep(600)
     await stop.wait()
     print("stopped", flush=True)
 
 loop_factory = uvloop.new_event_loop if sys.argv[1] == "uvloop" else None
 with asyncio.Runner(loop_factory=loop_factory) as runner:
     try:
-        runner.run(main(sys.argv[2] == "stuck"))
-    except KeyboardInterrupt:
-        print("interrupted", flush=True)
+        runner.run(main(sys.argv[2]))
+    except UserCodeError as error:
+        print(error, flush=True)
 if sys.argv[2] == "goes on":
     print("closed", flush=True)
     time.sleep(60)
@@ -36,17 +44,22 @@ if sys.argv[2] == "goes on":
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("loop", ["uvloop", "asyncio"])
-@pytest.mark.parametrize(("state", "said"), [("runs", "stopped"), ("stuck", "interrupted")])
-def test_a_second_signal_ends_a_loop_that_is_stuck(number, loop, state, said):
+@pytest.mark.parametrize(
+    ("state", "said", "code"),
+    [
+        ("runs", "stopped\n", 0),
+        ("stuck", "main .<string>, line 1\\d. did not return within 2 s\n", 0),
+        ("deaf", "reported\n", 1),  # code that catches whatever interrupts it
+        ("waits", "main .<string>, line 20. did not return within 2 s\n", 0),
+    ],
+)
+def test_one_signal_ends_a_process_whatever_its_loop_is_stuck_in(number, loop, state, said, code):
     with subprocess.Popen([sys.executable, "-c", PROGRAM, loop, state], stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout.readline() == "ready\n"
             process.send_signal(number)
-            if state == "stuck":
-                time.sleep(PATIENCE_S + 0.1)
-                assert process.poll() is None
-                process.send_signal(number)
-            assert process.communicate(timeout=30)[0] == f"{said}\n"
+            assert re.fullmatch(said, process.communicate(timeout=60)[0])
+            assert process.returncode == code
         finally:
             process.kill()
 

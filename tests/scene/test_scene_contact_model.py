@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from hapticnet.errors import SampleError
 from hapticnet.samples import PositionSample
-from hapticnet.scene.ahead import MOST_LAYERS, REACH_M, LayerAhead, check_layers, stiffest_at
+from hapticnet.scene.ahead import LARGEST_FORCE_N, MOST_LAYERS, REACH_M, LayerAhead, check_layers, stiffest_at
 from hapticnet.scene.bodies import BodyScene
 from hapticnet.scene.body import Plane, Sphere
-from hapticnet.scene.contact_model import LARGEST_FORCE_N, ContactModel
+from hapticnet.scene.contact_model import ContactModel
 from hapticnet.scene.presets import find_scene
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.tissue import Tissue
@@ -115,6 +115,18 @@ def test_a_force_is_finite_at_any_position():
     assert ContactModel(layers, 0, (1e15,), None).force_n[0] <= 2 * LARGEST_FORCE_N
 
 
+@given(st.floats(0.1, 1000.0), st.floats(1.0, 9000.0), st.one_of(st.just(math.inf), st.floats(0.1, 1e6)))
+def test_no_layer_is_stiffer_than_it_says(stiffening, stiffness, breach_n):
+    layer = LayerAhead(0.0, stiffness, breach_n, stiffening_per_m=stiffening)
+    at_most_n = min(breach_n, LARGEST_FORCE_N)
+    places = [math.log1p(stiffening * share * at_most_n / stiffness) / stiffening for share in (0.9, 0.999, 1.001, 2.0)]
+    for place in places:
+        model = ContactModel([layer], 0, (place,), None)
+        (force_n,) = model.force_n
+        (further_n,) = model.step(1000, (place + 1e-7,))
+        assert (further_n - force_n) / 1e-7 <= layer.stiffest_n_per_m * 1.001 + 1.0
+
+
 @pytest.mark.parametrize(
     "layer",
     [
@@ -126,7 +138,7 @@ def test_a_force_is_finite_at_any_position():
         SPRING._replace(breach_force_n=2e6),
         SPRING._replace(viscosity_n_s_per_m=101.0),
         SPRING._replace(stiffening_per_m=1e4),
-        SPRING._replace(stiffening_per_m=1.0, breach_force_n=math.inf),
+        SPRING._replace(stiffening_per_m=10.0, breach_force_n=math.inf),
         SPRING._replace(raised_m=-1e-3),
         SPRING._replace(normal=(0.5,)),
         SPRING._replace(normal=(0.0, 1.0)),

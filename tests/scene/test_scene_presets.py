@@ -48,10 +48,10 @@ def test_every_preset_makes_a_scene_of_its_name(name: str) -> None:
     assert made.step(PositionSample(0, (-1.0,) * made.axes)).force_n == (0.0,) * made.axes
 
 
-def test_the_scene_of_the_documentation_can_be_read() -> None:
+def test_the_scenes_of_the_documentation_can_be_read() -> None:
     page = Path(__file__).parents[2] / "docs" / "scenes.md"
-    example = page.read_text(encoding="utf-8").split("```toml\n")[1].split("```")[0]
-    assert make_scene(parse_scene(example, "hill.toml")).axes == 3
+    examples = [block.split("```")[0] for block in page.read_text(encoding="utf-8").split("```toml\n")[1:]]
+    assert [make_scene(parse_scene(example, "hill.toml")).axes for example in examples] == [1, 3]
 
 
 def test_an_unknown_scene_is_refused_with_the_choices() -> None:

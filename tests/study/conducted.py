@@ -44,7 +44,13 @@ def played(stimulus, *, delivered=1.0, failure=None, touched=(True, True, True))
         wire_bytes=5000,
     )
     return Played(
-        stimulus=stimulus, measures=measures, ticks={}, datagrams={}, settings=MasterSettings(), failure=failure
+        stimulus=stimulus,
+        measures=measures,
+        ticks={},
+        datagrams={},
+        settings=MasterSettings(),
+        in_force=(),
+        failure=failure,
     )
 
 
@@ -64,6 +70,7 @@ class GivenRig:
     """Performs everything at once; a second passes with each activity."""
 
     description = "given"
+    deepest_m = None
 
     def __init__(self, outcome_of=outcome_of):
         self.activities = []

@@ -73,8 +73,10 @@ def rows(
                         **{f"peak_sensed_{each + 1}_n": 0.95 * forces[each] for each in range(3)},
                         peak_speed_m_per_s=0.03,
                         perceptual_error=0.01 + 0.025 * multiplier,
-                        force_packets=3500 if codec == "raw" else round(350 / multiplier),
-                        wire_bytes=200_000 if codec == "raw" else round(20_000 / multiplier),
+                        penetration_packets=3500 if codec == "raw" else round(350 / multiplier),
+                        force_packets=9000,
+                        wire_bytes=500_000,
+                        penetration_bytes=200_000 if codec == "raw" else round(20_000 / multiplier),
                         observer=observer if simulated else None,
                         seed=seed,
                     )

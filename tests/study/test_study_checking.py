@@ -90,8 +90,12 @@ def test_a_participant_who_gave_no_answer_is_named():
 
 def test_jnds_of_their_own_are_told():
     made = [dataclasses.replace(row, weber_fraction=0.03 + 0.01 * int(row.participant)) for row in rows(people=3)]
-    (told,) = analyse(made).missing
-    assert "Weber fractions from 0.04 to 0.06" in told
+    assert "**1 JND is not the same for all**: Weber fractions from 0.04 to 0.06" in markdown(analyse(made), title="x")
+
+
+def test_a_participant_who_did_not_agree_is_told_as_such():
+    end = OrderRow(event="end", participant="11", session=1, observer="step-masking", reason="no consent")
+    assert analyse([*rows(people=2), end]).missing == ("Participants 11 did not agree to take part.",)
 
 
 def test_a_single_condition_has_no_comparison():
@@ -136,9 +140,12 @@ def test_one_session_in_two_tables_is_an_error(tmp_path):
 
 def test_measured_jnds_stand_in_the_report_beside_what_the_paper_printed():
     people = [
-        ParticipantFile(participant=f"{number:02}", method="ascending", weber_fraction=fraction, floor_n=0.02)
-        for number, fraction in ((1, 0.05), (2, 0.07))
+        ParticipantFile(
+            participant=f"{number:02}", method="ascending", weber_fraction=fraction, floor_n=0.02, excluded=excluded
+        )
+        for number, fraction, excluded in ((1, 0.05, []), (2, 0.07, []), (3, 0.01, ["5 of 6 were wrong"]))
     ]
     text = markdown(analyse(rows(people=2)), title="x", people=people)
-    assert "Mean Weber fraction 0.0600 ± 0.0100 (s.e.)" in text
+    assert "Mean Weber fraction 0.0600 ± 0.0100 (s.e.), without 1 excluded." in text
+    assert "- Participant 03, excluded: 5 of 6 were wrong." in text
     assert "without its reference forces or a Weber fraction" in text

@@ -6,7 +6,9 @@ from hapticnet.perception import WeberLaw
 from hapticnet.study import screens
 from hapticnet.study.limits_flow import LimitsFlow, draw_limits
 from hapticnet.study.order_flow import OrderFlow
+from hapticnet.study.plan import QuestionPlan
 from hapticnet.study.rig import Fault, Meet, Play
+from hapticnet.study.rows import answers_about
 from hapticnet.study.schedule import draw_order
 from hapticnet.study.screens import ScreenKind
 from tests.study.conducted import SMALL, Person, answer, is_pair, met, played, presented
@@ -65,9 +67,9 @@ def test_nothing_is_performed_without_consent():
 def test_consent_is_stored_with_the_hash_of_the_text_that_was_shown():
     person = ordering()
     person.press(screens.ENTER)
-    assert person.flow.screen.text == SMALL.consent
+    assert person.flow.screen.text == SMALL.texts.consent.whole
     person.press(screens.YES)
-    assert person.rows("consent")[0].text == screens.hash_of(SMALL.consent)
+    assert person.rows("consent")[0].text == screens.hash_of(SMALL.texts.consent.whole)
 
 
 def test_an_answer_may_be_changed_until_enter_and_is_scored_in_whole_and_by_pairs():
@@ -274,7 +276,14 @@ def test_a_session_goes_on_after_any_row_and_asks_nothing_twice(make):
         again = make(rows[:cut], now_us=5_000_000)
         again.now_us = 5_000_000
         again.go_on_to(ScreenKind.DONE)
-        assert [row.this_n for row in again.flow.rows if row.event in ("trial", "practice")] == expected
+        asked = [row.this_n for row in again.flow.rows if row.event in ("trial", "practice")]
+        killed = [row for row in again.rows("aborted") if row.reason == "the process ended during the trial"]
+        if cut and rows[cut - 1].event == "started":  # it is told, and comes again at the end of its block
+            assert [(row.this_n, row.seed) for row in killed] == [(rows[cut - 1].this_n, rows[cut - 1].seed)]
+            assert sorted(asked) == sorted(expected)
+        else:
+            assert killed == []
+            assert asked == expected
         for event in ("consent", "rating", "break"):
             assert len(again.rows(event)) == len(whole.rows(event))
         onsets = [row.onset_s for row in again.flow.rows]
@@ -303,6 +312,91 @@ def test_each_pair_of_forces_is_asked_about_and_the_jnd_follows():
             break
     assert person.flow.procedure.by_reference() == {1.0: pytest.approx([0.1, 0.1]), 2.0: pytest.approx([0.1, 0.1])}
     assert person.flow.done
+
+
+def test_an_answer_is_taken_only_when_the_needle_was_pushed_into_each_tissue():
+    person = ordering(plan=NO_PRACTICE)
+    person.go_on_to(ScreenKind.TRIAL)
+    surface_m = person.flow.activity.stimulus.surfaces_m[2]
+    for deepest_m, untouched in ((0.0, 1), (surface_m - 0.001, 3), (surface_m + 0.001, 3)):
+        person.flow.deepest_m = deepest_m
+        person.press(*("123" if not person.flow.screen.typed else ""), screens.ENTER)
+        assert not person.flow.answered
+        assert f"tissue {untouched} " in person.flow.screen.remark
+    person.flow.deepest_m = surface_m + 0.006
+    person.press(screens.ENTER)
+    assert person.flow.answered
+
+
+def test_a_tissue_left_out_is_told_as_that_and_not_as_a_fault_of_the_device():
+    person = ordering(plan=NO_PRACTICE)
+    person.go_on_to(ScreenKind.TRIAL)
+    stimulus = person.flow.activity.stimulus
+    answer(person.flow, person.flow.trial.order, person.now_us)
+    person.complete(played(stimulus, touched=(True, True, False)))
+    assert "one of the tissues was not touched" in person.flow.screen.text
+    person.go_on_to(ScreenKind.TRIAL)
+    answer(person.flow, person.flow.trial.order, person.now_us)
+    person.complete(played(person.flow.activity.stimulus, delivered=0.3))
+    assert "did not reach your finger" in person.flow.screen.text
+
+
+@pytest.mark.parametrize(("keys", "words"), [(("1", "2", "3", screens.ENTER), "taken"), ((screens.ESCAPE,), "is off")])
+def test_a_participant_sees_at_once_that_an_answer_or_a_stop_was_taken(keys, words):
+    person = ordering(plan=NO_PRACTICE)
+    person.go_on_to(ScreenKind.TRIAL)
+    person.press(*keys)
+    assert person.flow.screen.kind is ScreenKind.MOMENT
+    assert words in person.flow.screen.text
+    assert isinstance(person.flow.activity, Play)
+
+
+def test_feedback_stays_when_enter_is_pressed_twice():
+    person = ordering()
+    person.go_on_to(ScreenKind.FEEDBACK)
+    person.press(screens.ENTER, after_s=0.5)
+    assert person.flow.screen.kind is ScreenKind.FEEDBACK
+    person.press(screens.ENTER, after_s=0.6)
+    assert person.flow.screen.kind is ScreenKind.TRIAL
+
+
+def test_a_study_without_consent_on_the_screen_stores_why():
+    plan = SMALL.model_copy(update={"consent": "none, because each participant signs a form"})
+    person = ordering(plan=plan)
+    person.press(screens.ENTER)
+    assert person.rows("consent")[0].text == plan.consent
+    assert person.flow.screen.kind is ScreenKind.PRACTICE
+
+
+def test_each_question_about_the_participant_is_asked_once_after_the_consent():
+    asked = [
+        QuestionPlan(name="hand", text="Which hand do you write with?", choices=["right", "left"]),
+        QuestionPlan(name="age", text="How old are you?", choices=["18 to 39", "40 or more"]),
+    ]
+
+    def begin(rows):
+        return Person(OrderFlow(SMALL, draw_order(SMALL, "03", 1, 7), LAW, rows, 0, CONSTANTS, asked))
+
+    person = begin([])
+    person.press(screens.ENTER, screens.YES)
+    assert person.flow.screen.text == "Which hand do you write with?"
+    person.press("3", "2")
+    assert person.flow.screen.text == "How old are you?"
+    again = begin(person.flow.rows)
+    again.press(screens.ENTER, screens.PREFER_NOT)
+    assert answers_about(again.flow.rows) == {"hand": "left", "age": "prefers not to say"}
+    assert again.flow.screen.kind is ScreenKind.PRACTICE
+
+
+def test_who_is_not_sure_is_told_what_to_say_wherever_that_decides():
+    person = limits()
+    assert "If you are not sure that they differ, say same." in person.flow.screen.text
+    person.go_on_to(ScreenKind.QUESTION)
+    assert "If you are not sure that they differ, say same." in person.flow.screen.text
+    person = limits(plan=varied("limits", method="up-down"))
+    assert "If you are not sure, guess." in person.flow.screen.text
+    person.go_on_to(ScreenKind.QUESTION)
+    assert "If you are not sure, guess." in person.flow.screen.text
 
 
 def test_a_pair_that_the_device_missed_is_presented_again_and_not_asked_about():

@@ -61,8 +61,8 @@ def test_an_observer_is_named_by_all_that_was_changed():
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("literatur", "unknown observer 'literatur'; did you mean 'literature'?"),
-        ("literature:force_jn=1", "has no parameter 'force_jn'; did you mean 'force_jnd'?"),
+        ("literatur", "unknown observer 'literatur' (did you mean 'literature'?)"),
+        ("literature:force_jn=1", "has no parameter 'force_jn' (did you mean 'force_jnd'?)"),
         ("literature:force_jnd=much", "force_jnd is 'much'; it must be a number"),
         ("literature:force_jnd=-1", "force_jnd"),
         ("literature:cue=smell", "cue is 'smell'; choose from peak, slope"),

@@ -11,6 +11,7 @@ import pytest
 
 from hapticnet.errors import UnavailableError
 from hapticnet.study.rows import LimitsRow, OrderRow
+from hapticnet.study.screens import READ_US
 from hapticnet.study.store import read_rows
 from tests.cli.test_cli_errors import ROOT
 from tests.study.terminal import ENTER, ESCAPE, INTERRUPT, Terminal
@@ -38,6 +39,7 @@ tolerance = 1.0
 """
 HAND = "time_s,position_m\n0,0\n0.2,0\n2.4,0.072\n2.8,0\n"
 MOVES_S = 3.0
+READ_S = READ_US / 1e6 + 0.1
 
 LOOSE = '''
 """A device that is unplugged while there is a file of this name."""
@@ -103,6 +105,7 @@ def play(terminal):
         terminal.type("3" + ENTER)
         if terminal.expect("comes again", "How did the tissues") != "comes again":
             return
+        time.sleep(READ_S)
         terminal.type(ENTER)
     raise AssertionError("no trial counts")
 
@@ -126,12 +129,14 @@ def test_a_session_at_the_terminal_with_an_escape_a_device_unplugged_and_a_slave
             terminal.expect("Feel the three tissues")
             terminal.type(ESCAPE)
             terminal.expect("it was stopped")
+            time.sleep(READ_S)
             terminal.type(ENTER)
             terminal.expect("Feel the three tissues")
             time.sleep(0.5)
             (laboratory / "unplugged").touch()
             terminal.expect("a technical fault")
             (laboratory / "unplugged").unlink()
+            time.sleep(READ_S)
             terminal.type(ENTER)
             terminal.expect("Feel the three tissues")
             time.sleep(0.5)
@@ -139,7 +144,7 @@ def test_a_session_at_the_terminal_with_an_escape_a_device_unplugged_and_a_slave
             slave.wait()
             terminal.expect("a technical fault")
             slave = start_slave()
-            time.sleep(1.0)
+            time.sleep(READ_S)
             terminal.type(ENTER)
             play(terminal)
             terminal.type("5")
@@ -164,6 +169,7 @@ def test_a_session_at_the_terminal_with_an_escape_a_device_unplugged_and_a_slave
 
 def test_ctrl_c_ends_a_session_at_once_and_another_process_goes_on_with_it(laboratory):
     with Terminal(*ORDER, cwd=laboratory) as terminal:
+        terminal.expect("the consent is the one that is shipped")
         begin(terminal)
         terminal.expect("Feel the three tissues")
         terminal.type("1" + INTERRUPT)
@@ -171,7 +177,8 @@ def test_ctrl_c_ends_a_session_at_once_and_another_process_goes_on_with_it(labor
     assert code == 130
     assert "Traceback" not in shown
     assert "go on with --resume" in shown
-    assert [row.event for row in rows_of(laboratory)] == ["begin", "consent", "meet"]
+    begun = ["begin", "consent", "meet", "started"]
+    assert [row.event for row in rows_of(laboratory)] == begun
     with Terminal(*ORDER, "--resume", cwd=laboratory) as terminal:
         terminal.expect("The session goes on")
         time.sleep(1.1)
@@ -179,7 +186,7 @@ def test_ctrl_c_ends_a_session_at_once_and_another_process_goes_on_with_it(labor
         code, shown = terminal.end()
     assert code == UnavailableError.exit_code
     assert "the participant ended the session; everything answered is stored, go on with --resume" in shown
-    assert [row.event for row in rows_of(laboratory)] == ["begin", "consent", "meet", "begin", "stopped"]
+    assert [row.event for row in rows_of(laboratory)] == [*begun, "aborted", "begin", "stopped"]
 
 
 def test_a_jnd_is_measured_at_the_terminal_under_masking_noise(laboratory, monkeypatch):

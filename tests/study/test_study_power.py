@@ -61,8 +61,7 @@ def test_the_paper_s_design_finds_4_jnd_but_not_2():
 def test_five_participants_can_find_nothing():
     found = power(PAPER, [(5, 10)], experiments=100)
     assert all(each.power == 0.0 for each in found)
-    assert all(each.half_width == float("inf") for each in found[1:])
-    assert any(line.startswith("  4 JND") and line.endswith("none") for line in lines(found, "assumed shares"))
+    assert all(each.half_width > 0.15 for each in found[1:])
 
 
 def test_a_deadband_that_lowers_all_peaks_alike_changes_nothing_for_an_observer():

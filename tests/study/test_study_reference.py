@@ -78,3 +78,11 @@ def test_the_log_odds_of_the_gee_are_those_of_the_totals():
     for name in NAMES[1:]:
         assert found[name].log_odds == pytest.approx(odds[name] - odds["none"], abs=1e-3)
         assert found[name].low < found[name].log_odds < found[name].high
+
+
+def test_intervals_and_probabilities_of_the_gee_are_student_s_over_participants():
+    made = [row for row in rows(people=8) if row.event == "trial"]
+    for effect in fit_models(made, NAMES):
+        if effect.model == "GEE":
+            error = abs(effect.log_odds) / stats.t.isf(effect.probability / 2.0, 7)
+            assert (effect.high - effect.low) / 2.0 == pytest.approx(stats.t.ppf(0.975, 7) * error, rel=1e-6)

@@ -16,6 +16,7 @@ from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.procedures import Met
 from hapticnet.operator.trace import TraceOperator
 from hapticnet.perception import WeberLaw
+from hapticnet.recordings.session.in_force import in_force
 from hapticnet.recordings.session.reading import read_session
 from hapticnet.runtime.master_run import MasterRunner
 from hapticnet.runtime.udp import HostPort
@@ -46,12 +47,12 @@ STIMULUS = Stimulus(
 )
 
 
-def push(contact_s):
-    """Return a hand that pushes the first tissue only, at an even speed."""
+def push(contact_s, before_s=0.1):
+    """Return a hand that pushes the first tissue only, at an even speed, after a time at rest."""
 
     def make_hand(_):
         speed_m_per_s = 0.01 / contact_s
-        times_s = np.array([0.0, 0.1, 0.1 + 0.036 / speed_m_per_s])
+        times_s = np.array([0.0, before_s, before_s + 0.036 / speed_m_per_s])
         return TraceOperator((times_s * 1e6).astype(np.int64), np.array([[0.0], [0.0], [0.036]]))
 
     return make_hand
@@ -87,6 +88,20 @@ def test_a_trial_tells_what_was_held_and_felt_in_each_tissue():
     assert 0 < measures.force_packets < 1000
     assert measures.wire_bytes > 28 * measures.force_packets
     assert measures.undelivered(0.8) is None
+
+
+@pytest.mark.parametrize("codec", ["raw", "deadband"])
+def test_bytes_of_a_penetration_count_no_time_in_which_nothing_is_touched(codec):
+    def measures(before_s):
+        return run(rig_with(push(0.5, before_s)), Meet(), Play(replace(STIMULUS, codec=codec)))[1].measures
+
+    short, long = measures(0.1), measures(5.0)
+    assert (short.penetrations, long.penetrations) == (1, 1)
+    assert long.penetration_packets == pytest.approx(short.penetration_packets, abs=3)
+    assert long.penetration_bytes == pytest.approx(short.penetration_bytes, rel=0.1)
+    if codec == "raw":  # each position in contact is answered
+        assert long.wire_bytes > 3 * short.wire_bytes
+        assert short.penetration_packets == pytest.approx(500, rel=0.1)
 
 
 def test_a_push_that_the_device_cannot_follow_and_a_tissue_left_out_are_told():
@@ -158,6 +173,8 @@ def test_each_trial_is_recorded_beside_the_table_and_no_recording_is_overwritten
     session = read_session(folder / f"trial-004-1.{form}")
     assert len(session.tables["tick"]["t_us"]) == len(played.ticks["t_us"])
     assert session.about["trial"]["event"] == "repeated"
+    ((_, settings),) = in_force(session.events)
+    assert (settings["codec"], settings["channel_out"]) == (STIMULUS.codec, STIMULUS.forward)
     assert record_trials(settings, "none", {}) is None
 
 
@@ -207,4 +224,6 @@ def test_what_fails_beside_a_session_ends_it_after_the_row_is_stored(tmp_path):
     settings, rig = settings_of(tmp_path, 3), GivenRig()
     with order_session(settings, rig.now_us()) as (flow, store), pytest.raises(FileError, match="cannot be written"):
         asyncio.run(conduct(flow, rig, WillingFront(rig), store, date=lambda: "", version="test", on_outcome=fail))
-    assert [row.event for row in read_rows(settings.table(ORDER), OrderRow)] == ["begin", "consent", "meet"]
+    assert [row.event for row in read_rows(settings.table(ORDER), OrderRow)] == [
+        "begin", "consent", "meet", "started"
+    ]  # fmt: skip

@@ -7,7 +7,7 @@ import pytest
 
 from hapticnet.errors import FileError, SettingsError
 from hapticnet.study.limits_flow import LimitsSchedule, draw_limits
-from hapticnet.study.plan import PRESETS, ConditionPlan, OrderPlan, Plan, find_plan
+from hapticnet.study.plan import PRESETS, ConditionPlan, LimitsPlan, OrderPlan, Plan, find_plan
 from hapticnet.study.schedule import OrderSchedule, draw_order, williams_square
 
 PAPER = PRESETS["paper"]
@@ -87,15 +87,21 @@ def test_a_participant_is_a_number(participant):
         draw_order(PAPER, participant, 1, 0)
 
 
-def test_references_come_in_a_latin_square_and_a_fifth_of_the_series_is_for_catching():
+def test_references_come_in_a_latin_square_and_a_third_more_series_are_for_catching():
     series = draw_limits(PAPER, "02", 1, 1).series
     ascending = [each for each in series if not each.catch]
     assert Counter(each.reference_n for each in ascending) == {0.5: 5, 1.0: 5, 1.5: 5}
-    assert sum(each.catch for each in series) == 3
+    assert sum(each.catch for each in series) == 5
     for start in range(0, 15, 3):
         assert {each.reference_n for each in ascending[start : start + 3]} == {0.5, 1.0, 1.5}
     firsts = {draw_limits(PAPER, f"{number}", 1, 1).series for number in (1, 2, 3)}
     assert len(firsts) == 3
+
+
+def test_the_largest_comparison_is_one_that_the_device_reaches():
+    LimitsPlan(references_n=[3.2], largest=0.4)
+    with pytest.raises(ValueError, match=r"the largest comparison is 4\.76 N; the device ends at 4\.6 N"):
+        LimitsPlan(references_n=[3.4], largest=0.4)
 
 
 def test_starts_are_random_and_within_the_plan():

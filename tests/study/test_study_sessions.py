@@ -1,5 +1,6 @@
 """Sessions of simulated observers from the command line: complete, over UDP, interrupted, refused."""
 
+import dataclasses
 import json
 import os
 import signal
@@ -11,7 +12,9 @@ import time
 import pytest
 
 from hapticnet.errors import UnavailableError
+from hapticnet.study.plan import find_plan
 from hapticnet.study.rows import LimitsRow, OrderRow
+from hapticnet.study.session import keep_plan
 from hapticnet.study.store import read_rows
 from hapticnet.study.weber import load_participant
 from tests.cli.test_cli_errors import ROOT
@@ -55,14 +58,6 @@ def experiment(folder, verb, *words):
     return hapticnet("experiment", verb, *words, cwd=folder)
 
 
-def answers(folder, participant):
-    rows = read_rows(folder / TABLE.format(participant), OrderRow)
-    return [(row.event, row.this_n, row.order_answered, row.rating) for row in rows if row.event in ASKED]
-
-
-ASKED = ("practice", "trial", "rating")
-
-
 def test_a_study_of_simulated_observers_ends_with_report_and_figures_and_is_not_begun_twice(folder):
     words = ("--participant", "01-02", "--plan", "plan.toml", "--simulate", "literature")
     done = experiment(folder, "order", *words, "--json")
@@ -89,7 +84,7 @@ def test_a_study_of_simulated_observers_ends_with_report_and_figures_and_is_not_
         ("--participant", "03", "--simulate", "literature"): "is another plan than the one given",
         ("--participant", "Anna", *words[2:]): "names are not stored",
         ("--participant", "03", "--simulate", "nobody"): "unknown observer 'nobody'",
-        ("--participant", "03", "--real-time"): "--real-time is for simulated observers",
+        ("--participant", "03", "--wall-clock"): "--wall-clock is for simulated observers",
         ("--participant", "03-04",): "several at once are for --simulate",
         ("--participant", "03", "--plan", "plan.toml", "--device", "none"): "unknown device 'none'",
     }  # fmt: skip
@@ -103,14 +98,22 @@ def test_a_study_of_simulated_observers_ends_with_report_and_figures_and_is_not_
 
 def test_a_dry_run_prints_the_schedule_and_leaves_nothing(folder):
     before = sorted(folder.iterdir())
+    words = ("--participant", "03", "--plan", "plan.toml", "--dry-run")
     for verb, part in (("order", "trials"), ("limits", "series")):
-        done = experiment(folder, verb, "--participant", "03", "--plan", "plan.toml", "--dry-run")
-        assert len(json.loads(done.stdout)[part]) in (2, 4)
+        (drawn,) = json.loads(experiment(folder, verb, *words, "--json").stdout)
+        assert len(drawn[part]) in (2, 4)
+    shown = experiment(folder, "order", "--participant", "03", "--dry-run").stdout.splitlines()
+    assert shown[0] == "participant 03, session 1: 40 trials, seed 0"
+    assert len(shown) == 6
+    assert [line.split(":")[0] for line in shown[2:]] == [
+        "  block 1, 2 JND", "  block 2, 4 JND", "  block 3, 1 JND", "  block 4, none"
+    ]  # fmt: skip
+    assert len(experiment(folder, "limits", "--participant", "03", "--dry-run").stdout.splitlines()) == 21
     assert sorted(folder.iterdir()) == before
 
 
 def test_the_jnd_is_measured_and_the_ordering_task_uses_it(folder):
-    (folder / "plan.toml").write_text(PLAN + "[jnd]\nmeasured = true\n")
+    (folder / "plan.toml").write_text(PLAN + "[jnd]\nmeasured = 'required'\n")
     words = ("--participant", "03", "--plan", "plan.toml", "--simulate", "literature")
     done = experiment(folder, "order", *words)
     assert done.returncode == 2
@@ -125,12 +128,12 @@ def test_the_jnd_is_measured_and_the_ordering_task_uses_it(folder):
     assert 0.01 < measured.weber_fraction < 0.4
     assert measured.device_error_n is not None
 
-    assert experiment(folder, "order", *words, "--no-report").returncode == 0
+    assert experiment(folder, "order", *words, "--no-analyse").returncode == 0
     trials = [row for row in read_rows(folder / TABLE.format("03"), OrderRow) if row.event == "trial"]
     assert {row.weber_fraction for row in trials} == {float(f"{measured.weber_fraction:.9g}")}
 
 
-@pytest.mark.parametrize(("observer", "told"), [("never-different", "no_jnd"), ("always-same", "catch_series")])
+@pytest.mark.parametrize(("observer", "told"), [("never-different", "no_jnd"), ("always-same", "catch_pairs")])
 def test_observers_without_a_jnd_end_with_an_account_of_it(folder, observer, told):
     words = ("--participant", "03", "--plan", "plan.toml", "--simulate", observer)
     done = experiment(folder, "limits", *words)
@@ -142,8 +145,8 @@ def test_observers_without_a_jnd_end_with_an_account_of_it(folder, observer, tol
 
 
 def test_a_killed_session_goes_on_and_asks_what_it_would_have_asked(folder):
-    words = ("--plan", "plan.toml", "--simulate", "literature", "--record", "none", "--no-report")
-    whole = experiment(folder, "order", "--participant", "01", *words, "--out", "whole")
+    words = ("--plan", "plan.toml", "--simulate", "literature", "--record-format", "none", "--no-analyse")
+    whole = experiment(folder, "order", "--participant", "01", *words, "--out-dir", "whole")
     assert whole.returncode == 0, whole.stderr
     command = [sys.executable, "-m", "hapticnet", "experiment", "order", "--participant", "01", *words, "--jobs", "1"]
     process = subprocess.Popen(
@@ -161,19 +164,46 @@ def test_a_killed_session_goes_on_and_asks_what_it_would_have_asked(folder):
     done = experiment(folder, "order", "--participant", "01", *words, "--resume")
     assert done.returncode == 0, done.stderr
     assert table.read_bytes().startswith(before[: before.rfind(b"\n") + 1])
-    events = [row.event for row in read_rows(table, OrderRow)]
-    assert (events.count("begin"), events.count("consent"), events.count("trial")) == (2, 1, 2)
-    assert answers(folder, "01") == [
-        (row.event, row.this_n, row.order_answered, row.rating)
-        for row in read_rows(folder / TABLE.format("01").replace("study", "whole", 1), OrderRow)
-        if row.event in ASKED
-    ]
+
+    def without_date(path):
+        return [dataclasses.replace(row, date=None) for row in read_rows(path, OrderRow)]
+
+    assert without_date(table) == without_date(folder / TABLE.format("01").replace("study", "whole", 1))
+
+    refused = {
+        ("order", "--participant", "02"): "does not exist, so there is nothing to go on with; check --participant",
+        ("limits", "--participant", "01"): "does not exist, so there is nothing to go on with",
+        ("order", "--participant", "01", "--device", "sim:2.0"): "was begun with the device sim, not sim:2.0",
+        ("order", "--participant", "01", "--seed", "5"): "would come out differently now",
+    }
+    lines = table.read_text().splitlines(keepends=True)
+    table.write_text("".join(lines[: len(lines) // 2]))
+    for (verb, *wrong), told in refused.items():
+        simulated = words if verb == "order" else words[:4]
+        done = experiment(folder, verb, *wrong, *simulated, "--resume", "--quiet")
+        assert done.returncode == 2, done.stderr
+        assert told in done.stderr
+        assert len(done.stderr.splitlines()) == 1
+
+
+def test_people_and_simulated_observers_are_kept_in_folders_apart(folder):
+    words = ("--participant", "01", "--plan", "plan.toml")
+    assert experiment(folder, "limits", *words, "--simulate", "literature").returncode == 0
+    person = experiment(folder, "limits", "--participant", "02", "--plan", "plan.toml")
+    assert person.returncode == 2
+    assert "study has answers of the simulated observer 'literature' (participant 01); keep people" in person.stderr
+    table = next((folder / "study").glob("sub-01/ses-1/limits/*.tsv"))
+    table.write_text(table.read_text().replace("literature", "n/a"))
+    simulated = experiment(folder, "order", "--participant", "02-03", *words[2:], "--simulate", "literature")
+    assert simulated.returncode == 2
+    assert "study has answers of a person (participant 01)" in simulated.stderr
+    assert sorted(each.name for each in (folder / "study").iterdir()) == ["participants", "plan.toml", "sub-01"]
 
 
 def test_a_simulated_session_over_udp_ends_with_report_and_recordings(folder):
     text = PLAN.replace("practice = 1", "practice = 0\nleast_delivered = 0.2")
     (folder / "plan.toml").write_text(text.replace('[[condition]]\nname = "none"\ncodec = "raw"\n', ""))
-    words = ("--participant", "01", "--plan", "plan.toml", "--simulate", "force-only", "--real-time")
+    words = ("--participant", "01", "--plan", "plan.toml", "--simulate", "force-only", "--wall-clock")
     done = experiment(folder, "order", *words)
     assert done.returncode == 0, done.stderr
     rows = read_rows(folder / TABLE.format("01"), OrderRow)
@@ -195,7 +225,7 @@ def test_a_slave_with_another_scene_is_told_and_plays_no_trial(folder):
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=ROOT,
     )  # fmt: skip
     try:
-        words = ("--participant", "01", "--plan", "plan.toml", "--simulate", "literature", "--real-time", "--connect")
+        words = ("--participant", "01", "--plan", "plan.toml", "--simulate", "literature", "--wall-clock", "--connect")
         done = experiment(folder, "order", *words, address)
     finally:
         slave.kill()
@@ -205,7 +235,10 @@ def test_a_slave_with_another_scene_is_told_and_plays_no_trial(folder):
 
 
 def test_a_full_disk_ends_the_session_with_one_line(folder):
-    command = f"ulimit -f 4; exec '{sys.executable}' -m hapticnet experiment limits --participant 01 --plan plan.toml"
+    keep_plan(find_plan(str(folder / "plan.toml")), folder / "study")  # with its texts it is larger than the table
+    command = (
+        f"ulimit -f 4; exec '{sys.executable}' -B -m hapticnet experiment limits --participant 01 --plan plan.toml"
+    )
     done = subprocess.run(
         ["bash", "-c", f"{command} --simulate never-different --jobs 1 --quiet"],
         cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False,

@@ -9,13 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticnet.errors import SettingsError
+from hapticnet.study.power import ShareAnswers
 from hapticnet.study.statistics import (
+    chance_variance,
     equivalence,
     falling,
     holm,
     kendall_distance,
     leaving_point,
     mean_interval,
+    share_interval,
     sign_flip,
     standard_error,
     two_sided,
@@ -76,23 +79,52 @@ def test_eight_participants_can_reach_2_in_256_and_no_less():
     assert two_sided(sign_flip([0.0] * 8)) == 1.0
 
 
-def test_the_interval_of_the_mean_holds_what_the_test_does_not_reject():
+def test_the_interval_of_the_mean_is_student_s_and_needs_two_participants():
     differences = [0.3, 0.1, 0.2, 0.4, 0.0, 0.2, 0.3, 0.1]
-    low, high = mean_interval(differences)
-    assert low < np.mean(differences) < high
-    assert two_sided(sign_flip(differences, shift=low + 0.01)) > 0.05
-    assert two_sided(sign_flip(differences, shift=low - 0.01)) <= 0.05
-    assert two_sided(sign_flip(differences, shift=high + 0.01)) <= 0.05
+    half = 2.3646 * np.std(differences, ddof=1) / math.sqrt(8)
+    assert mean_interval(differences) == pytest.approx((0.2 - half, 0.2 + half), abs=1e-4)
+    assert mean_interval([0.1]) == (-math.inf, math.inf)
 
 
-def test_five_participants_have_no_95_percent_interval():
-    assert mean_interval([0.1, 0.2, 0.1, 0.0, 0.1]) == (-math.inf, math.inf)
+def test_ties_make_no_interval_narrower_than_chance():
+    least = 2 * chance_variance(62, 80, 8)
+    assert mean_interval([0.1] * 8) == (-math.inf, math.inf)
+    for ties in ([0.1] * 8, [0.0] * 7 + [0.1]):
+        low, high = mean_interval(ties, least_variance=least)
+        assert high - low > 0.25
+    assert chance_variance(80, 80, 8) > 0.0
 
 
-def test_the_interval_covers_the_true_mean():
-    rng = np.random.default_rng(4)
-    covered = sum(low <= 0.1 <= high for low, high in (mean_interval(rng.normal(0.1, 0.2, 10)) for _ in range(150)))
-    assert covered >= 135
+def test_the_interval_of_differences_covers_the_true_one_for_scores_near_1():
+    rng, covered = np.random.default_rng(4), 0
+    for _ in range(300):
+        right = rng.binomial(10, [[0.97], [0.87]], size=(2, 8))
+        least = sum(chance_variance(int(each), 80, 8) for each in right.sum(axis=1))
+        low, high = mean_interval((right[1] - right[0]) / 10, least_variance=least)
+        covered += low <= -0.1 <= high
+    assert covered >= 0.93 * 300
+
+
+@pytest.mark.parametrize("share", [0.54, 0.775, 0.97])
+def test_the_interval_of_a_share_covers_it_where_participants_differ(share):
+    rng = np.random.default_rng(5)
+    answers = ShareAnswers(("a",), (0.0,), (share,), 0.7)
+    inside = over_trials = 0
+    for scores in answers.scores(300, 16, 20, rng)[:, :, 0]:
+        right = round(20 * scores.sum())
+        low, high = share_interval(right, 320, scores)
+        inside += low <= share <= high
+        over_trials += wilson(right, 320)[0] <= share <= wilson(right, 320)[1]
+    assert inside >= 0.92 * 300
+    assert over_trials < inside
+
+
+def test_the_interval_of_a_share_is_that_over_trials_at_least_and_everything_for_one_participant():
+    low, high = share_interval(62, 80, [0.775] * 8)
+    assert low < wilson(62, 80)[0]
+    assert high > wilson(62, 80)[1]
+    assert share_interval(80, 80, [1.0] * 8)[1] == 1.0
+    assert share_interval(8, 10, [0.8]) == share_interval(0, 0, []) == (0.0, 1.0)
 
 
 def test_equivalence_needs_every_participant_near_zero():

@@ -1,5 +1,6 @@
 """The table on disk: what a crash, a full disk, a second session or a strange file does to it."""
 
+import asyncio
 import errno
 import json
 import os
@@ -10,11 +11,15 @@ from dataclasses import replace
 
 import pytest
 
-from hapticnet.errors import FileError, SettingsError
+from hapticnet.errors import FileError, SettingsError, UnavailableError
+from hapticnet.study import screens
+from hapticnet.study.conduct import conduct
 from hapticnet.study.rows import LimitsRow, OrderRow, columns
-from hapticnet.study.session import check_number, order_session
+from hapticnet.study.screens import ScreenKind
+from hapticnet.study.session import check_number, limits_session, order_session
 from hapticnet.study.store import opened, read_rows
 from tests.cli.test_cli_errors import ROOT
+from tests.study.conducted import DATE, GivenRig, WillingFront
 from tests.study.killed import settings_of, task_of
 
 NAME = "sub-03_ses-1_task-order_beh.tsv"
@@ -153,6 +158,24 @@ def test_a_session_of_a_person_does_not_go_on_with_an_observer(tmp_path):
         pass
     with order_session(replace(settings, resume=True), 0) as (flow, _):
         assert [row.text for row in flow.take_rows()] == ["resumed"]
+
+
+@pytest.mark.parametrize("make", [order_session, limits_session])
+def test_a_participant_who_does_not_agree_ends_the_session_with_that_and_no_result(tmp_path, make):
+    class Unwilling(WillingFront):
+        async def key(self, flow):
+            return screens.NO if flow.screen.kind is ScreenKind.CONSENT else screens.ENTER
+
+    rig = GivenRig()
+    for resume in (False, True):  # it does not ask again
+        settings = replace(settings_of(tmp_path, 3), resume=resume)
+        with (
+            pytest.raises(UnavailableError, match="did not agree to take part; nothing was asked or measured"),
+            make(settings, 0) as (flow, store),
+        ):
+            asyncio.run(conduct(flow, rig, Unwilling(rig), store, date=lambda: DATE, version="test"))
+        assert [(row.event, row.reason) for row in store.rows] == [("begin", None), ("end", "no consent")]
+    assert rig.activities == []
 
 
 def test_sessions_killed_at_fifty_moments_lose_nothing_and_ask_nothing_twice(tmp_path):

@@ -103,7 +103,7 @@ def test_a_sweep_that_was_stopped_goes_on_with_what_is_missing(plan, truth, rows
     first = swept(plan, out, pool, shard=5, is_stopped=lambda: len(pool.began) > 3)
     assert first.stopped
     assert 0 < first.done < 64
-    (out / (shard_name(Shard(40, 45)) + ".tmp")).write_bytes(b"half of a sha")  # as kill -9 leaves it
+    (out / (shard_name(Shard(40, 45), b"") + ".tmp")).write_bytes(b"half of a sha")  # as kill -9 leaves it
     second = swept(plan, out, HerePool(plan), shard=3)
     assert second.computed == 64 - first.done
     assert rows(out) == truth

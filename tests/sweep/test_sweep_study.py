@@ -19,7 +19,7 @@ HEAD = 'name = "x"\ntask = "felt"\n'
     [
         ("name = ", "not a TOML file: .*line 1"),
         ('name = "x"', "task is missing; choose from felt, ordering"),
-        ('name = "x"\ntask = "feel"', "task is 'feel'; did you mean 'felt'"),
+        ('name = "x"\ntask = "feel"', "task is 'feel' .did you mean 'felt'"),
         ('name = "x"\ntask = 3', "task is 3; choose from felt, ordering"),
         ('task = "felt"', "name is missing"),
         (HEAD + "repeat = 3", "unknown key 'repeat' .did you mean 'repeats'"),

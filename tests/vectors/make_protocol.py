@@ -16,8 +16,8 @@ NOTE = (
     " HELLO's padding; 'contents' are those of the request in a HELLO and of the grant in a WELCOME."
 )
 
-HELLO, WELCOME, REFUSE, POSITION, FORCE, KEEPALIVE, CLOSE, RESET, COOKIE = range(1, 10)
-NAMES = ["HELLO", "WELCOME", "REFUSE", "POSITION", "FORCE", "KEEPALIVE", "CLOSE", "RESET", "COOKIE"]
+HELLO, WELCOME, REFUSE, POSITION, FORCE, KEEPALIVE, CLOSE, RESET, COOKIE, NOTICE = range(1, 11)
+NAMES = ["HELLO", "WELCOME", "REFUSE", "POSITION", "FORCE", "KEEPALIVE", "CLOSE", "RESET", "COOKIE", "NOTICE"]
 HELLO_BYTES = 400
 SESSION = 0xDEADBEEF
 NONCE = 0x01020304
@@ -138,6 +138,7 @@ DATAGRAMS = [
     ),
     ("three axes", "1, -2, 3 N", FORCE, SESSION, 4, [4000, number("3f800000c000000040400000")], None),
     ("close", "", CLOSE, SESSION, 70_000, ["done", 0], None),
+    ("notice", "the session goes on", NOTICE, SESSION, 70_000, ["this slave is about to stop", 8], None),
     ("reset", "the body is empty", RESET, SESSION, 70_001, [], None),
 ]
 

@@ -40,6 +40,7 @@ class StandInRig:
         self.undelivered = 0
         self._page = page
         self._hand = hand
+        self.deepest_m: float | None = None
         self._stop = asyncio.Event()
 
     def now_us(self) -> int:
@@ -71,7 +72,14 @@ class StandInRig:
         measures = replace(
             NO_MEASURES, peaks_held_n=forces_n, peaks_sensed_n=tuple(share * force_n for force_n in forces_n)
         )
-        return Played(stimulus=activity.stimulus, measures=measures, ticks={}, datagrams={}, settings=MasterSettings())
+        return Played(
+            stimulus=activity.stimulus,
+            measures=measures,
+            ticks={},
+            datagrams={},
+            settings=MasterSettings(),
+            in_force=(),
+        )
 
 
 @dataclass
@@ -112,6 +120,7 @@ class Participant(Client):
         """Press Enter on each of these screens."""
         for screen in screens:
             await self.see(screen)
+            await asyncio.sleep(float(str((await self.see(screen))["wait_s"])))
             await self.press("y" if screen == "consent" else "enter")
 
     async def push(self, position_m: float, there: Callable[[], bool]) -> None:
@@ -138,7 +147,7 @@ async def session(out: Path, plan: Plan, *, seed: int = 1) -> AsyncIterator[Sess
     hand = LiveHand()
     seen = SeenHand(hand)
     said: list[str] = []
-    page = ParticipantPage(seen, "page", masking_noise=False, say=said.append)
+    page = ParticipantPage(seen, "page", texts=plan.texts, masking_noise=plan.masking_noise, say=said.append)
     front = PageFront(page, said.append)
     rig = StandInRig(page, seen)
     sock, access = listen_for_pages(HostPort("127.0.0.1", 0), ("operator",))

@@ -27,7 +27,7 @@ TRAFFIC = {
 STATE = {
     "t_s": 1.0, "link": "established", "connections": 1, "sealed": False, "codec": "deadband", "parameters": {},
     "multiplier": 1.0, "weber_fraction": 0.05, "floor_n": 0.025, "delay_ms": 0, "loss_percent": 0,
-    "round_trip_ms": 0.4, "lost": 0, "device": "ready", "since_s": 0.0,
+    "round_trip_ms": 0.4, "arrived": 30, "lost": 0, "device": "ready", "since_s": 0.0,
     "pages": {"watch": 1, "operator": 0, "left_out": 0},
     "feedback": TRAFFIC, "forward": TRAFFIC,
 }  # fmt: skip
@@ -119,7 +119,8 @@ def greet(stage: Stage, view: View) -> None:
     tissues: list[dict[str, Any]] = [{"rest_m": each["rest_m"]} for each in TISSUES]
     if view == "watch":
         hello |= {
-            "rate_hz": 1000, "axes": 1, "device": "sim", "master": "m", "hapticnet": "0", "history_s": 5.0,
+            "rate_hz": 1000, "axes": 1, "device": "sim", "largest_n": 4.6,
+            "master": "m", "hapticnet": "0", "history_s": 5.0,
             "columns": messages.COLUMNS, "limits": requests.LIMITS,
             "adjustable": ["multiplier", "codec", "loss_percent"],
             "codecs": [{"name": "deadband", "summary": "d"}, {"name": "raw", "summary": "r"}],

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from hapticnet.cli.pages import address_in, address_of
 from hapticnet.runtime.children import Child
 from tests.web.observer import Observer
 
@@ -29,8 +30,8 @@ def urls() -> Iterator[dict[str, str]]:
         found: dict[str, str] = {}
         for line in master.lines():
             for view in ("watch", "operator"):
-                if f"/{view}?token=" in line:
-                    found[view] = line[line.index("http://") :].strip()
+                if f"/{view}.html" in line:
+                    found[view] = address_of(address_in(line)[0])
             if len(found) == 2:
                 break
         yield found
@@ -134,7 +135,7 @@ def test_a_frozen_page_delays_no_tick_and_loses_the_hand(tab: Tab, observer: Obs
     assert observer.rows_have_no_gap()
     assert observer.longest_pause_s() < 0.5
     tab.page.mouse.up()
-    tab.page.locator("#hand-state", has_text="Nobody").wait_for()
+    tab.page.locator("#hand-state", has_text="The needle is free").wait_for()
     assert tab.complaints == []
 
 

@@ -1,15 +1,19 @@
 """What connections to the page may send, so that no flood delays a tick."""
 
 import asyncio
+import gc
 from typing import Any
 
 import aiohttp
 import pytest
+from aiohttp import web
 
 from hapticnet.web import gate as gate_module
 from hapticnet.web.gate import MOST_CONNECTIONS, PORTION_BYTES, Connection, Gate
 from hapticnet.web.messages import CloseCode
 from tests.web.rig import play, rig, until
+
+REQUEST = b"GET / HTTP/1.1\r\nHost: a\r\n\r\n"
 
 
 class Server(asyncio.Protocol):
@@ -49,6 +53,18 @@ class Transport:
         self.closed = True
 
     abort = close
+
+
+class WritableTransport(Transport):
+    """One to which aiohttp can write."""
+
+    def get_extra_info(self, name: str, default: object = None) -> object:  # noqa: ARG002
+        return default
+
+    def write(self, data: bytes) -> None:
+        pass
+
+    writelines = write
 
 
 def connect(gate: Gate) -> tuple[Connection, Any, Transport]:
@@ -112,6 +128,35 @@ def test_the_oldest_connection_without_a_token_makes_room():
         gate.trust(opened[0][1].transport)
         opened += [connect(gate) for _ in range(MOST_CONNECTIONS - 1)]
         assert [transport.closed for _, _, transport in opened[:4]] == [False, True, False, False]
+
+    play(scenario)
+
+
+@pytest.mark.parametrize("sent", [b"", REQUEST, 50 * REQUEST, b"nonsense\r\n\r\n"])
+def test_a_connection_that_ends_before_its_requests_are_begun_leaves_no_error(sent: bytes):
+    """aiohttp's task would raise: of a connection that is lost it knows neither server nor handler any more."""
+
+    async def scenario() -> None:
+        faults: list[dict[str, Any]] = []
+        asyncio.get_running_loop().set_exception_handler(lambda _, context: faults.append(context))
+
+        async def answer(_: web.BaseRequest) -> web.StreamResponse:
+            return web.Response(text="here")
+
+        gate = Gate(web.Server(answer, access_log=None))
+        for waits in range(4):
+            connection = gate()
+            connection.connection_made(WritableTransport())
+            for _ in range(waits):
+                await asyncio.sleep(0)
+            if sent:
+                connection._bytes += sent
+                connection.take_turn(len(sent))
+            connection.connection_lost(None)
+            for _ in range(10):
+                await asyncio.sleep(0.001)
+        gc.collect()  # an error that nobody asked for is told when its task is deleted
+        assert faults == []
 
     play(scenario)
 

@@ -136,7 +136,7 @@ def test_a_deeper_surface_is_never_drawn_above_a_higher_one(modules: Modules):
         ("percent(1)", "100"),
         ("percent(0.5)", "50"),
         ("thresholdWords(2, 0.05, 0.025)", "Changes within 100\u00a0mN of 1\u00a0N are not sent"),
-        ("handWords('page', 'another', 'live')", "Another page has the hand"),
+        ("handWords('page', 'another', 'live')", "Another page moves the needle"),
         ("linkState('stale').join(' ')", "warn Link stale"),
     ],
 )

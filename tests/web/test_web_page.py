@@ -93,7 +93,7 @@ def test_one_page_has_the_hand_and_when_it_goes_the_needle_is_withdrawn():
                 await push(client, 0.01, 0.5)
                 assert (await other.hear("hand", holder="another"))["state"] == "live"
                 await other.say("take")
-                assert (await other.hear("error"))["message"] == "another page has the hand"
+                assert (await other.hear("error"))["message"] == "another page moves the needle"
                 await other.move(0.09)
                 await push(client, 0.01, 0.1)
                 assert run.hand is not None
@@ -153,6 +153,10 @@ def test_settings_change_while_it_runs_and_the_scene_stays():
             assert client.newest("held")[-1] == 0.0  # still pierced
             await client.say("set", delay_ms=20, loss_percent=50)
             await client.hear("state", delay_ms=20.0, loss_percent=50.0)
+            in_force = [each for _, each in run.node.in_force.history]
+            assert {each.multiplier for each in in_force} >= {1.0, 2.0}, "recordings are told what a page changes"
+            assert (in_force[-1].codec, in_force[-1].channel_out) == ("level-crossing", "delay=20ms,loss=50%")
+            assert not [text for text in client.last("event").values() if "SettingsInForce" in str(text)]
             before = client.last("state")["lost"]
             await push(client, 0.005, 0.6)
             await until(lambda: client.last("state")["lost"] > before)

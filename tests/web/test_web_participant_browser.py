@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from hapticnet.cli.pages import address_in, address_of
 from hapticnet.runtime.children import Child
 
 pytest.importorskip("playwright")
@@ -72,7 +73,7 @@ class Participant:
 
     def push(self) -> None:
         """Push the needle slowly through all tissues, with the keyboard."""
-        self.page.get_by_text("Nobody has the hand").wait_for()
+        self.page.locator("#hand-state", has_text="Press on the picture").wait_for()
         for _ in range(4):
             self.page.keyboard.press("PageDown")
         self.page.wait_for_timeout(500)
@@ -90,14 +91,14 @@ class Participant:
 
 
 @contextmanager
-def session(verb: str, plan: str, folder: Path) -> Iterator[tuple[Child, str]]:
+def session(verb: str, plan: str, folder: Path, *more: str) -> Iterator[tuple[Child, str]]:
     """Start a session and yield it with the address of its page."""
     (folder / "plan.toml").write_text(f'name = "short"\n{plan}')
     arguments = ["experiment", verb, "--participant", "01", "--plan", str(folder / "plan.toml")]
-    child = Child([*arguments, "--out", str(folder / "study"), "--page=127.0.0.1:0"])
+    child = Child([*arguments, "--out-dir", str(folder / "study"), "--page=127.0.0.1:0", *more])
     try:
         lines = child.lines()
-        yield child, next(line[line.index("http://") :] for line in lines if "/operator?token=" in line)
+        yield child, next(address_of(file) for line in lines if (file := address_in(line)[0]))
     finally:
         child.end()
 
@@ -115,7 +116,7 @@ def test_a_session_is_conducted_on_the_page_and_survives_a_reload(chromium: Any,
         person.screen("practice")
         person.page.keyboard.press("Enter")
         person.screen("trial")
-        person.page.get_by_text("Nobody has the hand").wait_for()
+        person.page.locator("#hand-state", has_text="Press on the picture").wait_for()
         person.page.keyboard.press("PageDown")
         person.page.reload()
         person.page.get_by_role("heading", name="This one comes again").wait_for()
@@ -131,8 +132,8 @@ def test_a_session_is_conducted_on_the_page_and_survives_a_reload(chromium: Any,
                 person.click(f"Tissue {tissue}")
             person.click("Confirm")
             person.leave("trial")
-        assert "from the softest to the hardest" in person.page.locator("#task .text").inner_text()
-        person.page.keyboard.press("Enter")
+        assert "From the softest to the hardest" in person.page.locator("#task .text").inner_text()
+        person.click("^Go on")  # once it can be pressed
         while person.screen("trial", "rating") == "trial":
             person.push()
             for key in ("3", "1", "Backspace", "2", "1", "Enter"):
@@ -151,6 +152,25 @@ def test_a_session_is_conducted_on_the_page_and_survives_a_reload(chromium: Any,
     answered = next(row for row in rows(tmp_path) if row["event"] == "trial")
     assert (answered["order_answered"], answered["key_resp.keys"]) == ("321", "31<21")
     assert float(answered["peak_held_3_n"]) > 0.9
+
+
+def test_a_page_goes_on_by_itself_with_a_session_that_was_killed_and_resumed(chromium: Any, tmp_path: Path):
+    with session("order", ORDER_PLAN, tmp_path) as (child, url):
+        person = Participant(chromium, url)
+        person.begin()
+        person.screen("practice")
+        (kept,) = tmp_path.rglob(".page.json")
+        assert kept.stat().st_mode & 0o077 == 0
+        child.kill()
+        person.page.get_by_text("The connection is lost").wait_for()
+    with session("order", ORDER_PLAN, tmp_path, "--resume") as (child, again):
+        assert again == url
+        person.page.get_by_role("heading", name="The session goes on").wait_for()
+        person.page.wait_for_timeout(1100)
+        person.click("End the session")
+        person.page.get_by_role("dialog").get_by_role("button", name="End the session").click()
+        person.page.get_by_role("heading", name="The session is interrupted").wait_for()
+    assert "The connection is lost" not in person.page.inner_text("body")
 
 
 def test_a_threshold_is_measured_on_the_page(chromium: Any, tmp_path: Path):

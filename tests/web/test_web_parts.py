@@ -10,6 +10,7 @@ import pytest
 
 from hapticnet.errors import UnavailableError
 from hapticnet.protocol.stats import Distribution
+from hapticnet.protocol.wire import Kind
 from hapticnet.runtime.udp import HostPort
 from hapticnet.samples import PositionSample
 from hapticnet.scene.presets import find_scene
@@ -21,7 +22,7 @@ from hapticnet.web.client import LARGEST_BACKLOG, LONGEST_QUEUE, MOST_MESSAGES_P
 from hapticnet.web.mirror import Mirror, scene_called
 from hapticnet.web.server import static_files
 from hapticnet.web.ticks import MOST_KEPT, Ticks
-from hapticnet.web.traffic import RecentMedian
+from hapticnet.web.traffic import RecentMedian, TrafficMeter
 from tests.web.rig import read_samples
 
 
@@ -40,6 +41,19 @@ def test_the_force_of_a_scene_that_was_used_before_is_unknown_until_the_needle_w
     mirror = Mirror(find_scene("paper:4"), is_new=False)
     forces = mirror.forces_n(range(4), [0.03, 0.025, 0.0199, 0.025])
     assert [math.isnan(force) for force in forces] == [True, True, False, False]
+
+
+def test_savings_count_only_while_a_force_is_felt():
+    received = SimpleNamespace(packets=0, wire_bytes=0, lost=0, by_kind={})
+    sent = SimpleNamespace(packets=0, wire_bytes=0, by_kind={Kind.POSITION: 0})
+    session = SimpleNamespace(received=received, sent=sent, sealed=False)
+    meter = TrafficMeter(SimpleNamespace(session=session, axes=1))  # type: ignore[arg-type]
+    for felt, packets in ((False, 1), (True, 50), (False, 1)):
+        sent.by_kind[Kind.POSITION] += 1000
+        received.packets += packets
+        feedback = meter.report(1.0, felt=felt)["feedback"]
+    assert (feedback["packets"], feedback["raw_packets"]) == (50, 1000)
+    assert meter.arrived == 52
 
 
 def test_the_range_of_the_needle_tells_nothing_about_the_tissues():

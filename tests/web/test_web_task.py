@@ -6,14 +6,16 @@ from typing import Any
 import pytest
 
 pytest.importorskip("playwright")
+from hapticnet.study.texts import english
 from tests.web.staged import TISSUES, Stage, begin_again, greet, open_view
 
 STOP = {"key": "escape", "does": "stop: the force goes to zero at once"}
 END = {"key": "escape", "does": "end the session"}
 NEXT = [{"key": "enter", "does": "go on"}, END]
 CHOICES = [{"key": key, "does": f"tissue {key}"} for key in "123"]
-HELLO = {
-    "version": 1, "view": "operator", "messages_per_s": 60, "experiment": {"masking_noise": False},
+HELLO: dict[str, Any] = {
+    "version": 1, "view": "operator", "messages_per_s": 60,
+    "experiment": {"masking_noise": False, "texts": english().for_page()},
     "hand": {"source": "page", "speed_m_per_s": 0.06, "delay_ms": 50, "repeat_ms": 100},
 }  # fmt: skip
 
@@ -28,9 +30,10 @@ class Task:
 
     def show(self, screen: str, *, keys: list[dict[str, str]], again: bool = False, **content: Any) -> None:
         self._number += not again
-        shown = {"title": f"{screen} {self._number}", "text": "Read this.", "typed": "", "progress": "", "wait_s": 0.0}
-        self.stage.tell("task", number=self._number, screen=screen, keys=keys, **{**shown, **content})
-        self.stage.until(lambda: self.page.locator("#task h2").inner_text() == {**shown, **content}["title"])
+        about = {"title": f"{screen} {self._number}", "text": "Read this.", "typed": "", "remark": "", "progress": ""}
+        content = {**about, "wait_s": 0.0, **content}
+        self.stage.tell("task", number=self._number, screen=screen, keys=keys, **content)
+        self.stage.until(lambda: self.page.locator("#task h2").inner_text() == content["title"])
 
     def heard(self) -> list[tuple[int, str]]:
         """Return what was pressed since the last call, without the present number."""
@@ -141,6 +144,36 @@ def test_a_rating_takes_one_of_seven(task: Task):
     assert task.heard() == ["5", "7"]
 
 
+def test_what_was_wrong_with_a_key_is_shown_and_told_to_screen_readers(task: Task):
+    task.show("trial", keys=[*CHOICES, STOP], typed="213")
+    task.show("trial", keys=[*CHOICES, STOP], typed="213", title="again", again=True, remark="Not yet.")
+    assert task.stage.text("#task .text") == "Not yet."
+    assert task.stage.text("#announcer") == "Not yet."
+
+
+def test_all_tissues_look_the_same_and_say_nothing_of_how_they_feel(task: Task):
+    """The scene is the same picture whatever order its tissues have; each has the same pixels beside its number."""
+    rests_m = (0.02, 0.04, 0.06)
+    task.stage.tell(
+        "scene", known=True, range_m=[0.0, 0.085], tissues=[{"rest_m": rest, "name": ""} for rest in rests_m]
+    )
+    task.show("trial", keys=[*CHOICES, STOP])
+    task.stage.show(0.0, rests_m, (0, 0, 0))
+    task.page.wait_for_timeout(100)
+    colours = task.page.evaluate(
+        """(rests) => {
+          const canvas = document.getElementById("scene");
+          const [low, high] = [-0.014, 0.087];
+          const y = (m) => Math.round(((m - low) / (high - low)) * canvas.height);
+          const context = canvas.getContext("2d");
+          return rests.map((m) => [...context.getImageData(20, y(m + 0.003), 1, 1).data]);
+        }""",
+        rests_m,
+    )
+    for colour in colours[1:]:
+        assert colour == pytest.approx(colours[0], abs=6)
+
+
 def test_text_is_never_markup(task: Task):
     task.show("feedback", keys=NEXT, title="<img src=x onerror=alert(1)>", text="<b>bold</b>")
     assert task.page.locator("#task img, #task .text b").count() == 0
@@ -173,7 +206,7 @@ def test_the_noise_is_white_and_not_clipped(task: Task):
 
 def test_noise_that_the_plan_asks_for_begins_with_the_first_press(chromium):
     stage = open_view(chromium, "operator")
-    stage.tell("hello", **{**HELLO, "experiment": {"masking_noise": True}})
+    stage.tell("hello", **{**HELLO, "experiment": HELLO["experiment"] | {"masking_noise": True}})
     task = Task(stage)
     task.show("instructions", keys=NEXT)
     assert stage.heard("noise") == []
@@ -201,13 +234,27 @@ def test_a_lost_connection_is_told_where_there_is_no_scene(task: Task):
     task.stage.until(lambda: task.stage.text("#link-state") in ("Connected", "Ready"))
 
 
+def test_a_page_that_waits_for_long_says_what_to_do(chromium):
+    stage = open_view(chromium, "operator")
+    stage.tell("hello", **HELLO)
+    task = Task(stage)
+    task.show("instructions", keys=NEXT)
+    stage.page.clock.install()
+    stage.page.route_web_socket("**/socket/**", lambda socket: socket.close(code=1001, reason=""))
+    stage.sockets[-1].close(code=1001, reason="")
+    stage.until(lambda: "There is no force at your finger" in stage.text("#notice"))
+    stage.page.clock.run_for(16_000)
+    stage.until(lambda: "tell the experimenter" in stage.text("#notice"))
+    stage.page.context.close()
+
+
 @pytest.mark.parametrize(("width", "height"), [(1280, 720), (390, 844), (320, 640)])
 def test_everything_fits_and_every_button_is_large_enough(task: Task, width: int, height: int):
     task.page.set_viewport_size({"width": width, "height": height})
     tissues = [{"rest_m": each["rest_m"], "name": "tissue 1"} for each in TISSUES]
     task.stage.tell("scene", known=True, range_m=[0.0, 0.085], tissues=tissues)
     for screen, keys in (("trial", [*CHOICES, STOP]), ("rating", [{"key": key, "does": ""} for key in "1234567"])):
-        task.show(screen, keys=keys, progress="3 of 40 trials")
+        task.show(screen, keys=keys, progress="3 of 40 trials", remark=english().screens.untouched)
         wide, high = task.page.evaluate("[document.documentElement.scrollWidth, document.documentElement.scrollHeight]")
         assert wide <= width
         if height > 700:

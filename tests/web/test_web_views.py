@@ -93,17 +93,67 @@ def test_a_page_that_lost_the_hand_sends_nothing_until_it_is_pressed_again(opera
 
 def test_while_another_page_has_the_hand_this_one_watches(operator: Stage):
     operator.tell("hand", holder="another", state="live")
-    operator.until(lambda: operator.text("#hand-state") == "Another page has the hand")
+    operator.until(lambda: operator.text("#hand-state") == "Another page moves the needle")
     operator.page.mouse.click(400, 300)
     operator.until(lambda: "Another page" in operator.text("#notice"))
     assert operator.heard("take") == []
     assert operator.page.locator("#hand-button").is_disabled()
 
 
-def test_the_watch_view_lets_go_for_anybody(watch: Stage):
+def test_a_watcher_stops_another_page_only_with_a_button_that_says_so(watch: Stage):
     watch.tell("hand", holder="another", state="live")
-    watch.page.get_by_role("button", name="Let go").click()
+    watch.until(lambda: watch.text("#hand-state") == "Another page moves the needle")
+    watch.page.keyboard.press("Escape")
+    assert watch.page.get_by_role("button", name="Let go").count() == 0
+    assert watch.heard("let_go") == []
+    watch.page.get_by_role("button", name="Stop the other page").click()
     watch.until(lambda: bool(watch.heard("let_go")))
+
+
+def test_a_force_that_the_device_cannot_give_is_told_and_its_arrow_stays_in_the_picture(watch: Stage):
+    watch.tell("hand", holder="you", state="live")
+    watch.show(0.03, (0.03, 0.04), (1, 0))
+    for force_n, told in ((4.0, False), (45.0, True), (4.0, False)):
+        watch.send_samples(held=force_n, true=force_n, received=force_n)
+        watch.tell("state", **STATE)
+        watch.until(lambda told=told: watch.page.locator("#notice").is_visible() == told)
+        if told:
+            assert "The device presses with 4.6 N at most" in watch.text("#notice")
+            watch.page.wait_for_timeout(100)
+            blue = watch.page.evaluate(
+                """() => {
+                  const canvas = document.getElementById("scene");
+                  const { data, width } = canvas.getContext("2d").getImageData(0, 0, canvas.width, 11);
+                  let count = 0;
+                  for (let k = 0; k < data.length; k += 4) count += data[k + 2] > 200 && data[k] < 100;
+                  return count;
+                }"""
+            )
+            assert blue == 0, "the head of the arrow ends below the edge"
+
+
+def test_an_event_is_news_for_a_while_only(watch: Stage):
+    watch.tell("event", t_s=100.0, text="link stale")
+    watch.tell("state", **STATE | {"t_s": 110.0})
+    watch.until(lambda: watch.text("#newest") == "link stale")
+    watch.tell("state", **STATE | {"t_s": 121.0})
+    watch.until(lambda: watch.text("#newest") == "")
+    watch.page.get_by_role("button", name="All events").click()
+    assert "link stale" in watch.text("#event-list")
+    watch.page.keyboard.press("Escape")
+
+
+def test_the_word_paused_is_whole(watch: Stage):
+    """The label stands in the middle below the right edge of the plot, which needs room for half of it."""
+    assert watch.page.evaluate(
+        """() => {
+          const [over, box] = [document.querySelector("#plot .u-over"), document.getElementById("plot")];
+          const context = document.createElement("canvas").getContext("2d");
+          context.font = "12px Inter, system-ui, sans-serif";
+          const room = box.getBoundingClientRect().right - over.getBoundingClientRect().right;
+          return room >= context.measureText("paused").width / 2 + 2;
+        }"""
+    )
 
 
 def test_a_hidden_page_gives_the_hand_back(operator: Stage):
@@ -152,7 +202,7 @@ def test_a_paused_plot_stands_still(watch: Stage):
 
 
 def test_a_setting_is_sent_and_a_refused_one_is_shown_as_it_was(watch: Stage):
-    slider = watch.page.get_by_label("JND multiplier")
+    slider = watch.page.get_by_label("Threshold")
     slider.focus()
     slider.press("ArrowRight")
     watch.until(lambda: bool(watch.heard("set")))

@@ -10,10 +10,10 @@ from hapticnet.cli import options
 
 def sim(
     link: Annotated[
-        Path | None, typer.Option(metavar="PATH", help="Make a symbolic link to the pseudo-terminal at PATH.")
+        Path | None, typer.Option(metavar="FILE", help="Make a symbolic link to the pseudo-terminal at FILE.")
     ] = None,
     stiffness: Annotated[
-        float, typer.Option(metavar="N_PER_MM", help="Stiffness of the simulated finger at 1 N [N/mm].")
+        float, typer.Option(metavar="N/MM", help="Stiffness of the simulated finger at 1 N [N/mm].")
     ] = 1.0,
     seed: options.Seed = 0,
     duration: Annotated[float | None, typer.Option(min=0.0, help="Stop after this many seconds.")] = None,

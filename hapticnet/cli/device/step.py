@@ -14,15 +14,15 @@ if TYPE_CHECKING:
 
 def step(
     device: options.DeviceArgument = "sim",
-    from_n: Annotated[float, typer.Option("--from", metavar="N", help="Force before the step [N].")] = 0.4,
-    to_n: Annotated[float, typer.Option("--to", metavar="N", help="Force after the step [N].")] = 2.0,
+    from_n: Annotated[float, typer.Option("--from", metavar="NEWTONS", help="Force before the step [N].")] = 0.4,
+    to_n: Annotated[float, typer.Option("--to", metavar="NEWTONS", help="Force after the step [N].")] = 2.0,
     profile: options.ProfileOption = None,
     seed: options.Seed = 0,
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw the response to FILE (.png, .pdf or .svg).")
     ] = None,
     csv: Annotated[Path | None, typer.Option(metavar="FILE", help="Write every tick to FILE.")] = None,
-    force: options.Force = False,
+    overwrite: options.Overwrite = False,
     json: options.Json = False,
 ) -> None:
     """Press a finger with one force, step to another, and report rise, overshoot, settling and ripple.
@@ -51,7 +51,7 @@ def step(
         check_format(plot.suffix[1:])
         pyplot()
     check_outputs(plot, csv, inputs=[profile])
-    check_new(plot, force=force)
+    check_new(plot, overwrite=overwrite)
     tests: list[StepTest] = []
 
     def prepare(made: "Device") -> Callable[[int], bool]:

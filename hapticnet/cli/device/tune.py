@@ -18,7 +18,7 @@ def tune(
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Profile to write. Default: that of --profile, or none.")
     ] = None,
-    max_force: Annotated[float, typer.Option(metavar="N", min=0.0, help="Strongest force used [N].")] = 2.0,
+    max_force: Annotated[float, typer.Option(metavar="NEWTONS", min=0.0, help="Strongest force used [N].")] = 2.0,
     seed: options.Seed = 0,
     json: options.Json = False,
 ) -> None:

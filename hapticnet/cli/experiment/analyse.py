@@ -12,29 +12,51 @@ FILES: Final = ("report.md", "conditions.csv", "conditions.tex", "results.json")
 
 
 def analyse(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder of the study (--out of order and limits).")],
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder of results; default: DIR/results.")] = None,
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder of the study.")],
+    out_dir: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder of results; default: DIR/results.")
+    ] = None,
     margin: Annotated[
         float | None,
         typer.Option(help="Margin of equivalence, in the share of correct orders; default: that stated in the plan."),
     ] = None,
     seed: options.Seed = 1,
-    figures: Annotated[bool, typer.Option(help="Whether to draw figures.")] = True,
-    force: options.Force = False,
+    plots: Annotated[bool, typer.Option(help="Draw plots as PDF and PNG.")] = True,
+    overwrite: options.Overwrite = False,
     json: options.Json = False,
 ) -> None:
-    """Analyse the ordering task: report.md, tables as CSV and LaTeX, figures as PDF and PNG."""
+    """Analyse the study: report.md, tables as CSV and LaTeX, plots as PDF and PNG.
+
+    The plot correct-orders is the paper's Fig. 5, bytes-per-penetration its Fig. 4.
+    """
     from hapticnet.cli.console import Console, check_new
 
     console = Console("experiment", quiet=json)
-    target = folder / "results" if out is None else out
-    check_new(*(target / name for name in FILES), force=force)
-    report, account = write_results(folder, target, margin=margin, seed=seed, figures=figures, say=console.say)
+    target = folder / "results" if out_dir is None else out_dir
+    check_new(*(target / name for name in FILES), overwrite=overwrite)
+    report, account = write_results(folder, target, margin=margin, seed=seed, plots=plots, say=console.say)
+    if plots:
+        _draw_series(folder, target, console.say)
     print(account if json else report, end="" if not json else "\n")
 
 
+def _draw_series(folder: Path, target: Path, say: Callable[[str], None]) -> None:
+    """Draw how each participant answered in the measurement of the JND."""
+    from hapticnet.errors import UnavailableError
+    from hapticnet.study.reading import read_rows
+    from hapticnet.study.rows import LimitsRow
+    from hapticnet.study.series_figure import draw_series
+
+    try:
+        files = draw_series(read_rows(folder, LimitsRow), target)
+    except UnavailableError:  # the missing matplotlib was told with the other plots
+        return
+    if files:
+        say(f"{len(files)} pictures of the series of JNDs: {target}")
+
+
 def write_results(
-    folder: Path, target: Path, *, margin: float | None, seed: int, figures: bool, say: Callable[[str], None]
+    folder: Path, target: Path, *, margin: float | None, seed: int, plots: bool, say: Callable[[str], None]
 ) -> tuple[str, str]:
     """Analyse a study, write its results to a folder, and return the report and the account as JSON.
 
@@ -63,14 +85,24 @@ def write_results(
     from hapticnet.study.figures import draw_results
     from hapticnet.study.models import fit_models
     from hapticnet.study.reading import read_people, read_rows
-    from hapticnet.study.report import markdown
+    from hapticnet.study.report import jnd_markdown, markdown
     from hapticnet.study.rows import OrderRow
     from hapticnet.study.tables import csv_text, latex
 
     rows = read_rows(folder, OrderRow)
+    people = read_people(folder)
+    if people and not accepted(rows):
+        origin = provenance_lines()
+        report = jnd_markdown(people, title=f"Results of {folder.resolve().name}", origin=origin)
+        jnds = {"provenance": provenance(), "jnds": [each.model_dump() for each in people]}
+        text = json_module.dumps(plain(jnds), indent=1)
+        check_outputs(*(target / name for name in ("report.md", "results.json")))
+        write_text(target / "report.md", report)
+        write_text(target / "results.json", text + "\n")
+        say(f"report: {target}")
+        return report, text
     used, stated = _margin(folder, margin)
     results = analyse_rows(rows, margin=used, seed=seed)
-    people = read_people(folder)
     check_outputs(*(target / name for name in FILES))
     note, effects = None, []
     try:
@@ -78,7 +110,7 @@ def write_results(
     except UnavailableError as error:
         note = str(error)
     pictures: list[Path] = []
-    if figures:
+    if plots:
         try:
             pictures = draw_results(results, target)
         except UnavailableError as error:
@@ -111,9 +143,8 @@ def write_results(
 def _margin(folder: Path, given: float | None) -> tuple[float, str]:
     """Return the margin of equivalence, and where it was stated."""
     from hapticnet.checks import check_parameter
-    from hapticnet.study.plan import find_plan
+    from hapticnet.study.plan import PLAN_FILE, find_plan
     from hapticnet.study.results import MARGIN
-    from hapticnet.study.session import PLAN_FILE
 
     planned = find_plan(str(folder / PLAN_FILE)).order.equivalence_margin if (folder / PLAN_FILE).exists() else None
     if given is not None:

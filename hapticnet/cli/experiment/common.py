@@ -1,7 +1,7 @@
 """Options and steps that both parts of a study share."""
 
 import re
-from collections.abc import Callable, Coroutine, Iterator
+from collections.abc import Callable, Coroutine, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,11 +15,13 @@ if TYPE_CHECKING:
     from hapticnet.node.fingertip import Fingertip
     from hapticnet.runtime.serial_port import Wire
     from hapticnet.study.flow import Flow
+    from hapticnet.study.limits_flow import LimitsSchedule
     from hapticnet.study.observers import ObserverSettings
     from hapticnet.study.plan import Plan
     from hapticnet.study.real_rig import RealRig
     from hapticnet.study.rig import Outcome
     from hapticnet.study.rows import AnyRow
+    from hapticnet.study.schedule import OrderSchedule
     from hapticnet.study.session import SessionSettings
     from hapticnet.study.store import Store
 
@@ -36,18 +38,15 @@ PlanOption: TypeAlias = Annotated[
     str, typer.Option("--plan", metavar="PLAN", help="paper, reachable (1.8, 3.15 and 4.5 N), or a TOML file.")
 ]
 SeedOption: TypeAlias = Annotated[int, typer.Option(min=0, help="Seed from which the whole session is drawn.")]
-Out: TypeAlias = Annotated[Path, typer.Option(metavar="DIR", help="Folder of the study.")]
-Resume: TypeAlias = Annotated[bool, typer.Option("--resume", help="Go on with an interrupted session.")]
-DryRun: TypeAlias = Annotated[bool, typer.Option("--dry-run", help="Print the schedule; do nothing else.")]
+OutDir: TypeAlias = Annotated[Path, typer.Option(metavar="DIR", help="Folder of the study.")]
+Resume: TypeAlias = Annotated[bool, typer.Option(help="Go on with an interrupted session.")]
+DryRun: TypeAlias = Annotated[bool, typer.Option(help="Print the schedule (with --json all of it); do nothing else.")]
 Simulate: TypeAlias = Annotated[
     str | None,
     typer.Option(metavar="OBSERVER", help="A simulated observer in the participant's place, such as literature."),
 ]
-RealTime: TypeAlias = Annotated[
-    bool, typer.Option("--real-time", help="Run a simulated observer in real time, as a person is.")
-]
-Jobs: TypeAlias = Annotated[
-    int | None, typer.Option(min=1, help="Processes for simulated observers in virtual time; default: all cores.")
+WallClock: TypeAlias = Annotated[
+    bool, typer.Option(help="Run a simulated observer in real time, as a person is, not in virtual time.")
 ]
 
 
@@ -68,17 +67,17 @@ class Asked:
     observer: "ObserverSettings | None"
 
 
-def check(participant: str, plan: str, simulate: str | None, *, real_time: bool) -> Asked:
+def check(participant: str, plan: str, simulate: str | None, *, wall_clock: bool) -> Asked:
     """Return what was asked for; raise SettingsError if it cannot be done."""
     from hapticnet.errors import SettingsError
     from hapticnet.study.observers import parse_observer
     from hapticnet.study.plan import find_plan
 
     observer = None if simulate is None else parse_observer(simulate)
-    if real_time and observer is None:
-        raise SettingsError("--real-time is for simulated observers; a person is always in real time")
+    if wall_clock and observer is None:
+        raise SettingsError("--wall-clock is for simulated observers; a person is always in real time")
     participants = _participants(participant)
-    if len(participants) > 1 and (observer is None or real_time):
+    if len(participants) > 1 and (observer is None or wall_clock):
         raise SettingsError(f"participants {participant}: several at once are for --simulate in virtual time")
     return Asked(participants, find_plan(plan), observer)
 
@@ -100,10 +99,12 @@ def _participants(text: str) -> tuple[str, ...]:
 
 
 def sessions_of(
-    asked: Asked, *, session: int, seed: int, out: Path, device: str, resume: bool, real_time: bool
+    asked: Asked, task: str, *, session: int, seed: int, out: Path, device: str, resume: bool, wall_clock: bool
 ) -> "list[SessionSettings]":
-    """Return the settings of each participant's session; raise SettingsError if a number cannot be used."""
-    from hapticnet.study.session import SessionSettings, check_number
+    """Return the settings of each participant's session; raise SettingsError if one cannot begin."""
+    from dataclasses import replace
+
+    from hapticnet.study.session import SessionSettings, check_session
 
     sessions = [
         SessionSettings(
@@ -115,13 +116,27 @@ def sessions_of(
             observer=None if asked.observer is None else asked.observer.name,
             device=device,
             resume=resume,
-            hurried=real_time,
+            hurried=wall_clock,
+            replays=resume and asked.observer is not None and not wall_clock,
         )
         for each in asked.participants
     ]
+    begun = [each.table(task).exists() for each in sessions]
+    if resume and any(begun):  # of several simulated participants, the last ones may not have begun
+        sessions = [each if here else replace(each, resume=False) for each, here in zip(sessions, begun, strict=True)]
     for each in sessions:
-        check_number(each)
+        check_session(each, task)
     return sessions
+
+
+def show_schedules(schedules: "Sequence[OrderSchedule | LimitsSchedule]", asked: Asked, as_json: bool) -> None:
+    """Print what ``--dry-run`` asks for: a few lines for a person, or everything that was drawn as JSON."""
+    import json
+
+    if as_json:
+        print(json.dumps([json.loads(each.to_json()) for each in schedules], indent=1))
+    else:
+        print("\n".join(line for each in schedules for line in each.lines(asked.plan)))
 
 
 @contextmanager
@@ -140,6 +155,18 @@ def real_fingertip(device: str, known: "Profile", seed: int) -> Iterator["tuple[
         if made is None or isinstance(made, UserActuator):
             raise SettingsError(f"device {device} renders forces by itself; the study measures its force loop")
         yield Fingertip(made, LimitSettings(), devices.control_settings(known)), wire
+
+
+def remind_of_consent(asked: Asked, say: "Callable[[str], None]") -> None:
+    """Tell an experimenter who is about to show a person the consent that is shipped."""
+    from hapticnet.study.plan import ASK
+    from hapticnet.study.texts import english
+
+    if asked.observer is None and asked.plan.consent == ASK and asked.plan.texts.consent == english().consent:
+        say(
+            "the consent is the one that is shipped, which names neither the study nor whom to ask: adapt it with"
+            " 'hapticnet experiment texts' and texts = in the plan"
+        )
 
 
 def run_session(session: "Coroutine[Any, Any, None]") -> None:
@@ -201,7 +228,7 @@ async def conduct_in_real_time(
                 await conduct(flow, rig, screen.front, store, date=today, version=version(), on_outcome=on_outcome)
             return
         noise = masking_noise(complain) if settings.plan.masking_noise else nullcontext(0.0)
-        with TerminalFront() as terminal, noise as level:
+        with TerminalFront(settings.plan.texts) as terminal, noise as level:
             if level:
                 flow.note_noise(level, rig.now_us())
             await conduct(flow, rig, terminal, store, date=today, version=version(), on_outcome=on_outcome)

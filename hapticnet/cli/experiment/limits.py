@@ -19,13 +19,13 @@ def limits(
     session: common.Session = 1,
     plan: common.PlanOption = "paper",
     seed: common.SeedOption = 0,
-    out: common.Out = Path("study"),
+    out_dir: common.OutDir = Path("study"),
     device: options.DeviceOption = "sim",
     profile: options.ProfileOption = None,
     page: pages.PageOption = None,
     simulate: common.Simulate = None,
-    real_time: common.RealTime = False,
-    jobs: common.Jobs = None,
+    wall_clock: common.WallClock = False,
+    jobs: options.Jobs = None,
     resume: common.Resume = False,
     dry_run: common.DryRun = False,
     json: options.Json = False,
@@ -40,28 +40,33 @@ def limits(
     from hapticnet.cli.console import Console, deliver
     from hapticnet.runtime import devices
     from hapticnet.study.limits_flow import draw_limits
-    from hapticnet.study.session import keep_plan
+    from hapticnet.study.session import LIMITS, keep_plan
 
     pages.check_page(page, simulate)
-    asked = common.check(participant, plan, simulate, real_time=real_time)
+    asked = common.check(participant, plan, simulate, wall_clock=wall_clock)
     if dry_run:
-        for each in asked.participants:
-            print(draw_limits(asked.plan, each, session, seed).to_json(), end="")
+        common.show_schedules(
+            [draw_limits(asked.plan, each, session, seed) for each in asked.participants], asked, json
+        )
         return
     known = devices.load(profile)
     devices.check_device(device)
     console = Console("limits", quiet=quiet)
     sessions = common.sessions_of(
-        asked, session=session, seed=seed, out=out, device=device, resume=resume, real_time=real_time
+        asked, LIMITS, session=session, seed=seed, out=out_dir, device=device, resume=resume, wall_clock=wall_clock
     )
-    keep_plan(asked.plan, out)
-    if asked.observer is None or real_time:
-        with pages.opened(page, console) as opened:
+    keep_plan(asked.plan, out_dir)
+    common.remind_of_consent(asked, console.say)
+    if asked.observer is None or wall_clock:
+        with pages.opened(page, console, sessions[0].folder(LIMITS), resume=resume) as opened:
             accounts = [_in_real_time(sessions[0], known, asked.observer, opened, console.say)]
     else:
         shared = known, asked.observer
         accounts = conduct_all(_in_virtual_time, shared, sessions, jobs, console)
     console.finish()
+    for account in accounts:
+        for told in (*(f"excluded: {why}" for why in account.get("excluded", ())), *account.get("warnings", ())):
+            console.warn(f"participant {account['participant']}: {told}")
     title = "JND" if asked.observer is None else f"JND, simulated observer {asked.observer.name}"
     deliver({"title": title, "participant": accounts}, as_json=json, file=None)
 
@@ -86,7 +91,7 @@ def _in_real_time(
 
     screen = None
     if opened is not None:
-        screen = pages.make_screen(opened, None, "nobody", masking_noise=settings.plan.masking_noise)
+        screen = pages.make_screen(opened, None, "nobody", settings.plan)
     with (
         common.real_fingertip(settings.device, known, settings.seed) as (fingertip, wire),
         limits_session(settings, now_us()) as (flow, store),

@@ -22,7 +22,7 @@ def order(
     session: common.Session = 1,
     plan: common.PlanOption = "paper",
     seed: common.SeedOption = 0,
-    out: common.Out = Path("study"),
+    out_dir: common.OutDir = Path("study"),
     device: options.DeviceOption = "sim",
     profile: options.ProfileOption = None,
     page: pages.PageOption = None,
@@ -45,15 +45,13 @@ def order(
     peer_key: options.PeerKeyOption = None,
     insecure: options.Insecure = False,
     simulate: common.Simulate = None,
-    real_time: common.RealTime = False,
-    jobs: common.Jobs = None,
-    record: Annotated[
+    wall_clock: common.WallClock = False,
+    jobs: options.Jobs = None,
+    record_format: Annotated[
         Literal["mcap", "npz", "none"] | None,
         typer.Option(help="Form of the recordings, one a trial; default: mcap in real time if installed, else npz."),
     ] = None,
-    report: Annotated[
-        bool, typer.Option("--report/--no-report", help="With --simulate, end with report and figures.")
-    ] = True,
+    analyse: Annotated[bool, typer.Option(help="With --simulate, end as experiment analyse does.")] = True,
     resume: common.Resume = False,
     dry_run: common.DryRun = False,
     json: options.Json = False,
@@ -69,28 +67,31 @@ def order(
     from hapticnet.runtime import devices
     from hapticnet.study.recordings import usual_form
     from hapticnet.study.schedule import draw_order
-    from hapticnet.study.session import keep_plan, law_of_participant
+    from hapticnet.study.session import ORDER, keep_plan, law_of_participant
 
     pages.check_page(page, simulate, operator)
-    asked = common.check(participant, plan, simulate, real_time=real_time)
+    asked = common.check(participant, plan, simulate, wall_clock=wall_clock)
     if dry_run:
-        for each in asked.participants:
-            print(draw_order(asked.plan, each, session, seed).to_json(), end="")
+        common.show_schedules([draw_order(asked.plan, each, session, seed) for each in asked.participants], asked, json)
         return
     known = devices.load(profile)
     devices.check_device(device)
-    form = record or usual_form(real_time=asked.observer is None or real_time)
+    form = record_format or usual_form(real_time=asked.observer is None or wall_clock)
     console = Console("order", quiet=quiet)
     sessions = common.sessions_of(
-        asked, session=session, seed=seed, out=out, device=device, resume=resume, real_time=real_time
+        asked, ORDER, session=session, seed=seed, out=out_dir, device=device, resume=resume, wall_clock=wall_clock
     )
+    laws: dict[str, list[str]] = {}
     for each_session in sessions:
-        law_of_participant(each_session)
-    keep_plan(asked.plan, out)
-    if asked.observer is None or real_time:
+        laws.setdefault(law_of_participant(each_session).describe(), []).append(each_session.participant)
+    keep_plan(asked.plan, out_dir)
+    common.remind_of_consent(asked, console.say)
+    for law, people in laws.items():
+        console.say(f"participant {', '.join(people)}: {law}")
+    if asked.observer is None or wall_clock:
         from hapticnet.cli.experiment.real_time import Place, run_order
 
-        with pages.opened(page, console) as opened:
+        with pages.opened(page, console, sessions[0].folder(ORDER), resume=resume) as opened:
             place = Place(
                 operator=operator, page=opened, connect=connect, key=key, peer_key=peer_key, insecure=insecure
             )
@@ -99,10 +100,10 @@ def order(
         shared = known, asked.observer, form
         accounts = conduct_all(_in_virtual_time, shared, sessions, jobs, console)
     console.finish()
-    if asked.observer is not None and report:
+    if asked.observer is not None and analyse:
         from hapticnet.cli.experiment.analyse import write_results
 
-        write_results(out, out / "results", margin=None, seed=seed, figures=True, say=console.say)
+        write_results(out_dir, out_dir / "results", margin=None, seed=seed, plots=True, say=console.say)
     title = "Ordering task" if asked.observer is None else f"Ordering task, simulated observer {asked.observer.name}"
     deliver({"title": title, "participant": accounts}, as_json=json, file=None)
 

@@ -1,9 +1,12 @@
 """``--page`` of the experiment: what serves the participant's page."""
 
+import json
+import os
 import socket
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
 
 import typer
@@ -15,6 +18,7 @@ if TYPE_CHECKING:
     from hapticnet.runtime.watching import Watcher
     from hapticnet.study.page import ParticipantPage
     from hapticnet.study.page_front import PageFront
+    from hapticnet.study.plan import Plan
     from hapticnet.web.access import Access
 
 PageOption: TypeAlias = Annotated[
@@ -23,12 +27,19 @@ PageOption: TypeAlias = Annotated[
         "--page",
         metavar="[HOST:PORT]",
         help="Let the participant see and answer everything on a page in the browser, by default on 127.0.0.1:47880 or"
-        " a free port, and print its URL; needs hapticnet[web].",
+        " a free port, and print its URL; needs the extra web.",
     ),
 ]
 
 PARTICIPANT: Final = "the participant's page: "
 """Start of the message with the page's address."""
+
+
+ADDRESS_FILE: Final = ".page.json"
+"""Port and token of the page, in the folder of a session that is not over."""
+
+LEAST_TOKEN: Final = 16
+"""Fewest characters of a token."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,9 +70,11 @@ class Screen:
 
 
 def check_page(page: str | None, simulate: str | None, operator: str | None = None) -> None:
-    """Raise SettingsError if nobody would look at the page, or if it must be the hand but is not there."""
+    """Raise SettingsError if a page has no address or nobody to look at it, or is missing though it is the hand."""
+    from hapticnet.cli.pages import page_address
     from hapticnet.errors import SettingsError
 
+    page_address(page)
     if page is not None and simulate is not None:
         raise SettingsError("--page is for a person; a simulated observer needs none")
     if page is None and operator == "page":
@@ -69,8 +82,17 @@ def check_page(page: str | None, simulate: str | None, operator: str | None = No
 
 
 @contextmanager
-def opened(page: str | None, console: "Console") -> Iterator[OpenedPage | None]:
+def opened(page: str | None, console: "Console", folder: Path, *, resume: bool) -> Iterator[OpenedPage | None]:
     """Yield the page that was asked for, if any, and print its address.
+
+    A session that goes on has the address of the run before, so that a page which is still open finds it again.
+
+    Parameters
+    ----------
+    folder
+        Folder of the session, which keeps the address until the session is over.
+    resume
+        Whether the session goes on.
 
     Raises
     ------
@@ -79,32 +101,63 @@ def opened(page: str | None, console: "Console") -> Iterator[OpenedPage | None]:
     UnavailableError
         If the extra is not installed or the address cannot be used.
     """
-    from hapticnet.cli.pages import listen_for
+    from hapticnet.cli.pages import listen_for, say_addresses
 
     if page is None:
         yield None
         return
-    sock, access = listen_for(page, ("operator",), console)
+    path = folder / ADDRESS_FILE
+    sock, access = listen_for(page, ("operator",), console, _kept_address(path) if resume else None)
     with sock:
-        console.say(f"{PARTICIPANT}{access.url('operator')}", needed=True)
+        if resume or not path.exists():  # a session that exists does not begin again
+            _keep_address(access, path)
+        say_addresses({PARTICIPANT: "operator"}, access, console)
         console.say("press Escape here to stop what the participant feels, Ctrl-C to interrupt the session")
         yield OpenedPage(sock, access, console.say)
+        path.unlink(missing_ok=True)
 
 
-def make_screen(opened: OpenedPage, hand: "Operator | None", source: str, *, masking_noise: bool) -> Screen:
+def _keep_address(access: "Access", path: Path) -> None:
+    """Store port and token of the page where only this account can read them."""
+    from hapticnet.files import make_folder
+
+    make_folder(path.parent)
+    with suppress(OSError):  # then a page that is still open must be given the new address
+        path.unlink(missing_ok=True)
+        with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600), "w") as file:
+            json.dump({"port": access.port, "token": access.tokens["operator"]}, file)
+
+
+def _kept_address(path: Path) -> "Access | None":
+    """Return how the page was reached in the run before; None if that is not known or not secret."""
+    from hapticnet.web.access import DEFAULT, Access
+
+    try:
+        with path.open() as file:
+            status = os.fstat(file.fileno())
+            kept = json.loads(file.read(10_000))
+        if status.st_uid != os.geteuid() or status.st_mode & 0o077:
+            return None
+        port, token = kept["port"], kept["token"]
+    except (OSError, ValueError, TypeError, KeyError):
+        return None
+    if not isinstance(port, int) or not 0 < port < 65536 or not isinstance(token, str) or len(token) < LEAST_TOKEN:
+        return None
+    return Access(DEFAULT.host, port, {"operator": token})
+
+
+def make_screen(opened: OpenedPage, hand: "Operator | None", source: str, plan: "Plan") -> Screen:
     """Return the page of a session.
 
     Parameters
     ----------
     source
         Where the positions come from, in a word.
-    masking_noise
-        Whether masking noise begins with the first press on the page.
     """
     from hapticnet.study.page import ParticipantPage, SeenHand
     from hapticnet.study.page_front import PageFront
     from hapticnet.web.server import Server
 
     seen = None if hand is None else SeenHand(hand)
-    page = ParticipantPage(seen, source, masking_noise=masking_noise, say=opened.say)
+    page = ParticipantPage(seen, source, texts=plan.texts, masking_noise=plan.masking_noise, say=opened.say)
     return Screen(page, PageFront(page, opened.say), seen, (Server(page, opened.access, opened.sock), page))

@@ -47,11 +47,13 @@ def run_order(
     from hapticnet.study.session import account_of, order_session
 
     source = place.operator or ("udp:47810" if place.page is None else "page")
-    hand = None if observer is not None else make_operator(source, insertions=1, seed=settings.seed, say=say)
+    hand = None
+    if observer is None:
+        warn = lambda line: say(f"warning: {line}")  # noqa: E731
+        hand = make_operator(source, insertions=1, seed=settings.seed, say=say, warn=warn)
     screen = None
     if place.page is not None and hand is not None:
-        noise = settings.plan.masking_noise
-        screen = make_screen(place.page, hand.operator, source.partition(":")[0], masking_noise=noise)
+        screen = make_screen(place.page, hand.operator, source.partition(":")[0], settings.plan)
     with (
         common.real_fingertip(settings.device, known, settings.seed) as (fingertip, wire),
         _slave(place) as (address, master_settings),
@@ -73,9 +75,9 @@ def run_order(
 @contextmanager
 def _slave(place: Place) -> "Iterator[tuple[HostPort, MasterSettings]]":
     """Yield the address of the slave and the settings of masters; start a slave if none is named."""
-    from hapticnet.cli.trust import master_key
     from hapticnet.node.master_settings import MasterSettings
     from hapticnet.runtime.children import Child
+    from hapticnet.runtime.trust import master_key
     from hapticnet.runtime.udp import is_loopback, open_toward, parse_host_port
     from hapticnet.study.scene import SCENE_SPEC
 

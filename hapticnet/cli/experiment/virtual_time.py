@@ -82,5 +82,5 @@ def _fingertip(device: str, known: "Profile", seed: int) -> Iterator["Fingertip"
 
     with devices.virtual_device(device, known, seed) as made:
         if made is None:
-            raise SettingsError(f"device {device!r} cannot run in virtual time; add --real-time")
+            raise SettingsError(f"device {device!r} cannot run in virtual time; add --wall-clock")
         yield Fingertip(made, LimitSettings(), devices.control_settings(known))

@@ -15,16 +15,14 @@ if TYPE_CHECKING:
 
 def run(
     study: Annotated[Path, typer.Argument(metavar="STUDY", help="The study: a TOML file, see docs/sweep.md.")],
-    out: Annotated[
+    out_dir: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Folder of the results. What is there already is kept.")
     ] = None,
-    workers: Annotated[
-        int | None, typer.Option(metavar="N", help="Processes on this machine; default: one for each core.")
-    ] = None,
+    jobs: options.Jobs = None,
     scheduler: Annotated[
         str | None,
         typer.Option(
-            metavar="tcp://HOST:PORT", help="Use the workers of this Dask scheduler; needs hapticnet[cluster]."
+            metavar="tcp://HOST:PORT", help="Use the workers of this Dask scheduler; needs the extra cluster."
         ),
     ] = None,
     repeats: Annotated[
@@ -33,16 +31,14 @@ def run(
     shard: Annotated[
         int | None, typer.Option(metavar="N", help="Runs in a file; default: as many as take about 3 s.")
     ] = None,
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Only check the study, count its runs and time a few of them.")
-    ] = False,
+    dry_run: Annotated[bool, typer.Option(help="Only check the study, count its runs and time a few of them.")] = False,
     json: options.Json = False,
     report: options.Report = None,
     quiet: options.Quiet = False,
 ) -> None:
     """Compute what is missing of a study and store it in DIR.
 
-    The numbers do not depend on workers and shards. Ctrl-C finishes the shards in hand; the same command goes on.
+    The numbers do not depend on --jobs and --shard. Ctrl-C finishes the shards in hand; the same command goes on.
     """
     from hapticnet.checks import check_integer
     from hapticnet.cli.console import check_outputs, deliver
@@ -56,8 +52,8 @@ def run(
     from hapticnet.sweep.study import read_study
     from hapticnet.sweep.table import arrow
 
-    if workers is not None and scheduler is not None:
-        raise SettingsError("--workers are processes here, and --scheduler has its own; give one of them")
+    if jobs is not None and scheduler is not None:
+        raise SettingsError("--jobs are processes here, and --scheduler has its own; give one of them")
     if shard is not None:
         check_integer("--shard", shard, 1, 10**9)
     arrow()
@@ -65,15 +61,15 @@ def run(
     plan = plan_of(file, repeats)
     check_outputs(report, inputs=[study])
     if dry_run:
-        deliver(_estimate(plan, workers, shard), as_json=json, file=report)
+        deliver(_estimate(plan, jobs, shard), as_json=json, file=report)
         return
-    if out is None:
-        raise SettingsError("--out DIR is missing: the folder of the results")
-    folder = Folder(out)
+    if out_dir is None:
+        raise SettingsError("--out-dir DIR is missing: the folder of the results")
+    folder = Folder(out_dir)
     with folder.held():
         there = folder.open(plan, file.text, {"provenance": provenance()})
         with stopped_by_signals() as stop, shown(plan.name, quiet=quiet or json) as show:
-            pool = _pool(plan, workers, scheduler)
+            pool = _pool(plan, jobs, scheduler)
             try:
                 found = conduct(
                     plan,
@@ -87,24 +83,24 @@ def run(
             finally:
                 pool.close()
         show.notes(found)
-        deliver(_account(plan, out, found), as_json=json, file=report)
+        deliver(_account(plan, out_dir, found), as_json=json, file=report)
     if found.stopped and stop.signal is not None:
         raise typer.Exit(128 + stop.signal)
     if found.poison:
         raise UnavailableError(
             f"{len(found.poison)} shards could not be computed, because their workers ended each time; the files"
-            f" {out}/*.poison.json tell which; run the same command again to try them again"
+            f" {out_dir}/*.poison.json tell which; run the same command again to try them again"
         )
 
 
-def _pool(plan: "AnyPlan", workers: int | None, scheduler: str | None) -> "Pool":
+def _pool(plan: "AnyPlan", jobs: int | None, scheduler: str | None) -> "Pool":
     if scheduler is not None:
         from hapticnet.sweep.cluster import ClusterPool
 
         return ClusterPool(plan, scheduler)
     from hapticnet.sweep.local import LocalPool
 
-    return LocalPool(plan, _cores() if workers is None else workers)
+    return LocalPool(plan, _cores() if jobs is None else jobs)
 
 
 def _cores() -> int:
@@ -113,13 +109,13 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _estimate(plan: "AnyPlan", workers: int | None, shard: int | None) -> dict[str, Any]:
+def _estimate(plan: "AnyPlan", jobs: int | None, shard: int | None) -> dict[str, Any]:
     from dataclasses import asdict
 
     from hapticnet.sweep.estimate import estimate
     from hapticnet.sweep.runs import runs_of
 
-    number = _cores() if workers is None else workers
+    number = _cores() if jobs is None else jobs
     counts = {"combinations": plan.cells, "repeats": plan.repeats, "runs": runs_of(plan), "workers": number}
     return {"study": plan.name, **counts, **asdict(estimate(plan, number, shard_runs=shard))}
 

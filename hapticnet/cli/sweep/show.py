@@ -35,10 +35,10 @@ def show(
         str | None, typer.Option(metavar="COLUMN[,COLUMN…]", help="Settings with a panel for each value.")
     ] = None,
     json: options.Json = False,
-    force: options.Force = False,
+    overwrite: options.Overwrite = False,
 ) -> None:
     """Print mean and quantiles of the results for each group of runs, or draw them."""
-    from hapticnet.cli.console import Console, check_new, check_outputs, write_text
+    from hapticnet.cli.console import Console, check_needed, check_new, check_outputs, write_text
     from hapticnet.errors import SettingsError
     from hapticnet.sweep.folder import STUDY, Folder
     from hapticnet.sweep.query import chosen, open_results, summary
@@ -48,11 +48,12 @@ def show(
         shares = [float(part) for part in quantiles.split(",") if part]
     except ValueError:
         raise SettingsError(f"--quantiles {quantiles!r} must be numbers from 0 to 1, such as 0.05,0.5,0.95") from None
+    check_needed("--plot", plot, {"--x": x, "--y": y, "--line": line, "--panel": panel})
     results = open_results(Folder(folder))
     shown = read_study(folder / STUDY).study.show
     where = where or shown.where
     check_outputs(csv, plot)
-    check_new(csv, plot, force=force)
+    check_new(csv, plot, overwrite=overwrite)
     groups, measures = chosen(results, shown, _names(by), _names(of))
     found = summary(results, groups, measures, quantiles=shares, where=where)
     console = Console("sweep", quiet=json)

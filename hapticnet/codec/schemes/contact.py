@@ -3,6 +3,7 @@
 from typing import Final, NamedTuple
 
 from hapticnet.codec.motion import Motion
+from hapticnet.codec.steps import Table
 from hapticnet.samples import Vector
 from hapticnet.vectors import dot, magnitude, minus, over, row
 
@@ -114,8 +115,8 @@ def solved(normal: tuple[float, float, float], right: tuple[float, float]) -> tu
 
 def local_stiffness(
     times_us: list[float],
-    samples: list[list[float]],
-    positions: list[list[float]],
+    samples: Table,
+    positions: Table,
     first: int,
     newest: int,
     band_n: float,

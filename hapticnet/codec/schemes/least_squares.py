@@ -258,6 +258,7 @@ class LeastSquares(Scheme):
 
     name: ClassVar[str] = "least-squares"
     builds_on_earlier: ClassVar[bool] = True
+    receiver_has_tables: ClassVar[bool] = True
     steps: ClassVar[Steps] = Steps(
         start_sender=start,
         is_silent=is_silent,

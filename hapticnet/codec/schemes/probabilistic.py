@@ -104,6 +104,7 @@ class Probabilistic(ValueScheme):
     """
 
     name: ClassVar[str] = "probabilistic"
+    receiver_has_tables: ClassVar[bool] = True
     steps: ClassVar[Steps] = Steps(
         start_sender=start,
         is_silent=is_silent,

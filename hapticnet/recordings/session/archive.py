@@ -50,6 +50,9 @@ FORMATS: Final[dict[str, Callable[[Heading], RecordingWriter]]] = {
 }
 """Formats by the suffix of the file."""
 
+MOST_FILES: Final = {".mcap": (1, 1), ".csv": (5, 4), ".npz": (6, 1)}
+"""Most files and folders of a recording by the suffix: while it is written or unfinished, and when it is complete."""
+
 
 def check_format(path: Path) -> None:
     """Raise SettingsError if a recording cannot have this name, UnavailableError if its format needs an extra."""
@@ -70,10 +73,16 @@ class Archive:
         Called once when nothing more is recorded: with the reason, and whether it is a fault rather than the limit.
     tell
         Called with what else the user should know.
+
+    Attributes
+    ----------
+    completed
+        Number of recordings that are complete.
     """
 
     def __init__(self, stop: Callable[[str, bool], None], tell: Callable[[str], None], *, limit_bytes: int) -> None:
         self.stopped = False
+        self.completed = 0
         self._stop = stop
         self._tell = tell
         self._limit_bytes = limit_bytes
@@ -118,7 +127,7 @@ class Archive:
             if shift_us := heading.tables[table].shift_us:
                 rows = np.concatenate([rows[:, :1] + shift_us, rows[:, 1:]], axis=1)
             if self._size() + writer.bound(table, len(rows)) > self._limit_bytes:
-                self._end(f"the limit of {self._limit_bytes:,} bytes is reached (--record-limit)", is_fault=False)
+                self._end(f"the limit of {self._limit_bytes:,} bytes for recordings is reached", is_fault=False)
                 return
             writer.rows(table, rows)
         elif frame.kind is FrameKind.EVENT:
@@ -142,6 +151,7 @@ class Archive:
         else:
             del self._open[number]
             self._saved_bytes += writer.size
+            self.completed += 1
 
     def _fail(self, number: int, error: Exception) -> None:
         """Leave a recording as it is, and end the others."""

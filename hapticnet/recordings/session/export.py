@@ -1,6 +1,7 @@
 """Recordings turned into other formats."""
 
 import json
+import struct
 from pathlib import Path
 from typing import Any, Final
 
@@ -10,10 +11,10 @@ from hapticnet.errors import FileError, UnavailableError
 from hapticnet.recordings.session.archive import FORMATS
 from hapticnet.recordings.session.csv_writer import beside
 from hapticnet.recordings.session.frames import Heading, Table
-from hapticnet.recordings.session.session import Session, SessionTable
+from hapticnet.recordings.session.session import INCOMPLETE, REPORT, Session, SessionTable
 
 ROWS_AT_ONCE: Final = 10_000
-NEEDS_PYARROW: Final = "Parquet files need pyarrow: pip install 'hapticnet[parquet]'"
+NEEDS_PYARROW: Final = "Parquet files need pyarrow: pip install pyarrow"
 
 
 def export(session: Session, path: Path) -> None:
@@ -22,7 +23,7 @@ def export(session: Session, path: Path) -> None:
     Raises
     ------
     FileError
-        If it cannot be written.
+        If it cannot be written, or has times that the format has not.
     UnavailableError
         If the format needs an extra.
     """
@@ -33,6 +34,8 @@ def export(session: Session, path: Path) -> None:
             _write(session, path)
     except OSError as error:
         raise FileError(f"{path}: cannot be written: {error.strerror or error}") from error
+    except struct.error as error:
+        raise FileError(f"{path}: MCAP has no times before 1970 or after 2554, and this recording has") from error
 
 
 def exported_files(path: Path) -> list[Path]:
@@ -47,7 +50,7 @@ def exported_files(path: Path) -> list[Path]:
 
 def _write(session: Session, path: Path) -> None:
     tables = tuple(Table.of(name, tuple(columns)) for name, columns in session.tables.items())
-    about = {name: value for name, value in session.about.items() if name != "report"}
+    about = {name: value for name, value in _about(session).items() if name != REPORT}
     heading = Heading(path, session.side, tables, session.unix_offset_us, about)
     writer = FORMATS[path.suffix.lower()](heading)
     for event in session.events:
@@ -57,7 +60,12 @@ def _write(session: Session, path: Path) -> None:
         for start in range(0, len(rows), ROWS_AT_ONCE):
             writer.rows(index, rows[start : start + ROWS_AT_ONCE])
             writer.flush()
-    writer.finish({"report": session.about["report"]} if "report" in session.about else {})
+    writer.finish({REPORT: session.about[REPORT]} if REPORT in session.about else {})
+
+
+def _about(session: Session) -> dict[str, Any]:
+    why = {} if session.is_whole else {INCOMPLETE: "the file from which it was exported was cut off or damaged"}
+    return session.about | why
 
 
 def _write_parquet(session: Session, path: Path) -> None:
@@ -66,7 +74,7 @@ def _write_parquet(session: Session, path: Path) -> None:
         import pyarrow.parquet
     except ImportError as error:
         raise UnavailableError(NEEDS_PYARROW) from error
-    about: dict[str, Any] = {**session.about, "side": session.side, "unix_offset_us": session.unix_offset_us}
+    about: dict[str, Any] = {**_about(session), "side": session.side, "unix_offset_us": session.unix_offset_us}
     tables: dict[Path, SessionTable | dict[str, Any]] = {}
     for number, (name, columns) in enumerate(session.tables.items()):
         tables[beside(path, f"{name}s.parquet") if number else path] = columns

@@ -1,7 +1,8 @@
 """MCAP files read back: whole, cut off anywhere, or damaged. Source: mcap.dev/spec."""
 
-import json
 import struct
+import sys
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -12,8 +13,8 @@ import numpy as np
 
 from hapticnet.errors import FileError, UnavailableError
 from hapticnet.recordings.session.mcap_writer import ABOUT, CHUNK_BYTES, NEEDS_MCAP, REPORT
-from hapticnet.recordings.session.protobuf import row_dtype, unpack_event
-from hapticnet.recordings.session.session import Event, Session, SessionTable
+from hapticnet.recordings.session.protobuf import row_dtype, unpack_log
+from hapticnet.recordings.session.session import INCOMPLETE, Event, Session, SessionTable, parse_json
 from hapticnet.recordings.session.sink import Sink
 
 _RECORD: Final = struct.Struct("<BQ")
@@ -25,6 +26,18 @@ _IN_CHUNKS: Final = (_SCHEMA_CODE, _CHANNEL_CODE, _MESSAGE_CODE)
 
 LARGEST_RECORD: Final = 2**30
 """Larger records are taken for damage."""
+
+LARGEST_CHUNK: Final = 2**28
+"""Chunks that unpack to more are taken for damage. Writers end a chunk after a few MiB at most."""
+
+MOST_MESSAGES: Final = 10_000
+"""Messages that are passed on together: each takes many times its size while it is an object."""
+
+EVENT_BYTES: Final = 512
+"""What an event takes in memory at least."""
+
+RECOVERED: Final = "hapticnet.recovered"
+"""Metadata of a file that `recover` wrote."""
 
 Record: TypeAlias = Any
 """A record of the package mcap: Schema, Channel, Metadata, Attachment, Footer; or `Messages` or `Damage`."""
@@ -41,7 +54,7 @@ class Messages:
     each: list[tuple[int, int, int, int, bytes]]
 
 
-def records(file: IO[bytes], path: Path) -> Iterator[Record]:
+def records(file: IO[bytes], path: Path, max_bytes: int = sys.maxsize) -> Iterator[Record]:
     """Yield what is whole in a file, in its order, and stop where it is cut off or its structure is damaged.
 
     In the place of a record that is damaged comes a `Damage`. A Footer comes last if the file is complete.
@@ -49,7 +62,7 @@ def records(file: IO[bytes], path: Path) -> Iterator[Record]:
     Raises
     ------
     FileError
-        If it is not an MCAP file.
+        If it is not an MCAP file, or unpacks to more than `max_bytes`; nothing beyond them is unpacked.
     UnavailableError
         If the extra ``record`` is not installed.
     """
@@ -69,6 +82,7 @@ def records(file: IO[bytes], path: Path) -> Iterator[Record]:
     }
     if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
         raise FileError(f"{path}: not an MCAP file")
+    unpacked = 0
     while len(head := file.read(_RECORD.size)) == _RECORD.size:
         code, length = _RECORD.unpack(head)
         if length > LARGEST_RECORD:
@@ -80,58 +94,75 @@ def records(file: IO[bytes], path: Path) -> Iterator[Record]:
         if len(body) < length:
             return
         try:
-            if code in _IN_CHUNKS:  # of a file without chunks
-                found = _contents(head + body)
-            else:
-                record = kinds[code].read(ReadDataStream(BytesIO(body)))
-                found = _contents(_unpacked(record)) if code == Opcode.CHUNK else [record]
-        except Exception:  # struct.error, ValueError, MemoryError, and what the compressors raise
+            record: Any = None if code in _IN_CHUNKS else kinds[code].read(ReadDataStream(BytesIO(body)))
+        except Exception:  # struct.error, ValueError, MemoryError
             yield Damage()
             continue
-        if code == Opcode.FOOTER:
-            if file.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC:
-                yield record
+        unpacked += record.uncompressed_size if code == Opcode.CHUNK else length
+        if unpacked > max_bytes:
+            raise FileError(f"{path}: unpacks to more than {max_bytes} bytes, which is the limit")
+        if code == Opcode.CHUNK or record is None:  # the latter in a file without chunks
+            try:
+                yield from _contents(head + body if record is None else _unpacked(record))
+            except Exception:  # the same, and what the compressors raise
+                yield Damage()
+            continue
+        if code == Opcode.FOOTER and file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
             return
-        yield from found
+        yield record
+        if code == Opcode.FOOTER:
+            return
 
 
 def _unpacked(chunk: Record) -> bytes:
-    """Return a chunk's contents; an exception of many kinds if they are damaged."""
-    from mcap.stream_reader import get_chunk_data_stream
-
+    """Return a chunk's contents, which are no larger than it says; an exception of many kinds if it is damaged."""
+    size = chunk.uncompressed_size
+    if size > LARGEST_CHUNK:
+        raise ValueError("a chunk that unpacks to too much")
     if chunk.compression == "zstd":
-        from zstandard import frame_content_size
+        from zstandard import ZstdDecompressor
 
-        if frame_content_size(chunk.data) > LARGEST_RECORD:
-            raise ValueError("a chunk that unpacks to too much")
-    stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-    return stream.read(size)
+        with ZstdDecompressor().stream_reader(chunk.data) as stream:
+            data = stream.read(size + 1)
+    elif chunk.compression == "lz4":
+        from lz4.frame import LZ4FrameDecompressor
+
+        data = LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
+    elif chunk.compression:
+        raise ValueError("a chunk in an unknown compression")
+    else:
+        data = chunk.data
+    if len(data) != size or (chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc):
+        raise ValueError("a chunk whose contents changed")
+    return data
 
 
-def _contents(data: bytes) -> list[Record]:
-    """Return the records in a chunk; ValueError or struct.error if they are malformed."""
+def _contents(data: bytes) -> Iterator[Record]:
+    """Yield the records in a chunk; ValueError or struct.error before the first one if their structure is damaged."""
     from mcap.data_stream import ReadDataStream
     from mcap.records import Channel, Schema
 
     at, end = 0, len(data)
-    found: list[Record] = []
+    while at < end:
+        at += _RECORD.size + _RECORD.unpack_from(data, at)[1]
+    if at > end:
+        raise ValueError("a record reaches past the end of its chunk")
+    at = 0
     each: list[tuple[int, int, int, int, bytes]] = []
     while at < end:
         code, length = _RECORD.unpack_from(data, at)
         at += _RECORD.size
-        if at + length > end:
-            raise ValueError("a record reaches past the end of its chunk")
         if code == _MESSAGE_CODE:
             channel, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(data, at)
             each.append((channel, log_ns, publish_ns, sequence, data[at + _MESSAGE.size : at + length]))
-        elif code in (_SCHEMA_CODE, _CHANNEL_CODE):
-            found.append(Messages(each))
+        if each and (code != _MESSAGE_CODE or len(each) == MOST_MESSAGES):
+            yield Messages(each)
             each = []
+        if code in (_SCHEMA_CODE, _CHANNEL_CODE):
             stream = ReadDataStream(BytesIO(data[at : at + length]))
-            found.append(Schema.read(stream) if code == _SCHEMA_CODE else Channel.read(stream))
+            yield Schema.read(stream) if code == _SCHEMA_CODE else Channel.read(stream)
         at += length
-    found.append(Messages(each))
-    return found
+    yield Messages(each)
 
 
 def recover(source: Path, target: Path) -> tuple[int, bool]:
@@ -181,6 +212,8 @@ def recover(source: Path, target: Path) -> tuple[int, bool]:
                         )
                     damages += isinstance(record, Damage)
                     complete = isinstance(record, Footer)
+            if damages or not complete:
+                writer.add_metadata(RECOVERED, {INCOMPLETE: "it was recovered from a file that was cut off or damaged"})
             writer.finish()
             sink.finish()
         except BaseException:
@@ -201,11 +234,10 @@ class _Reading:
     parts: list[bytes] = field(default_factory=list)
     whole: bytearray = field(default_factory=bytearray)
 
-    def join(self) -> int:
-        """Move the messages of a chunk together, without those that are damaged; return the size so far."""
+    def join(self) -> None:
+        """Move messages together, without those that are damaged."""
         self.whole += b"".join(part for part in self.parts if len(part) == self.dtype.itemsize)
         self.parts.clear()
-        return len(self.whole)
 
 
 def read_mcap(path: Path, max_bytes: int) -> Session:
@@ -219,44 +251,47 @@ def read_mcap(path: Path, max_bytes: int) -> Session:
         If the extra ``record`` is not installed.
     """
     reading: dict[int, _Reading] = {}
-    events: list[Event] = []
+    logs: list[tuple[int, str, str]] = []
     event_channels: set[int] = set()
     about: dict[str, Any] = {}
     topics: dict[int, str] = {}
-    complete, damages = False, 0
+    whole, damages = False, 0
     with path.open("rb") as file:
-        for record in records(file, path):
+        for record in records(file, path, max_bytes):
             kind = type(record).__name__
             damages += kind == "Damage"
-            complete = kind == "Footer" and not damages
+            whole = kind == "Footer" and not damages
             if isinstance(record, Messages):
                 for channel, _, _, _, data in record.each:
                     if channel in reading:
                         reading[channel].parts.append(data)
                     elif channel in event_channels:
-                        events.append(Event(*unpack_event(data)))
-                if sum(each.join() for each in reading.values()) > max_bytes:
-                    raise FileError(f"{path}: unpacks to more than {max_bytes} bytes, which is the limit")
+                        logs.append(unpack_log(data))
+                for number in {message[0] for message in record.each} & reading.keys():
+                    reading[number].join()
+                if EVENT_BYTES * len(logs) > max_bytes:
+                    raise FileError(f"{path}: has more than {max_bytes // EVENT_BYTES:,} events, which is the limit")
             elif kind == "Channel" and record.id not in topics:  # the summary repeats them
                 topics[record.id] = record.topic
                 if "types" in record.metadata:
                     reading[record.id] = _reading(path, record)
                 elif record.topic.endswith("/event"):
                     event_channels.add(record.id)
-            elif kind == "Metadata" and record.name in (ABOUT, REPORT):
+            elif kind == "Metadata" and record.name in (ABOUT, REPORT, RECOVERED):
                 about |= {name: _value(text) for name, text in record.metadata.items()}
     if not reading:
         has = f"its topics are {', '.join(list(topics.values())[:20])}" if topics else "it has no topics"
         raise FileError(f"{path}: an MCAP file, but not a recording of hapticnet: {has}")
     offset_us = about.pop("unix_offset_us", 0)
+    offset_us = offset_us if isinstance(offset_us, int) else 0  # damaged, if it is anything else
     tables = {each.name: _table(each) for each in reading.values()}
     return Session(
         side=next(iter(topics.values())).strip("/").partition("/")[0],
         about=about,
-        unix_offset_us=offset_us if isinstance(offset_us, int) else 0,  # damaged, if it is anything else
+        unix_offset_us=offset_us,
         tables=tables,
-        events=tuple(events),
-        complete=complete,
+        events=tuple(Event(time_ns // 1000 - offset_us, name, text) for time_ns, name, text in logs),
+        is_whole=whole,
     )
 
 
@@ -275,6 +310,6 @@ def _table(reading: _Reading) -> SessionTable:
 
 def _value(text: str) -> Any:
     try:
-        return json.loads(text)
+        return parse_json(text)
     except ValueError:
         return text

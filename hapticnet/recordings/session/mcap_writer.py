@@ -7,7 +7,7 @@ from typing import Any, Final
 from hapticnet.arrays import FloatArray
 from hapticnet.errors import UnavailableError
 from hapticnet.recordings.session.frames import Heading
-from hapticnet.recordings.session.protobuf import PACKAGE, event_descriptor, pack_event, pack_rows, row_descriptor
+from hapticnet.recordings.session.protobuf import LOG, PACKAGE, log_descriptor, pack_log, pack_rows, row_descriptor
 from hapticnet.recordings.session.sink import Sink
 
 CHUNK_BYTES: Final = 64 * 1024
@@ -22,6 +22,14 @@ CHUNK_OVERHEAD_BYTES: Final = 400
 FIXED_BYTES: Final = 8192
 """Room for schemas, channels, statistics and metadata, which are written twice or at the end."""
 
+DISTURBANCES: Final = frozenset(
+    (
+        "LinkStale", "SessionLost", "Refused", "ChangeRefused", "Hinted", "Noticed", "DeviceLost", "Paused", "Failed",
+        "ForceFault", "FingerNotMet", "StepsTooSlow", "ScenePaused",
+    )
+)  # fmt: skip
+"""Events that are logged as warnings: something does not work as it should, and the run goes on or ends safely."""
+
 ABOUT: Final = "hapticnet"
 REPORT: Final = "hapticnet.report"
 
@@ -29,7 +37,8 @@ REPORT: Final = "hapticnet.report"
 class McapWriter:
     """Write a recording; satisfies `archive.RecordingWriter`.
 
-    Each table is a topic ``/SIDE/TABLE`` of messages with a field for each column, and events are ``/SIDE/event``.
+    Each table is a topic ``/SIDE/TABLE`` of messages with a field for each column, and events are logs on
+    ``/SIDE/event``.
     Times are in ns since 1970: `t_us` plus the recording's offset.
 
     Raises
@@ -55,12 +64,13 @@ class McapWriter:
         self._channels = [
             self._channel(
                 table.name,
+                f"{PACKAGE}.{table.name.title()}",
                 row_descriptor(table.name.title(), table.columns, table.types),
                 {"columns": ",".join(table.columns), "types": ",".join(table.types)},
             )
             for table in heading.tables
         ]
-        self._events = self._channel("event", event_descriptor("Event"), {})
+        self._events = self._channel("event", LOG, log_descriptor(), {})
         self._sink.flush()
 
     @property
@@ -90,7 +100,7 @@ class McapWriter:
     def event(self, t_us: int, name: str, text: str) -> None:
         """Add an event."""
         time_ns = (t_us + self._heading.unix_offset_us) * 1000
-        data = pack_event(t_us, name, text)
+        data = pack_log(time_ns, "WARNING" if name in DISTURBANCES else "INFO", name, text)
         self._writer.add_message(self._events, time_ns, data, time_ns)
         self._pending += len(data) + MESSAGE_BYTES
 
@@ -109,14 +119,14 @@ class McapWriter:
         self._writer.finish()
         self._sink.finish()
 
-    def _channel(self, name: str, schema: bytes, columns: dict[str, str]) -> int:
-        number = self._writer.register_schema(f"{PACKAGE}.{name.title()}", "protobuf", schema)
+    def _channel(self, name: str, message: str, schema: bytes, columns: dict[str, str]) -> int:
+        number = self._writer.register_schema(message, "protobuf", schema)
         topic = f"/{self._heading.side}/{name}"
         channel: int = self._writer.register_channel(topic, "protobuf", number, columns)
         return channel
 
 
-NEEDS_MCAP: Final = ".mcap files need the package mcap: pip install 'hapticnet[record]'"
+NEEDS_MCAP: Final = ".mcap files need the package mcap: pip install mcap"
 
 
 def _texts(about: Mapping[str, Any]) -> dict[str, str]:

@@ -19,7 +19,6 @@ EVENTS: Final = "events"
 ROWS_AT_ONCE: Final = 1 << 16
 COMPRESSION: Final = 1
 FIXED_BYTES: Final = 16 * 1024
-EVENT_BYTES: Final = 1024
 
 
 class NpzWriter:
@@ -68,7 +67,7 @@ class NpzWriter:
 
     def event(self, t_us: int, name: str, text: str) -> None:
         """Add an event."""
-        self._events.write((json.dumps([t_us, name, text[:EVENT_BYTES]]) + "\n").encode())
+        self._events.write((json.dumps([t_us, name, text]) + "\n").encode())
 
     def flush(self) -> None:
         """Pass everything to the operating system."""

@@ -17,7 +17,13 @@ PACKAGE: Final = "hapticnet"
 TYPES: Final = {"f8": (1, 1), "i8": (16, 1), "i4": (15, 5)}
 """NumPy's name of a type: number in ``FieldDescriptorProto.Type`` (double, sfixed64, sfixed32), and wire type."""
 
-_STRING: Final = 9
+LOG: Final = "foxglove.Log"
+"""The message that Foxglove shows in its panel of logs."""
+
+LEVELS: Final = ("UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL")
+
+_INT64, _INT32, _FIXED32, _STRING, _MESSAGE, _ENUM = 3, 5, 7, 9, 11, 14
+_UINT64: Final = 2**64 - 1
 _OPTIONAL: Final = 1
 _LENGTH_DELIMITED: Final = 2
 
@@ -32,25 +38,10 @@ def varint(number: int) -> bytes:
     return bytes(parts)
 
 
-def descriptor(message: str, fields: Sequence[tuple[str, int]]) -> bytes:
-    """Return a packed ``FileDescriptorSet`` with one message.
-
-    Parameters
-    ----------
-    fields
-        Name and type of each field; field numbers count from 1.
-    """
-    packed = b"".join(
-        _field(2, _text(1, name) + _number(3, number) + _number(4, _OPTIONAL) + _number(5, kind) + _text(10, name))
-        for number, (name, kind) in enumerate(fields, start=1)
-    )
-    file = _text(1, f"{message.lower()}.proto") + _text(2, PACKAGE) + _field(4, _text(1, message) + packed)
-    return _field(1, file + _text(12, "proto3"))
-
-
 def row_descriptor(message: str, columns: Sequence[str], types: Sequence[str]) -> bytes:
-    """Return the descriptor of a message with a field for each column."""
-    return descriptor(message, [(name, TYPES[kind][0]) for name, kind in zip(columns, types, strict=True)])
+    """Return a packed ``FileDescriptorSet`` of a message with a field for each column."""
+    fields = [(name, TYPES[kind][0]) for name, kind in zip(columns, types, strict=True)]
+    return _file(f"{message.lower()}.proto", PACKAGE, _field(4, _message(message, *fields)))
 
 
 def row_dtype(types: Sequence[str]) -> npt.DTypeLike:
@@ -71,30 +62,83 @@ def pack_rows(rows: FloatArray, types: Sequence[str]) -> npt.NDArray[Any]:
     return packed
 
 
-def event_descriptor(message: str) -> bytes:
-    """Return the descriptor of an event: t_us, event, text."""
-    return descriptor(message, [("t_us", TYPES["i8"][0]), ("event", _STRING), ("text", _STRING)])
+def log_descriptor() -> bytes:
+    """Return the descriptor of `LOG`, with what it imports. Source: schemas/proto/foxglove/Log.proto of its makers."""
+    time = _message("Timestamp", ("seconds", _INT64), ("nanos", _INT32))
+    log = _message(
+        "Log",
+        ("timestamp", _MESSAGE, ".google.protobuf.Timestamp"),
+        ("level", _ENUM, ".foxglove.LogLevel"),
+        ("message", _STRING),
+        ("name", _STRING),
+        ("file", _STRING),
+        ("line", _FIXED32),
+    )
+    levels = b"".join(_field(2, _text(1, name) + _number(2, number)) for number, name in enumerate(LEVELS))
+    needed = "google/protobuf/timestamp.proto", "foxglove/LogLevel.proto"
+    return b"".join(
+        (
+            _file(needed[0], "google.protobuf", _field(4, time)),
+            _file(needed[1], "foxglove", _field(5, _text(1, "LogLevel") + levels)),
+            _file("foxglove/Log.proto", "foxglove", b"".join(_text(3, each) for each in needed) + _field(4, log)),
+        )
+    )
 
 
-def pack_event(t_us: int, name: str, text: str) -> bytes:
-    """Return an event as a message."""
-    return _tag(0, "i8") + t_us.to_bytes(8, "little", signed=True) + _text(2, name) + _text(3, text)
+def pack_log(time_ns: int, level: str, name: str, message: str) -> bytes:
+    """Return a `LOG`; its time is in ns since 1970."""
+    seconds, nanos = divmod(time_ns, 10**9)
+    stamp = _number(1, seconds & _UINT64) + _number(2, nanos)
+    return _field(1, stamp) + _number(2, LEVELS.index(level)) + _text(3, message) + _text(4, name)
 
 
-def unpack_event(data: bytes) -> tuple[int, str, str]:
-    """Return time, name and text of an event; ValueError if it was not packed by `pack_event`."""
-    if len(data) < 9 or data[:1] != _tag(0, "i8"):
+def unpack_log(data: bytes) -> tuple[int, str, str]:
+    """Return time [ns], name and message of a `LOG`; ValueError if it was not packed by `pack_log`."""
+    fields = _read_fields(data)
+    stamp, message, name = (fields.get(number) for number in (1, 3, 4))
+    if not (isinstance(stamp, bytes) and isinstance(message, bytes) and isinstance(name, bytes)):
         raise ValueError("not an event")
-    texts = []
-    at = 9
-    for _ in range(2):
-        _, at = _read_varint(data, at)
-        size, at = _read_varint(data, at)
-        if at + size > len(data):
-            raise ValueError("a text reaches past the end of its message")
-        texts.append(data[at : at + size].decode(errors="replace"))
-        at += size
-    return int.from_bytes(data[1:9], "little", signed=True), texts[0], texts[1]
+    seconds, nanos = (_read_fields(stamp).get(number) for number in (1, 2))
+    if not (isinstance(seconds, int) and isinstance(nanos, int)):
+        raise ValueError("an event without a time")
+    signed = seconds - (_UINT64 + 1) * (seconds >> 63)
+    return 10**9 * signed + nanos, name.decode(errors="replace"), message.decode(errors="replace")
+
+
+def _read_fields(data: bytes) -> dict[int, int | bytes]:
+    """Return the fields of a message by their numbers: varints and what has a length."""
+    fields: dict[int, int | bytes] = {}
+    at = 0
+    while at < len(data):
+        tag, at = _read_varint(data, at)
+        value, at = _read_varint(data, at)
+        fields[tag >> 3] = value
+        if tag & 7 == _LENGTH_DELIMITED:
+            if at + value > len(data):
+                raise ValueError("a text reaches past the end of its message")
+            fields[tag >> 3] = data[at : at + value]
+            at += value
+        elif tag & 7:
+            raise ValueError("a field of an unknown kind")
+    return fields
+
+
+def _message(name: str, *fields: tuple[str, int] | tuple[str, int, str]) -> bytes:
+    """Return the descriptor of a message: name and type of each field, and of what; field numbers count from 1."""
+    packed = b"".join(
+        _field(
+            2,
+            _text(1, field) + _number(3, number) + _number(4, _OPTIONAL) + _number(5, kind)
+            + b"".join(_text(6, each) for each in of_what) + _text(10, field),
+        )
+        for number, (field, kind, *of_what) in enumerate(fields, start=1)
+    )  # fmt: skip
+    return _text(1, name) + packed
+
+
+def _file(name: str, package: str, content: bytes) -> bytes:
+    """Return a file of a ``FileDescriptorSet``."""
+    return _field(1, _text(1, name) + _text(2, package) + content + _text(12, "proto3"))
 
 
 def _tag(index: int, kind: str) -> bytes:

@@ -1,8 +1,7 @@
 """Recordings of hapticnet read back, whatever their format."""
 
-import json
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -10,13 +9,13 @@ from typing import Any, Final
 import numpy as np
 
 from hapticnet.errors import FileError
-from hapticnet.files import MAX_BYTES, check_readable, read_text
+from hapticnet.files import MAX_BYTES, check_readable, file_errors, read_text
 from hapticnet.recordings.delimited import DelimitedSource
 from hapticnet.recordings.session.csv_writer import beside
 from hapticnet.recordings.session.frames import INTEGERS
 from hapticnet.recordings.session.mcap_reader import read_mcap
 from hapticnet.recordings.session.npz_writer import ABOUT, EVENTS
-from hapticnet.recordings.session.session import Event, Session, SessionTable
+from hapticnet.recordings.session.session import LARGEST_JSON, Event, Session, SessionTable, parse_json
 from hapticnet.recordings.session.sink import UNFINISHED
 
 LATEST_US: Final = 100_000_000_000_000_000
@@ -26,10 +25,11 @@ _MCAP_MAGIC: Final = b"\x89MCAP"
 _ZIP_MAGIC: Final = b"PK"
 _OTHER_TABLES: Final = ("datagram",)
 _NO_RECORDING: Final = "not a recording of hapticnet"
+_BESIDE: Final = (*(f".{name}s.csv" for name in _OTHER_TABLES), ".events.csv", ".about.json")
 
 
 def read_session(path: Path, *, max_bytes: int = MAX_BYTES) -> Session:
-    """Return a recording that ``--record`` wrote; of an .mcap file that is cut off, what is whole.
+    """Return a recording that a master or slave wrote; of an .mcap file that is cut off, what is whole.
 
     Raises
     ------
@@ -38,19 +38,47 @@ def read_session(path: Path, *, max_bytes: int = MAX_BYTES) -> Session:
     UnavailableError
         If its format needs an extra.
     """
+    read = _reader(path, max_bytes)
+    with file_errors(path):
+        return _checked(path, read(path, max_bytes))
+
+
+def check_session(path: Path, *, max_bytes: int = MAX_BYTES) -> None:
+    """Raise FileError if a file is not a recording, as far as its first bytes and the files beside it tell."""
+    _reader(path, max_bytes)
+
+
+def _reader(path: Path, max_bytes: int) -> Callable[[Path, int], Session]:
+    """Return what reads a recording; raise FileError if it is none."""
     check_readable_file(path, max_bytes)
-    try:
-        with path.open("rb") as file:
-            magic = file.read(8)
-    except OSError as error:
-        raise FileError(f"{path}: cannot be read: {error.strerror}") from error
+    with file_errors(path), path.open("rb") as file:
+        magic = file.read(8)
     if magic.startswith(_MCAP_MAGIC):
-        session = read_mcap(path, max_bytes)
-    elif magic.startswith(_ZIP_MAGIC):
-        session = _read_npz(path, max_bytes)
-    else:
-        session = _read_csv(path, max_bytes)
-    return _checked(path, session)
+        return read_mcap
+    if magic.startswith(_ZIP_MAGIC):
+        _check_npz(path)
+        return _read_npz
+    for end in _BESIDE:
+        main = path.with_name(f"{path.name.removesuffix(end)}.csv")
+        if path.name.endswith(end) and main.exists():
+            raise FileError(f"{path}: a part of a recording; name its main file, {main}")
+    sidecar = beside(path, "about.json")
+    if not sidecar.exists():
+        raise FileError(
+            f"{path}: {_NO_RECORDING}: that is a .mcap or .npz file, or a .csv file with {sidecar.name} beside it"
+        )
+    return _read_csv
+
+
+def _check_npz(path: Path) -> None:
+    """Raise FileError if a NumPy archive is not a recording."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = [name.removesuffix(".npy") for name in archive.namelist()]
+    except Exception:  # damaged, which reading it will tell
+        return
+    if not {ABOUT, EVENTS} <= set(names):
+        raise FileError(f"{path}: {_NO_RECORDING}; its arrays are {', '.join(names[:20])}")
 
 
 def check_readable_file(path: Path, max_bytes: int) -> None:
@@ -92,10 +120,8 @@ def _read_npz(path: Path, max_bytes: int) -> Session:
     except Exception as error:  # zlib.error, TokenError, NotImplementedError, and what else damage leads to
         raise FileError(f"{path}: a damaged NumPy archive") from error
     try:
-        about = json.loads(str(columns.pop(ABOUT)))
-        events = tuple(
-            Event(int(t_us), str(name), str(text)) for t_us, name, text in json.loads(str(columns.pop(EVENTS)))
-        )
+        about = parse_json(str(columns.pop(ABOUT)))
+        events = npz_events(str(columns.pop(EVENTS)))
         side, offset_us = str(about.pop("side")), int(about.pop("unix_offset_us"))
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise FileError(f"{path}: {_NO_RECORDING}; its arrays are {', '.join(list(columns)[:20])}") from error
@@ -103,15 +129,18 @@ def _read_npz(path: Path, max_bytes: int) -> Session:
     for name, column in columns.items():
         table, _, short = name.rpartition(".")
         tables.setdefault(table or _main_name(side), {})[short] = column
-    return Session(side, about, offset_us, dict(tables), events, complete=True)
+    return Session(side, about, offset_us, dict(tables), events, is_whole=True)
+
+
+def npz_events(text: str) -> tuple[Event, ...]:
+    """Return the events of a NumPy recording, which are JSON; raise ValueError or TypeError if they are damaged."""
+    return tuple(Event(int(t_us), str(name), str(text)) for t_us, name, text in parse_json(text))
 
 
 def _read_csv(path: Path, max_bytes: int) -> Session:
     sidecar = beside(path, "about.json")
-    if not sidecar.exists():
-        raise FileError(f"{path}: {_NO_RECORDING}: {sidecar.name} is missing")
     try:
-        about = json.loads(read_text(sidecar))
+        about = parse_json(read_text(sidecar, LARGEST_JSON))
         side, offset_us = str(about.pop("side")), int(about.pop("unix_offset_us"))
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise FileError(f"{sidecar}: {_NO_RECORDING}") from error
@@ -120,7 +149,7 @@ def _read_csv(path: Path, max_bytes: int) -> Session:
         other = beside(path, f"{name}s.csv")
         if other.exists():
             tables[name] = _csv_table(other, max_bytes)
-    return Session(side, about, offset_us, tables, _csv_events(beside(path, "events.csv")), complete=True)
+    return Session(side, about, offset_us, tables, csv_events(beside(path, "events.csv")), is_whole=True)
 
 
 def _csv_table(path: Path, max_bytes: int) -> SessionTable:
@@ -132,12 +161,13 @@ def _csv_table(path: Path, max_bytes: int) -> SessionTable:
     }
 
 
-def _csv_events(path: Path) -> tuple[Event, ...]:
+def csv_events(path: Path) -> tuple[Event, ...]:
+    """Return the events of a CSV recording, none if there is no such file; raise FileError if they are damaged."""
     import csv
 
     if not path.exists():
         return ()
-    rows = list(csv.reader(read_text(path).splitlines()))[1:]
+    rows = list(csv.reader(read_text(path, LARGEST_JSON).splitlines()))[1:]
     try:
         return tuple(Event(int(t_us), name, text) for t_us, name, text in rows)
     except ValueError as error:

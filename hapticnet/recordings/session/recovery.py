@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from hapticnet.errors import FileError
+from hapticnet.errors import FileError, HapticnetError
 from hapticnet.files import check_readable, check_replaceable
 from hapticnet.recordings.session.csv_writer import beside
 from hapticnet.recordings.session.mcap_reader import recover
@@ -78,7 +78,9 @@ def recover_file(path: Path, out: Path | None = None) -> Recovered:
         else:
             count = _complete_csv(path, target)
         return Recovered(target, count, was_complete=False)
-    except (OSError, ValueError, KeyError) as error:
+    except HapticnetError:
+        raise
+    except Exception as error:  # of many kinds, if it is damaged
         reason = (isinstance(error, OSError) and error.strerror) or f"damaged ({error})"
         raise FileError(f"{path}: cannot be recovered: {reason}") from error
 

@@ -1,14 +1,25 @@
 """A recorded session, whatever its format."""
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 SessionTable: TypeAlias = Mapping[str, npt.NDArray[np.float64 | np.int64 | np.int32]]
 """Columns by name, shape (n,) each."""
+
+
+REPORT: Final = "report"
+"""Fact that a node adds when its session ends."""
+
+INCOMPLETE: Final = "incomplete"
+"""Fact in a recording from which something is missing: why."""
+
+LARGEST_JSON: Final = 32 * 2**20
+"""Longest text of events or facts that is read [characters]. Its values take up to 30 times as much memory."""
 
 
 class Event(NamedTuple):
@@ -28,15 +39,15 @@ class Session:
     side
         ``master`` or ``slave``.
     about
-        Configuration, seed, versions, and the report if the recording is complete.
+        Configuration, seed, versions, and the report if the session ended before the recording.
     unix_offset_us
         Add it to `t_us` for µs since 1970.
     tables
         The first is the main one: a row for each tick or step.
     events
         In order of time.
-    complete
-        Whether the writer finished the file.
+    is_whole
+        Whether the file is neither cut off nor damaged.
     """
 
     side: str
@@ -44,9 +55,24 @@ class Session:
     unix_offset_us: int
     tables: dict[str, SessionTable]
     events: tuple[Event, ...]
-    complete: bool
+    is_whole: bool
+
+    @property
+    def complete(self) -> bool:
+        """Whether it holds its session to the end."""
+        return self.is_whole and REPORT in self.about and INCOMPLETE not in self.about
 
     @property
     def main(self) -> SessionTable:
         """The main table."""
         return next(iter(self.tables.values()))
+
+
+def parse_json(text: str) -> Any:
+    """Return what a text in a recording says; ValueError if it is not JSON, or longer than `LARGEST_JSON`."""
+    if len(text) > LARGEST_JSON:
+        raise ValueError(f"{len(text):,} characters of JSON; the limit is {LARGEST_JSON:,}")
+    try:
+        return json.loads(text)
+    except RecursionError as error:
+        raise ValueError("JSON that is nested too deeply") from error

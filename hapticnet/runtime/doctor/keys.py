@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from hapticnet.errors import HapticnetError, SettingsError
-from hapticnet.protocol.key_files import load_key, load_roster
+from hapticnet.protocol.key_files import is_anothers, load_key, load_roster, open_folder
 from hapticnet.protocol.keys import MasterKey, PrivateKey, Roster, check_public, format_key, parse_key
 from hapticnet.runtime.doctor.finding import Finding, Step, Topic, Verdict
 from hapticnet.scene.sources import find_source
@@ -128,8 +128,10 @@ def _how_to_mend(path: Path) -> Step:
         mode = path.stat().st_mode
     except OSError:
         return Step("Name the file that exists, or make one:", f"{NEW} {quoted}")
-    if not os.access(path, os.R_OK):
+    if not os.access(path, os.R_OK) or is_anothers(path):
         return Step("Give it to the account that runs hapticnet:", f"sudo chown $USER {quoted}")
+    if (folder := open_folder(path)) is not None:
+        return Step("Let others change nothing in its folder:", f"chmod o-w {shlex.quote(str(folder))}")
     if mode & (stat.S_IRWXG | stat.S_IRWXO):
         return Step("Let only its owner use it:", f"chmod 600 {quoted}")
     return Step("Correct the file, or restore it from a copy.")

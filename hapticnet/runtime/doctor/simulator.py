@@ -7,7 +7,7 @@ from typing import Final
 from hapticnet.errors import HapticnetError, UnavailableError
 from hapticnet.runtime.doctor.finding import Finding, Step, Topic, Verdict
 from hapticnet.runtime.doctor.machine import Machine
-from hapticnet.runtime.simavr import Simavr, simavr_build
+from hapticnet.runtime.simavr import BUILD_VARIABLE, Simavr, simavr_build
 
 SUBJECT: Final = "simulator"
 
@@ -18,7 +18,9 @@ TOOLS: Final = {
 }
 """What the simulator is built with: Debian's package, and a file of it; None: a program on the search path."""
 
-BUILD: Final = Step("In a checkout, install the tools and build it:", "make simulator")
+BUILD: Final = Step(
+    f"In a checkout, install the tools and build it (then {BUILD_VARIABLE} names its firmware/build):", "make simulator"
+)
 
 TRIAL_US: Final = 1000
 

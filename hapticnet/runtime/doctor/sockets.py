@@ -5,7 +5,7 @@ from typing import Final
 
 from hapticnet.runtime.doctor.finding import Figures, Finding, Step, Topic, Verdict, size
 from hapticnet.runtime.doctor.machine import Machine
-from hapticnet.runtime.udp import BUFFER_BYTES
+from hapticnet.runtime.udp import BUFFER_BYTES, CROWD_BUFFER_BYTES
 
 SUBJECT: Final = "network"
 
@@ -22,8 +22,8 @@ def examine_sockets(machine: Machine) -> list[Finding]:
     """Return the findings about buffers and drops."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         granted = []
-        for option in (socket.SO_RCVBUF, socket.SO_SNDBUF):
-            sock.setsockopt(socket.SOL_SOCKET, option, BUFFER_BYTES)
+        for option, asked in ((socket.SO_RCVBUF, CROWD_BUFFER_BYTES), (socket.SO_SNDBUF, BUFFER_BYTES)):
+            sock.setsockopt(socket.SOL_SOCKET, option, asked)
             granted.append(sock.getsockopt(socket.SOL_SOCKET, option))
     return [
         judge_buffer("receive", granted[0], machine.container),
@@ -34,12 +34,13 @@ def examine_sockets(machine: Machine) -> list[Finding]:
 
 def judge_buffer(direction: str, granted: int, container: str | None) -> Finding:
     """Judge a buffer by what the kernel says it granted [B], which is twice the net size."""
+    asked = CROWD_BUFFER_BYTES if direction == "receive" else BUFFER_BYTES
     net, datagrams = granted // 2, granted // CHARGED_BYTES
-    figures: Figures = {"asked_bytes": BUFFER_BYTES, "granted_bytes": net, "datagrams": datagrams}
+    figures: Figures = {"asked_bytes": asked, "granted_bytes": net, "datagrams": datagrams}
     topic = Topic(SUBJECT, f"{direction}_buffer", f"{direction.capitalize()} buffer", figures)
-    if net >= BUFFER_BYTES:
+    if net >= asked:
         return topic.ok(f"{size(net)}, as asked for; holds {datagrams} datagrams")
-    setting = f"net.core.{'r' if direction == 'receive' else 'w'}mem_max={BUFFER_BYTES}"
+    setting = f"net.core.{'r' if direction == 'receive' else 'w'}mem_max={asked}"
     meaning = "When the network is slower than the sender, datagrams are lost early."
     if direction == "receive":
         meaning = (
@@ -48,7 +49,7 @@ def judge_buffer(direction: str, granted: int, container: str | None) -> Finding
         )
     return topic.find(
         Verdict.WARNING,
-        f"{size(net)} of the {size(BUFFER_BYTES)} asked for; holds {datagrams} datagrams",
+        f"{size(net)} of the {size(asked)} asked for; holds {datagrams} datagrams",
         meaning,
         Step(f"Raise the limit{' on the host' if container else ''} until the next boot:", f"sudo sysctl -w {setting}"),
         Step("And for good:", f"echo {setting} | sudo tee /etc/sysctl.d/90-hapticnet-{direction}.conf"),

@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 
 from hapticnet.runtime.doctor.finding import Finding, Step, Topic, Verdict
 from hapticnet.runtime.doctor.machine import Machine, Ran, scratch_folder
+from hapticnet.runtime.interpreter import python_command
 
 SUBJECT: Final = "software"
 
@@ -76,7 +77,7 @@ def examine_software(machine: Machine) -> list[Finding]:
         trial = replace(
             machine, environ={**machine.environ, "MPLCONFIGDIR": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
         )
-        packages = parse_imports(trial.run([sys.executable, "-P", "-c", IMPORT, *arguments], IMPORT_WITHIN_S))
+        packages = parse_imports(trial.run(python_command("-c", IMPORT, *arguments), IMPORT_WITHIN_S))
     debug = hasattr(sys, "gettotalrefcount")
     return [
         judge_python(sys.version_info[:3], platform.python_implementation(), debug=debug),

@@ -6,6 +6,7 @@ import { palette } from "./palette.js";
 export const RULER_PX = 54;
 
 const ARROW_PX_PER_N = 26;
+const ARROW_ROOM_PX = 12; // between its head and the edge of the picture
 const RIPPLE_MS = 900;
 const MM = 1e-3;
 const RULER_STEPS_MM = [1, 2, 5, 10, 20, 50, 100, 200];
@@ -25,9 +26,9 @@ export function drawLabels(context, scene) {
     if (room < 20) return;
     const y = top + Math.min(26, room * 0.45);
     context.strokeStyle = context.fillStyle = colour(`on-tissue-${scene.shade(index)}`);
-    context.font = `600 13px ${FONT}`;
+    context.font = `600 ${scene.isPlain ? 22 : 13}px ${FONT}`;
     context.fillText(shortened(context, tissue.name, width), 16, y);
-    if (room < 72) return;
+    if (room < 72 || scene.isPlain) return;
     context.font = `400 12px ${FONT}`;
     context.fillText(strength(tissue, width), 16, y + 17);
     drawContact(context, scene, index, y + 35);
@@ -152,12 +153,13 @@ export function drawWanted(context, scene, needle, wantedM) {
 }
 
 /** The force on the needle as an arrow that pushes out of the tissue. */
-export function drawArrow(context, needle, forceN) {
+export function drawArrow(context, needle, forceN, heightPx) {
   if (!(Math.abs(forceN) > 0.02)) return;
   const colour = palette();
   const x = needle.x + needle.radius + 20;
   const from = needle.y;
-  const to = from - forceN * ARROW_PX_PER_N;
+  const whole = from - forceN * ARROW_PX_PER_N;
+  const to = Math.min(heightPx - ARROW_ROOM_PX, Math.max(ARROW_ROOM_PX, whole)); // the head stays in the picture
   const head = Math.min(10, Math.abs(to - from)) * Math.sign(to - from);
   const path = new Path2D();
   path.moveTo(x - 2.5, from);
@@ -174,7 +176,7 @@ export function drawArrow(context, needle, forceN) {
   context.stroke(path);
   context.fillStyle = colour("held");
   context.fill(path);
-  const words = `${forceN.toFixed(2).replace("-", "−")} N`;
+  const words = `${forceN.toFixed(2).replace("-", "−")} N${to === whole ? "" : ", not to scale"}`;
   context.font = `700 15px ${FONT}`;
   const width = context.measureText(words).width + 16;
   const y = (from + to) / 2;

@@ -4,6 +4,7 @@
 import { MaskingNoise } from "./noise.js";
 import { Stage } from "./stage.js";
 import { TaskView } from "./task.js";
+import { texts } from "./texts.js";
 
 let inExperiment = false;
 let noise = null;
@@ -11,15 +12,15 @@ let noise = null;
 const stage = new Stage("operator", {
   hello: ({ experiment }) => experiment && begin(experiment),
   ready: ({ ready }) => {
-    if (inExperiment) stage.setLink("good", "Connected");
+    if (inExperiment) stage.setLink("good", texts.connected);
     else stage.setLink(ready ? "good" : "warn", ready ? "Ready" : "Not ready");
   },
   task: (message) => {
-    stage.isOver = ["done", "stopped"].includes(message.screen);
+    stage.isOver = ["done", "stopped"].includes(message.screen); // then the screen says what there is to say
     task.show(message);
     if (stage.isOver) noise?.stop();
   },
-  lost: () => stage.isOver && stage.setLink("good", "Finished"),
+  lost: () => stage.isOver && stage.setLink("good", texts.finished),
 });
 
 const task = new TaskView({

@@ -120,7 +120,7 @@ export class ForcePlot {
     const axis = { stroke: from("muted"), font: FONT, ticks: { show: false }, grid: { stroke: from("grid"), width: 1 } };
     return {
       ...this._size(),
-      padding: [10, 16, 0, 0],
+      padding: [10, 28, 0, 0], // on the right, room for half of the word "paused"
       legend: { show: false },
       cursor: { y: false, points: { show: false }, drag: { x: true, y: false, setScale: false } },
       scales: { x: { time: false, auto: false }, y: { auto: false } },

@@ -14,6 +14,7 @@ const NEEDLE_RADIUS_M = 0.00065;
 const LEAST_NEEDLE_PX = 3.2;
 const NEEDLE_RESERVE_M = 0.016; // length of the needle that stays outside when it is all the way in
 const SHADES = 5;
+const PLAIN_SHADE = 3;
 const LARGEST_RATIO = 2.5; // finer pixels cost time and are not seen
 
 const still = matchMedia("(prefers-reduced-motion: reduce)");
@@ -33,6 +34,7 @@ export class SceneView {
     this.tissues = [];
     this.rangeM = [0, 0.085];
     this.tipM = 0;
+    this.isPlain = false; // in an experiment: all tissues look the same, so that their looks say nothing of how they feel
     new ResizeObserver(() => this._resize()).observe(canvas);
     addEventListener("themechange", () => this._resize());
     this._resize();
@@ -80,6 +82,7 @@ export class SceneView {
   /** Number of the colour of a tissue, 1 to 5, from light to deep. */
   shade(index) {
     const count = this.tissues.length;
+    if (this.isPlain) return PLAIN_SHADE;
     if (count === 1) return 1;
     if (count <= SHADES) return 1 + Math.round((index * (SHADES - 1)) / (count - 1));
     return SHADES - Math.abs((index % (2 * SHADES - 2)) - SHADES + 1); // there and back again
@@ -112,7 +115,7 @@ export class SceneView {
     drawTissueOverNeedle(context, this, surfaces, needle, lengthPx);
     drawLabels(context, this);
     this._ripples = drawRipples(context, this, this._ripples, nowMs, still.matches);
-    if (forceN !== null) drawArrow(context, needle, forceN);
+    if (forceN !== null) drawArrow(context, needle, forceN, this.height);
     if (invites) drawInvitation(context, needle, nowMs, still.matches);
     if (wantedM !== null) drawWanted(context, this, needle, wantedM);
     drawRuler(context, this, wantedM);

@@ -4,7 +4,7 @@ import { thresholdWords } from "./words.js";
 
 const SEND_EVERY_MS = 120;
 const SETTLE_MS = 800; // while a person turns a control, reports of older values must not move it back
-const UNITS = { multiplier: (value) => `× ${value}`, delay_ms: (value) => `${value} ms`, loss_percent: (value) => `${value} %` };
+const UNITS = { multiplier: (value) => `${value} JND`, delay_ms: (value) => `${value} ms`, loss_percent: (value) => `${value} %` };
 
 export class Settings {
   /** @param {function} send called with an object of changes */

@@ -3,10 +3,12 @@
 import { Connection } from "./connection.js";
 import { Hand } from "./hand.js";
 import { SceneView } from "./scene.js";
+import { filled, texts, useTexts } from "./texts.js";
 import { handWords, hint, sceneWords } from "./words.js";
 
 const ERROR_MS = 6000;
 const WORDS_EVERY_MS = 1000;
+const GONE_MS = 15_000; // a session that was interrupted does not come back by itself so soon
 
 const byId = (id) => document.getElementById(id);
 
@@ -28,6 +30,7 @@ export class Stage {
     this._contacts = [];
     this._wordsMs = 0;
     this._inExperiment = false;
+    this._limit = null;
     this.isOver = false; // nothing more will come, and the server may close the page
     this.canvas = byId("scene");
     this.scene = new SceneView(this.canvas, { onBreach: (index) => this._breached(index) });
@@ -44,7 +47,7 @@ export class Stage {
       refused: (why) => this.complain(why),
       letGo: () => this.letGo(),
     });
-    this._letGoOfAnyone = view === "watch";
+    this._mayStopOthers = view === "watch";
     byId("hand-button").addEventListener("click", () => this._pressButton());
     byId("notice").querySelector("button").addEventListener("click", () => this._retry());
     this._wireTheme();
@@ -52,10 +55,9 @@ export class Stage {
     requestAnimationFrame((nowMs) => this._frame(nowMs));
   }
 
-  /** Withdraw the needle: the own hand, or in the watch view anyone's. */
+  /** Give the own hand back: the needle is withdrawn. */
   letGo() {
-    if (this._letGoOfAnyone && this._holder !== "nobody") this.connection.send("let_go");
-    else this.hand.giveBack();
+    this.hand.giveBack();
   }
 
   /** Tell a person for a few seconds what went wrong. */
@@ -66,6 +68,13 @@ export class Stage {
       this._error = null;
       this._show();
     }, ERROR_MS);
+    this._show();
+  }
+
+  /** Tell that the device renders less than the held force, if `limitN` is given. */
+  setLimit(limitN) {
+    if (limitN === this._limit) return;
+    this._limit = limitN;
     this._show();
   }
 
@@ -89,6 +98,8 @@ export class Stage {
   _on_hello(message) {
     this._handInfo = message.hand;
     this._inExperiment = message.experiment !== undefined;
+    if (this._inExperiment) useTexts(message.experiment.texts);
+    this.scene.isPlain = this._inExperiment;
     this.hand.configure({ repeatMs: message.hand.repeat_ms });
   }
 
@@ -122,7 +133,9 @@ export class Stage {
   }
 
   _on_ready({ ready }) {
-    if (this._ready !== null && ready !== this._ready) this.announce(ready ? "The scene can be touched" : "No slave");
+    if (this._ready !== null && ready !== this._ready && !this._inExperiment) {
+      this.announce(ready ? "The scene can be touched" : "The slave does not answer");
+    }
     this._ready = ready;
     this._show();
   }
@@ -133,6 +146,7 @@ export class Stage {
 
   _opened() {
     this._closed = null;
+    this._lostMs = null;
     this._show();
   }
 
@@ -141,21 +155,26 @@ export class Stage {
     this._ready = null;
     this._holder = "nobody";
     this.hand.lost();
-    this.setLink(how.final ? "bad" : "wait", how.final ? "Closed" : "Reconnecting");
+    this.setLink(how.final ? "bad" : "wait", how.final ? texts.closed : texts.reconnecting);
+    this._lostMs ??= performance.now();
+    setTimeout(() => this._show(), GONE_MS);
     this._on.lost?.();
     this._show();
   }
 
   _retry() {
-    this.setLink("wait", "Connecting");
+    this.setLink("wait", texts.connecting);
     this._closed = { again: true };
     this._show();
     this.connection.retry();
   }
 
   _pressButton() {
-    if (byId("hand-button").dataset.action === "let-go") {
+    const { action } = byId("hand-button").dataset;
+    if (action === "let-go") {
       this.letGo();
+    } else if (action === "withdraw") {
+      this.connection.send("let_go");
     } else {
       this.hand.take();
       this.canvas.focus({ preventScroll: true }); // so that the arrow keys move the needle
@@ -164,7 +183,7 @@ export class Stage {
 
   _breached(index) {
     const name = this._scene.tissues[index].name ?? `Tissue ${index + 1}`;
-    this.announce(`${name} breached`);
+    this.announce(this._inExperiment ? filled(texts.breached, { number: index + 1 }) : `${name} breached`);
   }
 
   /** Redraw all texts about connection and hand. */
@@ -173,22 +192,26 @@ export class Stage {
     const online = this.connection?.isOpen ?? false;
     document.body.toggleAttribute("data-offline", !online);
     if (this.hand) this.hand.obstacle = this._obstacle(online, source);
-    byId("hand-state").textContent = online ? handWords(source, this._holder, this._handState) : "Not connected";
+    byId("hand-state").textContent = online
+      ? handWords(source, this._holder, this._handState, this._inExperiment)
+      : texts.connecting;
     byId("hint").textContent = online ? hint(source, this._holder, this._handInfo, this._inExperiment) : "";
-    const letsGo = this._holder === "you" || (this._letGoOfAnyone && this._holder === "another");
+    const withdraws = this._mayStopOthers && this._holder === "another";
+    const letsGo = this._holder === "you";
     const button = byId("hand-button");
-    button.textContent = letsGo ? "Let go" : "Take the hand";
-    button.dataset.action = letsGo ? "let-go" : "take";
-    button.disabled = !letsGo && (!online || this._holder !== "nobody");
+    button.textContent = letsGo ? texts.let_go : withdraws ? texts.withdraw : texts.take;
+    button.dataset.action = letsGo ? "let-go" : withdraws ? "withdraw" : "take";
+    button.disabled = !letsGo && !withdraws && (!online || this._holder !== "nobody");
     button.hidden = source !== "page";
     this.canvas.ariaDisabled = String(source !== "page" || !online);
     this._notify(online);
   }
 
   _obstacle(online, source) {
-    if (!online) return "The page is not connected.";
+    if (!online) return texts.lost;
+    if (this._inExperiment) return this._ready && source === "page" ? null : texts.not_yet;
     if (source !== "page") return `${handWords(source)}. To move it here, start the master with --operator page.`;
-    return this._holder === "another" ? "Another page has the hand." : null;
+    return this._holder === "another" ? "Another page moves the needle." : null;
   }
 
   _notify(online) {
@@ -208,13 +231,14 @@ export class Stage {
   _notice(online) {
     if (this._closed && this.isOver) return null;
     if (this._closed?.final) {
-      return ["bad", "The server closed this page", sentence(this._closed.reason || "It gave no reason"), true];
+      return ["bad", texts.refused, sentence(this._closed.reason || "It gave no reason"), true];
     }
     if (this._closed && !this._closed.again) {
-      return ["warn", "Connection to the master lost", "The needle is withdrawn. Trying to reconnect…"];
+      const isGone = this._inExperiment && performance.now() - this._lostMs >= GONE_MS;
+      return ["warn", texts.lost, isGone ? texts.gone_text : texts.lost_text];
     }
-    if (!online) return ["wait", "Connecting to the master…", ""];
-    if (this._error) return ["warn", "Not possible", sentence(this._error)];
+    if (!online) return ["wait", texts.connecting, ""];
+    if (this._error) return ["warn", texts.not_possible, sentence(this._error)];
     if (this._inExperiment && !this._ready) return null; // what comes next is told by the task
     if (this._ready === false) {
       return ["warn", "The slave does not answer", "Force fades to zero. The needle moves, but it touches nothing."];
@@ -222,6 +246,7 @@ export class Stage {
     if (this._scene && !this._scene.known) {
       return ["info", "The scene is not known here", "The master cannot draw its surfaces, or compute the true force."];
     }
+    if (this._limit) return ["info", `The device presses with ${this._limit} N at most`, "The force is larger: a finger would feel less of it."];
     if (this._holder === "you" && this._handState === "holding") {
       return ["info", "The needle is held", "This page was silent for a moment. Move to continue."];
     }
@@ -237,7 +262,7 @@ export class Stage {
     if (nowMs - this._wordsMs > WORDS_EVERY_MS) {
       this._wordsMs = nowMs;
       this.canvas.ariaValueNow = (this.scene.tipM * 1000).toFixed(1);
-      this.canvas.ariaValueText = sceneWords(this.scene.tipM, this._scene?.tissues ?? [], this._contacts, forceN);
+      this.canvas.ariaValueText = sceneWords(this.scene.tipM, this._scene?.tissues ?? [], this._contacts, forceN, this._inExperiment);
     }
     requestAnimationFrame((next) => this._frame(next));
   }

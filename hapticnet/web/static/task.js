@@ -1,9 +1,10 @@
 // The screens of an experiment: instructions, questions and answers. The server decides what comes next; this shows it.
 
+import { filled, texts } from "./texts.js";
+
 const TISSUES = ["1", "2", "3"];
 const PLACES = ["front", "middle", "back"];
-const KEY_NAMES = { enter: "Enter", escape: "Esc", backspace: "⌫" };
-const RATING_ENDS = ["very artificial or disturbed", "like real tissue"];
+const PERFORMED = ["meet", "trial", "stimuli"]; // screens during which Escape stops what is felt
 const MAIN_KEYS = ["enter", "y"];
 const ANSWER_KEYS = [...TISSUES, "backspace", "enter"];
 
@@ -69,15 +70,16 @@ export class TaskView {
     const same = focused && this._box.querySelector(`button[data-key="${focused}"]:not(:disabled)`);
     if (same) same.focus();
     else if (focused) this._box.querySelector("button:not(:disabled)")?.focus();
+    if (this._task.remark && before.remark !== this._task.remark) this._on.announce(this._task.remark);
     if (before.typed !== this._task.typed) {
-      this._on.announce(`Your answer: ${[...this._task.typed].join(", ") || "empty"}`);
+      this._on.announce(filled(texts.answer, { answer: [...this._task.typed].join(", ") || "–" }));
     }
   }
 
   _content() {
-    const { screen, title, text, progress } = this._task;
+    const { screen, title, text, progress, remark } = this._task;
     const heading = make("h2", { tabIndex: -1, "aria-describedby": "task-text" }, title);
-    const parts = [heading, make("p", { className: "text", id: "task-text" }, text)];
+    const parts = [heading, make("p", { className: remark ? "text remark" : "text", id: "task-text" }, remark || text)];
     if (progress) parts.unshift(make("p", { className: "quiet progress" }, progress));
     if (screen === "trial") parts.push(this._slots(), this._tissues(), this._choices(["backspace", "enter"]));
     else if (screen === "rating") parts.push(this._scale());
@@ -90,15 +92,15 @@ export class TaskView {
   _slots() {
     const items = TISSUES.map((_, place) => {
       const typed = this._task.typed[place];
-      return make("li", { className: typed ? `tissue-${typed}` : "empty" }, typed ?? "–");
+      return make("li", { className: typed ? "full" : "empty" }, typed ?? "–");
     });
-    const row = make("ol", { className: "slots", ariaLabel: "Your answer" }, ...items);
-    return make("div", { className: "answer" }, make("span", {}, "softest"), row, make("span", {}, "hardest"));
+    const row = make("ol", { className: "slots", ariaLabel: filled(texts.answer, { answer: "" }) }, ...items);
+    return make("div", { className: "answer" }, make("span", {}, texts.softest), row, make("span", {}, texts.hardest));
   }
 
   _tissues() {
     const buttons = TISSUES.map((key, index) => {
-      const button = this._button(key, `Tissue ${key}`, PLACES[index], `tissue tissue-${key}`);
+      const button = this._button(key, labelOf(filled(texts.tissue, { number: key }))[0], texts[PLACES[index]], "tissue");
       button.disabled = !this._does.has(key);
       return button;
     });
@@ -108,18 +110,18 @@ export class TaskView {
   _scale() {
     const keys = [...this._does.keys()].filter((key) => key !== "escape");
     const buttons = keys.map((key) => make("button", { type: "button", className: "secondary", "data-key": key }, key));
-    const ends = RATING_ENDS.map((words) => make("span", {}, words));
+    const ends = [texts.rating_low, texts.rating_high].map((words) => make("span", {}, words));
     return make(
       "div",
       { className: "scale" },
-      make("div", { className: "choices", role: "group", ariaLabel: "Rating" }, ...buttons),
+      make("div", { className: "choices", role: "group", ariaLabel: texts.rating }, ...buttons),
       make("p", { className: "quiet ends" }, ...ends),
     );
   }
 
   _choices(keys) {
     const buttons = keys.map((key) => {
-      const does = this._does.get(key) ?? { enter: "confirm", backspace: "undo" }[key];
+      const does = this._does.get(key) ?? { enter: texts.confirm, backspace: texts.undo }[key];
       const [label, remark] = labelOf(does);
       const button = this._button(key, label, remark, MAIN_KEYS.includes(key) ? "primary" : "secondary");
       button.disabled = !this._does.has(key);
@@ -136,7 +138,7 @@ export class TaskView {
   _button(key, label, remark, className) {
     const words = [make("b", {}, label)];
     if (remark) words.push(make("small", {}, remark));
-    const parts = [make("span", {}, ...words), make("kbd", {}, KEY_NAMES[key] ?? key.toUpperCase())];
+    const parts = [make("span", {}, ...words), make("kbd", {}, texts[key] ?? key.toUpperCase())];
     return make("button", { type: "button", className, "data-key": key }, ...parts);
   }
 
@@ -146,7 +148,7 @@ export class TaskView {
     if (!button || !this._task.wait_s) return;
     const seconds = Math.ceil((this._goOnMs - performance.now()) / 1000);
     button.disabled = seconds > 0;
-    button.querySelector("b").textContent = seconds > 0 ? `Go on in ${seconds} s` : "Go on";
+    button.querySelector("b").textContent = seconds > 0 ? filled(texts.go_on_in, { seconds }) : labelOf(this._does.get("enter"))[0];
   }
 
   _keyDown(event) {
@@ -166,7 +168,7 @@ export class TaskView {
 
   _press(key) {
     if (!this._takes(key) || (key === "enter" && performance.now() < this._goOnMs)) return;
-    const endsSession = key === "escape" && !labelOf(this._does.get(key))[1];
+    const endsSession = key === "escape" && !PERFORMED.includes(this._task.screen);
     if (endsSession) this._ending.showModal();
     else this._send(key);
   }

@@ -73,7 +73,7 @@ function drawLamellae(context, scene, heights, below, index) {
   const floor = scene.y(scene.tissues[index].rest_m + LAST_LAYER_M);
   context.strokeStyle = scene.fills.lamellae[scene.shade(index) > 3 ? 1 : 0];
   context.lineWidth = 1.2;
-  context.setLineDash(LAMELLA_DASHES[index % LAMELLA_DASHES.length]);
+  context.setLineDash(LAMELLA_DASHES[scene.isPlain ? 0 : index % LAMELLA_DASHES.length]);
   context.beginPath(); // one stroke for all lines of a layer takes half the time
   for (let k = 1; k <= LAMELLAE; k += 1) {
     const share = k / (LAMELLAE + 1);

@@ -12,15 +12,11 @@ export function showTraffic(state) {
   const left = ratio(feedback.packets, feedback.raw_packets);
   const leftBytes = ratio(feedback.bytes, feedback.raw_bytes);
   tile("tile-saved", left === null ? "–" : percent(Math.max(0, 1 - left)), "%", left === null ? null : 1 - left,
-    leftBytes === null ? "waiting" : `bytes: ${percent(Math.max(0, 1 - leftBytes))} %${since(state)}`);
+    leftBytes === null ? "until a force is felt" : `bytes: ${percent(Math.max(0, 1 - leftBytes))} %, while felt`);
   tile("tile-link", state.round_trip_ms === null ? "–" : signed(state.round_trip_ms, state.round_trip_ms < 10 ? 2 : 1), "ms");
-  text("lost", `${count(state.lost)} of ${count(feedback.packets + state.lost)} lost`);
+  text("lost", `${count(state.lost)} of ${count(state.arrived + state.lost)} lost`);
   const [out, outUnit] = bytes(forward.bytes_per_s);
   text("forward", `Positions ${out} ${outUnit}/s`);
-}
-
-function since({ since_s: start, t_s: now }) {
-  return start > 0 ? ` in ${count(Math.max(0, now - start))} s` : "";
 }
 
 function ratio(part, whole) {

@@ -12,6 +12,7 @@ import { count, linkState, newtons } from "./words.js";
 const KEPT = ["true", "received", "held", "sensed", "packets", "low", "high"];
 const LEGEND_EVERY_MS = 120;
 const MOST_EVENTS = 50;
+const NEWS_S = 20;
 
 const byId = (id) => document.getElementById(id);
 
@@ -21,6 +22,8 @@ const shown = new Map(LINES.map((line) => [line, true]));
 let history = new History(KEPT, 5000);
 let columns = [];
 let about = []; // what the header says about the run
+let largestN = null; // what the device renders at most
+let newestS = null; // time of the newest event, while it is shown
 let law = null; // multiplier, weber_fraction, floor_n of the newest state
 let plot = null;
 let legendMs = 0;
@@ -50,6 +53,7 @@ function configure(hello) {
   history = new History(KEPT, Math.ceil(hello.rate_hz * (hello.history_s + 0.5)));
   clock.reset();
   law = null;
+  largestN = hello.largest_n;
   plot ??= makePlot(hello.history_s);
   settings.configure(hello);
   settings.enable(true);
@@ -101,6 +105,8 @@ function showState(state) {
   }
   settings.show(state);
   showTraffic(state);
+  stage.setLimit(largestN !== null && history.last("held") > largestN + 0.05 ? Number(largestN.toFixed(2)) : null);
+  showAge(state.t_s);
 }
 
 function showEvent({ t_s: time, text }) {
@@ -111,8 +117,15 @@ function showEvent({ t_s: time, text }) {
   item.append(when, text);
   list.prepend(item);
   while (list.children.length > MOST_EVENTS) list.lastChild.remove();
-  byId("newest").textContent = `${time.toFixed(1)} s: ${text}`;
-  byId("newest").title = text;
+  newestS = time;
+  byId("newest").title = byId("newest").textContent = text;
+}
+
+/** An event is news for a while; then it is in the list only. */
+function showAge(nowS) {
+  if (newestS === null || nowS - newestS < NEWS_S) return;
+  newestS = null;
+  byId("newest").title = byId("newest").textContent = "";
 }
 
 function drawFrame(nowMs) {

@@ -1,5 +1,7 @@
 // Texts and numbers for people. Pure functions.
 
+import { filled, texts } from "./texts.js";
+
 /** A force as text, or a dash where it is not known. */
 export function newtons(forceN, digits = 2) {
   return Number.isFinite(forceN) ? `${signed(forceN, digits)} N` : "–";
@@ -45,23 +47,24 @@ export function linkState(link) {
 const SOURCES = { scripted: "A script moves the needle", trace: "A recording moves the needle" };
 
 /** What the line under the scene says about the hand. */
-export function handWords(source, holder, state) {
-  if (source !== "page") return SOURCES[source] ?? `The needle is moved by ${source}`;
-  if (holder === "you") return state === "holding" ? "You have the hand; the needle waits for it" : "You have the hand";
-  if (holder === "another") return "Another page has the hand";
-  return state === "withdrawing" ? "The needle is being withdrawn" : "Nobody has the hand";
+export function handWords(source, holder, state, inExperiment = false) {
+  if (source !== "page") return inExperiment ? texts.elsewhere : SOURCES[source] ?? `The needle is moved by ${source}`;
+  if (holder === "you") return state === "holding" ? texts.waiting : texts.yours;
+  if (holder === "another") return "Another page moves the needle";
+  return state === "withdrawing" ? texts.withdrawing : texts.free;
 }
 
 export function hint(source, holder, { speed_m_per_s: speed, delay_ms: delay }, inExperiment = false) {
-  if (source !== "page") return inExperiment ? "Move it with your hand." : "This page watches.";
-  if (holder === "another") return "You watch until it is given back.";
-  if (inExperiment) return "Drag down to push and up to pull back, or use ↓ ↑. Move slowly.";
+  if (inExperiment) return source === "page" ? texts.hint : texts.hint_elsewhere;
+  if (source !== "page") return "This page watches.";
+  if (holder === "another") return "You watch until that page lets go.";
   const how = matchMedia("(pointer: coarse)").matches ? "Drag down to push." : "Drag down to push, or use ↑ ↓. Esc lets go.";
   return `${how} The needle follows ${delay} ms later, at up to ${count(speed * 1000)} mm/s.`;
 }
 
 /** The scene in words, for screen readers. */
-export function sceneWords(tipM, tissues, contacts, forceN) {
+export function sceneWords(tipM, tissues, contacts, forceN, inExperiment = false) {
+  if (inExperiment) return filled(texts.depth, { depth: (tipM * 1000).toFixed(0) });
   const parts = [`${(tipM * 1000).toFixed(0)} millimetres deep`];
   tissues.forEach(({ name }, index) => {
     const what = name ?? `tissue ${index + 1}`;

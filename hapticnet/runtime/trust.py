@@ -1,16 +1,19 @@
-"""Whether sessions are sealed or open, and with which keys: what the options of master and slave amount to.
+"""Whether sessions are sealed or open, and with which keys: what options or parameters of master and slave amount to.
 
 Open sessions are neither encrypted nor authenticated, so they take loopback or ``--insecure``.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from hapticnet.cli.key import default_key, default_masters
 from hapticnet.errors import FileError, SettingsError
-from hapticnet.protocol.key_files import is_missing, load_key, load_roster
+from hapticnet.protocol.handshake import Door, OpenDoor, SealedDoor
+from hapticnet.protocol.key_files import default_key, default_masters, is_missing, load_key, load_roster
 from hapticnet.protocol.keys import NO_PSK, MasterEntry, MasterKey, Roster, format_key, parse_key
 from hapticnet.protocol.messages import Code
+from hapticnet.protocol.settings import Entropy
+from hapticnet.protocol.wire import OPEN, SEALED
 from hapticnet.scene.sources import SceneSource, find_source
 
 
@@ -44,9 +47,9 @@ class Guests:
         self.roster, self._scenes = read_guests(self.file, self.own.public)
         self._sources += self._scenes.values()
 
-    def scene_of(self, entry: MasterEntry | None, otherwise: SceneSource) -> SceneSource:
-        """Return the source of a master's scene; `otherwise` if the list does not name one."""
-        return otherwise if entry is None or entry.scene is None else self._scenes[entry.scene]
+    def scene_of(self, entry: MasterEntry | None) -> SceneSource | None:
+        """Return the source of a master's scene; None if the list does not name one."""
+        return None if entry is None or entry.scene is None else self._scenes[entry.scene]
 
     def close(self) -> list[str]:
         """Close the scenes, those of earlier lists included; return what went wrong."""
@@ -99,6 +102,17 @@ class SlaveTrust:
         """The files that are read."""
         return [] if self.guests is None else [self.guests.key_file, self.guests.file]
 
+    def scene_of(self, entry: MasterEntry | None) -> SceneSource | None:
+        """Return the source of a master's scene; None if no list names one."""
+        return None if self.guests is None else self.guests.scene_of(entry)
+
+    def doors(self, entropy: Entropy) -> dict[int, Door]:
+        """Return what lets masters in, by the version of the wire format."""
+        doors: dict[int, Door] = {OPEN: OpenDoor()} if self.serves_open else {}
+        if self.guests is not None:
+            doors[SEALED] = SealedDoor(self.guests.own.private, self.guests.roster, entropy)
+        return doors
+
     def lines(self) -> list[str]:
         """Return what the person who starts the slave must know."""
         lines = []
@@ -119,8 +133,18 @@ class SlaveTrust:
         return []
 
 
-def slave_trust(address: object, loopback: bool, key: Path | None, masters: Path | None, insecure: bool) -> SlaveTrust:
+def option(name: str) -> str:
+    """Return what the command line calls a parameter."""
+    return f"--{name.replace('_', '-')}"
+
+
+def slave_trust(
+    address: object, loopback: bool, key: Path | None, masters: Path | None, insecure: bool,
+    called: Callable[[str], str] = option,
+) -> SlaveTrust:  # fmt: skip
     """Return whom a slave serves at `address`.
+
+    `called` returns what messages call a parameter.
 
     Raises
     ------
@@ -134,15 +158,18 @@ def slave_trust(address: object, loopback: bool, key: Path | None, masters: Path
     if key is None and is_missing(key_file):
         raise SettingsError(
             f"{address} can be reached from other hosts, so sessions need keys: make this host's with"
-            f" 'hapticnet key new' and list the masters in {masters}, or serve anyone with --insecure"
+            f" 'hapticnet key new' and list the masters in {masters}, or serve anyone with {called('insecure')}"
         )
     return SlaveTrust(Guests(masters, key_file), serves_open=insecure)
 
 
 def master_key(
-    address: object, loopback: bool, key: Path | None, peer_key: str | None, insecure: bool
-) -> MasterKey | None:
+    address: object, loopback: bool, key: Path | None, peer_key: str | None, insecure: bool,
+    called: Callable[[str], str] = option,
+) -> MasterKey | None:  # fmt: skip
     """Return the keys for sessions with the slave at `address`; None for open sessions.
+
+    `called` returns what messages call a parameter.
 
     Raises
     ------
@@ -153,17 +180,21 @@ def master_key(
         return None
     if key is None and peer_key is None:
         raise SettingsError(
-            f"{address} is another host, so the session needs keys: add --peer-key with the slave's public key, which"
-            " 'hapticnet key public' prints on the slave's host, or --insecure for a session that is not encrypted"
+            f"{address} is another host, so the session needs keys: add {called('peer_key')} with the slave's public"
+            f" key, which 'hapticnet key public' prints on the slave's host, or {called('insecure')} for a session that"
+            " is not encrypted"
         )
     if insecure:
-        given = "--key" if peer_key is None else "--peer-key"
-        raise SettingsError(f"--insecure asks for an open session, and {given} for a sealed one; omit one of them")
+        given = called("key" if peer_key is None else "peer_key")
+        raise SettingsError(
+            f"{called('insecure')} asks for an open session, and {given} for a sealed one; omit one of them"
+        )
     if peer_key is None:
         raise SettingsError(
-            "--key needs --peer-key: the slave's public key, which 'hapticnet key public' prints on its host"
+            f"{called('key')} needs {called('peer_key')}: the slave's public key, which 'hapticnet key public' prints"
+            " on its host"
         )
-    peer = parse_key(peer_key, "--peer-key")
+    peer = parse_key(peer_key, called("peer_key"))
     return MasterKey(load_key(key or default_key()), peer)
 
 

@@ -1,0 +1,244 @@
+"""Test the statistics of the study on answers whose truth is known: whom the rules exclude, and what intervals cover.
+
+::
+
+    python bench/measure/study_statistics.py --out results/study
+
+docs/observers.md has the tables. No person takes part.
+"""
+
+import argparse
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+
+from hapticnet.errors import SettingsError
+from hapticnet.experiment.provenance import provenance
+from hapticnet.study.limits import Question
+from hapticnet.study.limits_flow import draw_limits, procedure_of
+from hapticnet.study.observers import OBSERVERS, Observer
+from hapticnet.study.plan import LimitsPlan, Plan
+from hapticnet.study.power import ShareAnswers
+from hapticnet.study.statistics import chance_variance, leaving_point, mean_interval, share_interval, wilson
+from hapticnet.study.weber import fit, participant_file
+
+Answers: TypeAlias = Callable[[Question], str]
+"""Answers a question, such as "same" or "2"."""
+
+Subject: TypeAlias = Callable[[np.random.Generator], Answers]
+"""Makes one participant."""
+
+
+def honest(criterion: float) -> Subject:
+    """Return observers who say "different" above so many standard deviations; each has noise of their own."""
+
+    def make(rng: np.random.Generator) -> Answers:
+        settings = replace(OBSERVERS["literature"], criterion=criterion).of_participant(rng)
+        observer = Observer(settings, rng)
+        return lambda question: "different" if observer.different(*question.forces_n) else "same"
+
+    return make
+
+
+def at_random(share: float) -> Subject:
+    """Return participants who say "different" in a share of all pairs, whatever the forces are."""
+    return lambda rng: lambda _: "different" if rng.random() < share else "same"
+
+
+def chooser(rng: np.random.Generator) -> Answers:
+    """Return an honest observer of a forced choice."""
+    observer = Observer(OBSERVERS["literature"].of_participant(rng), rng)
+    return lambda question: str(observer.stronger(*question.forces_n))
+
+
+def guesser(rng: np.random.Generator) -> Answers:
+    """Return a participant who guesses in a forced choice."""
+    return lambda _: str(rng.integers(1, 3))
+
+
+SUBJECTS: Final[dict[str, tuple[str, Subject]]] = {
+    "honest, criterion 1.64 sd": ("ascending", honest(1.64)),
+    "honest, criterion 2.33 sd": ("ascending", honest(2.33)),
+    "hasty, criterion 1 sd": ("ascending", honest(1.0)),
+    '"different" at random, 1 in 2': ("ascending", at_random(0.5)),
+    '"different" at random, 1 in 3': ("ascending", at_random(1 / 3)),
+    '"different" at random, 1 in 5': ("ascending", at_random(0.2)),
+    '"different" always': ("ascending", at_random(1.0)),
+    "honest, up-down": ("up-down", chooser),
+    "at random, up-down": ("up-down", guesser),
+    "honest, bayesian": ("bayesian", chooser),
+    "at random, bayesian": ("bayesian", guesser),
+}
+
+
+def rules(people: int) -> list[dict[str, Any]]:
+    """Return, for each kind of participant, how many the rules of the default plan exclude, and the JND of the others.
+
+    The share that the rule of a third of the catch series would exclude stands beside it.
+    """
+    rows = []
+    for name, (method, subject) in SUBJECTS.items():
+        plan = Plan(limits=LimitsPlan(method=method))  # type: ignore[arg-type]
+        excluded, by_series, kept, pairs = 0, 0, [], []
+        for number in range(1, people + 1 if method == "ascending" else people // 5 + 1):
+            rng = np.random.default_rng([9, number, len(rows)])
+            procedure = procedure_of(plan, draw_limits(plan, f"{number}", 1, 1), [])
+            answer, alarmed = subject(rng), set()
+            asked = 0
+            while (question := procedure.question()) is not None:
+                said = answer(question)
+                asked += 1
+                if question.catch and said == "different":
+                    alarmed.add(question.series)
+                procedure.answer(said)
+            counts = {key: getattr(procedure, key, None) for key in ("false_alarms", "catch_pairs")}
+            series = round(plan.limits.catch * 15)
+            by_series += len(alarmed) > series / 3
+            pairs.append(asked)
+            try:
+                found = participant_file(
+                    f"{number}", plan.limits, procedure.by_reference(), device_errors_n={}, **counts
+                )
+            except SettingsError:  # no JND was found
+                excluded += 1
+                continue
+            excluded += bool(found.excluded)
+            if not found.excluded:
+                kept.append(found.weber_fraction)
+        rows.append(
+            {
+                "subject": name,
+                "people": len(pairs),
+                "excluded": excluded / len(pairs),
+                "by_a_third_of_the_series": by_series / len(pairs) if method == "ascending" else None,
+                "weber_fraction_of_the_others": float(np.mean(kept)) if kept else None,
+                "pairs": float(np.mean(pairs)),
+            }
+        )
+    return rows
+
+
+def jnd_intervals(people: int) -> list[dict[str, Any]]:
+    """Return how often the interval of a JND has the mean of endlessly many series of the same observer."""
+    rows = []
+    for criterion in (1.0, 1.64, 2.33):
+        for repetitions in (3, 5, 10):
+            plan = Plan(limits=LimitsPlan(repetitions=repetitions))
+            fits = []
+            for number in range(1, people + 1):
+                rng = np.random.default_rng([10, number, len(rows)])
+                observer = Observer(replace(OBSERVERS["literature"], criterion=criterion), rng)
+                procedure = procedure_of(plan, draw_limits(plan, f"{number}", 1, 1), [])
+                while (question := procedure.question()) is not None:
+                    procedure.answer("different" if observer.different(*question.forces_n) else "same")
+                fits.append(fit(procedure.by_reference()))
+            truth = float(np.mean([each.mean_of_ratios for each in fits]))
+            inside = [each.low is not None and each.low <= truth <= (each.high or 0.0) for each in fits]
+            rows.append({"criterion": criterion, "series": repetitions, "covered": float(np.mean(inside))})
+    return rows
+
+
+def order_intervals(experiments: int) -> list[dict[str, Any]]:
+    """Return how often intervals of the ordering task have what is true, for several shares, spreads and designs.
+
+    The share that Wilson's interval over all trials covers stands beside it.
+    """
+    rows = []
+    for people, trials in ((8, 10), (16, 20)):
+        for spread in (0.0, 0.7):
+            for shares in ((0.775, 0.775), (0.775, 0.5375), (0.97, 0.87)):
+                rng = np.random.default_rng([11, len(rows)])
+                answers = ShareAnswers(("a", "b"), (0.0, 1.0), shares, spread)
+                true = shares[1] - shares[0]
+                inside = np.zeros((experiments, 4))
+                for index, scores in enumerate(answers.scores(experiments, people, trials, rng)):
+                    right = np.rint(trials * scores.sum(axis=0)).astype(int).tolist()
+                    of_share = share_interval(right[0], people * trials, scores[:, 0])
+                    of_trials = wilson(right[0], people * trials)
+                    least = sum(chance_variance(each, people * trials, people) for each in right)
+                    differences = scores[:, 1] - scores[:, 0]
+                    of_difference = mean_interval(differences, least_variance=least)
+                    of_any = mean_interval(differences)
+                    found = ((of_trials, shares[0]), (of_share, shares[0]), (of_difference, true), (of_any, true))
+                    inside[index] = [low <= truth <= high for (low, high), truth in found]
+                names = ("wilson", "share", "difference", "student")
+                covered = dict(zip(names, inside.mean(axis=0).tolist(), strict=True))
+                rows.append({"people": people, "trials": trials, "spread": spread, "shares": shares, **covered})
+    return rows
+
+
+def curve_intervals(experiments: int) -> list[dict[str, Any]]:
+    """Return how often the interval of the point where a curve leaves the margin has that point."""
+    values, shares = (0.0, 1.0, 2.0, 4.0), (0.8, 0.75, 0.65, 0.5)  # it has fallen by 0.1 at 1.5
+    answers, rows = ShareAnswers(("a", "b", "c", "d"), values, shares), []
+    for people, trials in ((8, 10), (16, 20)):
+        rng = np.random.default_rng([12, people])
+        found = [
+            leaving_point(values, scores, 0.1, rng, resamples=1000)
+            for scores in answers.scores(experiments, people, trials, rng)
+        ]
+        covered = float(np.mean([each.low <= 1.5 <= each.high for each in found]))
+        rows.append({"people": people, "trials": trials, "covered": covered})
+    return rows
+
+
+def tables(result: dict[str, Any]) -> list[str]:
+    """Return every table as lines of Markdown."""
+    lines = ["| participants | excluded | by a third of the series | Weber fraction of the others | pairs |"]
+    lines.append("|---|---|---|---|---|")
+    for row in result["rules"]:
+        series, fraction = row["by_a_third_of_the_series"], row["weber_fraction_of_the_others"]
+        cells = (
+            f"{100 * row['excluded']:.1f} %",
+            "–" if series is None else f"{100 * series:.0f} %",
+            "–" if fraction is None else f"{fraction:.3f}",
+            f"{row['pairs']:.0f}",
+        )
+        lines.append(f"| {row['subject']} | {' | '.join(cells)} |")
+    lines += [
+        "",
+        "| series of each reference | " + " | ".join(f"criterion {each:g} sd" for each in (1.0, 1.64, 2.33)) + " |",
+    ]
+    lines.append("|---|---|---|---|")
+    for series in (3, 5, 10):
+        own = [f"{100 * row['covered']:.1f} %" for row in result["jnd"] if row["series"] == series]
+        lines.append(f"| {series} | {' | '.join(own)} |")
+    lines += [
+        "",
+        "| participants × trials | sd [log odds] | true shares | Wilson, trials | share | difference | Student alone |",
+    ]
+    lines.append("|---|---|---|---|---|---|---|")
+    for row in result["order"]:
+        cells = tuple(f"{100 * row[key]:.1f} %" for key in ("wilson", "share", "difference", "student"))
+        about = f"{row['people']} × {row['trials']} | {row['spread']:g} | {row['shares'][0]:g}, {row['shares'][1]:g}"
+        lines.append(f"| {about} | {' | '.join(cells)} |")
+    lines += [""] + [
+        f"- curve, {row['people']} × {row['trials']}: {100 * row['covered']:.1f} %" for row in result["curve"]
+    ]
+    return lines
+
+
+def main() -> None:
+    """Simulate, print the tables and write the figures."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--people", type=int, default=1000, help="participants of each kind")
+    parser.add_argument("--out", type=Path, default=Path("results/study"))
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    result: dict[str, Any] = {
+        "provenance": provenance(),
+        "rules": rules(arguments.people),
+        "jnd": jnd_intervals(arguments.people),
+        "order": order_intervals(2 * arguments.people),
+        "curve": curve_intervals(arguments.people),
+    }
+    (arguments.out / "study.json").write_text(json.dumps(result, indent=1) + "\n")
+    print("\n".join(tables(result)))
+
+
+if __name__ == "__main__":
+    main()

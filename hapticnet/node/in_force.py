@@ -1,0 +1,88 @@
+"""What is in force at a master: codec, JND, rate and emulated networks, and since when."""
+
+from collections import deque
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Final
+
+from hapticnet.protocol.messages import Grant, Request
+
+CHANGES_KEPT: Final = 1000
+"""Changes that a node keeps; of more, the oldest are dropped. A slider on the page makes dozens a second."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SettingsInForce:
+    """What is in force from now on, all of it: at the first session, and after each change.
+
+    A change of the session counts from its first force that is applied; until then the forces of the session before
+    are held.
+
+    Attributes
+    ----------
+    codec, parameters, weber_fraction, floor_n, multiplier
+        The feedback codec and the JND. With a `position_share` the codec has the rest of the JND.
+    rate_hz, position_share, announced, scene
+        As the slave has granted them.
+    channel_out, channel_in
+        Networks that are emulated at this end, as written for ``--channel-out``; None: none.
+    """
+
+    codec: str
+    parameters: dict[str, float]
+    weber_fraction: float
+    floor_n: float
+    multiplier: float
+    rate_hz: float
+    position_share: float
+    announced: bool
+    scene: str
+    channel_out: str | None = None
+    channel_in: str | None = None
+
+    @classmethod
+    def of(cls, request: Request, grant: Grant) -> "SettingsInForce":
+        """Return the settings of a session, without emulated networks."""
+        return cls(
+            codec=request.codec,
+            parameters=request.parameters,
+            weber_fraction=request.weber_fraction,
+            floor_n=request.floor_n,
+            multiplier=request.multiplier,
+            rate_hz=min(request.rate_hz, grant.rate_hz),
+            position_share=grant.position_share,
+            announced=grant.announced,
+            scene=grant.scene,
+        )
+
+
+class InForce:
+    """Keep what is in force, and what was.
+
+    Attributes
+    ----------
+    history
+        When each came into force, on the master's clock [µs], and what; the newest last.
+    """
+
+    def __init__(self) -> None:
+        self.history: deque[tuple[int, SettingsInForce]] = deque(maxlen=CHANGES_KEPT)
+        self._session: SettingsInForce | None = None
+        self._channels: tuple[str | None, str | None] = (None, None)
+
+    def begin(self, session: SettingsInForce, now_us: int) -> tuple[SettingsInForce, ...]:
+        """Note that a session is in force from now on; return what is, or nothing if that is not new."""
+        self._session = session
+        new = replace(session, channel_out=self._channels[0], channel_in=self._channels[1])
+        if self.history and self.history[-1][1] == new:
+            return ()
+        self.history.append((now_us, new))
+        return (new,)
+
+    def emulate(self, channel_out: str | None, channel_in: str | None, now_us: int) -> tuple[SettingsInForce, ...]:
+        """Note which networks are emulated from now on; return as `begin`, and nothing before there is a session."""
+        self._channels = channel_out, channel_in
+        return () if self._session is None else self.begin(self._session, now_us)
+
+    def report(self) -> list[dict[str, Any]]:
+        """Return the history for JSON; `t_s` counts from the first session."""
+        return [{"t_s": (t_us - self.history[0][0]) / 1e6, **asdict(each)} for t_us, each in self.history]

@@ -1,0 +1,108 @@
+"""The end of a process that was told to end and cannot, because code does not return."""
+
+import asyncio
+import os
+import signal
+import sys
+import sysconfig
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from hapticnet.errors import RunError, UserCodeError
+from hapticnet.runtime.background import start_background
+from hapticnet.runtime.log_lines import Level, log_line
+from hapticnet.runtime.outlet import STDERR
+
+if TYPE_CHECKING:
+    from types import FrameType
+
+PATIENCE_S: Final = 2.0
+"""Time [s] in which a loop that runs reacts."""
+
+TRIES: Final = 3
+"""How often code that does not return is interrupted, before the process ends without it."""
+
+CONCLUDE_S: Final = 10.0
+"""Time [s] that what comes after the loop may take, such as ``close()`` of a user's object."""
+
+_NOT_THE_USERS: Final = (str(Path(__file__).parents[1]) + os.sep, sysconfig.get_path("stdlib") + os.sep, "<frozen")
+
+
+class Rescue:
+    """Watch the loop from the first signal on: interrupt what it is stuck in, and in the end the process.
+
+    A thread asks the loop for a sign of life. Without one for `PATIENCE_S`, the code that does not return gets an
+    exception, which is handled like any other of that code; a run then ends in order. Code that does not heed this
+    after `TRIES`, or that waits in C, is left: the report is delivered without it. Code in C that does not give up the
+    lock of the interpreter can only be killed.
+
+    Parameters
+    ----------
+    deliver
+        Delivers the report; called in the thread, with what is wrong.
+
+    Attributes
+    ----------
+    faults
+        What did not return, in words.
+    """
+
+    def __init__(self, deliver: Callable[[], None] = lambda: None) -> None:
+        self.faults: list[str] = []
+        self._deliver = deliver
+        self._thread: threading.Thread | None = None
+        self._interrupts = False
+        self._ended = threading.Event()
+
+    def signalled(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Begin to watch; called by the handler of a signal, in the main thread."""
+        if self._interrupts:
+            self._interrupts = False
+            raise UserCodeError(self.faults[-1])
+        if self._thread is None:
+            self._thread = start_background(lambda: self._watch(loop), "rescue")
+
+    def done(self) -> None:
+        """Stop watching: everything has returned."""
+        self._ended.set()
+
+    def _watch(self, loop: asyncio.AbstractEventLoop) -> None:
+        main = threading.main_thread().ident
+        assert main is not None  # noqa: S101 - for the type checker: it has started
+        while not self._ended.is_set():
+            sign = threading.Event()
+            try:
+                loop.call_soon_threadsafe(sign.set)
+            except RuntimeError:  # the loop is closed
+                break
+            if sign.wait(PATIENCE_S):
+                self._ended.wait(0.1)
+            elif len(self.faults) < TRIES:
+                self.faults.append(f"{place_of(main)} did not return within {PATIENCE_S:g} s")
+                self._interrupts = True
+                signal.pthread_kill(main, signal.SIGINT)
+            else:
+                self._give_up(main)
+        if not self._ended.wait(CONCLUDE_S):
+            self._give_up(main)
+
+    def _give_up(self, main: int) -> None:
+        self.faults.append(f"{place_of(main)} does not return")
+        STDERR.line(log_line(f"{self.faults[-1]}: ended without it", who="hapticnet", level=Level.ERROR), needed=True)
+        with suppress(Exception):
+            self._deliver()
+        STDERR.drain()
+        os._exit(RunError.exit_code)
+
+
+def place_of(thread: int) -> str:
+    """Return where a thread is, in words: the innermost line that is neither hapticnet's nor Python's own."""
+    frame: FrameType | None = sys._current_frames().get(thread)
+    while frame is not None and frame.f_code.co_filename.startswith(_NOT_THE_USERS):
+        frame = frame.f_back
+    if frame is None:
+        return "the event loop"
+    return f"{frame.f_code.co_qualname} ({Path(frame.f_code.co_filename).name}, line {frame.f_lineno})"

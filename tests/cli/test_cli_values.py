@@ -1,0 +1,119 @@
+"""A value that cannot be meant is refused before a verb does or says anything, in one line that says what is right."""
+
+import pytest
+
+from hapticnet.cli.replay import _rate_hz
+from hapticnet.cli.settings import option_key
+from hapticnet.cli.verbs import LOGGING
+from tests.cli.test_cli_options import VERBS, kind
+from tests.ready import hapticnet
+
+WRONG = "wrong=§"
+
+ANY_TEXT = {"name", "title", "authors", "peer-key"}
+"""Options whose values may be any text, or are keys of another host."""
+
+NEEDED = {
+    ("channel",): ("--connect", "127.0.0.1:9"),
+    ("slave",): ("--listen", "127.0.0.1:0", "--duration", "0"),
+    ("master",): ("--connect", "127.0.0.1:9", "--connect-timeout", "0"),
+    ("encode",): ("hand.csv", "--position-column", "x_m"),
+    ("compare",): ("hand.csv", "--position-column", "x_m", "--scene", "paper:1", "--plot-dir", "plots"),
+    ("info",): ("hand.csv",),
+    ("replay",): ("hand.csv",),
+    ("export",): ("hand.csv",),
+    ("recover",): ("hand.csv",),
+    ("scene", "run"): ("paper", "--trace", "hand.csv", "--position-column", "x_m"),
+    ("sweep", "run"): ("study.toml", "--out-dir", "results"),
+    ("sweep", "show"): ("results",),
+    ("experiment", "limits"): ("--participant", "03", "--dry-run"),
+    ("experiment", "order"): ("--participant", "03", "--dry-run"),
+    ("experiment", "analyse"): ("study",),
+    ("experiment", "export"): ("study", "--bids", "out"),
+    ("doctor",): ("--quick",),
+}
+"""What else each verb needs, so that only the one value is wrong."""
+
+OPTIONS = [
+    (verb, option_key(each))
+    for verb, command in VERBS.items()
+    for each in command.params
+    if each.param_type_name == "option" and kind(each) != "flag" and not option_key(each).endswith("config")
+]
+GRAMMAR = [
+    (verb, name)
+    for verb, name in OPTIONS
+    if name not in ANY_TEXT
+    and not name.endswith("-column")  # the file says which there are
+    and kind(next(each for each in VERBS[verb].params if option_key(each) == name)) not in ("FILE", "DIR")
+    and verb != ("sweep", "show")  # which reads a finished sweep first: test_cli_sweep.py
+]
+
+
+@pytest.fixture(autouse=True)
+def files(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "hand.csv").write_text(
+        "t_s,f_n,x_m\n" + "".join(f"{n / 1000},{n / 100},{n / 1e5}\n" for n in range(50))
+    )
+    (tmp_path / "study.toml").write_text('name = "small"\ntask = "felt"\n')
+
+
+def without(words, name):
+    """Return what a verb needs, without an option that is tried."""
+    at = words.index(f"--{name}") if f"--{name}" in words else len(words)
+    return (*words[:at], *words[at + 2 :])
+
+
+def refusal(done):
+    assert done.returncode == 2, done
+    assert done.stdout == ""
+    assert done.stderr.count("\n") == 1, done.stderr
+    return done.stderr
+
+
+@pytest.mark.parametrize(("verb", "name"), OPTIONS, ids=lambda each: each if isinstance(each, str) else " ".join(each))
+def test_an_empty_value_is_refused(run, verb, name):
+    said = refusal(run(*verb, *without(NEEDED.get(verb, ()), name), f"--{name}="))
+    assert f"--{name}" in said
+    assert "it is empty; give " in said
+
+
+@pytest.mark.parametrize(("verb", "name"), GRAMMAR, ids=lambda each: each if isinstance(each, str) else " ".join(each))
+def test_a_value_of_the_wrong_form_is_refused(run, verb, name):
+    start = hapticnet if verb in LOGGING else run  # what is to run in real time changes its process
+    assert WRONG in refusal(start(*verb, *without(NEEDED.get(verb, ()), name), f"--{name}={WRONG}"))
+
+
+def test_an_empty_value_in_a_file_is_refused(run, tmp_path):
+    (tmp_path / "rig.toml").write_text('[master]\nname = ""\n')
+    said = refusal(run("master", "--config", "rig.toml"))
+    assert "rig.toml: [master] name is empty; give TEXT, or leave it out" in said
+
+
+@pytest.mark.parametrize(
+    ("words", "right"),
+    [
+        (("slave", "--add-codec", "deadbnad"), "unknown codec 'deadbnad' (did you mean 'deadband'?); there are: raw,"),
+        (("slave", "--add-codec", "deadband:step_n=1"), "omit the parameters; each master sends its own"),
+        (("slave", "--scene", "phantm"), "(did you mean 'phantom'?)"),
+        (("master", "--device", "simm:2"), "(did you mean 'sim'?)"),
+        (("master", "--operator", "scriptd"), "(did you mean 'scripted'?)"),
+        (("master", "--codec", "deadband:stepn=1"), "(did you mean 'step_n'?)"),
+        (("master", "--name", "x" * 65), "it must be 1 to 64 printable bytes"),
+        (("master", "--positions", "lines"), "'lines' is not one of 'raw', 'line'"),
+        (("demo", "--rate", "3"), "rate is 3.0 Hz; it must be between 20 and 100000 Hz"),
+        (("master", "--seed", "-1"), "'-1' is too small; it must be at least 0"),
+        (("sweep", "run", "study.toml", "--jobs", "many"), "'many' is not a whole number"),
+        (("experiment", "power", "papre"), "(did you mean 'paper'?)"),
+        (("compare", "hand.csv", "--signal", "raw"), "--signal needs --plot-dir"),
+        (("sweep", "run", "study.toml", "--scheduler", "127.0.0.1:8786"), "must be tcp://HOST:PORT or tls://HOST:PORT"),
+    ],
+)
+def test_a_refusal_says_what_would_be_right(words, right):
+    assert right in refusal(hapticnet(*words))
+
+
+@pytest.mark.parametrize(("step_us", "rate_hz"), [(1_000, 1_000.0), (100_000, 20.0), (10, 10_000.0)])
+def test_a_recording_of_any_rate_is_replayed_at_one_that_a_slave_grants(step_us, rate_hz):
+    assert _rate_hz([step_us * n for n in range(100)]) == rate_hz

@@ -1,0 +1,58 @@
+"""A slave that is stopped with --drain lets its masters finish, and takes no new ones."""
+
+import signal
+
+import pytest
+
+from hapticnet.node.bank import Bank
+from hapticnet.protocol.repair import RepairSettings
+from hapticnet.runtime.udp_batch import SocketAddresses
+
+FAST = ("--no-real-time",)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _machine_code():
+    """Compile here, where nothing waits: a process then finds the machine code."""
+    Bank(1, RepairSettings(), SocketAddresses())
+
+
+@pytest.fixture(params=[(), ("--compiled",)], ids=["plain", "compiled"])
+def server(start, request):
+    process = start("slave", "--listen", "127.0.0.1:0", "--drain", "60", "--json", *request.param, *FAST)
+    return process, process.wait_for(r"listening on ([\d.]+:\d+)").group(1)
+
+
+def test_a_running_master_finishes_and_a_new_one_is_refused_for_now(start, server):
+    slave, address = server
+    first = start("master", "--connect", address, "--duration", "60", "--json", *FAST)
+    slave.wait_for("joined")
+    slave.process.send_signal(signal.SIGTERM)
+    slave.wait_for("stopping: takes no new masters; 1 may finish")
+    first.wait_for("the slave says: this slave is about to stop")
+    late = start("master", "--connect", address, "--name", "late", "--connect-timeout", "3", *FAST)
+    late.wait_for(r"the slave refuses a new session \(this slave is about to stop.*; asking again in 1 s")
+    assert late.process.wait(20) == 4
+    assert slave.process.poll() is None
+    assert first.end() == 0
+    assert slave.process.wait(20) == 0
+    report = slave.report()["sessions"]
+    assert [each["end_reason"] for each in report] == ["the master closed: stopped"]
+    assert first.report()["received"]["by_kind"]["notice"] >= 1
+
+
+def test_a_second_signal_ends_the_wait(start, server):
+    slave, address = server
+    master = start("master", "--connect", address, "--duration", "60", *FAST)
+    slave.wait_for("joined")
+    slave.process.send_signal(signal.SIGTERM)
+    slave.wait_for("stopping: takes no new masters")
+    slave.process.send_signal(signal.SIGTERM)
+    assert slave.process.wait(20) == 0
+    master.wait_for("session lost .the slave closed: shutting down")
+    assert master.end() == 0
+
+
+def test_a_slave_without_masters_does_not_wait(server):
+    assert server[0].end() == 0
+    assert "may finish" not in server[0].said()

@@ -1,0 +1,131 @@
+"""A user's folder may hold files with the names of modules: no process takes them for Python's, a package's or ours."""
+
+import re
+import subprocess
+import sys
+import time
+import urllib.request
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+import hapticnet
+from hapticnet.recordings.session.reading import read_session
+from hapticnet.runtime.children import Child
+from tests.integration.conftest import PATIENCE_S
+
+ROOT = Path(hapticnet.__file__).parents[1]
+PACKAGES = ("numpy", "msgpack", "mcap", "prometheus_client", "typer", "uvloop", "pyarrow", "numba", "hapticnet", "nt")
+TAKEN = "a file of the working folder was run"
+TISSUE = (
+    'name = "one"\n[[tissue]]\nname = "skin"\nrest_position_m = 0.02\nstiffness_n_per_m = 300.0\nbreach_force_n = 2.0\n'
+)
+STUDY = """
+name = "Few"
+task = "felt"
+[axes]
+scene = "scene.toml"
+codec = ["deadband"]
+loss = [0, "2%"]
+"""
+
+
+@pytest.fixture
+def hostile(tmp_path, monkeypatch) -> Path:
+    """Return a working folder with a file for the name of every module; each ends the process that runs it."""
+    for name in {*sys.stdlib_module_names, *PACKAGES}:
+        (tmp_path / f"{name}.py").write_text(f"import os\nos.write(2, b'{TAKEN}')\nos._exit(0)\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    return tmp_path
+
+
+def command(*arguments: object) -> list[str]:
+    """Return a command line that searches for modules where the command ``hapticnet`` does."""
+    script = Path("bin", "hapticnet")
+    script.parent.mkdir(exist_ok=True)
+    script.write_text("from hapticnet.__main__ import main\nif __name__ == '__main__': main()\n")
+    return [sys.executable, str(script), *map(str, arguments)]
+
+
+def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+    done = subprocess.run(command(*arguments), capture_output=True, text=True, check=False)
+    assert TAKEN not in done.stderr
+    assert done.returncode == 0, done.stderr
+    return done
+
+
+def line_with(pattern: str, file: Path) -> re.Match[str]:
+    """Wait until a process wrote such a line."""
+    deadline = time.monotonic() + PATIENCE_S
+    while time.monotonic() < deadline:
+        if found := re.search(pattern, file.read_text()):
+            return found
+        time.sleep(0.01)
+    pytest.fail(f"not said: {pattern!r}; said: {file.read_text()}")
+
+
+def test_the_processes_beside_a_master_and_a_slave_do_their_work(hostile):
+    """Those that write recordings, serve metrics and stream samples; and a slave that is the child of another verb."""
+    said = hostile / "said.txt"
+    options = ("--listen", "127.0.0.1:0", "--no-real-time", "--record-dir", "slave", "--record-format", "mcap")
+    with (
+        said.open("w") as log,
+        subprocess.Popen(command("slave", *options, "--metrics", "127.0.0.1:0"), stderr=log) as slave,
+    ):
+        try:
+            address = line_with(r"listening on (\S+),", said)[1]
+            metrics = line_with(r"http://\S+/metrics", said)[0]
+            play = ("--no-real-time", "--record", "run.npz", "--stream", "127.0.0.1:9", "--duration", "1")
+            run("master", "--connect", address, *play)
+            figures = ""
+            deadline = time.monotonic() + PATIENCE_S
+            while "hapticnet_" not in figures and time.monotonic() < deadline:
+                with suppress(OSError):
+                    figures = urllib.request.urlopen(metrics, timeout=PATIENCE_S).read().decode()
+            assert "hapticnet_" in figures
+        finally:
+            slave.terminate()
+    assert slave.returncode == 0, said.read_text()
+    assert TAKEN not in said.read_text()
+    assert len(read_session(hostile / "run.npz").main["t_us"]) > 100
+    (recorded,) = (hostile / "slave").glob("*.mcap")
+    assert len(read_session(recorded).main["t_us"]) > 100
+
+
+def test_a_child_that_is_a_slave_starts(hostile):  # noqa: ARG001
+    child = Child(["slave", "--listen", "127.0.0.1:0", "--no-real-time"])
+    try:
+        assert child.address().startswith("127.0.0.1:")
+    finally:
+        child.end()
+
+
+def test_the_workers_of_a_sweep_compute(hostile):
+    (hostile / "scene.toml").write_text(TISSUE)
+    (hostile / "study.toml").write_text(STUDY)
+    run("sweep", "study.toml", "--out-dir", "results", "--jobs", "2")
+    assert list((hostile / "results").glob("shard-*.parquet"))
+
+
+def test_python_m_hapticnet_takes_no_modules_of_the_folder(hostile):
+    own = subprocess.check_output(
+        [sys.executable, "-I", "-c", "import runpy, typing, sys; print(*sys.modules)"], text=True
+    )
+    for name in {*own.split(), "hapticnet"}:  # these Python loads before the first line of ours
+        (hostile / f"{name}.py").unlink(missing_ok=True)
+    done = subprocess.run(
+        [sys.executable, "-m", "hapticnet", "scene", "show"], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, TAKEN in done.stderr) == (0, False), done.stderr
+
+
+def test_one_place_in_the_code_starts_python():
+    """`doctor` shows the path of Python in what it advises."""
+    users = {
+        str(file.relative_to(ROOT / "hapticnet"))
+        for file in (ROOT / "hapticnet").rglob("*.py")
+        if "sys.executable" in file.read_text()
+    }
+    assert users == {"runtime/interpreter.py", "runtime/doctor/scheduling.py", "runtime/doctor/software.py"}

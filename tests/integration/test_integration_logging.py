@@ -1,0 +1,91 @@
+"""Lines of the log: their level, their fields for programs, and what is said of options and helpers that fail."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+FAST = ("--no-real-time",)
+
+
+def lines_of(process):
+    return [json.loads(line) for line in process.said().splitlines()]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "environment"),
+    [
+        (["slave", "--bogus", "--log-json"], {}),
+        (["slave", "--log-json", "--most-sessions", "many"], {}),
+        (["master", "--log-json", "--rate", "NaN"], {}),
+        (["slave", "--scene", "nowhere.toml", "--log-json"], {}),
+        (["slave", "--bogus"], {"HAPTICNET_SLAVE_LOG_JSON": "1"}),
+    ],
+)
+def test_what_is_wrong_with_options_is_told_in_json_too(arguments, environment):
+    ended = subprocess.run(
+        [sys.executable, "-m", "hapticnet", *arguments], capture_output=True, text=True, env=os.environ | environment
+    )
+    assert ended.returncode == 2 or "nowhere.toml" in arguments
+    (line,) = map(json.loads, ended.stderr.splitlines())
+    assert line["level"] == "error"
+    assert line["message"]
+
+
+def test_lines_about_masters_have_fields_for_programs(start):
+    server = start("slave", "--listen", "127.0.0.1:0", "--scene", "paper:1", "--log-json", *FAST)
+    address = server.wait_for(r"listening on ([\d.]+:\d+)").group(1)
+    master = start("master", "--connect", address, "--name", "left", "--codec", "raw", "--log-json", *FAST)
+    master.wait_for("connected to")
+    assert master.end() == 0
+    server.wait_for("left: the master closed")
+    assert server.end() == 0
+    joined, left = (next(line for line in lines_of(server) if line.get("event") == event)
+                    for event in ("MasterJoined", "MasterLeft"))  # fmt: skip
+    assert (joined["master"], joined["codec"]) == (left["master"], left["codec"]) == ("left", "raw")
+    assert joined["address"].startswith("127.0.0.1:")
+    connected = next(line for line in lines_of(master) if line.get("event") == "Connected")
+    assert (connected["master"], connected["address"], connected["codec"]) == ("left", address, "raw")
+
+
+def test_options_without_effect_are_told_once(start, tmp_path):
+    (tmp_path / "own.py").write_text("class Spring:\n    def step(self, sample):\n        return 1.0\n")
+    scene = f"{tmp_path}/own.py:Spring"
+    server = start("slave", "--listen", "127.0.0.1:0", "--scene", scene, "--record-format", "npz", *FAST)
+    address = server.wait_for(r"listening on ([\d.]+:\d+)").group(1)
+    given = ("--announced", "--positions", "line", "--device", "none", "--first-touch", "--record-limit", "1000000")
+    master = start("master", "--connect", address, *given, *FAST)
+    for option in ("--announced", "--positions line", "--first-touch", "--record-limit"):
+        master.wait_for(f"warning master: {option} has no effect: ")
+    assert master.end() == 0
+    assert master.said().count("has no effect") == 4
+    assert server.end() == 0
+    assert server.said().count("warning slave: --record-format has no effect: it needs --record-dir") == 1
+
+
+def test_a_process_beside_a_slave_that_died_is_told_once_in_log_report_and_exit_code(start):
+    server = start("slave", "--listen", "127.0.0.1:0", "--metrics", "127.0.0.1:0", "--json", *FAST)
+    server.wait_for("listening on")
+    (helper,) = Path(f"/proc/{server.process.pid}/task/{server.process.pid}/children").read_text().split()
+    os.kill(int(helper), signal.SIGKILL)
+    said = "warning slave: the process of --metrics has ended unexpectedly (exit code -9); the run goes on"
+    server.wait_for(said.replace("(", r"\(").replace(")", r"\)"))
+    assert server.end() == 1
+    assert server.said().count("warning slave: the process of --metrics") == 1
+    assert server.report()["faults"] == [said.removeprefix("warning slave: ")]
+
+
+def test_what_lets_other_hosts_in_is_a_warning(start):
+    master = start("master", "--page", "0.0.0.0:0", "--connect", "127.0.0.1:9", "--log-json", *FAST)
+    master.wait_for("other hosts can reach the page")
+    hand = start("master", "--operator", "udp:0.0.0.0:0", "--connect", "127.0.0.1:9", "--log-json", *FAST)
+    hand.wait_for("can move the tool")
+    for process, words in ((master, "other hosts can reach"), (hand, "can move the tool")):
+        assert process.end() == 0
+        (line,) = [line for line in lines_of(process) if words in line["message"]]
+        assert line["level"] == "warning"
+        assert not line["message"].startswith("warning")

@@ -1,0 +1,237 @@
+"""Write tests/vectors/refused.json: datagrams, requests and grants that must be refused, and some that must not.
+
+Run ``python -m tests.vectors.make_refused`` after an intended change of the protocol. It packs with msgpack and struct
+alone and imports nothing of hapticnet, so that the file says what docs/protocol.md says.
+"""
+
+import json
+import math
+import struct
+from pathlib import Path
+
+import msgpack
+
+FILE = Path(__file__).with_name("refused.json")
+
+NOTE = (
+    "What a peer must refuse. Datagrams: 'to' a master or slave, of an open session 0xdeadbeef with the codec deadband,"
+    " one axis; their sequence numbers are to be taken as the next ones. 'dropped': it is counted as malformed and"
+    " changes nothing. 'not applied': a FORCE whose payload is refused; its number is used, and it is not acknowledged."
+    " 'taken': it is read as any other. A number: the code with which the request is refused. Requests and grants are"
+    " the bytes of that field of a HELLO or WELCOME; the master's request is that of protocol.json."
+)
+
+SESSION = 0xDEADBEEF
+HELLO, WELCOME, REFUSE, POSITION, FORCE, KEEPALIVE, CLOSE, RESET, COOKIE, NOTICE = range(1, 11)
+TICKET = bytes(range(0x70, 0x80))
+PLACE, ONE_NEWTON = struct.pack(">f", 0.0205), struct.pack(">f", 1.0)
+REQUEST = ["deadband", {}, 0.05, 0.025, 1.0, 1000.0, 1, "surgeon", None, 5_000_000_000, False, 0.0]
+GRANT = [SESSION, 1000.0, 45_000, "paper:1", TICKET, False, False, 0.0]
+TOO_BIG = {"nil": None, "true": True, "-1": -1, "2^32": 2**32, "1.5": 1.5, "text": "1"}
+
+
+def single(value):
+    return struct.pack(">f", value)
+
+
+def body(kind, *fields):
+    return [1, kind, SESSION, 2, msgpack.packb(list(fields))]
+
+
+def framed(**changed):
+    frame = dict(
+        zip(("version", "kind", "session", "sequence", "body"), body(POSITION, 2000, None, PLACE), strict=True)
+    )
+    return list((frame | changed).values())
+
+
+def of_each(kind, name, fields, at, values):
+    for what, value in values.items():
+        yield f"{name} is {what}", body(kind, *fields[:at], value, *fields[at + 1 :])
+
+
+def frames():
+    position = msgpack.packb(framed())
+    yield "nothing", b"", "dropped"
+    yield "no msgpack", b"\xc1", "dropped"
+    yield "cut off", position[:-1], "dropped"
+    yield "a byte behind it", position + b"\x00", "dropped"
+    yield "a map", msgpack.packb({1: 2}), "dropped"
+    yield "four elements", msgpack.packb(framed()[:4]), "dropped"
+    yield "six elements", msgpack.packb([*framed(), 0]), "dropped"
+    yield "version 3", msgpack.packb(framed(version=3)), "dropped"
+    for what, value in (TOO_BIG | {"0": 0, "11": 11}).items():
+        yield f"kind is {what}", msgpack.packb(framed(kind=value)), "dropped"
+    for name in ("session", "sequence"):
+        for what, value in TOO_BIG.items():
+            yield f"{name} is {what}", msgpack.packb(framed(**{name: value})), "dropped"
+    for what, value in {"text": "abc", "nil": None, "an array": [2000, None, PLACE]}.items():
+        yield f"body is {what}", msgpack.packb(framed(body=value)), "dropped"
+    yield "an extension", msgpack.packb(framed(body=msgpack.ExtType(1, b"x"))), "dropped"
+
+
+def to_slave():
+    at = [2000, None, PLACE, 10, 80]
+    for fields in (at[:2], []):
+        yield f"position of {len(fields)} fields", body(POSITION, *fields), "dropped"
+    for size, outcome in ((1200, "taken"), (1201, "dropped")):
+        bare = len(msgpack.packb(framed(body=msgpack.packb([2000, None, PLACE, 0, 0, bytes(1000)])))) - 1000
+        data = msgpack.packb(framed(body=msgpack.packb([2000, None, PLACE, 0, 0, bytes(size - bare)])))
+        assert len(data) == size
+        yield f"{size} bytes", data, outcome
+    yield "17 fields", msgpack.packb(framed(body=msgpack.packb([2000, None, PLACE, *range(14)]))), "dropped"
+    yield "position as a map", framed(body=msgpack.packb({1: 2})), "dropped"
+    for name, place in (("t_us", 0), ("newest", 1), ("payload", 2), ("share", 3), ("again", 4)):
+        values = dict(TOO_BIG)
+        if name == "newest":
+            del values["nil"]
+        if name in ("share", "again"):
+            values["101"] = 101
+        for what, datagram in of_each(POSITION, f"position whose {name}", at, place, values):
+            yield what, datagram, "dropped"
+    places = {"no bytes": b"", "3 bytes": PLACE[:3], "6 bytes": PLACE + b"\0\0", "8 bytes": PLACE * 2}
+    places |= {"NaN": single(math.nan), "infinite": single(math.inf), "2e15 m": single(2e15)}
+    for what, datagram in of_each(POSITION, "position whose payload", at, 2, places):
+        yield what, datagram, "dropped"
+    yield "position with share and without again", body(POSITION, *at[:4]), "taken"
+    yield "position with a share of text and without again", body(POSITION, *at[:3], "x"), "taken"
+    yield "position with fields of a later revision", body(POSITION, *at, "x", {}), "taken"
+    yield "position of 1e15 m", body(POSITION, 2000, None, single(9.9e14)), "taken"
+    yield "position of a denormal", body(POSITION, 2000, None, single(1e-45)), "taken"
+
+
+def to_master():
+    for kind, name, fields in ((FORCE, "force", [1000, ONE_NEWTON, b""]), (KEEPALIVE, "keepalive", [1000, 1, b""])):
+        yield f"{name} of one field", body(kind, 1000), "dropped"
+        for what, datagram in of_each(kind, f"{name} whose t_us", fields, 0, TOO_BIG):
+            yield what, datagram, "dropped"
+        outlooks = {each: TOO_BIG[each] for each in TOO_BIG if each != "nil"}
+        for what, datagram in of_each(kind, f"{name} whose outlook", fields, 2, outlooks):
+            yield what, datagram, "dropped"
+    for what, datagram in of_each(FORCE, "force whose payload", [1000, ONE_NEWTON], 1, TOO_BIG):
+        yield what, datagram, "dropped"
+    newest = {each: TOO_BIG[each] for each in TOO_BIG if each != "nil"}
+    for what, datagram in of_each(KEEPALIVE, "keepalive whose newest_force", [1000, 1], 1, newest):
+        yield what, datagram, "dropped"
+    forces = {"no bytes": b"", "2 bytes": b"\0\0", "3 bytes": b"\0\0\0", "NaN": single(math.nan)}
+    forces |= {"infinite": single(math.inf), "2e15 N": single(2e15), "1e308 N": struct.pack(">d", 1e308)}
+    for what, datagram in of_each(FORCE, "force whose payload", [1000, ONE_NEWTON], 1, forces):
+        yield what, datagram, "not applied"
+    yield from of_reason(NOTICE, "notice")
+    yield "force as a denormal float64", body(FORCE, 1000, struct.pack(">d", 5e-324)), "taken"
+    yield "force with fields of a later revision", body(FORCE, 1000, ONE_NEWTON, b"", 7), "taken"
+
+
+def to_both():
+    yield from of_reason(CLOSE, "close")
+
+
+def of_reason(kind, message):
+    yield f"{message} of one field", body(kind, "done"), "dropped"
+    reasons = {"nil": None, "bytes": b"done", "201 bytes": "x" * 201, "a new line": "a\nb", "an escape": "\x1b[2J"}
+    for what, datagram in of_each(kind, f"{message} whose reason", ["done", 0], 0, reasons):
+        yield what, datagram, "dropped"
+    for what, datagram in of_each(kind, f"{message} whose code", ["done", 0], 1, TOO_BIG):
+        yield what, datagram, "dropped"
+
+
+NUMBERS = {"nil": None, "true": True, "text": "1", "NaN": math.nan, "infinite": math.inf}
+
+
+def changed(fields, at, values):
+    for what, value in values.items():
+        yield what, [*fields[:at], value, *fields[at + 1 :]]
+
+
+def requests():
+    yield "as it is", REQUEST, "taken"
+    yield "fields of a later revision", [*REQUEST, 7], "taken"
+    yield "eleven fields", REQUEST[:11], "dropped"
+    yield "a codec that is not known", ["mp3", *REQUEST[1:]], 2
+    yield "a parameter that is not known", ["deadband", {"window_ms": 1.0}, *REQUEST[2:]], 3
+    yield "a parameter out of range", ["deadband", {"step_n": 2.0}, *REQUEST[2:]], 3
+    yield "a parameter that is a denormal", ["deadband", {"step_n": 5e-324}, *REQUEST[2:]], 3
+    texts = {"nil": None, "bytes": b"x", "65 bytes": "x" * 65, "a new line": "a\nb"}
+    for at, name in ((0, "codec"), (7, "name")):
+        for what, fields in changed(REQUEST, at, texts):
+            yield f"{name} is {what}", fields, "dropped"
+    for what, fields in changed(REQUEST, 1, {"nil": None, "an array": [], "a key of bytes": {b"x": 1.0}}):
+        yield f"parameters are {what}", fields, "dropped"
+    for what, value in NUMBERS.items():
+        yield f"a parameter is {what}", ["deadband", {"step_n": value}, *REQUEST[2:]], "dropped"
+    edges = {
+        (2, "weber_fraction"): ([0.0, 1e-12, 1.0], [-0.01, 5e-324, 9e-13, 1.01, 1e308]),
+        (3, "floor_n"): ([0.0, 1e-12, 1e9], [-0.01, 5e-324, 9e-13, 1.1e9, 1e308]),
+        (4, "multiplier"): ([0.0, 1e-12, 1000.0], [-0.01, 5e-324, 9e-13, 1001.0, 1e308]),
+        (5, "rate_hz"): ([20.0, 20, 1e5], [0.0, -1000.0, 5e-324, 1e-302, 19.999, 100_001.0, 1e308]),
+        (11, "position_share"): ([0.0, 0.01, 0.9], [-0.1, 5e-324, 0.009, 0.91, 1e308]),
+    }
+    for (at, name), (good, bad) in edges.items():
+        for what, fields in changed(REQUEST, at, NUMBERS):
+            yield f"{name} is {what}", fields, "dropped"
+        for value in good:
+            yield f"{name} is {value!r}", [*REQUEST[:at], value, *REQUEST[at + 1 :]], "taken"
+        for value in bad:
+            yield f"{name} is {value!r}", [*REQUEST[:at], value, *REQUEST[at + 1 :]], 3
+    for what, fields in changed(REQUEST, 6, NUMBERS | {"0": 0, "4": 4, "1.0": 1.0, "2^63": 2**63}):
+        yield f"axes is {what}", fields, "dropped"
+    for what, fields in changed(REQUEST, 6, {"2": 2, "3": 3}):
+        yield f"axes is {what}", fields, 4
+    for what, fields in changed(REQUEST, 8, {"15 bytes": TICKET[:15], "text": "sixteen bytes ok", "true": True}):
+        yield f"ticket is {what}", fields, "dropped"
+    for what, fields in changed(REQUEST, 9, NUMBERS | {"-1": -1, "2^53": 2**53, "1.0": 1.0}):
+        yield f"clock_us is {what}", fields, "dropped"
+    for what, fields in changed(REQUEST, 9, {"0": 0, "2^53 - 1": 2**53 - 1}):
+        yield f"clock_us is {what}", fields, "taken"
+    for what, fields in changed(REQUEST, 10, {"nil": None, "1": 1, "text": "yes"}):
+        yield f"announced is {what}", fields, "dropped"
+
+
+def grants():
+    yield "as it is", GRANT, "taken"
+    yield "fields of a later revision", [*GRANT, 7], "taken"
+    yield "seven fields", GRANT[:7], "dropped"
+    yield "announced, which was not asked for", [*GRANT[:6], True, 0.0], "dropped"
+    yield "a share, which was not asked for", [*GRANT[:7], 0.25], "dropped"
+    for what, fields in changed(GRANT, 0, NUMBERS | {"0": 0, "2^32": 2**32}):
+        yield f"session is {what}", fields, "dropped"
+    for value in (20.0, 20, 1e5):
+        yield f"rate_hz is {value!r}", [SESSION, value, *GRANT[2:]], "taken"
+    bad = {repr(value): value for value in (0.0, -1000.0, 5e-324, 1e-302, 19.999, 100_001.0, 1e308)}
+    for what, fields in changed(GRANT, 1, NUMBERS | bad):
+        yield f"rate_hz is {what}", fields, "dropped"
+    for what, fields in changed(GRANT, 2, {"1000": 1000, "50000": 50_000}):
+        yield f"keepalive_us is {what}", fields, "taken"
+    late = {"0": 0, "999": 999, "50001": 50_001, "400000": 400_000, "45000.0": 45_000.0}
+    for what, fields in changed(GRANT, 2, NUMBERS | late):
+        yield f"keepalive_us is {what}", fields, "dropped"
+    for what, fields in changed(GRANT, 3, {"nil": None, "65 bytes": "x" * 65, "a new line": "a\nb"}):
+        yield f"scene is {what}", fields, "dropped"
+    for what, fields in changed(GRANT, 4, {"nil": None, "15 bytes": TICKET[:15], "text": "sixteen bytes ok"}):
+        yield f"ticket is {what}", fields, "dropped"
+    for at, name in ((5, "resumed"), (6, "announced")):
+        for what, fields in changed(GRANT, at, {"nil": None, "0": 0, "text": "no"}):
+            yield f"{name} is {what}", fields, "dropped"
+    bad = {repr(value): value for value in (-0.1, 5e-324, 0.009, 0.91)}
+    for what, fields in changed(GRANT, 7, NUMBERS | bad):
+        yield f"position_share is {what}", fields, "dropped"
+
+
+def document():
+    datagrams = []
+    for to, entries in (
+        ("master", [*frames(), *to_master(), *to_both()]),
+        ("slave", [*frames(), *to_slave(), *to_both()]),
+    ):
+        for name, datagram, outcome in entries:
+            data = datagram if isinstance(datagram, bytes) else msgpack.packb(datagram)
+            datagrams.append({"to": to, "name": name, "outcome": outcome, "hex": data.hex()})
+    inner = {
+        key: [{"name": name, "outcome": outcome, "hex": msgpack.packb(fields).hex()} for name, fields, outcome in made]
+        for key, made in (("requests", requests()), ("grants", grants()))
+    }
+    return {"note": NOTE, "datagrams": datagrams, **inner}
+
+
+if __name__ == "__main__":
+    FILE.write_text(json.dumps(document(), indent=1) + "\n", encoding="utf-8")
