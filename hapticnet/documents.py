@@ -6,7 +6,7 @@ import tomllib
 from pathlib import Path
 from typing import Any, Final, TypeVar, get_args
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from hapticnet.checks import meant
 from hapticnet.errors import FileError, SettingsError
@@ -57,6 +57,21 @@ _PARTS: Final = re.compile(_PART)
 _END_OF_KEY: Final = re.compile(r"[ \t]*+[=\]]")
 
 Document = TypeVar("Document", bound=BaseModel)
+
+
+def text_of(form: str, words: str) -> AfterValidator:
+    """Return a check that a whole text has a form, which a message tells in words: a pattern is for programmers."""
+    pattern = re.compile(form)
+
+    def check(text: str) -> str:
+        if not pattern.fullmatch(text):
+            raise ValueError(f"it must be {words}")
+        return text
+
+    return AfterValidator(check)
+
+
+NOT_BLANK: Final = text_of(r"(?s:.*\S.*)", "text that is not blank")
 
 
 def read_document(path: Path) -> str:

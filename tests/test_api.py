@@ -88,7 +88,7 @@ def test_a_recording_from_a_file_brings_its_own_times_and_positions(tmp_path):
         ({"t_s": T_S, "rate_hz": 1000}, "times are given as rate_hz and t_s; give one of rate_hz, t_s and t_us"),
         ({"rate_hz": 0.0}, "rate_hz is 0.0 Hz; it must be between 0.001 and 1e"),
         ({"position": FORCE[:7]}, "position has 7 samples of 1 axes, force 2000 of 1"),
-        ({"codec": "deadbnad"}, "unknown codec 'deadbnad'; there are: raw, deadband"),
+        ({"codec": "deadbnad"}, r"^unknown codec 'deadbnad' \(did you mean 'deadband'\?\); there are: raw, deadband, "),
         ({"codec": "deadband:step_n=0.1", "step_n": 0.1}, "parameter 'step_n' is given twice"),
         ({"gain": 1.0}, "codec 'deadband' has no parameter 'gain'; it has: step_n"),
         ({"weber_fraction": -1.0}, "Weber fraction is -1.0"),
@@ -141,7 +141,9 @@ def test_a_result_is_drawn():
 
     mpl.use("agg")
     force, sent, error = hn.encode(VECTORS, multiplier=2).plot(window_s=(0.5, 1.0))
-    assert force.get_title(loc="left") == "deadband"
+    assert force.figure.get_suptitle() == "deadband"
+    for axes, names in ((force, ["true force", "applied (held) force"]), (error, ["threshold", "error"])):
+        assert [text.get_text() for text in axes.get_legend().get_texts()] == names
     assert "samples sent" in sent.get_title(loc="left")
     assert error.get_xlim() == (0.5, 1.0)
     assert len(hn.encode(FORCE).plot()) == 3

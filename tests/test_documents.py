@@ -18,7 +18,8 @@ from pydantic import BaseModel
 import hapticnet
 from hapticnet.documents import LARGEST_DOCUMENT, MOST_PARTS, parse_document, parse_tables
 from hapticnet.errors import FileError, HapticnetError
-from hapticnet.study.plan import LimitsPlan
+from hapticnet.study.plan import LimitsPlan, QuestionPlan
+from hapticnet.study.texts import ConsentTexts, Texts
 
 PARTS = ("a", "_-9", '"b c"', "'.'", '"\\"."', '""')
 LONG_S = 20.0
@@ -144,3 +145,26 @@ def test_a_mistake_is_told_in_our_words_whatever_it_is():
 def test_what_would_be_right_is_told(text, words):
     with pytest.raises(HapticnetError, match=f"^x.toml: {re.escape(words)}$"):
         parse_document(text, "x.toml", LimitsPlan)
+
+
+@pytest.mark.parametrize(
+    ("model", "text", "words"),
+    [
+        (ConsentTexts, "purpose = ''", "purpose is ''; it must be text that is not blank"),
+        (ConsentTexts, "purpose = '  '", "purpose is '  '; it must be text that is not blank"),
+        (
+            Texts,
+            "language = 'english'",
+            "language is 'english'; it must be the tag of a language, such as 'en' or 'pt-BR'",
+        ),
+        (Texts, 'language = "en\\n"', r"language is 'en\n'; it must be the tag of a language, such as 'en' or 'pt-BR'"),
+        (
+            QuestionPlan,
+            "name = 'Hand'",
+            "name is 'Hand'; it must be 1 to 30 small letters, digits and '_', the first a letter",
+        ),
+    ],
+)
+def test_the_form_of_a_text_is_told_in_words(model, text, words):
+    with pytest.raises(HapticnetError, match=f"^x.toml: {re.escape(words)}$"):
+        parse_document(text, "x.toml", model)

@@ -11,7 +11,7 @@ from hapticnet.channel.spec import parse_channel
 from hapticnet.checks import meant
 from hapticnet.codec.registry import make_codec, parse_codec
 from hapticnet.control.force_settings import ForceControlSettings
-from hapticnet.documents import STRICT, parse_document, read_document
+from hapticnet.documents import NOT_BLANK, STRICT, parse_document, read_document, text_of
 from hapticnet.errors import HapticnetError, SettingsError
 from hapticnet.files import user_path
 from hapticnet.hardware import MAX_FORCE_N
@@ -253,9 +253,9 @@ class QuestionPlan(BaseModel):
 
     model_config = STRICT
 
-    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,29}$")]
-    text: Annotated[str, Field(pattern=r"\S", max_length=1000)]
-    choices: Annotated[list[Annotated[str, Field(pattern=r"\S", max_length=100)]], Field(min_length=2, max_length=9)]
+    name: Annotated[str, text_of("[a-z][a-z0-9_]{0,29}", "1 to 30 small letters, digits and '_', the first a letter")]
+    text: Annotated[str, NOT_BLANK, Field(max_length=1000)]
+    choices: Annotated[list[Annotated[str, NOT_BLANK, Field(max_length=100)]], Field(min_length=2, max_length=9)]
 
 
 def _texts(spec: object, info: ValidationInfo) -> object:

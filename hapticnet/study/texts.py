@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final, TypeAlias
 
 from pydantic import BaseModel, Field, ValidationInfo, model_validator
 
-from hapticnet.documents import STRICT, parse_document, read_document
+from hapticnet.documents import NOT_BLANK, STRICT, parse_document, read_document, text_of
 from hapticnet.errors import SettingsError
 from hapticnet.files import user_path
 
@@ -18,7 +18,7 @@ SHIPPED: Final = tuple(sorted(entry.name.removesuffix(".toml") for entry in LANG
 
 ENGLISH: Final = "en"
 
-Text: TypeAlias = Annotated[str, Field(pattern=r"\S", max_length=4000)]
+Text: TypeAlias = Annotated[str, NOT_BLANK, Field(max_length=4000)]
 
 
 class ConsentTexts(BaseModel):
@@ -185,7 +185,9 @@ class Texts(BaseModel):
 
     model_config = STRICT
 
-    language: Annotated[str, Field(pattern=r"^[a-zA-Z]{2,3}(-[a-zA-Z0-9]{1,8})*$")]
+    language: Annotated[
+        str, text_of("[a-zA-Z]{2,3}(-[a-zA-Z0-9]{1,8})*", "the tag of a language, such as 'en' or 'pt-BR'")
+    ]
     consent: ConsentTexts
     instructions: InstructionTexts
     why: WhyTexts

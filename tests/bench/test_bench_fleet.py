@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from hapticnet.node.reception import ALL_REQUESTS_AT_ONCE, ALL_REQUESTS_PER_S, REQUESTS_AT_ONCE, REQUESTS_PER_S
 from hapticnet.protocol.asking import Asking
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.runtime.entropy import SystemEntropy
@@ -61,10 +62,18 @@ def test_a_slave_that_is_back_at_once_answers_with_reset_before_the_master_asks(
 
 def test_requests_are_limited_for_an_address_and_for_a_process(fleet):
     one_address = lose_all(fleet, answers_s=0.3, seconds=60.0, masters=48)
-    assert max(one_address.away) == pytest.approx(0.3 + (48 - 8) / 5, rel=0.1)
-    own_addresses = lose_all(fleet, answers_s=0.3, seconds=60.0, masters=350, addresses=350)
-    assert max(own_addresses.away) == pytest.approx(0.3 + (350 - 50) / 100, rel=0.25)
-    assert own_addresses.outcomes["session"] == 350
+    assert max(one_address.away) == pytest.approx(0.3 + (48 - REQUESTS_AT_ONCE) / REQUESTS_PER_S, rel=0.1)
+    own_addresses = lose_all(fleet, answers_s=0.3, seconds=60.0, masters=150, addresses=150)
+    limit_s = (150 - ALL_REQUESTS_AT_ONCE) / ALL_REQUESTS_PER_S
+    assert max(own_addresses.away) == pytest.approx(0.3 + limit_s, rel=0.1)
+    assert own_addresses.outcomes["session"] == 150
+
+
+def test_masters_that_back_off_together_take_longer_than_the_limit_of_a_process(fleet):
+    made = lose_all(fleet, answers_s=0.3, seconds=60.0, masters=350, addresses=350)
+    limit_s = (350 - ALL_REQUESTS_AT_ONCE) / ALL_REQUESTS_PER_S
+    assert max(made.away) > 0.3 + 2 * limit_s, "of HELLOs that come together, few are read"
+    assert made.outcomes["session"] == 350
 
 
 def test_a_slave_without_a_place_refuses_and_the_master_comes_again(fleet):

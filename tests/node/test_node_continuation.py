@@ -1,5 +1,8 @@
 """A session that goes on with the scene of another: by ticket or by name, on the same clock or on another one."""
 
+import gc
+from weakref import WeakSet
+
 import numpy as np
 import pytest
 
@@ -256,9 +259,17 @@ def test_a_continuing_session_needs_no_second_place(sealed):
 
 
 def test_a_chain_of_sessions_does_not_stay_in_memory(slave, sealed):
+    stations = WeakSet()
     last = master(slave, sealed, 1).work()
     for port in range(2, 20):
+        stations.update(slave.stations)
         last = master(slave, sealed, port, ticket=last.grant.ticket).work(SECOND * port)
     (station,) = slave.stations
     assert station.continues is None
-    assert len(slave._stations) == len(slave._welcomes) == 1
+    assert len(slave._stations) == 1
+    assert not slave._welcomes, "its master has the WELCOME"
+    events_of(slave)
+    slave.tick(24 * SECOND)  # the newest that ended would have expired by now
+    gc.collect()
+    assert slave.stations == (station,)
+    assert not [each for each in stations if each is not station]

@@ -104,7 +104,7 @@ def test_a_file_is_loaded_by_column_names(trace_file):
     operator, notes = load_trace(trace_file("force_n,position_m,t_s\n9,0.0,10.0\n9,0.1,10.5\n"))
     assert (operator.axes, operator.duration_us) == (1, 500_000)
     assert operator.sample(250_000).position_m == pytest.approx((0.05,))
-    assert notes == ()
+    assert notes == ("position: position_m, chosen by its name",)
 
 
 @pytest.mark.parametrize("columns", [slave_columns(1), master_columns(1)])
