@@ -1,9 +1,13 @@
-"""What tests of several rooms share: both nodes in virtual time."""
+"""What tests of several rooms share: both nodes in virtual time, the firmware and its simulator."""
 
+import functools
 import os
+import shutil
+import subprocess
 import sys
 from collections.abc import Callable, Hashable, Iterable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import hypothesis
@@ -30,6 +34,7 @@ from hapticnet.scene.scene import Scene
 from tests.peers import ENTRY, KEY, OTHER_ENTRY, SLAVE
 
 IN_CI = bool(os.environ.get("CI"))
+FIRMWARE = Path(__file__).parents[1] / "firmware"
 
 # Hundreds of tests start processes: without bytecode on disk, each would compile every module it imports.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
@@ -141,3 +146,36 @@ def tool_is_missing() -> Callable[[str], None]:
         pytest.skip(what)
 
     return missing
+
+
+@pytest.fixture(scope="session")
+def make_firmware(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+    """Return a function that builds a make target once and returns the build folder."""
+    build = tmp_path_factory.mktemp("firmware")
+
+    @functools.cache
+    def run(target: str, *variables: str) -> Path:
+        done = subprocess.run(
+            ["make", "-s", "-C", FIRMWARE, f"BUILD={build}", target, *variables], capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stderr
+        (build / f"{target}.log").write_text(done.stdout)
+        return build
+
+    return run
+
+
+@pytest.fixture
+def needs_toolchain(tool_is_missing: Callable[[str], None]) -> None:
+    for tool, package in (("avr-gcc", "gcc-avr"), ("make", "make"), ("gcc", "gcc")):
+        if shutil.which(tool) is None:
+            tool_is_missing(f"{tool} is missing (package {package}), so the firmware cannot be built")
+    if not Path("/usr/include/simavr/sim_avr.h").exists():
+        tool_is_missing("simavr is missing (packages libsimavr-dev and libelf-dev), so the firmware cannot be run")
+
+
+@pytest.fixture
+def simavr_files(request: pytest.FixtureRequest, make_firmware: Callable[..., Path]) -> tuple[Path, Path]:
+    """Simulator and firmware as `simavr_build` would find them, but built here: the checkout's folder may be empty."""
+    request.getfixturevalue("needs_toolchain")
+    return make_firmware("sim") / "harness", make_firmware("firmware", "BAUD=500000") / "firmware-500000.elf"

@@ -1,6 +1,5 @@
 """Fixtures for the firmware: its core on the host and its ELF in a simulated controller."""
 
-import functools
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator
@@ -19,8 +18,6 @@ from hapticnet.device.wired import WiredDevice
 from hapticnet.runtime.nano import SimulatedNano
 from hapticnet.runtime.simavr import CYCLES_PER_US, Simavr, Step
 from tests.firmware.rig import FOUND_AND_PRESSED_MS, Rig
-
-FIRMWARE = Path(__file__).parents[2] / "firmware"
 
 
 class Pulse(NamedTuple):
@@ -110,32 +107,6 @@ class Nano:
         return [message for message in self.messages if isinstance(message, kind)]
 
 
-@pytest.fixture(scope="session")
-def make_firmware(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
-    """Return a function that builds a make target once and returns the build folder."""
-    build = tmp_path_factory.mktemp("firmware")
-
-    @functools.cache
-    def run(target: str, *variables: str) -> Path:
-        done = subprocess.run(
-            ["make", "-s", "-C", FIRMWARE, f"BUILD={build}", target, *variables], capture_output=True, text=True
-        )
-        assert done.returncode == 0, done.stderr
-        (build / f"{target}.log").write_text(done.stdout)
-        return build
-
-    return run
-
-
-@pytest.fixture
-def needs_toolchain(tool_is_missing: Callable[[str], None]) -> None:
-    for tool, package in (("avr-gcc", "gcc-avr"), ("make", "make"), ("gcc", "gcc")):
-        if shutil.which(tool) is None:
-            tool_is_missing(f"{tool} is missing (package {package}), so the firmware cannot be built")
-    if not Path("/usr/include/simavr/sim_avr.h").exists():
-        tool_is_missing("simavr is missing (packages libsimavr-dev and libelf-dev), so the firmware cannot be run")
-
-
 @pytest.fixture
 def core(make_firmware: Callable[..., Path], tool_is_missing: Callable[[str], None]) -> Iterator[Core]:
     for tool in ("make", "gcc"):
@@ -160,13 +131,6 @@ def nano(request: pytest.FixtureRequest, make_firmware: Callable[..., Path]) -> 
     yield make
     for each in running:
         each.simavr.close()
-
-
-@pytest.fixture
-def simavr_files(request: pytest.FixtureRequest, make_firmware: Callable[..., Path]) -> tuple[Path, Path]:
-    """Simulator and firmware as `simavr_build` would find them."""
-    request.getfixturevalue("needs_toolchain")
-    return make_firmware("sim") / "harness", make_firmware("firmware", "BAUD=500000") / "firmware-500000.elf"
 
 
 @pytest.fixture
