@@ -23,6 +23,7 @@ from hapticnet.study.statistics import (
     leaving_point,
     mean_interval,
     share_interval,
+    shows_equivalence,
     sign_flip,
     standard_error,
     two_sided,
@@ -153,6 +154,11 @@ def _comparisons(conditions: Sequence[ConditionResult], margin: float) -> tuple[
                     adjusted=1.0,
                     within_margin=within,
                     interval_90=None if interval_90 is None else _bounded(key, interval_90),
+                    equivalent=(
+                        None
+                        if within is None or interval_90 is None
+                        else shows_equivalence(within, interval_90, margin)
+                    ),
                     participants=len(differences),
                 )
             )

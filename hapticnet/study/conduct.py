@@ -40,6 +40,7 @@ async def conduct(
     date: Callable[[], str],
     version: str,
     on_outcome: Callable[[AnyRow, Outcome], None] | None = None,
+    on_row: Callable[[AnyRow], None] = lambda _row: None,
 ) -> None:
     """Conduct a session to its end.
 
@@ -50,6 +51,8 @@ async def conduct(
     on_outcome
         Called in a thread with each row that an activity left and with what came of the activity, once the row is
         stored.
+    on_row
+        Called with each row, also with one that was stored before the session went on.
 
     Raises
     ------
@@ -61,7 +64,10 @@ async def conduct(
 
     def save() -> list[AnyRow]:
         rows = [replace(row, date=date(), version=version) for row in flow.take_rows()]
-        return [row for row in rows if store.append(row)]
+        new = [row for row in rows if store.append(row)]
+        for row in rows:
+            on_row(row)
+        return new
 
     save()
     while not flow.done:

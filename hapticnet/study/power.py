@@ -13,9 +13,16 @@ from hapticnet.experiment.workers import workers
 from hapticnet.study.library import Felt
 from hapticnet.study.observers import ObserverSettings, judged
 from hapticnet.study.results import MARGIN
-from hapticnet.study.statistics import chance_variance, leaving_point, mean_interval, sign_flip, two_sided
-
-ALPHA: Final = 0.05
+from hapticnet.study.statistics import (
+    ALPHA,
+    chance_variance,
+    equivalence,
+    leaving_point,
+    mean_interval,
+    shows_equivalence,
+    sign_flip,
+    two_sided,
+)
 
 SHARE_SPREAD: Final = 0.7
 """Standard deviation over participants of the log odds of a correct order. An assumption; the paper's standard errors
@@ -214,13 +221,11 @@ def _simulate(shared: tuple[Answers, float, int], task: tuple[int, int, int]) ->
         for condition in range(1, conditions):
             own = differences[experiment, :, condition]
             found[experiment, condition] = two_sided(sign_flip(own)) < ALPHA
-            lower, upper = sign_flip(own, shift=-margin)[1], sign_flip(own, shift=margin)[0]
-            equal[experiment, condition] = max(lower, upper) < ALPHA
+            right = np.rint(trials * scores[experiment].sum(axis=0)).astype(int).tolist()
+            least = sum(chance_variance(right[each], participants * trials, participants) for each in (0, condition))
+            within, interval_90 = equivalence(own, margin, least_variance=least)
+            equal[experiment, condition] = shows_equivalence(within, interval_90, margin)
             if experiment < widths:
-                right = np.rint(trials * scores[experiment].sum(axis=0)).astype(int).tolist()
-                least = sum(
-                    chance_variance(right[each], participants * trials, participants) for each in (0, condition)
-                )
                 low, high = mean_interval(own, least_variance=least)
                 half_widths[experiment, condition] = 0.5 * (high - low)
     left_at = np.full(widths, np.nan)

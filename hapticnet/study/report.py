@@ -7,7 +7,7 @@ from typing import Final
 
 from hapticnet.study.models import Effect
 from hapticnet.study.results import Results
-from hapticnet.study.statistics import standard_error
+from hapticnet.study.statistics import ALPHA, standard_error
 from hapticnet.study.tables import (
     UNKNOWN,
     chance,
@@ -37,7 +37,8 @@ JND_NOTE: Final = (
 COMPARED: Final = (
     "p: exact sign-flip test over participants, two-sided; Holm's adjustment is over the conditions of a measure."
     " Equivalence: two one-sided sign-flip tests with a margin of ±{margin:g} points{stated}. Intervals are"
-    " Student's over participants, of orders never narrower than chance alone; at the edge they and p may differ."
+    " Student's over participants, of orders never narrower than chance alone, so an interval and its test may"
+    " disagree. Equivalence counts as shown only if p is below 0.05 and the 90 % interval lies within the margin."
 )
 
 PREDICTED: Final = (
@@ -173,13 +174,24 @@ def _curve_section(results: Results) -> list[str]:
 
 def _curve_text(results: Results) -> str:
     shown = [each for each in results.comparisons if each.measure == "correct"]
-    worse = [each for each in shown if each.adjusted < 0.05 and each.difference < 0.0]
-    equal = [each for each in shown if each.within_margin is not None and each.within_margin < 0.05]
+    worse = [each for each in shown if each.adjusted < ALPHA and each.difference < 0.0]
+    equal = [each for each in shown if each.equivalent]
     reference = results.conditions[0].name
     text = [
         f"Shown to be equivalent to {reference!r}: " + (", ".join(each.condition for each in equal) or "nothing") + ".",
         "Shown to be worse: " + (", ".join(each.condition for each in worse) or "nothing") + ".",
         "What is in neither list is undecided by these data.",
+    ]
+    text += [
+        f"{each.condition}: the tests of equivalence alone would say so (p {_equals(each.within_margin)}), but the 90 %"
+        " interval leaves the margin."
+        for each in shown
+        if each.within_margin is not None and each.within_margin < ALPHA and not each.equivalent
+    ]
+    text += [
+        f"{each.condition}: the test finds it worse (p {_equals(each.adjusted)}), but the 95 % interval reaches 0."
+        for each in worse
+        if each.interval[1] >= 0.0
     ]
     point = results.curve
     if point is None:
@@ -198,6 +210,11 @@ def _curve_text(results: Results) -> str:
             f" {point.low:.1f} JND to {high})."
         )
     return " ".join(text)
+
+
+def _equals(probability: float) -> str:
+    text = chance(probability)
+    return text if text.startswith("<") else f"= {text}"
 
 
 def _quality(results: Results) -> list[str]:

@@ -91,6 +91,8 @@ class Comparison:
     within_margin, interval_90
         Probability of the two one-sided tests of equivalence, and the 90 % interval that belongs to them; None for a
         measure without a margin.
+    equivalent
+        Whether tests and interval both show equivalence; None for a measure without a margin.
     participants
         Number of participants with both conditions.
     """
@@ -104,6 +106,7 @@ class Comparison:
     adjusted: float
     within_margin: float | None
     interval_90: tuple[float, float] | None
+    equivalent: bool | None
     participants: int
 
 

@@ -18,6 +18,9 @@ from hapticnet.experiment.summary import t_quantile
 
 CONFIDENCE: Final = 0.95
 
+ALPHA: Final = 0.05
+"""Probability below which a test counts as passed."""
+
 FINEST: Final = 1 / 5040
 """Finest grid on which differences of scores are added exactly: shares of up to 10 trials and of most other numbers."""
 
@@ -185,11 +188,20 @@ def equivalence(
     Returns
     -------
     tuple
-        The probability, of which less than 0.05 shows equivalence, and the 90 % interval of the mean difference.
+        The probability of the tests, and the 90 % interval of the mean difference; `shows_equivalence` judges both.
     """
     lower = sign_flip(differences, shift=-margin)[1]
     upper = 0.0 if one_sided else sign_flip(differences, shift=margin)[0]
     return max(lower, upper), mean_interval(differences, 0.90, least_variance=least_variance)
+
+
+def shows_equivalence(probability: float, interval_90: tuple[float, float], margin: float) -> bool:
+    """Return whether equivalence is shown: the tests of `equivalence` pass, and the interval is within the margin.
+
+    The tests alone take differences as exact, although scores of few trials have ties by chance; the interval does not.
+    """
+    low, high = interval_90
+    return probability < ALPHA and -margin <= low and high <= margin
 
 
 def holm(probabilities: Sequence[float]) -> list[float]:

@@ -7,6 +7,8 @@ import sys
 
 import pytest
 
+from hapticnet.cli.console import Console
+from hapticnet.cli.experiment.virtual_time import conduct_all
 from hapticnet.experiment.latex import escaped
 from hapticnet.study.plan import LimitsPlan
 from hapticnet.study.rows import OrderRow, header, to_line
@@ -21,6 +23,22 @@ def write(folder, made, name="order.tsv"):
     folder.mkdir(parents=True, exist_ok=True)
     (folder / name).write_text(header(OrderRow) + "".join(map(to_line, made)))
     return folder
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_rehearsal_tells_how_many_trials_are_answered(monkeypatch, capfd, jobs):
+    monkeypatch.setattr("hapticnet.cli.console.PROGRESS_S", 0.0)
+
+    def conduct_one(number, session, on_trial):
+        for _ in range(number):
+            on_trial()
+        return {"participant": session}
+
+    accounts = conduct_all(conduct_one, 3, ["01", "02"], jobs, Console("order"), "of 6 trials")
+    assert accounts == [{"participant": "01"}, {"participant": "02"}]
+    told = [line.partition(": ")[2] for line in capfd.readouterr().err.splitlines()]
+    assert "6 of 6 trials" in {line.partition(",")[0] for line in told}
+    assert any(line.endswith("2 of 2 participants") for line in told)
 
 
 @pytest.fixture

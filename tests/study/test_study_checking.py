@@ -115,6 +115,17 @@ def test_without_an_uncompressed_condition_the_weakest_is_the_reference():
     assert results.curve is None
 
 
+def test_a_report_names_tests_that_disagree_with_their_interval():
+    results = analyse(rows())
+    first, second = (each for each in results.comparisons if each.measure == "correct" and each.condition != "2 JND")
+    almost_equal = dataclasses.replace(first, within_margin=0.008, interval_90=(-0.107, 0.132), equivalent=False)
+    almost_worse = dataclasses.replace(second, difference=-0.1, adjusted=0.03, interval=(-0.21, 0.01))
+    text = markdown(dataclasses.replace(results, comparisons=(almost_equal, almost_worse)), title="x")
+    assert "Shown to be equivalent to 'none': nothing." in text
+    assert "1 JND: the tests of equivalence alone would say so (p = 0.008), but the 90 % interval leaves" in text
+    assert "4 JND: the test finds it worse (p = 0.030), but the 95 % interval reaches 0." in text
+
+
 def test_the_report_of_two_participants_says_that_they_are_too_few():
     text = markdown(analyse(rows(people=2)), title="two")
     assert "Too few participants for a test at 5 %**: the smallest p that 2 can give is 0.5." in text

@@ -19,6 +19,7 @@ from hapticnet.study.statistics import (
     leaving_point,
     mean_interval,
     share_interval,
+    shows_equivalence,
     sign_flip,
     standard_error,
     two_sided,
@@ -133,6 +134,15 @@ def test_equivalence_needs_every_participant_near_zero():
     assert equivalence(far, 0.15)[0] > 0.05
     low, high = equivalence(near, 0.15)[1]
     assert -0.15 < low < high < 0.15
+
+
+def test_equivalence_is_shown_only_if_the_interval_agrees_with_the_tests():
+    ties = [0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]  # of eight people with ten trials, mostly right
+    least = chance_variance(65, 80, 8) + chance_variance(66, 80, 8)
+    within, interval_90 = equivalence(ties, 0.1, least_variance=least)
+    assert within < 0.05
+    assert not shows_equivalence(within, interval_90, 0.1)
+    assert shows_equivalence(*equivalence(ties, 0.1), 0.1)
 
 
 def test_non_inferiority_does_not_mind_an_improvement():

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 from hapticnet.cli import options
 from hapticnet.cli.experiment import common
 from hapticnet.cli.experiment import page as pages
-from hapticnet.cli.experiment.virtual_time import conduct_all, conduct_in_virtual_time
+from hapticnet.cli.experiment.virtual_time import OnTrial, conduct_all, conduct_in_virtual_time
 
 if TYPE_CHECKING:
     from hapticnet.device.profile import Profile
@@ -62,7 +62,7 @@ def limits(
             accounts = [_in_real_time(sessions[0], known, asked.observer, opened, console.say)]
     else:
         shared = known, asked.observer
-        accounts = conduct_all(_in_virtual_time, shared, sessions, jobs, console)
+        accounts = conduct_all(_in_virtual_time, shared, sessions, jobs, console, "pairs")
     console.finish()
     for account in accounts:
         for told in (*(f"excluded: {why}" for why in account.get("excluded", ())), *account.get("warnings", ())):
@@ -71,10 +71,12 @@ def limits(
     deliver({"title": title, "participant": accounts}, as_json=json, file=None)
 
 
-def _in_virtual_time(shared: "tuple[Profile, ObserverSettings]", settings: "SessionSettings") -> dict[str, Any]:
+def _in_virtual_time(
+    shared: "tuple[Profile, ObserverSettings]", settings: "SessionSettings", on_trial: OnTrial
+) -> dict[str, Any]:
     from hapticnet.study.session import limits_session
 
-    return conduct_in_virtual_time(*shared, settings, limits_session, _account)
+    return conduct_in_virtual_time(*shared, settings, limits_session, _account, on_trial)
 
 
 def _in_real_time(

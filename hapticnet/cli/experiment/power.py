@@ -71,7 +71,7 @@ def power(
     console = Console("experiment", quiet=json)
     cores = jobs or os.cpu_count() or 1
     try:
-        answers, source = _answers(chosen, simulate, shares, motions, seed, cores, console.status)
+        answers, source = _answers(chosen, simulate, shares, motions, seed, cores, console.progress)
         found = power_of(
             answers,
             designs,
@@ -79,7 +79,7 @@ def power(
             margin=chosen.order.equivalence_margin if margin is None else margin,
             seed=seed,
             jobs=cores,
-            on_design=lambda people, each: console.status(f"{people} participants, {each} trials"),
+            on_design=lambda people, each: console.progress(f"{people} participants, {each} trials"),
         )
     except KeyboardInterrupt:
         console.finish()
