@@ -236,6 +236,7 @@ def test_of_a_slave_that_was_stopped_no_old_force_is_applied(start, gel, keys, t
     server.process.send_signal(signal.SIGSTOP)
     master.wait(2.0)
     server.process.send_signal(signal.SIGCONT)
+    master.process.wait_for("link recovered|connected to", count=2)
     master.wait(1.0)
     felt = master.end()
     report = master.process.report()

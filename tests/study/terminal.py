@@ -10,7 +10,7 @@ import time
 from tests.cli.test_cli_errors import ROOT
 
 PATIENCE_S = 40.0
-ENTER, ESCAPE, INTERRUPT = "\r", "\x1b", "\x03"
+ENTER, ESCAPE, BACKSPACE, INTERRUPT = "\r", "\x1b", "\x7f", "\x03"
 
 
 class Terminal:
