@@ -69,11 +69,16 @@ class Hold:
         Timings.
     axes
         Number of axes of a stimulus.
+
+    Attributes
+    ----------
+    kept
+        Whether the whole stimulus may stay however old it is, because it is small. It still grows older.
     """
 
     __slots__ = (
         "_age_limit_us", "_age_us", "_applied_n", "_axes", "_decay_us", "_elapsed_us", "_force_n", "_new", "_now_us",
-        "_released_us", "_rise_n_per_us", "_share", "_whole", "_zero_n",
+        "_released_us", "_rise_n_per_us", "_share", "_whole", "_zero_n", "kept",
     )  # fmt: skip
 
     def __init__(self, settings: HoldSettings, *, axes: int = 1) -> None:
@@ -88,6 +93,7 @@ class Hold:
         self._force_n = self._zero_n
         self._age_us = settings.age_limit_us + settings.decay_us + 1
         self._now_us = 0
+        self.kept = False
         self._new = False
         self._whole = False
         self._share = 0.0
@@ -129,7 +135,7 @@ class Hold:
         """
         self._force_n = force_n
         self._grow_older(now_us)
-        return self._age_us < self._released_us
+        return self.kept or self._age_us < self._released_us
 
     def confirm(self, now_us: int) -> None:
         """Reset the age: a keepalive shows that the link is alive and the held stimulus still the newest."""
@@ -142,7 +148,7 @@ class Hold:
             self._grow_older(now_us)
         if self._whole:
             return self._force_n
-        if self._age_us <= self._age_limit_us:
+        if self.kept or self._age_us <= self._age_limit_us:
             self._rise()
         share = self._share
         return tuple([component * share for component in self._force_n]) if share else self._zero_n
@@ -153,11 +159,6 @@ class Hold:
             self._grow_older(now_us)
         return self._whole and self._age_us <= FRESH_US
 
-    def is_released(self, now_us: int) -> bool:
-        """Return whether the link has been silent for so long that nothing of the stimulus is applied."""
-        self._grow_older(now_us)
-        return self._age_us >= self._released_us
-
     def _grow_older(self, now_us: int) -> None:
         if now_us > self._now_us:
             elapsed_us = now_us - self._now_us
@@ -167,7 +168,7 @@ class Hold:
             self._elapsed_us = elapsed_us if elapsed_us < LONGEST_STEP_US else LONGEST_STEP_US
         self._now_us = now_us
         overdue_us = self._age_us - self._age_limit_us
-        if overdue_us > 0:
+        if overdue_us > 0 and not self.kept:
             left_us = self._decay_us - overdue_us
             self._note_share(min(self._share, left_us / self._decay_us) if left_us > 0 else 0.0)
 

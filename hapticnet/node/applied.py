@@ -180,10 +180,12 @@ class AppliedForce:
             self._hold.confirm(now_us)
             self._valid_t_us = event.t_us
 
-    def keep(self, now_us: int) -> None:
-        """Do not let the stimulus grow old: it is too small to be felt, and what follows it must not have to rise."""
-        if self._stream.heard_us is not None:
-            self._hold.confirm(now_us)
+    def keep(self, kept: bool) -> None:
+        """Set whether the stimulus stays though it grows old: it is small, and what follows it must not have to rise.
+
+        Its age goes on: once it is not kept any more, no more of it is applied than of any stimulus of that age.
+        """
+        self._hold.kept = kept and self._stream.heard_us is not None
 
     def advance(self, now_us: int, period_us: int, position_m: Vector | None) -> None:
         """Follow the decoder for a tick at a position. A user's codec may raise anything."""

@@ -9,7 +9,7 @@ from hapticnet.codec import value_rows
 from hapticnet.codec.positions.outlooks import pack_outlook
 from hapticnet.node.bank_tables import BANK_FIELDS
 from hapticnet.node.course_steps import COURSE_FIELDS, course_from_row, course_to_row
-from hapticnet.node.feedback import IDLE_SHARE
+from hapticnet.node.idle import slave_idle_below_n
 from hapticnet.node.station import Station
 from hapticnet.protocol.libcrypto import version
 from hapticnet.protocol.session_steps import SESSION_FIELDS, session_from_row, session_to_row
@@ -63,7 +63,7 @@ def station_to_row(station: Station, row: Any) -> None:
     error, law = station._error, station.codec.law
     row.samples, row.squares, row.largest_n, row.exceeded = error.state
     row.codec_jnd_weber, row.codec_jnd_floor_n = law.weber_fraction, law.floor_n
-    row.idle_below_n = IDLE_SHARE * law.threshold_n(0.0)
+    row.idle_below_n = slave_idle_below_n(law)
 
 
 def station_from_row(station: Station, row: Any) -> None:

@@ -7,13 +7,11 @@ from hapticnet.codec.base import Codec, Decoder, Encoder
 from hapticnet.codec.plugins import LARGEST_PAYLOAD
 from hapticnet.errors import HapticnetError, in_words
 from hapticnet.node.announcing import Announcing, announcing
+from hapticnet.node.idle import slave_idle_below_n
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.samples import PositionSample, Vector
 from hapticnet.scene.base import Touchable
 from hapticnet.vectors import magnitude
-
-IDLE_SHARE: Final = 0.25
-"""Below this share of the least threshold nothing is felt, and nothing is felt by a master that applies up to two."""
 
 RENEW_US: Final = 100_000
 """Shortest time [µs] between two models that are sent because positions were missed."""
@@ -43,6 +41,7 @@ class Feedback:
         "_announcing",
         "_builds_on_earlier",
         "_codec",
+        "_idle_below_n",
         "_longest_us",
         "_missed",
         "_renewed_us",
@@ -61,6 +60,7 @@ class Feedback:
         self.held_n: Vector = (0.0,) * scene.axes
         self._session = session
         self._codec = codec
+        self._idle_below_n = slave_idle_below_n(codec.law)
         self._missed = False
         self._longest_us = round(1.5e6 / rate_hz)  # longest time between two positions if none is missing
         self._t_us: int | None = None
@@ -168,4 +168,4 @@ class Feedback:
         # What follows the position may make a force before the next answer: confirm it while there is none, too.
         follows = self.on_model or self._codec.needs_position
         felt_n = math.inf if follows else max(magnitude(force_n), magnitude(self.held_n))
-        return self._session.keepalive_is_due(now_us, idle=felt_n < IDLE_SHARE * self._codec.law.threshold_n(0.0))
+        return self._session.keepalive_is_due(now_us, idle=felt_n < self._idle_below_n)

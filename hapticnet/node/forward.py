@@ -7,6 +7,7 @@ from hapticnet.codec.positions.outlooks import unpack_outlook
 from hapticnet.codec.positions.sending import Difference, PositionSender
 from hapticnet.codec.schemes.raw import Raw
 from hapticnet.errors import PeerError
+from hapticnet.node.idle import master_idle_below_n
 from hapticnet.node.model_wire import with_state
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.master_session import MasterSession
@@ -25,6 +26,7 @@ class Forward:
 
     def __init__(self, session: MasterSession, law: WeberLaw, axes: int) -> None:
         self.law = law
+        self._idle_below_n = master_idle_below_n(law)
         self._session = session
         self._axes = axes
         self._every = Raw().encoder(axes)
@@ -34,6 +36,7 @@ class Forward:
     def begin(self, law: WeberLaw, share: float) -> None:
         """Begin a session that grants positions a share of a JND; 0: every position is sent."""
         self.law = law
+        self._idle_below_n = master_idle_below_n(law)
         reasons = self._sender.reasons if self._sender is not None else None
         self._sender = PositionSender(law, share) if share else None
         if self._sender is not None and reasons is not None:
@@ -62,8 +65,8 @@ class Forward:
             self._transmit(now_us, payload, state)
 
     def is_idle(self, applied_n: Vector) -> bool:
-        """Tell whether the force [N] of a session with few positions is too small to be felt."""
-        return self._sender is not None and magnitude(applied_n) < 2.0 * self.law.threshold_n(0.0)
+        """Tell whether the force [N] of a session with few positions is so small that a long silence does no harm."""
+        return self._sender is not None and magnitude(applied_n) < self._idle_below_n
 
     def send(
         self,

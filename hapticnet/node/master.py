@@ -240,17 +240,11 @@ class MasterNode:
 
     def _send(self, position_m: Vector, state: int | None, now_us: int) -> None:
         """Send the position of a tick, if the slave needs it; `state` is that of an announced model."""
-        applied, forward, session = self._applied, self._forward, self.session
+        applied, forward = self._applied, self._forward
         try:
             if not forward.is_sparse:
-                session.idle = False
                 forward.send_every(now_us, position_m, state)
                 return
-            # What follows the position may make a force at any tick, so it is never idle.
-            follows = self.on_model or self._codec.needs_position
-            session.idle = not follows and forward.is_idle(applied.received_n)
-            if session.idle and session.state is MasterState.ESTABLISHED:
-                applied.keep(now_us)
             difference = applied.difference(now_us, self.position_period_us, position_m)
             place_m = forward.send(now_us, position_m, applied.received_n, state, difference)
             applied.follow(now_us, self.position_period_us, place_m)
@@ -293,6 +287,7 @@ class MasterNode:
         if self.failure is None:
             try:
                 self._applied.advance(now_us, self.position_period_us, self.position_m)
+                self._note_idle()
             except Exception as error:  # a user's codec may raise anything
                 self._fail(f"the codec failed: {in_words(error)}", now_us)
         if self.failure is None and self.paused is None:
@@ -308,6 +303,13 @@ class MasterNode:
                 self._ahead_n = self._applied.expected(now_us, self._lead_us)
             except Exception as error:  # a user's codec may raise anything
                 self._fail(f"the codec failed: {in_words(error)}", now_us)
+
+    def _note_idle(self) -> None:
+        """Note whether so little is applied that the link may be silent for longer."""
+        # What follows the position may make a force at any tick, so it is never idle.
+        idle = self._forward.is_idle(self.received_n) and not (self.on_model or self._codec.needs_position)
+        self.session.idle = idle
+        self._applied.keep(idle and self.session.state is MasterState.ESTABLISHED)
 
     def _press(self, fingertip: Fingertip | Actuator, now_us: int) -> None:
         self._device_time.begin()

@@ -55,13 +55,31 @@ def test_holds_unchanged_until_the_age_limit_then_falls_linearly_to_exactly_zero
     assert hold.value(1_000 + END_US) == (0.0, 0.0)
 
 
-def test_a_stimulus_is_released_when_all_of_it_has_decayed() -> None:
-    hold = Hold(SETTINGS)
-    assert hold.is_released(0)
+def test_following_tells_whether_any_of_the_stimulus_is_applied() -> None:
     hold = holding((3.0,), 0)
-    assert [hold.is_released(now_us) for now_us in (LIMIT_US, END_US - 1, END_US)] == [False, False, True]
-    hold.confirm(END_US + 1)
-    assert not hold.is_released(END_US + 1)
+    assert [hold.follow((3.0,), now_us) for now_us in (LIMIT_US, END_US - 1, END_US)] == [True, True, False]
+
+
+def test_what_is_kept_stays_but_grows_older() -> None:
+    hold = holding((0.03,), 0)
+    hold.kept = True
+    assert hold.value(10 * END_US) == (0.03,)
+    assert hold.follow((2.0,), 10 * END_US)
+    hold.kept = False
+    assert hold.value(10 * END_US) == (0.0,), "not a moment longer than if it had not been kept"
+    hold = holding((0.03,), 0)
+    hold.kept = True
+    assert hold.value(LIMIT_US - MS) == (0.03,)
+    hold.kept = False
+    assert hold.value(LIMIT_US + SETTINGS.decay_us // 2) == (pytest.approx(0.015),)
+
+
+def test_what_follows_a_kept_stimulus_does_not_have_to_rise() -> None:
+    hold = holding((0.03,), 0)
+    hold.kept = True
+    assert hold.value(10 * END_US) == (0.03,)
+    hold.receive((1.5,), 10 * END_US)
+    assert hold.value(10 * END_US) == (1.5,)
 
 
 def test_a_keepalive_renews_the_age() -> None:

@@ -338,6 +338,59 @@ def test_a_largest_age_that_leaves_no_answer_fresh_is_refused():
     assert loop.master.session.received.too_old == 0
 
 
+@pytest.mark.parametrize("dies", ["both", "feedback", "forward"])
+@pytest.mark.parametrize("multiplier", [1.0, 40.0])
+@pytest.mark.parametrize("codec", ["deadband", "linear-predictive", "motion-predictive"])
+def test_a_dead_link_holds_no_force_longer_whatever_the_jnd(codec, multiplier, dies):
+    loop, _ = link(
+        hand={"push_steps": 1, "depth_m": 0.0255, "pause_s": 5.0}, codec=codec, law=WeberLaw(multiplier=multiplier)
+    )
+    loop.run(4 * SECOND)
+    assert loop.master.held_n[0] > 0.7
+    for each in ("forward", "feedback") if dies == "both" else (dies,):
+        getattr(loop, each).change(parse_channel("loss=100%"))
+    # Of a line the slave makes answers for up to 150 ms.
+    loop.run(301_000 + (150_000 if dies == "forward" else 0))
+    assert loop.master.held_n[0] == 0.0
+    assert loop.master.session.state is MasterState.STALE
+
+
+class PressAndStay:
+    """A hand that presses and goes back to where a spring of 400 N/m has a small force, or a large JND holds one."""
+
+    axes, duration_us = 1, 5 * SECOND
+
+    def __init__(self, stays_n):
+        self.stays_m = stays_n / 400.0
+
+    def sample(self, t_us):
+        pressed_m = 0.005 * np.sin(np.pi * t_us / 1e6) if t_us < SECOND else 0.0
+        return PositionSample(t_us, (0.02 + max(self.stays_m, pressed_m),))
+
+
+@pytest.mark.parametrize("multiplier", [0.5, 1.0, 4.0, 40.0])
+def test_what_stays_longer_than_that_is_too_little_to_press(multiplier):
+    longer = []
+    for stays_n in (-0.1, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.1):
+        law, rng = WeberLaw(multiplier=multiplier), np.random.default_rng(1)
+        master = MasterNode(PressAndStay(stays_n), None, MasterSettings(law=law, positions="line"), rng)
+        spring = (Tissue(name="spring", rest_position_m=0.02, stiffness_n_per_m=400.0, breach_force_n=4.0),)
+        channels = [Emulator[bytes](parse_channel("perfect"), rng) for _ in range(2)]
+        slave = SlaveNode(lambda _, spring=spring: Scene(spring), SlaveSettings(), rng)
+        loop = Loopback(master, slave, forward=channels[0], feedback=channels[1])
+        loop.run(2 * SECOND)
+        held_n = master.held_n[0]
+        for channel in channels:
+            channel.change(parse_channel("loss=100%"))
+        loop.run(301_000)
+        if master.held_n[0]:
+            longer.append(master.held_n[0])
+            assert master.held_n[0] == held_n < min(2.0 * law.threshold_n(0.0), 0.05)
+        loop.run(700_000)
+        assert master.held_n[0] == 0.0
+    assert bool(longer) == (multiplier < 40.0), "what is held at a large JND is large"
+
+
 class PressAgain:
     """A hand that presses, waits outside for 0.7 s, and presses again."""
 
