@@ -141,7 +141,7 @@ def test_a_result_is_drawn():
 
     mpl.use("agg")
     force, sent, error = hn.encode(VECTORS, multiplier=2).plot(window_s=(0.5, 1.0))
-    assert force.figure.get_suptitle() == "deadband"
+    assert force.figure.get_suptitle() == "deadband, 0.5 to 1 s of 2 s"
     for axes, names in ((force, ["true force", "applied (held) force"]), (error, ["threshold", "error"])):
         assert [text.get_text() for text in axes.get_legend().get_texts()] == names
     assert "samples sent" in sent.get_title(loc="left")

@@ -37,7 +37,8 @@ def main() -> None:
     )
     link.run(duration_us=operator.duration_us)
     (station,) = link.slave.stations
-    draw_run(station.recording.table(), link.master.recording.table(), parser.parse_args().file)
+    tables = station.recording.table(), link.master.recording.table()
+    draw_run(*tables, parser.parse_args().file, codec="deadband, 1 JND")
 
 
 if __name__ == "__main__":

@@ -136,7 +136,7 @@ def demo(
     try:
         draw_bytes_per_penetration(rows, bytes_figure)
         shown = next(each for each in played if each.condition.name == SHOWN)
-        draw_run(shown.slave_samples, shown.master_samples, run_figure)
+        draw_run(shown.slave_samples, shown.master_samples, run_figure, codec=f"{codec}, {SHOWN}")
     except UnavailableError as error:
         console.say(str(error))
     else:

@@ -30,6 +30,8 @@ SWEPT: Final = {
 MOST_TICKS: Final = 8
 
 OPTIMA: Final = {HOLD_OPTIMUM: (0, (4, 2)), LINE_OPTIMUM: (0, (1, 1.5))}
+OPTIMUM_MARKERS: Final = {HOLD_OPTIMUM: "+", LINE_OPTIMUM: "x"}
+"""Markers, so that an optimum can be seen where there is one threshold only."""
 
 
 class Figures:
@@ -126,11 +128,12 @@ def _draw_rates(shown: Sequence[Block], file: Path, key: str, label: str, factor
             ]
             if line:
                 told = f"{name}\n(at the deadband's error)"
-                axes.plot(*zip(*sorted(line), strict=True), linestyle=dash, color=INK, linewidth=1.0, label=told)
+                look = {"linestyle": dash, "marker": OPTIMUM_MARKERS[name], "color": INK, "linewidth": 1.0}
+                axes.plot(*zip(*sorted(line), strict=True), **look, label=told)
         finish_axes(axes, across="log")
         axes.set_xlabel("RMSE of the applied force [N]")
         axes.set_ylabel(label)
-        _finish(figure, axes, shown, swept)
+        _finish(figure, axes, shown, swept, _without_raw(shown, key, factor, label))
 
 
 def _draw_optimum(shown: Sequence[Block], file: Path) -> None:
@@ -164,7 +167,7 @@ def _draw_optimum(shown: Sequence[Block], file: Path) -> None:
                 axes.set_xticks(values, [f"{value:g}" for value in values])
             axes.set_xlabel(SWEPT[swept])
             axes.set_ylabel("packets over the fewest of any hold")
-        _finish(figure, axes, shown, swept)
+        _finish(figure, axes, shown, swept, _without_raw(shown, key, 1.0, "times the fewest of any hold"))
 
 
 def _swept(shown: Sequence[Block]) -> str:
@@ -188,15 +191,29 @@ def _lines(
     return lines
 
 
-def _finish(figure: Any, axes: Any, shown: Sequence[Block], swept: str) -> None:
-    """Add the legend, and what the figure shows."""
+def _without_raw(shown: Sequence[Block], key: str, factor: float, unit: str) -> str:
+    """Return a line that gives the figures of raw, which is not drawn; "" if it was not compared.
+
+    Raw runs once, whatever the thresholds, so at several there is no figure over the optimum of each.
+    """
+    values = [factor * line.values[key] for block in shown for line in block.lines if line.codec == "raw"]
+    if not values:
+        return ""
+    if key == "over_optimum" and len(values) < len(shown):
+        return "\nnot drawn: raw"
+    ends = dict.fromkeys(f"{end:,.4g}" for end in (min(values), max(values)))
+    return f"\nnot drawn: raw, {' to '.join(ends)} {unit}"
+
+
+def _finish(figure: Any, axes: Any, shown: Sequence[Block], swept: str, left_out: str) -> None:
+    """Add the legend, and what the figure shows and what it leaves out."""
     legend(figure, axes, below=False, handlelength=3.6, labelspacing=0.7)
     values = sorted({getattr(block.settings, swept) for block in shown})
     some = (
         ", ".join(f"{value:g}" for value in values) if len(values) <= MOST_TICKS else f"{values[0]:g} to {values[-1]:g}"
     )
     recordings = shown[0].trial or METHOD.format(count=shown[0].recordings)
-    figure.suptitle(f"{recordings}; {SWEPT[swept]}: {some}", fontsize=8)
+    figure.suptitle(f"{recordings}; {SWEPT[swept]}: {some}{left_out}", fontsize=8)
 
 
 def _chosen(codecs: Sequence[Codec], label: str | None) -> Codec:

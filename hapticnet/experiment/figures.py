@@ -7,7 +7,7 @@ import numpy as np
 
 from hapticnet.arrays import FloatArray
 from hapticnet.experiment.analysis import Columns, matched, vectors
-from hapticnet.experiment.signal_figure import Signal, draw_force, draw_sent
+from hapticnet.experiment.signal_figure import Signal, draw_force, draw_sent, told_extract
 from hapticnet.experiment.style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, VERMILION, legend, picture
 from hapticnet.perception import WeberLaw
 
@@ -64,8 +64,14 @@ def draw_bytes_per_penetration(rows: list[dict[str, Any]], file: Path) -> None:
         legend(figure, axes)
 
 
-def draw_run(slave: Columns, master: Columns, file: Path) -> None:
-    """Draw the first insertion of a run from the recordings of both sides, its last breach magnified beside it."""
+def draw_run(slave: Columns, master: Columns, file: Path, *, codec: str) -> None:
+    """Draw the first insertion of a run from the recordings of both sides, its last breach magnified beside it.
+
+    Parameters
+    ----------
+    codec
+        Codec and threshold for the title, such as "deadband, 1 JND".
+    """
     at_slave, at_master = matched(slave, master)
     stamps_us = slave["t_us"][at_slave]
     signal = Signal(
@@ -89,7 +95,8 @@ def draw_run(slave: Columns, master: Columns, file: Path) -> None:
             ticks.set_xlabel("time [s]")
             ticks.set_xlim(window_s)
             if axes is force:
-                figure.suptitle(share, color=BLUE, fontweight="bold")
+                title = f"{codec}: first insertion{told_extract(signal, window_s)}\n{share}"
+                figure.suptitle(title, color=BLUE, fontweight="bold")
         force.axvspan(*near_s, color=ORANGE, alpha=0.2, linewidth=0)
         legend(figure, force)
         near.set_facecolor("#fdf5e6")

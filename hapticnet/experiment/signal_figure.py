@@ -66,7 +66,7 @@ def fill_figure(figure: Any, signal: Signal, *, window_s: tuple[float, float], t
     force, sent, error = figure.subplots(3, 1, sharex=True, height_ratios=HEIGHTS)
     draw_force(force, signal, window_s)
     legend_above(force)
-    figure.suptitle(title, fontsize=9)
+    figure.suptitle(title + told_extract(signal, window_s), fontsize=9)
     share = draw_sent(sent, signal, window_s)
     sent.set_title(share, loc="left", color=BLUE)
     shown = _shown(signal, window_s)
@@ -82,6 +82,15 @@ def fill_figure(figure: Any, signal: Signal, *, window_s: tuple[float, float], t
     legend_above(error)
     error.set_xlabel("time [s]")
     error.set_xlim(window_s)
+
+
+def told_extract(signal: Signal, window_s: tuple[float, float]) -> str:
+    """Return the words for a title that say which stretch of a signal is shown; "" if it is all of it."""
+    start_s, end_s = float(signal.t_s[0]), float(signal.t_s[-1])
+    if window_s[0] <= start_s and window_s[1] >= end_s:
+        return ""
+    first, last, whole = (f"{round(s, 2):g}" for s in (max(window_s[0], start_s), min(window_s[1], end_s), end_s))
+    return f", {first} to {last} s of {whole} s"
 
 
 def draw_force(axes: Any, signal: Signal, window_s: tuple[float, float], *, width: float = 1.0) -> None:

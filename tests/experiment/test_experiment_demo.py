@@ -45,5 +45,5 @@ def test_a_scene_is_summed_up_by_what_happens_in_it(scene, tissues, counted, cap
     assert "above 1 JND over 25 ms" in printed
     assert ("ordered right" in printed) == bool(tissues)
     draw_bytes_per_penetration(rows, tmp_path / "bytes.png")
-    draw_run(played[1].slave_samples, played[1].master_samples, tmp_path / "run.png")
+    draw_run(played[1].slave_samples, played[1].master_samples, tmp_path / "run.png", codec="deadband, 1 JND")
     assert (tmp_path / "run.png").read_bytes().startswith(b"\x89PNG")

@@ -72,7 +72,7 @@ def test_a_run_is_drawn_even_without_a_breach_and_always_the_same(tmp_path, loop
     files = [tmp_path / name for name in ("short.png", "run.png", "again.png")]
     for file, duration_us in zip(files, (500_000, 4_500_000, 0), strict=True):
         link.run(duration_us)
-        draw_run(link.slave.stations[0].recording.table(), link.master.recording.table(), file)
+        draw_run(link.slave.stations[0].recording.table(), link.master.recording.table(), file, codec="raw")
     assert files[1].read_bytes() == files[2].read_bytes() != files[0].read_bytes()
 
 
@@ -89,6 +89,21 @@ def test_the_figures_of_a_comparison_hide_nothing_and_declare_their_scales(tmp_p
     assert len(drawn) == 4
     for figure in drawn:
         check_readable(figure)
+    assert "not drawn" not in drawn[0].get_suptitle()
+
+
+def test_at_one_threshold_the_optima_have_a_point_and_raw_has_a_line_of_text(tmp_path, drawn):
+    t_us = 1000 * np.arange(6000)
+    trial = Trial(name="sine", t_us=t_us, stimuli=2.0 + np.sin(t_us * 7e-6)[:, None])
+    codecs = [make_codec(name, WeberLaw(), {}) for name in ("raw", "deadband")]
+    Figures([trial], codecs, folder=tmp_path).draw(compare([trial], codecs))
+    packets, _, optimum, signal = drawn
+    markers = {line.get_label().partition("\n")[0]: line.get_marker() for line in packets.axes[0].get_lines()}
+    assert markers["optimum, hold"] == "+"
+    assert markers["optimum, lines"] == "x"
+    assert packets.get_suptitle().endswith("\nnot drawn: raw, 1,000 packets/s")
+    assert optimum.get_suptitle().endswith("times the fewest of any hold")
+    assert re.fullmatch(r"sine: deadband, threshold 1 JND, [0-9.]+ to [0-9.]+ s of 6 s", signal.get_suptitle())
 
 
 def test_the_figure_of_a_step_begins_shortly_before_it(tmp_path, drawn):
