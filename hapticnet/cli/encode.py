@@ -60,7 +60,10 @@ def encode(
     for note in recording.notes:
         console.say(f"{file}: {note}")
     if recording.position is None and chosen.needs_position:
-        console.say(f"{chosen.name} depends on the tool's motion; without --position-column it behaves as if at rest")
+        console.say(
+            f"{chosen.name} depends on the tool's motion, and no column is called position: it behaves as if at rest;"
+            " name the positions with --position-column"
+        )
     seconds = math.inf
     try:
         # The first run may load compiled code; a second one shows the codec's own speed.

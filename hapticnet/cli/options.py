@@ -44,7 +44,7 @@ SamplingRate: TypeAlias = Annotated[
 ]
 PositionColumn: TypeAlias = Annotated[
     str | None,
-    typer.Option(metavar="NAME[,NAME…]", help="Position columns [m], for codecs and measures that need motion."),
+    typer.Option(metavar="NAME[,NAME…]", help="Position columns [m]; default: those called position or pos."),
 ]
 PositionScale: TypeAlias = Annotated[
     float | None,

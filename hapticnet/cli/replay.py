@@ -98,16 +98,18 @@ def replay(
 def _rate_hz(t_us: list[int]) -> float:
     """Return the samples a second of a recording, as a rate that a slave grants."""
     from itertools import pairwise
-    from statistics import fmean, median
+    from statistics import median
 
     from hapticnet.protocol.ranges import RATE_HZ
 
     steps = [after - before for before, after in pairwise(t_us) if after > before]
     if not steps:
         return 1000.0
-    usual = 2 * median(steps)
-    step_us = fmean(step for step in steps if step <= usual)  # without gaps
-    return min(max(round(1e6 / step_us, 1), RATE_HZ.smallest), FASTEST_HZ)
+    # A tick that was late or left out makes a step longer, by whole periods in the end: a mean of steps would tell
+    # another rate than the session had.
+    usual_us = median(steps)
+    periods = sum(round(step / usual_us) for step in steps)
+    return min(max(round(1e6 * periods / sum(steps), 1), RATE_HZ.smallest), FASTEST_HZ)
 
 
 @contextmanager

@@ -101,7 +101,7 @@ def load_recording(
     missing: Missing = "refuse",
     max_bytes: int = MAX_BYTES,
 ) -> Recording:
-    """Read a force, and a position if asked for, from a CSV, TSV, .npy, .npz, .mat or .parquet file.
+    """Read a force, and its positions if there are any, from a CSV, TSV, .npy, .npz, .mat or .parquet file.
 
     Times come from the column `time`, or else from one called t, time or timestamp, with or without a unit (``t_us``,
     ``time [ms]``), as numbers or as dates and times in ISO 8601; without such a column, from `rate_hz`. Units in names
@@ -114,7 +114,8 @@ def load_recording(
         number from 0; a string is split at commas. None: those called force (or received, in a recording of a
         master), or else the only column that is not time.
     position
-        Position columns, one for each force column; None: no positions.
+        Position columns, one for each force column. None: those called position or pos, if there is one for each
+        force column and no value is missing in them.
     position_scale
         Metres in one unit of position, instead of the unit in the name; negative if positions increase in the
         direction in which a positive force pushes.
@@ -136,15 +137,15 @@ def load_recording(
     UnavailableError
         If the package that reads this kind of file is not installed.
     """
-    if position is None and position_scale is not None:
-        raise SettingsError(
-            "--position-scale (position_scale=) applies to --position-column, which is not given (position=)"
-        )
     source = _open(user_path(path), rate_hz, missing, max_bytes)
     with file_errors(source.path):
         time_at = _times(source, time)
         force_at = _choose(source, columns, "force", time_at)
-        position_at = [] if position is None else _choose(source, position, "position", time_at)
+        if position is not None:
+            position_at = _choose(source, position, "position", time_at)
+        else:
+            named = _named(source.names, _others(source, time_at), "position")
+            position_at = named if len(named) == len(force_at) and not set(named) & set(force_at) else []
         if time is None and rate_hz is not None and time_at in (*force_at, *position_at):
             time_at = None  # such as a torque t
         _check_apart(source, {"time": [time_at], "force": force_at, "position": position_at})
@@ -152,8 +153,25 @@ def load_recording(
             raise SettingsError(
                 f"{len(position_at)} position columns for {len(force_at)} force columns; the counts must match"
             )
-        t_us, force, moved, notes = _read(source, time_at, force_at, position_at, position_scale, rate_hz, missing)
+        t_us, force, moved, notes = _read(
+            source,
+            time_at,
+            force_at,
+            position_at,
+            position_scale,
+            rate_hz,
+            missing,
+            whole_position=position is None,
+        )
+    if position_scale is not None and not position_at:
+        raise SettingsError(
+            "--position-scale (position_scale=) applies to --position-column, which is not given (position=), and no"
+            " column is called position"
+        )
+    position_at = position_at[: moved.shape[1]]
     notes = (*notes, *_choice_note(source, columns, "force", force_at, time_at))
+    if position_at:
+        notes = (*notes, *_choice_note(source, position, "position", position_at, time_at))
     names = tuple(source.names[index] for index in force_at)
     if columns is None and any("received" in name for name in names):
         notes = (*notes, f"no true force; {', '.join(names)} is what a master received, compressed already")
@@ -271,11 +289,23 @@ def _read(
     position_scale: float | None,
     rate_hz: float | None,
     missing: Missing,
+    *,
+    whole_position: bool = False,
 ) -> tuple[IntArray, FloatArray, FloatArray, tuple[str, ...]]:
-    """Return times [µs], shape (n,), forces [N] and positions [m], shapes (n, columns), and notes."""
+    """Return times [µs], shape (n,), forces [N] and positions [m], shapes (n, columns), and notes.
+
+    Parameters
+    ----------
+    whole_position
+        Whether positions in which a value is missing are left out, shape (n, 0).
+    """
     indices = [*force_at, *position_at]
-    scales, unit_notes = _scales(source.names, force_at, position_at, position_scale)
     times, values, read_notes = _numbers(source, time_at, indices, rate_hz)
+    if whole_position and np.isnan(values[:, len(force_at) :]).any():
+        names = ", ".join(source.names[index] for index in position_at)
+        read_notes = [*read_notes, f"position: {names} lack values and are not used"]
+        indices, position_at, values = force_at, [], values[:, : len(force_at)]
+    scales, unit_notes = _scales(source.names, force_at, position_at, position_scale)
     times, values, missing_notes = _without_missing(source, time_at, indices, times, values, missing)
     if np.abs(times).max() > LATEST_US:
         raise FileError(

@@ -13,7 +13,7 @@ from hapticnet.recordings.delimited import DelimitedSource
 from hapticnet.recordings.session.csv_writer import beside
 from hapticnet.recordings.session.in_force import change_notes
 from hapticnet.recordings.session.mcap_reader import read_mcap
-from hapticnet.recordings.session.reading import csv_events
+from hapticnet.recordings.session.reading import check_main, csv_events
 
 _READABLE: Final = "CSV, TSV, .npy, .npz, .mat, hapticnet's own .mcap and .parquet can be read"
 
@@ -115,6 +115,7 @@ def open_source(path: Path, max_bytes: int) -> Source:
         If the package that reads this kind is not installed.
     """
     check_readable(path, max_bytes)
+    check_main(path)
     with file_errors(path):
         with path.open("rb") as file:
             head = file.read(_HEAD_BYTES)

@@ -155,6 +155,15 @@ def test_an_export_of_what_is_no_recording_says_so_and_writes_nothing(run, tmp_p
     assert sorted(tmp_path.iterdir()) == before
 
 
+@pytest.mark.parametrize("name", ["run.about.json", "run.events.csv", "run.datagrams.csv"])
+def test_a_part_of_a_recording_is_not_read_as_a_force(run, tmp_path, name):
+    write_session(tmp_path / "run.csv", ticks=10)
+    for verb in ("encode", "compare", "replay"):
+        done = run(verb, tmp_path / name)
+        assert done.returncode == FileError.exit_code
+        assert f"a part of a recording; name its main file, {tmp_path / 'run.csv'}" in done.stderr
+
+
 def test_an_existing_file_is_exported_over_only_with_force(run, recording, tmp_path):
     (tmp_path / "run.events.csv").write_text("precious")
     assert "add --overwrite" in run("export", recording, "--format", "csv").stderr

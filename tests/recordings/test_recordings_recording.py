@@ -325,6 +325,20 @@ def test_positions_are_found_by_their_name(file):
         load_motion(file("t_us,x,y\n0,1,2\n"))
 
 
+def test_positions_of_a_force_are_found_by_their_name(file):
+    found = load_recording(file("t_us,position_m,force_n\n0,1,9\n5,2,9\n"))
+    assert found.position.tolist() == [[1], [2]]
+    assert "position: position_m, chosen by its name" in found.notes
+    other_axes = load_recording(file("t_us,pos_x,pos_y,force_n\n0,1,2,9\n"))
+    assert other_axes.position is None
+    gap = load_recording(file("t_us,position_m,force_n\n0,1,9\n5,,9\n"))
+    assert gap.position is None
+    assert gap.force.tolist() == [[9], [9]]
+    assert "position: position_m lack values and are not used" in gap.notes
+    with pytest.raises(SettingsError, match="no column is called position"):
+        load_recording(file("t_us,force\n0,1\n"), position_scale=2.0)
+
+
 @pytest.mark.parametrize("load", [load_recording, load_motion])
 @pytest.mark.parametrize("name", ["a.csv", "a.npy", "a.npz", "a.mat", "a.parquet"])
 def test_devices_and_pipes_are_refused_without_opening_them(tmp_path, name, load):

@@ -58,16 +58,21 @@ def _reader(path: Path, max_bytes: int) -> Callable[[Path, int], Session]:
     if magic.startswith(_ZIP_MAGIC):
         _check_npz(path)
         return _read_npz
-    for end in _BESIDE:
-        main = path.with_name(f"{path.name.removesuffix(end)}.csv")
-        if path.name.endswith(end) and main.exists():
-            raise FileError(f"{path}: a part of a recording; name its main file, {main}")
+    check_main(path)
     sidecar = beside(path, "about.json")
     if not sidecar.exists():
         raise FileError(
             f"{path}: {_NO_RECORDING}: that is a .mcap or .npz file, or a .csv file with {sidecar.name} beside it"
         )
     return _read_csv
+
+
+def check_main(path: Path) -> None:
+    """Raise FileError if a file is a part of a CSV recording beside its main file, such as its events."""
+    for end in _BESIDE:
+        main = path.with_name(f"{path.name.removesuffix(end)}.csv")
+        if path.name.endswith(end) and main.exists() and beside(main, "about.json").exists():
+            raise FileError(f"{path}: a part of a recording; name its main file, {main}")
 
 
 def _check_npz(path: Path) -> None:
