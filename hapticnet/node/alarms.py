@@ -8,6 +8,9 @@ from typing import Final, Generic, TypeVar
 SLACK: Final = 64
 """A heap is rebuilt when it has this many entries more than twice the number of items."""
 
+MOST: Final = 1 << 62
+"""More items than there can be."""
+
 T = TypeVar("T", bound=Hashable)
 
 
@@ -51,10 +54,10 @@ class Alarms(Generic[T]):
         self._set_us = {item: time_us for item, time_us in times if time_us is not None}
         self._rebuild()
 
-    def due(self, now_us: int) -> list[T]:
-        """Remove and return all items that are due, in no order."""
-        found = []
-        while self._heap and self._heap[0][0] <= now_us:
+    def due(self, now_us: int, most: int = MOST) -> list[T]:
+        """Remove and return the items that are due, at most so many: those that have been due for longest."""
+        found: list[T] = []
+        while len(found) < most and self._heap and self._heap[0][0] <= now_us:
             if self._put_right():
                 _, _, item = heappop(self._heap)
                 del self._set_us[item]

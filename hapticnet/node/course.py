@@ -28,13 +28,16 @@ class Course:
         The newest line.
     outlook
         The box in which the line is followed, as the master knows it or will be told; None: it is not followed.
+    every
+        The scene is stepped along the line each so many periods.
     """
 
-    __slots__ = ("_answered_us", "_heard_us", "_offset_us", "_period_us", "line", "outlook")
+    __slots__ = ("_answered_us", "_heard_us", "_offset_us", "_period_us", "every", "line", "outlook")
 
     def __init__(self, period_us: int) -> None:
         self.line: PromisedLine | None = None
         self.outlook: Outlook | None = None
+        self.every = 1
         self._period_us = period_us
         self._answered_us = 0  # newest time on the master's clock for which there is a force
         self._offset_us = 0  # when a position without delay arrives, minus its time
@@ -71,7 +74,7 @@ class Course:
         """Return when the scene is to be stepped along the line [µs]; None if that waits for a position."""
         if self.line is None or self.outlook is None:
             return None
-        steps = (self._answered_us - self.line.t_us) // self._period_us + 1
+        steps = (self._answered_us - self.line.t_us) // self._period_us + self.every
         after_us = steps * self._period_us
         return self.line.t_us + after_us + self._offset_us if after_us <= GRACE * LONGEST_SILENCE_US else None
 

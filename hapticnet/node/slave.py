@@ -6,8 +6,8 @@ from typing import Any, Final
 
 from hapticnet.errors import PeerError
 from hapticnet.node.admission import Admission, MakeScene, RefusalError, SlaveSettings
-from hapticnet.node.alarms import Alarms
 from hapticnet.node.feedback import SceneFailedError
+from hapticnet.node.line_steps import LineSteps
 from hapticnet.node.reception import Address, Reception
 from hapticnet.node.seats import NoSeatError, Seats
 from hapticnet.node.slave_events import MasterJoined, MasterLeft, MasterRefused, ScenePaused, SceneResumed, SlaveEvent
@@ -80,7 +80,7 @@ class SlaveNode:
         self._seats = Seats(settings.session)
         self._stations = self._seats.by_number
         self._welcomes: dict[tuple[Address, int], tuple[Station, bytes]] = {}
-        self._steps = Alarms(_next_step_us)  # of seated sessions whose positions are sent only when they matter
+        self._steps = LineSteps()
         self._to_notify: list[Station] = []
         self._notify_us = 0  # when all masters are told again that the slave is to stop
         self._to_answer: list[Station] = []
@@ -293,7 +293,7 @@ class SlaveNode:
             return
         if answer is not None:
             self._outbox.append((answer, station.address))
-        if station.course is not None:
+        if station.course is not None:  # asked here, because every position waits for this
             self._steps.note(station)
         if station.paused is not None and was_paused is None:
             self._events.append(ScenePaused(station, station.paused))
@@ -442,8 +442,3 @@ class SlaveNode:
             self.never_used += 1
             self.strangers.absorb(station.session.received)
             self.to_strangers.absorb(station.session.sent)
-
-
-def _next_step_us(station: Station) -> int | None:
-    """Return when a scene is to be stepped between two positions [µs]."""
-    return None if station.course is None else station.course.next_step_us()

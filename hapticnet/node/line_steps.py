@@ -1,0 +1,74 @@
+"""When scenes are stepped between positions that are sent only when they matter, and how often at most.
+
+A line takes its master ten datagrams a second, and the slave as many steps as the session's rate says. Every step that
+is not paid for by a datagram therefore counts toward a limit, for each identity and in all. Where a limit is reached,
+the sessions of that identity, or all, are stepped at every second, third, … of their times, and all positions that
+arrive are still answered.
+"""
+
+from collections.abc import Hashable
+from math import ceil
+from typing import Final
+
+from hapticnet.node.alarms import Alarms
+from hapticnet.node.station import Station
+
+EACH_HZ: Final = 4_000
+"""Steps between positions a second for one identity: four usual sessions in full, and a quarter of a core."""
+
+ALL_HZ: Final = 12_000
+"""Steps between positions a second for all."""
+
+MOST_AT_ONCE: Final = 8
+"""Steps in a row before positions that have arrived meanwhile are answered: they wait for half a millisecond."""
+
+
+class LineSteps:
+    """The sessions whose scenes are stepped between positions, by Python."""
+
+    def __init__(self) -> None:
+        self._alarms = Alarms(_next_step_us)
+        self._rates_hz: dict[Station, int] = {}
+        self._asked_hz: dict[Hashable, int] = {}  # by identity
+        self._all_hz = 0  # what the identities get, together, if that is not above the limit
+
+    def note(self, station: Station) -> None:
+        """Note that a session was answered, so that it is to be stepped at another time."""
+        course = station.course
+        if course is None or course.next_step_us() is None:  # it waits for a position, so others may be stepped more
+            self.forget(station)
+            return
+        if station not in self._rates_hz:
+            self._rates_hz[station] = rate_hz = ceil(station.grant.rate_hz)
+            self._ask(station.identity, rate_hz)
+        course.every = ceil(self._asked_hz[station.identity] / EACH_HZ) * ceil(self._all_hz / ALL_HZ)
+        self._alarms.note(station)
+
+    def forget(self, station: Station) -> None:
+        """Remove a session."""
+        rate_hz = self._rates_hz.pop(station, None)
+        if rate_hz is not None:
+            self._ask(station.identity, -rate_hz)
+            self._alarms.forget(station)
+
+    def due(self, now_us: int) -> list[Station]:
+        """Return the sessions to step now, those first that wait for longest; call `note` after each step."""
+        return self._alarms.due(now_us, MOST_AT_ONCE)
+
+    def earliest_us(self) -> int | None:
+        """Return when a session is to be stepped next [µs]; None if there is none."""
+        return self._alarms.earliest_us()
+
+    def _ask(self, identity: Hashable, more_hz: int) -> None:
+        """Note that an identity has sessions of more, or fewer, steps a second in all."""
+        before_hz = self._asked_hz.get(identity, 0)
+        after_hz = before_hz + more_hz
+        self._all_hz += min(after_hz, EACH_HZ) - min(before_hz, EACH_HZ)
+        if after_hz:
+            self._asked_hz[identity] = after_hz
+        else:
+            del self._asked_hz[identity]
+
+
+def _next_step_us(station: Station) -> int | None:
+    return None if station.course is None else station.course.next_step_us()
