@@ -1,21 +1,32 @@
-"""Bounded reading, and writing that replaces a file only when all of it is written."""
+"""Bounded reading of regular files only, and writing that neither follows links nor leaves half a file.
+
+A folder may come from a stranger. So a file whose name the program chooses is opened without following links: a link in
+its place could lead to any file of the user.
+"""
 
 import errno
+import fcntl
+import io
 import os
 import re
 import shutil
 import stat
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Final, TextIO
+from typing import BinaryIO, Final, TextIO
 
 from hapticnet.errors import FileError, HapticnetError, SettingsError
 
 MAX_BYTES: Final = 2 * 2**30
 """Default size limit of files that are read [B]: 2 GiB."""
 
+PART: Final = ".part"
+"""End of the name of a temporary file."""
+
 _SIZE: Final = re.compile(r"(\d{1,15}(?:\.\d{1,6})?)\s*([KMGT]?)(i?)B?", re.ASCII | re.IGNORECASE)
+_EXPECTED: Final = "expected a regular file"
 _NOT_REGULAR: Final = (
     (stat.S_ISDIR, "a directory"),
     (stat.S_ISCHR, "a character device"),
@@ -71,33 +82,71 @@ def check_readable(path: Path, max_bytes: int = MAX_BYTES) -> None:
         status = path.stat()
     except (OSError, ValueError) as error:  # ValueError: a null character in the name
         raise FileError(f"{path}: {getattr(error, 'strerror', None) or error}") from error
-    if not stat.S_ISREG(status.st_mode):
-        kind = next((name for is_kind, name in _NOT_REGULAR if is_kind(status.st_mode)), "a special file")
-        raise FileError(f"{path} is {kind}; expected a regular file")
-    if status.st_size > max_bytes:
-        raise FileError(f"{path}: {status.st_size} bytes; the limit is {max_bytes}")
+    _refuse_special(path, status, max_bytes)
 
 
-def read_text(path: Path, max_bytes: int = MAX_BYTES) -> str:
-    """Return the text of a UTF-8 file of at most `max_bytes`.
+def open_regular(path: Path, max_bytes: int = MAX_BYTES, *, follow: bool = True) -> BinaryIO:
+    """Open a regular file of at most `max_bytes` for reading; never wait for a pipe or a device.
+
+    Parameters
+    ----------
+    follow
+        Whether `path` may be a link.
+
+    Raises
+    ------
+    FileError
+        As `check_readable`, or if it is a link that is not to be followed.
+    """
+    if not follow and path.is_symlink():
+        raise FileError(f"{path} is a link; {_EXPECTED}")
+    check_readable(path, max_bytes)  # before it is opened: opening a device can have effects
+    try:
+        flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | (0 if follow else os.O_NOFOLLOW)
+        file = os.fdopen(os.open(path, flags), "rb")
+    except OSError as error:
+        raise FileError(f"{path}: {error.strerror or error}") from error
+    try:
+        _refuse_special(path, os.fstat(file.fileno()), max_bytes)  # it may have been replaced since
+    except FileError:
+        file.close()
+        raise
+    return file
+
+
+def read_bytes(path: Path, max_bytes: int = MAX_BYTES, *, follow: bool = True) -> bytes:
+    """Return the content of a regular file of at most `max_bytes`; see `open_regular`."""
+    with open_regular(path, max_bytes, follow=follow) as file:
+        try:
+            content = file.read(max_bytes + 1)  # a file under /proc has size 0 and any content
+        except OSError as error:
+            raise FileError(f"{path}: {error.strerror or error}") from error
+    if len(content) > max_bytes:
+        raise FileError(f"{path}: more than {max_bytes} bytes, which is the limit")
+    return content
+
+
+def read_text(path: Path, max_bytes: int = MAX_BYTES, *, follow: bool = True) -> str:
+    """Return the text of a UTF-8 file of at most `max_bytes`; see `open_regular`.
 
     Raises
     ------
     FileError
         If the file cannot be read, is too large or is not UTF-8.
     """
-    check_readable(path, max_bytes)
-    try:
-        with path.open("rb") as file:
-            content = file.read(max_bytes + 1)  # a file under /proc has size 0 and any content
-    except OSError as error:
-        raise FileError(f"{path}: {error.strerror or error}") from error
-    if len(content) > max_bytes:
-        raise FileError(f"{path}: more than {max_bytes} bytes, which is the limit")
+    content = read_bytes(path, max_bytes, follow=follow)
     try:
         return content.decode()
     except UnicodeDecodeError as error:
         raise FileError(f"{path}: not UTF-8 text: byte {error.start} is 0x{content[error.start]:02x}") from error
+
+
+def _refuse_special(path: Path, status: os.stat_result, max_bytes: int) -> None:
+    if not stat.S_ISREG(status.st_mode):
+        kind = next((name for is_kind, name in _NOT_REGULAR if is_kind(status.st_mode)), "a special file")
+        raise FileError(f"{path} is {kind}; {_EXPECTED}")
+    if status.st_size > max_bytes:
+        raise FileError(f"{path}: {status.st_size} bytes; the limit is {max_bytes}")
 
 
 @contextmanager
@@ -116,11 +165,30 @@ def file_errors(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[TextIO]:
-    """Open a UTF-8 file for writing; it replaces an existing file when all of it is written.
+def replacing(path: Path, *, follow: bool = True, sync: bool = False) -> Iterator[TextIO]:
+    """Open a UTF-8 file for writing; it replaces an existing file when all of it is written. See `replacing_bytes`."""
+    with replacing_bytes(path, follow=follow, sync=sync) as file:
+        text = io.TextIOWrapper(file, encoding="utf-8", newline="")
+        try:
+            yield text
+            text.flush()
+        finally:
+            text.detach()
+
+
+@contextmanager
+def replacing_bytes(path: Path, *, follow: bool = True, sync: bool = False) -> Iterator[BinaryIO]:
+    """Open a file for writing; it replaces an existing file when all of it is written.
 
     If writing fails or is interrupted, the existing file is unchanged. Devices, pipes and mount points (a file mounted
     into a container) cannot be replaced, so they are written directly.
+
+    Parameters
+    ----------
+    follow
+        Whether to replace what a link leads to, instead of the link. True only for a file that the user named.
+    sync
+        Whether to wait until the file is on the disk.
 
     Raises
     ------
@@ -128,21 +196,80 @@ def replacing(path: Path) -> Iterator[TextIO]:
         If the file cannot be written.
     """
     try:
-        if takes_a_stream(path):
-            with path.open("w", encoding="utf-8", newline="") as file:
+        if follow and takes_a_stream(path):
+            with path.open("wb") as file:
                 yield file
             return
-        target, part = _places(path)
-        try:
-            with part.open("w", encoding="utf-8", newline="") as file:
-                yield file
-            if target.exists():
-                shutil.copymode(target, part)
-            part.replace(target)
-        finally:
-            part.unlink(missing_ok=True)
+        with written_beside(Path(os.path.realpath(path)) if follow else path, sync=sync) as file:
+            yield file
     except OSError as error:
         raise FileError(f"{path}: cannot be written: {error.strerror}") from error
+
+
+@contextmanager
+def written_beside(path: Path, *, sync: bool = False) -> Iterator[BinaryIO]:
+    """Open a temporary file for writing; when all of it is written, it takes the place of `path`, even of a link.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be written.
+    """
+    part = _part(path)
+    try:
+        with _create(part) as file:
+            yield file
+            file.flush()
+            if sync:
+                os.fsync(file.fileno())
+        if path.exists() and not path.is_symlink():
+            shutil.copymode(path, part)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def open_in_place(path: Path, flags: int = 0) -> int:
+    """Open a regular file to read and change it where it is, create it if it is missing, and return its descriptor.
+
+    Raises
+    ------
+    FileError
+        If it cannot be written, or is a link or no regular file.
+    """
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC | flags, 0o644)
+    except OSError as error:
+        reason = f" is a link; {_EXPECTED}" if error.errno == errno.ELOOP else f": cannot be written: {error.strerror}"
+        raise FileError(f"{path}{reason}") from error
+    try:
+        _refuse_special(path, os.fstat(descriptor), sys.maxsize)
+    except FileError:
+        os.close(descriptor)
+        raise
+    return descriptor
+
+
+@contextmanager
+def locked(path: Path, busy: HapticnetError) -> Iterator[None]:
+    """Hold the lock of a file, which is created if it is missing; the system releases it however the process ends.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written, or is a link or no regular file.
+    HapticnetError
+        `busy`, if another process holds the lock.
+    """
+    descriptor = open_in_place(path)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise busy from error
+        yield
+    finally:
+        os.close(descriptor)
 
 
 def check_replaceable(path: Path) -> None:
@@ -160,9 +287,8 @@ def check_replaceable(path: Path) -> None:
         if path.exists() and not os.access(path, os.W_OK):
             raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
         if not takes_a_stream(path):
-            _, part = _places(path)
-            with part.open("w"):
-                pass
+            part = _part(Path(os.path.realpath(path)))
+            _create(part).close()
             part.unlink()
     except OSError as error:
         raise FileError(f"{path}: cannot be written: {error.strerror}") from error
@@ -210,7 +336,13 @@ def make_folder(path: Path) -> None:
         raise FileError(f"{path}: cannot create the folder: {error.strerror}") from error
 
 
-def _places(path: Path) -> tuple[Path, Path]:
-    """Return the file that `path` refers to, following links, and the temporary file beside it."""
-    target = Path(os.path.realpath(path))
-    return target, target.with_name(f".{target.name}.{os.getpid()}.part")
+def _part(path: Path) -> Path:
+    """Return the name of the temporary file beside a file."""
+    return path.with_name(f".{path.name}.{os.getpid()}{PART}")
+
+
+def _create(part: Path) -> BinaryIO:
+    """Create a temporary file and open it for writing. What had its name is removed; a link is never followed."""
+    part.unlink(missing_ok=True)
+    flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+    return os.fdopen(os.open(part, flags, 0o666), "w+b")

@@ -12,9 +12,14 @@ from hapticnet.files import (
     check_readable,
     check_replaceable,
     fresh_path,
+    locked,
+    open_in_place,
+    open_regular,
     parse_bytes,
+    read_bytes,
     read_text,
     replacing,
+    replacing_bytes,
 )
 
 
@@ -55,6 +60,50 @@ def test_a_link_still_points_to_its_target(tmp_path):
         stream.write("here")
     assert link.is_symlink()
     assert target.read_text() == "here"
+
+
+def test_a_link_in_the_place_of_a_file_of_the_programs_own_is_replaced_and_not_followed(tmp_path):
+    target, link = tmp_path / "target", tmp_path / "link"
+    target.write_text("precious")
+    link.symlink_to(target)
+    with replacing(link, follow=False, sync=True) as stream:
+        stream.write("here")
+    assert not link.is_symlink()
+    assert link.read_text() == "here"
+    assert target.read_text() == "precious"
+
+
+@pytest.mark.parametrize("write", [check_replaceable, lambda path: replacing_bytes(path).__enter__()])
+def test_a_link_with_the_name_of_the_temporary_file_is_not_followed(tmp_path, write):
+    target = tmp_path / "target"
+    target.write_text("precious")
+    (tmp_path / f".a.{os.getpid()}.part").symlink_to(target)
+    write(tmp_path / "a")
+    assert target.read_text() == "precious"
+
+
+def test_a_lock_or_table_that_is_a_link_or_no_regular_file_is_refused(tmp_path):
+    target = tmp_path / "target"
+    target.write_text("precious")
+    (tmp_path / "link").symlink_to(target)
+    os.mkfifo(tmp_path / "pipe")
+    for name, words in (("link", "is a link; expected a regular file"), ("pipe", "is a pipe; expected a regular file")):
+        with pytest.raises(FileError, match=words), locked(tmp_path / name, SettingsError("held")):
+            pass
+        with pytest.raises(FileError, match=words):
+            open_in_place(tmp_path / name, os.O_APPEND)
+    assert target.read_text() == "precious"
+
+
+def test_a_lock_keeps_others_out_until_it_is_given_back(tmp_path):
+    with (
+        locked(tmp_path / "lock", SettingsError("held")),
+        pytest.raises(SettingsError, match="held"),
+        locked(tmp_path / "lock", SettingsError("held")),
+    ):
+        pass
+    with locked(tmp_path / "lock", SettingsError("held")):
+        pass
 
 
 def test_a_check_creates_the_folder_only(tmp_path):
@@ -112,6 +161,21 @@ def test_only_regular_files_within_the_limit_are_read(tmp_path):
             read_document(path)
     with pytest.raises(FileError, match="No such file"):
         read_document(tmp_path / "none.toml")
+
+
+def test_what_is_not_to_be_followed_is_not_read_through_a_link(tmp_path):
+    (tmp_path / "a").write_bytes(b"secret")
+    (tmp_path / "link").symlink_to("a")
+    assert read_bytes(tmp_path / "link") == b"secret"
+    with pytest.raises(FileError, match="is a link; expected a regular file"):
+        read_bytes(tmp_path / "link", follow=False)
+
+
+def test_a_file_that_becomes_a_pipe_after_the_check_is_refused_without_waiting(tmp_path, monkeypatch):
+    os.mkfifo(tmp_path / "a")
+    monkeypatch.setattr("hapticnet.files.check_readable", lambda *_: None)
+    with pytest.raises(FileError, match="is a pipe; expected a regular file"):
+        open_regular(tmp_path / "a")
 
 
 def test_a_document_that_is_too_large_is_refused_without_reading_it(tmp_path):

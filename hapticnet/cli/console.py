@@ -167,9 +167,9 @@ def _print(text: str, stall_s: float | None) -> None:
         raise FileError(f"stdout cannot be written: {error.strerror}") from error
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a file, completely or not at all; raise FileError if it cannot be written."""
-    with replacing(path) as file:
+def write_text(path: Path, text: str, *, follow: bool = True) -> None:
+    """Write a file, completely or not at all; raise FileError if it cannot be written. `follow` as for `replacing`."""
+    with replacing(path, follow=follow) as file:
         file.write(text)
 
 

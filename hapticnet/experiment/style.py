@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from hapticnet.codec.registry import CODECS
 from hapticnet.errors import SettingsError, UnavailableError
+from hapticnet.files import replacing_bytes
 
 FORMATS: Final = ("png", "pdf", "svg")
 PRINT_WIDTH_IN: Final = 6.3
@@ -84,7 +85,8 @@ def picture(file: Path, height_in: float, *, width_in: float = PRINT_WIDTH_IN, *
             _declare_logs(figure)
             # No date in the file: the same figure gives the same file.
             metadata = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}.get(file.suffix[1:])
-            figure.savefig(file, metadata=metadata)
+            with replacing_bytes(file, follow=False) as stream:
+                figure.savefig(stream, format=file.suffix[1:], metadata=metadata)
         finally:
             plt.close(figure)
 

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from hapticnet.errors import FileError
+from hapticnet.files import open_regular
 from hapticnet.study import store
 from hapticnet.study.rows import AnyRow, OrderRow
 from hapticnet.study.weber import ParticipantFile, load_participant
@@ -21,8 +22,8 @@ def table_files(folder: Path, kind: type[AnyRow]) -> list[Path]:
     mark = "order_true" if kind is OrderRow else "reference_n"
     found = []
     for file in sorted(folder.rglob("*.tsv")):
-        with file.open(encoding="utf-8", errors="replace") as lines:
-            names = lines.readline(100_000).rstrip("\n").split("\t")
+        with open_regular(file) as lines:
+            names = lines.readline(100_000).decode(errors="replace").rstrip("\r\n").split("\t")
         if mark in names and "event" in names:
             found.append(file)
     return found

@@ -154,7 +154,7 @@ def keep_plan(plan: Plan, out: Path) -> None:
             raise SettingsError(f"{path} is another plan than the one given; choose another folder with --out-dir")
         return
     make_folder(out)
-    with replacing(path) as file:
+    with replacing(path, follow=False) as file:
         file.write(tomli_w.dumps(plan.model_dump()))
 
 
@@ -302,7 +302,7 @@ def write_participant(settings: SessionSettings, flow: LimitsFlow) -> tuple[Path
     make_folder(path.parent)
     if path.exists() and load_participant(path).measured_differently(measured):
         path = path.with_name(f"{settings.participant}-session-{settings.session}.toml")
-    with replacing(path) as file:
+    with replacing(path, follow=False) as file:
         file.write(measured.to_toml())
     return path, measured
 

@@ -5,7 +5,6 @@ a torn last line, which is dropped when the session goes on. Nothing is ever ove
 session away; the system releases it when the process ends, however it ends.
 """
 
-import fcntl
 import json
 import os
 from collections.abc import Iterator, Mapping
@@ -14,13 +13,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final, Generic
 
+from hapticnet.documents import LARGEST_DOCUMENT
 from hapticnet.errors import FileError, SettingsError
-from hapticnet.files import make_folder
+from hapticnet.files import locked, make_folder, open_in_place, read_bytes, read_text, replacing
 from hapticnet.study.rows import AnyRow, from_cells, header, sidecar, to_line
 
 LARGEST_TABLE: Final = 256 * 2**20
 
 SCHEDULE: Final = "schedule.json"
+LOCK: Final = ".lock"
 
 
 def session_folder(out: Path, participant: str, session: int, task: str) -> Path:
@@ -131,10 +132,7 @@ def read_rows(path: Path, kind: type[AnyRow], *, most: int | None = None) -> lis
     FileError
         If the table cannot be read.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise FileError(f"{path}: {error.strerror}") from error
+    data = read_bytes(path, LARGEST_TABLE)
     lines = data[: data.rfind(b"\n") + 1].decode("utf-8", "replace").splitlines()
     rows = []
     for number, line in enumerate(lines[1 : None if most is None else 1 + most], start=2):
@@ -175,20 +173,17 @@ def opened(
     """
     make_folder(folder)
     path = folder / name
-    with _locked(folder):
+    with locked(folder / LOCK, SettingsError(f"{folder}: another process runs this session; end it first")):
         if path.exists() and not resume:
             raise SettingsError(f"{path} exists; go on with it by --resume, or choose another --session")
+        if not path.exists() or not (folder / SCHEDULE).exists():  # a schedule without a table was never used
+            _create(folder / SCHEDULE, schedule)
+        described = path.with_suffix(".json")
+        if not described.exists():
+            _create(described, json.dumps(sidecar(kind, levels or {}), indent=1, ensure_ascii=False) + "\n")
+        descriptor = open_in_place(path, os.O_APPEND)
         try:
-            if not path.exists() or not (folder / SCHEDULE).exists():  # a schedule without a table was never used
-                _create(folder / SCHEDULE, schedule)
-            described = path.with_suffix(".json")
-            if not described.exists():
-                _create(described, json.dumps(sidecar(kind, levels or {}), indent=1, ensure_ascii=False) + "\n")
-            descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o644)
             _sync_folder(folder)
-        except OSError as error:
-            raise FileError(f"{error.filename or path}: cannot be written: {error.strerror}") from error
-        try:
             yield Store(path, kind, descriptor)
         finally:
             os.close(descriptor)
@@ -196,44 +191,22 @@ def opened(
 
 def stored_schedule(folder: Path) -> str | None:
     """Return the schedule that a session was begun with; None if there is none."""
-    try:
-        return (folder / SCHEDULE).read_text(encoding="utf-8")
-    except FileNotFoundError:
-        return None
-    except (OSError, UnicodeDecodeError) as error:
-        raise FileError(f"{folder / SCHEDULE}: cannot be read: {error}") from error
-
-
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    path = folder / ".lock"
-    try:
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-    except OSError as error:
-        raise FileError(f"{path}: cannot be written: {error.strerror}") from error
-    try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise SettingsError(f"{folder}: another process runs this session; end it first") from error
-        yield
-    finally:
-        os.close(descriptor)
+    path = folder / SCHEDULE
+    return read_text(path, LARGEST_DOCUMENT, follow=False) if os.path.lexists(path) else None
 
 
 def _create(path: Path, text: str) -> None:
     """Write a file that does not exist yet: completely, or not at all."""
-    part = path.with_name(f".{path.name}.part")
-    with part.open("w", encoding="utf-8") as file:
+    with replacing(path, follow=False, sync=True) as file:
         file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    part.replace(path)
 
 
 def _sync_folder(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+    except OSError as error:
+        raise FileError(f"{folder}: cannot be written: {error.strerror}") from error

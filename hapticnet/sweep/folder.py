@@ -1,17 +1,15 @@
 """The folder of a study's results: shards that are whole or not there, and what they belong to."""
 
-import fcntl
 import json
-import os
 import re
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
 from hapticnet.documents import LARGEST_DOCUMENT
 from hapticnet.errors import FileError, SettingsError, UnavailableError
-from hapticnet.files import check_folder, read_text, replacing
+from hapticnet.files import PART, check_folder, locked, read_text, replacing, replacing_bytes
 from hapticnet.sweep.grid import Shard, overlap
 from hapticnet.sweep.runs import Plan, all_columns, runs_of
 from hapticnet.sweep.table import digest_of, read_origin, versions
@@ -19,7 +17,6 @@ from hapticnet.sweep.table import digest_of, read_origin, versions
 ABOUT: Final = "sweep.json"
 STUDY: Final = "study.toml"
 LOCK: Final = "sweep.lock"
-UNFINISHED: Final = ".tmp"
 SHARDS: Final = "shard-*.parquet"
 """The files with the rows, as a glob."""
 
@@ -51,11 +48,7 @@ class Folder:
             If a sweep is at work in it.
         """
         check_folder(self.path)
-        with (self.path / LOCK).open("w") as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError as error:
-                raise UnavailableError(f"{self.path}: another sweep is at work in this folder") from error
+        with locked(self.path / LOCK, UnavailableError(f"{self.path}: another sweep is at work in this folder")):
             yield
 
     def open(self, plan: Plan, text: str, about: Mapping[str, Any]) -> list[Shard]:
@@ -77,7 +70,7 @@ class Folder:
         """
         self._refuse_other(plan)
         for left in self.path.iterdir():
-            if left.name.endswith(UNFINISHED) or _POISON.fullmatch(left.name):
+            if left.name.endswith(PART) or _POISON.fullmatch(left.name):
                 left.unlink()
         shards = self.shards(plan.digest)
         runs = runs_of(plan)
@@ -100,9 +93,9 @@ class Folder:
             "versions": versions(),
             **about,
         }
-        with replacing(self.path / STUDY) as file:
+        with replacing(self.path / STUDY, follow=False) as file:
             file.write(text)
-        with replacing(self.path / ABOUT) as file:
+        with replacing(self.path / ABOUT, follow=False) as file:
             file.write(json.dumps(content, indent=1) + "\n")
         return shards
 
@@ -157,25 +150,12 @@ class Folder:
         FileError
             If it cannot be written.
         """
-        path = self.path / shard_name(shard, content)
-        part = path.with_name(path.name + UNFINISHED)
-        try:
-            try:
-                with part.open("wb") as file:
-                    file.write(content)
-                    file.flush()
-                    os.fsync(file.fileno())
-                part.replace(path)
-            except BaseException:
-                with suppress(OSError):
-                    part.unlink()
-                raise
-        except OSError as error:
-            raise FileError(f"{path}: cannot be written: {error.strerror}") from error
+        with replacing_bytes(self.path / shard_name(shard, content), follow=False, sync=True) as file:
+            file.write(content)
 
     def mark(self, shard: Shard, reason: str) -> None:
         """Note that a shard could not be computed, and why."""
-        with replacing(self.path / f"{_stem(shard)}.poison.json") as file:
+        with replacing(self.path / f"{_stem(shard)}.poison.json", follow=False) as file:
             file.write(json.dumps({"first": shard.first, "end": shard.end, "reason": reason}) + "\n")
 
     def _refuse_other(self, plan: Plan) -> None:

@@ -9,8 +9,9 @@ from typing import Any, Final, TypeAlias
 
 from hapticnet.channel.quantities import parse_time_us
 from hapticnet.checks import check_integer
+from hapticnet.documents import LARGEST_DOCUMENT
 from hapticnet.errors import SettingsError
-from hapticnet.files import check_readable
+from hapticnet.files import read_bytes
 from hapticnet.study.observers import parse_observer
 from hapticnet.sweep.felt import FeltPlan, Repair
 from hapticnet.sweep.grid import Grid
@@ -122,8 +123,7 @@ def _digest(file: StudyFile, plan: AnyPlan) -> str:
         name, separator, _ = text.partition(".py:")
         if separator:
             path = file.folder / f"{name}.py"
-            check_readable(path)
-            content["code"][name] = hashlib.sha256(path.read_bytes()).hexdigest()
+            content["code"][name] = hashlib.sha256(read_bytes(path, LARGEST_DOCUMENT)).hexdigest()
     if isinstance(plan, FeltPlan):
         content["sources"] = [source.fingerprint() for source in plan.sources]
     return hashlib.sha256(json.dumps(content, sort_keys=True, default=repr).encode()).hexdigest()

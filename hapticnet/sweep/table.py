@@ -10,10 +10,14 @@ from pathlib import Path
 from typing import Any, Final
 
 from hapticnet.errors import FileError, UnavailableError
+from hapticnet.files import read_bytes
 from hapticnet.sweep.grid import Shard
 from hapticnet.sweep.link import Columns, Row
 
 METADATA_KEY: Final = b"hapticnet"
+LARGEST_SHARD: Final = 256 * 2**20
+"""Size limit of a shard [B]; the runs of half a minute take less than 1 MB."""
+
 NEEDS: Final = "hapticnet sweep needs pyarrow and duckdb: pip install pyarrow duckdb"
 
 
@@ -93,15 +97,11 @@ def read_origin(path: Path) -> tuple[Origin, int, str]:
         If it is not a whole shard.
     """
     pa, parquet = arrow()
+    content = read_bytes(path, LARGEST_SHARD)
     try:
-        content = path.read_bytes()
         about = parquet.read_metadata(pa.BufferReader(content))
         return Origin(**json.loads(about.metadata[METADATA_KEY])), int(about.num_rows), digest_of(content)
-    except OSError as error:
-        if error.errno is not None:
-            raise FileError(f"{path}: {error.strerror}") from error
-        raise _not_whole(path) from error
-    except (pa.ArrowException, KeyError, TypeError, ValueError) as error:
+    except (pa.ArrowException, OSError, KeyError, TypeError, ValueError) as error:
         raise _not_whole(path) from error
 
 

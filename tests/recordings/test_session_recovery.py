@@ -1,5 +1,7 @@
 """A recording whose writer was killed, or that is cut off or damaged anywhere, gives back what is whole."""
 
+import json
+import os
 import random
 import shutil
 
@@ -10,7 +12,7 @@ from mcap.writer import Writer
 
 from hapticnet.errors import FileError, HapticnetError
 from hapticnet.recordings.session.reading import read_session
-from hapticnet.recordings.session.recovery import recover_file
+from hapticnet.recordings.session.recovery import recover_file, refuse_if_recorded
 from hapticnet.recordings.session.sink import UNFINISHED
 from tests.recordings.session_cases import EVENTS, SUFFIXES, begin, give_rows, make_archive, tick_rows, write_session
 
@@ -197,3 +199,77 @@ def test_an_existing_file_is_not_replaced(tmp_path, whole):
     with pytest.raises(FileError, match="exists; name another file with --out"):
         recover_file(path)
     assert recover_file(path, tmp_path / "other.mcap").count > 0
+
+
+def left_behind(tmp_path, suffix, ticks=300):
+    """Return a recording whose writer was killed, in a folder of its own."""
+    write_session(tmp_path / f"run{suffix}", ticks=ticks, finish=False)
+    shutil.copytree(tmp_path, tmp_path / "copy", ignore=shutil.ignore_patterns("copy"))
+    return tmp_path / "copy" / f"run{suffix}{UNFINISHED}"
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["run.csv.unfinished", "run.events.csv.unfinished", "run.about.json.unfinished", "run.mcap.unfinished",
+     "run.npz.unfinished", "run.npz.unfinished/tick.rows", "run.npz.unfinished/about.json"],
+)  # fmt: skip
+@pytest.mark.parametrize("kind", ["link", "pipe"])
+def test_a_link_or_a_pipe_in_the_place_of_a_file_is_refused_and_nothing_is_changed(tmp_path, name, kind):
+    path = left_behind(
+        tmp_path, ".csv" if name.startswith("run.about") else next(suffix for suffix in SUFFIXES if suffix in name)
+    )
+    precious, file = tmp_path / "precious", path.parent / name
+    if file.is_dir():
+        file.rename(precious)
+        file.symlink_to(precious)
+    else:
+        file.rename(precious)
+        os.mkfifo(file) if kind == "pipe" else file.symlink_to(precious)
+    before = precious.stat()
+    with pytest.raises(FileError, match=r"is a (link|pipe); "):
+        recover_file(path)
+    assert precious.stat() == before
+    assert path.exists()
+
+
+@pytest.mark.parametrize("device", ["/dev/zero", "/dev/full"])
+def test_a_device_in_the_place_of_the_events_is_refused(tmp_path, device):
+    path = left_behind(tmp_path, ".npz")
+    (path / "events.json").unlink()
+    (path / "events.json").symlink_to(device)
+    with pytest.raises(FileError, match="is a link; expected a regular file"):
+        recover_file(path)
+
+
+def test_a_temporary_name_that_is_a_link_does_not_lead_out_of_the_folder(tmp_path):
+    path = left_behind(tmp_path, ".npz")
+    (tmp_path / "precious").write_text("precious")
+    for name in (".run.npz.part", f".run.npz.{os.getpid()}.part"):
+        (path.parent / name).symlink_to(tmp_path / "precious")
+    recover_file(path)
+    assert (tmp_path / "precious").read_text() == "precious"
+    assert not (path.parent / "run.npz").is_symlink()
+
+
+def test_rows_after_a_hole_were_never_written(tmp_path):
+    path = left_behind(tmp_path, ".npz")
+    size = (path / "tick.rows").stat().st_size
+    os.truncate(path / "tick.rows", size + 2**40)
+    assert 300 <= recover_file(path).count < 1000
+
+
+@pytest.mark.parametrize("types", [["i8", "O"], ["i8", "U100000000"]])
+def test_a_folder_with_unknown_types_is_refused(tmp_path, types):
+    path = tmp_path / "run.npz.unfinished"
+    path.mkdir()
+    tables = [{"name": "tick", "columns": ["t_us", "a"], "types": types}]
+    (path / "about.json").write_text(json.dumps({"about": {}, "tables": tables}))
+    with pytest.raises(FileError, match="unknown types"):
+        recover_file(path)
+
+
+def test_a_pipe_among_the_rows_does_not_keep_a_new_recording_from_starting(tmp_path):
+    folder = tmp_path / "run.npz.unfinished"
+    folder.mkdir()
+    os.mkfifo(folder / "a.rows")
+    refuse_if_recorded(tmp_path / "run.npz")

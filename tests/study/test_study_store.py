@@ -14,10 +14,11 @@ import pytest
 from hapticnet.errors import FileError, SettingsError, UnavailableError
 from hapticnet.study import screens
 from hapticnet.study.conduct import conduct
+from hapticnet.study.reading import read_rows as read_all_rows
 from hapticnet.study.rows import LimitsRow, OrderRow, columns
 from hapticnet.study.screens import ScreenKind
 from hapticnet.study.session import check_number, limits_session, order_session
-from hapticnet.study.store import opened, read_rows
+from hapticnet.study.store import opened, read_rows, stored_schedule
 from tests.cli.test_cli_errors import ROOT
 from tests.study.conducted import DATE, GivenRig, WillingFront
 from tests.study.killed import settings_of, task_of
@@ -138,6 +139,58 @@ def test_a_strange_table_is_refused_with_its_line_and_left_alone(tmp_path, chang
     with pytest.raises(FileError, match=words), open_table(tmp_path):
         pass
     assert path.read_bytes() == before
+
+
+def opened_and_closed(folder):
+    with open_table(folder):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("name", "use"),
+    [
+        (NAME, opened_and_closed),
+        (NAME, lambda folder: read_rows(folder / NAME, OrderRow)),
+        (NAME, lambda folder: read_all_rows(folder, OrderRow)),
+        (".lock", opened_and_closed),
+        ("schedule.json", stored_schedule),
+    ],
+)
+def test_a_pipe_in_the_place_of_a_sessions_file_is_refused_in_one_line(tmp_path, name, use):
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(FileError, match="is a pipe; expected a regular file"):
+        use(tmp_path)
+
+
+@pytest.mark.parametrize("name", [NAME, ".lock"])
+def test_no_file_of_a_session_is_written_through_a_link(tmp_path, name):
+    (tmp_path / "precious").write_text("torn")
+    folder = tmp_path / "session"
+    folder.mkdir()
+    (folder / name).symlink_to(tmp_path / "precious")
+    with pytest.raises(FileError, match="is a link; expected a regular file"), open_table(folder):
+        pass
+    assert (tmp_path / "precious").read_text() == "torn"
+
+
+def test_a_temporary_name_that_is_a_link_does_not_lead_out_of_the_folder(tmp_path):
+    (tmp_path / "precious").write_text("precious")
+    folder = tmp_path / "session"
+    folder.mkdir()
+    for name in (".schedule.json.part", f".schedule.json.{os.getpid()}.part"):
+        (folder / name).symlink_to(tmp_path / "precious")
+    with open_table(folder):
+        pass
+    assert (tmp_path / "precious").read_text() == "precious"
+    assert (folder / "schedule.json").read_text() == "{}\n"
+
+
+def test_a_table_that_is_too_large_is_not_read(tmp_path, monkeypatch):
+    with open_table(tmp_path) as store:
+        store.append(ROW)
+    monkeypatch.setattr("hapticnet.study.store.LARGEST_TABLE", 100)
+    with pytest.raises(FileError, match="the limit is 100"):
+        read_all_rows(tmp_path, OrderRow)
 
 
 def test_a_number_in_two_spellings_is_one_participant(tmp_path):

@@ -103,13 +103,13 @@ def test_a_sweep_that_was_stopped_goes_on_with_what_is_missing(plan, truth, rows
     first = swept(plan, out, pool, shard=5, is_stopped=lambda: len(pool.began) > 3)
     assert first.stopped
     assert 0 < first.done < 64
-    (out / (shard_name(Shard(40, 45), b"") + ".tmp")).write_bytes(b"half of a sha")  # as kill -9 leaves it
+    (out / f".{shard_name(Shard(40, 45), b'')}.77.part").write_bytes(b"half of a sha")  # as kill -9 leaves it
     second = swept(plan, out, HerePool(plan), shard=3)
     assert second.computed == 64 - first.done
     assert rows(out) == truth
     third = swept(plan, out, HerePool(plan))
     assert (third.computed, third.done) == (0, 64)
-    assert not list(out.glob("*.tmp"))
+    assert not list(out.glob(".*.part"))
 
 
 def test_more_repeats_keep_what_is_there(write_study, plan, truth, rows, tmp_path):
@@ -162,9 +162,32 @@ def test_a_full_disk_is_told_in_one_line_and_the_sweep_can_go_on(plan, truth, ro
         patch.setattr(os, "fsync", fsync_with_little_room)
         with pytest.raises(FileError, match=r"cannot be written: No space left on device; 12 of 64 runs are kept; run"):
             swept(plan, tmp_path / "out", HerePool(plan), shard=4)
-    assert not list((tmp_path / "out").glob("*.tmp"))
+    assert not list((tmp_path / "out").glob(".*.part"))
     assert swept(plan, tmp_path / "out", HerePool(plan)).computed == 52
     assert rows(tmp_path / "out") == truth
+
+
+def test_nothing_in_the_folder_is_written_through_a_link(plan, tmp_path):
+    out, precious = tmp_path / "out", tmp_path / "precious"
+    out.mkdir()
+    precious.write_text("precious")
+    (out / "study.toml").symlink_to(precious)
+    swept(plan, out, HerePool(plan), shard=40)
+    assert precious.read_text() == "precious"
+    (out / "sweep.lock").unlink()
+    (out / "sweep.lock").symlink_to(precious)
+    with pytest.raises(FileError, match=r"sweep.lock is a link; expected a regular file"):
+        swept(plan, out, HerePool(plan))
+    assert precious.read_text() == "precious"
+
+
+@pytest.mark.parametrize("name", ["shard-0000000000-0000000001-0123456789abcdef.parquet", "sweep.lock"])
+def test_a_pipe_in_the_folder_is_refused_in_one_line(plan, tmp_path, name):
+    swept(plan, tmp_path, HerePool(plan), shard=40)
+    (tmp_path / name).unlink(missing_ok=True)
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(FileError, match="is a pipe; expected a regular file"):
+        swept(plan, tmp_path, HerePool(plan))
 
 
 def test_a_run_that_fails_has_its_error_in_the_place_of_figures(write_study, rows, tmp_path):

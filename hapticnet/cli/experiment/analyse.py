@@ -97,8 +97,8 @@ def write_results(
         jnds = {"provenance": provenance(), "jnds": [each.model_dump() for each in people]}
         text = json_module.dumps(plain(jnds), indent=1)
         check_outputs(*(target / name for name in ("report.md", "results.json")))
-        write_text(target / "report.md", report)
-        write_text(target / "results.json", text + "\n")
+        write_text(target / "report.md", report, follow=False)
+        write_text(target / "results.json", text + "\n", follow=False)
         say(f"report: {target}")
         return report, text
     used, stated = _margin(folder, margin)
@@ -135,7 +135,7 @@ def write_results(
     text = json_module.dumps(plain(account), indent=1)
     contents = report, csv_text(results, origin), latex(results, origin), text + "\n"
     for name, content in zip(FILES, contents, strict=True):
-        write_text(target / name, content)
+        write_text(target / name, content, follow=False)
     say(f"report, tables and {len(pictures)} pictures: {target}")
     return report, text
 

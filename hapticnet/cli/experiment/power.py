@@ -87,7 +87,7 @@ def power(
         raise
     console.finish()
     if out_dir is not None:
-        write_text(out_dir / "power.csv", csv_text(found, [f"SIMULATED: {source}", *provenance_lines()]))
+        write_text(out_dir / "power.csv", csv_text(found, [f"SIMULATED: {source}", *provenance_lines()]), follow=False)
         console.say(f"table: {out_dir / 'power.csv'}")
         try:
             _draw(found, source, out_dir, console.say)

@@ -146,7 +146,7 @@ class Archive:
         writer, _, about = self._open[number]
         try:
             writer.finish(about)
-        except OSError as error:
+        except (OSError, HapticnetError) as error:
             self._fail(number, error)
         else:
             del self._open[number]

@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from hapticnet.errors import FileError, UnavailableError
+from hapticnet.files import written_beside
 from hapticnet.recordings.session.archive import FORMATS
 from hapticnet.recordings.session.csv_writer import beside
 from hapticnet.recordings.session.frames import Heading, Table
@@ -83,9 +84,5 @@ def _write_parquet(session: Session, path: Path) -> None:
         tables[beside(path, "events.parquet")] = {"t_us": t_us, "event": names, "text": texts}
     for file, columns in tables.items():
         table = pyarrow.table(dict(columns)).replace_schema_metadata({"hapticnet": json.dumps(about)})
-        part = file.with_name(f".{file.name}.part")
-        try:
-            pyarrow.parquet.write_table(table, part)
-            part.replace(file)
-        finally:
-            part.unlink(missing_ok=True)
+        with written_beside(file) as stream:
+            pyarrow.parquet.write_table(table, stream)

@@ -1,7 +1,9 @@
 """Recordings as NumPy archives: raw columns in a folder while the session runs, one compressed file at the end."""
 
 import json
+import os
 import shutil
+import sys
 import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -11,7 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticnet.arrays import FloatArray
+from hapticnet.errors import FileError, in_words
+from hapticnet.files import open_regular, read_bytes, read_text, written_beside
 from hapticnet.recordings.session.frames import Heading, Table
+from hapticnet.recordings.session.protobuf import TYPES
+from hapticnet.recordings.session.session import LARGEST_JSON, parse_json
 from hapticnet.recordings.session.sink import Sink, free_suffix
 
 ABOUT: Final = "about"
@@ -100,41 +106,57 @@ def pack_folder(folder: Path, target: Path) -> int:
 
     Raises
     ------
-    OSError, ValueError, KeyError
+    OSError, FileError
         If the folder cannot be read or the archive not be written; the folder is then kept.
     """
-    known = json.loads((folder / f"{ABOUT}.json").read_text(encoding="utf-8"))
-    tables = [Table(table["name"], tuple(table["columns"]), tuple(table["types"])) for table in known["tables"]]
-    part = target.with_name(f".{target.name}.part")  # where there is room: the folder's disk may be full
+    about, tables = _known(folder / f"{ABOUT}.json")
     counts = []
-    try:
-        with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED, compresslevel=COMPRESSION) as archive:
-            for number, table in enumerate(tables):
-                rows = mapped(folder / f"{table.name}.rows", len(table.columns))
-                counts.append(len(rows))
-                for index, (column, kind) in enumerate(zip(table.columns, table.types, strict=True)):
-                    name = f"{table.name}.{column}" if number else column
-                    _add(archive, name, rows[:, index], kind)
-            _add_text(archive, EVENTS, json.dumps(list(_events(folder / f"{EVENTS}.json"))))
-            _add_text(archive, ABOUT, json.dumps(known["about"]))
-        part.replace(target)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
+    with (
+        written_beside(target) as file,  # where there is room: the folder's disk may be full
+        zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=COMPRESSION) as archive,
+    ):
+        for number, table in enumerate(tables):
+            rows = mapped(folder / f"{table.name}.rows", len(table.columns))
+            counts.append(len(rows))
+            for index, (column, kind) in enumerate(zip(table.columns, table.types, strict=True)):
+                name = f"{table.name}.{column}" if number else column
+                _add(archive, name, rows[:, index], kind)
+        _add_text(archive, EVENTS, json.dumps(list(_events(folder / f"{EVENTS}.json"))))
+        _add_text(archive, ABOUT, json.dumps(about))
     shutil.rmtree(folder)
     return counts[0]
 
 
 def mapped(file: Path, width: int) -> FloatArray:
-    """Return the whole rows in a file of float64, shape (n, width), without reading them into memory."""
-    count = file.stat().st_size // (8 * width) if file.exists() else 0
-    if not count:
+    """Return the whole rows in a file of float64, shape (n, width), without reading them into memory.
+
+    What comes after a hole in the file was never written: a crash can leave one, and a stranger's file may be nothing
+    but one.
+    """
+    if not os.path.lexists(file):
         return np.empty((0, width))
-    return np.memmap(file, dtype=np.float64, mode="r", shape=(count, width))
+    with open_regular(file, sys.maxsize, follow=False) as stream:
+        size = os.fstat(stream.fileno()).st_size
+        count = (os.lseek(stream.fileno(), 0, os.SEEK_HOLE) if size else 0) // (8 * width)
+        if not count:
+            return np.empty((0, width))
+        return np.memmap(stream, dtype=np.float64, mode="r", shape=(count, width))
+
+
+def _known(file: Path) -> tuple[Any, list[Table]]:
+    """Return the facts in an unfinished folder, and its tables."""
+    try:
+        known = parse_json(read_text(file, LARGEST_JSON, follow=False))
+        tables = [Table(each["name"], tuple(each["columns"]), tuple(each["types"])) for each in known["tables"]]
+        if any(set(table.types) - TYPES.keys() or "/" in table.name for table in tables):
+            raise ValueError("its tables have unknown types or names")
+        return known["about"], tables
+    except (ValueError, KeyError, TypeError) as error:
+        raise FileError(f"{file}: damaged: {in_words(error)}") from error
 
 
 def _events(file: Path) -> Iterator[Any]:
-    for line in file.read_bytes().splitlines() if file.exists() else ():
+    for line in read_bytes(file, LARGEST_JSON, follow=False).splitlines() if os.path.lexists(file) else ():
         try:
             yield json.loads(line)
         except ValueError:  # the last line, cut off

@@ -2,6 +2,7 @@
 
 import fcntl
 import glob
+import os
 import shutil
 import sys
 from dataclasses import dataclass
@@ -9,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from hapticnet.errors import FileError, HapticnetError
-from hapticnet.files import check_readable, check_replaceable
+from hapticnet.files import check_readable, check_replaceable, open_in_place, open_regular
 from hapticnet.recordings.session.csv_writer import beside
 from hapticnet.recordings.session.mcap_reader import recover
 from hapticnet.recordings.session.npz_writer import pack_folder
@@ -62,14 +63,18 @@ def recover_file(path: Path, out: Path | None = None) -> Recovered:
     if not path.is_dir():
         check_readable(path, max_bytes=sys.maxsize)
     try:
-        if UNFINISHED not in path.name:
+        if UNFINISHED not in path.name:  # this one is only read; the others are changed and deleted
             return _mend(path, out or path.with_name(f"{path.stem}-recovered{path.suffix}"))
+        if path.is_symlink():
+            raise FileError(f"{path} is a link; name the file that it leads to")
         _refuse_if_written(path)
         target = out or named(path)
         _refuse_existing(target)
         kind = named(path).suffix.lower()
         if kind not in (".mcap", ".npz", ".csv"):
             raise FileError(f"{path}: not an unfinished recording; expected .mcap, .npz or .csv before {UNFINISHED}")
+        if path.is_dir() != (kind == ".npz"):
+            raise FileError(f"{path}: cannot be recovered: expected a {'folder' if kind == '.npz' else 'file'}")
         if kind == ".mcap":
             count, _ = recover(path, target)
             path.unlink()
@@ -101,7 +106,7 @@ def _mend(path: Path, target: Path) -> Recovered:
 
 
 def _refuse_existing(target: Path) -> None:
-    if target.exists():
+    if os.path.lexists(target):
         raise FileError(f"{target} exists; name another file with --out")
     check_replaceable(target)
 
@@ -115,8 +120,8 @@ def refuse_if_recorded(path: Path) -> None:
 def _refuse_if_written(path: Path) -> None:
     """Raise FileError if a writer still has the file open."""
     files = [path] if path.is_file() else sorted(path.glob("*.rows"))
-    for each in files[:1]:
-        with each.open("rb") as file:
+    for each in [file for file in files if file.is_file() and not file.is_symlink()][:1]:  # a writer has no others
+        with open_regular(each, sys.maxsize, follow=False) as file:
             try:
                 fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
             except BlockingIOError as error:
@@ -125,23 +130,26 @@ def _refuse_if_written(path: Path) -> None:
 
 def _complete_csv(path: Path, target: Path) -> int:
     """Cut off the row that was not written completely, and rename the file and those beside it."""
-    rows = _cut_to_lines(path) - 1
     original = named(path)
-    for what in ("datagrams.csv", "events.csv", "about.json"):
-        file = beside(original, what)
-        other = file.with_name(file.name + path.name.removeprefix(original.name))
-        if other.exists():
-            if what.endswith(".csv"):
-                _cut_to_lines(other)
-            shutil.move(other, beside(target, what))  # perhaps to another disk
-    shutil.move(path, target)
-    return rows
+    others = {what: beside(original, what) for what in ("datagrams.csv", "events.csv", "about.json")}
+    suffix = path.name.removeprefix(original.name)
+    moves = {file.with_name(file.name + suffix): beside(target, what) for what, file in others.items()}
+    moves = {file: place for file, place in moves.items() if os.path.lexists(file)} | {path: target}
+    for file in moves:  # before anything is changed
+        open_regular(file, sys.maxsize, follow=False).close()
+    rows = 0
+    for file, place in moves.items():
+        if named(file).suffix.lower() == ".csv":
+            rows = _cut_to_lines(file) - 1
+        place.unlink(missing_ok=True)
+        shutil.move(file, place)  # perhaps to another disk
+    return max(0, rows)
 
 
 def _cut_to_lines(path: Path) -> int:
     """Cut a file behind its last complete line, and return the number of lines."""
     lines = end = at = 0
-    with path.open("r+b") as file:
+    with os.fdopen(open_in_place(path), "r+b") as file:
         while block := file.read(_BLOCK):
             lines += block.count(b"\n")
             last = block.rfind(b"\n")

@@ -80,7 +80,7 @@ class Sink:
 def free_suffix(*paths: Path) -> str:
     """Return ``.unfinished``, or ``.unfinished-2`` and so on, such that none of some files exists with it."""
     number, suffix = 1, UNFINISHED
-    while any(path.with_name(path.name + suffix).exists() for path in paths):
+    while any(os.path.lexists(path.with_name(path.name + suffix)) for path in paths):
         number += 1
         suffix = f"{UNFINISHED}-{number}"
     return suffix
