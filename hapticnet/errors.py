@@ -7,6 +7,8 @@ import traceback
 from pathlib import Path
 from typing import ClassVar, Final
 
+from hapticnet.interrupts import is_ctrl_c
+
 LONGEST_MESSAGE: Final = 1000
 """Most characters of a message of somebody else's exception that are shown."""
 
@@ -86,7 +88,7 @@ def _message(error: BaseException) -> str:
     try:
         text = str(error)
     except BaseException as fault:  # a user's class may raise here, too
-        if isinstance(fault, KeyboardInterrupt):
+        if is_ctrl_c(fault):
             raise
         return f"its message raised {type(fault).__name__}"
     return shortened(printable(text[: 2 * LONGEST_MESSAGE]), LONGEST_MESSAGE)

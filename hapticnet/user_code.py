@@ -10,7 +10,6 @@ import inspect
 import re
 import reprlib
 import sys
-import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import islice
@@ -22,6 +21,7 @@ from typing import Any, Final, TypeAlias, cast
 
 from hapticnet.errors import SettingsError, UserCodeError, in_words, printable, shortened
 from hapticnet.files import user_path
+from hapticnet.interrupts import is_ctrl_c
 from hapticnet.samples import LARGEST_COMPONENT, MAX_AXES, Vector
 
 Option: TypeAlias = int | float | bool | str
@@ -207,7 +207,7 @@ def vector_from(result: Any, axes: int, method: str, unit: str) -> Vector:
 
 def raised(error: BaseException) -> str:
     """Return in words what a user's code raised; a KeyboardInterrupt is raised again where Ctrl-C can cause it."""
-    if isinstance(error, KeyboardInterrupt) and threading.current_thread() is threading.main_thread():
+    if is_ctrl_c(error):
         raise error
     return in_words(error)
 

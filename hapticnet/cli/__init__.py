@@ -28,6 +28,7 @@ from hapticnet.cli.console import complain
 from hapticnet.cli.options import AUTO
 from hapticnet.cli.verbs import asks_for_json, equip, found_of
 from hapticnet.errors import FileError, HapticnetError, SettingsError, in_words
+from hapticnet.interrupts import ignore_further
 from hapticnet.runtime.log_lines import Form
 from hapticnet.runtime.outlet import STDERR, abandon
 
@@ -114,6 +115,7 @@ def main() -> None:
         code = FileError.exit_code
     except Exception as error:
         code = _tell(error)
+    ignore_further()
     sys.exit(code if isinstance(code, int) else 0)
 
 

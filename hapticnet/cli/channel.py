@@ -35,6 +35,7 @@ def channel(
     from hapticnet.runtime.overload import Overload
     from hapticnet.runtime.realtime import OTHER, prefer_realtime, run
     from hapticnet.runtime.relay import run_relay
+    from hapticnet.runtime.rescue import Rescue
     from hapticnet.runtime.udp import bound_address, open_toward, parse_host_port
     from hapticnet.runtime.udp import listen as listen_on
 
@@ -54,6 +55,7 @@ def channel(
     scheduling = prefer_realtime() if real_time else OTHER
     console.say(f"listening on {bound_address(sock)}, to {target}: {there.describe()}; back: {back.describe()}")
     overload = Overload(scheduling, console.warn)
+    rescue = Rescue()
     account = run(
         run_relay(
             sock,
@@ -64,8 +66,10 @@ def channel(
             duration_s=duration,
             on_status=on_status,
             overload=overload,
+            rescue=rescue,
         )
     )
+    rescue.done()
     console.finish()
     deliver(
         {"scheduling": scheduling, **account, "overload": overload.report()}, as_json=json, file=report, real_time=True

@@ -18,6 +18,7 @@ from hapticnet.runtime.clock import now_us
 from hapticnet.runtime.entropy import SystemEntropy
 from hapticnet.runtime.overload import Overload
 from hapticnet.runtime.relay_reception import RelayReception, proves_session
+from hapticnet.runtime.rescue import Rescue
 from hapticnet.runtime.udp import HostPort, SocketAddress, UdpPort, host_of, look_up, open_toward
 from hapticnet.runtime.waiting import Repeating, stop_on_signals, until
 
@@ -239,10 +240,14 @@ async def run_relay(
     duration_s: float | None,
     on_status: Callable[[Relay], None],
     overload: Overload,
+    rescue: Rescue | None = None,
 ) -> dict[str, Any]:
-    """Relay until SIGINT, SIGTERM or the end of `duration_s` [s]; return the account of all packets."""
+    """Relay until SIGINT, SIGTERM or the end of `duration_s` [s]; return the account of all packets.
+
+    Pass a `rescue` if a report follows: later signals then do not disturb it.
+    """
     loop = asyncio.get_running_loop()
-    stop = stop_on_signals(loop)
+    stop = stop_on_signals(loop, rescue)
     relay = Relay(loop, sock, target, forward=forward, feedback=feedback, rng=rng, entropy=SystemEntropy())
     overload.attach(relay.port)
 

@@ -80,6 +80,8 @@ class Rescue:
                 break
             if sign.wait(PATIENCE_S):
                 self._ended.wait(0.1)
+            elif self._ended.is_set() or loop.is_closed():  # it ended before it gave the sign
+                continue
             elif len(self.faults) < TRIES:
                 self.faults.append(f"{place_of(main)} did not return within {PATIENCE_S:g} s")
                 self._interrupts = True

@@ -17,7 +17,7 @@ from hapticnet.runtime.rescue import Rescue
 from hapticnet.runtime.timer import Alarm
 from hapticnet.runtime.udp import OutgoingChannel, SocketAddress, UdpPort
 from hapticnet.runtime.udp_batch import BatchPort
-from hapticnet.runtime.waiting import Repeating, stop_on_signals, until
+from hapticnet.runtime.waiting import Repeating, SignalHandler, stop_on_signals, until
 from hapticnet.runtime.watching import Watcher, Watchers
 
 POLL_S: Final = 0.1
@@ -172,7 +172,7 @@ async def run_slave(
 ) -> None:
     """Serve until `stop` is set or `duration_s` [s] have passed, then close every session.
 
-    Before, masters have `drain_s` [s] to finish; `stop` ends this, too, when it is set again.
+    Before, masters have `drain_s` [s] to finish; `stop`, or a second signal, ends this.
 
     Without a `stop`, SIGINT and SIGTERM end the run, and `on_hangup` is called at each SIGHUP; with one, signals are
     left to the host program. `rescue` ends a run that is stuck then. `on_listening` is called when datagrams and
@@ -188,16 +188,16 @@ async def run_slave(
             on_hangup()
             runner.flush()
 
+    again = asyncio.Event()
     if stop is None:
-        stop = stop_on_signals(loop, rescue)
+        stop = stop_on_signals(loop, rescue, again)
         if on_hangup is not None:
-            loop.add_signal_handler(signal.SIGHUP, hang_up)
+            SignalHandler(loop, hang_up).take(signal.SIGHUP)
     try:
         if on_listening is not None:
             on_listening()
-        await until(stop, duration_s)
+        stopped = await until(stop, duration_s)
         if drain_s and not node.drained:
-            stop.clear()
-            await runner.drain(stop, drain_s)
+            await runner.drain(again if stopped else stop, drain_s)
     finally:
         await runner.finish("shutting down")

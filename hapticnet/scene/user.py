@@ -1,13 +1,15 @@
 """What a master touches if it is an object of the user's: anything with a method ``step``."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from hapticnet.errors import SettingsError
-from hapticnet.outlook import Outlook
 from hapticnet.samples import ForceSample, PositionSample
-from hapticnet.scene.ahead import LookAhead
 from hapticnet.user_code import attribute_of, axes_of, failure, method_of, raised, short, vector_from
+
+if TYPE_CHECKING:
+    from hapticnet.outlook import Outlook
+    from hapticnet.scene.ahead import LookAhead
 
 LONGEST_NAME: Final = 64
 """Most bytes of a scene's name, which travels to the master."""
@@ -33,13 +35,18 @@ class UserScene:
     what
         What messages call the object, such as "scene own.py:Mine".
 
+    Attributes
+    ----------
+    ahead, outlook
+        The object's methods of these names; None if it has none.
+
     Raises
     ------
     SettingsError
         If ``step`` is missing or cannot be called with one argument, or an attribute cannot be used.
     """
 
-    __slots__ = ("__weakref__", "_method", "_step", "axes", "name", "touched", "what")
+    __slots__ = ("__weakref__", "_method", "_step", "ahead", "axes", "name", "outlook", "touched", "what")
 
     def __init__(self, touched: HasStep, what: str = "the scene") -> None:
         self.touched = touched
@@ -51,6 +58,8 @@ class UserScene:
         if not isinstance(name, str) or not name.isprintable() or not 0 < len(name.encode()) <= LONGEST_NAME:
             raise SettingsError(f"{what}: name is {short(name)}; it must be text, 1 to {LONGEST_NAME} printable bytes")
         self.name = name
+        self.ahead: LookAhead | None = self._optional("ahead")
+        self.outlook: Callable[[], Outlook | None] | None = self._optional("outlook")
 
     @property
     def breaches(self) -> int:
@@ -60,18 +69,6 @@ class UserScene:
         except BaseException as error:  # it is for reports only
             raised(error)
             return 0
-
-    @property
-    def ahead(self) -> LookAhead | None:
-        """The object's method ``ahead``; None if it announces nothing."""
-        ahead: LookAhead | None = getattr(self.touched, "ahead", None)
-        return ahead
-
-    @property
-    def outlook(self) -> Callable[[], Outlook | None] | None:
-        """The object's method ``outlook``; None if it is stepped only at positions that its master sent."""
-        outlook: Callable[[], Outlook | None] | None = getattr(self.touched, "outlook", None)
-        return outlook
 
     def welcome(self, master: str) -> None:
         """Tell the object the name of its master, if it has a method ``welcome``."""
@@ -98,3 +95,17 @@ class UserScene:
         except BaseException as error:
             raise failure(self._method, error) from error
         return ForceSample(sample.t_us, force_n)
+
+    def _optional(self, name: str) -> Callable[[], Any] | None:
+        """Return a method that the object may have; whatever it raises becomes a UserCodeError."""
+        method = attribute_of(self.touched, name, None, self.what)
+        if method is None:
+            return None
+
+        def call() -> Any:
+            try:
+                return method()
+            except BaseException as error:
+                raise failure(f"{type(self.touched).__name__}.{name}", error) from error
+
+        return call

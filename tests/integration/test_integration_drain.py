@@ -53,6 +53,17 @@ def test_a_second_signal_ends_the_wait(start, server):
     assert master.end() == 0
 
 
+def test_two_signals_at_once_end_the_wait_before_it_begins(start, server):
+    slave, address = server
+    master = start("master", "--connect", address, "--duration", "60", *FAST)
+    slave.wait_for("joined")
+    slave.process.send_signal(signal.SIGTERM)
+    slave.process.send_signal(signal.SIGINT)  # two of one kind could arrive as one
+    assert slave.process.wait(20) == 0
+    assert slave.report()["sessions"][0]["end_reason"] == "the slave closed: shutting down"
+    assert master.end() == 0
+
+
 def test_a_slave_without_masters_does_not_wait(server):
     assert server[0].end() == 0
     assert "may finish" not in server[0].said()

@@ -14,9 +14,10 @@ from hapticnet.errors import UserCodeError
 from hapticnet.runtime.rescue import Rescue
 from hapticnet.runtime.waiting import stop_on_signals
 
+rescue = Rescue(lambda: print("reported", flush=True))
+
 async def main(state):
-    rescue = Rescue(lambda: print("reported", flush=True))
-    stop = stop_on_signals(asyncio.get_running_loop(), rescue)
+    stop = stop_on_signals(asyncio.get_running_loop(), None if state == "goes on" else rescue)
     print("ready", flush=True)
     while state == "stuck":
         pass
@@ -36,9 +37,10 @@ with asyncio.Runner(loop_factory=loop_factory) as runner:
         runner.run(main(sys.argv[2]))
     except UserCodeError as error:
         print(error, flush=True)
-if sys.argv[2] == "goes on":
+if sys.argv[2] in ("goes on", "reports"):
     print("closed", flush=True)
-    time.sleep(60)
+    time.sleep(60 if sys.argv[2] == "goes on" else 0.5)
+rescue.done()
 """
 
 
@@ -50,7 +52,7 @@ if sys.argv[2] == "goes on":
         ("runs", "stopped\n", 0),
         ("stuck", "main .<string>, line 1\\d. did not return within 2 s\n", 0),
         ("deaf", "reported\n", 1),  # code that catches whatever interrupts it
-        ("waits", "main .<string>, line 20. did not return within 2 s\n", 0),
+        ("waits", "main .<string>, line 21. did not return within 2 s\n", 0),
     ],
 )
 def test_one_signal_ends_a_process_whatever_its_loop_is_stuck_in(number, loop, state, said, code):
@@ -75,5 +77,21 @@ def test_a_signal_ends_a_program_that_goes_on_after_the_loop(number, loop):
             assert [process.stdout.readline() for _ in range(2)] == ["stopped\n", "closed\n"]
             process.send_signal(number)
             assert process.wait(30) == -number
+        finally:
+            process.kill()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("loop", ["uvloop", "asyncio"])
+def test_no_signal_disturbs_a_process_that_has_a_report_to_deliver(number, loop):
+    command = [sys.executable, "-c", PROGRAM, loop, "reports"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout.readline() == "ready\n"
+            process.send_signal(number)
+            assert [process.stdout.readline() for _ in range(2)] == ["stopped\n", "closed\n"]
+            process.send_signal(number)
+            assert process.communicate(timeout=30) == ("", "")
+            assert process.returncode == 0
         finally:
             process.kill()

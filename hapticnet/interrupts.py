@@ -1,0 +1,24 @@
+"""Signals that end a process, seen from code that neither installs nor receives them."""
+
+import signal
+import threading
+
+
+class TakesSignals:
+    """Base of the handlers of runs that end in order, with a report: no KeyboardInterrupt comes from their Ctrl-C."""
+
+
+def is_ctrl_c(error: BaseException) -> bool:
+    """Return whether an exception out of a user's code may be a Ctrl-C of the person at the terminal."""
+    return (
+        isinstance(error, KeyboardInterrupt)
+        and threading.current_thread() is threading.main_thread()
+        and not isinstance(signal.getsignal(signal.SIGINT), TakesSignals)
+    )
+
+
+def ignore_further() -> None:
+    """Let no signal that a run has taken change how the process ends; call this when the exit code is known."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        if isinstance(signal.getsignal(number), TakesSignals):
+            signal.signal(number, signal.SIG_IGN)

@@ -1,0 +1,92 @@
+"""Signals to processes that are ending already, and user code that raises what a signal would."""
+
+import signal
+import time
+
+import pytest
+
+from hapticnet.node.bank import Bank
+from hapticnet.protocol.repair import RepairSettings
+from hapticnet.runtime.udp_batch import SocketAddresses
+
+FAST = ("--no-real-time", "--json")
+OWN = """
+class Interrupts:
+    calls = 0
+
+    def step(self, sample):
+        self.calls += 1
+        if self.calls > 20:
+            raise KeyboardInterrupt
+        return 0.5
+
+
+class InterruptsAnOutlook(Interrupts):
+    def step(self, sample):
+        return 0.5
+
+    def outlook(self):
+        raise KeyboardInterrupt
+
+
+class ExitsInAnOutlook(InterruptsAnOutlook):
+    def outlook(self):
+        raise SystemExit
+"""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _machine_code():
+    """Compile here, where nothing waits: a process then finds the machine code."""
+    Bank(1, RepairSettings(), SocketAddresses())
+
+
+def hammer(process):
+    """Send signals of both kinds until a process has ended; return its exit code."""
+    deadline = time.monotonic() + 30.0
+    while process.process.poll() is None and time.monotonic() < deadline:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            process.process.send_signal(number)
+            time.sleep(0.0005)
+    return process.process.wait(1.0)
+
+
+@pytest.mark.parametrize("options", [(), ("--compiled",), ("--drain", "30")], ids=["plain", "compiled", "drain"])
+def test_no_number_of_signals_costs_a_slave_its_report_or_its_code(start, options):
+    slave = start("slave", "--listen", "127.0.0.1:0", *options, *FAST)
+    address = slave.wait_for(r"listening on ([\d.]+:\d+)").group(1)
+    master = start("master", "--connect", address, "--duration", "60", *FAST)
+    slave.wait_for("joined")
+    assert hammer(slave) == 0
+    assert slave.report()["sessions"]
+    assert hammer(master) == 0
+    assert master.report()["ticks"] > 0
+
+
+def test_no_number_of_signals_costs_a_channel_its_report(start, slave):
+    channel = start("channel", "--listen", "127.0.0.1:0", "--connect", slave[1], *FAST)
+    address = channel.wait_for(r"listening on ([\d.]+:\d+)").group(1)
+    start("master", "--connect", address, *FAST).wait_for("connected to")
+    assert hammer(channel) == 0
+    assert channel.report()["scheduling"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [
+        ("Interrupts", "Interrupts.step raised KeyboardInterrupt"),
+        ("InterruptsAnOutlook", "InterruptsAnOutlook.outlook raised KeyboardInterrupt"),
+        ("ExitsInAnOutlook", "ExitsInAnOutlook.outlook raised SystemExit"),
+    ],
+)
+def test_a_scene_that_raises_what_a_signal_would_fails_like_any_other(start, tmp_path, kind, said):
+    (tmp_path / "own.py").write_text(OWN)
+    slave = start("slave", "--listen", "127.0.0.1:0", "--scene", f"{tmp_path}/own.py:{kind}", *FAST)
+    address = slave.wait_for(r"listening on ([\d.]+:\d+)").group(1)
+    for _ in range(2):
+        master = start("master", "--connect", address, "--positions", "line", *FAST)
+        assert master.process.wait(20) == 4
+    assert slave.end() == 0
+    sessions = slave.report()["sessions"]
+    assert len(sessions) == 2
+    assert all(said in each["end_reason"] for each in sessions)
