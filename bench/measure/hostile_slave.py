@@ -1,20 +1,24 @@
 """The largest force on a finger that a hostile slave can cause, found by a search over what it may send.
 
-Two searches, each on every finger. *asked*: any force and any force ahead, asked of the force loop at its own rate: all
-that a slave can reach, whatever it sends. *sent*: datagrams of an open session to a master with a device: any rate, any
-payload of several codecs, announced models, keepalives, and new sessions at any moment. Both mutate the worst sequences
-found so far; a search starts from those in hostile_worst.json, which tests replay (``--keep`` writes it). The device
-is simulated in Python or (``--device simavr``) as the compiled firmware, in virtual time.
+Two searches, each on fingers of any stiffness in a range. *asked*: any force and any force ahead, asked of the force
+loop at its own rate: all that a slave can reach, whatever it sends. *sent*: datagrams of an open session to a master
+with a device: any rate, any payload of several codecs, announced models, keepalives, and new sessions at any moment.
+Both mutate the worst sequences found so far; a search starts from those in hostile_worst.json, which tests replay
+(``--keep`` writes it). The device is simulated in Python or (``--device simavr``) as the compiled firmware, in virtual
+time. On the simulated device, *asked* also grows sequences move by move from copies of the loop and the device, so
+that a try costs a few moves and not a whole sequence.
 """
 
 import argparse
 import contextlib
+import copy
 import functools
+import itertools
 import json
 import random
 import struct
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -54,11 +58,21 @@ from hapticnet.scene.ahead import LayerAhead
 WORST: Final = Path(__file__).with_name("hostile_worst.json")
 """The worst sequence known of each search, device and finger."""
 
-LONGEST_MS: Final = 3500
+RANGES_N_M: Final = tuple(itertools.pairwise(FINGERS_N_M))
+"""Ranges of stiffness [N/m]: each search has its worst in each."""
+
+LONGEST_MS: Final = 5000
 """Length of a sequence: time to find the finger, learn it, and mislead the loop."""
 
 KEPT: Final = 12
 """Worst sequences that are mutated further."""
+
+SAME_DEVICE: Final = 0.6
+"""Share of the mutations that keep the finger and the device's noise and phase."""
+
+GROWING: Final = 6
+CHILDREN: Final = 18
+"""Sequences that grow at a time, and how many they become before the worst of them are kept."""
 
 FORCES_N: Final = (0.0, 0.3, 1.0, 3.0, 4.6, 6.0)
 PAUSES_MS: Final = (1, 3, 5, 10, 20, 40, 80, 160, 300)
@@ -113,10 +127,15 @@ class Sent(NamedTuple):
 Move = Asked | Sent
 
 
+PRESS: Final = Asked(120, 6.0, 6.0)
+"""How hard a sequence that grows could still press."""
+
+
 @dataclass(frozen=True, slots=True)
 class Sequence:
-    """Moves, and the seed of the device's noise and phase."""
+    """Moves, the stiffness [N/m] of the finger they press, and the seed of the device's noise and phase."""
 
+    stiffness_n_m: float
     seed: int
     moves: tuple[Move, ...]
 
@@ -127,15 +146,40 @@ def some_force_n(rng: random.Random) -> float:
 
 def play_asked(device: Simulated, now_us: int, sequence: Sequence) -> float:
     """Return the largest true force [N] on the finger while the loop is asked for what the moves say."""
-    fingertip = Fingertip(device, LimitSettings(), ForceControlSettings())
-    largest_n = 0.0
+    asked = AskedLoop(device, now_us)
     for move in sequence.moves:
         assert isinstance(move, Asked)
+        asked.do(move)
+    return asked.largest_n
+
+
+class AskedLoop:
+    """A force loop that is asked for what moves say; it can be copied at any moment with a device in Python.
+
+    Attributes
+    ----------
+    largest_n
+        Largest true force [N] on the finger.
+    """
+
+    def __init__(self, device: Simulated, now_us: int) -> None:
+        self._device = device
+        self._now_us = now_us
+        self._fingertip = Fingertip(device, LimitSettings(), ForceControlSettings())
+        self.largest_n = 0.0
+
+    def do(self, move: Asked) -> None:
+        """Ask for a force and a force ahead for the time of a move."""
         for _ in range(move.ms):
-            now_us += TICK_US
-            fingertip.press(move.force_n, now_us, move.ahead_n)
-            largest_n = max(largest_n, device.contact_force_n or 0.0)
-    return largest_n
+            self._now_us += TICK_US
+            self._fingertip.press(move.force_n, self._now_us, move.ahead_n)
+            self.largest_n = max(self.largest_n, self._device.contact_force_n or 0.0)
+
+    def could_press_n(self) -> float:
+        """Return the largest force [N] so far or within `PRESS` from now."""
+        pressed = copy.deepcopy(self)
+        pressed.do(PRESS)
+        return pressed.largest_n
 
 
 class HostileSlave:
@@ -231,26 +275,62 @@ def play_sent(device: Simulated, now_us: int, sequence: Sequence) -> float:
     return largest_n
 
 
+def grown(range_n_m: tuple[float, float], seconds: float, rng: random.Random) -> list[Sequence]:
+    """Return the worst of each round of sequences that grow on the simulated device, for some time."""
+    worst, end_s = [], time.monotonic() + seconds
+    while time.monotonic() < end_s:
+        stiffness_n_m, seed = some_stiffness(range_n_m, rng), rng.randrange(70)
+        opening = [PRESS] * rng.randint(4, 10)
+        with on_finger("sim", stiffness_n_m, seed) as (device, now_us):
+            loop = AskedLoop(device, now_us)
+        for move in opening:
+            loop.do(move)
+        growing = [(loop.could_press_n(), loop, opening)]
+        while growing and time.monotonic() < end_s:
+            children = []
+            for _, parent, moves in growing * (CHILDREN // len(growing)):
+                child, more = copy.deepcopy(parent), [Asked.drawn(rng) for _ in range(rng.randint(1, 4))]
+                for move in more:
+                    child.do(move)
+                children.append((child.could_press_n(), child, [*moves, *more]))
+            best = max(children, key=lambda each: each[0])
+            worst.append((best[0], Sequence(stiffness_n_m, seed, (*best[2], PRESS))))
+            short = [each for each in children if sum(move.ms for move in each[2]) < LONGEST_MS - 2 * PRESS.ms]
+            growing = sorted(short, key=lambda each: -each[0])[:GROWING]
+        worst = sorted(worst, key=lambda each: -each[0])[:KEPT]
+    return [sequence for _, sequence in worst]
+
+
 def search(
     draw: Callable[[random.Random], Move],
     evaluate: Callable[[Sequence], float],
     known: list[Sequence],
+    range_n_m: tuple[float, float],
     seconds: float,
-    seed: int,
+    rng: random.Random,
 ) -> tuple[int, Sequence]:
     """Return how many sequences were played, and the one with the largest force."""
-    rng = random.Random(seed)
     worst = [(evaluate(sequence), sequence) for sequence in known]
     played, end_s = len(worst), time.monotonic() + seconds
     while time.monotonic() < end_s or not played:
         if len(worst) < KEPT or rng.random() < 0.15:
+            stiffness_n_m, seed = some_stiffness(range_n_m, rng), rng.randrange(70)
             moves = [draw(rng) for _ in range(rng.randint(4, 40))]
         else:
-            moves = mutated(list(rng.choice(worst)[1].moves), draw, rng)
-        sequence = Sequence(rng.randrange(70), cut(moves))
+            _, like = rng.choice(worst)
+            stiffness_n_m, seed = like.stiffness_n_m, like.seed
+            if rng.random() > SAME_DEVICE:
+                stiffness_n_m, seed = some_stiffness(range_n_m, rng), rng.randrange(70)
+            moves = mutated(list(like.moves), draw, rng)
+        sequence = Sequence(stiffness_n_m, seed, cut(moves))
         worst = sorted([*worst, (evaluate(sequence), sequence)], key=lambda each: -each[0])[:KEPT]
         played += 1
     return played, max(worst, key=lambda each: each[0])[1]
+
+
+def some_stiffness(range_n_m: tuple[float, float], rng: random.Random) -> float:
+    """Return a stiffness [N/m] of a range, often an end of it."""
+    return rng.choice((*range_n_m, float(round(rng.uniform(*range_n_m))), float(round(rng.uniform(*range_n_m)))))
 
 
 def mutated(moves: list[Move], draw: Callable[[random.Random], Move], rng: random.Random) -> list[Move]:
@@ -300,46 +380,68 @@ def read_worst() -> list[dict[str, Any]]:
 
 def sequence_of(row: dict[str, Any]) -> Sequence:
     """Return the sequence of a row."""
-    return Sequence(row["seed"], tuple(SEARCHES[row["what"]].move(*move) for move in row["moves"]))
+    return Sequence(
+        row["stiffness_n_m"], row["seed"], tuple(SEARCHES[row["what"]].move(*move) for move in row["moves"])
+    )
 
 
-def evaluated(kind: str, stiffness_n_m: float, what: str, sequence: Sequence) -> float:
-    """Return the largest force [N] of a sequence on a finger."""
+@contextlib.contextmanager
+def on_finger(kind: str, stiffness_n_m: float, seed: int) -> Iterator[tuple[Simulated, int]]:
+    """Yield a device on a finger, and the time [µs] at which a sequence begins."""
     settings = PlantSettings(finger=Finger(stiffness_n_m=stiffness_n_m))
-    with contextlib.ExitStack() as stack:
-        device, now_us = stack.enter_context(started(kind, settings, sequence.seed % 7))
-        return SEARCHES[what].play(device, now_us + SEED_SHIFT_US, sequence)
+    with started(kind, settings, seed % 7) as (device, now_us):
+        yield device, now_us + SEED_SHIFT_US
+
+
+def evaluated(kind: str, what: str, sequence: Sequence) -> float:
+    """Return the largest force [N] of a sequence on its finger."""
+    with on_finger(kind, sequence.stiffness_n_m, sequence.seed) as (device, now_us):
+        return SEARCHES[what].play(device, now_us, sequence)
+
+
+def searched(
+    kind: str, what: str, range_n_m: tuple[float, float], worst: list[dict[str, Any]], seconds: float, seed: int
+) -> dict[str, Any]:
+    """Return the row of the worst sequence of a search, which starts from the worst known on either device."""
+    rng = random.Random(seed)
+    known = [sequence_of(row) for row in worst if (row["what"], tuple(row["range_n_m"])) == (what, range_n_m)]
+    if (kind, what) == ("sim", "asked"):
+        seconds /= 2.0
+        known += grown(range_n_m, seconds, rng)
+    evaluate = functools.partial(evaluated, kind, what)
+    played, sequence = search(SEARCHES[what].move.drawn, evaluate, known, range_n_m, seconds, rng)
+    moves = [[round(part, 6) if isinstance(part, float) else part for part in move] for move in sequence.moves]
+    row = {"what": what, "device": kind, "range_n_m": range_n_m, "stiffness_n_m": sequence.stiffness_n_m}
+    row |= {"played": played, "seed": sequence.seed, "moves": moves}
+    return row | {"largest_n": evaluate(sequence_of(row))}
 
 
 def measure(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the worst of each search on each finger."""
+    """Return the worst of each search in each range of stiffness."""
     arguments.repetitions = 1
-    fingers_n_m = FINGERS_N_M[::2] if arguments.quick else FINGERS_N_M
+    ranges_n_m = RANGES_N_M[::3] if arguments.quick else RANGES_N_M
     seconds = 3.0 if arguments.quick else arguments.seconds
     worst = read_worst()
     rows = []
-    for what, stiffness_n_m in ((what, finger) for what in SEARCHES for finger in fingers_n_m):
-        evaluate = functools.partial(evaluated, arguments.device, stiffness_n_m, what)
-        known = [sequence_of(row) for row in worst if (row["what"], row["stiffness_n_m"]) == (what, stiffness_n_m)]
-        played, sequence = search(SEARCHES[what].move.drawn, evaluate, known, seconds, arguments.seed)
-        moves = [[round(part, 6) if isinstance(part, float) else part for part in move] for move in sequence.moves]
-        row = {"what": what, "device": arguments.device, "stiffness_n_m": stiffness_n_m, "played": played}
-        row |= {"seed": sequence.seed, "moves": moves}
-        row["largest_n"] = evaluate(sequence_of(row))
+    for what, range_n_m in itertools.product(SEARCHES, ranges_n_m):
+        row = searched(arguments.device, what, range_n_m, worst, seconds, arguments.seed)
         rows.append(row)
-        print(f"{what}, {stiffness_n_m:.0f} N/m: {row['largest_n']:.2f} N, the worst of {played} sequences", flush=True)
-    if arguments.keep:
-        found = {(row["what"], row["device"], row["stiffness_n_m"]): row for row in [*worst, *rows]}
-        lines = (json.dumps(found[key]) for key in sorted(found))
-        WORST.write_text("[\n" + ",\n".join(lines) + "\n]\n", encoding="utf-8")
+        print(
+            f"{what}, {row['stiffness_n_m']:.0f} N/m: {row['largest_n']:.2f} N, the worst of {row['played']} sequences",
+            flush=True,
+        )
+        if arguments.keep:
+            found = {(each["what"], each["device"], *each["range_n_m"]): each for each in [*worst, *rows]}
+            lines = (json.dumps(found[key]) for key in sorted(found))
+            WORST.write_text("[\n" + ",\n".join(lines) + "\n]\n", encoding="utf-8")
     return {"device": arguments.device, "limit_n": MAX_FORCE_N, "rows": rows}
 
 
 def main() -> None:
     parser = record.options(__doc__, seed=0)
     parser.add_argument("--device", choices=("sim", "simavr"), default="sim")
-    parser.add_argument("--seconds", type=record.within(1.0), default=15.0, help="length of each of the ten searches")
-    parser.add_argument("--quick", action="store_true", help="three seconds for each, on three fingers")
+    parser.add_argument("--seconds", type=record.within(1.0), default=15.0, help="length of each of the eight searches")
+    parser.add_argument("--quick", action="store_true", help="three seconds for each, on two ranges of fingers")
     parser.add_argument("--keep", action="store_true", help=f"write the worst sequences to {WORST.name}")
     record.run(parser, measure, unit="as in each name")
 

@@ -208,5 +208,8 @@ class ForceController:
 
     def _go(self, goal_m: float, elapsed_s: float) -> None:
         settings = self._settings
-        goal_m = min(goal_m, self.displacement_m + settings.press_speed_m_s * elapsed_s, self._watch.furthest_m)
+        # Above the largest force the platform only retreats. The play of the gears hides the retreat of a servo that
+        # turned: if another servo advanced in its place, after a dip of the target, its step would add to the force.
+        speed_m_s = settings.press_speed_m_s if self._sensed_n <= self._most_n else 0.0
+        goal_m = min(goal_m, self.displacement_m + speed_m_s * elapsed_s, self._watch.furthest_m)
         self.displacement_m = max(0.0, min(goal_m, settings.travel_m))

@@ -48,6 +48,24 @@ def test_displacement_stays_within_the_travel_for_any_input(calls: list[tuple[fl
         assert 0.0 <= controller.update(target_n, sensed_n, stood_m, now_us) <= SETTINGS.travel_m
 
 
+@given(st.lists(st.tuples(ANY, ANY | st.none(), st.integers(1, 30)), max_size=30))
+def test_nothing_that_is_asked_moves_the_platform_further_while_the_force_is_above_the_largest(
+    asked: list[tuple[float, float | None, int]],
+) -> None:
+    controller = ForceController(SETTINGS)
+    run(controller, 5.0, spring(2500.0), seconds=1.0)
+    above_n, now_us = SETTINGS.max_force_n - SETTINGS.headroom_n + 0.05, 1_030_000
+    before_m = run(controller, 5.0, lambda _: above_n, start_us=1_000_000, seconds=0.03)[-1]
+    for target_n, ahead_n, ticks in [(2.0, 2.0, 1), (5.0, 5.0, 10), *asked]:
+        for _ in range(ticks):
+            now_us += TICK_US
+            displacement_m = controller.update(target_n, above_n, before_m, now_us, ahead_n=ahead_n)
+            assert displacement_m <= before_m
+            if controller.fault:  # the platform went back and the reading stayed
+                return
+            before_m = displacement_m
+
+
 @given(
     st.lists(
         st.tuples(st.floats(0.0, 5.0), st.floats(0.0, 6.0), st.floats(0.0, 0.015), st.integers(0, 50_000)), max_size=100
