@@ -1,7 +1,9 @@
 """Masters and slaves inside other programs, over real sockets on loopback."""
 
 import asyncio
+import itertools
 import signal
+import socket
 import threading
 import time
 
@@ -18,6 +20,7 @@ from hapticnet.node.slave_events import MasterJoined, MasterLeft, ScenePaused, S
 from hapticnet.protocol.events import Connected, Ended, LinkRecovered, LinkStale
 from hapticnet.recordings.session.in_force import in_force
 from hapticnet.recordings.session.reading import read_session
+from hapticnet.runtime.udp import DRAIN_US
 
 ANY_PORT = "127.0.0.1:0"
 
@@ -110,6 +113,25 @@ def test_a_timer_that_is_early_or_late_ticks_at_its_rate(monkeypatch):
         master.tick(0.0)
     assert 125 <= master.report()["ticks"] <= 126, "one that is too fast sends no more positions"
     master.close()
+
+
+def test_a_flood_does_not_keep_a_tick_from_its_caller(monkeypatch):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as flood:
+        flood.bind(("127.0.0.1", 0))
+        master = hn.TickedMaster(f"127.0.0.1:{flood.getsockname()[1]}", rate_hz=1000)
+        master.tick(0.0)
+        _, address = flood.recvfrom(2000)
+        for _ in range(50):
+            flood.sendto(b"garbage", address)
+        clock = itertools.count(0, 100)
+        monkeypatch.setattr("hapticnet.api.master.now_us", lambda: next(clock))
+        taken = [0]
+        for _ in range(50):
+            master.tick(0.0)
+            taken.append(master.report()["received"]["malformed"])
+        assert taken[-1] == 50
+        assert max(after - before for before, after in itertools.pairwise(taken)) <= DRAIN_US // 100
+        master.close()
 
 
 def test_a_program_without_asyncio_has_threads_and_its_signal_handlers_stay():

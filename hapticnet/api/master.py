@@ -22,6 +22,7 @@ from hapticnet.runtime.master_run import MasterRun, MasterRunner
 from hapticnet.runtime.overload import Overload
 from hapticnet.runtime.realtime import scheduling
 from hapticnet.runtime.reports import master_report
+from hapticnet.runtime.udp import DRAIN_US
 from hapticnet.runtime.waiting import either
 from hapticnet.runtime.watching import Watcher
 from hapticnet.samples import Vector
@@ -268,11 +269,15 @@ class TickedMaster(MasterSetup, MasterView):
         if position is not None:
             self.position = position
         node = self.node
+        end_us = now_us() + DRAIN_US
         for data, address in self._socket.arrived():
+            now = now_us()
             if address == self._slave:
-                node.receive_datagram(data, now_us())
+                node.receive_datagram(data, now)
             else:
                 self._strangers += 1
+            if now >= end_us:
+                break
         now = now_us()
         if 2 * (self._due_us - now) <= node.period_us:  # a timer that is early once is no faster timer
             self._due_us = (self._due_us if now - self._due_us < node.period_us else now) + node.period_us

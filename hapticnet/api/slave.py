@@ -122,7 +122,7 @@ class TickedSlave(SlaveSetup, SlaveView):
     def tick(self) -> None:
         """Answer what has arrived; each session gets the force at its newest position."""
         node, now = self.node, now_us()
-        node.receive_datagrams(self._socket.arrived(), now)
+        node.receive_datagrams(list(self._socket.arrived()), now)
         due_us = node.next_timer_us()
         if due_us is not None and now >= due_us:
             node.tick(now)

@@ -1,5 +1,6 @@
 """The socket of a node that a program ticks itself."""
 
+from collections.abc import Iterator
 from socket import socket
 
 from hapticnet.errors import SettingsError
@@ -30,19 +31,17 @@ class TickedSocket:
         """Whether `close` has not been called."""
         return self._sock.fileno() >= 0
 
-    def arrived(self) -> list[tuple[bytes, SocketAddress]]:
-        """Return the datagrams that have arrived, with their senders; raise SettingsError if the socket is closed."""
+    def arrived(self) -> Iterator[tuple[bytes, SocketAddress]]:
+        """Yield the datagrams that have arrived, with their senders; raise SettingsError if the socket is closed."""
         if not self.is_open:
             raise SettingsError(f"this {self._what} is closed")
-        batch: list[tuple[bytes, SocketAddress]] = []
         for _ in range(DRAIN_AT_MOST):
             try:
-                batch.append(self._sock.recvfrom(READ_BYTES))
+                yield self._sock.recvfrom(READ_BYTES)
             except BlockingIOError:
-                break
+                return
             except OSError:  # an earlier datagram could not be delivered
                 self.errors += 1
-        return batch
 
     def send(self, data: bytes, address: SocketAddress) -> None:
         """Send a datagram, or count it as lost."""

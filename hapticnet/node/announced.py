@@ -1,28 +1,64 @@
 """The master's half of announcements: a decoder that renders models of the contact ahead at the tool's own position."""
 
+from bisect import bisect_right
 from collections import deque
+from dataclasses import dataclass
+from itertools import islice
 from typing import Final
 
 from hapticnet.codec.base import Decoder
 from hapticnet.errors import PeerError
 from hapticnet.node.model_wire import OF_CODEC, unpack_model
 from hapticnet.samples import Vector
+from hapticnet.scene.ahead import LayerAhead
 from hapticnet.scene.contact_model import ContactModel
 
 MOST_REMEMBERED: Final = 1024
 """Positions that are remembered: those of a second at 1 kHz. The oldest force that is applied is as old."""
 
+MOST_PLAYED: Final = 256
+"""Largest cost of the past that is played to models between two positions: up to 0.35 ms of CPU time. It is that of 64
+positions for three layers: at 1 kHz, a model that is a round trip of 100 ms old is applied one position late."""
 
-MOST_PER_POSITION: Final = 4
-"""Models that are taken in between two positions. To play a second to one takes 3 to 11 ms; a flood must not stop the
-master."""
+COST_OF_BEGINNING: Final = 5
+"""To begin a model costs as much as to step it through so many positions."""
+
+
+class Allowance:
+    """What may still be played of the past before the next position. The decoders of a master share one.
+
+    A position costs 1, and 1 for each layer.
+    """
+
+    __slots__ = ("_t_us", "left")
+
+    def __init__(self) -> None:
+        self.left = MOST_PLAYED
+        self._t_us: int | None = None
+
+    def renew(self, t_us: int) -> None:
+        """Allow as much again from the position of a time on; without effect for the same time."""
+        if t_us != self._t_us:
+            self._t_us, self.left = t_us, MOST_PLAYED
+
+
+@dataclass(slots=True)
+class _Late:
+    """A model that is still to be played positions of the past, and its number."""
+
+    number: int
+    model: ContactModel
+    cost: int
+    to_play: deque[tuple[int, Vector]]
 
 
 class AnnouncedDecoder:
     """A codec's decoder, and the model that replaces it while it is the newest update. Satisfies `Decoder`.
 
-    A model belongs to a position that is a round trip old. The positions since are played to it when it arrives, so
-    that a surface that was breached meanwhile is.
+    A model belongs to a position that is a round trip old. The positions since are played to it before it is applied,
+    so that a surface that was breached meanwhile is. If they cost more than the allowance, the rest is played at the
+    next positions, and what was applied before goes on. A model that arrives meanwhile waits, and replaces one that
+    waits already.
 
     Parameters
     ----------
@@ -30,22 +66,30 @@ class AnnouncedDecoder:
         The codec's decoder.
     stiffest_n_per_m
         Limit of `check_layers`.
+    allowance
+        One that is shared with other decoders, which are moved at the same times; None: its own.
 
     Attributes
     ----------
-    models
-        Models taken in.
+    taken
+        Models taken in. Each has the number that this was then.
+    settled
+        Number of the newest model that was applied or replaced by a payload of the codec.
     """
 
-    __slots__ = ("_axes", "_inner", "_model", "_stiffest", "_taken", "_trail", "models")
+    __slots__ = (
+        "_allowance", "_axes", "_inner", "_late", "_model", "_stiffest", "_trail", "_waiting", "settled", "taken",
+    )  # fmt: skip
 
-    def __init__(self, inner: Decoder, axes: int, stiffest_n_per_m: float) -> None:
-        self.models = 0
+    def __init__(self, inner: Decoder, axes: int, stiffest_n_per_m: float, allowance: Allowance | None = None) -> None:
+        self.taken = self.settled = 0
         self._inner = inner
         self._axes = axes
         self._stiffest = stiffest_n_per_m
+        self._allowance = allowance or Allowance()
         self._model: ContactModel | None = None
-        self._taken = 0  # models since the newest position
+        self._late: _Late | None = None
+        self._waiting: tuple[int, tuple[LayerAhead, ...]] | None = None  # the newest model, not begun yet
         self._trail: deque[tuple[int, Vector]] = deque(maxlen=MOST_REMEMBERED)
 
     @property
@@ -71,29 +115,53 @@ class AnnouncedDecoder:
         if self._trail and (t_us < self._trail[-1][0] or self._trail[-1] == (t_us, position)):
             return
         self._trail.append((t_us, position))
-        self._taken = 0
+        self._allowance.renew(t_us)
         if self._model is not None:
             self._model.step(t_us, position)
             if state is not None:
                 self._model.adopt(state)
+        if self._late is not None:
+            self._late.to_play.append((t_us, position))
+        if self.settled != self.taken:
+            self._catch_up()
 
     def decode(self, t_us: int, payload: bytes) -> None:
         """Take in a payload. See `Decoder.decode`."""
         if payload[:1] == OF_CODEC:
             self._inner.decode(t_us, payload[1:])
-            self._model = None
+            self._model = self._late = self._waiting = None
+            self.settled = self.taken
             return
         layers = unpack_model(payload, self._axes, self._stiffest)
-        trail = list(self._trail)
-        if not trail or self._taken == MOST_PER_POSITION:
-            raise PeerError("a model before any position" if not trail else "more models than are taken in at once")
-        self._taken += 1
-        first = max((index for index, (at_us, _) in enumerate(trail) if at_us <= t_us), default=0)
+        if not self._trail:
+            raise PeerError("a model before any position")
+        self.taken += 1
+        self._waiting = t_us, layers
+        self._catch_up()
+
+    def _catch_up(self) -> None:
+        """Play the past to what was taken in, as far as it is allowed; apply a model that has caught up."""
+        allowance = self._allowance
+        while allowance.left > 0:
+            late = self._late
+            if late is None:
+                if self._waiting is None:
+                    return
+                late = self._late = self._begin(*self._waiting)
+                self._waiting = None
+            while late.to_play and allowance.left > 0:
+                late.model.step(*late.to_play.popleft())
+                allowance.left -= late.cost
+            if not late.to_play:
+                self._model, self.settled, self._late = late.model, late.number, None
+
+    def _begin(self, t_us: int, layers: tuple[LayerAhead, ...]) -> _Late:
+        """Return a model at the remembered position of a time, with the one before for the speed."""
+        trail, cost = self._trail, 1 + len(layers)
+        first = max(bisect_right(trail, t_us, key=lambda remembered: remembered[0]) - 1, 0)
         model = ContactModel(layers, *trail[first], trail[first - 1] if first else None)
-        for at_us, position in trail[first + 1 :]:
-            model.step(at_us, position)
-        self._model = model
-        self.models += 1
+        self._allowance.left -= COST_OF_BEGINNING * cost
+        return _Late(self.taken, model, cost, deque(islice(trail, first + 1, None)))
 
     def reconstruct(self, t_us: int, position: Vector | None = None, position_us: int | None = None) -> Vector:
         """Return the stimulus to apply: the model's at the newest position, else the codec's at `t_us`."""

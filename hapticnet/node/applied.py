@@ -3,16 +3,18 @@
 A change of session is not felt: the forces of the old session are applied until the first of the new one arrives.
 """
 
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 from hapticnet.codec.base import Codec, Decoder, Foretelling
 from hapticnet.codec.positions.sending import Difference
 from hapticnet.control.hold import Hold, HoldSettings
-from hapticnet.node.announced import AnnouncedDecoder
+from hapticnet.node.announced import Allowance, AnnouncedDecoder
 from hapticnet.node.bounded import BoundedDecoder, receiver
 from hapticnet.node.elsewhere import Elsewhere
 from hapticnet.node.foresight import Foresight
 from hapticnet.protocol.events import ForceArrived, HoldConfirmed
+from hapticnet.protocol.serial_number import distance
 from hapticnet.protocol.stats import Distribution
 from hapticnet.samples import Vector
 
@@ -26,16 +28,19 @@ class _Stream:
         When the newest force arrived, on the master's clock, and its time stamp [µs]; None before the first.
     """
 
-    __slots__ = ("_asked", "_predicts", "announced", "decoder", "elsewhere", "heard_t_us", "heard_us")
+    __slots__ = ("_asked", "_late", "_predicts", "announced", "decoder", "elsewhere", "heard_t_us", "heard_us")
 
-    def __init__(self, codec: Codec, axes: int, stiffest_n_per_m: float | None, *, on_a_line: bool) -> None:
+    def __init__(
+        self, codec: Codec, axes: int, stiffest_n_per_m: float | None, allowance: Allowance, *, on_a_line: bool
+    ) -> None:
         self.decoder: Decoder = receiver(codec, axes)
         self.announced: AnnouncedDecoder | None = None
         if stiffest_n_per_m is not None:
-            self.decoder = self.announced = AnnouncedDecoder(self.decoder, axes, stiffest_n_per_m)
-        self.elsewhere = Elsewhere(codec, axes, stiffest_n_per_m) if on_a_line else None
+            self.decoder = self.announced = AnnouncedDecoder(self.decoder, axes, stiffest_n_per_m, allowance)
+        self.elsewhere = Elsewhere(codec, axes, stiffest_n_per_m, allowance) if on_a_line else None
         self.heard_us: int | None = None
         self.heard_t_us = 0
+        self._late: list[tuple[int, ForceArrived]] = []  # models taken in and not applied yet, with their numbers
         self._asked: Decoder | None = None  # the decoder of which it is known whether it predicts
         self._predicts = False
 
@@ -64,12 +69,26 @@ class _Stream:
         self.announced.move(now_us, position_m)
         return self.announced.state
 
-    def decode(self, event: ForceArrived, now_us: int) -> None:
-        """Take in a force that has arrived."""
+    def decode(self, event: ForceArrived) -> bool:
+        """Take in a force that has arrived; return whether it is applied now, or later (`caught_up`), if at all."""
+        late = self._late
+        if late and distance(event.sequence, late[-1][1].sequence) <= 0:  # overtaken by a model
+            return False
         self.decoder.decode(event.t_us, event.payload)
         if self.elsewhere is not None:
             self.elsewhere.decode(event.t_us, event.payload)
-        self.heard_us, self.heard_t_us = now_us, event.t_us
+        if self.announced is not None and self.announced.settled != self.announced.taken:
+            late[1:] = [(self.announced.taken, event)]  # of those that wait for the first one, only the newest is kept
+            return False
+        late.clear()
+        return True
+
+    def caught_up(self) -> ForceArrived | None:
+        """Return the newest force whose model is applied since the last call; None if there is none."""
+        newest = None
+        while self._late and self.announced is not None and self._late[0][0] <= self.announced.settled:
+            newest = self._late.pop(0)[1]
+        return newest
 
     def time_us(self, now_us: int, period_us: int) -> int:
         """Return the time [µs] of the newest position whose answer could have arrived by now.
@@ -80,6 +99,13 @@ class _Stream:
             return now_us
         late_us = now_us - self.heard_us - period_us
         return self.heard_t_us + late_us if late_us > 0 else self.heard_t_us
+
+
+class Applied(NamedTuple):
+    """A force that is applied now, and whether the session before has been applied until now."""
+
+    event: ForceArrived
+    begins: bool
 
 
 class AppliedForce:
@@ -102,7 +128,8 @@ class AppliedForce:
         self.age = Distribution()
         self.ticks_on_model = 0
         self._axes = axes
-        self._stream = _Stream(codec, axes, None, on_a_line=False)
+        self._allowance = Allowance()
+        self._stream = _Stream(codec, axes, None, self._allowance, on_a_line=False)
         self._next: _Stream | None = None  # that of a session which has sent no force yet
         self._foresight = Foresight(axes)
         self._hold = Hold(settings, axes=axes)
@@ -123,7 +150,7 @@ class AppliedForce:
         `stiffest_n_per_m` is the limit of models of the contact ahead [N/m]; None if nothing is announced. `on_a_line`
         tells whether positions are sent only when they matter.
         """
-        self._next = _Stream(codec, self._axes, stiffest_n_per_m, on_a_line=on_a_line)
+        self._next = _Stream(codec, self._axes, stiffest_n_per_m, self._allowance, on_a_line=on_a_line)
         if self._stream.heard_us is not None:
             return False
         self._go_on_with(self._next)
@@ -152,17 +179,31 @@ class AppliedForce:
             if stream is not None and stream.elsewhere is not None and place_m is not None:
                 stream.elsewhere.move(stream.time_us(now_us, period_us), place_m, now_us)
 
-    def take_in(self, event: ForceArrived, now_us: int) -> bool:
-        """Apply a force that has arrived; return whether the session before has been applied until now.
+    def take_in(self, event: ForceArrived, now_us: int) -> Applied | None:
+        """Apply a force that has arrived; return None if it is one whose model must catch up first.
 
         Raises
         ------
         PeerError
             If its payload is malformed. A user's codec may raise anything.
         """
-        begins = self._next is not None and not event.is_parting
-        stream = self._next if self._next is not None and begins else self._stream
-        stream.decode(event, now_us)
+        stream = self._stream if self._next is None or event.is_parting else self._next
+        return self._apply(stream, event, now_us) if stream.decode(event) else None
+
+    def caught_up(self, now_us: int) -> Applied | None:
+        """Apply the newest force whose model has caught up in `move`; None if there is none."""
+        applied = None
+        for stream in (self._stream, self._next):
+            event = None if stream is None else stream.caught_up()
+            if stream is not None and event is not None:
+                applied = self._apply(stream, event, now_us)
+        return applied
+
+    def _apply(self, stream: _Stream, event: ForceArrived, now_us: int) -> Applied:
+        stream.heard_us, stream.heard_t_us = now_us, event.t_us
+        if stream is self._stream and self._next is not None:
+            event = replace(event, is_parting=True)  # its session may have been replaced since it arrived
+        begins = stream is self._next
         if begins:
             self._hold.restart()
             self._go_on_with(stream)
@@ -171,7 +212,7 @@ class AppliedForce:
         if not stream.on_model:  # a model's force is that of now
             self._foresight.learn(event.t_us, self.received_n)
         self._valid_t_us = event.t_us
-        return begins
+        return Applied(event, begins)
 
     def confirm(self, event: HoldConfirmed, now_us: int) -> None:
         """Note that what is applied was still right at a position."""

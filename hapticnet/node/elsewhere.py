@@ -6,7 +6,7 @@ position applies something else at the tool, so the master runs a second one alo
 
 from hapticnet.codec.base import Codec, Decoder, Foretelling
 from hapticnet.errors import PeerError
-from hapticnet.node.announced import AnnouncedDecoder
+from hapticnet.node.announced import Allowance, AnnouncedDecoder
 from hapticnet.samples import Vector
 from hapticnet.vectors import minus
 
@@ -18,17 +18,19 @@ class Elsewhere:
     ----------
     stiffest_n_per_m
         Limit of models of the contact ahead [N/m]; None if nothing is announced.
+    allowance
+        That of the master's own decoder, which may therefore apply a model some positions earlier.
     """
 
     __slots__ = ("_announced", "_decoder")
 
-    def __init__(self, codec: Codec, axes: int, stiffest_n_per_m: float | None) -> None:
+    def __init__(self, codec: Codec, axes: int, stiffest_n_per_m: float | None, allowance: Allowance) -> None:
         self._announced: AnnouncedDecoder | None = None
         # A decoder that does not know the position applies the same everywhere.
         self._decoder: Decoder | None = codec.decoder(axes) if codec.needs_position else None
         if stiffest_n_per_m is not None:
             inner = self._decoder or codec.decoder(axes)
-            self._decoder = self._announced = AnnouncedDecoder(inner, axes, stiffest_n_per_m)
+            self._decoder = self._announced = AnnouncedDecoder(inner, axes, stiffest_n_per_m, allowance)
 
     def decode(self, t_us: int, payload: bytes) -> None:
         """Take in a payload that the master's own decoder has taken in."""

@@ -13,7 +13,7 @@ from hapticnet.device.user import UserActuator
 from hapticnet.errors import PeerError, SampleError, in_words
 from hapticnet.measure.metrics import RunningError
 from hapticnet.node.actuator import Actuator
-from hapticnet.node.applied import AppliedForce
+from hapticnet.node.applied import Applied, AppliedForce
 from hapticnet.node.fingertip import Fingertip
 from hapticnet.node.first_touch import FirstTouch
 from hapticnet.node.forward import Forward
@@ -223,6 +223,7 @@ class MasterNode:
                 self._ask_operator(now_us - self._script_start_us, now_us)
             if self.position_m is not None:
                 state = self._applied.move(now_us, self.position_m)
+                self._note(self._applied.caught_up(now_us), now_us)
                 if is_due:
                     self._send(self.position_m, state, now_us)
 
@@ -459,6 +460,14 @@ class MasterNode:
             self._events.append(Failed(reason))
             self.close(reason, now_us)
 
+    def _note(self, applied: Applied | None, now_us: int) -> None:
+        """Acknowledge a force that is applied from now on."""
+        if applied is None:
+            return
+        self.session.applied(applied.event)
+        if applied.begins and self._granted is not None:
+            self._events += self.in_force.begin(self._granted, now_us)
+
     def _digest_events(self, now_us: int) -> None:
         events = self.session.events
         while events:
@@ -467,15 +476,13 @@ class MasterNode:
     def _digest(self, event: MasterEvent, now_us: int) -> None:
         if isinstance(event, ForceArrived):
             try:
-                begins = self._applied.take_in(event, now_us)
+                applied = self._applied.take_in(event, now_us)
             except PeerError:
                 self.session.payload_was_malformed()
             except Exception as error:  # a user's codec may raise anything
                 self._fail(f"the codec failed: {in_words(error)}", now_us)
             else:
-                self.session.applied(event)
-                if begins and self._granted is not None:
-                    self._events += self.in_force.begin(self._granted, now_us)
+                self._note(applied, now_us)
             return
         if isinstance(event, OutlookArrived):
             self._forward.told(event.payload)

@@ -5,6 +5,7 @@ import errno
 import ipaddress
 import os
 import socket
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final, TypeAlias
@@ -31,7 +32,11 @@ READ_BYTES: Final = MAX_DATAGRAM_BYTES + 1
 """One more than is allowed, so that oversized datagrams can be recognised."""
 
 DRAIN_AT_MOST: Final = 256
-"""Largest number of datagrams read in a row, so that a flood cannot delay the tick."""
+"""Largest number of datagrams read in a row."""
+
+DRAIN_US: Final = 300
+"""Longest time [µs] for which a master takes in datagrams in a row, so that a flood does not delay its tick by more.
+The rest stays in the socket's queue."""
 
 PROMPT_US: Final = 2_000
 """If the socket was empty this short a time ago, the first datagram is handed over before the next one is looked for:
@@ -155,7 +160,7 @@ class UdpPort:
         Called with the datagrams that have queued up, each with its source, and the time [µs]; None: this port only
         sends.
     at_once
-        Hand each datagram over by itself, as soon as it is read.
+        Hand each datagram over by itself, as soon as it is read, and let others have the loop after `DRAIN_US`.
     peer
         The only address whose datagrams are accepted; None: all are.
     channel, channel_in
@@ -197,6 +202,7 @@ class UdpPort:
         self._alarm = Alarm(loop, self._deliver) if channel else None
         self._channel_in = channel_in
         self._alarm_in = Alarm(loop, self._hand_over) if channel_in else None
+        self._due: deque[tuple[bytes, SocketAddress]] = deque()  # out of the channel, and not handed over yet
         if receive is not None:
             loop.add_reader(sock.fileno(), self._drain)
 
@@ -225,12 +231,15 @@ class UdpPort:
 
     def _drain(self) -> None:
         receive = self._receive
-        if receive is None:
+        if receive is None or self._due:  # what is due comes first, and must not become ever more
             return
         receive_from = self._sock.recvfrom
         at_once = self._at_once
         batch: list[tuple[bytes, SocketAddress]] = []
+        end_us = now_us() + DRAIN_US
         for number in range(DRAIN_AT_MOST):
+            if at_once and number and now_us() >= end_us:
+                break
             try:
                 if number == 0:
                     self._drains += 1
@@ -262,9 +271,16 @@ class UdpPort:
         if self._channel_in is None or self._alarm_in is None or self._receive is None:
             return
         now = now_us()
-        if due := self._channel_in.due(now):
+        due = self._channel_in.due(now)
+        if self._at_once:
+            self._due += due
+            end_us = now + DRAIN_US
+            while self._due and now < end_us:
+                self._receive([self._due.popleft()], now)
+                now = now_us()
+        elif due:
             self._receive(due, now)
-        self._alarm_in.set(self._channel_in.next_timer_us())
+        self._alarm_in.set(now if self._due else self._channel_in.next_timer_us())
 
     def _deliver(self) -> None:
         if self._channel is None or self._alarm is None:

@@ -1,6 +1,8 @@
 """Payloads with models: golden vectors, and nothing but a PeerError for anything else."""
 
 import json
+import math
+import struct
 from pathlib import Path
 
 import pytest
@@ -9,9 +11,11 @@ from hypothesis import strategies as st
 
 from hapticnet.codec.schemes.deadband import Deadband
 from hapticnet.errors import PeerError
-from hapticnet.node.announced import AnnouncedDecoder
-from hapticnet.node.model_wire import pack_model, read_state, unpack_model, with_state
+from hapticnet.node import announced
+from hapticnet.node.announced import MOST_PLAYED, AnnouncedDecoder
+from hapticnet.node.model_wire import OF_CODEC, pack_model, read_state, unpack_model, with_state
 from hapticnet.scene.ahead import MOST_LAYERS, LayerAhead
+from hapticnet.scene.contact_model import ContactModel
 from tests.vectors import make_models
 
 VECTORS = json.loads((Path(__file__).parents[1] / "vectors" / "models.json").read_text())
@@ -70,7 +74,7 @@ def test_any_other_payload_is_a_peer_error_and_changes_nothing(payload):
         one.decode(1000, payload)
     except PeerError:
         assert one.reconstruct(0) == before
-        assert one.models == 1
+        assert one.taken == one.settled == 1
     else:
         assert all(abs(component) <= 1e15 for component in one.reconstruct(0))
 
@@ -111,15 +115,88 @@ def test_a_model_before_any_position_is_refused():
         decoder().decode(0, pack_model([SPRING], 1))
 
 
-def test_a_flood_of_models_is_refused_until_the_next_position():
-    one, payload = moved(), pack_model([SPRING], 1)
-    for _ in range(4):
-        one.decode(0, payload)
-    with pytest.raises(PeerError, match="more models"):
-        one.decode(0, payload)
-    one.move(2000, (0.022,))
-    one.decode(0, payload)
-    assert one.reconstruct(0) == (pytest.approx(1.0, rel=1e-6),)
+FULL = [LayerAhead(0.0, 100.0, 0.5, 1.0, 10.0, 0.1, 1e-3, 0.001)] * MOST_LAYERS
+
+
+def passed(positions=1000):
+    """Return a decoder whose tool went in and out for a second."""
+    one = decoder()
+    for index in range(positions):
+        one.move(1000 * index, (0.01 * math.sin(0.05 * index),))
+    return one
+
+
+@pytest.fixture
+def played(monkeypatch):
+    """Return what models have been played since it was last taken: the layers of each position, and 1."""
+    costs, step = [], ContactModel.step
+
+    def counted(model, t_us, position):
+        costs.append(1 + len(model.layers()))
+        return step(model, t_us, position)
+
+    monkeypatch.setattr(ContactModel, "step", counted)
+
+    def taken():
+        cost = sum(costs)
+        costs.clear()
+        return cost
+
+    return taken
+
+
+def test_a_flood_of_old_models_is_played_no_more_of_the_past_between_two_positions(played):
+    one, payload = passed(), pack_model(FULL, 1)
+    for index in range(1000, 1100):
+        one.move(1000 * index, (0.0,))
+        for _ in range(50):
+            one.decode(1000 * (index - 900), payload)
+        assert played() <= MOST_PLAYED + 2 * 9, "and one more for the model that is applied"
+
+
+def test_a_model_that_is_caught_up_later_renders_what_it_would_have_rendered_at_once(monkeypatch):
+    late, payload = passed(), pack_model(FULL, 1)
+    late.decode(100_000, payload)
+    assert not late.on_model
+    for index in range(1000, 1036):
+        late.move(1000 * index, (0.01 * math.sin(0.05 * index),))
+    assert late.on_model
+    monkeypatch.setattr(announced, "MOST_PLAYED", 1 << 20)
+    at_once = passed(1036)
+    at_once.decode(100_000, payload)
+    assert late.state == at_once.state
+    assert late.reconstruct(0) == at_once.reconstruct(0) != (0.0,)
+
+
+def test_a_model_of_three_layers_is_played_a_round_trip_of_fifty_positions_at_once():
+    one = passed()
+    one.decode(949_000, pack_model(FULL[:3], 1))
+    assert one.on_model
+
+
+def test_what_was_applied_goes_on_until_a_model_has_caught_up_and_only_the_newest_waits_for_it():
+    one = passed()
+    one.decode(0, OF_CODEC + struct.pack(">f", 2.0))
+    for force_n in (1.0, 2.0, 3.0):
+        one.decode(0, pack_model([*FULL[1:], LayerAhead(-0.02, 100.0, force_n)], 1))
+    assert (one.taken, one.settled) == (3, 0)
+    assert one.reconstruct(0) == (2.0,)
+    settled = []
+    for index in range(1000, 1100):
+        one.move(1000 * index, (0.0,))
+        settled.append(one.settled)
+    assert sorted(set(settled)) == [0, 1, 3]
+
+
+def test_a_payload_of_the_codec_replaces_the_models_that_have_not_caught_up():
+    one = passed()
+    for _ in range(2):
+        one.decode(0, pack_model(FULL, 1))
+    one.decode(0, OF_CODEC + struct.pack(">f", 2.0))
+    assert one.settled == one.taken == 2
+    for index in range(1000, 1050):
+        one.move(1000 * index, (0.0,))
+        assert one.reconstruct(0) == (2.0,)
 
 
 def test_the_largest_model_fits_a_datagram():
