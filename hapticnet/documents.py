@@ -9,7 +9,7 @@ from typing import Any, Final, TypeVar, get_args
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from hapticnet.checks import meant
-from hapticnet.errors import FileError, SettingsError
+from hapticnet.errors import FileError, SettingsError, visible
 from hapticnet.files import read_text
 
 LARGEST_DOCUMENT: Final = 4 * 2**20
@@ -23,6 +23,8 @@ MOST_PARTS_TOGETHER: Final = 200_000
 
 STRICT: Final = ConfigDict(extra="forbid", strict=True)
 """Model configuration of a document: no unknown keys, no type conversions."""
+
+_CONTROL: Final = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 
 _EXPECTED: Final = {
     "string_type": "text in quotes",
@@ -90,9 +92,11 @@ def parse_tables(text: str, source: str) -> dict[str, Any]:
     _check_keys(text, source)
     try:
         # Besides its own error, tomllib lets errors of int() and of the recursion limit through.
-        return tomllib.loads(text)
+        tables = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise FileError(f"{source}: not a TOML file: {_with_place(str(error), text)}") from error
+    _check_texts(tables, source)
+    return tables
 
 
 def parse_document(text: str, source: str, model: type[Document], *, context: object = None) -> Document:
@@ -129,6 +133,22 @@ def _check_keys(text: str, source: str) -> None:
                 raise FileError(f"{source}: line {line} has a key of {parts:,} parts; at most {MOST_PARTS} are read")
             if together > MOST_PARTS_TOGETHER:
                 raise FileError(f"{source}: its dotted keys have more than {MOST_PARTS_TOGETHER:,} parts together")
+
+
+def _check_texts(tables: dict[str, Any], source: str) -> None:
+    """Raise FileError if a key or text has control characters, which could speak to a terminal: TOML can escape them.
+
+    Line feeds and tabs are allowed.
+    """
+    waiting: list[tuple[str, Any]] = [("", tables)]
+    while waiting:
+        name, value = waiting.pop()
+        if isinstance(value, dict):
+            waiting += [(key, key) for key in value] + list(value.items())
+        elif isinstance(value, list):
+            waiting += [(name, each) for each in value]
+        elif isinstance(value, str) and (found := _CONTROL.search(value)):
+            raise FileError(f"{source}: {visible(name)!r} has the control character U+{ord(found[0]):04X}; remove it")
 
 
 def _with_place(message: str, text: str) -> str:

@@ -81,6 +81,19 @@ def test_no_document_takes_long_or_much_memory(unit, message):
     assert time.monotonic() - began < LONG_S
 
 
+@pytest.mark.parametrize("text", ['a = "{}"', 'a = ["x", "{}"]', '[a.b]\nc = "{}"', '"{}" = 1', '[a."{}"]'])
+@pytest.mark.parametrize("control", ["\\u0000", "\\u001b", "\\u007f", "\\u009b", "\\r"])
+def test_a_control_character_in_a_text_or_key_is_refused(text, control):
+    with pytest.raises(FileError, match=r"x: '.*' has the control character U\+00[0-9A-F]{2}; remove it") as caught:
+        parse_tables(text.format(control), "x")
+    assert str(caught.value).isprintable()
+
+
+def test_line_feeds_tabs_and_every_script_are_allowed_in_texts():
+    text = "two\nlines\tof é 力 \u00a0\u200d"
+    assert parse_tables(f'a = """{text}"""', "x") == {"a": text}
+
+
 def test_many_small_keys_are_refused_before_they_fill_the_memory():
     text = "".join(f"k{number}.a.b.c.d.e.f.g=1\n" for number in range(LARGEST_DOCUMENT // 24))
     with pytest.raises(FileError, match="its dotted keys have more than 200,000 parts together"):

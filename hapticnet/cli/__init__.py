@@ -98,6 +98,8 @@ def main() -> None:
     if asks_for_json(sys.argv[1:], os.environ):
         STDERR.form = Form.JSON  # now, so that what is wrong with options is told in this form, too
     try:
+        if not os.environ.get("COLUMNS", "").strip("0"):  # rich would print nothing in 0 columns
+            os.environ.pop("COLUMNS", None)
         code = app(with_page_address(sys.argv[1:]), standalone_mode=False, prog_name="hapticnet")
         if sys.stdout is not None:
             sys.stdout.flush()

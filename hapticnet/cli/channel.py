@@ -16,6 +16,7 @@ def channel(
     forward: Annotated[str, typer.Option(metavar="SPEC", help="Network from master to slave.")] = "perfect",
     feedback: Annotated[str, typer.Option(metavar="SPEC", help="Network from slave to master.")] = "perfect",
     duration: Annotated[float | None, typer.Option(min=0.0, help="Stop after this many seconds.")] = None,
+    insecure: options.Insecure = False,
     seed: options.Seed = 0,
     real_time: options.RealTime = True,
     json: options.Json = False,
@@ -27,16 +28,18 @@ def channel(
     SPEC is a preset (perfect, lan, wifi, 4g, transatlantic, satellite), or parts such as
     delay=20ms,jitter=normal:5ms,loss=2%, or a preset followed by parts.
     """
+    from ipaddress import ip_address
+
     import numpy as np
 
     from hapticnet.channel.spec import parse_channel
     from hapticnet.cli.console import Console, check_outputs, deliver
-    from hapticnet.errors import UnavailableError
+    from hapticnet.errors import SettingsError, UnavailableError
     from hapticnet.runtime.overload import Overload
     from hapticnet.runtime.realtime import OTHER, prefer_realtime, run
     from hapticnet.runtime.relay import run_relay
     from hapticnet.runtime.rescue import Rescue
-    from hapticnet.runtime.udp import bound_address, open_toward, parse_host_port
+    from hapticnet.runtime.udp import bound_address, is_loopback, open_toward, parse_host_port
     from hapticnet.runtime.udp import listen as listen_on
 
     there, back = parse_channel(forward), parse_channel(feedback)
@@ -45,9 +48,18 @@ def channel(
     check_outputs(report)
     console = Console("channel", quiet=quiet, real_time=True)
     try:
-        open_toward(target)[0].close()
+        toward, slave = open_toward(target)
+        toward.close()
     except UnavailableError as error:
         console.warn(f"{error}; trying again when a master connects")
+    else:
+        here = is_loopback(slave) or ip_address(slave[0]).is_unspecified  # Linux takes 0.0.0.0 for loopback
+        if here and not is_loopback(sock.getsockname()) and not insecure:
+            raise SettingsError(
+                f"{bound_address(sock)} can be reached from other hosts, and the slave at {target} takes every master"
+                " behind this relay for one on its own host, with which open sessions are allowed; listen on 127.0.0.1,"
+                " or relay for anyone with --insecure"
+            )
 
     def on_status(relay: "Relay") -> None:
         console.status(f"{relay.clients} clients")

@@ -12,6 +12,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from hapticnet.cli.console import show
 from hapticnet.experiment.comparison import Row
 from hapticnet.experiment.comparison_table import COLUMNS, Column, heading, notes
 from hapticnet.experiment.summary import Block, blocks, means
@@ -40,9 +41,9 @@ def print_rows(rows: Sequence[Row], trials: Sequence[Trial], width: int | None =
     single = blocks(rows)
     shown = single + means(single)
     for trial in trials:
-        print(textwrap.fill(describe(trial), width, subsequent_indent="  "))
+        show(textwrap.fill(describe(trial), width, subsequent_indent="  "))
     for block in shown:
-        print("\n" + textwrap.fill(heading(block, shown), width, subsequent_indent="  "))
+        show("\n" + textwrap.fill(heading(block, shown), width, subsequent_indent="  "))
         _print_block(block, width)
     print(textwrap.fill(" ".join(notes(shown)), min(width, NOTE_WIDTH)))
 

@@ -96,6 +96,8 @@ def _resolve(root: Any, arguments: list[str], file: Path | None) -> list[dict[st
 
 
 def _print_table(rows: list[dict[str, Any]]) -> None:
+    from hapticnet.cli.console import show
+
     if not rows:
         print("neither a file nor the environment sets an option; hapticnet config VERB lists the defaults")
         return
@@ -105,7 +107,7 @@ def _print_table(rows: list[dict[str, Any]]) -> None:
     ]
     widths = [max(len(cell[column]) for cell in cells) for column in range(2)]
     for option, value, source in cells:
-        print(f"{option:<{widths[0]}}  {value:<{widths[1]}}  {source}")
+        show(f"{option:<{widths[0]}}  {value:<{widths[1]}}  {source}")
 
 
 def _shown(value: object) -> str:

@@ -20,6 +20,9 @@ STALL_S: Final = 3.0
 PROGRESS_S: Final = 5.0
 """Time [s] between two lines that say how far a run is, where there is no status line."""
 
+LONGEST_ERROR: Final = 4000
+"""Characters of an error that are printed; the middle of a longer one is left out."""
+
 MOST_ENTRIES: Final = 20
 """Entries shown of a list in a report for a person."""
 
@@ -110,7 +113,10 @@ class Console:
 
 def complain(message: str) -> None:
     """Print an error as one line on stderr."""
-    STDERR.line(log_line(" ".join(message.split()), who="hapticnet", level=Level.ERROR), needed=True)
+    line = " ".join(message.split())
+    if len(line) > LONGEST_ERROR:  # an invalid value may have any length; what would be right stands at the end
+        line = f"{line[: LONGEST_ERROR // 2]} … {line[-LONGEST_ERROR // 2 :]}"
+    STDERR.line(log_line(line, who="hapticnet", level=Level.ERROR), needed=True)
 
 
 def deliver(
@@ -165,6 +171,11 @@ def _print(text: str, stall_s: float | None) -> None:
     except OSError as error:
         abandon(sys.stdout)
         raise FileError(f"stdout cannot be written: {error.strerror}") from error
+
+
+def show(text: str) -> None:
+    """Print a text for a person on stdout, with "?" in the place of what would speak to a terminal."""
+    print("\n".join(visible(line) for line in text.split("\n")))
 
 
 def write_text(path: Path, text: str, *, follow: bool = True) -> None:

@@ -10,6 +10,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from hapticnet.errors import printable
+
 
 def provenance() -> dict[str, Any]:
     """Return version, date (UTC), machine and command of this process, for JSON."""
@@ -25,7 +27,7 @@ def provenance_lines() -> list[str]:
     """Return the same as one line of text each, for the comments at the top of a table."""
     origin = provenance()
     origin["machine"] = ", ".join(f"{key} {value}" for key, value in origin["machine"].items())
-    return [f"{key}: {' '.join(str(value).split())}" for key, value in origin.items()]
+    return [f"{key}: {printable(str(value))}" for key, value in origin.items()]
 
 
 @cache

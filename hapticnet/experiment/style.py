@@ -1,6 +1,7 @@
 """One look for all figures: colours that colour-blind readers tell apart, markers and dashes for grey print."""
 
 import math
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -51,6 +52,7 @@ Points = Sequence[tuple[float, ...]]
 
 def pyplot() -> Any:
     """Return matplotlib's pyplot, drawing to files only; an UnavailableError says what to install."""
+    os.environ["MPLBACKEND"] = "Agg"  # matplotlib refuses to be imported with one that it does not know
     try:
         import matplotlib as mpl
     except ImportError as error:

@@ -1,6 +1,5 @@
 """Arrays from NumPy, MATLAB and Parquet files as columns."""
 
-import zipfile
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy.typing as npt
 from hapticnet.arrays import FloatArray, IntArray
 from hapticnet.errors import FileError, UnavailableError
 from hapticnet.recordings.columns import printable
+from hapticnet.recordings.numpy_files import check_columns, load_npy, load_npz
 from hapticnet.recordings.session.in_force import change_notes
 from hapticnet.recordings.session.reading import npz_events
 
@@ -40,6 +40,7 @@ class ArraySource:
         self, path: Path, names: Sequence[str], read: Callable[[Sequence[str]], Sequence[npt.NDArray[Any]]], rows: int
     ) -> None:
         self.path = path
+        check_columns(path, len(names))
         self.names = tuple(map(printable, names))
         self.notes: tuple[str, ...] = ()
         self._names = tuple(names)
@@ -91,27 +92,20 @@ class ArraySource:
 def open_npy(path: Path, max_bytes: int) -> ArraySource:
     """Return the array in a .npy file, of shape (n,) or (n, columns) or structured, as columns."""
     with path.open("rb") as file:
-        array = _load_array(path, file, max_bytes)
+        array = load_npy(path, file, max_bytes)
     if array.dtype.names:
         return _source(path, {name: array[name] for name in array.dtype.names}, len(array) if array.ndim else 0)
     if array.ndim not in (1, 2):
         raise FileError(f"{path}: array of shape {array.shape}; expected (n,) or (n, columns)")
+    check_columns(path, array.shape[1] if array.ndim > 1 else 1)
     return _source(path, {str(index): column for index, column in enumerate(np.atleast_2d(array.T))}, len(array))
 
 
 def open_npz(path: Path, max_bytes: int) -> ArraySource:
     """Return the arrays in a .npz file as columns."""
-    with zipfile.ZipFile(path) as archive:
-        unpacked = sum(member.file_size for member in archive.infolist())
-        if unpacked > max_bytes:
-            raise FileError(f"{path}: unpacks to {unpacked} bytes; the limit is {max_bytes}")
-        arrays = {}
-        for member in archive.infolist():
-            if member.filename.endswith(".npy"):
-                with archive.open(member) as file:
-                    arrays[member.filename.removesuffix(".npy")] = _load_array(path, file, max_bytes)
+    arrays = load_npz(path, max_bytes)
     if _SESSION.issubset(arrays):  # a recording of hapticnet: the main table is what is meant
-        events = npz_events(str(arrays["events"]))
+        events = npz_events(path, str(arrays["events"]))
         arrays = {name: array for name, array in arrays.items() if "." not in name and name not in _SESSION}
         source = _named(path, arrays)
         source.notes = change_notes(events)
@@ -189,19 +183,6 @@ def open_parquet(path: Path, max_bytes: int) -> ArraySource:
     return ArraySource(path, names, read, rows)
 
 
-def _load_array(path: Path, file: Any, max_bytes: int) -> npt.NDArray[Any]:
-    """Return an array after checking the size that its header claims."""
-    version = np.lib.format.read_magic(file)
-    header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, _, dtype = header(file)
-    claimed = int(np.prod(shape, dtype=object)) * dtype.itemsize
-    if claimed > max_bytes:
-        raise FileError(f"{path}: an array of {claimed} bytes; the limit is {max_bytes}")
-    file.seek(0)
-    array: npt.NDArray[Any] = np.lib.format.read_array(file, allow_pickle=False)
-    return array
-
-
 def _named(path: Path, arrays: Arrays) -> ArraySource:
     """Return named arrays as columns; if their lengths differ, those as long as the longest vector."""
     squeezed = {name: np.squeeze(array) for name, array in arrays.items()}
@@ -217,6 +198,7 @@ def _named(path: Path, arrays: Arrays) -> ArraySource:
             columns[name] = array
         elif array.ndim == 2 and rows in array.shape:
             samples_first = array if len(array) == rows else array.T
+            check_columns(path, len(columns) + samples_first.shape[1])
             columns |= {f"{name}.{index}": column for index, column in enumerate(samples_first.T)}
     return _source(path, columns, rows)
 

@@ -16,6 +16,7 @@ from hapticnet.arrays import FloatArray, IntArray
 from hapticnet.errors import FileError
 from hapticnet.recordings.columns import printable
 from hapticnet.recordings.layout import OPEN_QUOTE, csv_reason, find_layout, is_missing, number_of, split_cells
+from hapticnet.recordings.numpy_files import check_columns
 from hapticnet.recordings.times import is_stamp, stamp_us
 
 LONGEST_LINE: Final = 2**20
@@ -47,6 +48,9 @@ class DelimitedSource:
                 if line.lstrip()[:1] in ("#", "%"):
                     comment = comment if sample else line
                 elif line.strip():
+                    check_columns(
+                        path, 1 + max(line.count("\t"), line.count(";"), line.count(","), len(line.split()) - 1)
+                    )
                     sample.append((number, line.rstrip("\n")))
                     if len(sample) == _SAMPLE_ROWS:
                         break

@@ -5,7 +5,7 @@ from pathlib import Path
 from hapticnet.errors import FileError
 from hapticnet.files import open_regular
 from hapticnet.study import store
-from hapticnet.study.rows import AnyRow, OrderRow
+from hapticnet.study.rows import AnyRow, OrderRow, columns
 from hapticnet.study.weber import ParticipantFile, load_participant
 
 
@@ -25,8 +25,17 @@ def table_files(folder: Path, kind: type[AnyRow]) -> list[Path]:
         with open_regular(file) as lines:
             names = lines.readline(100_000).decode(errors="replace").rstrip("\r\n").split("\t")
         if mark in names and "event" in names:
+            _check_names(file, kind, names)
             found.append(file)
     return found
+
+
+def _check_names(file: Path, kind: type[AnyRow], names: list[str]) -> None:
+    """Raise FileError if a table has a column that no session writes; what is missing counts as not available."""
+    strange = [name for name in names if name not in columns(kind)]
+    if strange or len(set(names)) < len(names):
+        which = f'the column "{strange[0][:40]}"' if strange else "a column twice"
+        raise FileError(f"{file}: has {which}, which no session writes: it was changed, or by another version")
 
 
 def read_rows(folder: Path, kind: type[AnyRow]) -> list[AnyRow]:

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal, TypeAlias, TypeVar, get_args, get_type_hints
 
-from hapticnet.errors import FileError
+from hapticnet.errors import FileError, printable, visible
 
 MISSING: Final = "n/a"
 
@@ -235,7 +235,7 @@ def _write(value: object) -> str:
         return MISSING
     if isinstance(value, float):
         return f"{value:.9g}"
-    return " ".join(str(value).split()) or MISSING
+    return printable(str(value)) or MISSING
 
 
 def _read(name: str, cell: str, kind: Any) -> Any:
@@ -249,4 +249,4 @@ def _read(name: str, cell: str, kind: Any) -> Any:
             return float(cell)
     except ValueError as error:
         raise FileError(f"column {name}: {cell[:40]!r} is not a number") from error
-    return cell
+    return visible(cell)

@@ -135,9 +135,10 @@ def read_rows(path: Path, kind: type[AnyRow], *, most: int | None = None) -> lis
     data = read_bytes(path, LARGEST_TABLE)
     lines = data[: data.rfind(b"\n") + 1].decode("utf-8", "replace").splitlines()
     rows = []
+    names = lines[0].split("\t") if lines else []
     for number, line in enumerate(lines[1 : None if most is None else 1 + most], start=2):
         try:
-            rows.append(from_cells(kind, lines[0].split("\t"), line.split("\t")))
+            rows.append(from_cells(kind, names, line.split("\t")))
         except FileError as error:
             raise FileError(f"{path}: line {number}: {error}") from error
     return rows

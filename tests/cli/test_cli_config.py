@@ -89,6 +89,7 @@ def test_what_a_file_sets_reaches_the_verb(run, tmp_path):
         ("[slave]\nadd-codec = 'a.py:One'\n", ("add-codec is 'a.py:One'", "it must be a list")),
         ("[master]\nconfig = 'other.toml'\n", ("unknown key 'config'",)),
         ("[master\n", ("not a TOML file", "line 1")),
+        ('[master]\ncodec = "\\u001b]0;title\\u0007"\n', ("'codec' has the control character U+001B",)),
     ],
 )
 def test_a_wrong_file_is_one_line_whatever_the_verb(run, tmp_path, text, words):
@@ -131,3 +132,22 @@ def test_a_misspelt_variable_is_a_warning_because_other_programs_set_some_too(ru
 
 def test_a_size_is_shown_as_one_writes_it(run):
     assert re.search(r"^--record-limit +2GiB +default$", run("config", "master").stdout, re.MULTILINE)
+
+
+def test_nothing_in_the_environment_speaks_to_the_terminal(run):
+    done = run("config", "master", HAPTICNET_MASTER_CODEC="\x1b]0;title\x07")
+    assert "?]0;title?" in done.stdout + done.stderr
+    assert all(line.isprintable() for line in (done.stdout + done.stderr).splitlines())
+
+
+def test_of_a_long_value_the_middle_is_left_out(run):
+    done = run("slave", HAPTICNET_SLAVE_DURATION="A" * 100_000)
+    assert done.returncode == 2
+    assert len(done.stderr) < 5000
+    assert "HAPTICNET_SLAVE_DURATION" in done.stderr
+    assert done.stderr.rstrip().endswith("(see hapticnet slave --help)")
+
+
+@pytest.mark.parametrize("columns", ["0", "00"])
+def test_a_terminal_without_columns_is_taken_for_one_of_unknown_width(run, columns):
+    assert "Timer" in run("doctor", "--quick", COLUMNS=columns).stdout

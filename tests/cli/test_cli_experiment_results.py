@@ -3,6 +3,8 @@
 import csv
 import dataclasses
 import json
+import os
+import subprocess
 import sys
 
 import pytest
@@ -61,6 +63,26 @@ def test_analyse_writes_report_tables_and_pictures(run, study):
     assert (results / "report.md").read_text() == done.stdout
     assert all(f"({name}.png)" in done.stdout for name in FIGURES)
     assert "a default, since there is no plan" in done.stdout
+
+
+def test_nothing_in_a_table_speaks_to_the_terminal_or_stays_in_the_report(run, tmp_path):
+    evil = "\x1b]0;title\x07"
+    study = write(tmp_path / f"study{evil}", rows())
+    table = study / "order.tsv"
+    name = next(row.condition for row in rows() if row.condition is not None)
+    table.write_text(table.read_text().replace(f"\t{name}\t", f"\t{name}{evil}\t"))
+    done = run("experiment", "analyse", study)
+    assert done.returncode == 0
+    assert f"{name}?]0;title?" in done.stdout
+    assert all(line.isprintable() for line in (done.stdout + done.stderr).splitlines())
+    assert evil not in "".join((study / "results" / name).read_text() for name in TABLES)
+
+
+def test_figures_are_drawn_whatever_backend_the_environment_names():
+    code = "from hapticnet.experiment.style import pyplot; print(pyplot().get_backend())"
+    environment = {**os.environ, "MPLBACKEND": "nonsense"}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
+    assert done.stdout.strip().lower() == "agg"
 
 
 def test_tables_have_every_participant_and_say_that_they_are_simulated(run, study):
@@ -149,6 +171,11 @@ def test_without_matplotlib_and_statsmodels_the_rest_is_done_and_the_commands_ar
         (header(OrderRow) + "\t".join(["trial", "01", "one"] + ["n/a"] * 200) + "\n", "order.tsv: line 2"),
         ("event\torder_true\ntrial\t123\n", "no column event, participant or session"),
         ("\x00\x01\ufffd\n\x00", "no answered trial"),
+        (
+            header(OrderRow).replace("order_answered", "order_given"),
+            'the column "order_given", which no session writes',
+        ),
+        (header(OrderRow).replace("order_answered", "version"), "a column twice, which no session writes"),
     ],
 )
 def test_a_malformed_table_is_one_line(run, tmp_path, text, told):

@@ -9,7 +9,9 @@ import signal
 import sys
 
 import numpy as np
+import pyarrow
 import pytest
+from pyarrow import parquet
 
 from hapticnet.errors import FileError
 from hapticnet.sweep import cluster
@@ -101,6 +103,23 @@ def test_show_prints_a_table_csv_and_json_that_agree_and_draws_a_figure(run, swe
         rows = list(csv.DictReader(lines))
     assert [float(row["sent_mean"]) for row in rows] == [row["sent_mean"] for row in told["rows"]]
     assert "</svg>" in picture.read_text()
+
+
+def test_nothing_in_a_folder_of_results_speaks_to_the_terminal(run, swept):
+    evil = "\x1b]0;title\x07[red]"
+    about = json.loads((swept / "sweep.json").read_text())
+    (swept / "sweep.json").write_text(json.dumps({**about, "name": evil}))
+    for shard in list(swept.glob("shard-*.parquet")):
+        table = parquet.read_table(shard)
+        place = table.schema.get_field_index("codec")
+        table = table.set_column(place, "codec", pyarrow.array([evil] * len(table)))
+        parquet.write_table(table, shard)
+        content = shard.read_bytes()
+        shard.rename(swept / shard_name(Shard(*map(int, shard.name.split("-")[1:3])), content))
+    done = run("sweep", "show", swept)
+    assert done.stdout.startswith("?]0;title?[red]: 18 of 18 runs")
+    assert done.stdout.count("?]0;title?[red]") > 1
+    assert all(line.isprintable() for line in done.stdout.splitlines())
 
 
 def test_show_groups_and_selects_as_asked(run, swept):

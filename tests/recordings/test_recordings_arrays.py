@@ -11,6 +11,7 @@ import pytest
 import scipy.io
 
 from hapticnet.errors import FileError, SettingsError, UnavailableError
+from hapticnet.recordings import numpy_files
 from hapticnet.recordings.recording import load_motion, load_recording
 
 T_US = np.arange(6) * 1000
@@ -244,3 +245,41 @@ def test_mutated_files_are_read_or_refused(tmp_path, name):
             assert recording.force.shape == (len(recording.t_us), 1)
     assert read + refused == 400
     assert refused > 20
+
+
+def test_an_array_of_bytes_is_limited_by_its_size_as_numbers(tmp_path):
+    np.savez_compressed(tmp_path / "a.npz", force=np.ones((1000, 2), dtype=np.uint8))
+    np.save(tmp_path / "a.npy", np.ones((1000, 2), dtype=np.uint8))
+    for name in ("a.npz", "a.npy"):
+        assert (
+            len(
+                load_recording(
+                    tmp_path / name, rate_hz=1000.0, max_bytes=16_000, columns="0,1" if "y" in name else None
+                ).force
+            )
+            == 1000
+        )
+        with pytest.raises(FileError, match="an array of 16000 bytes; the limit is 15999"):
+            load_recording(tmp_path / name, rate_hz=1000.0, max_bytes=15_999)
+
+
+def test_arrays_count_together_as_numbers(tmp_path):
+    np.savez_compressed(tmp_path / "a.npz", **{f"a{index}": np.ones(1000, dtype=np.uint8) for index in range(3)})
+    with pytest.raises(FileError, match="unpacks to more than 20000 bytes"):
+        load_recording(tmp_path / "a.npz", rate_hz=1000.0, max_bytes=20_000)
+
+
+def test_more_columns_than_the_limit_are_refused_in_words(tmp_path, monkeypatch):
+    monkeypatch.setattr(numpy_files, "MOST_COLUMNS", 5)
+    numbers = np.ones((10, 6))
+    np.save(tmp_path / "wide.npy", numbers)
+    np.savez(tmp_path / "wide.npz", force=numbers)
+    np.savez(tmp_path / "many.npz", **{f"a{index}": np.ones(10) for index in range(6)})
+    scipy.io.savemat(tmp_path / "wide.mat", {"force": numbers})
+    pyarrow.parquet.write_table(pyarrow.table({f"a{index}": [1.0] for index in range(6)}), tmp_path / "wide.parquet")
+    np.savetxt(tmp_path / "wide.csv", numbers, delimiter=",")
+    np.savetxt(tmp_path / "wide.txt", numbers)
+    (tmp_path / "last.csv").write_text("a,b\n1,2\n3,4,5,6,7,8\n")
+    for file in sorted(tmp_path.iterdir()):
+        with pytest.raises(FileError, match="6 columns; the limit is 5"):
+            load_recording(file, rate_hz=1000.0)

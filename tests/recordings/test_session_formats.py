@@ -19,11 +19,15 @@ from hapticnet.errors import FileError, UnavailableError
 from hapticnet.node.recording import DATAGRAM_COLUMNS, master_columns
 from hapticnet.node.slave_events import ScenePaused
 from hapticnet.recordings.recording import load_motion, load_recording
+from hapticnet.recordings.session import mcap_reader
 from hapticnet.recordings.session import session as session_module
-from hapticnet.recordings.session.mcap_reader import EVENT_BYTES
+from hapticnet.recordings.session.export import export
+from hapticnet.recordings.session.frames import as_type
+from hapticnet.recordings.session.mcap_reader import records
 from hapticnet.recordings.session.mcap_writer import DISTURBANCES
 from hapticnet.recordings.session.protobuf import LEVELS, log_descriptor, pack_log, row_descriptor, unpack_log, varint
 from hapticnet.recordings.session.reading import read_session
+from hapticnet.recordings.session.recovery import recover_file
 from tests.recordings.session_cases import (
     ABOUT,
     EVENTS,
@@ -213,12 +217,95 @@ def test_what_a_chunk_unpacks_to_is_bounded_before_it_is_unpacked(tmp_path, comp
         tracemalloc.stop()
 
 
-def test_events_count_for_what_they_take_in_memory(tmp_path):
+def test_more_events_than_the_limit_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(session_module, "MOST_EVENTS", 10_000)
     event = pack_log(1, "INFO", "", "")
     message = b"\x05" + (22 + len(event)).to_bytes(8, "little") + b"\x03" + bytes(21) + event
     mcap_with_chunks(tmp_path / "run.mcap", (message * 20_000, "zstd", None))
-    with pytest.raises(FileError, match="has more than 10,000 events"):
-        read_session(tmp_path / "run.mcap", max_bytes=10_000 * EVENT_BYTES)
+    with pytest.raises(FileError, match="more than 10,000 events, which is the limit"):
+        read_session(tmp_path / "run.mcap")
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_events_of_every_format_are_limited(tmp_path, monkeypatch, suffix):
+    write_session(tmp_path / f"run{suffix}", ticks=10)
+    monkeypatch.setattr(session_module, "MOST_EVENTS", 3)
+    with pytest.raises(FileError, match="more than 3 events, which is the limit"):
+        read_session(tmp_path / f"run{suffix}")
+
+
+def test_values_of_json_are_limited_however_short_they_are(tmp_path, monkeypatch):
+    write_session(tmp_path / "run.npz", ticks=10)
+    monkeypatch.setattr(session_module, "MOST_VALUES", 20)
+    with pytest.raises(FileError, match="values of JSON; the limit is 20"):
+        read_session(tmp_path / "run.npz")
+
+
+def mcap_record(code, body):
+    return bytes([code]) + len(body).to_bytes(8, "little") + body
+
+
+def channel_record(number, types):
+    def text(content):
+        return len(content).to_bytes(4, "little") + content
+
+    metadata = text(b"columns") + text(b"," * types.count(b",")) + text(b"types") + text(types)
+    body = number.to_bytes(2, "little") + bytes(2) + text(b"/master/tick") + text(b"protobuf")
+    return mcap_record(4, body + len(metadata).to_bytes(4, "little") + metadata)
+
+
+@pytest.mark.parametrize(
+    "contents",
+    [
+        mcap_record(5, b"") * 10_000,
+        mcap_record(4, b"") * 10_000,
+        mcap_record(99, b"") * 10_000,
+        mcap_record(5, bytes(30)) + mcap_record(99, b""),
+        channel_record(9, b"f8," * 2**20 + b"f8"),
+    ],
+    ids=["empty messages", "empty channels", "unknown records", "an unknown record", "a long description"],
+)
+def test_a_chunk_with_other_records_than_the_format_has_is_damaged_as_a_whole(tmp_path, contents):
+    mcap_with_chunks(tmp_path / "run.mcap", (contents, "zstd", None))
+    with (tmp_path / "run.mcap").open("rb") as file:
+        kinds = [type(record).__name__ for record in records(file, tmp_path / "run.mcap", 2**30)]
+    assert kinds.count("Damage") == 1
+    assert len(kinds) < 20
+
+
+def test_a_file_of_zeros_ends_at_the_first(tmp_path):
+    mcap_with_chunks(tmp_path / "run.mcap")
+    with (tmp_path / "run.mcap").open("r+b") as file:
+        file.truncate(8)
+        file.truncate(2**31 - 1)
+    with pytest.raises(FileError, match="it has no topics"):
+        read_session(tmp_path / "run.mcap")
+
+
+def test_topics_with_too_many_columns_or_too_long_descriptions_are_refused(tmp_path, monkeypatch):
+    mcap_with_chunks(tmp_path / "run.mcap", (channel_record(9, b"f8," * 10_000 + b"f8"), "zstd", None))
+    with pytest.raises(FileError, match="10,001 columns; the limit is 10,000"):
+        read_session(tmp_path / "run.mcap")
+    monkeypatch.setattr(mcap_reader, "LARGEST_DESCRIPTIONS", 1000)
+    with pytest.raises(FileError, match="its topics take more than 1000 bytes to describe"):
+        read_session(tmp_path / "run.mcap")
+
+
+def test_a_description_that_is_repeated_counts_once(tmp_path):
+    repeated = channel_record(9, b"f8") * 1000
+    mcap_with_chunks(tmp_path / "run.mcap", (repeated, "zstd", None), (repeated, "zstd", None))
+    with (tmp_path / "run.mcap").open("rb") as file:
+        found = [record for record in records(file, tmp_path / "run.mcap", 2**30) if type(record).__name__ == "Channel"]
+    assert [channel.id for channel in found].count(9) == 1
+
+
+def test_recovery_unpacks_a_bounded_multiple_of_the_file(tmp_path, monkeypatch):
+    monkeypatch.setattr(mcap_reader, "MAX_BYTES", 10_000)
+    monkeypatch.setattr(mcap_reader, "MOST_PER_BYTE", 2)
+    message = mcap_record(5, (3).to_bytes(2, "little") + bytes(100))
+    mcap_with_chunks(tmp_path / "run.mcap", (message * 10_000, "zstd", None))
+    with pytest.raises(FileError, match="unpacks to more than 10000 bytes"):
+        recover_file(tmp_path / "run.mcap")
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
@@ -230,3 +317,42 @@ def test_json_is_bounded_because_it_grows_in_memory(tmp_path, monkeypatch, suffi
     else:
         with pytest.raises(FileError, match="not a recording"):
             read_session(tmp_path / f"run{suffix}")
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.filterwarnings("error")
+def test_whole_numbers_out_of_range_end_at_what_the_type_can_hold(tmp_path, suffix):
+    rows = {"t_us": np.arange(5), "datagram_bytes": np.array([1e300, -1e300, np.inf, -np.inf, 7.0])}
+    about, events = json.dumps({"side": "master", "unix_offset_us": 0}), "[]"
+    np.savez(tmp_path / "a.npz", about=about, events=events, **rows)
+    export(read_session(tmp_path / "a.npz"), tmp_path / f"out{suffix}")
+    most, least = 2**31 - 1, -(2**31)
+    found = read_session(tmp_path / f"out{suffix}").main["datagram_bytes"]
+    assert found.tolist() == [most, least, most, least, 7]
+
+
+@pytest.mark.parametrize("kind", ["i4", "i8"])
+def test_the_largest_whole_numbers_are_kept(kind):
+    limits = np.iinfo(kind)
+    values = as_type(np.array([limits.max, limits.min, np.nan, 1e30]), kind)
+    assert values[1:3].tolist() == [limits.min, -1]
+    assert 0 <= limits.max - int(values[0]) < 2048
+    assert values[3] == values[0]
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_half_a_character_in_facts_and_events_is_replaced(tmp_path, suffix):
+    about = '{"side": "master", "unix_offset_us": 0, "a": "\\ud800 \\ud83d\\ude00"}'
+    np.savez(tmp_path / "a.npz", about=about, events='[[1, "\\udfff", "{}"]]', t_us=np.arange(5))
+    export(read_session(tmp_path / "a.npz"), tmp_path / f"out{suffix}")
+    session = read_session(tmp_path / f"out{suffix}")
+    assert session.about["a"] == "? \U0001f600"
+    assert session.events[0].name == "?"
+
+
+@pytest.mark.parametrize("name", ["../../x", "a/b", ".", "x\x1b", "x" * 100])
+def test_a_table_whose_name_is_no_word_is_damage(tmp_path, name):
+    about = json.dumps({"side": "master", "unix_offset_us": 0})
+    np.savez(tmp_path / "a.npz", about=about, events="[]", t_us=np.arange(5), **{f"{name}.t_us": np.arange(5)})
+    with pytest.raises(FileError, match="is no name of a table"):
+        read_session(tmp_path / "a.npz")

@@ -7,7 +7,7 @@ def find(json: options.Json = False) -> None:
     """List the serial ports of this host in the form that other commands take."""
     from dataclasses import asdict
 
-    from hapticnet.cli.console import deliver
+    from hapticnet.cli.console import deliver, show
     from hapticnet.runtime.serial_port import find_ports
 
     ports = find_ports()
@@ -17,7 +17,7 @@ def find(json: options.Json = False) -> None:
         return
     for port in ports:
         what = ", ".join(filter(None, (port.description, port.serial_number)))
-        print(f"serial:{port.path}  {what or port.name}  ({port.likely or 'no sign of a Nano'})")
+        show(f"serial:{port.path}  {what or port.name}  ({port.likely or 'no sign of a Nano'})")
     likely = sum(port.likely is not None for port in ports)
     if likely == 1:
         print("the first may be the device; serial:auto finds it")

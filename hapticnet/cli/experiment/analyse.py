@@ -29,7 +29,7 @@ def analyse(
 
     The plot correct-orders is the paper's Fig. 5, bytes-per-penetration its Fig. 4.
     """
-    from hapticnet.cli.console import Console, check_new
+    from hapticnet.cli.console import Console, check_new, show
 
     console = Console("experiment", quiet=json)
     target = folder / "results" if out_dir is None else out_dir
@@ -37,7 +37,7 @@ def analyse(
     report, account = write_results(folder, target, margin=margin, seed=seed, plots=plots, say=console.say)
     if plots:
         _draw_series(folder, target, console.say)
-    print(account if json else report, end="" if not json else "\n")
+    show(account if json else report.removesuffix("\n"))
 
 
 def _draw_series(folder: Path, target: Path, say: Callable[[str], None]) -> None:
@@ -78,7 +78,7 @@ def write_results(
     from dataclasses import asdict
 
     from hapticnet.cli.console import check_outputs, write_text
-    from hapticnet.errors import UnavailableError
+    from hapticnet.errors import UnavailableError, visible
     from hapticnet.experiment.provenance import provenance, provenance_lines
     from hapticnet.study.analysis import analyse as analyse_rows
     from hapticnet.study.checking import accepted
@@ -93,7 +93,7 @@ def write_results(
     people = read_people(folder)
     if people and not accepted(rows):
         origin = provenance_lines()
-        report = jnd_markdown(people, title=f"Results of {folder.resolve().name}", origin=origin)
+        report = jnd_markdown(people, title=f"Results of {visible(folder.resolve().name)}", origin=origin)
         jnds = {"provenance": provenance(), "jnds": [each.model_dump() for each in people]}
         text = json_module.dumps(plain(jnds), indent=1)
         check_outputs(*(target / name for name in ("report.md", "results.json")))
@@ -118,7 +118,7 @@ def write_results(
     origin = provenance_lines()
     report = markdown(
         results,
-        title=f"Results of {folder.resolve().name}",
+        title=f"Results of {visible(folder.resolve().name)}",
         figures=[file.name for file in pictures],
         effects=effects,
         models_note=note,

@@ -133,10 +133,12 @@ def show_schedules(schedules: "Sequence[OrderSchedule | LimitsSchedule]", asked:
     """Print what ``--dry-run`` asks for: a few lines for a person, or everything that was drawn as JSON."""
     import json
 
+    from hapticnet.cli.console import show
+
     if as_json:
         print(json.dumps([json.loads(each.to_json()) for each in schedules], indent=1))
     else:
-        print("\n".join(line for each in schedules for line in each.lines(asked.plan)))
+        show("\n".join(line for each in schedules for line in each.lines(asked.plan)))
 
 
 @contextmanager

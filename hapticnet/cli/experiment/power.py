@@ -51,7 +51,7 @@ def power(
     import os
     from dataclasses import asdict
 
-    from hapticnet.cli.console import Console, check_new, check_outputs, write_text
+    from hapticnet.cli.console import Console, check_new, check_outputs, show, write_text
     from hapticnet.cli.experiment.analyse import plain
     from hapticnet.errors import UnavailableError
     from hapticnet.experiment.provenance import provenance, provenance_lines
@@ -97,7 +97,7 @@ def power(
         account = {"provenance": provenance(), "simulated": source, "designs": [asdict(each) for each in found]}
         print(json_module.dumps(plain(account), indent=1))
     else:
-        print("\n".join(lines(found, source)))
+        show("\n".join(lines(found, source)))
 
 
 def _draw(found: "list[Power]", source: str, out: Path, say: "object") -> None:

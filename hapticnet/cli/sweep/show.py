@@ -118,20 +118,25 @@ def _print_table(results: "Results", found: "Summary") -> None:
     from rich import box
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
+
+    from hapticnet.cli.console import show
+    from hapticnet.errors import visible
 
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     for name in (*found.by, "runs"):
-        table.add_column(name, justify="left" if name in found.by else "right")
+        table.add_column(Text(visible(name)), justify="left" if name in found.by else "right")
     span = [f"{100 * each:g}" for each in (found.quantiles[:1] + found.quantiles[-1:])]
     for name in found.of:
-        table.add_column(f"{name}, mean" + (f"\n({'–'.join(span)} %)" if span else ""), justify="right")
+        heading = f"{visible(name)}, mean" + (f"\n({'–'.join(span)} %)" if span else "")
+        table.add_column(Text(heading), justify="right")
     each = 1 + len(found.quantiles)
     for row in found.rows:
         start = len(found.by) + 1
         cells = [_mean_and_span(row[at : at + each]) for at in range(start, len(row), each)]
-        table.add_row(*map(_text, row[:start]), *cells)
+        table.add_row(*(Text(visible(cell)) for cell in (*map(_text, row[:start]), *cells)))
     runs = sum(row[len(found.by)] for row in found.rows)
-    print(f"{results.about['name']}: {runs:,} of {results.about['runs']:,} runs")
+    show(f"{results.about['name']}: {runs:,} of {results.about['runs']:,} runs")
     Console(highlight=False, width=None if sys.stdout.isatty() else 1000).print(table)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from hapticnet.arrays import FloatArray
-from hapticnet.recordings.session.frames import Heading
+from hapticnet.recordings.session.frames import Heading, as_type
 from hapticnet.recordings.session.sink import Sink, free_suffix
 
 NUMBER_BYTES: Final = 25
@@ -58,7 +58,7 @@ class CsvWriter:
     def rows(self, table: int, rows: FloatArray) -> None:
         """Add rows, shape (n, columns)."""
         columns = [
-            column.tolist() if kind == "f8" else _whole(column)
+            column.tolist() if kind == "f8" else _whole(column, kind)
             for column, kind in zip(rows.T, self._heading.tables[table].types, strict=True)
         ]
         self._table(table).write(_lines(list(zip(*columns, strict=True))))
@@ -111,8 +111,9 @@ def beside(path: Path, what: str) -> Path:
     return path.with_name(f"{path.stem}.{what}")
 
 
-def _whole(column: FloatArray) -> list[int | str]:
-    return ["" if math.isnan(value) else int(value) for value in column.tolist()]
+def _whole(column: FloatArray, kind: str) -> list[int | str]:
+    whole = as_type(column, kind).tolist()
+    return ["" if math.isnan(value) else number for value, number in zip(column.tolist(), whole, strict=True)]
 
 
 def _lines(rows: Sequence[Sequence[object]]) -> bytes:

@@ -22,6 +22,10 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import msgpack
+import numpy as np
+import numpy.typing as npt
+
+from hapticnet.arrays import FloatArray
 
 _HEADER: Final = struct.Struct("<BIQ")
 
@@ -37,6 +41,17 @@ INTEGERS: Final = {
     "kind": "i4",
 }
 """Columns that hold whole numbers, and their types; all others are float64."""
+
+
+def as_type(values: FloatArray, kind: str) -> npt.NDArray[Any]:
+    """Return values in the type of their column. Whole numbers have -1 for NaN, and end at what the type can hold."""
+    dtype = np.dtype(kind)
+    if dtype.kind == "f":
+        return values.astype(dtype)
+    least, most = float(np.iinfo(dtype).min), float(np.iinfo(dtype).max)
+    if int(most) > np.iinfo(dtype).max:  # float64 has no 2**63 - 1
+        most = float(np.nextafter(most, 0.0))
+    return np.clip(np.nan_to_num(values, nan=-1.0, posinf=most, neginf=least), least, most).astype(dtype)
 
 
 class FrameKind(enum.IntEnum):

@@ -1,7 +1,6 @@
 """MCAP files read back: whole, cut off anywhere, or damaged. Source: mcap.dev/spec."""
 
 import struct
-import sys
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -11,10 +10,20 @@ from typing import IO, Any, Final, TypeAlias
 
 import numpy as np
 
-from hapticnet.errors import FileError, UnavailableError
+from hapticnet.errors import FileError, HapticnetError, UnavailableError
+from hapticnet.files import MAX_BYTES
+from hapticnet.recordings.numpy_files import check_columns
 from hapticnet.recordings.session.mcap_writer import ABOUT, CHUNK_BYTES, NEEDS_MCAP, REPORT
 from hapticnet.recordings.session.protobuf import row_dtype, unpack_log
-from hapticnet.recordings.session.session import INCOMPLETE, Event, Session, SessionTable, parse_json
+from hapticnet.recordings.session.session import (
+    INCOMPLETE,
+    LARGEST_JSON,
+    Event,
+    Session,
+    SessionTable,
+    check_events,
+    parse_json,
+)
 from hapticnet.recordings.session.sink import Sink
 
 _RECORD: Final = struct.Struct("<BQ")
@@ -22,7 +31,8 @@ _MESSAGE: Final = struct.Struct("<HIQQ")
 _SCHEMA_CODE: Final = 3
 _CHANNEL_CODE: Final = 4
 _MESSAGE_CODE: Final = 5
-_IN_CHUNKS: Final = (_SCHEMA_CODE, _CHANNEL_CODE, _MESSAGE_CODE)
+_IN_CHUNKS: Final = {_SCHEMA_CODE: 14, _CHANNEL_CODE: 16, _MESSAGE_CODE: _MESSAGE.size}
+"""Records that may be in a chunk, and the bytes that each has at least. What else is there is damage."""
 
 LARGEST_RECORD: Final = 2**30
 """Larger records are taken for damage."""
@@ -33,8 +43,14 @@ LARGEST_CHUNK: Final = 2**28
 MOST_MESSAGES: Final = 10_000
 """Messages that are passed on together: each takes many times its size while it is an object."""
 
-EVENT_BYTES: Final = 512
-"""What an event takes in memory at least."""
+LARGEST_DESCRIPTION: Final = 2**20
+"""Larger descriptions of a topic are taken for damage: schemas and channels."""
+
+LARGEST_DESCRIPTIONS: Final = 64 * 2**20
+"""Limit of all of them together [B]."""
+
+MOST_PER_BYTE: Final = 100
+"""What is recovered may unpack to so many times the size of its file, or to `MAX_BYTES` if that is more."""
 
 RECOVERED: Final = "hapticnet.recovered"
 """Metadata of a file that `recover` wrote."""
@@ -54,15 +70,22 @@ class Messages:
     each: list[tuple[int, int, int, int, bytes]]
 
 
-def records(file: IO[bytes], path: Path, max_bytes: int = sys.maxsize) -> Iterator[Record]:
+def records(file: IO[bytes], path: Path, max_bytes: int, *, attachments: bool = True) -> Iterator[Record]:
     """Yield what is whole in a file, in its order, and stop where it is cut off or its structure is damaged.
 
-    In the place of a record that is damaged comes a `Damage`. A Footer comes last if the file is complete.
+    In the place of a record that is damaged comes a `Damage`. A Footer comes last if the file is complete. A schema or
+    a channel comes once, though files repeat them.
+
+    Parameters
+    ----------
+    attachments
+        Whether to read attachments, or to pass over them.
 
     Raises
     ------
     FileError
-        If it is not an MCAP file, or unpacks to more than `max_bytes`; nothing beyond them is unpacked.
+        If it is not an MCAP file, unpacks to more than `max_bytes`, or describes too many topics; nothing beyond the
+        limits is unpacked.
     UnavailableError
         If the extra ``record`` is not installed.
     """
@@ -82,10 +105,13 @@ def records(file: IO[bytes], path: Path, max_bytes: int = sys.maxsize) -> Iterat
     }
     if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
         raise FileError(f"{path}: not an MCAP file")
+    if not attachments:
+        del kinds[Opcode.ATTACHMENT]
+    described = _Described(path)
     unpacked = 0
     while len(head := file.read(_RECORD.size)) == _RECORD.size:
         code, length = _RECORD.unpack(head)
-        if length > LARGEST_RECORD:
+        if not code or length > LARGEST_RECORD:  # the specification has no record 0
             return
         if code not in kinds and code not in _IN_CHUNKS:  # indexes and the like
             file.seek(length, 1)
@@ -93,6 +119,9 @@ def records(file: IO[bytes], path: Path, max_bytes: int = sys.maxsize) -> Iterat
         body = file.read(length)
         if len(body) < length:
             return
+        if code == Opcode.METADATA and length > LARGEST_JSON:
+            yield Damage()
+            continue
         try:
             record: Any = None if code in _IN_CHUNKS else kinds[code].read(ReadDataStream(BytesIO(body)))
         except Exception:  # struct.error, ValueError, MemoryError
@@ -103,7 +132,9 @@ def records(file: IO[bytes], path: Path, max_bytes: int = sys.maxsize) -> Iterat
             raise FileError(f"{path}: unpacks to more than {max_bytes} bytes, which is the limit")
         if code == Opcode.CHUNK or record is None:  # the latter in a file without chunks
             try:
-                yield from _contents(head + body if record is None else _unpacked(record))
+                yield from _contents(head + body if record is None else _unpacked(record), described)
+            except HapticnetError:
+                raise
             except Exception:  # the same, and what the compressors raise
                 yield Damage()
             continue
@@ -137,14 +168,38 @@ def _unpacked(chunk: Record) -> bytes:
     return data
 
 
-def _contents(data: bytes) -> Iterator[Record]:
-    """Yield the records in a chunk; ValueError or struct.error before the first one if their structure is damaged."""
-    from mcap.data_stream import ReadDataStream
-    from mcap.records import Channel, Schema
+@dataclass(slots=True)
+class _Described:
+    """The schemas and channels of a file so far."""
 
+    path: Path
+    seen: set[tuple[int, int]] = field(default_factory=set)
+    size: int = 0
+
+    def add(self, code: int, data: bytes) -> Record:
+        """Return a schema or channel, None if it was there already; FileError if they are too large together."""
+        from mcap.data_stream import ReadDataStream
+        from mcap.records import Channel, Schema
+
+        if (code, data[0] | data[1] << 8) in self.seen:
+            return None
+        self.size += len(data)
+        if self.size > LARGEST_DESCRIPTIONS:
+            raise FileError(f"{self.path}: its topics take more than {LARGEST_DESCRIPTIONS} bytes to describe")
+        stream = ReadDataStream(BytesIO(data))
+        record = Schema.read(stream) if code == _SCHEMA_CODE else Channel.read(stream)
+        self.seen.add((code, record.id))
+        return record
+
+
+def _contents(data: bytes, described: _Described) -> Iterator[Record]:
+    """Yield the records in a chunk; ValueError or struct.error before the first one if their structure is damaged."""
     at, end = 0, len(data)
     while at < end:
-        at += _RECORD.size + _RECORD.unpack_from(data, at)[1]
+        code, length = _RECORD.unpack_from(data, at)
+        if length < _IN_CHUNKS[code] or (code != _MESSAGE_CODE and length > LARGEST_DESCRIPTION):
+            raise ValueError("a record that is too short or too long")
+        at += _RECORD.size + length
     if at > end:
         raise ValueError("a record reaches past the end of its chunk")
     at = 0
@@ -158,9 +213,8 @@ def _contents(data: bytes) -> Iterator[Record]:
         if each and (code != _MESSAGE_CODE or len(each) == MOST_MESSAGES):
             yield Messages(each)
             each = []
-        if code in (_SCHEMA_CODE, _CHANNEL_CODE):
-            stream = ReadDataStream(BytesIO(data[at : at + length]))
-            yield Schema.read(stream) if code == _SCHEMA_CODE else Channel.read(stream)
+        if code != _MESSAGE_CODE and (record := described.add(code, data[at : at + length])):
+            yield record
         at += length
     yield Messages(each)
 
@@ -191,7 +245,8 @@ def recover(source: Path, target: Path) -> tuple[int, bool]:
             writer: Any = Writer(sink, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)  # type: ignore[arg-type]
             writer.start(profile="", library="hapticnet")
             with source.open("rb") as file:
-                for record in records(file, source):
+                most = max(MAX_BYTES, MOST_PER_BYTE * source.stat().st_size)
+                for record in records(file, source, most):
                     if isinstance(record, Messages):
                         for channel, log_ns, publish_ns, sequence, data in record.each:
                             if channel in channels:
@@ -200,7 +255,7 @@ def recover(source: Path, target: Path) -> tuple[int, bool]:
                         sink.flush()
                     elif isinstance(record, Schema) and record.id not in schemas:
                         schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
-                    elif isinstance(record, Channel) and record.id not in channels:
+                    elif isinstance(record, Channel):
                         channels[record.id] = writer.register_channel(
                             record.topic, record.message_encoding, schemas.get(record.schema_id, 0), record.metadata
                         )
@@ -257,7 +312,7 @@ def read_mcap(path: Path, max_bytes: int) -> Session:
     topics: dict[int, str] = {}
     whole, damages = False, 0
     with path.open("rb") as file:
-        for record in records(file, path, max_bytes):
+        for record in records(file, path, max_bytes, attachments=False):
             kind = type(record).__name__
             damages += kind == "Damage"
             whole = kind == "Footer" and not damages
@@ -269,9 +324,8 @@ def read_mcap(path: Path, max_bytes: int) -> Session:
                         logs.append(unpack_log(data))
                 for number in {message[0] for message in record.each} & reading.keys():
                     reading[number].join()
-                if EVENT_BYTES * len(logs) > max_bytes:
-                    raise FileError(f"{path}: has more than {max_bytes // EVENT_BYTES:,} events, which is the limit")
-            elif kind == "Channel" and record.id not in topics:  # the summary repeats them
+                check_events(path, len(logs))
+            elif kind == "Channel":
                 topics[record.id] = record.topic
                 if "types" in record.metadata:
                     reading[record.id] = _reading(path, record)
@@ -281,6 +335,7 @@ def read_mcap(path: Path, max_bytes: int) -> Session:
                 about |= {name: _value(text) for name, text in record.metadata.items()}
     if not reading:
         has = f"its topics are {', '.join(list(topics.values())[:20])}" if topics else "it has no topics"
+        has += f"; damaged parts: {damages}" if damages else ""
         raise FileError(f"{path}: an MCAP file, but not a recording of hapticnet: {has}")
     offset_us = about.pop("unix_offset_us", 0)
     offset_us = offset_us if isinstance(offset_us, int) else 0  # damaged, if it is anything else
@@ -296,6 +351,7 @@ def read_mcap(path: Path, max_bytes: int) -> Session:
 
 
 def _reading(path: Path, channel: Record) -> _Reading:
+    check_columns(path, 1 + channel.metadata["types"].count(","))
     columns = tuple(channel.metadata["columns"].split(","))
     types = channel.metadata["types"].split(",")
     if len(columns) != len(types) or any(kind not in ("f8", "i8", "i4") for kind in types):

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from hapticnet.arrays import FloatArray
 from hapticnet.errors import FileError, in_words
 from hapticnet.files import open_regular, read_bytes, read_text, written_beside
-from hapticnet.recordings.session.frames import Heading, Table
+from hapticnet.recordings.session.frames import Heading, Table, as_type
 from hapticnet.recordings.session.protobuf import TYPES
 from hapticnet.recordings.session.session import LARGEST_JSON, parse_json
 from hapticnet.recordings.session.sink import Sink, free_suffix
@@ -170,7 +170,7 @@ def _add(archive: zipfile.ZipFile, name: str, column: FloatArray, kind: str) -> 
         np.lib.format.write_array_header_1_0(file, header)
         for start in range(0, len(column), ROWS_AT_ONCE):
             values = column[start : start + ROWS_AT_ONCE]
-            file.write((values if kind == "f8" else np.nan_to_num(values, nan=-1.0)).astype(dtype).tobytes())
+            file.write(as_type(values, kind).tobytes())
 
 
 def _add_text(archive: zipfile.ZipFile, name: str, text: str) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticnet.arrays import FloatArray
+from hapticnet.recordings.session.frames import as_type
 
 PACKAGE: Final = "hapticnet"
 
@@ -58,7 +59,7 @@ def pack_rows(rows: FloatArray, types: Sequence[str]) -> npt.NDArray[Any]:
     for index, kind in enumerate(types):
         values = rows[:, index]
         packed[f"t{index}"] = _tag(index, kind)
-        packed[f"v{index}"] = values if kind == "f8" else np.nan_to_num(values, nan=-1.0)
+        packed[f"v{index}"] = as_type(values, kind)
     return packed
 
 

@@ -1,26 +1,37 @@
 """Recordings of hapticnet read back, whatever their format."""
 
+import re
 import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-
 from hapticnet.errors import FileError
 from hapticnet.files import MAX_BYTES, check_readable, file_errors, read_text
 from hapticnet.recordings.delimited import DelimitedSource
+from hapticnet.recordings.numpy_files import load_npz
 from hapticnet.recordings.session.csv_writer import beside
-from hapticnet.recordings.session.frames import INTEGERS
+from hapticnet.recordings.session.frames import INTEGERS, as_type
 from hapticnet.recordings.session.mcap_reader import read_mcap
 from hapticnet.recordings.session.npz_writer import ABOUT, EVENTS
-from hapticnet.recordings.session.session import LARGEST_JSON, Event, Session, SessionTable, parse_json
+from hapticnet.recordings.session.session import (
+    LARGEST_JSON,
+    Event,
+    Session,
+    SessionTable,
+    check_events,
+    parse_json,
+)
 from hapticnet.recordings.session.sink import UNFINISHED
 
 LATEST_US: Final = 100_000_000_000_000_000
 """Largest plausible time [µs], on any clock: 3,000 years."""
 
+MOST_TABLES: Final = 16
+"""Most tables of a recording; hapticnet writes two."""
+
+_TABLE: Final = re.compile(r"[A-Za-z0-9_-]{1,64}")
 _MCAP_MAGIC: Final = b"\x89MCAP"
 _ZIP_MAGIC: Final = b"PK"
 _OTHER_TABLES: Final = ("datagram",)
@@ -98,7 +109,11 @@ def check_readable_file(path: Path, max_bytes: int) -> None:
 
 def _checked(path: Path, session: Session) -> Session:
     """Return a recording whose tables can be worked with; raise FileError if they are damaged."""
+    if len(session.tables) > MOST_TABLES:
+        raise FileError(f"{path}: {len(session.tables)} tables; a recording has at most {MOST_TABLES}")
     for name, columns in session.tables.items():
+        if not _TABLE.fullmatch(name):  # it becomes part of the names of files
+            raise FileError(f"{path}: damaged: {name[:60]!r} is no name of a table")
         if "t_us" not in columns:
             raise FileError(f"{path}: damaged: its table of {name}s has no times")
         for column in columns.values():
@@ -114,22 +129,19 @@ def _checked(path: Path, session: Session) -> Session:
 
 def _read_npz(path: Path, max_bytes: int) -> Session:
     try:
-        with zipfile.ZipFile(path) as archive:
-            unpacked = sum(member.file_size for member in archive.infolist())
-        if unpacked > max_bytes:
-            raise FileError(f"{path}: unpacks to {unpacked} bytes; the limit is {max_bytes}")
-        with np.load(path, allow_pickle=False) as arrays:
-            columns = {name: arrays[name] for name in arrays.files}
+        columns = load_npz(path, max_bytes)
     except FileError:
         raise
     except Exception as error:  # zlib.error, TokenError, NotImplementedError, and what else damage leads to
         raise FileError(f"{path}: a damaged NumPy archive") from error
     try:
         about = parse_json(str(columns.pop(ABOUT)))
-        events = npz_events(str(columns.pop(EVENTS)))
+        events = npz_events(path, str(columns.pop(EVENTS)))
         side, offset_us = str(about.pop("side")), int(about.pop("unix_offset_us"))
-    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+    except KeyError as error:
         raise FileError(f"{path}: {_NO_RECORDING}; its arrays are {', '.join(list(columns)[:20])}") from error
+    except (TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise FileError(f"{path}: {_NO_RECORDING} that can be read: {error}") from error
     tables: dict[str, dict[str, Any]] = {_main_name(side): {}}
     for name, column in columns.items():
         table, _, short = name.rpartition(".")
@@ -137,9 +149,19 @@ def _read_npz(path: Path, max_bytes: int) -> Session:
     return Session(side, about, offset_us, dict(tables), events, is_whole=True)
 
 
-def npz_events(text: str) -> tuple[Event, ...]:
-    """Return the events of a NumPy recording, which are JSON; raise ValueError or TypeError if they are damaged."""
-    return tuple(Event(int(t_us), str(name), str(text)) for t_us, name, text in parse_json(text))
+def npz_events(path: Path, text: str) -> tuple[Event, ...]:
+    """Return the events of a NumPy recording, which are JSON.
+
+    Raises
+    ------
+    FileError
+        If there are too many.
+    ValueError, TypeError, OverflowError
+        If they are damaged.
+    """
+    events = parse_json(text)
+    check_events(path, len(events))
+    return tuple(Event(int(t_us), str(name), str(text)) for t_us, name, text in events)
 
 
 def _read_csv(path: Path, max_bytes: int) -> Session:
@@ -161,9 +183,7 @@ def _csv_table(path: Path, max_bytes: int) -> SessionTable:
     check_readable(path, max_bytes)
     source = DelimitedSource(path)
     values = source.numbers(range(len(source.names)))
-    return {
-        name: values[:, index].astype(np.dtype(INTEGERS.get(name, "f8"))) for index, name in enumerate(source.names)
-    }
+    return {name: as_type(values[:, index], INTEGERS.get(name, "f8")) for index, name in enumerate(source.names)}
 
 
 def csv_events(path: Path) -> tuple[Event, ...]:
@@ -173,6 +193,7 @@ def csv_events(path: Path) -> tuple[Event, ...]:
     if not path.exists():
         return ()
     rows = list(csv.reader(read_text(path, LARGEST_JSON).splitlines()))[1:]
+    check_events(path, len(rows))
     try:
         return tuple(Event(int(t_us), name, text) for t_us, name, text in rows)
     except ValueError as error:
