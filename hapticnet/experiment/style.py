@@ -79,12 +79,17 @@ def picture(file: Path, height_in: float, *, width_in: float = PRINT_WIDTH_IN, *
         More settings of matplotlib, with "_" for ".".
     """
     plt = pyplot()
+    from matplotlib.text import Text
+
     extra = {key.replace("_", ".", 1): value for key, value in settings.items()}
     with plt.rc_context({**SETTINGS, **extra}):
         figure = plt.figure(figsize=(width_in, height_in), layout="constrained")
         try:
             yield figure
             _declare_logs(figure)
+            for text in figure.findobj(Text):
+                if "$" in text.get_text() and "\\mathdefault" not in text.get_text():  # which numbers at axes have
+                    text.set_parse_math(False)  # a name from a file, which may be no formula
             # No date in the file: the same figure gives the same file.
             metadata = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}.get(file.suffix[1:])
             with replacing_bytes(file, follow=False) as stream:

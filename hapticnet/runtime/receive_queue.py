@@ -13,7 +13,7 @@ AGES_KEPT: Final = 1000
 """Ages kept until they are taken: those of a second, even of a port that reads continuously."""
 
 TOLERANCE_US: Final = 1000.0
-"""Difference that two clocks of the system may have gained between two samples [µs]."""
+"""What two clocks of the system may differ by between two samples, and in when they are read [µs]."""
 
 # From <asm-generic/socket.h> and <linux/sock_diag.h>.
 _SO_TIMESTAMPNS: Final = 35
@@ -42,7 +42,7 @@ class ReceiveQueue:
             sock.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
 
     def sample_age(self) -> None:
-        """Look at the oldest datagram of the queue, and leave it there. Costs 1.4 µs.
+        """Look at the oldest datagram of the queue, and leave it there. Costs 1.6 µs.
 
         The system stamps datagrams with its wall clock. If that was set since, the age may be impossible: below 0, or
         such that an earlier sample would have found this datagram. Such a sample does not count.
@@ -52,19 +52,18 @@ class ReceiveQueue:
         OSError
             As receiving does; BlockingIOError if the queue is empty.
         """
-        before_us = time.monotonic_ns() / 1000
+        now_us = time.monotonic_ns() / 1000
         try:
             _, ancillary, _, _ = self._sock.recvmsg(1, socket.CMSG_SPACE(_TIMESPEC.size), socket.MSG_PEEK)
         except BlockingIOError:
-            self._none_before_us = before_us
+            self._none_before_us = now_us
             raise
         for level, kind, value in ancillary:
             if level == socket.SOL_SOCKET and kind == _SO_TIMESTAMPNS and len(value) == _TIMESPEC.size:
                 seconds, nanoseconds = _TIMESPEC.unpack(value)
                 age_us = (time.time_ns() - 1_000_000_000 * seconds - nanoseconds) / 1000
-                oldest_us = time.monotonic_ns() / 1000 - self._none_before_us
-                if 0.0 <= age_us <= oldest_us + TOLERANCE_US:
-                    self._none_before_us = max(self._none_before_us, before_us - age_us)
+                if 0.0 <= age_us <= now_us - self._none_before_us + TOLERANCE_US:
+                    self._none_before_us = max(self._none_before_us, now_us - age_us)
                     self.age.add(age_us)
                     self._ages_us.append(age_us)
 

@@ -78,6 +78,16 @@ def test_nothing_in_a_table_speaks_to_the_terminal_or_stays_in_the_report(run, t
     assert evil not in "".join((study / "results" / name).read_text() for name in TABLES)
 
 
+def test_a_name_that_looks_like_a_wrong_formula_is_drawn_as_it_is(run, tmp_path):
+    study = write(tmp_path / "study", rows())
+    table = study / "order.tsv"
+    name = next(row.condition for row in rows() if row.condition is not None)
+    table.write_text(table.read_text().replace(f"\t{name}\t", "\t$\\frac{$\t"))
+    done = run("experiment", "analyse", study)
+    assert done.returncode == 0, done.stderr
+    assert "$\\frac{$" in done.stdout
+
+
 def test_figures_are_drawn_whatever_backend_the_environment_names():
     code = "from hapticnet.experiment.style import pyplot; print(pyplot().get_backend())"
     environment = {**os.environ, "MPLBACKEND": "nonsense"}
