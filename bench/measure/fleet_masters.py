@@ -158,7 +158,7 @@ class Crowd:
         self.hellos.clear()
         for master in self.masters:
             master.stale_s = master.asked_s = master.back_s = None
-            master.number = master.session._session
+            master.number = master.session.number
 
     def close(self) -> None:
         """Close every socket."""
@@ -204,7 +204,7 @@ class Crowd:
             since_s = (now_us() - self.lost_us) / 1e6
             if isinstance(event, LinkStale) and master.stale_s is None:
                 master.stale_s = since_s
-            elif isinstance(event, ForceArrived | HoldConfirmed) and session._session != master.number:
+            elif isinstance(event, ForceArrived | HoldConfirmed) and session.number != master.number:
                 master.back_s = since_s if master.back_s is None else master.back_s
 
     def _note_hello(self, master: Master) -> None:

@@ -178,23 +178,23 @@ class Session:
     def _insiders(self) -> bytes | None:
         """Return a datagram with a hostile body under a true seal: from a peer that has the keys."""
         if self._attacks_slave:
-            session: Any = self._master.session
-            seal, number = session._seal, session._session
+            stream = self._master.session._stream
+            if stream is None or stream.seal is None:
+                return None
         else:
             station = next((each for each in self._slave.stations if each.address == MASTER and each.steps), None)
-            if station is None:
+            if station is None or station.session.seal is None:
                 return None
-            session = station.session
-            seal, number = session.seal, session.number
-        if seal is None:
-            return None
         kind = Kind.POSITION if self._attacks_slave else Kind.FORCE
         if self.fuzz.one_in(4):
             kind = self.fuzz.random.choice(list(Kind))
         body = self.fuzz.body(pack_body(self._true_fields(kind)))[:LARGEST_BODY]
-        data: bytes = seal.pack(kind, number, session._sequence, body)
-        session._sequence += 1
         self.insiders += 1
+        if self._attacks_slave:
+            return stream.pack(kind, body)
+        session: Any = station.session
+        data: bytes = session.seal.pack(kind, session.number, session._sequence, body)
+        session._sequence += 1
         return data
 
     def _true_fields(self, kind: Kind) -> tuple[Any, ...]:

@@ -211,7 +211,8 @@ class Watched:
             self.link.run(PERIOD_US)
             while (event := self.master.next_event()) is not None:
                 self.stale += isinstance(event, LinkStale)
-            newest = self.master.session._newest_force
+            stream = self.master.session._stream
+            newest = None if stream is None else stream.newest_force
             while lost and newest is not None and newest >= lost[0][0]:
                 self.recoveries_us.append(self.link.now_us - lost.popleft()[1])
 

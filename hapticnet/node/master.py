@@ -1,6 +1,5 @@
 """The master: streams the operator's position, holds the last force, and drives the fingertip device with it."""
 
-import math
 from collections import deque
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
@@ -11,16 +10,15 @@ from hapticnet.control.passivity import PassivityController
 from hapticnet.device.base import Device
 from hapticnet.device.user import UserActuator
 from hapticnet.errors import PeerError, SampleError, in_words
-from hapticnet.measure.metrics import RunningError
-from hapticnet.node.actuator import Actuator
 from hapticnet.node.applied import Applied, AppliedForce
 from hapticnet.node.fingertip import Fingertip
 from hapticnet.node.first_touch import FirstTouch
 from hapticnet.node.forward import Forward
 from hapticnet.node.in_force import InForce, SettingsInForce
 from hapticnet.node.master_events import Failed, NodeEvent, Paused, Resumed
-from hapticnet.node.master_settings import MasterSettings, device_axis
+from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.recording import DATAGRAM_COLUMNS, IN, OUT, Recording, frame_kind, master_columns
+from hapticnet.node.rendering import Rendering
 from hapticnet.node.step_times import Clock, StepTimes, no_wait
 from hapticnet.operator.base import Operator
 from hapticnet.perception import WeberLaw
@@ -114,33 +112,21 @@ class MasterNode:
         self._forward = Forward(self.session, settings.law, operator.axes)
         self._applied = AppliedForce(self._codec, settings.hold, operator.axes)
         self._port = PassivityController(operator.axes, settings.law.floor_n) if settings.passive else None
-        self._fingertip: Fingertip | Actuator | None
-        if isinstance(device, UserActuator):
-            self._fingertip = Actuator(device, settings.limits)
-        elif device is None or isinstance(device, Fingertip):
-            self._fingertip = device
-        else:
-            self._fingertip = Fingertip(device, settings.limits, settings.control)
+        self._rendering = Rendering(device, settings, operator.axes)
         # No slave may slow the force loop down: its limits hold for the rate of the device.
-        least_hz = self._fingertip.device.least_rate_hz if isinstance(self._fingertip, Fingertip) else 0.0
-        self.period_us = round(1e6 / max(settings.rate_hz, least_hz))
+        self.period_us = round(1e6 / max(settings.rate_hz, self._rendering.least_rate_hz))
         self._operator_time = self.times.of(getattr(operator, "what", "the operator"))
-        made = self._fingertip and self._fingertip.device
-        self._device_time = self.times.of(getattr(made, "what", "the device and its force loop"))
+        self._device_time = self.times.of(self._rendering.what)
         self._codec_time = self.times.of_codec(self._codec)
-        self._foretells = isinstance(self._fingertip, Fingertip) and self._port is None
-        self._lead_us = self._fingertip.lead_us if isinstance(self._fingertip, Fingertip) else 0
-        self._first_touch: FirstTouch | None = None
-        if settings.first_touch and isinstance(self._fingertip, Fingertip):
-            self._first_touch = FirstTouch(self._fingertip)
+        fingertip = self._rendering.with_loop
+        self._lead_us = fingertip.lead_us if fingertip is not None and self._port is None else None
+        self._first_touch = FirstTouch(fingertip) if settings.first_touch and fingertip is not None else None
         self._script_start_us: int | None = None
         self.position_m: Vector | None = None
         self._zero_n: Vector = (0.0,) * operator.axes
         self.held_n = self._ahead_n = self._zero_n
         self.target_n = self.sensed_n = self.displacement_m = 0.0
-        self._device_axis = device_axis(settings.device_takes, operator.axes) if device is not None else None
         self._connections = 0
-        self._tracking = RunningError(settings.law)
         self.scene_name: str | None = None
         self.in_force = InForce()
         self._granted: SettingsInForce | None = None
@@ -176,12 +162,12 @@ class MasterNode:
     @property
     def largest_n(self) -> float | None:
         """Largest force [N] that is asked of the device; None without one that renders forces by a force loop."""
-        return self._fingertip.largest_n if isinstance(self._fingertip, Fingertip) else None
+        return self._rendering.with_loop.largest_n if self._rendering.with_loop is not None else None
 
     @property
     def device_status(self) -> str | None:
         """State of the device and of its force loop in words; None without a device."""
-        return self._fingertip.status if self._fingertip is not None else None
+        return self._rendering.fingertip.status if self._rendering.fingertip is not None else None
 
     @property
     def connections(self) -> int:
@@ -267,8 +253,8 @@ class MasterNode:
         self._codec_time.begin()
         self._apply(now_us)
         self._codec_time.end(self.period_us)
-        if self._fingertip is not None:
-            self._press(self._fingertip, now_us)
+        if self._rendering.fingertip is not None:
+            self._press(now_us)
         if self.recording is not None:
             at_m = self.position_m or self._zero_n
             felt = self.target_n, self.sensed_n, self.displacement_m
@@ -299,7 +285,7 @@ class MasterNode:
             held_n = self._port.limit(held_n, self.position_m)
         self.held_n = self._ahead_n = held_n
         # No lead on a damped force: nobody knows how much will be damped.
-        if self._foretells and self.failure is None:
+        if self._lead_us is not None and self.failure is None:
             try:
                 self._ahead_n = self._applied.expected(now_us, self._lead_us)
             except Exception as error:  # a user's codec may raise anything
@@ -312,25 +298,15 @@ class MasterNode:
         self.session.idle = idle
         self._applied.keep(idle and self.session.state is MasterState.ESTABLISHED)
 
-    def _press(self, fingertip: Fingertip | Actuator, now_us: int) -> None:
+    def _press(self, now_us: int) -> None:
         self._device_time.begin()
         try:
-            held_n = self._rendered_n(self.held_n)
-            ahead_n = held_n if self._ahead_n is self.held_n else self._rendered_n(self._ahead_n)
-            fingertip.press(held_n, now_us, ahead_n)
+            felt = self._rendering.press(self.held_n, self._ahead_n, now_us, counts=self._connections > 0)
         except Exception as error:  # what drives a device may raise anything; it is asked for no force from now on
             self._fail(f"the device failed: {in_words(error)}", now_us)
             return
         self._device_time.end(self.period_us)
-        self.target_n, self.sensed_n = fingertip.target_n, fingertip.sensed_n
-        if self._connections and fingertip.reading is not None:
-            self._tracking.add((self.target_n,), (self.sensed_n,))
-        self.displacement_m = fingertip.displacement_m
-
-    def _rendered_n(self, force_n: Vector) -> float:
-        """Return the part of a force [N] that the device renders."""
-        axis = self._device_axis
-        return math.hypot(*force_n) if axis is None else force_n[axis]
+        self.target_n, self.sensed_n, self.displacement_m = felt
 
     def change(
         self,
@@ -390,13 +366,12 @@ class MasterNode:
 
     def next_event(self) -> NodeEvent | None:
         """Return the next event, or None."""
-        if self._fingertip is not None and (event := self._fingertip.next_event()) is not None:
+        if (event := self._rendering.next_event()) is not None:
             return event
         return self._events.popleft() if self._events else None
 
     def report(self) -> dict[str, Any]:
         """Return the account of this master for JSON."""
-        tracking = self._tracking.report() if self._tracking.samples else None
         return {
             "master": self.settings.name,
             "scene": self.scene_name,
@@ -409,10 +384,8 @@ class MasterNode:
             "ticks": self.ticks,
             "sealed": self.session.sealed,
             "connections": self._connections,
-            "device": self._fingertip.report() if self._fingertip else None,
+            **self._rendering.report(),
             "damped_j": self._port.damped_j if self._port else None,
-            "tracking_rmse_n": tracking.rmse_n if tracking else None,
-            "tracking_max_n": tracking.max_error_n if tracking else None,
             "round_trip": self.session.round_trip.report(),
             "age_of_applied_force": self.age.report(),
             "ticks_on_model": self._applied.ticks_on_model,

@@ -1,5 +1,7 @@
 """Whether an answer of the slave is fresh, by the master's own clock, and how long ago the last fresh one came."""
 
+from typing import Final
+
 from hapticnet.protocol.serial_number import unwrap
 
 
@@ -63,3 +65,31 @@ class Freshness:
         """Return how long [µs] nothing fresh has arrived."""
         self.heard_us = min(self.heard_us, now_us)  # a clock that went back must not shorten a silence
         return now_us - self.heard_us
+
+
+STALE_GROWTH: Final = 1.25
+"""By how much each interval between positions is longer than the last while the link is stale."""
+
+
+class Pace:
+    """Positions ever less often while the link is stale, from 1 ms apart to `slowest_us`, so that it can recover."""
+
+    __slots__ = ("_interval_us", "_next_us", "_slowest_us")
+
+    def __init__(self, slowest_us: int) -> None:
+        self._slowest_us = slowest_us
+        self._interval_us = 0.0
+        self._next_us = 0
+
+    def begin(self, now_us: int) -> None:
+        """Begin, because the link is stale from now on."""
+        self._interval_us = 1000.0
+        self._next_us = now_us
+
+    def is_due(self, now_us: int) -> bool:
+        """Return whether a position is due, and count it as sent."""
+        if 0 < self._next_us - now_us <= self._slowest_us:
+            return False
+        self._interval_us = min(STALE_GROWTH * self._interval_us, self._slowest_us)
+        self._next_us = now_us + round(self._interval_us)
+        return True

@@ -5,7 +5,7 @@ from typing import Final
 
 from hapticnet.errors import PeerError
 from hapticnet.outlook import LONGEST_SILENCE_US
-from hapticnet.protocol.arrivals import Arrival, ArrivalWindow
+from hapticnet.protocol.arrivals import Arrival
 from hapticnet.protocol.asking import Asking, Granted
 from hapticnet.protocol.events import (
     ChangeRefused,
@@ -22,52 +22,30 @@ from hapticnet.protocol.events import (
     Refused,
     SessionLost,
 )
-from hapticnet.protocol.freshness import Freshness
+from hapticnet.protocol.freshness import Freshness, Pace
 from hapticnet.protocol.keys import MasterKey
-from hapticnet.protocol.loss import REPORT_EVERY, LossEstimate
+from hapticnet.protocol.master_stream import MasterStream
 from hapticnet.protocol.messages import (
     REASON_BYTES,
     Close,
     Code,
     Force,
     Grant,
-    Position,
     Request,
     clipped,
-    pack_position,
     unpack_close,
     unpack_force,
     unpack_keepalive,
     unpack_notice,
 )
-from hapticnet.protocol.seal import LAST_SEQUENCE, Seal
-from hapticnet.protocol.serial_number import MOST, distance, wrap
+from hapticnet.protocol.serial_number import wrap
 from hapticnet.protocol.settings import IDLE_KEEPALIVES, SPARSE_KEEPALIVES, Entropy, SessionSettings
 from hapticnet.protocol.states import MASTER_TRANSITIONS, MasterState, Trigger
 from hapticnet.protocol.stats import Distribution, Traffic
-from hapticnet.protocol.wire import OPEN, SEALED, Datagram, Kind, pack, pack_body, unpack
-
-RECENT: Final = 1 << 15
-"""A RESET must name one of so many newest sequence numbers; half a minute at 1 kHz. A sealed session ends as many
-before its last number."""
+from hapticnet.protocol.wire import OPEN, SEALED, Datagram, Kind, pack_body, unpack
 
 DOUBT_MARGIN_US: Final = 10_000
 """How much longer [µs] than a keepalive interval the slave must be silent before a RESET is believed."""
-
-STALE_GROWTH: Final = 1.25
-"""By how much each interval between positions is longer than the last while the link is stale."""
-
-
-class _Parting:
-    """The session before the present one: what is on its way is still felt."""
-
-    __slots__ = ("newest_force", "number", "seal", "window")
-
-    def __init__(self, number: int, seal: Seal | None, window: ArrivalWindow, newest_force: int | None) -> None:
-        self.number = number
-        self.seal = seal
-        self.window = window
-        self.newest_force = newest_force
 
 
 class MasterSession:
@@ -75,8 +53,8 @@ class MasterSession:
 
     What is not authenticated never ends a session. It makes the master ask for a new one, and the old session goes on
     until that is proved. Forces of the old session count until the first of the new one is applied: they answer
-    positions that were sent before the change, which may be a second ago. The owner sets `idle` while no force is felt
-    in a session with few positions: silences may then be longer.
+    positions that were sent before the change, which may be a second ago. The owner sets `idle` while next to no
+    force is applied in a session with few positions: silences may then be longer.
 
     Parameters
     ----------
@@ -104,21 +82,13 @@ class MasterSession:
         self._grant: Grant | None = None
         self.position_share = 0.0
         self._replaced: Request | None = None  # what was asked for before a change that is not granted yet
-        self._session = 0
-        self._seal: Seal | None = None
-        self._parting: _Parting | None = None
-        self._sequence = settings.first_sequence
-        self._newest_force: int | None = None
-        self._confirmed: int | None = None  # the newest force, or a KEEPALIVE since that confirmed it
-        self._loss = LossEstimate(settings.first_sequence)
-        self._positions = 0
-        self._to_acknowledge_us: int | None = None  # since when something waits to be acknowledged
+        self._stream: MasterStream | None = None
+        self._parting: MasterStream | None = None  # the one before: what is on its way in it is still felt
         self._fresh = Freshness(settings.max_age_us)
         self._doubted = False  # a RESET arrived, and nothing fresh since
         self._stale_us = 0
         self._told_slow = False
-        self._stale_interval_us = 0.0
-        self._next_stale_us = 0
+        self._pace = Pace(settings.stale_interval_us)
         self._noticed: set[Code] = set()
         self._next_close_us: int | None = None
         self._tries_left = settings.close_tries
@@ -132,6 +102,11 @@ class MasterSession:
         return self.state is _ESTABLISHED or self.state is _STALE
 
     @property
+    def number(self) -> int:
+        """Number of the present session; 0: there is none."""
+        return 0 if self._stream is None else self._stream.number
+
+    @property
     def sealed(self) -> bool:
         """Whether sessions are sealed."""
         return self._version == SEALED
@@ -140,8 +115,7 @@ class MasterSession:
         """Return whether a position is due that acknowledges what has arrived, or because the link is stale."""
         if self.state is MasterState.STALE:
             return True
-        since_us = self._to_acknowledge_us
-        return since_us is not None and not 0 <= now_us - since_us < self._settings.ack_delay_us
+        return self._stream is not None and self._stream.owes_since(self._settings.ack_delay_us, now_us)
 
     def send_position(self, t_us: int, payload: bytes) -> bool:
         """Send a position of time `t_us` [µs], less often while the link is stale; nothing unless `streaming`.
@@ -150,23 +124,13 @@ class MasterSession:
         """
         state = self.state
         if state is _STALE:
-            if 0 < self._next_stale_us - t_us <= self._settings.stale_interval_us:
+            if not self._pace.is_due(t_us):
                 return False
-            self._stale_interval_us = min(STALE_GROWTH * self._stale_interval_us, self._settings.stale_interval_us)
-            self._next_stale_us = t_us + round(self._stale_interval_us)
         elif state is not _ESTABLISHED:
             return False
         self._fresh.newest_t_us = t_us
-        self._positions += 1
-        self._to_acknowledge_us = None
-        is_report = self.position_share or not self._positions % REPORT_EVERY
-        loss = self._loss.estimate() if is_report else None
-        if loss is None:
-            # As `pack_position`, without an object in between.
-            body = pack_body((t_us & MOST, self._confirmed, payload))
-        else:
-            body = pack_position(Position(wrap(t_us), self._confirmed, payload, loss))
-        self._send(_POSITION, body)
+        stream = self._used
+        self._send(stream, _POSITION, stream.body_of_position(t_us, payload))
         return True
 
     def change(self, request: Request) -> None:
@@ -200,14 +164,15 @@ class MasterSession:
             self.state is _ESTABLISHED
             and 0 <= now_us - self._fresh.heard_us <= self._settings.keepalive_us
             and not self._asking.under_way
-            and self._sequence <= LAST_SEQUENCE - RECENT
+            and not self._used.wears_out
         ):
             return
         if self.state is MasterState.CLOSING:
             self._repeat_close(now_us)
             return
         if self.streaming:
-            if self.state is MasterState.ESTABLISHED and self._fresh.silent_us(now_us) > self._stale_after_us:
+            stale_after_us = self._settings.stale_after(self.idle)
+            if self.state is MasterState.ESTABLISHED and self._fresh.silent_us(now_us) > stale_after_us:
                 self._go_stale(now_us)
             if self._needs_another(now_us):
                 self._asking.begin(self._grant.ticket if self._grant else None)
@@ -232,40 +197,40 @@ class MasterSession:
                 self._count_stray(datagram.kind, len(data))
             elif datagram.kind in _ANSWERS:
                 self._receive_answer(datagram, len(data), now_us)
-            elif datagram.version != self._version or not datagram.session:
+            elif datagram.version != self._version:
                 self._count_stray(datagram.kind, len(data))
-            elif datagram.session != self._session:
+            elif (stream := self._stream) is None or datagram.session != stream.number:
                 self._receive_parting(datagram, data, now_us)
             elif datagram.kind is Kind.RESET:
-                self._receive_reset(datagram, len(data))
+                self._receive_reset(stream, datagram, len(data))
             else:
-                body = datagram.body if self._seal is None else self._seal.open(data, datagram)
-                self._receive(datagram, body, len(data), now_us)
+                self._receive(stream, datagram, stream.open(data, datagram), len(data), now_us)
         except PeerError:
             self.received.add_malformed(len(data))
 
     def applied(self, force: ForceArrived) -> None:
         """Acknowledge a force from now on, because it is applied."""
-        if force.is_parting:
+        stream = self._stream
+        if force.is_parting or stream is None:
             return
         self._parting = None
-        self._newest_force = force.sequence
-        self._acknowledge(force.sequence, self._fresh.heard_us)
+        stream.newest_force = force.sequence
+        stream.acknowledge(force.sequence, self._fresh.heard_us)
 
     def payload_was_malformed(self) -> None:
         """Count a payload that the codec refused. The force is not acknowledged, so the slave repairs it."""
         self.received.malformed += 1
 
-    def _receive(self, datagram: Datagram, body: bytes, size: int, now_us: int) -> None:
+    def _receive(self, stream: MasterStream, datagram: Datagram, body: bytes, size: int, now_us: int) -> None:
         kind = datagram.kind
         if kind is Kind.FORCE:
             force = unpack_force(body)
             self.received.add(kind, size)
-            arrival = self._arrive(datagram.sequence)
+            arrival = self._arrive(stream, datagram.sequence)
             t_us = self._fresh_t_us(force.t_us, arrival, now_us)
             if t_us is None or arrival is Arrival.ASTRAY or arrival is Arrival.DUPLICATE:
                 return
-            if arrival is Arrival.NEW or self._is_news(datagram.sequence):
+            if arrival is Arrival.NEW or stream.is_news(datagram.sequence):
                 self._hear(arrival, t_us, now_us)
                 if arrival is Arrival.NEW and force.outlook is not None:
                     self.events.append(OutlookArrived(force.outlook))
@@ -273,16 +238,16 @@ class MasterSession:
         elif kind is Kind.KEEPALIVE:
             keepalive = unpack_keepalive(body)
             self.received.add(kind, size)
-            arrival = self._arrive(datagram.sequence)
+            arrival = self._arrive(stream, datagram.sequence)
             t_us = self._fresh_t_us(keepalive.t_us, arrival, now_us)
             if t_us is not None and arrival is Arrival.NEW:
                 self._hear(arrival, t_us, now_us)
                 if keepalive.outlook is not None:
                     self.events.append(OutlookArrived(keepalive.outlook))
-                if _holds(self._newest_force, keepalive.newest_force):
-                    if keepalive.outlook is not None or self._loss.estimate() is not None:  # the slave waits for it
-                        self._acknowledge(datagram.sequence, now_us)
-                    self._confirmed = datagram.sequence
+                if stream.is_confirmed_by(keepalive.newest_force):
+                    if keepalive.outlook is not None or stream.loss.estimate() is not None:  # the slave waits for it
+                        stream.acknowledge(datagram.sequence, now_us)
+                    stream.confirmed = datagram.sequence
                     self.events.append(HoldConfirmed(t_us))
         elif kind is Kind.CLOSE:
             close = unpack_close(body)
@@ -292,7 +257,8 @@ class MasterSession:
         elif kind is Kind.NOTICE:
             notice = unpack_notice(body)
             self.received.add(kind, size)
-            if self._arrive(datagram.sequence) in (Arrival.NEW, Arrival.LATE) and notice.code not in self._noticed:
+            arrival = self._arrive(stream, datagram.sequence)
+            if arrival in (Arrival.NEW, Arrival.LATE) and notice.code not in self._noticed:
                 self._noticed.add(notice.code)
                 self.events.append(Noticed(notice.reason, notice.code))
         else:
@@ -304,10 +270,10 @@ class MasterSession:
         if parting is None or datagram.session != parting.number or kind not in (Kind.FORCE, Kind.KEEPALIVE):
             self._count_stray(kind, len(data))
             return
-        body = datagram.body if parting.seal is None else parting.seal.open(data, datagram)
+        body = parting.open(data, datagram)
         answer = unpack_force(body) if kind is Kind.FORCE else unpack_keepalive(body)
         self.received.add(kind, len(data))
-        if parting.window.arrive(datagram.sequence) is not Arrival.NEW:
+        if parting.window is None or parting.window.arrive(datagram.sequence) is not Arrival.NEW:
             return
         t_us = self._fresh_t_us(answer.t_us, Arrival.NEW, now_us)
         if t_us is None:
@@ -316,7 +282,7 @@ class MasterSession:
         if isinstance(answer, Force):
             parting.newest_force = datagram.sequence
             self.events.append(ForceArrived(datagram.sequence, t_us, answer.payload, is_parting=True))
-        elif _holds(parting.newest_force, answer.newest_force):
+        elif parting.is_confirmed_by(answer.newest_force):
             self.events.append(HoldConfirmed(t_us, is_parting=True))
 
     def _receive_close(self, close: Close) -> None:
@@ -327,13 +293,12 @@ class MasterSession:
             self._end(Trigger.PEER_CLOSED, f"the slave closed: {close.reason}", code=close.code)
         else:
             self._move(Trigger.PEER_CLOSED)
-            self._session = 0
-            self._parting = None
+            self._stream = self._parting = None
             self._asking.begin(self._grant.ticket if self._grant else None)
             self.events.append(SessionLost(f"the slave closed: {close.reason}"))
 
-    def _receive_reset(self, datagram: Datagram, size: int) -> None:
-        if not 0 < distance(self._sequence, datagram.sequence) <= RECENT:  # it answers nothing that was sent
+    def _receive_reset(self, stream: MasterStream, datagram: Datagram, size: int) -> None:
+        if not stream.sent_lately(datagram.sequence):  # it answers nothing that was sent
             self._count_stray(datagram.kind, size)
             return
         self.received.add(datagram.kind, size)
@@ -371,19 +336,21 @@ class MasterSession:
         self._grant = grant
         self.position_share = grant.position_share
         self._replaced = None
-        window = self.received.window
-        if self._session and self._newest_force is not None and window is not None:
-            self._parting = _Parting(self._session, self._seal, window, self._newest_force)
-        self._session = grant.session
-        self._seal = seal
-        self._sequence = wrap(self._settings.first_sequence + 1)
-        self._newest_force = self._confirmed = self._to_acknowledge_us = None
-        self._loss = LossEstimate(sequence)
+        if self._stream is not None and self._stream.newest_force is not None:
+            self._parting = self._stream
+        self._stream = stream = MasterStream(
+            grant.session,
+            seal,
+            sequence=wrap(self._settings.first_sequence + 1),
+            welcome=sequence,
+            reports_loss=grant.position_share > 0.0,
+        )
         self._fresh.heard(now_us)
         self._fresh.ahead_us = 3 * LONGEST_SILENCE_US // 2 if grant.position_share else 0
         self._doubted = False
         self._noticed.clear()
         self.received.open_window(sequence, authentic=seal is not None)
+        stream.window = self.received.window
         self._move(Trigger.WELCOMED)
         self.events.append(Connected(grant))
 
@@ -402,18 +369,19 @@ class MasterSession:
             and not self._fresh.is_slow(wait_us, now_us)
         ):
             return True
-        return self._seal is not None and self._sequence > LAST_SEQUENCE - RECENT
+        return self._used.wears_out
 
-    def _arrive(self, sequence: int) -> Arrival:
+    @property
+    def _used(self) -> MasterStream:
+        assert self._stream is not None, "there is a session"  # noqa: S101 - the states say so
+        return self._stream
+
+    def _arrive(self, stream: MasterStream, sequence: int) -> Arrival:
         """Account for a sequence number."""
         arrival = self.received.arrive(sequence)
         if arrival is Arrival.NEW or arrival is Arrival.LATE:
-            self._loss.arrived(sequence, is_new=arrival is Arrival.NEW)
+            stream.loss.arrived(sequence, is_new=arrival is Arrival.NEW)
         return arrival
-
-    @property
-    def _stale_after_us(self) -> int:
-        return self._settings.idle_stale_after_us if self.idle else self._settings.stale_after_us
 
     @property
     def _keepalive_us(self) -> int:
@@ -422,15 +390,6 @@ class MasterSession:
         if not self.position_share:
             return granted_us
         return (IDLE_KEEPALIVES if self.idle else SPARSE_KEEPALIVES) * granted_us
-
-    def _acknowledge(self, sequence: int, now_us: int) -> None:
-        self._confirmed = sequence
-        if self._to_acknowledge_us is None:
-            self._to_acknowledge_us = now_us
-
-    def _is_news(self, sequence: int) -> bool:
-        """Return whether a late FORCE is newer than the one applied: only KEEPALIVEs or refused FORCEs overtook it."""
-        return self._newest_force is None or distance(sequence, self._newest_force) > 0
 
     def _fresh_t_us(self, echoed_t_us: int, arrival: Arrival, now_us: int) -> int | None:
         """Return the time [µs] of the position that is answered; None, and count it, if the answer is not fresh."""
@@ -461,8 +420,7 @@ class MasterSession:
     def _go_stale(self, now_us: int) -> None:
         self._move(Trigger.SILENCE)
         self._stale_us = now_us
-        self._stale_interval_us = 1000.0
-        self._next_stale_us = now_us
+        self._pace.begin(now_us)
         self._told_slow = self._fresh.too_old_us is not None
         self.events.append(LinkStale(self._fresh.too_old_us))
 
@@ -473,7 +431,7 @@ class MasterSession:
         self._next_close_us = now_us + interval_us
         if self._tries_left:
             self._tries_left -= 1
-            self._send(Kind.CLOSE, pack_body(Close(self._close_reason)))
+            self._send(self._used, Kind.CLOSE, pack_body(Close(self._close_reason)))
         else:
             self._end(Trigger.GAVE_UP, self._close_reason)
 
@@ -490,26 +448,14 @@ class MasterSession:
         self.sent.add(Kind.HELLO, len(hello))
         self._outbox.append(hello)
 
-    def _send(self, kind: Kind, body: bytes) -> None:
-        if self._seal is None:
-            datagram = pack(kind, self._session, self._sequence, body)
-        elif self._sequence > LAST_SEQUENCE:  # no new session in time: a number must not come twice under one key
-            return
-        else:
-            datagram = self._seal.pack(kind, self._session, self._sequence, body)
-        self._sequence = (self._sequence + 1) & MOST
-        self.sent.add(kind, len(datagram))
-        self._outbox.append(datagram)
+    def _send(self, stream: MasterStream, kind: Kind, body: bytes) -> None:
+        datagram = stream.pack(kind, body)
+        if datagram is not None:
+            self.sent.add(kind, len(datagram))
+            self._outbox.append(datagram)
 
     def _move(self, trigger: Trigger) -> None:
         self.state = MASTER_TRANSITIONS[self.state, trigger]
-
-
-def _holds(applied: int | None, named: int | None) -> bool:
-    """Return whether a KEEPALIVE that names a FORCE confirms what is applied: that FORCE or one after it."""
-    if named is None or applied is None:
-        return named is applied
-    return distance(applied, named) >= 0
 
 
 # Found faster than the members, for what every tick asks for.

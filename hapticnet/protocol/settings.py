@@ -99,10 +99,9 @@ class SessionSettings:
         """As `sparse_keepalive_us`, while no force is felt."""
         return IDLE_KEEPALIVES * self.keepalive_us
 
-    @property
-    def idle_stale_after_us(self) -> int:
-        """`stale_after_us` of such a session while no force is felt, so that nothing has to be let go."""
-        return 5 * self.stale_after_us
+    def stale_after(self, idle: bool) -> int:
+        """Return `stale_after_us`, longer while next to no force is applied, so that nothing has to be let go."""
+        return 5 * self.stale_after_us if idle else self.stale_after_us
 
     def __post_init__(self) -> None:
         KEEPALIVE_US.check(self.keepalive_us)

@@ -66,7 +66,7 @@ def test_a_hundred_sessions_that_lose_repeat_reorder_and_roam_keep_their_scenes(
     stations = {station.session.number: station for station in network.slave.stations if station.steps}
     assert len(stations) == MASTERS
     for line in network.lines:
-        station = stations[line.master.session._session]
+        station = stations[line.master.session.number]
         true_n = station.scene.force_n
         held_n = line.master.held_force_n(network.now_us)[0]
         # 40 ms of delay at up to 1.5 N/s, and a deadband of 10 % or 0.1 N.

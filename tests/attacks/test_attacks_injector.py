@@ -49,7 +49,7 @@ def watch(monkeypatch: pytest.MonkeyPatch, network: Network) -> Witness:
         return true_keepalive(self, t_us, now_us, **more)
 
     def digest(self: MasterNode, event: object, now_us: int) -> None:
-        number = self.session._session
+        number = self.session.number
         if isinstance(event, ForceArrived):
             witness.applied += 1
             witness.alive_us = now_us
@@ -128,7 +128,7 @@ def test_when_the_attacker_stops_the_session_recovers_and_the_scene_is_as_it_was
     witness = watch(monkeypatch, network)
     run_watched(network, line, witness, 2 * SECOND)
     assert witness.applied > 100
-    (station,) = [each for each in network.slave.stations if each.session.number == line.master.session._session]
+    (station,) = [each for each in network.slave.stations if each.session.number == line.master.session.number]
     assert not scenes or station.scene in scenes
     true_n = station.scene.force_n
     assert (

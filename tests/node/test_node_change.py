@@ -63,7 +63,7 @@ def test_a_change_whose_first_force_is_lost_is_not_felt(loopback):
 
     def receive(data, now_us):
         frame = unpack(data)
-        if frame.session == link.master.session._session and link.master.connections == 2 and len(lost) < 20:
+        if frame.session == link.master.session.number and link.master.connections == 2 and len(lost) < 20:
             lost.append(data)  # the first forces of the new session
         else:
             MasterNode.receive_datagram(link.master, data, now_us)

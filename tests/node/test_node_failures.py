@@ -101,14 +101,14 @@ def test_a_device_that_raises_ends_the_session_once_and_is_still_asked_for_no_fo
         asked.append(displacement_m)
         raise OSError("unplugged")
 
-    link.master._fingertip.device.exchange = exchange
+    link.master._rendering.fingertip.device.exchange = exchange
     link.forward = Emulator(parse_channel("loss=100%"), np.random.default_rng(0))
     link.run(SECOND)
     failure, end = events(link.master)
     assert failure.reason.startswith("the device failed: OSError: unplugged (test_node_failures.py, line")
     assert end == Ended(failure.reason, refused=False)
     assert len(asked) > 200, "until the slave would have answered the CLOSE"
-    assert link.master._fingertip.target_n == 0.0
+    assert link.master._rendering.fingertip.target_n == 0.0
 
 
 @pytest.mark.parametrize("steps", [0, 100])

@@ -102,8 +102,8 @@ def sent_bytes(link):
 
 def time_to_next_applied(link, limit_us=3_000_000):
     """Return how long no FORCE is applied from now on [µs]."""
-    applied, start_us = link.master.session._newest_force, link.now_us
-    while link.master.session._newest_force == applied and link.now_us < start_us + limit_us:
+    applied, start_us = link.master.session._stream.newest_force, link.now_us
+    while link.master.session._stream.newest_force == applied and link.now_us < start_us + limit_us:
         link.run(500)
     return link.now_us - start_us
 

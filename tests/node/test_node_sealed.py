@@ -14,7 +14,7 @@ from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
-from hapticnet.protocol import master_session
+from hapticnet.protocol import master_stream
 from hapticnet.protocol.handshake import SealedDoor
 from hapticnet.protocol.keys import NO_PSK, MasterEntry, MasterKey, PrivateKey, Roster
 from hapticnet.protocol.messages import Code
@@ -220,7 +220,7 @@ def test_a_sealed_session_feels_as_an_open_one_and_costs_16_bytes_a_datagram():
 
 
 def test_a_session_whose_numbers_run_out_continues_in_a_new_one(monkeypatch):
-    monkeypatch.setattr(master_session, "LAST_SEQUENCE", master_session.RECENT + 300)
+    monkeypatch.setattr(master_stream, "LAST_SEQUENCE", master_stream.RECENT + 300)
     pair = loopback()
     pair.run(200_000)
     (before,) = pair.slave.stations

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hapticnet.protocol import master_session
+from hapticnet.protocol import master_stream
 from hapticnet.protocol.arrivals import BEHIND_IN_A_ROW, MISORDER
 from hapticnet.protocol.events import (
     Connected,
@@ -273,15 +273,15 @@ def test_a_master_that_closes_before_it_is_connected_sends_nothing_more(sealed):
 
 
 def test_a_sealed_master_without_numbers_left_sends_nothing_under_the_old_key(monkeypatch):
-    last = master_session.RECENT + 5
-    monkeypatch.setattr(master_session, "LAST_SEQUENCE", last)
+    last = master_stream.RECENT + 5
+    monkeypatch.setattr(master_stream, "LAST_SEQUENCE", last)
     session, slave = connected(sealed=True)
-    session._sequence = last - 1
+    session._stream.sequence = last - 1
     for now in range(1000, 9000, 1000):
         session.send_position(now, b"abcd")
     assert [datagram.sequence for datagram in slave.said()] == [
-        master_session.LAST_SEQUENCE - 1,
-        master_session.LAST_SEQUENCE,
+        master_stream.LAST_SEQUENCE - 1,
+        master_stream.LAST_SEQUENCE,
     ]
     session.close("done", 9000)
     assert slave.said() == []
