@@ -4,6 +4,7 @@ import functools
 import inspect
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -23,6 +24,7 @@ from hapticnet.cli.settings import (
     verb_of,
 )
 from hapticnet.cli.value_checks import check_values
+from hapticnet.errors import HapticnetError
 from hapticnet.files import user_path
 from hapticnet.runtime.log_lines import Form, Level, log_line
 from hapticnet.runtime.outlet import STDERR, keep_log
@@ -115,11 +117,31 @@ def _configure(ctx: typer.Context, path: Path | None) -> Path | None:
 
 
 def asks_for_json(arguments: Sequence[str], environment: Mapping[str, str]) -> bool:
-    """Return whether a command line or the environment asks for log lines in JSON, before either is checked."""
+    """Return whether command line, environment or configuration ask for log lines in JSON, before any is checked."""
     verb = tuple(arguments[:1])
-    return "--log-json" in arguments or (
-        verb in LOGGING and FLAGS.get(environment.get(variable(verb, "log-json"), "").lower(), False)
-    )
+    if "--log-json" in arguments:
+        return True
+    if verb not in LOGGING or "--no-log-json" in arguments:
+        return False
+    if text := environment.get(variable(verb, "log-json"), ""):
+        return FLAGS.get(text.lower(), False)
+    return _file_asks_for_json(verb[0], arguments, environment)
+
+
+def _file_asks_for_json(verb: str, arguments: Sequence[str], environment: Mapping[str, str]) -> bool:
+    """Return whether the configuration asks for it; what is wrong with that file is told when it is read for good."""
+    named = [after for word, after in pairwise(arguments) if word == "--config"]
+    named += [word.partition("=")[2] for word in arguments if word.startswith("--config=")]
+    path = named[-1] if named else environment.get(CONFIG_VARIABLE)
+    if not path:
+        return False
+    from hapticnet.documents import parse_tables, read_document
+
+    try:
+        table = parse_tables(read_document(user_path(path)), path).get(verb)
+    except HapticnetError:
+        return False
+    return isinstance(table, dict) and table.get("log-json") is True
 
 
 def _choose_log(as_json: bool) -> bool:

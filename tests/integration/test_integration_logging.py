@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+ROOT = Path(__file__).parents[2]
 FAST = ("--no-real-time",)
 
 
@@ -24,12 +25,17 @@ def lines_of(process):
         (["master", "--log-json", "--rate", "NaN"], {}),
         (["slave", "--scene", "nowhere.toml", "--log-json"], {}),
         (["slave", "--bogus"], {"HAPTICNET_SLAVE_LOG_JSON": "1"}),
+        (["slave", "--bogus", "--config", "rig.toml"], {}),
+        (["slave", "--bogus", "--config=rig.toml"], {}),
+        (["slave", "--rate", "NaN"], {"HAPTICNET_CONFIG": "rig.toml"}),
     ],
 )
-def test_what_is_wrong_with_options_is_told_in_json_too(arguments, environment):
+def test_what_is_wrong_with_options_is_told_in_json_too(arguments, environment, tmp_path):
+    (tmp_path / "rig.toml").write_text("[slave]\nlog-json = true\n")
     ended = subprocess.run(
-        [sys.executable, "-m", "hapticnet", *arguments], capture_output=True, text=True, env=os.environ | environment
-    )
+        [sys.executable, "-m", "hapticnet", *arguments],
+        capture_output=True, text=True, cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)} | environment,
+    )  # fmt: skip
     assert ended.returncode == 2 or "nowhere.toml" in arguments
     (line,) = map(json.loads, ended.stderr.splitlines())
     assert line["level"] == "error"
