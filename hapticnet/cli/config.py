@@ -32,13 +32,17 @@ def config(
     An option on the command line takes precedence over the environment (HAPTICNET_MASTER_CODEC for the --codec of
     master), which takes precedence over the file given by --config; otherwise the default applies.
 
-    Without a verb, print what file and environment set, for all verbs.
+    Without a verb, print what file and environment set, for all verbs. Variables that begin with HAPTICNET_ and set
+    nothing are told as warnings.
     """
     import os
 
-    from hapticnet.cli.settings import from_environment, from_file, leaves, option_key
+    from hapticnet.cli.console import Console
+    from hapticnet.cli.settings import from_environment, from_file, leaves, option_key, own_variables, unknown_to_all
 
     root: Any = ctx.find_root()
+    for line in unknown_to_all(root.command, os.environ):
+        Console("config").warn(line)
     known = dict(leaves(root.command))
     file = None if file is None else user_path(file)
     in_file = {} if file is None else from_file(file, root.command)
@@ -49,7 +53,11 @@ def config(
             {"verb": " ".join(words), "option": option_key(option), "value": found.value, "source": found.source}
             for words, command in known.items()
             for option in command.params
-            for name, found in (in_file.get(words, {}) | from_environment(words, command, os.environ)).items()
+            for name, found in (
+                in_file.get(words, {})
+                | from_environment(words, command, os.environ)
+                | own_variables(command, os.environ)
+            ).items()
             if name == option.name
         ]
     if json:

@@ -16,6 +16,9 @@ PREFIX: Final = "HAPTICNET_"
 CONFIG_VARIABLE: Final = "HAPTICNET_CONFIG"
 """Environment variable that names the configuration file."""
 
+OTHER_VARIABLES: Final = {CONFIG_VARIABLE, "HAPTICNET_TRACEBACK", "HAPTICNET_FIRMWARE"}
+"""Environment variables that set no option: `cli.SHOW_TRACEBACK` and `runtime.simavr.BUILD_VARIABLE` are the others."""
+
 UNSETTABLE: Final = {"help", "config"}
 """Options that are given on the command line only."""
 
@@ -96,6 +99,12 @@ def from_environment(verb: Verb, command: Any, environment: Mapping[str, str]) -
     return found
 
 
+def own_variables(command: Any, environment: Mapping[str, str]) -> dict[str, Found]:
+    """Return what variables set that several verbs share, such as HAPTICNET_KEY, by the parameters' names."""
+    shared = {each.name: str(each.envvar) for each in settable(command).values() if each.envvar}
+    return {name: Found(environment[each], each) for name, each in shared.items() if environment.get(each)}
+
+
 def unknown_variables(verb: Verb, command: Any, environment: Mapping[str, str]) -> Iterator[str]:
     """Yield a line for each environment variable that looks like an option of a verb and is none."""
     start = variable(verb, "")
@@ -104,6 +113,17 @@ def unknown_variables(verb: Verb, command: Any, environment: Mapping[str, str]) 
         if name.startswith(start) and name not in known:
             guess = _guess(name, known)
             yield f"the environment variable {name} is ignored: {' '.join(verb)} has no such option{guess}"
+
+
+def unknown_to_all(root: Any, environment: Mapping[str, str]) -> Iterator[str]:
+    """Yield a line for each environment variable with hapticnet's prefix that no verb reads."""
+    known = set(OTHER_VARIABLES)
+    for verb, command in leaves(root):
+        known |= {variable(verb, key) for key in settable(command)}
+        known |= {str(each.envvar) for each in command.params if each.envvar}
+    for name in sorted(environment):
+        if name.startswith(PREFIX) and name not in known:
+            yield f"the environment variable {name} is ignored: no verb has such an option{meant(name, sorted(known))}"
 
 
 def from_file(path: Path, root: Any) -> dict[Verb, dict[str, Found]]:

@@ -65,6 +65,8 @@ def test_without_a_verb_everything_that_is_set_is_listed(run, rig):
     assert ["channel", "--seed", "4", "HAPTICNET_CHANNEL_SEED"] in lines
     assert len(lines) == 6
     assert "neither a file nor the environment" in run("config").stdout
+    shared = [line.split() for line in run("config", HAPTICNET_KEY="mine.toml").stdout.splitlines()]
+    assert ["slave", "--key", "mine.toml", "HAPTICNET_KEY"] in shared
 
 
 def test_what_a_file_sets_reaches_the_verb(run, tmp_path):
@@ -128,6 +130,19 @@ def test_a_misspelt_variable_is_a_warning_because_other_programs_set_some_too(ru
     assert "did you mean 'HAPTICNET_CODECS_JSON'?" in done.stderr
     assert done.stderr.count("codecs: warning: ") == 2
     assert run("scene", "show", HAPTICNET_CODECS_JSN="1").stderr == "", "it concerns another verb"
+
+
+def test_config_warns_of_every_variable_that_sets_nothing(run):
+    for words in ((), ("master",)):
+        done = run("config", *words, HAPTICNET_MASTR_CODEC="raw", HAPTICNET_SLAVE_PORT="1", HAPTICNET_KEY="mine.toml")
+        assert done.returncode == 0
+        told = [line.partition("the environment variable ")[2] for line in done.stderr.splitlines()]
+        end = "is ignored: no verb has such an option"
+        assert told == [
+            f"HAPTICNET_MASTR_CODEC {end} (did you mean 'HAPTICNET_MASTER_CODEC'?)",
+            f"HAPTICNET_SLAVE_PORT {end} (did you mean 'HAPTICNET_SLAVE_REPORT'?)",
+        ]
+        assert done.stderr.startswith("config: warning: ")
 
 
 def test_a_size_is_shown_as_one_writes_it(run):
