@@ -51,6 +51,11 @@ def check_above(name: str, value: float, bound: float, largest: float, unit: str
         raise _out_of_range(name, value, f"above {_text(bound)} and at most {_text(largest)}", unit)
 
 
+def axes_of(count: int) -> str:
+    """Return a number of axes in words: "1 axis", "3 axes"."""
+    return "1 axis" if count == 1 else f"{count} axes"
+
+
 def meant(name: str, known: Iterable[str]) -> str:
     """Return the question whether a known name was meant, to follow an unknown one; nothing if none is similar."""
     close = get_close_matches(name, known, n=1)

@@ -87,7 +87,7 @@ def test_a_recording_from_a_file_brings_its_own_times_and_positions(tmp_path):
         ({"t_s": np.where(T_S == 0.5, np.nan, T_S)}, r"t_s\[500\] is nan"),
         ({"t_s": T_S, "rate_hz": 1000}, "times are given as rate_hz and t_s; give one of rate_hz, t_s and t_us"),
         ({"rate_hz": 0.0}, "rate_hz is 0.0 Hz; it must be between 0.001 and 1e"),
-        ({"position": FORCE[:7]}, "position has 7 samples of 1 axes, force 2000 of 1"),
+        ({"position": FORCE[:7]}, "position has 7 samples of 1 axis, force 2000 of 1"),
         ({"codec": "deadbnad"}, r"^unknown codec 'deadbnad' \(did you mean 'deadband'\?\); there are: raw, deadband, "),
         ({"codec": "deadband:step_n=0.1", "step_n": 0.1}, "parameter 'step_n' is given twice"),
         ({"gain": 1.0}, "codec 'deadband' has no parameter 'gain'; it has: step_n"),
@@ -231,7 +231,7 @@ def test_measures_take_what_encode_gives():
     energy = hn.energy_report(VECTORS, result.decoded, position=0.01 * VECTORS)
     assert energy.put_in_j > 0.0
     assert 0.0 <= energy.created_share < 0.1
-    with pytest.raises(hn.SampleError, match="position has 2000 samples of 1 axes, true 2000 of 3"):
+    with pytest.raises(hn.SampleError, match="position has 2000 samples of 1 axis, true 2000 of 3"):
         hn.energy_report(VECTORS, result.decoded, position=VECTORS[:, 0])
 
 

@@ -128,7 +128,7 @@ class Encoded:
         try:
             from matplotlib import pyplot
         except ImportError as error:
-            raise UnavailableError("plot() needs matplotlib: pip install matplotlib") from error
+            raise UnavailableError("plot() needs matplotlib (extra plot): pip install matplotlib") from error
         from hapticnet.experiment.signal_figure import Signal, check_window, fill_figure
         from hapticnet.experiment.style import PRINT_WIDTH_IN, SETTINGS
 

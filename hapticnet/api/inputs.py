@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticnet.arrays import FloatArray, IntArray, as_recording
-from hapticnet.checks import check_parameter
+from hapticnet.checks import axes_of, check_parameter
 from hapticnet.codec import registry
 from hapticnet.codec.base import Codec
 from hapticnet.codec.plugins import checked_class, rehearse
@@ -96,7 +96,7 @@ def check_shapes(one: FloatArray, other: FloatArray, name: str, other_name: str)
     """Check that two recordings have the same shape; raise SampleError if not."""
     if one.shape != other.shape:
         raise SampleError(
-            f"{name} has {len(one)} samples of {one.shape[1]} axes, {other_name} {len(other)} of {other.shape[1]};"
+            f"{name} has {len(one)} samples of {axes_of(one.shape[1])}, {other_name} {len(other)} of {other.shape[1]};"
             " they must match"
         )
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from hapticnet.api.events import LOG
 from hapticnet.api.inputs import as_codec, check_choice, served
-from hapticnet.checks import check_parameter
+from hapticnet.checks import axes_of, check_parameter
 from hapticnet.codec import registry
 from hapticnet.codec.base import Codec
 from hapticnet.device.base import Device
@@ -247,5 +247,5 @@ def as_position(position: PositionLike, axes: int | None = None) -> Vector:
     except (TypeError, ValueError) as error:
         raise SampleError(f"position is {position!r}; it must be a number [m], or one for each axis") from error
     if axes is not None and len(vector) != axes:
-        raise SampleError(f"position has {len(vector)} axes; this master began with {axes}")
+        raise SampleError(f"position has {axes_of(len(vector))}; this master began with {axes}")
     return vector

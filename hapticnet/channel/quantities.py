@@ -56,6 +56,11 @@ def format_time(time_us: int) -> str:
     return _in_largest_unit(time_us, {"s": 1_000_000, "ms": 1_000, "us": 1})
 
 
+def time_in_words(time_us: int) -> str:
+    """Return a time as `format_time` does, with a space before the unit, for sentences."""
+    return re.sub(r"(?<=\d)(?=[a-z])", " ", format_time(time_us))
+
+
 def format_rate(rate_bit_per_s: int) -> str:
     """Return a rate as a whole number in the largest possible unit."""
     return _in_largest_unit(rate_bit_per_s, {"Gbit/s": 10**9, "Mbit/s": 10**6, "kbit/s": 10**3, "bit/s": 1})

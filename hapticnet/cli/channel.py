@@ -62,7 +62,7 @@ def channel(
             )
 
     def on_status(relay: "Relay") -> None:
-        console.status(f"{relay.clients} clients")
+        console.status(f"{relay.clients} client{'s' * (relay.clients != 1)}")
 
     scheduling = prefer_realtime() if real_time else OTHER
     console.say(f"listening on {bound_address(sock)}, to {target}: {there.describe()}; back: {back.describe()}")

@@ -46,7 +46,7 @@ def compare(
         str, typer.Option(metavar="PERCENT", help="Share of updates lost at random, such as 5%; repaired after 20 ms.")
     ] = "0",
     delay: Annotated[
-        str, typer.Option(metavar="TIME", help="Delay of each way at which the felt force is judged, such as 25ms.")
+        str, typer.Option(metavar="TIME", help="Delay each way at which the felt force is judged, such as 25ms.")
     ] = "25ms",
     grid: Annotated[
         list[str] | None,
@@ -63,7 +63,8 @@ def compare(
     plot_dir: Annotated[Path | None, typer.Option(metavar="DIR", help="Draw figures into DIR.")] = None,
     plot_format: Annotated[options.PlotFormat, typer.Option(help="Format of the figures.")] = "png",
     signal: Annotated[
-        str | None, typer.Option(metavar="CODEC", help="Codec whose signal is drawn over time; default: the first.")
+        str | None,
+        typer.Option(metavar="CODEC", help="Codec whose signal is drawn over time; default: the first but raw."),
     ] = None,
     window: Annotated[
         str | None, typer.Option(metavar="FROM:TO", help="Time [s] that the figure of the signal shows.")

@@ -72,11 +72,12 @@ include keepalives and UDP and IPv4 headers. The standard deviation is
 over all penetrations; lines below it are the means of each tissue, with its
 breach force. The packet-rate reduction counts force packets only. "As felt"
 compares the force held at each tick with the true force at the position of that
-tick, so it includes the delay. "Over 25 ms" does the same in virtual time, with
-the recorded motion and that delay each way; energy created is what the hand then
-has to put in less, or gets back more, as a share of its work. The device lags
-because its servos take a pulse every 20 ms and follow it with a lag; with
---announced it knows of a breach before it comes (docs/control.md)."""
+tick, so it includes the delay. "Over 25 ms" repeats this in virtual time, with
+the recorded motion and that delay each way. "Energy created" is the energy that
+the delayed force adds to the hand's motion, as a share of the work of the hand
+against the true force. The device is late because its servos take a pulse every
+20 ms and then need time to move; with --announced it knows of a breach in
+advance (docs/control.md)."""
 
 _LINES: tuple[tuple[str, Callable[[Row], str]], ...] = (
     ("samples", lambda row: f"{row['samples']:,}"),

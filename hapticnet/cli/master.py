@@ -46,7 +46,9 @@ def master(
     name: Annotated[str, typer.Option(help="What the slave's report calls this master.")] = "master",
     max_age: Annotated[
         float,
-        typer.Option(metavar="SECONDS", help="Drop forces that answer a position older than this, by the own clock."),
+        typer.Option(
+            metavar="SECONDS", help="Ignore forces that answer a position older than this, by the master's clock."
+        ),
     ] = 1.0,
     channel_out: options.ChannelOut = "perfect",
     channel_in: options.ChannelIn = "perfect",

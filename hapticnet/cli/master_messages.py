@@ -77,7 +77,8 @@ class MasterMessages(Watcher[NodeEvent]):
             self.refusal = event.code
         elif isinstance(event, Hinted):
             self._hint = event.reason
-        tell = self._console.warn if isinstance(event, DISTURBANCES) else self._console.say
+        failed = isinstance(event, Ended) and (event.refused or self._node.failure is not None)
+        tell = self._console.warn if failed or isinstance(event, DISTURBANCES) else self._console.say
         about = {"master": self._node.settings.name, "address": self._address, "codec": self._node.codec.name}
         tell(in_words(event, self._node, self._address), event=type(event).__name__, fields=about)
         if isinstance(event, Connected):

@@ -57,7 +57,8 @@ PositionScale: TypeAlias = Annotated[
 Start: TypeAlias = Annotated[
     str | None,
     typer.Option(
-        metavar="X[,Y[,Z]]", help="Move all positions so that the first is there [m], as a hand's recording needs it."
+        metavar="X[,Y[,Z]]",
+        help="Move all positions so that the first is at this place [m], to put a recorded hand into the scene.",
     ),
 ]
 MissingValues: TypeAlias = Annotated[
@@ -77,7 +78,7 @@ MaxSize: TypeAlias = Annotated[
     ),
 ]
 Jobs: TypeAlias = Annotated[
-    int | None, typer.Option(min=1, help="Processes; default: one a core. The results do not depend on it.")
+    int | None, typer.Option(min=1, help="Processes; default: one for each core. The results do not depend on it.")
 ]
 RecordLimit: TypeAlias = Annotated[
     int,
@@ -97,7 +98,7 @@ StreamOption: TypeAlias = Annotated[
     typer.Option(
         "--stream",
         metavar="HOST:PORT",
-        help="Send every sample to PlotJuggler's UDP server there, as JSON; its port is 9870.",
+        help="Send every sample as JSON to PlotJuggler's UDP server at this address; its port is 9870.",
     ),
 ]
 MetricsOption: TypeAlias = Annotated[
@@ -105,7 +106,7 @@ MetricsOption: TypeAlias = Annotated[
     typer.Option(
         "--metrics",
         metavar="HOST:PORT",
-        help="Serve figures for Prometheus there (/metrics), and whether this process is well (/health).",
+        help="Serve metrics for Prometheus at /metrics, and the state of this process at /health.",
     ),
 ]
 ChannelOut: TypeAlias = Annotated[

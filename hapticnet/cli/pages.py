@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 PAGE: Final = "live page: "
 """Start of the message with the page's address."""
 
-_FILE: Final = re.compile(r"(file://\S+\.html) for \S+")
+_FILE: Final = re.compile(r"open (file://\S+\.html) in a browser; it holds the token for \S+")
 _LINK: Final = '<!doctype html><meta http-equiv="refresh" content="0; url={url}"><a href="{url}">hapticnet</a>\n'
 
 
@@ -119,7 +119,7 @@ def listen_for(
         from hapticnet.web.access import listen_for_pages
         from hapticnet.web.server import Server  # noqa: F401 - needs aiohttp
     except ModuleNotFoundError as error:
-        raise UnavailableError("the live page needs aiohttp: pip install aiohttp") from error
+        raise UnavailableError("the live page needs aiohttp (extra web): pip install aiohttp") from error
     from hapticnet.runtime.udp import is_loopback
 
     sock, access = listen_for_pages(page_address(page), views, before)
@@ -158,7 +158,9 @@ def say_addresses(views: "Mapping[str, View]", access: "Access", console: "Conso
             for text, view in views.items():
                 file = folder / f"{view}.html"
                 file.write_text(_LINK.format(url=addresses[text]), encoding="utf-8")
-                addresses[text] = f"{file.as_uri()} for {addresses[text].partition('?')[0]}"
+                addresses[text] = (
+                    f"open {file.as_uri()} in a browser; it holds the token for {addresses[text].partition('?')[0]}"
+                )
         except OSError as error:
             raise UnavailableError(f"cannot store the page's address: {error.strerror}: {error.filename}") from error
     for text, address in addresses.items():

@@ -36,7 +36,7 @@ def recover(
     file: Annotated[
         Path, typer.Argument(metavar="FILE", help="FILE.unfinished, or an .mcap file that is cut off or damaged.")
     ],
-    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Where the complete recording goes.")] = None,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="File for the completed recording.")] = None,
     json: options.Json = False,
     report: options.Report = None,
 ) -> None:

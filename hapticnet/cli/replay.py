@@ -117,6 +117,7 @@ def _slave(
     file: Path, column: str | None, codec: str, motion: "Motion", connect: str | None, *, real_time: bool
 ) -> "Iterator[str]":
     """Yield the address of the slave: the one that was named, or one of our own that plays the recorded force."""
+    from hapticnet.checks import axes_of
     from hapticnet.cli.console import Console
     from hapticnet.codec.registry import split_codec
     from hapticnet.errors import SettingsError
@@ -130,7 +131,7 @@ def _slave(
     axes = motion.position.shape[1]
     if force.axes != axes:
         raise SettingsError(
-            f"{file}: a force of {force.axes} axes for positions of {axes}; choose as many with"
+            f"{file}: a force of {axes_of(force.axes)} for positions of {axes}; choose as many with"
             " --force-column and --position-column"
         )
     for note in force.notes:

@@ -6,6 +6,7 @@ from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_events import MasterJoined, MasterLeft, MasterRefused, ScenePaused, SceneResumed, SlaveEvent
 from hapticnet.node.step_times import StepsTooSlow
 from hapticnet.protocol.keys import format_key
+from hapticnet.protocol.messages import Code
 from hapticnet.runtime.udp import HostPort
 from hapticnet.runtime.watching import Watcher
 
@@ -17,6 +18,9 @@ if TYPE_CHECKING:
 
 MOST_UNREAD: Final = 10
 """Reasons for which HELLOs were dropped that are told, each once: strangers choose them."""
+
+MOST_FAILURES: Final = 10
+"""Different failures of scenes and codecs that the report and the last line of the run name."""
 
 
 class SlaveMessages(Watcher[SlaveEvent]):
@@ -36,14 +40,28 @@ class SlaveMessages(Watcher[SlaveEvent]):
         self._guests = guests
         self._said_unkeyed = False
         self._said_unread: set[str] = set()
+        self._failures: set[str] = set()
         self._said_draining = False
 
     def note(self, event: SlaveEvent, now_us: int) -> None:  # noqa: ARG002 - messages have their own time
         """Tell what has happened."""
-        tell = (
-            self._console.warn if isinstance(event, MasterRefused | ScenePaused | StepsTooSlow) else self._console.say
-        )
-        tell(in_words(event), event=type(event).__name__, fields=fields_of(event))
+        failure = None
+        if isinstance(event, MasterLeft):
+            failure = event.station.failure
+        elif isinstance(event, MasterRefused) and event.code is Code.FAILED:
+            failure = event.reason
+        if failure is not None and failure not in self._failures and len(self._failures) < MOST_FAILURES:
+            self._failures.add(failure)
+            self._console.faults.append(failure)
+        disturbs = failure is not None or isinstance(event, MasterRefused | ScenePaused | StepsTooSlow)
+        tell = self._console.warn if disturbs else self._console.say
+        listed = self._listed(event) if isinstance(event, MasterRefused) else None
+        tell(in_words(event, listed), event=type(event).__name__, fields=fields_of(event, listed))
+
+    def _listed(self, event: MasterRefused) -> str | None:
+        """Return the name in the list of a master that was refused; None if it is not listed."""
+        entry = None if self._guests is None or event.public is None else self._guests.roster.find(event.public)
+        return None if entry is None else entry.name
 
     def check(self, now_us: int) -> None:  # noqa: ARG002 - the interval is fixed
         """Renew the status line."""
@@ -66,14 +84,16 @@ class SlaveMessages(Watcher[SlaveEvent]):
 def status(node: SlaveNode) -> str:
     """Return the status line of a slave."""
     steps, packets = node.totals()
-    return f"{node.session_count} masters, {steps} steps, {packets} packets sent"
+    masters = f"{node.session_count} master{'s' * (node.session_count != 1)}"
+    return f"{masters}, {steps} steps, {packets} packets sent"
 
 
-def in_words(event: SlaveEvent) -> str:
-    """Return an event in words for a person."""
+def in_words(event: SlaveEvent, listed: str | None = None) -> str:
+    """Return an event in words for a person; `listed` is the name in the list of a master that was refused."""
     if isinstance(event, MasterRefused):
-        whose = "" if event.public is None else f", public key {format_key(event.public)}"
-        return f"{event.name!r} from {place(event.address)}{whose}, was refused: {event.reason}"
+        whose = "" if event.public is None else f" with the public key {format_key(event.public)}"
+        own = repr(event.name) if listed is None else f"{listed!r} ({event.name!r})"
+        return f"{own} from {place(event.address)}{whose} was refused: {event.reason}"
     if isinstance(event, StepsTooSlow):
         return str(event)
     session = event.station.session
@@ -90,16 +110,17 @@ def in_words(event: SlaveEvent) -> str:
     raise TypeError(event)
 
 
-def fields_of(event: SlaveEvent) -> dict[str, Any]:
-    """Return what an event is about, for programs."""
+def fields_of(event: SlaveEvent, listed: str | None = None) -> dict[str, Any]:
+    """Return what an event is about, for programs; `listed` as for `in_words`."""
     if isinstance(event, StepsTooSlow):
         return {"code": event.what}
+    about: dict[str, Any]
     if isinstance(event, MasterRefused):
-        return {"master": event.name, "address": place(event.address), "refusal": event.code.name}
-    station = event.station
-    request = station.session.request
-    about = {"master": request.name, "address": place(station.address), "codec": request.codec}
-    return about if station.listed is None else {**about, "listed": station.listed}
+        about = {"master": event.name, "address": place(event.address), "refusal": event.code.name}
+    else:
+        request, listed = event.station.session.request, event.station.listed
+        about = {"master": request.name, "address": place(event.station.address), "codec": request.codec}
+    return about if listed is None else {**about, "listed": listed}
 
 
 def who(station: "Station") -> str:

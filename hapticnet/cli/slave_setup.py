@@ -187,7 +187,7 @@ def check(options: SlaveOptions) -> None:
         if given is not None:
             raise SettingsError(f"{option} needs each sample, which --compiled does not keep; omit one of them")
     if not fast_extra_installed():
-        raise UnavailableError("--compiled needs numba: pip install numba")
+        raise UnavailableError("--compiled needs numba (extra fast): pip install numba")
     try:
         import numba  # noqa: F401 - the bank uses it
     except ImportError as error:  # it is there, but does not fit to numpy

@@ -4,6 +4,7 @@ from array import array
 from collections import deque
 from typing import Any, ClassVar, Never
 
+from hapticnet.checks import axes_of
 from hapticnet.codec.steps import (
     EMPTY_INTERVAL,
     NO_PAST,
@@ -223,7 +224,7 @@ def checked_position(position: Vector, axes: int) -> Vector:
 
 def refuse_axes(values: Vector, axes: int, what: str) -> Never:
     """Raise the SampleError of a vector with the wrong number of axes."""
-    raise SampleError(f"{what} has {len(values)} axes; it must have {axes}")
+    raise SampleError(f"{what} has {axes_of(len(values))}; it must have {axes}")
 
 
 class StepDecoder:

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from hapticnet.checks import check_above, check_parameter
+from hapticnet.checks import axes_of, check_above, check_parameter
 from hapticnet.control.limits import LONGEST_STEP_US, SLEW_N_PER_S
 from hapticnet.errors import SampleError, SettingsError
 from hapticnet.samples import MAX_AXES, Vector
@@ -112,7 +112,7 @@ class Hold:
         if not all(map(math.isfinite, force_n)):
             raise SampleError(f"held force is {force_n}; it must be finite")
         if len(force_n) != self._axes:
-            raise SampleError(f"held force has {len(force_n)} axes; this hold has {self._axes}")
+            raise SampleError(f"held force has {axes_of(len(force_n))}; this hold has {self._axes}")
         self._grow_older(now_us)
         if self._new:
             self._new = False

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
-from hapticnet.channel.quantities import format_share, format_time
+from hapticnet.channel.quantities import format_share, time_in_words
 from hapticnet.experiment.comparison import REPAIR_US, Row
 from hapticnet.experiment.latex import PACKAGES, escaped, row, table
 from hapticnet.experiment.summary import METHOD, Block, Line, blocks, means
@@ -98,7 +98,7 @@ def heading(block: Block, shown: Sequence[Block]) -> str:
         ("weber_fraction", f"Weber fraction {settings.weber_fraction:g}"),
         ("floor_n", f"floor {settings.floor_n:g} N"),
         ("loss", f"{format_share(settings.loss)} loss"),
-        ("delay_us", f"{format_time(settings.delay_us)} each way"),
+        ("delay_us", f"{time_in_words(settings.delay_us)} each way"),
     ):
         if len({getattr(each.settings, key) for each in shown}) > 1:
             parts.append(text)
@@ -110,7 +110,7 @@ def notes(shown: Sequence[Block]) -> list[str]:
     told = [f"{column.heading.replace(chr(10), ' ')}: {column.meaning}." for column in COLUMNS]
     if any(line.label.endswith("(at rest)") for block in shown for line in block.lines):
         told.append("(at rest): depends on motion, but no positions were given (--position-column).")
-    delays = dict.fromkeys(format_time(block.settings.delay_us) for block in shown)
+    delays = dict.fromkeys(time_in_words(block.settings.delay_us) for block in shown)
     told.append(f"The delay for the felt force is {' or '.join(delays)} each way.")
     if any(block.settings.loss for block in shown):
         told.append(f"Updates lost at random are replaced {REPAIR_US / 1000:g} ms later, if not lost again.")

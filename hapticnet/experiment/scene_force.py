@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 from hapticnet.arrays import FloatArray, IntArray
-from hapticnet.checks import check_above
+from hapticnet.checks import axes_of, check_above
 from hapticnet.errors import SettingsError
 from hapticnet.experiment.trial import Trial
 from hapticnet.operator.base import Operator
@@ -46,7 +46,9 @@ def placed(positions: FloatArray, start_m: Sequence[float] | None) -> FloatArray
     if start_m is None:
         return positions
     if len(start_m) != positions.shape[1]:
-        raise SettingsError(f"the start has {len(start_m)} coordinates; the positions have {positions.shape[1]} axes")
+        raise SettingsError(
+            f"the start has {len(start_m)} coordinates; the positions have {axes_of(positions.shape[1])}"
+        )
     moved: FloatArray = positions - positions[0] + np.asarray(start_m, dtype=np.float64)
     return moved
 
@@ -62,7 +64,7 @@ def moved_trial(scene: Touchable, t_us: IntArray, positions: FloatArray, *, name
         If the scene refuses a position, or its force is not finite.
     """
     if positions.shape[1] != scene.axes:
-        raise SettingsError(f"{name}: the positions have {positions.shape[1]} axes; {scene.name} has {scene.axes}")
+        raise SettingsError(f"{name}: the positions have {axes_of(positions.shape[1])}; {scene.name} has {scene.axes}")
     sent = positions.astype(np.float32).astype(np.float64)  # as on the wire
     forces = [
         scene.step(PositionSample(at_us, tuple(at_m))).force_n

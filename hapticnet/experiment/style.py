@@ -56,7 +56,7 @@ def pyplot() -> Any:
     try:
         import matplotlib as mpl
     except ImportError as error:
-        raise UnavailableError("figures need matplotlib: pip install matplotlib") from error
+        raise UnavailableError("figures need matplotlib (extra plot): pip install matplotlib") from error
     mpl.use("Agg")
     from matplotlib import pyplot
 

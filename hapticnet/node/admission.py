@@ -4,6 +4,7 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from typing import Final, TypeAlias
 
+from hapticnet.checks import axes_of
 from hapticnet.codec.base import Codec
 from hapticnet.codec.registry import all_codecs, make_codec, with_share
 from hapticnet.errors import HapticnetError, SampleError, SettingsError
@@ -124,7 +125,9 @@ class Admission:
             raise RefusalError(Code.FULL, str(error)) from error
         scene = self._scene(entry, request.name) if old is None else old.scene
         if request.axes != scene.axes:
-            raise RefusalError(Code.AXES, f"{request.axes} axes asked for; scene {scene.name!r} has {scene.axes}")
+            raise RefusalError(
+                Code.AXES, f"the master has {axes_of(request.axes)}; scene {scene.name!r} has {scene.axes}"
+            )
         # Only a scene that says how its force may change is stepped at positions that the master did not send.
         says = request.announced and self._settings.announces != "nothing"
         announced = says and look_ahead_of(scene) is not None

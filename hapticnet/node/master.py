@@ -4,6 +4,7 @@ from collections import deque
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from hapticnet.checks import axes_of
 from hapticnet.codec.base import Codec
 from hapticnet.codec.registry import codec_parameters, make_codec, with_share
 from hapticnet.control.passivity import PassivityController
@@ -415,7 +416,7 @@ class MasterNode:
                 self._feel(t_us, self.held_n)
             position_m = checked_vector(self._operator.sample(t_us).position_m, "position")
             if len(position_m) != len(self._zero_n):
-                raise SampleError(f"position has {len(position_m)} axes; the operator has {len(self._zero_n)}")
+                raise SampleError(f"position has {axes_of(len(position_m))}; the operator has {len(self._zero_n)}")
         except Exception as error:  # a user's operator may raise anything
             reason = f"the operator failed: {in_words(error)}"
             if self.settings.on_error == "end":

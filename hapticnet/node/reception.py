@@ -107,7 +107,8 @@ class Reception:
         if version == OPEN:
             reason, code = "this slave serves sealed sessions only: give the master a key, with --peer-key", Code.KEY
         elif version == SEALED:
-            reason, code = "this slave has no key and serves open sessions only", Code.KEY
+            reason = "this slave serves open sessions only: start it with --key for sealed ones, or omit --peer-key"
+            code = Code.KEY
         else:
             reason, code = f"this slave speaks protocol versions {OPEN} and {SEALED} only", Code.VERSION
         return pack(Kind.REFUSE, 0, 0, pack_body(Refuse(nonce, reason, code)))

@@ -157,12 +157,13 @@ class Seats:
             silence = {station: station.session.silent_us(now_us) for station in own if station not in besides}
             longest = max(silence, key=lambda station: (silence[station], -own[station]), default=None)
             if longest is None or silence[longest] <= self._settings.gives_way_us:
-                raise NoSeatError(f"all {most} sessions that this master may have are taken")
+                raise NoSeatError(f"all sessions that this master may have are taken; it may have {most} at once")
             return longest
         if self._open_count - without >= self._settings.most_sessions:
             found = self._silence.longest(held, now_us - self._settings.gives_way_us, identity)
             if found is None:
-                raise NoSeatError(f"all {self._settings.most_sessions} sessions of this slave are taken")
+                most_sessions = self._settings.most_sessions
+                raise NoSeatError(f"all sessions of this slave are taken; it serves {most_sessions} at once")
             return found
         return None
 

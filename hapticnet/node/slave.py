@@ -393,6 +393,7 @@ class SlaveNode:
 
     def _end(self, station: Station, reason: str, now_us: int, *, code: Code = Code.OTHER) -> None:
         """End a session from this side and tell its master."""
+        station.failure = reason if code is Code.FAILED else None
         self._at_hand(station)
         self._outbox.append((station.session.close(reason, now_us, code), station.address))
         self._forget(station, Trigger.CLOSE, f"the slave closed: {reason}")

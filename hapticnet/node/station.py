@@ -92,6 +92,7 @@ class Station:
         self.steps = 0
         self.superseded = 0
         self.paused: str | None = None
+        self.failure: str | None = None  # why this side closed the session, if its code failed
         self.newest: tuple[int, Vector, Vector, Vector, bool] | None = None
         self.recording = Recording(slave_columns(scene.axes)) if settings.record else None
         self.datagrams = Recording(DATAGRAM_COLUMNS) if settings.record_datagrams else None

@@ -118,7 +118,7 @@ def open_mat(path: Path, max_bytes: int) -> ArraySource:
     try:
         from scipy import io
     except ImportError as error:
-        raise UnavailableError(f"{path}: reading MATLAB files needs SciPy: pip install scipy") from error
+        raise UnavailableError(f"{path}: reading MATLAB files needs SciPy (extra mat): pip install scipy") from error
     elements = sum(int(np.prod(shape, dtype=object)) for _, shape, _ in io.whosmat(path))
     if 8 * elements > max_bytes:
         raise FileError(f"{path}: unpacks to {8 * elements} bytes; the limit is {max_bytes}")
@@ -163,7 +163,9 @@ def open_parquet(path: Path, max_bytes: int) -> ArraySource:
     try:
         import pyarrow.parquet
     except ImportError as error:
-        raise UnavailableError(f"{path}: reading Parquet files needs pyarrow: pip install pyarrow") from error
+        raise UnavailableError(
+            f"{path}: reading Parquet files needs pyarrow (extra parquet): pip install pyarrow"
+        ) from error
     with pyarrow.parquet.ParquetFile(path) as file:
         rows, schema = file.metadata.num_rows, file.schema_arrow
     names = schema.names

@@ -45,7 +45,7 @@ MASTER: Final = (
     *COMMON,
     Metric("ticks", "counter", "Ticks of the master."),
     Metric("ticks_missed", "counter", "Ticks skipped because the next was already due."),
-    Metric("tick_lateness_seconds", "histogram", "Time from when a tick was due to its begin."),
+    Metric("tick_lateness_seconds", "histogram", "Delay from when a tick was due to its start."),
     Metric("round_trip_seconds", "histogram", "Time from a position to its answer."),
     Metric("force_age_seconds", "histogram", "Age of the force that is applied."),
     Metric("connected", "gauge", "1 in a session, else 0."),

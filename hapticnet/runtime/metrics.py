@@ -55,7 +55,7 @@ class Metrics(Watcher[Event], Generic[Event]):
 
     def __init__(self, address: HostPort, tell: Callable[[str], None]) -> None:
         if find_spec("prometheus_client") is None:
-            raise UnavailableError("--metrics needs prometheus-client: pip install prometheus-client")
+            raise UnavailableError("--metrics needs prometheus-client (extra metrics): pip install prometheus-client")
         self._socket = listen_for_streams(address)
         self.address = bound_address(self._socket)
         self._tell = tell

@@ -92,10 +92,13 @@ class SlaveTrust:
         The masters with keys; None if there are no sealed sessions.
     serves_open
         Whether open sessions are served.
+    unused_key
+        This host's key, if it is there and sessions are open because the slave listens on loopback; else None.
     """
 
     guests: Guests | None
     serves_open: bool
+    unused_key: Path | None = None
 
     @property
     def files(self) -> list[Path]:
@@ -124,6 +127,11 @@ class SlaveTrust:
             )
             if self.guests.own.psk != NO_PSK:
                 lines.append("the psk in this key file is not used: a slave takes it from the [[master]] tables")
+        elif self.unused_key is not None:
+            lines.append(
+                f"open sessions only, as on loopback by default: {self.unused_key} is not used; add --key"
+                f" {self.unused_key} for sealed sessions"
+            )
         return lines
 
     def warnings(self, loopback: bool) -> list[str]:
@@ -152,7 +160,8 @@ def slave_trust(
         If keys are needed and cannot be used; the message says what to do.
     """
     if key is None and masters is None and (loopback or insecure):
-        return SlaveTrust(None, serves_open=True)
+        unused = None if insecure or is_missing(default_key()) else default_key()
+        return SlaveTrust(None, serves_open=True, unused_key=unused)
     key_file = key or default_key()
     masters = masters or default_masters(key_file)
     if key is None and is_missing(key_file):

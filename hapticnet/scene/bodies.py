@@ -9,6 +9,7 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
+from hapticnet.checks import axes_of
 from hapticnet.errors import SampleError
 from hapticnet.samples import ForceSample, PositionSample, Vector, checked_vector
 from hapticnet.scene.ahead import REACH_M, LayerAhead
@@ -142,7 +143,7 @@ class BodyScene:
         """
         tool_m = checked_vector(sample.position_m, "position")
         if len(tool_m) != self.axes:
-            raise SampleError(f"position has {len(tool_m)} axes; the scene has {self.axes}")
+            raise SampleError(f"position has {axes_of(len(tool_m))}; the scene has {self.axes}")
         velocity_m_per_s = self._velocity(sample.t_us, tool_m) if self._in_time else self._zero
         total_n = self._zero
         for touch in self._touches:

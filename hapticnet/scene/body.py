@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Final, TypeAlias
 
-from hapticnet.checks import check_parameter
+from hapticnet.checks import axes_of, check_parameter
 from hapticnet.errors import SettingsError
 from hapticnet.samples import MAX_AXES, Vector
 from hapticnet.scene.tissue import LARGEST_VALUE, SMALLEST_VALUE, check_names
@@ -151,7 +151,7 @@ class BodySceneSettings:
         for body in self.bodies:
             if body.axes != first.axes:
                 raise SettingsError(
-                    f"body {first.name!r} has {first.axes} axes and body {body.name!r} {body.axes};"
+                    f"body {first.name!r} has {axes_of(first.axes)} and body {body.name!r} {body.axes};"
                     " all bodies of a scene must have as many"
                 )
         check_names(self.name, [body.name for body in self.bodies], "bodies")

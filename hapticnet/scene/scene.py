@@ -22,6 +22,7 @@ from bisect import insort
 from collections.abc import Sequence
 from operator import attrgetter
 
+from hapticnet.checks import axes_of
 from hapticnet.errors import SampleError
 from hapticnet.outlook import Outlook
 from hapticnet.samples import LARGEST_COMPONENT, ForceSample, PositionSample, checked_vector
@@ -195,5 +196,5 @@ class Scene:
 def _checked_tip_m(sample: PositionSample) -> float:
     vector = checked_vector(sample.position_m, "position")
     if len(vector) != Scene.axes:
-        raise SampleError(f"position has {len(vector)} axes; the scene has {Scene.axes}")
+        raise SampleError(f"position has {axes_of(len(vector))}; the scene has {Scene.axes}")
     return vector[0]

@@ -69,7 +69,7 @@ def fit_models(trials: Sequence[OrderRow], conditions: Sequence[str]) -> list[Ef
     try:
         import statsmodels.api  # noqa: F401
     except ImportError as error:
-        raise UnavailableError("the models need statsmodels: pip install statsmodels") from error
+        raise UnavailableError("the models need statsmodels (extra stats): pip install statsmodels") from error
     people = sorted({row.participant for row in trials})
     if len(people) < LEAST_PARTICIPANTS or len(conditions) < 2:
         return []

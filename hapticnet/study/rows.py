@@ -46,10 +46,10 @@ class Row:
     this_n: int | None = column("Number of this row's trial in the schedule, from 0.", name="trials.thisN")
     this_rep_n: int | None = column("How often this condition was presented before, from 0.", name="trials.thisRepN")
     attempt: int | None = column("How often this trial was begun before, from 0.")
-    onset_s: float | None = column("Begin of the event, in seconds since the begin of the session.")
+    onset_s: float | None = column("Start of the event, in seconds since the start of the session.")
     duration_s: float | None = column("Duration of the event in seconds.")
     response_time_s: float | None = column(
-        "Time in seconds from the end of the stimulus, or the begin of the scene, to the answer.", name="key_resp.rt"
+        "Time in seconds from the end of the stimulus, or the start of the scene, to the answer.", name="key_resp.rt"
     )
     key: str | None = column("The keys of the answer.", name="key_resp.keys")
     reason: str | None = column("Why the trial was not accepted.")
@@ -89,7 +89,7 @@ class OrderRow(Row):
     correct: int | None = column("1 if the whole order is right, else 0.", name="key_resp.corr")
     pairs_correct: int | None = column("Pairs of tissues in the right order, 0 to 3.")
     kendall: int | None = column("Kendall's distance: pairs of tissues in the wrong order, 0 to 3.")
-    first_contact_s: float | None = column("Time in seconds from the begin of the scene to the first contact.")
+    first_contact_s: float | None = column("Time in seconds from the start of the scene to the first contact.")
     contact_to_answer_s: float | None = column("Time in seconds from the first contact to the answer.")
     insertions: int | None = column("How often the needle entered the first tissue.")
     penetrations: int | None = column("Surfaces breached.")

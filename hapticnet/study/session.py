@@ -43,7 +43,7 @@ class SessionSettings:
     hurried
         Whether breaks last no time, for a simulated observer in real time.
     replays
-        Whether a session that goes on is played from its begin again, and must come out as it is stored: in virtual
+        Whether a session that goes on is played from its start again, and must come out as it is stored: in virtual
         time, where device and hand would otherwise be in another state than without the interruption.
     """
 
@@ -210,7 +210,7 @@ def law_of_participant(settings: SessionSettings) -> ChosenLaw:
     for row in read_rows(table, OrderRow)[:1] if settings.resume and table.exists() else ():
         if row.weber_fraction is not None and row.floor_n is not None:
             began = WeberLaw(weber_fraction=row.weber_fraction, floor_n=row.floor_n)
-            return ChosenLaw(began, row.jnd_source or "the begin of the session")
+            return ChosenLaw(began, row.jnd_source or "the start of the session")
     of_plan = WeberLaw(weber_fraction=jnd.weber_fraction, floor_n=jnd.floor_n)
     if jnd.measured == "ignored":
         return ChosenLaw(of_plan, "the plan, which ignores measured JNDs")

@@ -8,7 +8,7 @@ from hapticnet.node.fingertip import Fingertip
 from hapticnet.node.procedures import Procedure
 
 LEAD_US: Final = 300_000
-"""Time [µs] from the begin of a presentation to the first force."""
+"""Time [µs] from the start of a presentation to the first force."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -98,7 +98,7 @@ class Measures:
     Attributes
     ----------
     first_contact_s
-        Time [s] from the begin of the scene to the first contact; None without one.
+        Time [s] from the start of the scene to the first contact; None without one.
     insertions, penetrations
         How often the needle entered the first tissue, and surfaces breached.
     peaks_held_n, peaks_sensed_n
@@ -251,7 +251,7 @@ class _Replay:
 
 
 def _replay(ticks: dict[str, FloatArray], felt: Sequence[Tissue]) -> _Replay:
-    """Return what the tissues, as they were at the begin of the trial, did at each tick."""
+    """Return what the tissues, as they were at the start of the trial, did at each tick."""
     scene = Scene(felt)
     known = np.isfinite(ticks["position_m"])
     places = zip(ticks["t_us"][known].tolist(), ticks["position_m"][known].tolist(), strict=True)

@@ -14,7 +14,7 @@ from hapticnet.sweep.pool import Broken, Computed, Outcome
 from hapticnet.sweep.runs import Plan
 from hapticnet.sweep.table import versions
 
-NEEDS: Final = "--scheduler needs Dask's distributed: pip install distributed"
+NEEDS: Final = "--scheduler needs Dask's distributed (extra cluster): pip install distributed"
 
 CONNECT_S: Final = 10.0
 """Time [s] in which a scheduler must answer, at the beginning and after the connection was lost."""

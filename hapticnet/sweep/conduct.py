@@ -137,7 +137,7 @@ def conduct(
     on_progress: Callable[[Progress], None] = lambda _progress: None,
     clock: Callable[[], float] = time.monotonic,
 ) -> Progress:
-    """Compute and store what is missing of a study.
+    """Compute and store the missing runs of a study.
 
     Parameters
     ----------

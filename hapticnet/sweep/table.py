@@ -18,7 +18,7 @@ METADATA_KEY: Final = b"hapticnet"
 LARGEST_SHARD: Final = 256 * 2**20
 """Size limit of a shard [B]; the runs of half a minute take less than 1 MB."""
 
-NEEDS: Final = "hapticnet sweep needs pyarrow and duckdb: pip install pyarrow duckdb"
+NEEDS: Final = "hapticnet sweep needs pyarrow and duckdb (extra sweep): pip install pyarrow duckdb"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

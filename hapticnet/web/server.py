@@ -46,9 +46,13 @@ NO_ENTRY: Final = """<!doctype html>
 <meta name="color-scheme" content="light dark"><title>hapticnet</title>
 <link rel="stylesheet" href="static/theme.css"><link rel="stylesheet" href="static/page.css"></head>
 <body class="operator"><main><section id="task" class="card"><h2>This link does not open the page</h2>
-<p>It belongs to an earlier run, or was not copied whole. Open the address that the program printed last. As a
-participant, please tell the experimenter.</p></section></main></body></html>
+<p>{why} As a participant, please tell the experimenter.</p></section></main></body></html>
 """
+
+INCOMPLETE: Final = """The address was opened without its token. Open the whole address that the program printed, or the
+file:// address in its log."""
+OF_ANOTHER_RUN: Final = """It belongs to an earlier run, or was not copied whole. Open the address that the program
+printed last."""
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
@@ -123,8 +127,10 @@ class Server(Watcher[NodeEvent]):
 
     async def _serve_view(self, request: web.Request) -> web.Response:
         view = _view(request)
-        if not self._access.opens(view, request.query.get("token", "")):
-            return web.Response(status=403, text=NO_ENTRY, content_type="text/html", charset="utf-8")
+        token = request.query.get("token", "")
+        if not self._access.opens(view, token):
+            text = NO_ENTRY.format(why=OF_ANOTHER_RUN if token else INCOMPLETE)
+            return web.Response(status=403, text=text, content_type="text/html", charset="utf-8")
         return self._file(f"{view}.html")
 
     async def _serve_file(self, request: web.Request) -> web.Response:

@@ -213,7 +213,7 @@ def test_replay_refuses_what_does_not_fit(run, tmp_path):
     write_session(tmp_path / "run.csv", ticks=10, axes=3)
     done = run("replay", tmp_path / "run.csv", "--force-column", "held_x_n")
     assert done.returncode == SettingsError.exit_code
-    assert "a force of 1 axes for positions of 3" in done.stderr
+    assert "a force of 1 axis for positions of 3" in done.stderr
     done = run("replay", tmp_path / "run.csv", "--force-column", "held_x_n", "--connect", "127.0.0.1:9")
     assert "with --connect the slave's scene makes the force" in done.stderr
 

@@ -11,7 +11,7 @@ import pytest
 
 from hapticnet.cli.operators import make_operator
 from hapticnet.device.profile import Profile
-from hapticnet.errors import SettingsError, UnavailableError
+from hapticnet.errors import RunError, SettingsError, UnavailableError
 from hapticnet.operator.remote import RemoteOperator
 from hapticnet.operator.user import UserOperator
 from hapticnet.runtime import devices
@@ -176,9 +176,16 @@ def test_a_scene_that_breaks_ends_the_session_with_one_line_on_both_sides_and_th
             line = "the slave closed: the scene failed: Fragile.step raised ValueError: it broke (rig.py, line 14)"
             assert played.stderr.splitlines()[-1].endswith(f"hapticnet: {line}")
             assert "Traceback" not in played.stderr
-    assert slave.err.count("it broke") == 2
+    failure = "the scene failed: Fragile.step raised ValueError: it broke (rig.py, line 14)"
+    warnings = [line for line in slave.err.splitlines() if " warning slave: 'master' left: " in line]
+    assert len(warnings) == 2
+    assert all(failure in line for line in warnings)
     assert "Traceback" not in slave.err
-    assert len(json.loads(slave.out)["sessions"]) == 2
+    report = json.loads(slave.out)
+    assert len(report["sessions"]) == 2
+    assert report["faults"] == [failure]
+    assert slave.process.returncode == RunError.exit_code
+    assert slave.err.splitlines()[-1].endswith(f"hapticnet: {failure}")
 
 
 def test_a_scene_of_ones_own_is_tried_without_a_network():

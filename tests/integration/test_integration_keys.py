@@ -81,7 +81,7 @@ def test_a_master_that_is_not_listed_is_refused_and_both_ends_say_which_key_to_a
     last = THE_ERROR.sub("", master.said().splitlines()[-1])
     assert last.startswith(f"{address} refused the session: ")
     assert f'public = "{keys.second}"' in last
-    server.wait_for(f"public key {keys.second.replace('+', '[+]')}, was refused")
+    server.wait_for(f"public key {keys.second.replace('+', '[+]')} was refused")
 
 
 def test_an_open_master_is_told_to_use_a_key(start, sealed):

@@ -182,7 +182,7 @@ def test_a_slower_rate_is_granted_and_a_refusal_is_one_line_and_exit_code_5(star
     first.wait_for("100 Hz granted")
     second = start("master", "--connect", address, *FAST)
     assert second.process.wait(30) == REFUSED
-    refusal = "refused the session: all 1 sessions of this slave are taken"
+    refusal = "refused the session: all sessions of this slave are taken; it serves 1 at once"
     assert THE_ERROR.sub("", second.said().splitlines()[-1]) == f"{address} {refusal}"
     assert "Traceback" not in second.said()
 

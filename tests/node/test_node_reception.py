@@ -107,7 +107,11 @@ def test_a_short_hello_is_malformed_and_gets_no_answer(sealed):
     ("version", "code", "reason"),
     [
         (OPEN, Code.KEY, "this slave serves sealed sessions only: give the master a key, with --peer-key"),
-        (SEALED, Code.KEY, "this slave has no key and serves open sessions only"),
+        (
+            SEALED,
+            Code.KEY,
+            "this slave serves open sessions only: start it with --key for sealed ones, or omit --peer-key",
+        ),
         (3, Code.VERSION, "this slave speaks protocol versions 1 and 2 only"),
     ],
 )
@@ -134,7 +138,7 @@ def test_a_hello_for_another_slave_gets_no_answer_at_all(rounds):
     ("change", "code", "reason"),
     [
         ({"codec": "mp3"}, Code.CODEC, clipped(f"unknown codec 'mp3'; there are: {', '.join(CODECS)}", REASON_BYTES)),
-        ({"axes": 3}, Code.AXES, "3 axes asked for; scene 'paper:1' has 1"),
+        ({"axes": 3}, Code.AXES, "the master has 3 axes; scene 'paper:1' has 1"),
         ({"weber_fraction": -1.0}, Code.PARAMETER, "Weber fraction is -1.0; it must be 0 or between 1e-12 and 1"),
         (
             {"parameters": {"bitrate": 1.0}},

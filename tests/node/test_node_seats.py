@@ -52,7 +52,7 @@ def test_an_identity_holds_only_its_share(house):
     for _ in range(2):
         house.works("a", 0)
     refusal = house.visitor("a").refused(10)
-    assert refusal[1:] == ("all 2 sessions that this master may have are taken", Code.FULL)
+    assert refusal[1:] == ("all sessions that this master may have are taken; it may have 2 at once", Code.FULL)
     house.works("b", 10)
     assert house.open() == ["a1", "a2", "b4"]
 
@@ -60,7 +60,10 @@ def test_an_identity_holds_only_its_share(house):
 def test_when_every_place_is_in_use_a_newcomer_is_refused(house):
     for name in "aabb":
         house.works(name, 0)
-    assert house.visitor("c").refused(10)[1:] == ("all 4 sessions of this slave are taken", Code.FULL)
+    assert house.visitor("c").refused(10)[1:] == (
+        "all sessions of this slave are taken; it serves 4 at once",
+        Code.FULL,
+    )
     assert house.open() == ["a1", "a2", "b3", "b4"]
 
 
@@ -160,7 +163,7 @@ def test_an_entry_of_the_list_may_set_its_own_number_of_places():
     key = MasterKey(KEYS["a"], SLAVE.public)
     HandMaster(slave, sealed=True, key=key).work()
     refusal = HandMaster(slave, sealed=True, key=key, nonce=2, name="b").refused()
-    assert refusal[1] == "all 1 sessions that this master may have are taken"
+    assert refusal[1] == "all sessions that this master may have are taken; it may have 1 at once"
 
 
 def test_a_scene_is_kept_for_its_master_while_nobody_needs_the_place(house):

@@ -11,7 +11,7 @@ def info(
     device: Annotated[str, typer.Argument(metavar="DEVICE", help="serial:PORT[@BAUD] or serial:auto.")] = "serial:auto",
     json: options.Json = False,
 ) -> None:
-    """Show the identity of a device; for another protocol version, tell how to flash the firmware."""
+    """Show the identity of a device; if its protocol version differs, say how to flash the firmware."""
     from hapticnet.cli.console import deliver
     from hapticnet.device.messages import TICKS_PER_US
     from hapticnet.device.profile import GENERIC_CALIBRATION

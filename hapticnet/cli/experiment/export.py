@@ -11,7 +11,7 @@ def export(
     bids: Annotated[Path | None, typer.Option(metavar="DIR", help="Write BIDS to this new folder.")] = None,
     psych_ds: Annotated[Path | None, typer.Option(metavar="DIR", help="Write Psych-DS to this new folder.")] = None,
     title: Annotated[str | None, typer.Option(help="Title of the data set; default: the folder's.")] = None,
-    authors: Annotated[str, typer.Option(metavar="NAME[;NAME…]", help="Who made the data set.")] = "",
+    authors: Annotated[str, typer.Option(metavar="NAME[;NAME…]", help="Authors of the data set.")] = "",
 ) -> None:
     """Copy the data of a study in a standard form; no value changes, and the folder itself is left alone."""
     from hapticnet.cli.console import Console

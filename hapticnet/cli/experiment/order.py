@@ -49,9 +49,9 @@ def order(
     jobs: options.Jobs = None,
     record_format: Annotated[
         Literal["mcap", "npz", "none"] | None,
-        typer.Option(help="Form of the recordings, one a trial; default: mcap in real time if installed, else npz."),
+        typer.Option(help="Format of the recordings, one a trial; default: mcap in real time if installed, else npz."),
     ] = None,
-    analyse: Annotated[bool, typer.Option(help="With --simulate, end as experiment analyse does.")] = True,
+    analyse: Annotated[bool, typer.Option(help="With --simulate, analyse the study at the end.")] = True,
     resume: common.Resume = False,
     dry_run: common.DryRun = False,
     json: options.Json = False,

@@ -32,7 +32,7 @@ def power(
     ] = None,
     participants: Annotated[str, typer.Option(metavar="N[,N…]", help="Numbers of participants.")] = "8,16,24",
     trials: Annotated[
-        str | None, typer.Option(metavar="N[,N…]", help="Trials a condition; default: the plan's.")
+        str | None, typer.Option(metavar="N[,N…]", help="Trials of each condition; default: the plan's.")
     ] = None,
     experiments: Annotated[int, typer.Option(metavar="N", help="Simulated experiments of each design.")] = 1000,
     margin: Annotated[float | None, typer.Option(help="Margin of equivalence; default: the plan's.")] = None,

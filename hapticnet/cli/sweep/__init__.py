@@ -27,5 +27,5 @@ app = typer.Typer(
     help="Compute every combination of the settings in a study, with all cores or a cluster.\n\n"
     "'hapticnet sweep STUDY.toml' is short for 'hapticnet sweep run STUDY.toml'.",
 )
-app.command(RUN, short_help="Compute what is missing of a study.")(run.run)
+app.command(RUN, short_help="Compute the missing runs of a study.")(run.run)
 app.command("show", short_help="Print a table of the results, or draw a figure.")(show.show)

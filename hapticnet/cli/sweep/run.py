@@ -1,4 +1,4 @@
-"""``hapticnet sweep run``: compute what is missing of a study."""
+"""``hapticnet sweep run``: compute the missing runs of a study."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -26,19 +26,20 @@ def run(
         ),
     ] = None,
     repeats: Annotated[
-        int | None, typer.Option(metavar="N", help="Repeats in the place of the study's; more can be added later.")
+        int | None, typer.Option(metavar="N", help="Repeats, in place of the study's number; more can be added later.")
     ] = None,
     shard: Annotated[
-        int | None, typer.Option(metavar="N", help="Runs in a file; default: as many as take about 3 s.")
+        int | None, typer.Option(metavar="N", help="Runs in each file of results; default: as many as take about 3 s.")
     ] = None,
     dry_run: Annotated[bool, typer.Option(help="Only check the study, count its runs and time a few of them.")] = False,
     json: options.Json = False,
     report: options.Report = None,
     quiet: options.Quiet = False,
 ) -> None:
-    """Compute what is missing of a study and store it in DIR.
+    """Compute the missing runs of a study and store them in DIR.
 
-    The numbers do not depend on --jobs and --shard. Ctrl-C finishes the shards in hand; the same command goes on.
+    The numbers do not depend on --jobs and --shard. Ctrl-C finishes the shards under way; run the same command
+    again to go on.
     """
     from hapticnet.checks import check_integer
     from hapticnet.cli.console import check_outputs, deliver

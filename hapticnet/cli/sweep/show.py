@@ -26,8 +26,8 @@ def show(
     ] = None,
     csv: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the table to FILE as CSV.")] = None,
     plot: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw a figure: .png, .pdf or .svg.")] = None,
-    x: Annotated[str | None, typer.Option(metavar="COLUMN", help="Column across the figure.")] = None,
-    y: Annotated[str | None, typer.Option(metavar="COLUMN", help="Column up the figure.")] = None,
+    x: Annotated[str | None, typer.Option(metavar="COLUMN", help="Column for the horizontal axis.")] = None,
+    y: Annotated[str | None, typer.Option(metavar="COLUMN", help="Column for the vertical axis.")] = None,
     line: Annotated[
         str | None, typer.Option(metavar="COLUMN[,COLUMN…]", help="Settings with a line for each value.")
     ] = None,

@@ -236,18 +236,18 @@ def apply(rule: MotionRule, receiver: Receiver, t_us: int) -> Vector:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotionPredictive(Scheme):
-    """Transmit how the stimulus follows time and the receiver's own position, as far as either has foretold it.
+    """Transmit how the stimulus follows from time and the receiver's own position, when it leaves the prediction.
 
     Rule: send when ``|x - p| > threshold(|p|)``, strictly, where p is what the receiver applies at its position and
     velocity. The first stimulus is always sent. A payload is complete and one of four: hold a value; a curve in time;
     a surface, ``offset + κ (κ·position)``, which does not pull; or a coupling, ``offset + K·position + B·velocity``
-    and a curve in time (`payload.motion`). The sender runs a predictor for each as if it were a codec of its own, and
-    sends with the one that has needed the fewest packets of late.
+    and a curve in time (`payload.motion`). The sender runs a predictor for each like a separate codec, and sends with
+    the one that has needed the fewest packets recently.
 
     Velocity: as in `codec.motion`, with a time constant of 5 ms, from the positions that each side knows. The rule
     takes the sender's for the receiver's. A receiver that is elsewhere, because the network is slow or positions are
-    coded, applies what holds at its own position. Without positions, it is the better of `adaptive_predictive` and the
-    deadband.
+    coded, applies the same function at its own position. Without positions, it is the better of `adaptive_predictive`
+    and the deadband.
 
     Without loss and delay the applied stimulus is within the threshold of the true one at every sample, whatever the
     input. While an update is late or lost, the receiver follows the line; stiffness and viscosity are bounded, and a
@@ -260,8 +260,8 @@ class MotionPredictive(Scheme):
     window_ms
         Window of the slopes in time [ms]: 1 to 1000, as in adaptive-predictive.
     stiffest_n_per_m
-        Largest stiffness that is transmitted [N/m]: 1 to 60 000. It bounds the effect of a late update: a hand that has
-        moved by d since may feel that much times d too much.
+        Largest stiffness that is transmitted [N/m]: 1 to 60 000. It bounds the effect of a late update: the error is
+        at most this stiffness times the distance that the hand has moved since.
     """
 
     name: ClassVar[str] = "motion-predictive"

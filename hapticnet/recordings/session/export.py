@@ -15,7 +15,7 @@ from hapticnet.recordings.session.frames import Heading, Table
 from hapticnet.recordings.session.session import INCOMPLETE, REPORT, Session, SessionTable
 
 ROWS_AT_ONCE: Final = 10_000
-NEEDS_PYARROW: Final = "Parquet files need pyarrow: pip install pyarrow"
+NEEDS_PYARROW: Final = "Parquet files need pyarrow (extra parquet): pip install pyarrow"
 
 
 def export(session: Session, path: Path) -> None:

@@ -126,7 +126,7 @@ class McapWriter:
         return channel
 
 
-NEEDS_MCAP: Final = ".mcap files need the package mcap: pip install mcap"
+NEEDS_MCAP: Final = ".mcap files need the package mcap (extra record): pip install mcap"
 
 
 def _texts(about: Mapping[str, Any]) -> dict[str, str]:
