@@ -86,7 +86,7 @@ def test_a_scene_that_raises_what_a_signal_would_fails_like_any_other(start, tmp
     for _ in range(2):
         master = start("master", "--connect", address, "--positions", "line", *FAST)
         assert master.process.wait(20) == 4
-    assert slave.end() == 0
+    assert slave.end() == 1
     sessions = slave.report()["sessions"]
     assert len(sessions) == 2
     assert all(said in each["end_reason"] for each in sessions)
