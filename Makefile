@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 APT := $(if $(filter 0,$(shell id -u)),,sudo )apt-get
 
-.PHONY: help demo test check docker-check bench bench-peers bench-fleet peer-packages run-figure simulator lock chromium promtool clean system-packages
+.PHONY: help demo test check docker-check bench bench-peers peer-packages run-figure simulator lock chromium promtool clean system-packages
 .DEFAULT_GOAL := help
 
 help:
@@ -16,7 +16,6 @@ help:
 	@echo 'make docker-check   build the image and play every scenario of docker/ (needs a Docker engine)'
 	@echo 'make bench          run every benchmark (about two hours) and write docs/benchmarks*.md; results in results/bench'
 	@echo 'make bench-peers    measure other stacks beside hapticnet (half an hour, as root) and write docs/benchmarks-peers.md'
-	@echo 'make bench-fleet    model a service of 100,000 masters, check it against real runs; result in results/bench'
 	@echo 'make run-figure     draw docs/figures/run.png, the run in the README'
 	@echo 'make simulator      build the firmware and the simulator that runs it (--device simavr)'
 	@echo 'make clean          remove the virtual environment and all results'
@@ -39,7 +38,7 @@ docker-check: $(VENV)/installed-dev
 # Recordings to try every codec on, as FILE[:FORCE[:POSITION[:SCALE]]]; the repository has none.
 RECORDINGS ?=
 
-BENCHMARKS := codec_speed codec_stability packet_rate teleoperation positions announced scene_accuracy scene_cost force_loop finger_limit hostile_slave tilt virtual_time real_time round_trip sessions session_tables fuzz floods recording endurance
+BENCHMARKS := codec_speed codec_stability packet_rate teleoperation positions announced scene_accuracy scene_cost force_loop finger_limit hostile_slave virtual_time real_time round_trip sessions session_tables fuzz floods recording endurance
 
 bench: system-packages $(VENV)/installed-dev
 	$(BIN)/python bench/measure/rate_distortion.py $(RECORDINGS) --json results/bench/rate_distortion.json
@@ -48,7 +47,6 @@ bench: system-packages $(VENV)/installed-dev
 	$(BIN)/python bench/measure/motion.py $(RECORDINGS) --json results/bench/motion.json
 	set -e; for name in $(BENCHMARKS); do \
 		$(BIN)/python bench/measure/$$name.py --json results/bench/$$name.json; done
-	$(MAKE) bench-fleet
 	$(BIN)/python bench/report/pages.py results/bench
 
 # As root: network namespaces.
@@ -60,10 +58,6 @@ peer-packages:
 	@if ! command -v mosquitto >/dev/null && command -v apt-get >/dev/null; then \
 		$(APT) update -qq && $(APT) install -y -qq --no-install-recommends mosquitto || echo 'no mosquitto; MQTT is left out'; \
 	fi
-
-# What a service of 100,000 masters does when hosts fail (docs/scale.md); a few minutes.
-bench-fleet: $(VENV)/installed-dev
-	$(BIN)/python bench/measure/fleet.py --sessions results/bench/sessions.json --json results/bench/fleet.json
 
 run-figure: $(VENV)/installed-plot
 	$(BIN)/python bench/report/plot_run.py docs/figures/run.png

@@ -14,7 +14,6 @@ QUICK = {
     "endurance": ("--hours", 0.05, "--wrap-hours", 0.011),
     "felt": ("--quick",),
     "finger_limit": ("--quick", "--seeds", 1),
-    "fleet": ("--quick", "--repetitions", 1),
     "floods": ("--quick", "--seconds", 0.3, "--repetitions", 1),
     "force_loop": ("--quick", "--seeds", 1),
     "hostile_slave": ("--quick",),
@@ -33,8 +32,6 @@ QUICK = {
     "scene_cost": ("--repetitions", 1),
     "session_tables": ("--repetitions", 5),
     "sessions": ("--quick", "--servers", "echo; slave", "--seconds", 0.4, "--repetitions", 1, "--tries", 1),
-    "tilt": ("--seeds", 1),
-    "sweep": ("--repeats", 1, "--repetitions", 1),
     "virtual_time": ("--insertions", 1, "--repetitions", 2),
 }
 """Every benchmark, with arguments that take seconds."""

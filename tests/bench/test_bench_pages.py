@@ -124,14 +124,12 @@ def records(measured, folder):
         "codec_stability",
         "felt",
         "finger_limit",
-        "fleet",
         "force_loop",
         "motion",
         "packet_rate",
         "rate_distortion",
         "repair",
         "teleoperation",
-        "tilt",
     )
     for name in (
         *scripts,
@@ -169,7 +167,6 @@ def test_every_placeholder_of_the_pages_has_its_figure(pages):
         "benchmarks-tables",
         "headline",
         "motion",
-        "scale",
     )
     assert set(pages) == {f"{name}.md" for name in names}
     for text in pages.values():
