@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 APT := $(if $(filter 0,$(shell id -u)),,sudo )apt-get
 
-.PHONY: help demo test check docker-check bench bench-peers peer-packages run-figure simulator lock chromium promtool clean system-packages
+.PHONY: help demo test check docker-check bench bench-quick peer-packages run-figure simulator lock chromium promtool clean system-packages
 .DEFAULT_GOAL := help
 
 help:
@@ -14,8 +14,8 @@ help:
 	@echo 'make test           install everything the tests need, and run them all'
 	@echo 'make check          linters, types, layers'
 	@echo 'make docker-check   build the image and play every scenario of docker/ (needs a Docker engine)'
-	@echo 'make bench          run every benchmark (about two hours) and write docs/benchmarks*.md; results in results/bench'
-	@echo 'make bench-peers    measure other stacks beside hapticnet (half an hour, as root) and write docs/benchmarks-peers.md'
+	@echo 'make bench          run every benchmark (45 minutes on a quiet machine) and write docs/benchmarks'
+	@echo 'make bench-quick    try every benchmark in five minutes, and write nothing'
 	@echo 'make run-figure     draw docs/figures/run.png, the run in the README'
 	@echo 'make simulator      build the firmware and the simulator that runs it (--device simavr)'
 	@echo 'make clean          remove the virtual environment and all results'
@@ -38,21 +38,11 @@ docker-check: $(VENV)/installed-dev
 # Recordings to try every codec on, as FILE[:FORCE[:POSITION[:SCALE]]]; the repository has none.
 RECORDINGS ?=
 
-BENCHMARKS := codec_speed codec_stability packet_rate teleoperation positions announced scene_accuracy scene_cost force_loop finger_limit hostile_slave virtual_time real_time round_trip sessions session_tables fuzz floods recording endurance
+bench: system-packages peer-packages $(VENV)/installed-dev $(VENV)/installed-peers
+	$(BIN)/python bench/run.py --recordings $(RECORDINGS)
 
-bench: system-packages $(VENV)/installed-dev
-	$(BIN)/python bench/measure/rate_distortion.py $(RECORDINGS) --json results/bench/rate_distortion.json
-	$(BIN)/python bench/measure/repair.py $(RECORDINGS) --json results/bench/repair.json
-	$(BIN)/python bench/measure/felt.py $(RECORDINGS) --json results/bench/felt.json
-	$(BIN)/python bench/measure/motion.py $(RECORDINGS) --json results/bench/motion.json
-	set -e; for name in $(BENCHMARKS); do \
-		$(BIN)/python bench/measure/$$name.py --json results/bench/$$name.json; done
-	$(BIN)/python bench/report/pages.py results/bench
-
-# As root: network namespaces.
-bench-peers: system-packages peer-packages $(VENV)/installed-dev $(VENV)/installed-peers
-	$(BIN)/python bench/measure/peers.py --json results/bench/peers.json
-	$(BIN)/python bench/report/pages.py results/bench --only benchmarks-peers.md
+bench-quick: system-packages $(VENV)/installed-dev
+	$(BIN)/python bench/run.py --quick
 
 peer-packages:
 	@if ! command -v mosquitto >/dev/null && command -v apt-get >/dev/null; then \

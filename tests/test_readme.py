@@ -43,7 +43,7 @@ def test_the_readme_is_short():
 def test_the_last_links_name_every_page_once():
     links = re.findall(r"\]\(([^)#]+)\)", README.partition("## Read on")[2])
     assert len(links) == len(set(links))
-    shown_by_others = {"docs/benchmarks-tables.md", "docs/channel.md"}
+    shown_by_others = {"docs/benchmarks/tables.md", "docs/channel.md"}
     assert {f"docs/{page.name}" for page in (ROOT / "docs").glob("*.md")} - shown_by_others <= set(links)
 
 

@@ -2,8 +2,10 @@
 
 import argparse
 import json
+import os
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -37,6 +39,7 @@ def run(parser: argparse.ArgumentParser, measure: Callable[[argparse.Namespace],
     The arguments have ``repetitions`` or ``seeds``. An error of hapticnet ends in one line.
     """
     arguments = parser.parse_args()
+    began_s, others_s = time.monotonic(), cpu_of_others_s()
     try:
         results = measure(arguments)
     except HapticnetError as error:
@@ -47,6 +50,7 @@ def run(parser: argparse.ArgumentParser, measure: Callable[[argparse.Namespace],
         "seed": arguments.seed,
         "unit": unit,
         "repetitions": arguments.repetitions if hasattr(arguments, "repetitions") else arguments.seeds,
+        "cores_of_others": (cpu_of_others_s() - others_s) / (time.monotonic() - began_s),
         **provenance(),
         "results": results,
     }
@@ -57,6 +61,18 @@ def run(parser: argparse.ArgumentParser, measure: Callable[[argparse.Namespace],
     arguments.json.parent.mkdir(parents=True, exist_ok=True)
     arguments.json.write_text(text + "\n", encoding="utf-8")
     print(f"wrote {arguments.json}")
+
+
+def cpu_of_others_s() -> float:
+    """Return the processor time [s] of this machine since it started, without that of this benchmark.
+
+    The time of a child counts as that of others until it has been waited for.
+    """
+    fields = Path("/proc/stat").read_text(encoding="ascii").splitlines()[0].split()[1:9]
+    user, nice, system, _idle, _waiting, irq, softirq, _stolen = map(int, fields)
+    own = os.times()
+    busy_s = (user + nice + system + irq + softirq) / os.sysconf("SC_CLK_TCK")
+    return busy_s - own.user - own.system - own.children_user - own.children_system
 
 
 def describe_revision() -> str:

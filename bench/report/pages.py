@@ -1,4 +1,4 @@
-"""Write docs/benchmarks.md, docs/benchmarks-tables.md, their figures and README's headline from the results.
+"""Write docs/benchmarks, its figures and README's headline from the results.
 
 People write the sentences, in the Jinja templates ``*.md.in`` beside this file; the results fill in the figures. A
 sentence that interprets a figure stands in ``{% claim CONDITION %} … {% endclaim %}``. If a condition does not hold,
@@ -19,22 +19,30 @@ from pathlib import Path
 from typing import Any, Final
 
 import plots
+from fingerprint import fingerprint
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, TemplateError, nodes
 from jinja2.exceptions import TemplateRuntimeError
 from jinja2.ext import Extension
 from jinja2.parser import Parser
+from plan import BENCHMARKS
 
 HERE: Final = Path(__file__).parent
 REPOSITORY: Final = HERE.parents[1]
+PAGES: Final = REPOSITORY / "docs" / "benchmarks"
 RELATIONS: Final = {"<=": ("≤ ", operator.le), ">=": ("≥ ", operator.ge)}
 ERRORS: Final = (TemplateError, TypeError, ValueError, LookupError, ArithmeticError)
 """What a template or a target with a mistake in it may raise."""
 
+PUBLISHED: Final = "published.json"
+
 HEADLINE: Final = ("<!-- headline: written by make bench -->", "<!-- end of headline -->")
 """The lines of README.md between which headline.md.in is rendered."""
 
-APART: Final = {"benchmarks-peers.md": "peers"}
+APART: Final = {"peers.md": "peers"}
 """Pages of one record that needs root or more packages; they are only written where that record is."""
+
+MOST_CORES_OF_OTHERS: Final = 0.15
+"""Cores that other programs may have used while a published benchmark measured time."""
 
 Row = dict[str, Any]
 
@@ -195,16 +203,46 @@ def render(folder: Path, records: dict[str, Row], only: str | None = None) -> tu
     return pages, templates.failed_claims  # type: ignore[attr-defined]
 
 
+def reasons_against(records: dict[str, Row]) -> list[str]:
+    """Return why these records should not be published: several revisions, uncommitted changes, or a busy machine."""
+    reasons = []
+    revisions = sorted({record.get("revision", "unknown") for record in records.values()})
+    if len(revisions) > 1 or any(each.endswith("-dirty") for each in revisions):
+        reasons.append(f"the results are of {', '.join(revisions)}; all should be of one commit without changes")
+    for each in BENCHMARKS:
+        others = records.get(each.name, {}).get("cores_of_others", 0.0)
+        if each.timed and others > MOST_CORES_OF_OTHERS:
+            reasons.append(f"{each.name}: other programs used {others:.2f} cores (at most {MOST_CORES_OF_OTHERS})")
+    return reasons
+
+
+def published(records: dict[str, Row], quick: Path) -> str:
+    """Return what a test compares with later: revision, and what quick runs of this revision gave, in short."""
+    prints = {
+        each.name: fingerprint(json.loads(file.read_text(encoding="utf-8"))["results"])
+        for each in BENCHMARKS
+        if not each.timed and (file := quick / f"{each.name}.json").exists()
+    }
+    revision = next(iter(records.values())).get("revision", "unknown")
+    lines = ",\n".join(f"{json.dumps(name)}: {json.dumps(print_)}" for name, print_ in prints.items())
+    return f'{{"revision": {json.dumps(revision)}, "quick": {{\n{lines}\n}}}}\n'
+
+
 def main() -> int:
     """Read the results, check the claims, and write figures and pages."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("results", type=Path, nargs="?", default=REPOSITORY / "results" / "bench", help="folder")
-    parser.add_argument("--out", type=Path, default=REPOSITORY / "docs", metavar="DIR", help="folder of the pages")
+    parser.add_argument("--out", type=Path, default=PAGES, metavar="DIR", help="folder of the pages")
     parser.add_argument("--templates", type=Path, default=HERE, metavar="DIR", help="folder of *.md.in, targets.toml")
-    parser.add_argument("--only", metavar="PAGE", help="write this page alone, such as benchmarks-peers.md")
+    parser.add_argument("--only", metavar="PAGE", help="write this page alone, such as peers.md")
     parser.add_argument("--check", action="store_true", help="check the claims and write nothing")
+    parser.add_argument("--draft", action="store_true", help="accept several revisions and a busy machine")
     arguments = parser.parse_args()
     records = {path.stem: json.loads(path.read_text("utf-8")) for path in sorted(arguments.results.glob("*.json"))}
+    refused = [] if arguments.draft else reasons_against(records)
+    if refused:
+        print(*(f"error: {each}" for each in refused), sep="\n", file=sys.stderr)
+        return 1
     try:
         pages, failed = render(arguments.templates, records, arguments.only)
     except TemplateError as error:
@@ -221,11 +259,13 @@ def main() -> int:
     if arguments.only is None:
         plots.draw(records, arguments.out / "figures")
     headline = pages.pop("headline.md", None)
-    readme = arguments.out.parent / "README.md"
+    readme = arguments.out.parents[1] / "README.md"
     if headline is not None and readme.is_file():
         before, start, rest = readme.read_text(encoding="utf-8").partition(HEADLINE[0])
         _, end, after = rest.partition(HEADLINE[1])
         readme.write_text(f"{before}{start}\n{headline}{end}{after}", encoding="utf-8")
+    if arguments.only is None:
+        (arguments.out / PUBLISHED).write_text(published(records, arguments.results / "quick"), encoding="utf-8")
     for name, text in pages.items():
         (arguments.out / name).write_text(text, encoding="utf-8")
         print(f"wrote {arguments.out / name}")

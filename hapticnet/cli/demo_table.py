@@ -62,7 +62,7 @@ def _tracking(row: Row) -> str:
 
 _PAPER = """\
 Paper: "Cutaneous haptic deadband compression". It states neither its sampling
-rate nor its motion, and the reduction grows with the rate: docs/benchmarks-tables.md
+rate nor its motion, and the reduction grows with the rate: docs/benchmarks/tables.md
 has the rate at which it is the paper's.
 """
 

@@ -51,7 +51,7 @@ BYTES: Final = (
     "Bytes and packets per penetration are those from the touch of a tissue to its breach, keepalives and UDP and IPv4"
     " headers included, as in `hapticnet demo`; what is sent while nothing is touched, such as while the participant"
     " thinks, does not count. The saving grows with the rate of the samples and falls with the speed of the hand. The"
-    " paper states neither, so its saving is a comparison, not a target; docs/benchmarks-tables.md has the saving over"
+    " paper states neither, so its saving is a comparison, not a target; docs/benchmarks/tables.md has the saving over"
     " the rate, with the motion of the demo."
 )
 

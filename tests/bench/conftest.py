@@ -8,33 +8,9 @@ from pathlib import Path
 import pytest
 
 REPOSITORY = Path(__file__).parents[2]
-QUICK = {
-    "codec_speed": ("--samples", 20_000, "--repetitions", 1),
-    "codec_stability": ("--quick",),
-    "endurance": ("--hours", 0.05, "--wrap-hours", 0.011),
-    "felt": ("--quick",),
-    "finger_limit": ("--quick", "--seeds", 1),
-    "floods": ("--quick", "--seconds", 0.3, "--repetitions", 1),
-    "force_loop": ("--quick", "--seeds", 1),
-    "hostile_slave": ("--quick",),
-    "motion": ("--quick",),
-    "fuzz": ("--datagrams", 20_000),
-    "positions": ("--quick",),
-    "peers": ("--quick", "--seconds", 0.5, "--repetitions", 1, "--no-real-time"),
-    "packet_rate": ("--seeds", 1, "--insertions", 1),
-    "rate_distortion": ("--quick",),
-    "real_time": ("--seconds", 0.3, "--repetitions", 1),
-    "recording": ("--quick", "--seconds", 2, "--repetitions", 1, "--kills", 1, "--no-real-time"),
-    "repair": ("--quick",),
-    "round_trip": ("--seconds", 1, "--repetitions", 1),
-    "scene_accuracy": ("--quick",),
-    "teleoperation": ("--quick", "--seeds", 1),
-    "scene_cost": ("--repetitions", 1),
-    "session_tables": ("--repetitions", 5),
-    "sessions": ("--quick", "--servers", "echo; slave", "--seconds", 0.4, "--repetitions", 1, "--tries", 1),
-    "virtual_time": ("--insertions", 1, "--repetitions", 2),
-}
-"""Every benchmark, with arguments that take seconds."""
+sys.path.append(str(REPOSITORY / "bench" / "report"))
+
+from plan import BENCHMARKS  # noqa: E402 - scripts of bench/ find what stands beside them only with this path
 
 
 @pytest.fixture(scope="session")
@@ -58,6 +34,7 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="session")
 def measured(bench, folder, tool_is_missing):
     """Return how to get the results of a benchmark, which is run once, with a check that its record is whole."""
+    plan = {each.name: each for each in BENCHMARKS}
 
     def results(name):
         file = folder / f"{name}.json"
@@ -66,7 +43,7 @@ def measured(bench, folder, tool_is_missing):
                 tool_is_missing("gcc is missing: the C loops cannot be compiled")
             if name == "sessions" and not Path("/usr/include/openssl/evp.h").exists():
                 tool_is_missing("libssl-dev is missing: the load generator cannot be compiled")
-            done = bench(f"measure/{name}.py", *QUICK[name], "--json", file)
+            done = bench(f"measure/{name}.py", *plan[name].quick.split(), "--json", file)
             assert done.returncode == 0, done.stderr
         record = json.loads(file.read_text())
         assert record["name"] == name

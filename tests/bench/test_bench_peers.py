@@ -69,7 +69,7 @@ def test_the_page_has_every_figure(folder):
         patch.syspath_prepend(BENCH / "report")
         import pages
 
-        made, _ = pages.render(BENCH / "report", {"peers": record}, "benchmarks-peers.md")
+        made, _ = pages.render(BENCH / "report", {"peers": record}, "peers.md")
     (text,) = made.values()
     assert not re.search(r"{{|{%|\bnan\b|None|Undefined", text)
     for name in QUICK:

@@ -1,0 +1,43 @@
+"""Every benchmark, with its arguments in a full and in a quick run."""
+
+from typing import Final, NamedTuple
+
+
+class Benchmark(NamedTuple):
+    """A script of bench/measure: its arguments in full and in a quick run, and whether it measures time."""
+
+    name: str
+    full: str
+    quick: str
+    timed: bool = False
+    takes_recordings: bool = False
+    as_root: bool = False
+
+
+BENCHMARKS: Final = (
+    Benchmark("packet_rate", "", "--seeds 1 --insertions 1"),
+    Benchmark("rate_distortion", "", "--quick", takes_recordings=True),
+    Benchmark("repair", "", "--quick", takes_recordings=True),
+    Benchmark("felt", "", "--quick", takes_recordings=True),
+    Benchmark("motion", "", "--quick", takes_recordings=True),
+    Benchmark("teleoperation", "", "--quick --seeds 1"),
+    Benchmark("positions", "", "--quick"),
+    Benchmark("announced", "", "--quick --seeds 1"),
+    Benchmark("scene_accuracy", "", "--quick"),
+    Benchmark("codec_stability", "", "--quick"),
+    Benchmark("force_loop", "", "--quick --seeds 1"),
+    Benchmark("finger_limit", "", "--quick --seeds 1"),
+    Benchmark("hostile_slave", "", "--quick", timed=True),  # searches for so many seconds
+    Benchmark("fuzz", "", "--datagrams 20000", timed=True),
+    Benchmark("endurance", "", "--hours 0.05 --wrap-hours 0.011"),
+    Benchmark("codec_speed", "", "--samples 20000 --repetitions 1", timed=True),
+    Benchmark("scene_cost", "", "--repetitions 1", timed=True),
+    Benchmark("virtual_time", "", "--insertions 1 --repetitions 2", timed=True),
+    Benchmark("real_time", "", "--seconds 0.3 --repetitions 1", timed=True),
+    Benchmark("round_trip", "", "--seconds 1 --repetitions 1", timed=True),
+    Benchmark("sessions", "", "--quick --seconds 0.4 --repetitions 1 --tries 1", timed=True),
+    Benchmark("session_tables", "", "--repetitions 5", timed=True),
+    Benchmark("recording", "", "--quick --seconds 2 --repetitions 1 --kills 1 --no-real-time", timed=True),
+    Benchmark("floods", "", "--quick --seconds 0.3 --repetitions 1", timed=True),
+    Benchmark("peers", "", "--quick --seconds 0.5 --repetitions 1 --no-real-time", timed=True, as_root=True),
+)
