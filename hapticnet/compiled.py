@@ -18,7 +18,6 @@ import stat
 import tempfile
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from types import FunctionType
@@ -26,7 +25,7 @@ from typing import Any, Final
 
 from hapticnet import rounding
 
-SOURCES: Final = ("*.py", "codec/**/*.py", "measure/*.py", "node/*.py", "protocol/*.py", "scene/*.py")
+SOURCES: Final = ("*.py", "codec/**/*.py", "measure/*.py")
 """Files of hapticnet whose content names the folder of machine code."""
 
 LARGEST_INLINED: Final = 900
@@ -35,32 +34,6 @@ at updates. A call costs about as much as its arguments have numbers, so what ta
 
 KEPT_FOLDERS: Final = 3
 """Folders of machine code that are kept, the newest first."""
-
-
-@dataclass(frozen=True, eq=False)
-class Foreign:
-    """A C function that returns an int. A compiled function calls it where it calls this global by name.
-
-    Parameters
-    ----------
-    name
-        Name of the symbol in machine code, in this process and in the cache. No other library may have it.
-    arguments
-        One letter for each: ``p`` for a pointer, given as its address, and ``i`` for an int.
-    address
-        Its address in this process.
-    call
-        The same function for Python.
-    """
-
-    name: str
-    arguments: str
-    address: int
-    call: Callable[..., int]
-
-    def __call__(self, *arguments: int) -> int:
-        """Call it from Python."""
-        return self.call(*map(int, arguments))
 
 
 @cache
@@ -116,23 +89,10 @@ def _linked(function: FunctionType, name: str, using: Mapping[str, Any]) -> Func
         other = scope.get(called)
         if isinstance(other, FunctionType) and other.__module__.startswith("hapticnet."):
             scope[called] = compiled(other)
-        elif isinstance(other, Foreign):
-            scope[called] = _external(other)
     linked = FunctionType(function.__code__, scope, function.__name__, function.__defaults__)
     linked.__qualname__ = f"{name}.{function.__qualname__}" if name else function.__qualname__
     linked.__module__ = function.__module__
     return linked
-
-
-@cache
-def _external(foreign: Foreign) -> Any:
-    """Return what stands for a C function while numba compiles, and make its address known to machine code."""
-    from llvmlite import binding
-    from numba import types
-
-    binding.add_symbol(foreign.name, foreign.address)
-    kinds = {"p": types.intp, "i": types.intc}
-    return types.ExternalFunction(foreign.name, types.intc(*[kinds[each] for each in foreign.arguments]))
 
 
 def _jit(function: Callable[..., Any], *, inline: bool, counts: bool = False) -> Callable[..., Any]:

@@ -3,7 +3,6 @@
 import numpy as np
 
 from hapticnet.protocol.events import ForceArrived
-from hapticnet.protocol.frames import ADDRESS_WORDS
 from hapticnet.protocol.handshake import OpenAttempt, OpenDoor, SealedAttempt, SealedDoor
 from hapticnet.protocol.keys import MasterEntry, MasterKey, PrivateKey, Roster
 from hapticnet.protocol.messages import (
@@ -39,23 +38,6 @@ OTHER_KEY = MasterKey(OTHER_MASTER, SLAVE.public)
 def events_of(end):
     """Return the events of a session or node since the last call."""
     return list(iter(end.next_event, None))
-
-
-class Interned:
-    """Addresses of any kind as words, by the order in which they came: an `AddressBook` without sockets."""
-
-    def __init__(self):
-        self._numbers = {}
-        self._addresses = []
-
-    def words(self, address):
-        if address not in self._numbers:
-            self._numbers[address] = len(self._addresses)
-            self._addresses.append(address)
-        return (self._numbers[address],) + (0,) * (ADDRESS_WORDS - 1)
-
-    def address(self, words):
-        return self._addresses[int(words[0])]
 
 
 def apply_forces(session):

@@ -38,7 +38,7 @@ CASES = {
     "slave": (
         (hn.Slave, hn.ThreadedSlave, hn.TickedSlave),
         {"keep": "keep_s", "fastest_rate": "fastest_rate_hz", "add_codec": "codecs"},
-        {*OF_A_PROCESS, "drain", "compiled", "channel_out", "seed", "record_dir", "record_format", "record_limit"},
+        {*OF_A_PROCESS, "drain", "channel_out", "seed", "record_dir", "record_format", "record_limit"},
         {"on_error"},
         set(),
     ),

@@ -24,7 +24,7 @@ KEPT: Final = 5
 CHECKPOINTS: Final = 20
 """How often the memory is read."""
 
-NODES: Final = ("slave", "compiled slave", "master")
+NODES: Final = ("slave", "master")
 
 PAGE_BYTES: Final = os.sysconf("SC_PAGE_SIZE")
 

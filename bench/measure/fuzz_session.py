@@ -8,7 +8,6 @@ import numpy as np
 from fuzz_datagrams import Fuzz
 
 from hapticnet.node.admission import SlaveSettings
-from hapticnet.node.compiled_slave import CompiledSlaveNode
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_events import Failed
 from hapticnet.node.master_settings import MasterSettings
@@ -22,7 +21,6 @@ from hapticnet.protocol.mac import hello_mac
 from hapticnet.protocol.messages import COOKIE_BYTES, TICKET_BYTES, unpack_cookie
 from hapticnet.protocol.noise import Initiator
 from hapticnet.protocol.wire import OPEN, SEALED, Kind, pack, pack_body, unpack, unpack_nonce
-from hapticnet.runtime.udp_batch import SocketAddresses
 from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
 
@@ -52,7 +50,7 @@ class Session:
     Parameters
     ----------
     attacked
-        "slave", "compiled slave" or "master".
+        "slave" or "master".
 
     Attributes
     ----------
@@ -84,11 +82,7 @@ class Session:
             "doors": {SEALED if sealed else OPEN: door},
             "host_of": lambda address: address[0] if isinstance(address, tuple) else address,
         }
-        self._slave = (
-            CompiledSlaveNode(*given, **others, addresses=SocketAddresses())
-            if attacked == "compiled slave"
-            else SlaveNode(*given, **others)
-        )
+        self._slave = SlaveNode(*given, **others)
         self._operator = ScriptedOperator(InsertionSettings(insertions=10), self._rng)
         self._masters = 0
         self._renewed = self._connections = 0

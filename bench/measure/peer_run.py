@@ -19,9 +19,6 @@ REPOSITORY: Final = Path(__file__).parents[2]
 START_WITHIN_S: Final = 30.0
 """Longest time for a process to start, and to connect over a link with loss."""
 
-COMPILED_WITHIN_S: Final = 150.0
-"""Longest time for a compiled slave to start: the first one compiles."""
-
 
 class StackError(Exception):
     """A stack that did not work, in words."""
@@ -46,12 +43,6 @@ class Runner:
         self._folder, self._keys, self._ticks, self._seed, self._fifo = folder, keys, ticks, seed, fifo
         self._environment = os.environ | {"PYTHONPATH": str(REPOSITORY)}
 
-    def slave_has(self, option: str) -> bool:
-        """Tell whether slaves have an option."""
-        command = [sys.executable, "-m", "hapticnet", "slave", "--help"]
-        done = subprocess.run(command, capture_output=True, text=True, check=True, env=self._environment)
-        return option in done.stdout
-
     def run(self, wire: Link, name: str, settings: dict[str, Any] | None) -> dict[str, Any]:
         """Run a stack by its name, or hapticnet with settings; return the figures, and what was ``seen``.
 
@@ -66,7 +57,7 @@ class Runner:
             if settings is None:
                 helpers = [int(word) for word in far.line("ready").split()[1:]]
             else:
-                far.line("listening on", COMPILED_WITHIN_S if settings.get("compiled") else START_WITHIN_S)
+                far.line("listening on", START_WITHIN_S)
                 helpers = []
             near.go_on()
             near.line("begin")
@@ -96,13 +87,13 @@ class Runner:
         command = ["-m", "hapticnet", "slave", "--listen", f"{FAR_HOST}:{PORT}", "--scene", f"paper:{SCENE_SEED}"]
         command += ["--real-time" if self._fifo else "--no-real-time"]
         command += self._keys if settings["sealed"] else ["--insecure"]
-        return command + (["--compiled"] if settings.get("compiled") else [])
+        return command
 
     def _near(self, name: str, settings: dict[str, Any] | None) -> list[str]:
         command = [str(ENDS), "near", name if settings is None else "hapticnet", FAR_HOST]
         command += ["--ticks", str(self._ticks), "--seed", str(self._seed), "--out", str(self._folder / "seen.json")]
         if settings is not None:
-            command += ["--settings", json.dumps({key: settings[key] for key in settings if key != "compiled"})]
+            command += ["--settings", json.dumps(settings)]
         return command + (["--real-time"] if self._fifo else [])
 
     def _start(self, ends: ExitStack, wire: Link, end: str, arguments: list[str]) -> "End":

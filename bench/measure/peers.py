@@ -39,7 +39,7 @@ MASTERS: Final[dict[str, dict[str, Any]]] = {
     "hapticnet, motion-predictive": {"codec": "motion-predictive"},
     "hapticnet, announced": {"codec": "motion-predictive", "positions": "line", "announced": True},
 }
-"""What a master of hapticnet asks for. The first three are measured sealed too, the first two on a compiled slave."""
+"""What a master of hapticnet asks for. The first three are measured sealed too."""
 
 QUICK: Final = ("UDP", "TCP", "hapticnet, raw", "hapticnet, few positions, sealed")
 FIFO_PRIORITY: Final = 12
@@ -48,27 +48,22 @@ FIFO_PRIORITY: Final = 12
 Cases = dict[str, dict[str, Any] | None]
 
 
-def cases(*, compiled: bool) -> Cases:
+def cases() -> Cases:
     """Return the settings of every case, None for a peer."""
     found: Cases = dict.fromkeys(STACKS)
     for number, (name, settings) in enumerate(MASTERS.items()):
         found[name] = {**settings, "sealed": False}
         if number < 3:
             found[f"{name}, sealed"] = {**settings, "sealed": True}
-        if number < 2 and compiled:
-            found[f"{name}, compiled"] = {**settings, "sealed": False, "compiled": True}
     return found
 
 
-def here(arguments: argparse.Namespace, runner: Runner) -> Cases:
+def here(arguments: argparse.Namespace) -> Cases:
     """Return the cases that can run here; say which cannot."""
-    compiled = runner.slave_has("--compiled")
-    if not compiled:
-        say("left out: the compiled slave (this hapticnet has no --compiled)")
-    found = cases(compiled=compiled)
+    found = cases()
     for name, stack in STACKS.items():
         if stack.missing is not None:
-            say(f"left out: {name} ({stack.missing} is missing; make bench-peers installs everything)")
+            say(f"left out: {name} ({stack.missing} is missing; make bench installs everything)")
             del found[name]
     wanted = QUICK if arguments.quick else arguments.only or tuple(found)
     unknown = [name for name in wanted if name not in found]
@@ -144,7 +139,7 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         keys = write_keys(Path(folder))
         runner = Runner(Path(folder), keys, ticks=round(1000 * arguments.seconds), seed=arguments.seed, fifo=fifo)
-        found = here(arguments, runner)
+        found = here(arguments)
         results: dict[str, Any] = {
             "scheduling": "SCHED_FIFO" if fifo else "SCHED_OTHER",
             "seconds": arguments.seconds,

@@ -1,7 +1,7 @@
 """Where the time of one round trip goes: two processes with clocks around each step, beside a bare UDP echo.
 
 Master and slave run as in real use: the caches are as cold as the pauses between two positions leave them. The codec is
-"raw", so that every position is answered. The slave is plain, and one with compiled sessions.
+"raw", so that every position is answered.
 """
 
 import argparse
@@ -12,7 +12,6 @@ import tempfile
 import time
 from array import array
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,6 @@ import record
 
 from hapticnet.arrays import IntArray
 from hapticnet.node.admission import SlaveSettings
-from hapticnet.node.compiled_slave import CompiledSlaveNode
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
@@ -32,7 +30,6 @@ from hapticnet.runtime.master_run import run_master
 from hapticnet.runtime.realtime import prefer_realtime, run
 from hapticnet.runtime.slave_run import run_slave
 from hapticnet.runtime.udp import HostPort, bound_address, host_of, listen, open_toward
-from hapticnet.runtime.udp_batch import SocketAddresses
 from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
 
@@ -62,45 +59,50 @@ def stamped(function: Callable[..., Any], stamps: "array[int]") -> Callable[...,
     return call
 
 
-def stamp(node: Any, *names: str) -> dict[str, "array[int]"]:
-    """Put clocks around the methods of a node; return their stamps, which grow."""
-    stamps = {name: array("q") for name in names}
-    for name in names:
-        setattr(node, name, stamped(getattr(node, name), stamps[name]))
-    return stamps
+class Clocked:
+    """A node with clocks around some of its methods. Their stamps grow: before and after each call [ns]."""
+
+    def __init__(self, node: Any, *names: str) -> None:
+        self._node = node
+        self.stamps: dict[str, array[int]] = {name: array("q") for name in names}
+        for name, stamps in self.stamps.items():
+            setattr(self, name, stamped(getattr(node, name), stamps))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._node, name)
 
 
-def slave(folder: Path, *, fifo: bool, compiled: bool) -> None:
+def slave(folder: Path, *, fifo: bool) -> None:
     """Serve until terminated, and write the stamps."""
     scene = paper_scene(1)
-    make = partial(CompiledSlaveNode, addresses=SocketAddresses()) if compiled else SlaveNode
-    node: SlaveNode = make(
-        lambda _: Scene(scene.tissues, name=scene.name), SlaveSettings(), SystemEntropy(), host_of=host_of
+    node: Any = Clocked(
+        SlaveNode(lambda _: Scene(scene.tissues, name=scene.name), SlaveSettings(), SystemEntropy(), host_of=host_of),
+        "receive_datagrams",
+        "settle",
     )
-    stamps = stamp(node, "receive_arrivals" if compiled else "receive_datagrams", "settle")
     sock = listen(HostPort("127.0.0.1", 0))
     if fifo:
         prefer_realtime()
     run(run_slave(node, sock, on_listening=lambda: print(bound_address(sock), flush=True)))
-    np.savez(folder / "slave.npz", **stamps)  # type: ignore[arg-type]
+    np.savez(folder / "slave.npz", **node.stamps)  # type: ignore[arg-type]
 
 
 def master(folder: Path, address: str, seconds: float, *, fifo: bool) -> None:
     """Move for `seconds` [s], and write the stamps."""
     operator = ScriptedOperator(InsertionSettings(insertions=5), np.random.default_rng(1))
-    node = MasterNode(operator, None, MasterSettings(codec="raw"), SystemEntropy())
-    stamps = stamp(node, "tick", "receive_datagram", "drive")
+    master_node = MasterNode(operator, None, MasterSettings(codec="raw"), SystemEntropy())
+    node: Any = Clocked(master_node, "tick", "receive_datagram", "drive")
     host, _, port = address.rpartition(":")
     sock, target = open_toward(HostPort(host, int(port)))
     if fifo:
         prefer_realtime()
     run(run_master(node, sock, target, duration_s=seconds, connect_timeout_s=10.0))
-    np.savez(folder / "master.npz", **stamps)  # type: ignore[arg-type]
+    np.savez(folder / "master.npz", **node.stamps)  # type: ignore[arg-type]
 
 
-def one_run(seconds: float, *, fifo: bool, compiled: bool) -> dict[str, float]:
+def one_run(seconds: float, *, fifo: bool) -> dict[str, float]:
     """Return the medians [µs] of one run."""
-    options = ["--real-time"] * fifo + ["--compiled"] * compiled
+    options = ["--real-time"] * fifo
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, __file__, "--folder", folder, *options]
         server = subprocess.Popen([*command, "--end", "slave"], stdout=subprocess.PIPE, text=True)
@@ -120,8 +122,7 @@ def medians(stamps: dict[str, IntArray]) -> dict[str, float]:
     calls = {name: values.reshape(-1, 2) for name, values in stamps.items()}
     ticks = calls["tick"]
     ticks = ticks[ticks[:, 0] > ticks[0, 0] + SETTLED_S * 1e9][:-1]
-    served, received = calls.get("receive_arrivals", calls.get("receive_datagrams")), calls["receive_datagram"]
-    assert served is not None
+    served, received = calls["receive_datagrams"], calls["receive_datagram"]
     at = np.searchsorted(served[:, 0], ticks[:, 1]).clip(max=len(served) - 1)
     back = np.searchsorted(received[:, 0], served[at, 1]).clip(max=len(received) - 1)
     trips = np.column_stack([ticks, served[at], received[back]])
@@ -139,23 +140,16 @@ def medians(stamps: dict[str, IntArray]) -> dict[str, float]:
 def measure(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the steps, and the echo's round trip, in turns."""
     fifo = not arguments.no_real_time and real_time.fifo_is_granted()
-    runs: dict[str, list[dict[str, float]]] = {"plain slave": [], "compiled slave": []}
+    runs: list[dict[str, float]] = []
     echoes: list[float] = []
     for _ in range(arguments.repetitions):
         echoes.append(statistics.median(real_time.udp_echo(arguments.seconds, fifo)))
-        for name, measured in runs.items():
-            measured.append(one_run(arguments.seconds, fifo=fifo, compiled=name == "compiled slave"))
+        runs.append(one_run(arguments.seconds, fifo=fifo))
     return {
         "scheduling": "SCHED_FIFO" if fifo else "SCHED_OTHER",
         "bare UDP echo": statistics.median(echoes),
-        "steps": {
-            name: {step: statistics.median(each[step] for each in measured) for step in measured[0]}
-            for name, measured in runs.items()
-        },
-        "times the echo": {
-            name: statistics.median(each["round trip"] / echo for each, echo in zip(measured, echoes, strict=True))
-            for name, measured in runs.items()
-        },
+        "steps": {step: statistics.median(each[step] for each in runs) for step in runs[0]},
+        "times the echo": statistics.median(each["round trip"] / echo for each, echo in zip(runs, echoes, strict=True)),
     }
 
 
@@ -172,10 +166,9 @@ def main() -> None:
     end.add_argument("--folder", type=Path, required=True)
     end.add_argument("--seconds", type=float, default=4.0)
     end.add_argument("--real-time", action="store_true")
-    end.add_argument("--compiled", action="store_true")
     chosen = end.parse_args()
     if chosen.end == "slave":
-        slave(chosen.folder, fifo=chosen.real_time, compiled=chosen.compiled)
+        slave(chosen.folder, fifo=chosen.real_time)
     else:
         master(chosen.folder, chosen.end, chosen.seconds, fifo=chosen.real_time)
 

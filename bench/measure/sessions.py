@@ -29,7 +29,6 @@ CASES: Final = {
 SERVERS: Final[dict[str, tuple[str, ...] | None]] = {
     "echo": None,
     "slave": (),
-    "slave --compiled": ("--compiled",),
 }
 QUICK: Final = ("deadband", "raw, sealed", "coded positions")
 QUICK_MASTERS: Final = 3

@@ -42,7 +42,7 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {
         "out", "out-dir", "format", "bids", "psych-ds", "title", "authors", "overwrite", "json", "report", "quiet",
         "log-json",
     ),
-    "Running": ("duration", "seed", "jobs", "compiled", "real-time", "quick", "config", "help"),
+    "Running": ("duration", "seed", "jobs", "real-time", "quick", "config", "help"),
 }  # fmt: skip
 """Names of options, each in the one group that it has in the help of every verb."""
 

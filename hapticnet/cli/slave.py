@@ -47,13 +47,6 @@ def slave(
             " installed packages are always served.",
         ),
     ] = None,
-    compiled: Annotated[
-        bool,
-        typer.Option(
-            help="Serve all usual sessions in one compiled pass, for many masters: codecs raw and deadband, scenes of"
-            " springs. Needs the fast extra.",
-        ),
-    ] = False,
     channel_out: options.ChannelOut = "perfect",
     seed: options.Seed = 0,
     record_dir: Annotated[
@@ -93,7 +86,6 @@ def slave(
             most_sessions_per_key=most_sessions_per_key,
             announce=announce,
             add_codec=tuple(add_codec or ()),
-            compiled=compiled,
             channel_out=channel_out,
             seed=seed,
             record_dir=record_dir,

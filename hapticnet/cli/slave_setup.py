@@ -3,7 +3,6 @@
 import os
 import signal
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
@@ -18,12 +17,10 @@ from hapticnet.cli.options import RECORD_LIMIT
 from hapticnet.cli.slave_messages import SlaveMessages, place
 from hapticnet.cli.watching import watch_slave
 from hapticnet.codec.registry import parse_codec, register_installed_codecs
-from hapticnet.compiled import fast_extra_installed
-from hapticnet.errors import FileError, RunError, SettingsError, UnavailableError
+from hapticnet.errors import FileError, RunError, SettingsError
 from hapticnet.experiment.provenance import provenance
 from hapticnet.files import check_folder
 from hapticnet.node.admission import SlaveSettings
-from hapticnet.node.compiled_slave import CompiledSlaveNode
 from hapticnet.node.slave import SlaveNode
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.recordings.session.archive import check_format
@@ -38,12 +35,9 @@ from hapticnet.runtime.slave_run import run_slave
 from hapticnet.runtime.trust import Guests, SlaveTrust, slave_trust
 from hapticnet.runtime.udp import bound_address, host_of, is_loopback, parse_host_port
 from hapticnet.runtime.udp import listen as listen_on
-from hapticnet.runtime.udp_batch import SocketAddresses
 from hapticnet.scene.sources import SceneSource, find_source
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from hapticnet.channel.settings import ChannelSettings
     from hapticnet.node.slave_events import SlaveEvent
     from hapticnet.protocol.keys import MasterEntry
@@ -51,9 +45,6 @@ if TYPE_CHECKING:
     from hapticnet.scene.base import Touchable
 
 NOT_RECORDED: Final = "it needs --record-dir"
-
-MOST_COMPILED: Final = 65_536
-"""Most sessions of --compiled, which sets 27 kB of address space aside for each at once."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,7 +64,6 @@ class SlaveOptions:
     most_sessions_per_key: int
     announce: Literal["declared", "measured", "nothing"]
     add_codec: tuple[str, ...]
-    compiled: bool
     channel_out: str
     seed: int
     record_dir: Path | None
@@ -108,8 +98,6 @@ def serve(options: SlaveOptions) -> None:
     address = bound_address(sock)
     loopback = is_loopback(sock.getsockname())
     trust = slave_trust(address, loopback, options.key, options.masters, options.insecure)
-    if options.compiled:
-        console.say("compiling; the first time, this takes a quarter of a minute")
     node = make_node(options, source, trust)
     recording = record(options, node, out, console)
     channel = None if out.is_perfect else Emulator[Any](out, np.random.default_rng([options.seed, 1]))
@@ -176,22 +164,10 @@ def check(options: SlaveOptions) -> None:
         parse_codec(text)  # which makes it known
     check_parameter("--drain", options.drain, 0.0, 86_400.0, "s")
     check_parameter("--keep", options.keep, 1.0, 86_400.0, "s")
-    most = MOST_COMPILED if options.compiled else MOST_SESSIONS
-    check_integer("--most-sessions" + " with --compiled" * options.compiled, options.most_sessions, 1, most)
+    check_integer("--most-sessions", options.most_sessions, 1, MOST_SESSIONS)
     if options.record_dir is not None:
         check_format(Path(f"session.{options.record_format}"))
         check_folder(options.record_dir)
-    if not options.compiled:
-        return
-    for option, given in (("--record-dir", options.record_dir), ("--stream", options.stream)):
-        if given is not None:
-            raise SettingsError(f"{option} needs each sample, which --compiled does not keep; omit one of them")
-    if not fast_extra_installed():
-        raise UnavailableError("--compiled needs numba (extra fast): pip install numba")
-    try:
-        import numba  # noqa: F401 - the bank uses it
-    except ImportError as error:  # it is there, but does not fit to numpy
-        raise UnavailableError(f"--compiled needs numba, which cannot be imported: {error}") from error
 
 
 def make_node(options: SlaveOptions, source: SceneSource, trust: SlaveTrust) -> SlaveNode:
@@ -212,11 +188,8 @@ def make_node(options: SlaveOptions, source: SceneSource, trust: SlaveTrust) -> 
             keep_us=round(options.keep * 1e6),
         ),
     )
-    make: Callable[..., SlaveNode] = SlaveNode
-    if options.compiled:
-        make = partial(CompiledSlaveNode, addresses=SocketAddresses())
     doors = trust.doors(entropy)
-    return make(make_scene, settings, entropy, doors=doors, write_address=place, host_of=host_of, clock=now_us)
+    return SlaveNode(make_scene, settings, entropy, doors=doors, write_address=place, host_of=host_of, clock=now_us)
 
 
 def record(options: SlaveOptions, node: SlaveNode, out: "ChannelSettings", console: Console) -> SlaveRecording | None:

@@ -24,7 +24,7 @@ MOST_AT_ONCE: Final = 8
 
 
 class LineSteps:
-    """The sessions whose scenes are stepped between positions, by Python."""
+    """The sessions whose scenes are stepped between positions."""
 
     def __init__(self) -> None:
         self._alarms = Alarms(_next_step_us)

@@ -175,7 +175,7 @@ class SlaveNode:
             return
         self._events.extend(news)
         for station in tuple(self._stations.values()):
-            slow = station.slow if station.row is None and station.seated else None
+            slow = station.slow if station.seated else None
             if slow is not None:
                 self._notify(station, str(slow.told), Code.SLOW, now_us)
 
@@ -267,8 +267,6 @@ class SlaveNode:
                 return
             if datagram.kind is not Kind.POSITION and datagram.kind is not Kind.CLOSE:  # no master sends these
                 self._receive_stray(datagram, len(data), address)
-                return
-            if not self._at_hand(station, datagram, data):
                 return
             account = session.received
             was_half_open = session.state is SlaveState.HALF_OPEN
@@ -394,7 +392,6 @@ class SlaveNode:
     def _end(self, station: Station, reason: str, now_us: int, *, code: Code = Code.OTHER) -> None:
         """End a session from this side and tell its master."""
         station.failure = reason if code is Code.FAILED else None
-        self._at_hand(station)
         self._outbox.append((station.session.close(reason, now_us, code), station.address))
         self._forget(station, Trigger.CLOSE, f"the slave closed: {reason}")
 
@@ -412,18 +409,9 @@ class SlaveNode:
 
     def _notify(self, station: Station, reason: str, code: Code, now_us: int) -> None:
         """Tell a master something about its session, which goes on."""
-        self._at_hand(station)
         self._outbox.append((station.session.notice(reason, now_us, code), station.address))
 
-    def _at_hand(self, station: Station, datagram: Datagram | None = None, data: bytes = b"") -> bool:  # noqa: ARG002
-        """Bring a station up to date before it is used, or before it processes a datagram; here it always is.
-
-        Return False if the datagram needs no processing: it has been counted.
-        """
-        return True
-
     def _forget(self, station: Station, trigger: Trigger, reason: str) -> None:
-        self._at_hand(station)
         station.session.end(trigger, reason)
         self._remove(station)
 

@@ -87,7 +87,6 @@ class Station:
         self.same_clock = same_clock
         self._heirs: dict[bytes, bool] = {}
         self._continued = continues.session.number if continues is not None else None
-        self.row: int | None = None  # where a bank has this session (`node.bank`)
         self.seated = False
         self.steps = 0
         self.superseded = 0

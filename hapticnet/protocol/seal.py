@@ -54,20 +54,14 @@ class Seal:
         "_send",
         "_sent",
         "receive_epoch",
-        "receive_key",
         "send_epoch",
-        "send_key",
     )
 
     def __init__(self, send_key: bytes, receive_key: bytes) -> None:
-        self.send_key = send_key
-        """Key of the present epoch of the direction from here, for `protocol.seal_steps`."""
         self.send_epoch = 0
         self._send = ChaCha20Poly1305(send_key)
         self._sent = -1
         self._heads: dict[tuple[int, int], bytes] = {}
-        self.receive_key = receive_key
-        """Key of the present epoch of the direction to here."""
         self.receive_epoch = 0
         self._receive = ChaCha20Poly1305(receive_key)
         self._behind: ChaCha20Poly1305 | None = None
@@ -87,35 +81,13 @@ class Seal:
         if not self._sent < sequence < MODULUS:
             raise ValueError(f"sequence number {sequence} after {self._sent}; each is used once, up to {MODULUS - 1}")
         while sequence >> EPOCH_BITS != self.send_epoch:
-            self.send_key = _next_key(self._send)
-            self._send = ChaCha20Poly1305(self.send_key)
+            self._send = ChaCha20Poly1305(_next_key(self._send))
             self.send_epoch += 1
         self._sent = sequence
         head = self._heads.get((kind, session)) or self._head(kind, session)
         head += _pack_number(sequence)
         sealed = self._send.encrypt(_nonce(sequence), body, head)
         return head + _BIN_HEADS[len(sealed)] + sealed
-
-    @property
-    def sent(self) -> int:
-        """The highest sequence number sealed, -1 before the first."""
-        return self._sent
-
-    def note_sealed(self, sequence: int) -> None:
-        """Note that datagrams up to `sequence` were sealed under `send_key` elsewhere, so that no number is used again.
-
-        Raises
-        ------
-        ValueError
-            If `sequence` is below one that was noted or sealed before, or belongs to another epoch.
-        """
-        if sequence == self._sent:
-            return
-        if sequence < self._sent or sequence >> EPOCH_BITS != self.send_epoch:
-            raise ValueError(
-                f"sequence number {sequence} after {self._sent}; it must be higher, and of epoch {self.send_epoch}"
-            )
-        self._sent = sequence
 
     def open(self, data: bytes, datagram: Datagram) -> bytes:
         """Return the body of a sealed datagram, opened.
@@ -158,7 +130,6 @@ class Seal:
         except InvalidTag:
             raise PeerError(_NOT_OPENED) from None
         if epochs == 1:
-            self.receive_key = _next_key(self._receive)
             self._behind, self._receive, self._ahead = self._receive, cipher, None
             self.receive_epoch += 1
         return opened

@@ -1,7 +1,7 @@
 """The slave's end of one session, sans-I/O. `node.slave` holds the table of all sessions."""
 
 from collections.abc import Callable
-from typing import Any, Final, TypeVar
+from typing import Final, TypeVar
 
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.arrivals import Arrival
@@ -79,7 +79,6 @@ class SlaveSession:
         self.received = Traffic()
         self.end_reason: str | None = None
         self.in_step = False  # whether the master had the newest FORCE when it sent the newest position
-        self.row: Any = None  # where the state of the session is while a bank serves it (`session_steps`)
         self._first_sequence = first_sequence
         self._settings = settings
         self._sequence = wrap(settings.first_sequence + 1)
@@ -239,15 +238,13 @@ class SlaveSession:
     @property
     def heard_us(self) -> int:
         """When something last arrived [µs]."""
-        return self._heard_us if self.row is None else int(self.row.heard_us)
+        return self._heard_us
 
     def silent_us(self, now_us: int) -> int:
         """Return how long nothing has arrived [µs]."""
         heard_us = self.heard_us
         if now_us < heard_us:  # after a clock went back, silence counts from there
             self._heard_us = heard_us = now_us
-            if self.row is not None:
-                self.row.heard_us = now_us
         return now_us - heard_us
 
     def expires_us(self) -> int:

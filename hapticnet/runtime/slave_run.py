@@ -6,8 +6,6 @@ from collections.abc import Callable, Sequence
 from socket import socket
 from typing import Final
 
-from hapticnet.node.bank_tables import Datagrams
-from hapticnet.node.compiled_slave import CompiledSlaveNode
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_events import SlaveEvent
 from hapticnet.runtime.clock import now_us, waited_us
@@ -16,7 +14,6 @@ from hapticnet.runtime.overload import Overload
 from hapticnet.runtime.rescue import Rescue
 from hapticnet.runtime.timer import Alarm
 from hapticnet.runtime.udp import OutgoingChannel, SocketAddress, UdpPort
-from hapticnet.runtime.udp_batch import BatchPort
 from hapticnet.runtime.waiting import Repeating, SignalHandler, stop_on_signals, until
 from hapticnet.runtime.watching import Watcher, Watchers
 
@@ -58,7 +55,7 @@ class SlaveRunner:
         loop = asyncio.get_running_loop()
         await self._watchers.start()
         self._alarm = Alarm(loop, self._ring)
-        self._port = self._open_port(loop)
+        self._port = UdpPort(loop, self._sock, self._receive, channel=self._channel)
         if self._overload is not None:
             self._overload.attach(self._port, times=self.node.times)
         self._status = Repeating(loop, self._check, self._overload)
@@ -90,9 +87,6 @@ class SlaveRunner:
         while (event := self.node.next_event()) is not None:
             self._watchers.note(event, now_us())
 
-    def _open_port(self, loop: asyncio.AbstractEventLoop) -> UdpPort:
-        return UdpPort(loop, self._sock, self._receive, channel=self._channel)
-
     def _receive(self, batch: list[tuple[bytes, SocketAddress]], now: int) -> None:
         self.node.receive_datagrams(batch, now)
         self._answer(now)
@@ -122,39 +116,6 @@ class SlaveRunner:
         self.flush()
 
 
-class CompiledSlaveRunner(SlaveRunner):
-    """A slave with a bank at work: datagrams go in and out as arrays."""
-
-    node: CompiledSlaveNode
-    _port: BatchPort
-
-    def flush(self) -> None:
-        """Send what the node has to send; as `SlaveRunner.flush`."""
-        if self._channel is None:  # else they go with all others through the channel
-            self._port.send_departures(*self.node.take_departures())
-        super().flush()
-
-    def _open_port(self, loop: asyncio.AbstractEventLoop) -> UdpPort:
-        return BatchPort(loop, self._sock, self._receive_arrivals, channel=self._channel)
-
-    def _receive_arrivals(self, arrivals: Datagrams, count: int, now: int) -> None:
-        self.node.receive_arrivals(arrivals, count, now)
-        self._answer(now)
-
-    def _answer(self, now: int) -> None:
-        if not self.node.is_quiet or self._channel is not None or self._watchers.observers:
-            super()._answer(now)
-            return
-        # The common case, kept short: the bank has served everything.
-        self._port.send_departures(*self.node.take_departures())
-        if self.node.follows:
-            self._alarm.set(self.node.next_timer_us())
-
-    def _ring(self) -> None:
-        super()._ring()
-        self._alarm.set(self.node.next_timer_us())  # also if the alarm was early
-
-
 async def run_slave(
     node: SlaveNode,
     sock: socket,
@@ -179,8 +140,7 @@ async def run_slave(
     signals are answered.
     """
     loop = asyncio.get_running_loop()
-    make = CompiledSlaveRunner if isinstance(node, CompiledSlaveNode) else SlaveRunner
-    runner = make(node, sock, channel=channel, watchers=watchers, overload=overload, tell=tell)
+    runner = SlaveRunner(node, sock, channel=channel, watchers=watchers, overload=overload, tell=tell)
     await runner.start()
 
     def hang_up() -> None:

@@ -44,12 +44,11 @@ to find that there is none takes as long as a tenth of a round trip."""
 
 POLL_S: Final = 0.01
 
-BUFFER_BYTES: Final = 1 << 20
-"""Room for a second of a dozen masters, in case this process cannot run for that long."""
+RECEIVE_BUFFER_BYTES: Final = 1 << 22
+"""Room for 5 s of a master, or 20 ms of a thousand (the system counts 768 B for a small datagram). ``hapticnet doctor``
+tests whether the system allows that much."""
 
-CROWD_BUFFER_BYTES: Final = 1 << 22
-"""Receive buffer of ``slave --compiled``: room for 20 ms of a thousand masters (the system counts 768 B for a small
-datagram). ``hapticnet doctor`` tests whether the system allows that much."""
+SEND_BUFFER_BYTES: Final = 1 << 20
 
 SAMPLE_EVERY: Final = 16
 """The age of the oldest queued datagram is looked up once in so many drains, and in each drain after one of more than
@@ -311,8 +310,8 @@ def _socket(family: socket.AddressFamily) -> socket.socket:
     except OSError as error:
         raise UnavailableError(f"cannot create a socket: {_words(error)}") from error
     sock.setblocking(False)
-    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
-    sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
     return sock
 
 

@@ -127,7 +127,6 @@ def test_flags_of_encode_that_cannot_be_are_refused_in_one_line(files, arguments
         (("slave", "--channel-out", "loss=200%"), ("loss=200%",)),
         (("slave", "--seed", "-1"), ("--seed",)),
         (("slave", "--most-sessions", "1000000000"), ("--most-sessions", "1000000")),
-        (("slave", "--most-sessions", "100000", "--compiled"), ("--most-sessions with --compiled", "65536")),
         (("master", "--codec", "mp3"), ("unknown codec 'mp3'",)),
         (("master", "--operator", "robot"), ("unknown operator 'robot'", "scripted")),
         (("master", "--operator", "trace:missing.csv"), ("missing.csv",)),
@@ -194,15 +193,6 @@ def test_a_port_in_use_is_named_in_one_line(verb):
         address = f"127.0.0.1:{taken.getsockname()[1]}"
         extra = ("--connect", "127.0.0.1:1") if verb == "channel" else ()
         assert_one_line(hapticnet(verb, "--listen", address, *extra), address, "in use", code=UNAVAILABLE)
-
-
-def test_a_numba_that_cannot_be_imported_is_named_in_one_line(tmp_path):
-    (tmp_path / "numba").mkdir()
-    (tmp_path / "numba" / "__init__.py").write_text("raise ImportError('Numba needs NumPy 2.0 or less')")
-    verb = (sys.executable, "-m", "hapticnet", "slave", "--listen", "127.0.0.1:0", "--duration", "0.1", "--compiled")
-    environment = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
-    done = subprocess.run(verb, env=environment, capture_output=True, text=True, check=False)
-    assert_one_line(done, "numba, which cannot be imported: Numba needs NumPy", code=UNAVAILABLE)
 
 
 def test_a_host_that_does_not_exist():

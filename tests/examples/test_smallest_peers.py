@@ -17,14 +17,12 @@ import hapticnet as hn
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.node.admission import SlaveSettings
-from hapticnet.node.compiled_slave import CompiledSlaveNode
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.user import UserOperator
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.tissue import Tissue
-from tests.peers import Interned
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 NETWORKS = [
@@ -34,7 +32,7 @@ NETWORKS = [
     "delay=60ms,jitter=normal:20ms,order=free,duplicate=5%",
 ]
 MASTERS = ["smallest", "raw", "deadband"]
-SLAVES = ["smallest", "plain", "compiled"]
+SLAVES = ["smallest", "hapticnet"]
 PAIRS = [pair for pair in product(MASTERS, SLAVES) if "smallest" in pair]
 HERE = ("127.0.0.1", 50_000)
 SEEDS = count(1)
@@ -102,10 +100,7 @@ def make_slave(name, small):
         tissue = Tissue(name="spring", rest_position_m=0.02, stiffness_n_per_m=300.0, breach_force_n=1e6)
         settings = SlaveSettings(), np.random.default_rng(4)
         make_scene = lambda _: Scene((tissue,))  # noqa: E731
-        if name == "plain":
-            node = SlaveNode(make_scene, *settings)
-        else:
-            node = CompiledSlaveNode(make_scene, *settings, addresses=Interned())
+        node = SlaveNode(make_scene, *settings)
 
         def answer(data, address, now_us):
             node.receive_datagram(data, address, now_us)

@@ -4,22 +4,12 @@ import signal
 
 import pytest
 
-from hapticnet.node.bank import Bank
-from hapticnet.protocol.repair import RepairSettings
-from hapticnet.runtime.udp_batch import SocketAddresses
-
 FAST = ("--no-real-time",)
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _machine_code():
-    """Compile here, where nothing waits: a process then finds the machine code."""
-    Bank(1, RepairSettings(), SocketAddresses())
-
-
-@pytest.fixture(params=[(), ("--compiled",)], ids=["plain", "compiled"])
-def server(start, request):
-    process = start("slave", "--listen", "127.0.0.1:0", "--drain", "60", "--json", *request.param, *FAST)
+@pytest.fixture
+def server(start):
+    process = start("slave", "--listen", "127.0.0.1:0", "--drain", "60", "--json", *FAST)
     return process, process.wait_for(r"listening on ([\d.]+:\d+)").group(1)
 
 

@@ -5,10 +5,6 @@ import time
 
 import pytest
 
-from hapticnet.node.bank import Bank
-from hapticnet.protocol.repair import RepairSettings
-from hapticnet.runtime.udp_batch import SocketAddresses
-
 FAST = ("--no-real-time", "--json")
 OWN = """
 class Interrupts:
@@ -35,12 +31,6 @@ class ExitsInAnOutlook(InterruptsAnOutlook):
 """
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _machine_code():
-    """Compile here, where nothing waits: a process then finds the machine code."""
-    Bank(1, RepairSettings(), SocketAddresses())
-
-
 def hammer(process):
     """Send signals of both kinds until a process has ended; return its exit code."""
     deadline = time.monotonic() + 30.0
@@ -51,7 +41,7 @@ def hammer(process):
     return process.process.wait(1.0)
 
 
-@pytest.mark.parametrize("options", [(), ("--compiled",), ("--drain", "30")], ids=["plain", "compiled", "drain"])
+@pytest.mark.parametrize("options", [(), ("--drain", "30")], ids=["plain", "drain"])
 def test_no_number_of_signals_costs_a_slave_its_report_or_its_code(start, options):
     slave = start("slave", "--listen", "127.0.0.1:0", *options, *FAST)
     address = slave.wait_for(r"listening on ([\d.]+:\d+)").group(1)

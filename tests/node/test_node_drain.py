@@ -6,7 +6,6 @@ import pytest
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.settings import ChannelSettings
 from hapticnet.node.admission import SlaveSettings
-from hapticnet.node.compiled_slave import CompiledSlaveNode
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
@@ -19,12 +18,11 @@ from hapticnet.protocol.states import MasterState, SlaveState
 from hapticnet.samples import PositionSample
 from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
-from tests.peers import ENTRY, KEY, SLAVE, Interned
+from tests.peers import ENTRY, KEY, SLAVE
 
 MS = 1000
 SECOND = 1000 * MS
-KINDS = [(SlaveNode, False), (SlaveNode, True), (CompiledSlaveNode, False), (CompiledSlaveNode, True)]
-each_slave = pytest.mark.parametrize(("make", "sealed"), KINDS)
+each_slave = pytest.mark.parametrize("sealed", [False, True])
 
 
 class Hand:
@@ -34,11 +32,10 @@ class Hand:
         return PositionSample(t_us, (0.024 + 0.002 * np.sin(2e-6 * np.pi * t_us),))
 
 
-def make_slave(make):
+def make_slave():
     rng = np.random.default_rng(1)
-    others = {} if make is SlaveNode else {"addresses": Interned(), "is_compiled": False}
     doors = {1: OpenDoor(), 2: SealedDoor(SLAVE.private, Roster([ENTRY]), rng)}
-    return make(lambda _: Scene(paper_scene(1).tissues), SlaveSettings(), rng, doors=doors, **others)
+    return SlaveNode(lambda _: Scene(paper_scene(1).tissues), SlaveSettings(), rng, doors=doors)
 
 
 def make_master(sealed, seed=2):
@@ -46,9 +43,9 @@ def make_master(sealed, seed=2):
     return MasterNode(Hand(), None, settings, np.random.default_rng(seed))
 
 
-def linked(make, sealed):
+def linked(sealed):
     channels = [Emulator(ChannelSettings(), np.random.default_rng(each)) for each in (3, 4)]
-    return Loopback(make_master(sealed), make_slave(make), forward=channels[0], feedback=channels[1])
+    return Loopback(make_master(sealed), make_slave(), forward=channels[0], feedback=channels[1])
 
 
 def events(node):
@@ -56,8 +53,8 @@ def events(node):
 
 
 @each_slave
-def test_a_running_master_is_told_and_keeps_its_force_until_it_has_finished(make, sealed):
-    link = linked(make, sealed)
+def test_a_running_master_is_told_and_keeps_its_force_until_it_has_finished(sealed):
+    link = linked(sealed)
     link.run(SECOND)
     held_n = link.master.held_n[0]
     assert held_n > 0.1
@@ -78,8 +75,8 @@ def test_a_running_master_is_told_and_keeps_its_force_until_it_has_finished(make
 
 
 @each_slave
-def test_the_end_of_the_time_cuts_no_force(make, sealed):
-    link = linked(make, sealed)
+def test_the_end_of_the_time_cuts_no_force(sealed):
+    link = linked(sealed)
     link.run(SECOND)
     link.slave.drain(link.now_us)
     link.run(SECOND)
@@ -96,8 +93,8 @@ def test_the_end_of_the_time_cuts_no_force(make, sealed):
 
 
 @each_slave
-def test_a_new_master_is_refused_with_a_reason_and_asks_again(make, sealed):
-    link = linked(make, sealed)
+def test_a_new_master_is_refused_with_a_reason_and_asks_again(sealed):
+    link = linked(sealed)
     link.run(100 * MS)
     link.slave.drain(link.now_us)
     link.slave.close("shutting down", link.now_us)
@@ -110,14 +107,14 @@ def test_a_new_master_is_refused_with_a_reason_and_asks_again(make, sealed):
     assert {each.code for each in refused} == {Code.STOPPING}
     assert [each.retry_us for each in refused][:2] == [SECOND, 2 * SECOND]
     assert late.master.session.state is MasterState.CONNECTING
-    late.slave = make_slave(make)  # the next one at this address
+    late.slave = make_slave()  # the next one at this address
     late.run(6 * SECOND)
     assert late.master.connected
 
 
 @each_slave
-def test_a_running_master_may_change_its_codec_while_the_slave_waits(make, sealed):
-    link = linked(make, sealed)
+def test_a_running_master_may_change_its_codec_while_the_slave_waits(sealed):
+    link = linked(sealed)
     link.run(SECOND)
     link.slave.drain(link.now_us)
     link.master.change(codec="raw")
@@ -128,7 +125,7 @@ def test_a_running_master_may_change_its_codec_while_the_slave_waits(make, seale
 
 def test_a_thousand_masters_are_told_a_few_at_a_time():
     """Telling all of them at once would hold up the forces of each."""
-    slave = make_slave(SlaveNode)
+    slave = make_slave()
 
     class Told:
         seated = True

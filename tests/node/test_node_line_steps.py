@@ -5,7 +5,6 @@ import pytest
 
 from hapticnet.codec.positions.lines import PromisedLine, pack_line
 from hapticnet.node.admission import SlaveSettings
-from hapticnet.node.compiled_slave import SHORTEST_TICK_US, CompiledSlaveNode
 from hapticnet.node.line_steps import ALL_HZ, EACH_HZ, MOST_AT_ONCE
 from hapticnet.node.slave import SlaveNode
 from hapticnet.protocol.messages import Close
@@ -13,22 +12,19 @@ from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.wire import Kind
 from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
-from tests.peers import HandMaster, Interned
+from tests.peers import HandMaster
 
 SECOND = 1_000_000
-PLAIN = (SlaveNode, {})
-COMPILED = (CompiledSlaveNode, {"addresses": Interned(), "is_compiled": False})
 PRESSING_M = 0.025
 
 
 class Hall:
     """A slave, and masters that send a line each 100 ms, those of a host one after another."""
 
-    def __init__(self, kind=PLAIN, **session):
-        make, others = kind
-        self.slave = make(
+    def __init__(self, **session):
+        self.slave = SlaveNode(
             lambda _: Scene(paper_scene(1).tissues), SlaveSettings(session=SessionSettings(**session)),
-            np.random.default_rng(1), host_of=lambda address: address[0], **others,
+            np.random.default_rng(1), host_of=lambda address: address[0],
         )  # fmt: skip
         self.masters = []
         self.now_us = SECOND
@@ -85,14 +81,12 @@ def test_a_usual_session_is_stepped_at_each_of_its_times(rate_hz):
 
 
 @pytest.mark.parametrize("codec", ["deadband", "linear-predictive"])
-@pytest.mark.parametrize("kind", [PLAIN, COMPILED], ids=["plain", "compiled"])
-def test_ten_datagrams_a_second_do_not_buy_ten_thousand_steps(kind, codec):
-    hall = Hall(kind)
+def test_ten_datagrams_a_second_do_not_buy_ten_thousand_steps(codec):
+    hall = Hall()
     hall.join("bad", codec=codec)
     hall.play(0.3)
     (steps,) = hall.play(2.0)
-    in_bank = kind is COMPILED and codec == "deadband"
-    assert 0.0 < steps <= 2.0 * (1e6 / SHORTEST_TICK_US if in_bank else EACH_HZ)
+    assert 0.0 < steps <= 2.0 * EACH_HZ
 
 
 def test_an_identity_gets_so_many_steps_with_as_many_sessions_as_it_may_have():

@@ -14,7 +14,6 @@ from hapticnet.codec.registry import CODECS
 from hapticnet.device.plant import PlantSettings
 from hapticnet.device.simulated import SimulatedDevice
 from hapticnet.node.admission import SlaveSettings
-from hapticnet.node.compiled_slave import CompiledSlaveNode
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
@@ -28,7 +27,7 @@ from hapticnet.protocol.wire import Kind, pack_body
 from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
 from tests.node.undisturbed import seal_or_pack
-from tests.peers import ENTRY, GRANT, KEY, SLAVE, HandMaster, HandSlave, Interned
+from tests.peers import ENTRY, GRANT, KEY, SLAVE, HandMaster, HandSlave
 
 EDGES = (
     *(0, 1, -1, True, None, "1", b"1", 2**16, 2**31, 2**32 - 1, 2**32, 2**53, 2**63, -(2**63), 0.0, -0.0, 0.5, 1.0),
@@ -40,13 +39,12 @@ NUMBERS_OF_REQUEST = ("weber_fraction", "floor_n", "multiplier", "rate_hz", "axe
 NUMBERS_OF_GRANT = ("session", "rate_hz", "keepalive_us", "position_share")
 
 
-def slave_node(make=SlaveNode):
+def slave_node():
     rng = np.random.default_rng(1)
-    more = {"addresses": Interned()} if make is CompiledSlaveNode else {}
     scene = paper_scene(1)
     make_scene = lambda _: Scene(scene.tissues, name=scene.name)  # noqa: E731
     doors = {1: OpenDoor(), 2: SealedDoor(SLAVE.private, Roster([ENTRY]), rng)}
-    return make(make_scene, SlaveSettings(), rng, doors=doors, **more)
+    return SlaveNode(make_scene, SlaveSettings(), rng, doors=doors)
 
 
 def master_node(sealed=False, **settings):
@@ -77,10 +75,9 @@ def use(master, now_us):
 NONCES = itertools.count(1)
 
 
-@pytest.mark.parametrize("make", [SlaveNode, CompiledSlaveNode])
 @pytest.mark.parametrize("field", NUMBERS_OF_REQUEST)
-def test_a_request_is_granted_refused_in_words_or_dropped(make, field, sealed):
-    slave = slave_node(make)
+def test_a_request_is_granted_refused_in_words_or_dropped(field, sealed):
+    slave = slave_node()
     kinds = set()
     now_us = 0
     for value in EDGES:
@@ -141,10 +138,9 @@ def bodies(fields, at):
             continue
 
 
-@pytest.mark.parametrize("make", [SlaveNode, CompiledSlaveNode])
 @pytest.mark.parametrize("line", [False, True])
-def test_a_position_moves_the_scene_or_is_counted(make, line, sealed):
-    slave = slave_node(make)
+def test_a_position_moves_the_scene_or_is_counted(line, sealed):
+    slave = slave_node()
     master = HandMaster(slave, sealed=sealed, nonce=next(NONCES), position_share=0.25 if line else 0.0).join()
     payload = struct.pack(">fe", 0.01, 0.01) if line else struct.pack(">f", 0.01)
     floats = [struct.pack(">f", value) for value in (5e-324, 1e-45, 1e30, -3e38, math.inf, -math.inf, math.nan, -0.0)]

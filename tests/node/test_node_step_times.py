@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from hapticnet.node.admission import SlaveSettings
-from hapticnet.node.compiled_slave import CompiledSlaveNode
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
@@ -12,7 +11,6 @@ from hapticnet.node.step_times import StepsTooSlow, StepTimes
 from hapticnet.protocol.events import Noticed
 from hapticnet.protocol.messages import Code
 from hapticnet.samples import ForceSample, PositionSample
-from tests.peers import Interned
 
 MS = 1000
 SECOND = 1000 * MS
@@ -111,11 +109,6 @@ def test_a_master_is_told_although_the_first_notices_are_lost():
 
     _, master = play(20 * MS, 10, loses=loses)
     assert lost.count(True) == 2
-    assert len(master.report()["notices"]) == 1
-
-
-def test_masters_of_a_compiled_slave_are_told_too():
-    _, master = play(20 * MS, 8, make=CompiledSlaveNode, others={"addresses": Interned(), "is_compiled": False})
     assert len(master.report()["notices"]) == 1
 
 

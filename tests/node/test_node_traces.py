@@ -6,10 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapticnet.node.compiled_slave import CompiledSlaveNode
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
-from hapticnet.node.slave import SlaveNode
 from hapticnet.operator.user import UserOperator
 from hapticnet.protocol.messages import unpack_position
 from hapticnet.scene.tissue import Tissue
@@ -48,10 +46,9 @@ def test_a_master_follows_a_golden_trace(trace):
         assert list(master.received_n) == tick["stimulus_n"], now_us
 
 
-@pytest.mark.parametrize("make", [SlaveNode, CompiledSlaveNode])
-def test_a_slave_follows_a_golden_trace(make):
+def test_a_slave_follows_a_golden_trace():
     spring = Tissue(name="spring", rest_position_m=0.02, stiffness_n_per_m=300.0, breach_force_n=1e6)
-    slave = make_slave(make, (spring,))
+    slave = make_slave((spring,))
     HandMaster(slave, HERE).join()
     for entry in VECTORS["slave"]:
         slave.receive_datagram(bytes.fromhex(entry["arrives"]), HERE, entry["now_us"])

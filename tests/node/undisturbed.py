@@ -15,7 +15,7 @@ from hapticnet.protocol.messages import Force, Keepalive
 from hapticnet.protocol.wire import Kind, pack, pack_body
 from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
-from tests.peers import ENTRY, GRANT, KEY, SLAVE, HandMaster, HandSlave, Interned
+from tests.peers import ENTRY, GRANT, KEY, SLAVE, HandMaster, HandSlave
 
 SESSION = 0xDEADBEEF
 HERE = ("10.0.0.1", 1)
@@ -40,35 +40,28 @@ class Fixed:
         return SESSION if low == SMALLEST_SESSION else self._rng.integers(low, high)
 
 
-def make_slave(make, scene=None):
+def make_slave(scene=None):
     rng = Fixed(1)
     doors = {1: OpenDoor(), 2: SealedDoor(SLAVE.private, Roster([ENTRY]), rng)}
-    more = {} if make is SlaveNode else {"addresses": Interned()}
     tissues = scene or paper_scene(1).tissues
-    return make(lambda _: Scene(tissues), SlaveSettings(), rng, doors=doors, **more)
+    return SlaveNode(lambda _: Scene(tissues), SlaveSettings(), rng, doors=doors)
 
 
 class Slaves:
     """A disturbed and an undisturbed slave, with a session each."""
 
-    def __init__(self, make=SlaveNode, *, sealed=False, line=False):
+    def __init__(self, *, sealed=False, line=False):
         self.now_us, self.sequence, self.line = 1000, 0, line
         self.said = []
-        self.slaves = [make_slave(make) for _ in range(2)]
+        self.slaves = [make_slave() for _ in range(2)]
         share = 0.25 if line else 0.0
         self.masters = [HandMaster(each, HERE, sealed=sealed, position_share=share).join() for each in self.slaves]
-        for _ in range(5 if make is SlaveNode else 50):  # until they are in the bank
+        for _ in range(5):
             self.step()
-        assert make is SlaveNode or all(self.in_bank)
 
     @property
     def disturbed(self):
         return self.slaves[0]
-
-    @property
-    def in_bank(self):
-        """Whether the sessions are served by a bank."""
-        return [station.row is not None for slave in self.slaves for station in slave._stations.values()]
 
     @property
     def malformed(self):

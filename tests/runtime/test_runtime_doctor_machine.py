@@ -1,6 +1,5 @@
 """What the doctor says of a machine, on folders that stand for /proc and /sys."""
 
-import asyncio
 import socket
 import tempfile
 
@@ -21,8 +20,7 @@ from hapticnet.runtime.doctor.timing import (
     read_wall_clock,
     reading_cost_ns,
 )
-from hapticnet.runtime.udp import CROWD_BUFFER_BYTES
-from hapticnet.runtime.udp_batch import BatchPort
+from hapticnet.runtime.udp import RECEIVE_BUFFER_BYTES, listen, parse_host_port
 
 OK, WARNING, PROBLEM, ABSENT = Verdict.OK, Verdict.WARNING, Verdict.PROBLEM, Verdict.ABSENT
 CPU = "sys/devices/system/cpu"
@@ -310,12 +308,12 @@ def test_a_virtual_machine_is_recognised(machine):
 
 
 def test_the_kernel_doubles_what_it_grants():
-    assert judge_buffer("receive", 2 * CROWD_BUFFER_BYTES, None).verdict is OK
+    assert judge_buffer("receive", 2 * RECEIVE_BUFFER_BYTES, None).verdict is OK
     finding = judge_buffer("receive", 2 * 212_992, None)
     assert finding.verdict is WARNING
     assert finding.value == "208 KiB of the 4 MiB asked for; holds 512 datagrams"
     assert "512 ms" in finding.meaning
-    assert commands(finding)[0] == f"sudo sysctl -w net.core.rmem_max={CROWD_BUFFER_BYTES}"
+    assert commands(finding)[0] == f"sudo sysctl -w net.core.rmem_max={RECEIVE_BUFFER_BYTES}"
     assert "wmem_max" in commands(judge_buffer("send", 2 * 212_992, None))[0]
     assert "on the host" in judge_buffer("send", 2 * 212_992, "docker").to_do[0].text
 
@@ -328,15 +326,10 @@ def test_dropped_datagrams_are_a_share(machine, dropped, verdict):
     assert finding.value == f"{dropped} of {10000 + dropped} since boot"
 
 
-def test_the_receive_buffer_that_is_tested_is_the_one_that_a_compiled_slave_asks_for(monkeypatch):
+def test_the_receive_buffer_that_is_tested_is_the_one_that_a_slave_asks_for(monkeypatch):
     asked = []
     monkeypatch.setattr(socket.socket, "setsockopt", lambda _, _level, option, value: asked.append((option, value)))
     examine_sockets(Machine())
-    loop = asyncio.new_event_loop()
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-        sock.setblocking(False)
-        port = BatchPort(loop, sock, lambda *_: None)
-        port.close()
-    loop.close()
+    listen(parse_host_port("127.0.0.1:0", lowest_port=0)).close()
     sizes = [value for option, value in asked if option == socket.SO_RCVBUF]
-    assert sizes == [CROWD_BUFFER_BYTES, CROWD_BUFFER_BYTES]
+    assert sizes == [RECEIVE_BUFFER_BYTES, RECEIVE_BUFFER_BYTES]

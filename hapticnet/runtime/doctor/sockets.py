@@ -5,7 +5,7 @@ from typing import Final
 
 from hapticnet.runtime.doctor.finding import Figures, Finding, Step, Topic, Verdict, size
 from hapticnet.runtime.doctor.machine import Machine
-from hapticnet.runtime.udp import BUFFER_BYTES, CROWD_BUFFER_BYTES
+from hapticnet.runtime.udp import RECEIVE_BUFFER_BYTES, SEND_BUFFER_BYTES
 
 SUBJECT: Final = "network"
 
@@ -22,7 +22,7 @@ def examine_sockets(machine: Machine) -> list[Finding]:
     """Return the findings about buffers and drops."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         granted = []
-        for option, asked in ((socket.SO_RCVBUF, CROWD_BUFFER_BYTES), (socket.SO_SNDBUF, BUFFER_BYTES)):
+        for option, asked in ((socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES), (socket.SO_SNDBUF, SEND_BUFFER_BYTES)):
             sock.setsockopt(socket.SOL_SOCKET, option, asked)
             granted.append(sock.getsockopt(socket.SOL_SOCKET, option))
     return [
@@ -34,7 +34,7 @@ def examine_sockets(machine: Machine) -> list[Finding]:
 
 def judge_buffer(direction: str, granted: int, container: str | None) -> Finding:
     """Judge a buffer by what the kernel says it granted [B], which is twice the net size."""
-    asked = CROWD_BUFFER_BYTES if direction == "receive" else BUFFER_BYTES
+    asked = RECEIVE_BUFFER_BYTES if direction == "receive" else SEND_BUFFER_BYTES
     net, datagrams = granted // 2, granted // CHARGED_BYTES
     figures: Figures = {"asked_bytes": asked, "granted_bytes": net, "datagrams": datagrams}
     topic = Topic(SUBJECT, f"{direction}_buffer", f"{direction.capitalize()} buffer", figures)
