@@ -10,10 +10,10 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-SUBJECT_JND_N: Final = (0.05, 0.04, 0.06, 0.05, 0.05, 0.06, 0.05, 0.04)
+SUBJECT_JND_N = (0.05, 0.04, 0.06, 0.05, 0.05, 0.06, 0.05, 0.04)
 """Force JND [N] of the eight subjects of "Cutaneous haptic deadband compression", ascending method of limits."""
 
-JND_REFERENCE_FORCES_N: Final = (0.5, 1.0, 1.5)
+JND_REFERENCE_FORCES_N = (0.5, 1.0, 1.5)
 """Reference forces [N] at which those JNDs were measured."""
 
 PAPER_WEBER_FRACTION: Final = round(fmean(SUBJECT_JND_N) / fmean(JND_REFERENCE_FORCES_N), 9)

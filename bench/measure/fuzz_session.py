@@ -7,12 +7,12 @@ from typing import Any, Final
 import numpy as np
 from fuzz_datagrams import Fuzz
 
-from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_events import Failed
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_events import MasterLeft
+from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.protocol.events import Connected
 from hapticnet.protocol.handshake import Door, OpenDoor, SealedDoor, prologue

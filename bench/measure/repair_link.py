@@ -14,11 +14,11 @@ from hapticnet.channel.loss import GilbertElliottLoss
 from hapticnet.channel.settings import ChannelSettings
 from hapticnet.codec.schemes.raw import Raw
 from hapticnet.measure.metrics import error_report
-from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
+from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.base import Operator
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.perception import WeberLaw

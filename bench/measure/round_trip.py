@@ -20,10 +20,10 @@ import real_time
 import record
 
 from hapticnet.arrays import IntArray
-from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
+from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.runtime.entropy import SystemEntropy
 from hapticnet.runtime.master_run import run_master

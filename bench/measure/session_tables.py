@@ -10,8 +10,8 @@ from functools import partial
 import numpy as np
 import record
 
-from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.slave import SlaveNode
+from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.protocol.master_session import MasterSession
 from hapticnet.protocol.messages import Request
 from hapticnet.protocol.settings import SessionSettings

@@ -19,11 +19,11 @@ from hapticnet.channel.loss import BernoulliLoss
 from hapticnet.channel.settings import ChannelSettings
 from hapticnet.measure.energy import energy_report
 from hapticnet.measure.metrics import error_report
-from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
+from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import PositionSample

@@ -18,11 +18,11 @@ from hapticnet.codec.plugins import checked_class
 from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.experiment.analysis import felt_error
 from hapticnet.measure.metrics import ErrorReport
-from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings, Positions
 from hapticnet.node.slave import SlaveNode
+from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.hands import scripted_hand
 from hapticnet.operator.user import HasSample, UserOperator
 from hapticnet.scene.bodies import BodyScene

@@ -12,10 +12,9 @@ from hapticnet.codec import registry
 from hapticnet.codec.plugins import checked_class
 from hapticnet.errors import SettingsError
 from hapticnet.files import user_path
-from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.master_settings import OnError
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.station_settings import Announces
+from hapticnet.node.slave_settings import Announces, SlaveSettings
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.runtime.clock import now_us
 from hapticnet.runtime.entropy import SystemEntropy

@@ -20,8 +20,8 @@ from hapticnet.codec.registry import parse_codec, register_installed_codecs
 from hapticnet.errors import FileError, RunError, SettingsError
 from hapticnet.experiment.provenance import provenance
 from hapticnet.files import check_folder
-from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.slave import SlaveNode
+from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.recordings.session.archive import check_format
 from hapticnet.runtime.clock import now_us

@@ -1,6 +1,6 @@
 """What every codec is: a frozen description that makes encoders and decoders."""
 
-from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
+from typing import Any, ClassVar, Final, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -92,6 +92,22 @@ class Foretelling(Protocol):
             When it is expected there [µs].
         """
         ...
+
+
+CLASS_VARIABLES: Final = ("name", "needs_position", "builds_on_earlier", "receiver_has_tables", "steps")
+
+
+class Description(type):
+    """Class of the descriptions of codecs. mypyc leaves a class with a metaclass plain Python, so users can extend it.
+
+    Compiled code forgets which of their variables are class variables, so that they would become fields of a dataclass.
+    """
+
+    def __new__(cls, name: str, bases: tuple[type, ...], namespace: dict[str, Any]) -> "Description":
+        """Return a class whose class variables are annotated as such."""
+        annotations = namespace.get("__annotations__", {})
+        annotations.update({each: ClassVar[Any] for each in CLASS_VARIABLES if each in annotations})
+        return super().__new__(cls, name, bases, namespace)
 
 
 class Encoding(NamedTuple):

@@ -5,6 +5,7 @@ from collections import deque
 from typing import Any, ClassVar, Never
 
 from hapticnet.checks import axes_of
+from hapticnet.codec.base import Description
 from hapticnet.codec.steps import (
     EMPTY_INTERVAL,
     NO_PAST,
@@ -23,7 +24,7 @@ from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector, checked_vector
 
 
-class Scheme:
+class Scheme(metaclass=Description):
     """A codec made of steps: base class of every codec of this package. Satisfies `Codec`."""
 
     __slots__ = ()

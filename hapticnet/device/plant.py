@@ -65,7 +65,7 @@ class Plant:
         self._rng = rng
         self._noise: list[float] = []
         self._noise_at = 0
-        self._now_us: float = NEVER_US
+        self._now_us = float(NEVER_US)
         self._loaded_n = 0.0
         self._press()
 

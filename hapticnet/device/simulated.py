@@ -1,7 +1,6 @@
 """A fingertip device without hardware: the plant, driven like a microcontroller would."""
 
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from hapticnet.device.plant import NEVER_US, Plant, PlantSettings
 from hapticnet.device.servos import Servos
 from hapticnet.hardware import MAX_FORCE_N
 
-CALIBRATION_FORCES_N: Final = (0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 14.0, 20.0)
+CALIBRATION_FORCES_N = (0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 14.0, 20.0)
 """Forces [N] at which the simulated sensor is calibrated: the range of its data sheet, denser where it is curved."""
 
 

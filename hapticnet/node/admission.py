@@ -1,7 +1,6 @@
 """Whether a master gets the session it asks for, and the station that serves it."""
 
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass, field
 from typing import Final, TypeAlias
 
 from hapticnet.checks import axes_of
@@ -10,8 +9,8 @@ from hapticnet.codec.registry import all_codecs, make_codec, with_share
 from hapticnet.errors import HapticnetError, SampleError, SettingsError
 from hapticnet.node.reception import Address
 from hapticnet.node.seats import NoSeatError, Seats
+from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.node.station import Station
-from hapticnet.node.station_settings import StationSettings
 from hapticnet.node.step_times import StepTimes
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.handshake import Visitor
@@ -27,8 +26,7 @@ from hapticnet.protocol.messages import (
     Welcome,
     clipped,
 )
-from hapticnet.protocol.ranges import RATE_HZ
-from hapticnet.protocol.settings import Entropy, SessionSettings, random_bytes
+from hapticnet.protocol.settings import Entropy, random_bytes
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import SEALED, Kind, pack, pack_body
 from hapticnet.scene.base import Touchable, look_ahead_of, outlook_method
@@ -40,23 +38,6 @@ SMALLEST_SESSION: Final = 1 << 16
 
 MakeScene: TypeAlias = Callable[[MasterEntry | None], Touchable]
 """Makes a scene, for a master of the list or an open session."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SlaveSettings(StationSettings):
-    """What a slave grants.
-
-    Attributes
-    ----------
-    fastest_rate_hz
-        Highest sample rate granted to a master [Hz].
-    """
-
-    fastest_rate_hz: float = 10_000.0
-    session: SessionSettings = field(default_factory=SessionSettings)
-
-    def __post_init__(self) -> None:
-        RATE_HZ._replace(name="fastest rate").check(self.fastest_rate_hz)
 
 
 class RefusalError(HapticnetError):

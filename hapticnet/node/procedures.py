@@ -29,7 +29,7 @@ LONGEST_LOSS_US: Final = 500_000
 LONGEST_SEARCH_US: Final = 10_000_000
 """Longest search [µs] for a finger: several times what the platform takes for its whole travel."""
 
-TUNING_FORCES_N: Final = (0.5, 0.8, 1.2, 1.6, 2.0)
+TUNING_FORCES_N = (0.5, 0.8, 1.2, 1.6, 2.0)
 """Forces [N] at which a finger is measured: only rising, to exclude the play of the gears and the hysteresis of the
 sensor, and at most the paper's step."""
 

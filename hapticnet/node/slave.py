@@ -5,12 +5,13 @@ from collections.abc import Callable, Hashable, Iterable
 from typing import Any, Final
 
 from hapticnet.errors import PeerError
-from hapticnet.node.admission import Admission, MakeScene, RefusalError, SlaveSettings
+from hapticnet.node.admission import Admission, MakeScene, RefusalError
 from hapticnet.node.feedback import SceneFailedError
 from hapticnet.node.line_steps import LineSteps
 from hapticnet.node.reception import Address, Reception
 from hapticnet.node.seats import NoSeatError, Seats
 from hapticnet.node.slave_events import MasterJoined, MasterLeft, MasterRefused, ScenePaused, SceneResumed, SlaveEvent
+from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.node.station import Station
 from hapticnet.node.step_times import Clock, StepTimes, no_wait
 from hapticnet.protocol.handshake import Door, OpenDoor, SealedDoor

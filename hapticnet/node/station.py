@@ -14,7 +14,7 @@ from hapticnet.node.course import VELOCITY_STEP_US, Course
 from hapticnet.node.feedback import Feedback, SceneFailedError
 from hapticnet.node.model_wire import read_state
 from hapticnet.node.recording import DATAGRAM_COLUMNS, IN, OUT, Recording, frame_kind, slave_columns
-from hapticnet.node.station_settings import StationSettings
+from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.node.step_times import StepTime, StepTimes
 from hapticnet.protocol.messages import Grant
 from hapticnet.protocol.slave_session import SlaveSession
@@ -68,7 +68,7 @@ class Station:
         *,
         seats: int,
         listed: str | None,
-        settings: StationSettings,
+        settings: SlaveSettings,
         times: StepTimes,
         now_us: int,
         continues: "Station | None" = None,

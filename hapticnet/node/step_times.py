@@ -110,7 +110,7 @@ class StepTime:
         if took_us > period_us:
             self.over_us += took_us - period_us
         if took_us > self.longest_us:
-            self.longest_us = took_us
+            self.longest_us = float(took_us)
 
     @property
     def is_slow(self) -> bool:

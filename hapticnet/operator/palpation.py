@@ -3,7 +3,6 @@
 import math
 from bisect import bisect_right
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
@@ -19,8 +18,8 @@ from hapticnet.operator.scripted import (
 )
 from hapticnet.samples import PositionSample, Vector
 
-PHANTOM_SURFACE_M: Final = (0.020, 0.0, 0.0)
-PHANTOM_INWARD: Final = (0.95, 0.25, -0.15)
+PHANTOM_SURFACE_M = (0.020, 0.0, 0.0)
+PHANTOM_INWARD = (0.95, 0.25, -0.15)
 """The surface of the scene ``phantom``, which the default motion is made for."""
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from hapticnet.checks import check_parameter
 from hapticnet.samples import PositionSample
 
-TREMOR_BAND_HZ: Final = (8.0, 12.0)
+TREMOR_BAND_HZ = (8.0, 12.0)
 """Band of the peak of physiological tremor, from the title of Novak and Newell, Neuroscience Letters (2017)."""
 
 TYPICAL_TREMOR_RMS_M: Final = 50e-6

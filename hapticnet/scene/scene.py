@@ -21,6 +21,7 @@ import heapq
 from bisect import insort
 from collections.abc import Sequence
 from operator import attrgetter
+from typing import Final
 
 from hapticnet.checks import axes_of
 from hapticnet.errors import SampleError
@@ -66,7 +67,7 @@ class Scene:
         If there is no tissue, or if two share a rest position.
     """
 
-    axes = 1
+    axes: Final = 1
 
     def __init__(self, tissues: Sequence[Tissue], *, name: str = "scene", reach_m: float = REACH_M) -> None:
         self.name = name

@@ -12,7 +12,6 @@ import numpy as np
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.errors import UnavailableError
-from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.fingertip import DeviceLost, Fingertip, ForceFault
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
@@ -20,6 +19,7 @@ from hapticnet.node.master_events import Failed, NodeEvent
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.procedures import Meeting, Met
 from hapticnet.node.slave import SlaveNode
+from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.base import Operator
 from hapticnet.protocol.events import Ended, LinkStale, Refused, SessionLost
 from hapticnet.scene.base import Touchable

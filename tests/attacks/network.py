@@ -6,10 +6,10 @@ from typing import Protocol, TypeAlias
 
 import numpy as np
 
-from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
+from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.protocol.handshake import Door, OpenDoor, SealedDoor
 from hapticnet.protocol.keys import MasterEntry, MasterKey, PrivateKey, Roster
 from hapticnet.protocol.settings import SessionSettings

@@ -266,10 +266,10 @@ def test_codecs_of_installed_packages_are_found_by_name(monkeypatch):
 def test_master_and_slave_speak_a_codec_of_a_user():
     from hapticnet.channel.emulator import Emulator
     from hapticnet.channel.spec import parse_channel
-    from hapticnet.node.admission import SlaveSettings
     from hapticnet.node.master import MasterNode
     from hapticnet.node.master_settings import MasterSettings
     from hapticnet.node.slave import SlaveNode
+    from hapticnet.node.slave_settings import SlaveSettings
     from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
     from hapticnet.scene.presets import paper_scene
     from hapticnet.scene.scene import Scene

@@ -16,10 +16,10 @@ import pytest
 import hapticnet as hn
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
-from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
+from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.user import UserOperator
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.tissue import Tissue

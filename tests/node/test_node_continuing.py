@@ -5,8 +5,8 @@ import struct
 import numpy as np
 import pytest
 
-from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.slave import SlaveNode
+from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.protocol.events import Connected, SessionLost
 from hapticnet.protocol.master_session import MasterSession
 from hapticnet.protocol.messages import Request

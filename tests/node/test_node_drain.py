@@ -5,11 +5,11 @@ import pytest
 
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.settings import ChannelSettings
-from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import NOTICES_AT_ONCE, SlaveNode
+from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.protocol.events import Connected, Ended, Noticed, Refused, SessionLost
 from hapticnet.protocol.handshake import OpenDoor, SealedDoor
 from hapticnet.protocol.keys import Roster

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from hapticnet.codec.positions.lines import PromisedLine, pack_line
-from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.line_steps import ALL_HZ, EACH_HZ, MOST_AT_ONCE
 from hapticnet.node.slave import SlaveNode
+from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.protocol.messages import Close
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.wire import Kind

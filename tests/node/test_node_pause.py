@@ -7,13 +7,13 @@ from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.settings import ChannelSettings
 from hapticnet.device.plant import PlantSettings
 from hapticnet.device.simulated import SimulatedDevice
-from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_events import Paused
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_events import ScenePaused
+from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.samples import ForceSample, PositionSample
 
 SECOND = 1_000_000

@@ -7,12 +7,12 @@ from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.codec.positions.lines import PromisedLine
 from hapticnet.errors import SampleError, SettingsError
-from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.course import Course
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
+from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.outlook import Outlook
 from hapticnet.perception import WeberLaw

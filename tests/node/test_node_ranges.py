@@ -13,10 +13,10 @@ import pytest
 from hapticnet.codec.registry import CODECS
 from hapticnet.device.plant import PlantSettings
 from hapticnet.device.simulated import SimulatedDevice
-from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
+from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.protocol import ranges
 from hapticnet.protocol.handshake import OpenDoor, SealedDoor

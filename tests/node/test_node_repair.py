@@ -6,11 +6,11 @@ import pytest
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.codec.registry import CODECS
-from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
+from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.protocol.events import LinkStale
 from hapticnet.protocol.repair import RepairSettings
 from hapticnet.protocol.settings import SessionSettings

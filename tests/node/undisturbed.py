@@ -4,10 +4,11 @@ import struct
 
 import numpy as np
 
-from hapticnet.node.admission import SMALLEST_SESSION, SlaveSettings
+from hapticnet.node.admission import SMALLEST_SESSION
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
+from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.protocol.handshake import OpenDoor, SealedDoor
 from hapticnet.protocol.keys import Roster

@@ -4,8 +4,8 @@ import struct
 
 import numpy as np
 
-from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.slave import SlaveNode
+from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.protocol.events import ForceArrived
 from hapticnet.protocol.handshake import SealedDoor
 from hapticnet.protocol.keys import MasterEntry, MasterKey, PrivateKey, Roster

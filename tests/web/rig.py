@@ -14,10 +14,10 @@ import uvloop
 
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.settings import ChannelSettings
-from hapticnet.node.admission import SlaveSettings
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
+from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.base import Operator
 from hapticnet.operator.live import LiveHand
 from hapticnet.protocol.handshake import OpenDoor

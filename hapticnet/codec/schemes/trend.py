@@ -59,7 +59,7 @@ FORGETTING: Final = 0.99
 PRIOR_STRENGTH: Final = 0.5
 """Weight of `PRIOR` in the regression, in curves that end one threshold away from their start."""
 
-PRIOR: Final = (0.5, 0.5, 0.0)
+PRIOR = (0.5, 0.5, 0.0)
 """Coefficients before anything is learned: the slope continues, and the newest sample is the level."""
 
 LEAD: Final = 0.55
