@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 APT := $(if $(filter 0,$(shell id -u)),,sudo )apt-get
 
-.PHONY: help demo test check docker-check bench bench-quick peer-packages run-figure simulator lock chromium promtool clean system-packages
+.PHONY: help demo test test-compiled fast plain wheel check docker-check bench bench-quick peer-packages run-figure simulator lock chromium promtool clean system-packages
 .DEFAULT_GOAL := help
 
 help:
@@ -13,6 +13,8 @@ help:
 	@echo 'make demo PAGE=1    install, and move the needle yourself in a browser'
 	@echo 'make test           install everything the tests need, and run them all'
 	@echo 'make check          linters, types, layers'
+	@echo 'make fast           compile the core in place (mypyc, two minutes); make plain removes that again'
+	@echo 'make wheel          build a wheel with the compiled core in dist/'
 	@echo 'make docker-check   build the image and play every scenario of docker/ (needs a Docker engine)'
 	@echo 'make bench          run every benchmark (45 minutes on a quiet machine) and write docs/benchmarks'
 	@echo 'make bench-quick    try every benchmark in five minutes, and write nothing'
@@ -25,6 +27,31 @@ demo: $(VENV)/installed-$(if $(PAGE),web,plot)
 
 test: system-packages chromium promtool check
 	$(BIN)/pytest -n 2
+	$(MAKE) test-compiled
+
+# The core compiled ahead of time, in a copy, so that the checkout stays plain Python: the same bytes on the wire, and
+# the same figures. Tests marked `plain` replace parts of the core, which compiled code does not let them.
+COPY := build/compiled
+CORE_TESTS := $(addprefix tests/,channel codec control device node operator protocol scene)
+
+test-compiled: $(VENV)/installed-dev
+	rm -rf $(COPY) && mkdir -p $(COPY)
+	cp -r hapticnet tests examples docs studies bench pyproject.toml hatch_build.py README.md $(COPY)
+	cd $(COPY) && HAPTICNET_OPTIMISATION=1 $(CURDIR)/$(BIN)/python hatch_build.py >/dev/null
+	cd $(COPY) && PYTHONPATH=$(CURDIR)/$(COPY) $(CURDIR)/$(BIN)/python -c \
+		'from hapticnet.compiled import describe_core; assert describe_core() == "compiled core"'
+	cd $(COPY) && PYTHONPATH=$(CURDIR)/$(COPY) $(CURDIR)/$(BIN)/python -m pytest -n 2 -m 'not docker and not plain' $(CORE_TESTS)
+
+fast: $(VENV)/installed-dev
+	$(BIN)/python hatch_build.py >/dev/null
+	$(BIN)/hapticnet --version
+
+plain:
+	rm -f *__mypyc*.so && find hapticnet -name '*.so' -delete
+
+wheel: $(VENV)/installed-dev
+	HATCH_BUILD_HOOKS_ENABLE=1 $(BIN)/pip wheel -q --no-deps --no-build-isolation -w dist .
+	@ls dist/*.whl
 
 check: $(VENV)/installed-dev
 	$(BIN)/ruff check

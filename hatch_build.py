@@ -8,13 +8,14 @@ again (``make plain``).
 import os
 import sys
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
+
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 ROOT: Final = Path(__file__).parent
 
 COMPILED: Final = (
     "hapticnet/samples.py",
-    "hapticnet/perception.py",
     "hapticnet/vectors.py",
     "hapticnet/outlook.py",
     "hapticnet/scene/*.py",
@@ -26,7 +27,7 @@ COMPILED: Final = (
     "hapticnet/device/*.py",
     "hapticnet/node/*.py",
 )
-"""What is compiled: the way of a force sample."""
+"""What is compiled: the way of a force sample. What is pickled for other processes, such as laws, is not."""
 
 PLAIN: Final = {
     "base.py": "protocols of user objects, which mypyc cannot check at run time",
@@ -37,15 +38,22 @@ PLAIN: Final = {
 """Names of modules that stay plain Python wherever they stand, and why."""
 
 PLAIN_FILES: Final = {
+    "hapticnet/channel/emulator.py": "others derive from it",
+    "hapticnet/channel/jitter.py": "settings that users make",
+    "hapticnet/channel/loss.py": "settings that users make",
     "hapticnet/codec/plugins.py": "reads classes of users",
+    "hapticnet/device/parts.py": "settings that users make",
     "hapticnet/device/profile.py": "models of pydantic",
+    "hapticnet/device/simulated.py": "others derive from it",
     "hapticnet/node/offline.py": "derives from a plain class with slots",
     "hapticnet/protocol/key_files.py": "models of pydantic",
+    "hapticnet/scene/body.py": "models of pydantic",
     "hapticnet/scene/config.py": "models of pydantic",
     "hapticnet/scene/presets.py": "models of pydantic",
     "hapticnet/codec/recording.py": "numba compiles what it calls",
     "hapticnet/codec/threshold_sweep.py": "numba compiles it",
 }
+EXTENSIONS: Final = ("*__mypyc*.so", "hapticnet/**/*.so")
 OPTIMISATION: Final = os.environ.get("HAPTICNET_OPTIMISATION", "3")
 
 
@@ -73,14 +81,33 @@ def compile_in_place() -> list[Path]:
     command.build_temp = "build/mypyc"
     command.ensure_finalized()
     command.run()
-    return [Path(each) for each in command.get_outputs()]
+    return [file.relative_to(ROOT) for pattern in EXTENSIONS for file in sorted(ROOT.glob(pattern))]
 
 
 def clean() -> None:
     """Remove what `compile_in_place` has made."""
-    for pattern in ("*__mypyc*.so", "hapticnet/**/*.so"):
+    for pattern in EXTENSIONS:
         for file in ROOT.glob(pattern):
             file.unlink()
+
+
+class CompiledCore(BuildHookInterface[Any]):
+    """Compile the core for a wheel."""
+
+    PLUGIN_NAME = "custom"
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Compile, and name the extensions and the platform to the builder."""
+        if self.target_name != "wheel" or version != "standard":
+            return
+        extensions = compile_in_place()
+        build_data["pure_python"] = False
+        build_data["infer_tag"] = True
+        build_data["force_include"].update({str(ROOT / each): str(each) for each in extensions})
+
+    def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:  # noqa: ARG002
+        """Leave the checkout plain."""
+        clean()
 
 
 if __name__ == "__main__":

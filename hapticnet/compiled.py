@@ -15,12 +15,13 @@ import os
 import re
 import shutil
 import stat
+import sys
 import tempfile
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from types import FunctionType
+from types import BuiltinFunctionType, FunctionType, ModuleType
 from typing import Any, Final
 
 from hapticnet import rounding
@@ -34,6 +35,12 @@ at updates. A call costs about as much as its arguments have numbers, so what ta
 
 KEPT_FOLDERS: Final = 3
 """Folders of machine code that are kept, the newest first."""
+
+
+def describe_core() -> str:
+    """Return how the core of this installation was built: as plain Python or compiled ahead of time (mypyc)."""
+    spec = importlib.util.find_spec("hapticnet.vectors")
+    return "plain Python" if spec is None or str(spec.origin).endswith(".py") else "compiled core"
 
 
 @cache
@@ -66,8 +73,7 @@ def compiled(
         Whether it makes arrays (not only reads and writes those it is given). References to arrays are then counted,
         which can take most of the time of a loop.
     """
-    if not isinstance(function, FunctionType):
-        raise TypeError(f"{function!r} is not a plain function")
+    function = _from_source(function)
     if (function, name) not in _compiled:
         _compiled[function, name] = _bodies().get(function) or _jit(
             _linked(function, name, using or {}),
@@ -75,6 +81,31 @@ def compiled(
             counts=makes_arrays,
         )
     return _compiled[function, name]
+
+
+def _from_source(function: Callable[..., Any]) -> FunctionType:
+    """Return a function with its bytecode, which numba reads; what mypyc has compiled has none."""
+    if isinstance(function, BuiltinFunctionType) and str(function.__module__).startswith("hapticnet."):
+        function = getattr(_from_its_source(function.__module__), function.__name__)
+    if not isinstance(function, FunctionType):
+        raise TypeError(f"{function!r} is not a plain function")
+    return function
+
+
+@cache
+def _from_its_source(name: str) -> ModuleType:
+    """Return a compiled module as plain Python, with the classes and constants of the compiled one."""
+    made = sys.modules[name]
+    file = Path(str(made.__file__)).with_name(f"{name.rpartition('.')[2]}.py")
+    spec = importlib.util.spec_from_file_location(name, file)
+    assert spec is not None  # noqa: S101 - for the type checker
+    assert spec.loader is not None  # noqa: S101 - for the type checker
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    for each, value in vars(made).items():
+        if each in vars(module) and not isinstance(vars(module)[each], FunctionType):
+            setattr(module, each, value)
+    return module
 
 
 def _linked(function: FunctionType, name: str, using: Mapping[str, Any]) -> FunctionType:
@@ -87,7 +118,7 @@ def _linked(function: FunctionType, name: str, using: Mapping[str, Any]) -> Func
         scope[replaced] = value
     for called in function.__code__.co_names:
         other = scope.get(called)
-        if isinstance(other, FunctionType) and other.__module__.startswith("hapticnet."):
+        if isinstance(other, FunctionType | BuiltinFunctionType) and str(other.__module__).startswith("hapticnet."):
             scope[called] = compiled(other)
     linked = FunctionType(function.__code__, scope, function.__name__, function.__defaults__)
     linked.__qualname__ = f"{name}.{function.__qualname__}" if name else function.__qualname__

@@ -74,6 +74,7 @@ def test_a_recording_from_a_file_brings_its_own_times_and_positions(tmp_path):
         hn.encode(recording, rate_hz=500)
 
 
+@pytest.mark.plain
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -319,6 +320,7 @@ def test_a_virtual_link_without_a_session_says_so():
         hn.virtual_link(feedback=0.05)
 
 
+@pytest.mark.plain
 @pytest.mark.parametrize("half", ["encode", "reconstruct"])
 def test_a_codec_that_raises_ends_the_session_with_its_reason(half):
     @dataclasses.dataclass(frozen=True)

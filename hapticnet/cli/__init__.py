@@ -85,8 +85,9 @@ equip(app)
 def _root(version: bool = typer.Option(False, "--version", help="Print the version and exit.")) -> None:
     if version:
         from hapticnet import __version__
+        from hapticnet.compiled import describe_core
 
-        print(__version__)
+        print(f"hapticnet {__version__} ({describe_core()})")
         raise typer.Exit
 
 

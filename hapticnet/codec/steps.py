@@ -11,12 +11,12 @@ which belong to the rule; every sender and every receiver has its own rule.
 """
 
 import math
-from collections.abc import Callable, Mapping, MutableSequence, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, NamedTuple, Protocol
 
 from hapticnet.samples import Vector
 
-Table = Sequence[MutableSequence[float]]
+Table = list[list[float]]
 """Rows of numbers that a step may change."""
 
 MakeTable = Callable[[int, int], Any]
@@ -67,7 +67,7 @@ def learn_nothing(rule: Any, sender: Any, t_us: int, x: Vector) -> Any:
     return sender
 
 
-EMPTY_INTERVAL: Final = (math.inf, -math.inf)
+EMPTY_INTERVAL = (math.inf, -math.inf)
 """An interval that contains no number."""
 
 

@@ -90,7 +90,7 @@ class Initiator:
             self._static_shared = _shared_secret(self._static, peer)
         except PeerError as error:
             raise SettingsError(f"the public key {peer.hex()} is no one's: it is a point of low order") from error
-        self._start = _Transcript(prologue, peer)
+        self._start = _Transcript.begin(prologue, peer)
         self._ephemeral: _Pair | None = None
         self._written = self._start
 
@@ -156,7 +156,7 @@ class Responder:
     def __init__(self, static: bytes, prologue: bytes, rng: Entropy) -> None:
         self._static = _pair(static)
         self._rng = rng
-        self._start = _Transcript(prologue, self._static.public)
+        self._start = _Transcript.begin(prologue, self._static.public)
         self._accepted: tuple[_Transcript, bytes, bytes] | None = None
 
     def read(self, message: bytes) -> tuple[bytes, bytes]:
@@ -216,16 +216,17 @@ class _Transcript:
 
     __slots__ = ("_chain", "_hash", "_key")
 
-    def __init__(self, prologue: bytes, responder: bytes) -> None:
+    def __init__(self, chain: bytes, hash_: bytes, key: bytes = b"") -> None:
+        self._chain, self._hash, self._key = chain, hash_, key
+
+    @classmethod
+    def begin(cls, prologue: bytes, responder: bytes) -> "_Transcript":
         # NAME is longer than a hash, so both start as its hash; then prologue and pre-message are mixed in (§5.3).
-        self._chain = _hash(NAME)
-        self._hash = _hash(_hash(self._chain + prologue) + responder)
-        self._key = b""
+        chain = _hash(NAME)
+        return cls(chain, _hash(_hash(chain + prologue) + responder))
 
     def copy(self) -> "_Transcript":
-        other = _Transcript.__new__(_Transcript)
-        other._chain, other._hash, other._key = self._chain, self._hash, self._key
-        return other
+        return _Transcript(self._chain, self._hash, self._key)
 
     def mix_ephemeral(self, public: bytes) -> None:
         """Mix an ephemeral public key into hash and key: patterns with a pre-shared key do both (§9.2)."""

@@ -74,8 +74,7 @@ class Scene:
         self.reach_m = reach_m
         self.tissues = front_to_back(tissues)
         self.breaches = 0
-        if any(tissue.depends_on_time for tissue in self.tissues):
-            self.step = self._step_in_time  # type: ignore[method-assign]
+        self._depends_on_time = any(tissue.depends_on_time for tissue in self.tissues)
         self.reset()
 
     def reset(self) -> None:
@@ -98,10 +97,12 @@ class Scene:
         SampleError
             If the position is not finite or has more than one axis; the scene does not change.
         """
-        try:
-            (tip_m,) = sample.position_m
-        except ValueError:
-            tip_m = _checked_tip_m(sample)  # raises
+        position_m = sample.position_m
+        if len(position_m) != 1:
+            raise SampleError(f"position has {axes_of(len(position_m))}; the scene has 1")
+        tip_m = position_m[0]
+        if self._depends_on_time and -LARGEST_COMPONENT <= tip_m <= LARGEST_COMPONENT:
+            self._needle.advance(sample.t_us, tip_m)
         if not self._back_m <= tip_m < self._ahead_m:  # also true of NaN, which _regroup rejects
             self._regroup(sample)
         self._needle.tip_m = tip_m
@@ -144,13 +145,6 @@ class Scene:
             if abs(layer.rest_m - tip_m) <= self.reach_m or (layer.is_felt and layer.rest_m <= tip_m)
         ]
         return tuple(layer.ahead() for layer in sorted(near, key=lambda layer: abs(layer.rest_m - tip_m)))
-
-    def _step_in_time(self, sample: PositionSample) -> ForceSample:
-        """Replace `step` if a tissue depends on time."""
-        position_m = sample.position_m
-        if len(position_m) == 1 and -LARGEST_COMPONENT <= position_m[0] <= LARGEST_COMPONENT:
-            self._needle.advance(sample.t_us, position_m[0])
-        return Scene.step(self, sample)  # raises for any other position
 
     def _breach(self, layer: Layer, tip_m: float) -> float:
         """Pierce `layer` and return its remaining force [N]."""
@@ -195,7 +189,4 @@ class Scene:
 
 
 def _checked_tip_m(sample: PositionSample) -> float:
-    vector = checked_vector(sample.position_m, "position")
-    if len(vector) != Scene.axes:
-        raise SampleError(f"position has {axes_of(len(vector))}; the scene has {Scene.axes}")
-    return vector[0]
+    return checked_vector(sample.position_m, "position")[0]

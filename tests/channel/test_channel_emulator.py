@@ -299,6 +299,7 @@ def test_a_packet_too_large_for_the_queue_still_passes_an_idle_link():
     assert deliveries(emulator) == [(1_250_000, "large")]
 
 
+@pytest.mark.plain
 @pytest.mark.parametrize("spec", ["perfect", "delay=1s,jitter=normal:1ms", "delay=1s,reorder=10%", EVERYTHING])
 def test_an_emulator_that_is_never_emptied_is_bounded_and_counts_drops(monkeypatch, spec):
     monkeypatch.setattr(emulator_module, "MAX_IN_FLIGHT", 25)

@@ -95,8 +95,10 @@ def test_scene_run_follows_recorded_positions(tmp_path):
 
 def test_version_and_help():
     from hapticnet import __version__
+    from hapticnet.compiled import describe_core
 
-    assert hapticnet("--version").stdout.strip() == __version__
+    assert describe_core() in ("plain Python", "compiled core")
+    assert hapticnet("--version").stdout.strip() == f"hapticnet {__version__} ({describe_core()})"
     for verb in ((), ("demo",), ("slave",), ("master",), ("channel",), ("encode",), ("scene",), ("scene", "run")):
         done = hapticnet(*verb, "--help")
         assert done.returncode == 0

@@ -250,6 +250,7 @@ def slope_of(times_us, values) -> tuple[float, ...]:
     return least_squares_slope(Past(times_us, values, 0, len(values) - 1), 0, values[-1])
 
 
+@pytest.mark.plain
 @given(
     st.lists(st.tuples(st.integers(-(10**15), 10**15), st.floats(-1e15, 1e15)), min_size=1, max_size=9),
     st.integers(-(10**17), 10**17),
@@ -263,6 +264,7 @@ def test_the_slope_is_finite_for_all_times_and_depends_on_their_differences_only
         assert slope == 0.0
 
 
+@pytest.mark.plain
 def test_the_slope_is_that_of_a_least_squares_fit():
     rng = np.random.default_rng(1)
     times_us, values = np.sort(rng.integers(0, 10**6, 9)), rng.normal(size=(9, 3))

@@ -127,6 +127,7 @@ def test_a_golomb_rice_code_never_grows_beyond_a_float32_an_axis_but_gives_way_t
         assert len(payload) <= (1 + 4 if payload[0] < ABSOLUTE else 1 + 8 + 4)
 
 
+@pytest.mark.plain
 @every_codec
 def test_over_300_000_samples_encoder_and_decoder_stay_in_step(name):
     codec = make_codec(name, LAW)
@@ -148,6 +149,7 @@ def test_over_300_000_samples_encoder_and_decoder_stay_in_step(name):
     assert exceeded == 0 or name in WITHIN_A_WINDOW_ANYTHING
 
 
+@pytest.mark.plain
 def test_being_out_of_step_by_the_last_bit_is_seen():
     codec = make_codec("deadband", LAW)
     encoder, decoder = codec.encoder(1), codec.decoder(1)

@@ -52,6 +52,7 @@ def spoilt(payload: bytes, other: bytes, rng: np.random.Generator) -> bytes:
     return rng.bytes(rng.integers(40))
 
 
+@pytest.mark.plain
 @every_codec
 @pytest.mark.parametrize("axes", [1, 2, 3])
 @pytest.mark.parametrize("step_n", [0.0, 0.001])

@@ -65,6 +65,7 @@ def test_a_number_in_use_is_not_given_again():
     assert HandMaster(slave, "b", nonce=2).join().session == first + 1
 
 
+@pytest.mark.plain
 def test_a_sealed_session_without_numbers_left_answers_nothing_and_raises_nothing(monkeypatch):
     monkeypatch.setattr(slave_session, "LAST_SEQUENCE", 6)
     slave = make_slave(sealed=True)

@@ -44,6 +44,7 @@ def largest_applied_n(delay_us: int) -> tuple[float, float]:
     return float(np.abs(played.applied).max()), float(forces_n.max())
 
 
+@pytest.mark.plain
 def test_a_stiffness_learned_a_round_trip_ago_does_not_strike(monkeypatch):
     applied_n, true_n = largest_applied_n(25_000)
     assert applied_n <= GROWTH * true_n + MARGIN_N + LAW.threshold_n(GROWTH * true_n)

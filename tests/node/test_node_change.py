@@ -54,6 +54,7 @@ def test_a_change_in_contact_is_not_felt(loopback, change, round_trip_ms, sealed
     assert kinds.count(LinkStale) == (round_trip_ms > 200), "only before the very first force"
 
 
+@pytest.mark.plain
 def test_a_change_whose_first_force_is_lost_is_not_felt(loopback):
     link = loopback(1, forward="delay=110ms", feedback="delay=110ms", settings=MasterSettings(record=True))
     link.master._operator = Still()
@@ -75,6 +76,7 @@ def test_a_change_whose_first_force_is_lost_is_not_felt(loopback):
     assert abs(link.master.recording.table()["held_n"][4000:] - true_n).max() <= 0.1
 
 
+@pytest.mark.plain
 def test_forces_of_the_session_before_count_only_until_the_first_of_the_new_one(loopback):
     link = loopback(1, forward="delay=50ms", feedback="delay=50ms", settings=MasterSettings(record=True))
     link.master._operator = Still()
@@ -136,6 +138,7 @@ def test_positions_and_forces_go_on_while_the_change_is_asked_for(loopback):
     assert link.slave.stations[-1].codec.name == "raw"
 
 
+@pytest.mark.plain
 def test_a_change_that_the_slave_refuses_leaves_the_session_as_it_was(loopback, monkeypatch):
     link = loopback(1)
     link.run(SECOND)

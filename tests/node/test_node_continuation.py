@@ -258,6 +258,7 @@ def test_a_continuing_session_needs_no_second_place(sealed):
     assert [station.session.number for station in slave.stations] == [second.session]
 
 
+@pytest.mark.plain
 def test_a_chain_of_sessions_does_not_stay_in_memory(slave, sealed):
     stations = WeakSet()
     last = master(slave, sealed, 1).work()

@@ -123,6 +123,7 @@ def test_a_running_master_may_change_its_codec_while_the_slave_waits(sealed):
     assert link.master.codec.name == "raw"
 
 
+@pytest.mark.plain
 def test_a_thousand_masters_are_told_a_few_at_a_time():
     """Telling all of them at once would hold up the forces of each."""
     slave = make_slave()

@@ -157,6 +157,7 @@ def test_a_codec_whose_payload_fits_into_no_datagram_ends_its_session(loopback, 
     assert link.slave.stations == ()
 
 
+@pytest.mark.plain
 def test_a_scene_whose_force_is_not_a_number_ends_its_session(loopback):
     link = loopback(1)
     link.run(SECOND // 2)

@@ -82,6 +82,7 @@ def test_what_is_kept_is_bounded(loopback):
     assert len(link.master.report()["in_force"]) == CHANGES_KEPT
 
 
+@pytest.mark.plain
 def test_passivity_control_uses_the_floor_in_force(loopback, monkeypatch):
     made = []
     limit = PassivityController.limit

@@ -79,6 +79,7 @@ class Thief(noise.Initiator):
         self._static_shared = noise._shared_secret(noise._pair(SLAVE.private), SURGEON.public)
 
 
+@pytest.mark.plain
 def test_a_thief_of_the_slaves_key_forges_a_request_but_can_prove_no_session(tap):
     nonce = 7
     attempt = SealedAttempt(REQUEST, nonce, 0, MasterKey(STUDENT, SLAVE.public), tap.rng)

@@ -151,6 +151,7 @@ def test_a_lost_update_is_repaired_within_a_few_round_trips_though_nothing_chang
     assert link.master.held_force_n(link.now_us)[0] == pytest.approx(true_n)
 
 
+@pytest.mark.plain
 def test_a_late_hello_does_not_make_the_finger_deaf(loopback, sealed):
     link = loopback(1, insertions=2, sealed=sealed)
     sent = []
@@ -264,6 +265,7 @@ def test_the_granted_rate_is_kept_when_it_is_lower_than_what_was_asked_for(loopb
     assert link.slave.stations[0].steps == pytest.approx(5_000, rel=0.01)
 
 
+@pytest.mark.plain
 def test_a_codec_that_the_slave_does_not_have_is_refused_with_what_there_is(loopback, monkeypatch, sealed):
     def nothing(name, *_):
         raise SettingsError(f"unknown codec {name!r}; there are: none")

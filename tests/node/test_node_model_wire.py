@@ -154,6 +154,7 @@ def test_a_flood_of_old_models_is_played_no_more_of_the_past_between_two_positio
         assert played() <= MOST_PLAYED + 2 * 9, "and one more for the model that is applied"
 
 
+@pytest.mark.plain
 def test_a_model_that_is_caught_up_later_renders_what_it_would_have_rendered_at_once(monkeypatch):
     late, payload = passed(), pack_model(FULL, 1)
     late.decode(100_000, payload)

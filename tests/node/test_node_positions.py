@@ -80,7 +80,7 @@ def felt_and_true(loop, scene):
     table = loop.master.recording.table()
     touched = Scene(scene)
     true_n = [
-        touched.step(PositionSample(t_us, single((tip_m,)))).force_n[0]
+        touched.step(PositionSample(int(t_us), single((tip_m,)))).force_n[0]
         for t_us, tip_m in zip(table["t_us"].tolist(), table["position_m"].tolist(), strict=True)
     ]
     # What arrives in answer to a tick drives the device in the next one.

@@ -110,6 +110,7 @@ def test_every_parameter_of_every_codec_is_checked(name):
             use(master, now_us)
 
 
+@pytest.mark.plain
 @pytest.mark.parametrize("field", NUMBERS_OF_GRANT)
 def test_a_grant_is_used_or_counted_as_malformed(field, sealed):
     for value in EDGES:

@@ -184,6 +184,7 @@ def test_the_same_hello_gets_the_same_welcome_and_another_one_a_new_session(seal
     assert len(slave.stations) == 2
 
 
+@pytest.mark.plain
 def test_a_copied_hello_costs_a_hash_and_nothing_else(sealed):
     slave = make_slave(sealed=sealed)
     master = HandMaster(slave, sealed=sealed).work()
@@ -229,6 +230,7 @@ def test_all_hosts_together_are_heard_so_often(sealed):
     assert slave.report()["throttled"] == 300 - ALL_REQUESTS_AT_ONCE
 
 
+@pytest.mark.plain
 def test_memory_for_proved_addresses_is_bounded(sealed, monkeypatch):
     monkeypatch.setattr(reception.Reception, "read", counting_read(reads := [], reception.Reception.read))
     slave = make_slave(sealed=sealed, session=SessionSettings(most_sessions=8))

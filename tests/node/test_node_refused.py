@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import msgpack
+import pytest
 
 from hapticnet.errors import PeerError
 from hapticnet.protocol.mac import hello_mac
@@ -96,6 +97,7 @@ def give(attempt, request):
         attempt._mac = hello_mac(SLAVE.public, attempt.nonce, 0, attempt._noise1)
 
 
+@pytest.mark.plain
 def test_grants_are_taken_or_dropped(sealed):
     for case in VECTORS["grants"]:
         master = make_master(sealed=sealed)

@@ -53,6 +53,7 @@ def silences_us(link, from_us):
     return np.diff(stepped[stepped >= from_us]).max()
 
 
+@pytest.mark.plain
 def test_a_sealed_session_follows_its_master_to_another_address(loopback):
     link = moving(loopback, sealed=True)
     link.run(SECOND)
@@ -66,6 +67,7 @@ def test_a_sealed_session_follows_its_master_to_another_address(loopback):
     assert link.master.report()["received"]["lost"] <= 1 + 20
 
 
+@pytest.mark.plain
 def test_an_open_session_is_replaced_after_a_new_port_and_the_scene_goes_on(loopback):
     link = moving(loopback, sealed=False)
     link.run(2_500_000)
@@ -112,6 +114,7 @@ def test_a_close_from_a_new_address_is_answered_there():
     assert slave.stations == ()
 
 
+@pytest.mark.plain
 @pytest.mark.parametrize("network", ["perfect", "delay=20ms,jitter=normal:5ms,order=free,loss=10%,duplicate=5%"])
 def test_a_long_session_changes_its_keys_many_times_and_every_datagram_opens(loopback, monkeypatch, network):
     monkeypatch.setattr(seal, "EPOCH_BITS", 6)
@@ -127,6 +130,7 @@ def test_a_long_session_changes_its_keys_many_times_and_every_datagram_opens(loo
     assert station.scene.breaches > 3
 
 
+@pytest.mark.plain
 def test_a_pause_of_more_than_an_epoch_needs_a_new_session_and_gets_one(loopback, monkeypatch):
     """A receiver opens the next epoch only: what is further away cannot be told from a forgery."""
     monkeypatch.setattr(seal, "EPOCH_BITS", 6)

@@ -219,6 +219,7 @@ def test_a_sealed_session_feels_as_an_open_one_and_costs_16_bytes_a_datagram():
         assert abs(one["payload_bytes"] - other["payload_bytes"] - 16 * data) <= 80 * handshake
 
 
+@pytest.mark.plain
 def test_a_session_whose_numbers_run_out_continues_in_a_new_one(monkeypatch):
     monkeypatch.setattr(master_stream, "LAST_SEQUENCE", master_stream.RECENT + 300)
     pair = loopback()

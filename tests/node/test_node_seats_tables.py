@@ -193,6 +193,7 @@ class History:
         self.table.remove(station)
 
 
+@pytest.mark.plain
 @pytest.mark.parametrize("seed", range(12))
 def test_the_tables_decide_as_a_look_at_every_session(monkeypatch, seed):
     monkeypatch.setattr(seats, "MOST_HALF_OPEN", MOST)

@@ -39,6 +39,7 @@ def test_a_link_beyond_it_is_named_and_neither_felt_nor_asked_for_again_and_agai
     assert link.master.held_force_n(20 * SECOND)[0] == 0.0
 
 
+@pytest.mark.plain
 def test_copies_of_an_old_answer_do_not_pass_for_a_slow_link(loopback):
     link, _ = play(loopback, 2, seconds=1)
     kept = []

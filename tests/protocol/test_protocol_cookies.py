@@ -55,6 +55,7 @@ def test_each_generation_and_each_slave_has_a_secret_of_its_own(jar):
     assert len(set(cookies)) == 21
 
 
+@pytest.mark.plain
 def test_a_jar_keeps_nothing_for_an_address(jar):
     for nonce in range(1000):
         jar.make(f"address {nonce}".encode(), nonce, 0)

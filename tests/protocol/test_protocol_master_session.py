@@ -112,6 +112,7 @@ def test_a_keepalive_confirms_the_hold_only_when_nothing_newer_was_sent(sealed):
     assert events_of(session) == [], "FORCE 3 was lost: what is held is not confirmed"
 
 
+@pytest.mark.plain
 def test_the_session_of_a_grant_counts_and_not_that_of_its_frame(sealed):
     session = new_session(sealed)
     slave = HandSlave(session, sealed=sealed)
@@ -272,6 +273,7 @@ def test_a_master_that_closes_before_it_is_connected_sends_nothing_more(sealed):
     assert session.datagrams_to_send() == []
 
 
+@pytest.mark.plain
 def test_a_sealed_master_without_numbers_left_sends_nothing_under_the_old_key(monkeypatch):
     last = master_stream.RECENT + 5
     monkeypatch.setattr(master_stream, "LAST_SEQUENCE", last)

@@ -140,6 +140,7 @@ def test_a_step_evaluates_only_the_layers_the_needle_is_in(declared: dict[str, f
     assert calls(3) == calls(2_000)
 
 
+@pytest.mark.plain
 def test_a_step_costs_less_with_fewer_properties() -> None:
     def calls(**declared: float) -> int:
         scene = Scene([tissue(**declared)])

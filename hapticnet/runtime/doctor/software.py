@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final, NamedTuple
 
+from hapticnet.compiled import describe_core
 from hapticnet.runtime.doctor.finding import Finding, Step, Topic, Verdict
 from hapticnet.runtime.doctor.machine import Machine, Ran, scratch_folder
 from hapticnet.runtime.interpreter import python_command
@@ -81,6 +82,7 @@ def examine_software(machine: Machine) -> list[Finding]:
     debug = hasattr(sys, "gettotalrefcount")
     return [
         judge_python(sys.version_info[:3], platform.python_implementation(), debug=debug),
+        Topic(SUBJECT, "core", "Core of hapticnet", {"core": describe_core()}).ok(describe_core()),
         judge_packages({name: packages.get(name, Package(None)) for name in PACKAGES}),
         judge_loop(packages.get(LOOP, Package(None))),
         *(judge_extra(extra, packages.get(EXTRAS[extra][0], Package(None))) for extra in EXTRAS),
