@@ -16,7 +16,7 @@ from tests.ready import hapticnet
 
 ANY_PORT = "127.0.0.1:0"
 LAW = {"weber": "weber_fraction", "floor": "floor_n"}
-OF_A_PROCESS = {"duration", "stream", "metrics", "real_time", "json", "report", "quiet", "config", "log_json"}
+OF_A_PROCESS = {"duration", "metrics", "real_time", "json", "report", "quiet", "config", "log_json"}
 OF_A_FILE = {
     "force_column": "columns", "time_column": "time", "position_column": "position", "sampling_rate": "rate_hz",
     "max_size": "max_bytes",

@@ -50,7 +50,7 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
         "hapticnet master --connect 192.0.2.7:47800 --peer-key KEY --device serial:auto --profile device.toml",
         "hapticnet master --operator trace:hand.csv --device none --json >report.json",
         "hapticnet master --law study/participants/03.toml",
-        "hapticnet master --stream 127.0.0.1:9870 --metrics 127.0.0.1:9464",
+        "hapticnet master --metrics 127.0.0.1:9464",
         "HAPTICNET_MASTER_CODEC=raw hapticnet master --config rig.toml",
     ),
     ("channel",): (

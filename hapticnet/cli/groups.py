@@ -33,7 +33,7 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {
         "trials", "experiments", "margin", "motions", "repeats", "shard", "dry-run",
     ),
     "Recording": ("record", "record-dir", "record-format", "record-limit"),
-    "Page and monitoring": ("page", "stream", "metrics"),
+    "Page and monitoring": ("page", "metrics"),
     "Tables and plots": (
         "by", "of", "quantiles", "where", "csv", "latex", "plot", "plot-dir", "plot-format", "plots", "x", "y", "line",
         "panel", "signal", "window",

@@ -82,7 +82,6 @@ def master(
         typer.Option(metavar="FILE", help="Record every tick, datagram and event in FILE: .mcap, .csv or .npz."),
     ] = None,
     record_limit: options.RecordLimit = options.RECORD_LIMIT,
-    stream: options.StreamOption = None,
     metrics: options.MetricsOption = None,
     real_time: options.RealTime = True,
     json: options.Json = False,
@@ -224,7 +223,7 @@ def master(
         watchers: list[Watcher[NodeEvent]] = [messages, *hand.watchers]
         if served is not None:
             watchers += served.watchers(node, hand.operator, operator, device, str(address), channels, emulators)
-        watchers += watch_master(node, console, overload, stream=stream, metrics=metrics)
+        watchers += watch_master(node, console, overload, metrics=metrics)
         if record is not None:
             about = {"seed": seed, "operator": operator, "device": device, "provenance": provenance()}
             recording = MasterRecording(node, record, console.warn, limit_bytes=record_limit, about=about)

@@ -93,14 +93,6 @@ Json: TypeAlias = Annotated[bool, typer.Option(help="Print the report as JSON on
 Report: TypeAlias = Annotated[Path | None, typer.Option(metavar="FILE", help="Write the report to FILE as JSON too.")]
 Overwrite: TypeAlias = Annotated[bool, typer.Option(help="Overwrite files that exist.")]
 Quiet: TypeAlias = Annotated[bool, typer.Option("--quiet/--no-quiet", "-q", help="Print only errors and the report.")]
-StreamOption: TypeAlias = Annotated[
-    str | None,
-    typer.Option(
-        "--stream",
-        metavar="HOST:PORT",
-        help="Send every sample as JSON to PlotJuggler's UDP server at this address; its port is 9870.",
-    ),
-]
 MetricsOption: TypeAlias = Annotated[
     str | None,
     typer.Option(

@@ -69,7 +69,6 @@ class SlaveOptions:
     record_dir: Path | None
     record_format: str
     record_limit: int
-    stream: str | None
     metrics: str | None
     real_time: bool
     json: bool
@@ -111,7 +110,7 @@ def serve(options: SlaveOptions) -> None:
         console.warn(line)
     scheduling = prefer_realtime() if options.real_time else OTHER
     overload = Overload(scheduling, console.warn)
-    watchers += watch_slave(node, console, overload, stream=options.stream, metrics=options.metrics)
+    watchers += watch_slave(node, console, overload, metrics=options.metrics)
     before = terminals()
 
     def on_hangup() -> None:

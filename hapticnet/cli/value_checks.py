@@ -86,7 +86,6 @@ def scheduler(text: str) -> None:
 
 CHECKS: Final[dict[str, Callable[[Any], None]]] = {
     "connect": address,
-    "stream": address,
     "listen": own_address,
     "metrics": own_address,
     "page": page,

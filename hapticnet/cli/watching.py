@@ -1,4 +1,4 @@
-"""The watchers that ``--stream``, ``--metrics`` and systemd add to a master or a slave."""
+"""The watchers that ``--metrics`` and systemd add to a master or a slave."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def watch_master(
-    node: "MasterNode", console: "Console", overload: "Overload", *, stream: str | None, metrics: str | None
+    node: "MasterNode", console: "Console", overload: "Overload", *, metrics: str | None
 ) -> "list[Watcher[NodeEvent]]":
     """Return what looks on at a master for other programs.
 
@@ -27,24 +27,22 @@ def watch_master(
     """
     from hapticnet.cli.master_messages import status
     from hapticnet.runtime.metrics import MasterMetrics
-    from hapticnet.runtime.stream import MasterStream
 
     return [
-        *_watch(MasterStream, MasterMetrics, node, console, overload, stream, metrics),
+        *_watch(MasterMetrics, node, console, overload, metrics),
         *_notifiers(lambda: status(node)),
     ]
 
 
 def watch_slave(
-    node: "SlaveNode", console: "Console", overload: "Overload", *, stream: str | None, metrics: str | None
+    node: "SlaveNode", console: "Console", overload: "Overload", *, metrics: str | None
 ) -> "list[Watcher[SlaveEvent]]":
     """Return what looks on at a slave for other programs; raise as `watch_master` does."""
     from hapticnet.cli.slave_messages import status
     from hapticnet.runtime.metrics import SlaveMetrics
-    from hapticnet.runtime.stream import SlaveStream
 
     return [
-        *_watch(SlaveStream, SlaveMetrics, node, console, overload, stream, metrics),
+        *_watch(SlaveMetrics, node, console, overload, metrics),
         *_notifiers(lambda: status(node), lambda: node.draining),
     ]
 
@@ -57,21 +55,16 @@ def _notifiers(status: Callable[[], str], stopping: Callable[[], bool] = lambda:
 
 
 def _watch(
-    make_stream: Any,
     make_metrics: Any,
     node: Any,
     console: "Console",
     overload: "Overload",
-    stream: str | None,
     metrics: str | None,
 ) -> list[Any]:
     from hapticnet.runtime.udp import parse_host_port
 
-    watchers = []
-    if stream is not None:
-        watchers.append(make_stream(node, parse_host_port(stream), console.warn, console.fault))
-    if metrics is not None:
-        served = make_metrics(node, parse_host_port(metrics, lowest_port=0), overload, console.fault)
-        console.say(f"metrics on http://{served.address}/metrics")
-        watchers.append(served)
-    return watchers
+    if metrics is None:
+        return []
+    served = make_metrics(node, parse_host_port(metrics, lowest_port=0), overload, console.fault)
+    console.say(f"metrics on http://{served.address}/metrics")
+    return [served]

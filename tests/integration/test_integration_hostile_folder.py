@@ -77,7 +77,7 @@ def test_the_processes_beside_a_master_and_a_slave_do_their_work(hostile):
         try:
             address = line_with(r"listening on (\S+),", said)[1]
             metrics = line_with(r"http://\S+/metrics", said)[0]
-            play = ("--no-real-time", "--record", "run.npz", "--stream", "127.0.0.1:9", "--duration", "1")
+            play = ("--no-real-time", "--record", "run.npz", "--duration", "1")
             run("master", "--connect", address, *play)
             figures = ""
             deadline = time.monotonic() + PATIENCE_S

@@ -1,29 +1,17 @@
-"""``--stream``, ``--metrics`` and ``--log-json`` of real processes."""
+"""``--metrics`` and ``--log-json`` of real processes."""
 
 import json
 import signal
 import socket
 import urllib.request
 
-import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 FAST = ("--no-real-time", "--device", "none")
 
 
-@pytest.fixture
-def plotjuggler():
-    """Return a socket in the place of PlotJuggler's UDP server."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
-        sock.bind(("127.0.0.1", 0))
-        sock.settimeout(0.5)
-        yield sock
-
-
-def test_both_sides_stream_every_sample_and_serve_metrics_and_log_json(start, plotjuggler):
-    target = f"127.0.0.1:{plotjuggler.getsockname()[1]}"
-    watched = ("--stream", target, "--metrics", "127.0.0.1:0", "--log-json", "--json", "--rate", "200")
+def test_both_sides_serve_metrics_and_log_json(start):
+    watched = ("--metrics", "127.0.0.1:0", "--log-json", "--json", "--rate", "200")
     server = start("slave", "--listen", "127.0.0.1:0", "--scene", "paper:1", *watched[:-2], "--no-real-time")
     address = server.wait_for(r"listening on ([\d.]+:\d+)").group(1)
     master = start("master", "--connect", address, "--name", "left", "--duration", "2", *watched, *FAST)
@@ -37,20 +25,6 @@ def test_both_sides_stream_every_sample_and_serve_metrics_and_log_json(start, pl
         assert {"hapticnet_datagrams", "hapticnet_events", "process_cpu_seconds"} <= families
     assert master.process.wait(30) == 0, master.said()
     assert server.end(signal.SIGTERM) == 0, server.said()
-    messages = []
-    try:
-        while True:
-            messages.append(json.loads(plotjuggler.recv(4096)))
-    except TimeoutError:
-        pass
-    ticks = [message for message in messages if "left" in message]
-    steps = [message for message in messages if "slave" in message]
-    account = master.report()
-    assert account["ticks"] - 20 <= len(ticks) <= account["ticks"]
-    assert 0.9 * server.report()["sessions"][0]["steps"] <= len(steps)
-    stamps = [message["timestamp"] for message in ticks]
-    assert stamps == sorted(stamps)
-    assert set(steps[0]["slave"]["left"]) == {"position_m", "force_n", "held_n", "transmitted"}
     lines = [json.loads(line) for line in master.said().splitlines()]
     assert {"level", "time", "source", "message"} <= set.intersection(*map(set, lines))
     assert "Connected" in [line.get("event") for line in lines]
