@@ -51,7 +51,6 @@ PLAIN_FILES: Final = {
     "hapticnet/scene/config.py": "models of pydantic",
     "hapticnet/scene/presets.py": "models of pydantic",
     "hapticnet/codec/recording.py": "numba compiles what it calls",
-    "hapticnet/codec/threshold_sweep.py": "numba compiles it",
 }
 EXTENSIONS: Final = ("*__mypyc*.so", "hapticnet/**/*.so")
 OPTIMISATION: Final = os.environ.get("HAPTICNET_OPTIMISATION", "3")

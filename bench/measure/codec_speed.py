@@ -1,4 +1,4 @@
-"""Measure the speed of every codec, compiled and streaming, beside plain C loops in the same run; sweep thresholds."""
+"""Measure the speed of every codec, compiled and streaming, beside plain C loops in the same run."""
 
 import argparse
 import sys
@@ -16,16 +16,12 @@ from hapticnet.codec import recording
 from hapticnet.codec.base import Codec
 from hapticnet.codec.registry import CODECS
 from hapticnet.codec.schemes.deadband import Deadband
-from hapticnet.codec.threshold_sweep import sweep_deadband
 from hapticnet.compiled import fast_extra_installed
 from hapticnet.experiment.paper_force import paper_recording
-from hapticnet.perception import WeberLaw
 
 SENT_FRACTIONS = (0.01, 0.1, 0.4)
 STREAMED = 200_000
 COMPARED = 20_000
-SWEPT_LAWS = 64
-SWEPT = 1_000_000
 
 
 def measure(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -39,12 +35,10 @@ def measure(arguments: argparse.Namespace) -> dict[str, Any]:
     for row in codecs:
         array = f"{row['fast']:.1f} Msamples/s as an array, {row['c']:.1f} in C" if row["c"] else "no C loop"
         print(f"{row['codec']:22} {row['walk_ns']:6.0f} ns a sample in a stream, {array}", file=sys.stderr)
-    swept = measure_sweep(signals[0.1][:SWEPT], repetitions)
     return {
         "samples": samples,
         "rows": rows,
         "codecs": codecs,
-        "sweep": {"laws": SWEPT_LAWS, "samples": min(samples, SWEPT), "m_sample_parameters_per_s": swept},
     }
 
 
@@ -151,14 +145,6 @@ def stream_ns(codec: Codec, axes: list[Array], repetitions: int, position_m: Arr
             reconstruct(t_us, position)
         fastest = min(fastest, time.perf_counter() - started)
     return 1e9 * fastest / len(samples)
-
-
-def measure_sweep(stimuli: Array, repetitions: int) -> float:
-    """Return million samples times laws a second."""
-    laws = [WeberLaw(multiplier=multiplier) for multiplier in np.geomspace(0.25, 16.0, SWEPT_LAWS).tolist()]
-    sweep_deadband(stimuli, laws)  # compile, or load from the cache
-    speed, _ = best({"sweep": lambda: len(sweep_deadband(stimuli, laws).packets)}, len(stimuli), repetitions)
-    return SWEPT_LAWS * speed["sweep"]
 
 
 def main() -> None:

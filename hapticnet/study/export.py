@@ -1,11 +1,9 @@
-"""Copies of a study's data in the forms that others expect: BIDS and Psych-DS. Both are renames; no value changes."""
+"""A copy of a study's data as BIDS: columns are renamed; no value changes."""
 
-import csv
-import io
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 from hapticnet.errors import SettingsError
 from hapticnet.files import make_folder, replacing
@@ -26,10 +24,8 @@ TITLES: Final = {
 BIDS_NAMES: Final = {"onset_s": "onset", "duration_s": "duration", "response_time_s": "response_time"}
 """Columns to which BIDS gives another name; the others have the name of the row's attribute."""
 
-Form = Literal["bids", "psych-ds"]
 
-
-def export(source: Path, target: Path, form: Form, *, name: str, people: str = "") -> list[Path]:
+def export(source: Path, target: Path, *, name: str, people: str = "") -> list[Path]:
     """Write the data of a study to a new folder; return the files.
 
     Parameters
@@ -65,10 +61,8 @@ def export(source: Path, target: Path, form: Form, *, name: str, people: str = "
             for row in store.read_rows(file, TASKS[task]):
                 rows.setdefault((task, row.participant, row.session), []).append(row)
     observers = sorted({row.observer for own in rows.values() for row in own if row.observer})
-    files_of = _bids if form == "bids" else _psych_ds
-    texts = files_of(
-        rows, _describe(name, observers), [each.strip() for each in people.split(";") if each.strip()], source
-    )
+    authors = [each.strip() for each in people.split(";") if each.strip()]
+    texts = _bids(rows, _describe(name, observers), authors, source)
     written = []
     for path, text in texts.items():
         file = target / path
@@ -151,34 +145,6 @@ def _bids(
     return texts
 
 
-def _psych_ds(
-    rows: Mapping[tuple[str, str, int], Sequence[Row]], told: tuple[str, str], authors: Sequence[str], source: Path
-) -> dict[str, str]:
-    name, description = told
-    described: dict[str, dict[str, Any]] = {}
-    texts: dict[str, str] = {}
-    for (task, person, session), own in sorted(rows.items()):
-        kind = TASKS[task]
-        names = {attribute: column for column, attribute in columns(kind).items()}
-        buffer = io.StringIO()
-        writer = csv.writer(buffer, lineterminator="\n")
-        writer.writerow(names)
-        writer.writerows([row[column] for column in names.values()] for row in map(row_cells, own))
-        texts[f"data/subject-{person}_session-{session}_task-{task}_data.csv"] = buffer.getvalue()
-        for attribute, column in names.items():
-            described.setdefault(attribute, {"name": attribute, **_property(sidecar(kind, {})[column])})
-    dataset: dict[str, Any] = {
-        "@context": "https://schema.org/",
-        "@type": "Dataset",
-        "name": name,
-        "description": f"{description} Source: {source.resolve().name}.",
-        "variableMeasured": [{"@type": "PropertyValue", **each} for each in described.values()],
-    }
-    if authors:
-        dataset["author"] = [{"@type": "Person", "name": each} for each in authors]
-    return {"dataset_description.json": _json(dataset), "README.md": _readme(name, description), **texts}
-
-
 def row_cells(row: Row) -> dict[str, str]:
     """Return the cells of a row as they stand in its table, by column."""
     return dict(zip(columns(type(row)), to_line(row).rstrip("\n").split("\t"), strict=True))
@@ -189,13 +155,6 @@ def _bids_order(kind: type[Row]) -> list[str]:
     attributes = list(columns(kind).values())
     first = ["onset_s", "duration_s"]
     return first + [each for each in attributes if each not in first]
-
-
-def _property(described: Mapping[str, Any]) -> dict[str, str]:
-    found = {"description": described["Description"]}
-    if "Units" in described:
-        found["unitText"] = described["Units"]
-    return found
 
 
 def _readme(name: str, description: str) -> str:

@@ -1,4 +1,4 @@
-"""Models of single answers, for those who expect one: GEE and an ANOVA. They need statsmodels.
+"""Models of single answers, for those who expect one: GEE. It needs statsmodels.
 
 There is no mixed model: the intervals of statsmodels' variational fit are much too narrow with few participants,
 because they neglect what the random effects leave open.
@@ -28,9 +28,9 @@ class Effect:
     model
         Name of the model.
     condition, reference
-        The two conditions that are compared; for the ANOVA "conditions" and "".
+        The two conditions that are compared.
     log_odds, low, high
-        Difference of the log odds of a correct order, with its 95 % interval; NaN for the ANOVA.
+        Difference of the log odds of a correct order, with its 95 % interval.
     probability
         Two-sided probability.
     note
@@ -50,7 +50,6 @@ class Effect:
 GEE_NOTE: Final = (
     "logit, exchangeable correlation within participants, bias-reduced errors (Mancl & DeRouen 2001), Student's t"
 )
-ANOVA_NOTE: Final = "commonly asked for; shares near the ceiling violate its assumptions. The paper made none"
 
 
 def fit_models(trials: Sequence[OrderRow], conditions: Sequence[str]) -> list[Effect]:
@@ -87,8 +86,7 @@ def fit_models(trials: Sequence[OrderRow], conditions: Sequence[str]) -> list[Ef
             for condition, values in zip(conditions[1:], effects, strict=True)
             if all(math.isfinite(value) for value in values.values())
         ]
-    anova = _anova(trials, conditions, people)
-    return found + ([anova] if anova else [])
+    return found
 
 
 def _gee(correct: Any, design: Any, groups: Any) -> list[dict[str, float]]:
@@ -110,35 +108,3 @@ def _gee(correct: Any, design: Any, groups: Any) -> list[dict[str, float]]:
         }
         for index in range(1, design.shape[1])
     ]
-
-
-def _anova(trials: Sequence[OrderRow], conditions: Sequence[str], people: Sequence[str]) -> Effect | None:
-    """Return a repeated-measures ANOVA of the shares; None unless every participant has every condition."""
-    shares = np.full((len(people), len(conditions)), np.nan)
-    for row, person in enumerate(people):
-        for column, name in enumerate(conditions):
-            own = [each.correct or 0 for each in trials if each.participant == person and each.condition == name]
-            if own:
-                shares[row, column] = np.mean(own)
-    if not np.isfinite(shares).all():
-        return None
-    from scipy.stats import f
-
-    between, within = len(conditions) - 1, (len(conditions) - 1) * (len(people) - 1)
-    grand = shares.mean()
-    effect = len(people) * float(((shares.mean(axis=0) - grand) ** 2).sum())
-    rest = shares - shares.mean(axis=0) - shares.mean(axis=1, keepdims=True) + grand
-    error = float((rest**2).sum())
-    if error <= 0.0:
-        return None
-    ratio = (effect / between) / (error / within)
-    return Effect(
-        model="repeated-measures ANOVA",
-        condition=f"F({between}, {within}) = {ratio:.2f}",
-        reference="",
-        log_odds=math.nan,
-        low=math.nan,
-        high=math.nan,
-        probability=float(f.sf(ratio, between, within)),
-        note=ANOVA_NOTE,
-    )

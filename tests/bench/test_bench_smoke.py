@@ -94,7 +94,6 @@ def test_codec_speed_measures_every_way_on_the_same_signal(measured):
     assert all(min(row["walk_ns"], row["paper_ns"]) > 0.0 for row in results["codecs"])
     without_twin = {row["codec"] for row in results["codecs"] if not row["c"]}
     assert not without_twin & {"deadband", "linear-predictive", "adaptive-predictive", "motion-predictive"}
-    assert results["sweep"]["m_sample_parameters_per_s"] > 0.0
 
 
 def test_real_time_measures_hapticnet_beside_its_limits(measured):

@@ -271,9 +271,7 @@ def test_a_design_that_cannot_be_is_one_line(run, options, told):
     assert len(done.stderr.splitlines()) == 1
 
 
-def test_export_writes_both_forms_and_asks_for_one(run, study, tmp_path):
-    done = run("experiment", "export", study, "--bids", tmp_path / "bids", "--psych-ds", tmp_path / "ds")
+def test_export_writes_bids(run, study, tmp_path):
+    done = run("experiment", "export", study, "--bids", tmp_path / "bids")
     assert done.returncode == 0
     assert (tmp_path / "bids" / "participants.tsv").exists()
-    assert (tmp_path / "ds" / "dataset_description.json").exists()
-    assert "--bids DIR or --psych-ds DIR" in run("experiment", "export", study).stderr

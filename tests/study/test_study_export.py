@@ -1,4 +1,4 @@
-"""Copies of the data as BIDS and Psych-DS: the structure that the validators ask for, and no changed value."""
+"""A copy of the data as BIDS: the structure that the validator asks for, and no changed value."""
 
 import csv
 import dataclasses
@@ -9,7 +9,7 @@ import pytest
 
 from hapticnet.errors import FileError, SettingsError
 from hapticnet.study.export import export
-from hapticnet.study.rows import LimitsRow, OrderRow, columns, header, to_line
+from hapticnet.study.rows import LimitsRow, OrderRow, header, to_line
 from tests.study.made import rows
 
 BIDS_NAME = re.compile(r"sub-(\w+)/ses-(\w+)/beh/sub-\1_ses-\2_task-(order|limits)_events\.(tsv|json)")
@@ -45,7 +45,7 @@ def table(file, delimiter="\t"):
 
 def test_bids_has_a_table_with_a_sidecar_for_each_session(study, tmp_path):
     before = tree(study)
-    written = export(study, tmp_path / "bids", "bids", name="trial run", people="A. Author; B. Author")
+    written = export(study, tmp_path / "bids", name="trial run", people="A. Author; B. Author")
     files = tree(tmp_path / "bids")
     assert set(files) == {str(file.relative_to(tmp_path / "bids")) for file in written}
     assert set(files) >= TOP | {"participants.tsv", "participants.json"}
@@ -68,7 +68,7 @@ def test_bids_has_a_table_with_a_sidecar_for_each_session(study, tmp_path):
 
 
 def test_bids_describes_the_data_set_and_says_that_it_is_simulated(study, tmp_path):
-    export(study, tmp_path / "bids", "bids", name="trial run", people="A. Author; B. Author")
+    export(study, tmp_path / "bids", name="trial run", people="A. Author; B. Author")
     described = json.loads((tmp_path / "bids" / "dataset_description.json").read_text())
     assert described["Name"] == "trial run (simulated)"
     assert described["Authors"] == ["A. Author", "B. Author"]
@@ -80,50 +80,31 @@ def test_bids_describes_the_data_set_and_says_that_it_is_simulated(study, tmp_pa
 
 
 def test_no_value_changes_on_the_way_to_bids(study, tmp_path):
-    export(study, tmp_path / "bids", "bids", name="x")
+    export(study, tmp_path / "bids", name="x")
     before = table(study / "sub-02" / "ses-1" / "order" / "order.tsv")
     after = table(tmp_path / "bids/sub-02/ses-1/beh/sub-02_ses-1_task-order_events.tsv")
     assert len(before) == len(after)
     assert [sorted(row.values()) for row in before] == [sorted(row.values()) for row in after]
 
 
-def test_psych_ds_describes_every_column_and_names_files_by_keywords(study, tmp_path):
-    export(study, tmp_path / "ds", "psych-ds", name="trial run", people="A. Author")
-    files = tree(tmp_path / "ds")
-    data = set(files) - TOP
-    assert len(data) == 3
-    assert all(PSYCH_DS_NAME.fullmatch(name) for name in data)
-    described = json.loads(files["dataset_description.json"].read_text())
-    assert described["@context"] == "https://schema.org/"
-    assert described["@type"] == "Dataset"
-    assert described["name"] == "trial run (simulated)"
-    assert "SIMULATED" in described["description"]
-    variables = [each["name"] for each in described["variableMeasured"]]
-    assert len(variables) == len(set(variables))
-    heads = {column for name in data for column in table(files[name], ",")[0]}
-    assert heads == set(variables) == set(columns(OrderRow).values()) | set(columns(LimitsRow).values())
-
-
 def test_data_of_people_are_not_called_simulated(tmp_path):
     study = tmp_path / "study"
     study.mkdir()
     (study / "order.tsv").write_text(header(OrderRow) + "".join(map(to_line, rows(people=1, simulated=False))))
-    for form in ("bids", "psych-ds"):
-        export(study, tmp_path / form, form, name="people")
-        described = json.loads((tmp_path / form / "dataset_description.json").read_text())
-        assert described["Name" if form == "bids" else "name"] == "people"
-        told = (tmp_path / form / "README.md").read_text() + described.get("description", "")
-        assert "simulated" not in told.lower()
+    export(study, tmp_path / "bids", name="people")
+    described = json.loads((tmp_path / "bids" / "dataset_description.json").read_text())
+    assert described["Name"] == "people"
+    assert "simulated" not in (tmp_path / "bids" / "README.md").read_text().lower()
 
 
 def test_an_export_never_overwrites_and_needs_data(study, tmp_path):
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "mine.txt").write_text("kept")
     with pytest.raises(SettingsError, match="is not empty; choose a new folder"):
-        export(study, tmp_path / "full", "bids", name="x")
+        export(study, tmp_path / "full", name="x")
     (tmp_path / "none").mkdir()
     with pytest.raises(SettingsError, match="has no tables of a study"):
-        export(tmp_path / "none", tmp_path / "new", "bids", name="x")
+        export(tmp_path / "none", tmp_path / "new", name="x")
     with pytest.raises(FileError, match="no such folder"):
-        export(tmp_path / "absent", tmp_path / "new", "bids", name="x")
+        export(tmp_path / "absent", tmp_path / "new", name="x")
     assert not (tmp_path / "new").exists()

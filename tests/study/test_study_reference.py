@@ -1,11 +1,9 @@
 """Statistics beside those of scipy and statsmodels, which hapticnet does not need for them."""
 
 import numpy as np
-import pandas
 import pytest
 from scipy import stats
 from scipy.optimize import isotonic_regression
-from statsmodels.stats.anova import AnovaRM
 from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.proportion import proportion_confint
 
@@ -54,19 +52,6 @@ def test_the_falling_curve_is_scipy_s_isotonic_regression():
     for _ in range(20):
         means = rng.uniform(size=7)
         assert falling(means) == pytest.approx(isotonic_regression(means, increasing=False).x)
-
-
-def test_the_anova_is_that_of_statsmodels():
-    made = [row for row in rows(people=10) if row.event == "trial"]
-    anova = next(each for each in fit_models(made, NAMES) if each.model == "repeated-measures ANOVA")
-    shares = [
-        {"person": person, "condition": each.name, "share": share}
-        for each in analyse(made).conditions
-        for person, share in enumerate(each.figures["correct"].each)
-    ]
-    table = AnovaRM(pandas.DataFrame(shares), "share", "person", within=["condition"]).fit().anova_table
-    assert anova.probability == pytest.approx(float(table["Pr > F"].iloc[0]), rel=1e-6)
-    assert anova.condition == f"F(3, 27) = {float(table['F Value'].iloc[0]):.2f}"
 
 
 def test_the_log_odds_of_the_gee_are_those_of_the_totals():

@@ -12,4 +12,4 @@ app.command(short_help="Let a participant order three tissues by stiffness.")(or
 app.command(short_help="Print what participants read, to change or translate it.")(texts.texts)
 app.command(short_help="Make tables, figures and a report of the answers.")(analyse.analyse)
 app.command(short_help="Simulate how often a study finds a difference.")(power.power)
-app.command(short_help="Copy the data as BIDS or Psych-DS.")(export.export)
+app.command(short_help="Copy the data as BIDS.")(export.export)
