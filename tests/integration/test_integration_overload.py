@@ -19,7 +19,7 @@ def test_a_slave_that_was_stopped_tells_what_waited_and_what_was_dropped(start, 
     for number in (1, 2):  # before the first stop it may still be starting, which is no overload
         server.process.send_signal(signal.SIGSTOP)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-            for _ in range(10_000):  # more than fit into its buffer
+            for _ in range(40_000):  # more than fit into its buffer
                 sock.sendto(b"x" * 40, (host, int(port)))
         master.wait_for("link stale", number)
         server.process.send_signal(signal.SIGCONT)
