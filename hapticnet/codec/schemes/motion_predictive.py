@@ -1,6 +1,6 @@
 """The motion-predictive deadband: transmit how the stimulus follows time and the receiver's own position.
 
-Our own codec (docs/adr/0012). In contact, force follows position far more than time, and the receiver knows its own
+Our own codec (docs/decisions.md, 0012). In contact, force follows position far more than time, and the receiver knows its own
 position without delay. This is a local contact model, as in model-mediated teleoperation (Hannaford 1989; Mitra &
 Niemeyer 2008), sent under a perceptual deadband.
 
