@@ -1,8 +1,8 @@
 """The motion-predictive deadband: transmit how the stimulus follows time and the receiver's own position.
 
-Our own codec (docs/decisions.md, 0012). In contact, force follows position far more than time, and the receiver knows its own
-position without delay. This is a local contact model, as in model-mediated teleoperation (Hannaford 1989; Mitra &
-Niemeyer 2008), sent under a perceptual deadband.
+Our own codec (docs/decisions.md, 0012). In contact, force follows position far more than time, and the receiver knows
+its own position without delay. This is a local contact model, as in model-mediated teleoperation (Hannaford 1989;
+Mitra & Niemeyer 2008), sent under a perceptual deadband.
 
 Four predictors run at the sender, each as if it were a codec of its own: the zero-order hold, the curve of
 `adaptive_predictive`, a surface with the stiffness of the last milliseconds, and a coupling of learned stiffness and
