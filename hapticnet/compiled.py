@@ -1,11 +1,13 @@
 """Plain functions compiled by numba (the ``fast`` extra), without changes to their modules.
 
-A function is compiled together with every plain function of hapticnet it calls by name. The subset is that of numba
-in nopython mode; tuples of 1 to 3 floats stand for vectors, and ``if len(x) == 1`` is decided when it is compiled.
+A function is compiled together with every plain function of hapticnet, and of its own package, that it calls by name.
+The subset is that of numba in nopython mode; tuples of 1 to 3 floats stand for vectors, and ``if len(x) == 1`` is
+decided when it is compiled.
 
 Machine code is kept in ``$XDG_CACHE_HOME/hapticnet`` (or ``$NUMBA_CACHE_DIR``), in a folder named after the content of
-the sources, so that an edited constant or function is never run from old machine code. Where that folder cannot be
-written, or another account can write it, each process compiles what it uses.
+the sources (those of hapticnet, and what stands beside a user's function), so that an edited constant or function is
+never run from old machine code. Where that folder cannot be written, or another account can write it, each process
+compiles what it uses.
 """
 
 import hashlib
@@ -20,6 +22,7 @@ import tempfile
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import cache
+from itertools import chain
 from pathlib import Path
 from types import BuiltinFunctionType, FunctionType, ModuleType
 from typing import Any, Final
@@ -33,7 +36,7 @@ LARGEST_INLINED: Final = 900
 """Size of the bytecode [B] up to which a function is compiled into its callers. Larger ones are called: they run only
 at updates. A call costs about as much as its arguments have numbers, so what takes the state of a codec is inlined."""
 
-KEPT_FOLDERS: Final = 3
+KEPT_FOLDERS: Final = 8
 """Folders of machine code that are kept, the newest first."""
 
 
@@ -49,7 +52,7 @@ def fast_extra_installed() -> bool:
     return importlib.util.find_spec("numba") is not None
 
 
-_compiled: dict[tuple[FunctionType, str], Callable[..., Any]] = {}
+_compiled: dict[tuple[Any, ...], Callable[..., Any]] = {}
 
 
 def compiled(
@@ -74,18 +77,31 @@ def compiled(
         which can take most of the time of a loop.
     """
     function = _from_source(function)
-    if (function, name) not in _compiled:
-        _compiled[function, name] = _bodies().get(function) or _jit(
+    key = function, name, tuple((using or {}).values())
+    if key not in _compiled:
+        _compiled[key] = _bodies().get(function) or _jit(
             _linked(function, name, using or {}),
             inline=not using and len(function.__code__.co_code) <= LARGEST_INLINED,
             counts=makes_arrays,
+            folders=_folders_of_users(function, using or {}),
         )
-    return _compiled[function, name]
+    return _compiled[key]
+
+
+def _folders_of_users(function: FunctionType, using: Mapping[str, Any]) -> frozenset[Path]:
+    """Return the folders of the functions that are not of hapticnet."""
+    tuples = [value for value in using.values() if isinstance(value, tuple)]
+    functions = [each for each in (function, *chain(*tuples)) if not _is_ours(each)]
+    return frozenset(Path(each.__code__.co_filename).parent for each in functions)
+
+
+def _is_ours(function: Callable[..., Any]) -> bool:
+    return str(function.__module__).startswith("hapticnet.")
 
 
 def _from_source(function: Callable[..., Any]) -> FunctionType:
     """Return a function with its bytecode, which numba reads; what mypyc has compiled has none."""
-    if isinstance(function, BuiltinFunctionType) and str(function.__module__).startswith("hapticnet."):
+    if isinstance(function, BuiltinFunctionType) and _is_ours(function):
         function = getattr(_from_its_source(function.__module__), function.__name__)
     if not isinstance(function, FunctionType):
         raise TypeError(f"{function!r} is not a plain function")
@@ -109,7 +125,7 @@ def _from_its_source(name: str) -> ModuleType:
 
 
 def _linked(function: FunctionType, name: str, using: Mapping[str, Any]) -> FunctionType:
-    """Return a function whose globals are compiled where they are functions of hapticnet."""
+    """Return a function whose globals are compiled where they are functions of hapticnet or of its own package."""
     scope = dict(function.__globals__)
     for replaced, value in using.items():
         if isinstance(value, tuple):
@@ -118,7 +134,8 @@ def _linked(function: FunctionType, name: str, using: Mapping[str, Any]) -> Func
         scope[replaced] = value
     for called in function.__code__.co_names:
         other = scope.get(called)
-        if isinstance(other, FunctionType | BuiltinFunctionType) and str(other.__module__).startswith("hapticnet."):
+        is_function = isinstance(other, FunctionType | BuiltinFunctionType)
+        if is_function and (_is_ours(other) or _are_together(other, function)):
             scope[called] = compiled(other)
     linked = FunctionType(function.__code__, scope, function.__name__, function.__defaults__)
     linked.__qualname__ = f"{name}.{function.__qualname__}" if name else function.__qualname__
@@ -126,14 +143,21 @@ def _linked(function: FunctionType, name: str, using: Mapping[str, Any]) -> Func
     return linked
 
 
-def _jit(function: Callable[..., Any], *, inline: bool, counts: bool = False) -> Callable[..., Any]:
+def _are_together(one: Callable[..., Any], other: Callable[..., Any]) -> bool:
+    """Tell whether two functions are of one top-level package."""
+    return str(one.__module__).partition(".")[0] == str(other.__module__).partition(".")[0]
+
+
+def _jit(
+    function: Callable[..., Any], *, inline: bool, counts: bool = False, folders: frozenset[Path] = frozenset()
+) -> Callable[..., Any]:
     from numba import config as numba_config
     from numba import njit
 
     references: Any = {"_nrt": counts}  # an option of numba that its stubs do not have
     config: Any = numba_config  # its settings are set by name when it is imported
     given = config.CACHE_DIR
-    folder = _folder(given)
+    folder = _folder(given, folders)
     config.CACHE_DIR = str(folder)
     try:
         jitted: Callable[..., Any] = njit(
@@ -149,14 +173,15 @@ _OURS: Final = re.compile(r"[0-9a-f]{16}")
 
 
 @cache
-def _folder(base: str) -> Path | None:
+def _folder(base: str, folders: frozenset[Path] = frozenset()) -> Path | None:
     """Return the folder for machine code of the present sources; remove older ones.
 
     None if it cannot be written, or if another account can write there: what is in it is run.
     """
     package = Path(__file__).parent
     digest = hashlib.sha256()
-    for file in sorted({file for pattern in SOURCES for file in package.glob(pattern)}):
+    files = {file for pattern in SOURCES for file in package.glob(pattern)}
+    for file in sorted(files.union(*[folder.glob("*.py") for folder in folders])):
         digest.update(file.read_bytes())
     try:
         caches = Path(base or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "hapticnet"

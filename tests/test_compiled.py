@@ -47,11 +47,21 @@ def test_an_edited_source_has_a_folder_of_its_own(tmp_path, monkeypatch):
     assert folder(str(tmp_path)) == before
 
 
+def test_an_edited_source_of_a_user_has_a_folder_of_its_own_too(tmp_path):
+    folder, users = compiled_module._folder.__wrapped__, frozenset({tmp_path / "plug-in"})
+    (tmp_path / "plug-in").mkdir()
+    made = set()
+    for text in ("STEP = 1\n", "STEP = 2\n"):
+        (tmp_path / "plug-in" / "codec.py").write_text(text)
+        made.add(folder(str(tmp_path), users))
+    assert len(made | {folder(str(tmp_path))}) == 3
+
+
 def test_only_the_newest_folders_are_kept(tmp_path, monkeypatch):
     package = tmp_path / "package"
     package.mkdir()
     monkeypatch.setattr(compiled_module, "__file__", str(package / "compiled.py"))
-    for edit in range(6):
+    for edit in range(compiled_module.KEPT_FOLDERS + 3):
         (package / "scheme.py").write_text(f"STEP = {edit}\n")
         newest = compiled_module._folder.__wrapped__(str(tmp_path / "caches"))
     kept = list(newest.parent.iterdir())
@@ -94,7 +104,7 @@ def test_without_a_writable_folder_functions_are_compiled_but_not_kept(cache_hom
     monkeypatch.setattr(compiled_module.Path, "home", no_home)
     monkeypatch.setenv("XDG_CACHE_HOME", cache_home and str(tmp_path / cache_home))
     assert compiled_module._folder.__wrapped__("") is None
-    monkeypatch.setattr(compiled_module, "_folder", lambda _base: None)
+    monkeypatch.setattr(compiled_module, "_folder", lambda *_: None)
     halved = compiled_module._jit(lambda x: 0.5 * x, inline=False)
     assert halved(3.0) == 1.5
     assert not list(tmp_path.glob("**/*.nb?"))

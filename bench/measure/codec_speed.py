@@ -14,10 +14,12 @@ from codec_twins import EXACT, Array, Loop, hand_m, load_twins, times_us
 
 from hapticnet.codec import recording
 from hapticnet.codec.base import Codec
-from hapticnet.codec.registry import CODECS
+from hapticnet.codec.registry import every_codec
 from hapticnet.codec.schemes.deadband import Deadband
 from hapticnet.compiled import fast_extra_installed
 from hapticnet.experiment.paper_force import paper_recording
+
+CODECS = every_codec()
 
 SENT_FRACTIONS = (0.01, 0.1, 0.4)
 STREAMED = 200_000

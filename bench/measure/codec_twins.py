@@ -11,14 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticnet.codec.schemes.adaptive_predictive import AdaptivePredictive
-from hapticnet.codec.schemes.level_crossing import LevelCrossing
 from hapticnet.codec.schemes.linear_predictive import LinearPredictive
-from hapticnet.codec.schemes.merging import Merging
 from hapticnet.codec.schemes.motion_predictive import MotionPredictive
-from hapticnet.codec.schemes.passive import PassiveInterpolative
-from hapticnet.codec.schemes.probabilistic import Probabilistic
-from hapticnet.codec.schemes.velocity_adaptive import VelocityAdaptive
 from hapticnet.perception import WeberLaw
+from hapticnet_literature.level_crossing import LevelCrossing
+from hapticnet_literature.merging import Merging
+from hapticnet_literature.passive import PassiveInterpolative
+from hapticnet_literature.probabilistic import Probabilistic
+from hapticnet_literature.velocity_adaptive import VelocityAdaptive
 
 Array = npt.NDArray[np.float64]
 

@@ -18,13 +18,15 @@ from felt_signals import KINDS, signals
 from hapticnet.channel.jitter import Jitter
 from hapticnet.channel.loss import BernoulliLoss
 from hapticnet.channel.settings import ChannelSettings
-from hapticnet.codec.registry import CODECS, make_codec
+from hapticnet.codec.registry import every_codec, make_codec
 from hapticnet.experiment.comparison import REPAIR_US
 from hapticnet.experiment.trial import Trial
 from hapticnet.measure.energy import energy_report
 from hapticnet.measure.metrics import error_report
 from hapticnet.node.felt import feel
 from hapticnet.perception import WeberLaw
+
+CODECS = every_codec()
 
 Row = dict[str, Any]
 

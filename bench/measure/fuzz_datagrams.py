@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 import msgpack
 
-from hapticnet.codec.registry import CODECS
+from hapticnet.codec.registry import every_codec
 from hapticnet.protocol.messages import HELLO_BYTES, Hello, pack_hello
 from hapticnet.protocol.wire import MAX_DATAGRAM_BYTES, Kind, pack_body
+
+CODECS = every_codec()
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -17,11 +17,13 @@ from rate_distortion_signals import KINESTHETIC, made_signals, paper_signals, re
 from rate_distortion_variants import RIVALS, Row, averaged, mean, payloads, rates, regimes, settings, steps
 
 from hapticnet.codec.base import Codec
-from hapticnet.codec.registry import CODECS, codec_parameters, make_codec
+from hapticnet.codec.registry import codec_parameters, every_codec, make_codec
 from hapticnet.experiment.comparison import REPAIR_US, compare
 from hapticnet.experiment.comparison import Row as ComparisonRow
 from hapticnet.experiment.trial import Trial
 from hapticnet.perception import WeberLaw
+
+CODECS = every_codec()
 
 THRESHOLDS: Final = (0.5, 1.0, 2.0, 4.0)
 STEPS_N: Final = (0.0, 0.001)

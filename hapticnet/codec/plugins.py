@@ -8,7 +8,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, Final
 
-from hapticnet.codec.base import Codec, Decoder, Encoder
+from hapticnet.codec.base import Codec, Decoder, Encoder, Foretelling
 from hapticnet.errors import PeerError, SampleError, SettingsError
 from hapticnet.files import user_path
 from hapticnet.samples import MAX_AXES, Vector
@@ -161,7 +161,8 @@ def _check_applied(applied: Any, axes: int) -> None:
 def _guarded(found: type[Any], source: str) -> type[Any]:
     """Return a subclass whose exceptions are errors of hapticnet.
 
-    Its attributes `source` and `origin` name where the class is defined: as the user wrote it, and as a file or module.
+    Its attributes `source` and `origin` name where the class is defined: as the user wrote it, and as a file or module;
+    `inner` is the class itself.
     """
     file = getattr(sys.modules.get(found.__module__), "__file__", None)
     origin = f"{Path(file).resolve() if file else found.__module__}:{found.__qualname__}"
@@ -170,7 +171,8 @@ def _guarded(found: type[Any], source: str) -> type[Any]:
         return _Encoder(started(super(made, self).encoder, axes), source)
 
     def decoder(self: Any, axes: int) -> Decoder:
-        return _Decoder(started(super(made, self).decoder, axes), axes, source)
+        inner = started(super(made, self).decoder, axes)
+        return (_Predictive if isinstance(inner, Foretelling) else _Decoder)(inner, axes, source)
 
     def started(method: Any, axes: int) -> Any:
         try:
@@ -178,8 +180,9 @@ def _guarded(found: type[Any], source: str) -> type[Any]:
         except BaseException as error:
             raise SettingsError(f"codec {source}: {method.__name__}({axes}) raised {raised(error)}") from error
 
-    scope = {"__doc__": found.__doc__, "__module__": found.__module__, "source": source, "origin": origin}
-    made: type[Any] = type(found.__name__, (found,), {**scope, "encoder": encoder, "decoder": decoder})
+    scope = {"__doc__": found.__doc__, "__module__": found.__module__, "encoder": encoder, "decoder": decoder}
+    names = {"source": source, "origin": origin, "inner": found}
+    made: type[Any] = type(found.__name__, (found,), {**scope, **names})
     return made
 
 
@@ -213,11 +216,11 @@ class _Encoder:
 class _Decoder:
     """The decoder of a user; its results are checked, because they go to a device. Satisfies `Decoder`."""
 
-    __slots__ = ("_axes", "_checked", "_decode", "_reconstruct", "_source")
+    __slots__ = ("_axes", "_checked", "_decode", "_inner", "_reconstruct", "_source")
 
-    def __init__(self, inner: Decoder, axes: int, source: str) -> None:
+    def __init__(self, inner: Any, axes: int, source: str) -> None:
         self._decode, self._reconstruct, self._source = inner.decode, inner.reconstruct, source
-        self._axes = axes
+        self._axes, self._inner = axes, inner
         self._checked: Vector | None = None
 
     def decode(self, t_us: int, payload: bytes) -> None:
@@ -236,6 +239,25 @@ class _Decoder:
             if applied is not self._checked:  # a hold returns the same tuple again and again
                 _check_applied(applied, self._axes)
                 self._checked = applied
+        except SampleError:
+            raise
         except BaseException as error:
             raise SampleError(f"codec {self._source}: reconstruct failed: {raised(error)}") from error
+        return applied
+
+
+class _Predictive(_Decoder):
+    """The decoder of a user that can be asked for the future. Satisfies `Foretelling`."""
+
+    __slots__ = ()
+
+    def foretell(self, t_us: int, position: Vector, position_us: int) -> Vector:
+        """Return the stimulus to apply at a time to come; exceptions of the user's decoder become a SampleError."""
+        try:
+            applied: Vector = self._inner.foretell(t_us, position, position_us)
+            _check_applied(applied, self._axes)
+        except SampleError:
+            raise
+        except BaseException as error:
+            raise SampleError(f"codec {self._source}: foretell failed: {raised(error)}") from error
         return applied

@@ -72,7 +72,7 @@ def is_long(t_us: IntArray) -> bool:
 
 def is_made_of_steps(codec: Codec) -> "TypeGuard[Scheme]":
     """Tell whether a codec consists of its steps alone; a subclass by a user may have its own encoder or decoder."""
-    kind: Any = type(codec)
+    kind: Any = getattr(codec, "inner", type(codec))  # a user's class as it was before `plugins` guarded it
     return isinstance(codec, Scheme) and kind.encoder is Scheme.encoder and kind.decoder is Scheme.decoder
 
 

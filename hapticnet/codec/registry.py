@@ -10,35 +10,15 @@ from hapticnet.codec.base import Codec
 from hapticnet.codec.plugins import installed_codecs, user_class
 from hapticnet.codec.schemes.adaptive_predictive import AdaptivePredictive
 from hapticnet.codec.schemes.deadband import Deadband
-from hapticnet.codec.schemes.least_squares import LeastSquares
-from hapticnet.codec.schemes.level_crossing import LevelCrossing
 from hapticnet.codec.schemes.linear_predictive import LinearPredictive
-from hapticnet.codec.schemes.merging import Merging
 from hapticnet.codec.schemes.motion_predictive import MotionPredictive
-from hapticnet.codec.schemes.passive import PassiveExtrapolative, PassiveInterpolative
-from hapticnet.codec.schemes.probabilistic import Probabilistic
 from hapticnet.codec.schemes.raw import Raw
-from hapticnet.codec.schemes.velocity_adaptive import VelocityAdaptive
 from hapticnet.errors import HapticnetError, SettingsError, in_words
 from hapticnet.perception import SMALLEST, WeberLaw
 from hapticnet.user_code import split_user_code
 
 CODECS: Final[Mapping[str, type[Any]]] = {
-    codec.name: codec
-    for codec in (
-        Raw,
-        Deadband,
-        MotionPredictive,
-        AdaptivePredictive,
-        LinearPredictive,
-        LeastSquares,
-        LevelCrossing,
-        VelocityAdaptive,
-        PassiveExtrapolative,
-        PassiveInterpolative,
-        Probabilistic,
-        Merging,
-    )
+    codec.name: codec for codec in (Raw, Deadband, MotionPredictive, AdaptivePredictive, LinearPredictive)
 }
 
 
@@ -144,6 +124,12 @@ def register_codec(made: type[Any]) -> str:
         raise SettingsError(f"codec {made.source}: the name {name!r} is taken by {taken}; choose another")
     _user_codecs[name] = made
     return name
+
+
+def every_codec() -> Mapping[str, type[Any]]:
+    """Register the installed codecs that can be used; return all codecs, by name."""
+    register_installed_codecs()
+    return all_codecs()
 
 
 def register_installed_codecs() -> list[str]:

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
-from hapticnet.codec.registry import CODECS
+from hapticnet.codec.registry import every_codec
 from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.files import replacing_bytes
 
@@ -213,7 +213,7 @@ def _coincide(line: Points, other: Points) -> bool:
 def _look(label: str, labels: Sequence[str]) -> dict[str, Any]:
     """Return colour, marker and dash of one of several lines."""
     names = [each.partition(":")[0].partition(",")[0].removesuffix(" (at rest)") for each in labels]
-    known = [name for name in CODECS if name != "raw"]
+    known = [name for name in every_codec() if name != "raw"]
     index, name = labels.index(label), names[labels.index(label)]
     if len(set(names)) == len(names) and set(names) <= set(known):
         index = known.index(name)

@@ -2,7 +2,9 @@ import json
 
 import pytest
 
-from hapticnet.codec.registry import CODECS
+from hapticnet.codec.registry import every_codec
+
+CODECS = every_codec()
 
 RATES_HZ = [50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0]
 CONDITIONS = ["none", "1 JND", "2 JND", "4 JND"]

@@ -9,13 +9,15 @@ import pytest
 
 from hapticnet.cli.compare_table import print_rows
 from hapticnet.cli.console import Console
-from hapticnet.codec.registry import CODECS, make_codec
+from hapticnet.codec.registry import every_codec, make_codec
 from hapticnet.experiment.comparison import compare
 from hapticnet.experiment.comparison_table import COLUMNS, latex
 from hapticnet.experiment.trial import Trial
 from hapticnet.perception import WeberLaw
 from hapticnet.recordings.tables import read_csv
 from tests.ready import hapticnet
+
+CODECS = every_codec()
 
 OWN = """
 from dataclasses import dataclass

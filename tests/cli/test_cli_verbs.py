@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 import hapticnet as hn
-from hapticnet.codec.registry import CODECS, codec_parameters
+from hapticnet.codec.registry import codec_parameters, every_codec
 from hapticnet.recordings.tables import read_csv
 from tests.ready import ROOT, hapticnet
+
+CODECS = every_codec()
 
 KEYS = {field.name for field in fields(hn.Report)} | {"samples_per_second"}
 

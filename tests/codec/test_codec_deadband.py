@@ -9,11 +9,14 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from hapticnet.codec.recording import encode_array
-from hapticnet.codec.registry import CODECS, codec_parameters, make_codec
+from hapticnet.codec.registry import codec_parameters, every_codec, make_codec
 from hapticnet.codec.schemes.deadband import Deadband, DeadZone, silent_interval
 from hapticnet.codec.streams import IntervalEncoder, StepEncoder
 from hapticnet.errors import PeerError, SampleError, SettingsError
 from hapticnet.perception import WeberLaw
+from hapticnet_literature.level_crossing import LevelCrossing
+
+CODECS = every_codec()
 
 
 @given(recordings, laws, steps)
@@ -40,9 +43,9 @@ def test_the_quiet_interval_lies_within_the_dead_zone_and_all_but_fills_it(refer
     assert high - low >= 2 * threshold - 1e-14 * (abs(reference) + threshold)
 
 
-@given(recordings.filter(lambda stimuli: stimuli.shape[1] == 1), laws, st.sampled_from(["deadband", "level-crossing"]))
-def test_the_quiet_interval_changes_no_payload(stimuli, law, name):
-    codec = make_codec(name, law)
+@given(recordings.filter(lambda stimuli: stimuli.shape[1] == 1), laws, st.sampled_from([Deadband, LevelCrossing]))
+def test_the_quiet_interval_changes_no_payload(stimuli, law, made):
+    codec = made(law=law)
     quick, plain = codec.encoder(1), StepEncoder(codec, 1)
     assert isinstance(quick, IntervalEncoder)
     for index, x in enumerate(stimuli.tolist()):

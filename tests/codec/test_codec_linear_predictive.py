@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 
 from hapticnet.codec.payload.lines import line_at, line_from
 from hapticnet.codec.recording import encode_array
-from hapticnet.codec.schemes.least_squares import LeastSquares
 from hapticnet.codec.schemes.linear_predictive import LinearPredictive, Sender, is_silent, least_squares_slope
 from hapticnet.codec.steps import Past
 from hapticnet.codec.streams import table_of_rows
 from hapticnet.errors import PeerError, SampleError, SettingsError
 from hapticnet.perception import WeberLaw
 from hapticnet.vectors import magnitude
+from hapticnet_literature.least_squares import LeastSquares
 
 anything = st.one_of(st.floats(-10.0, 10.0), st.floats(-1e15, 1e15), st.just(0.0), st.sampled_from([1e15, -1e15]))
 steps_us = st.one_of(st.just(1000), st.just(0), st.integers(-3000, 3000), st.sampled_from([3_600_000_000, -(10**15)]))

@@ -9,19 +9,21 @@ from hypothesis.extra import numpy as npst
 
 from hapticnet.codec import recording
 from hapticnet.codec.recording import encode_array, encode_streamed
-from hapticnet.codec.registry import CODECS
+from hapticnet.codec.registry import every_codec
 from hapticnet.codec.schemes.adaptive_predictive import AdaptivePredictive
 from hapticnet.codec.schemes.deadband import Deadband
-from hapticnet.codec.schemes.least_squares import LeastSquares
-from hapticnet.codec.schemes.level_crossing import LevelCrossing
 from hapticnet.codec.schemes.linear_predictive import LinearPredictive
-from hapticnet.codec.schemes.merging import Merging
 from hapticnet.codec.schemes.motion_predictive import MotionPredictive
-from hapticnet.codec.schemes.passive import PassiveExtrapolative, PassiveInterpolative
-from hapticnet.codec.schemes.probabilistic import Probabilistic
 from hapticnet.codec.schemes.raw import Raw
-from hapticnet.codec.schemes.velocity_adaptive import VelocityAdaptive
 from hapticnet.errors import SampleError
+from hapticnet_literature.least_squares import LeastSquares
+from hapticnet_literature.level_crossing import LevelCrossing
+from hapticnet_literature.merging import Merging
+from hapticnet_literature.passive import PassiveExtrapolative, PassiveInterpolative
+from hapticnet_literature.probabilistic import Probabilistic
+from hapticnet_literature.velocity_adaptive import VelocityAdaptive
+
+CODECS = every_codec()
 
 ms = st.floats(1.0, 1000.0)
 made = {
@@ -110,7 +112,7 @@ def moving(draw, axes):
 
 
 def test_every_registered_codec_is_tried():
-    assert set(made) == set(CODECS.values())
+    assert {codec.name for codec in made} == set(CODECS)
 
 
 @pytest.mark.parametrize("axes", [1, 3])
@@ -157,3 +159,8 @@ def test_times_and_positions_must_fit_the_samples():
         encode_array(VelocityAdaptive(), np.arange(10), np.ones(10), np.ones((10, 2)))
     with pytest.raises(SampleError, match="they must be within"):
         encode_array(Deadband(), np.array([0, 2**62]), np.ones(2))
+
+
+@pytest.mark.parametrize("name", CODECS)
+def test_every_codec_by_name_runs_compiled_over_a_long_recording_even_if_it_is_a_plug_in(name):
+    assert recording.is_made_of_steps(CODECS[name]())

@@ -5,8 +5,10 @@ import math
 import pytest
 
 from hapticnet.codec.recording import encode_array
-from hapticnet.codec.registry import CODECS
+from hapticnet.codec.registry import every_codec
 from hapticnet.errors import SampleError
+
+CODECS = every_codec()
 
 FORCES_N = (0.0, 1.0, 1.01, 1.2, -3.0, 4.0)
 

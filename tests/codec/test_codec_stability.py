@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 
 from bench.measure.codec_trials import hand_force, in_step, trials
-from hapticnet.codec.payload.residuals import ABSOLUTE
 from hapticnet.codec.recording import encode_array
-from hapticnet.codec.registry import CODECS, codec_parameters, make_codec
-from hapticnet.codec.schemes.least_squares import LeastSquares
+from hapticnet.codec.registry import codec_parameters, every_codec, make_codec
 from hapticnet.errors import SampleError
 from hapticnet.measure.metrics import norms
 from hapticnet.perception import WeberLaw
+from hapticnet_literature.least_squares import LeastSquares
+from hapticnet_literature.residuals import ABSOLUTE
+
+CODECS = every_codec()
 
 LAW = WeberLaw(weber_fraction=0.05, floor_n=0.025)
 WITHOUT_FLOOR = WeberLaw(weber_fraction=0.05, floor_n=0.0)

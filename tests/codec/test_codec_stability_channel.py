@@ -8,11 +8,13 @@ from codec_cases import wandering
 
 import bench.measure.codec_trials  # noqa: F401 - so that codecs can be copied
 from hapticnet.codec.recording import encode_lossy
-from hapticnet.codec.registry import CODECS, codec_parameters, make_codec
+from hapticnet.codec.registry import codec_parameters, every_codec, make_codec
 from hapticnet.errors import PeerError
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import LARGEST_COMPONENT
 from hapticnet.vectors import magnitude
+
+CODECS = every_codec()
 
 LAW = WeberLaw(weber_fraction=0.05, floor_n=0.025)
 REPAIR_MS = 20

@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 from hapticnet.codec.recording import encode_array
-from hapticnet.codec.registry import CODECS, make_codec
+from hapticnet.codec.registry import every_codec, make_codec
 from hapticnet.errors import SampleError, SettingsError
 from hapticnet.experiment.comparison import compare
 from hapticnet.experiment.trial import Trial
 from hapticnet.perception import WeberLaw
+
+CODECS = every_codec()
 
 
 def trial(name="sine", samples=800, peak_n=2.0, axes=1):

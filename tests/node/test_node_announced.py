@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
-from hapticnet.codec.registry import CODECS
+from hapticnet.codec.registry import every_codec
 from hapticnet.device.user import UserActuator
 from hapticnet.measure.metrics import error_report
 from hapticnet.node.announcing import announcing
@@ -31,6 +31,8 @@ from hapticnet.scene.scene import Scene
 from hapticnet.scene.sources import as_touchable
 from hapticnet.scene.tissue import Tissue
 from tests.conftest import KEY
+
+CODECS = every_codec()
 
 SECOND = 1_000_000
 DELAY_US = 50_000

@@ -10,12 +10,14 @@ from hypothesis import strategies as st
 from hapticnet import virtual_link
 from hapticnet.channel.settings import ChannelSettings
 from hapticnet.codec.base import Foretelling
-from hapticnet.codec.registry import CODECS, make_codec
+from hapticnet.codec.registry import every_codec, make_codec
 from hapticnet.errors import PeerError
 from hapticnet.node import bounded
 from hapticnet.node.bounded import GROWTH, LATELY_US, MARGIN_N, receiver
 from hapticnet.node.felt import feel
 from hapticnet.perception import WeberLaw
+
+CODECS = every_codec()
 
 LAW = WeberLaw()
 MOTION = make_codec("motion-predictive", LAW)

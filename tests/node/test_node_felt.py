@@ -6,7 +6,7 @@ import pytest
 from hapticnet.channel.loss import BernoulliLoss
 from hapticnet.channel.settings import ChannelSettings
 from hapticnet.codec.recording import encode_array
-from hapticnet.codec.registry import CODECS, make_codec
+from hapticnet.codec.registry import every_codec, make_codec
 from hapticnet.codec.schemes.deadband import Deadband
 from hapticnet.experiment.analysis import felt_error
 from hapticnet.experiment.paper_force import paper_recording
@@ -14,6 +14,8 @@ from hapticnet.measure.energy import energy_report
 from hapticnet.measure.metrics import error_report
 from hapticnet.node.felt import Felt, feel
 from hapticnet.perception import WeberLaw
+
+CODECS = every_codec()
 
 LAW = WeberLaw()
 PAPER = paper_recording(1, rate_hz=1000.0, insertions=1)

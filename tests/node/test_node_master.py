@@ -6,7 +6,7 @@ import struct
 import numpy as np
 import pytest
 
-from hapticnet.codec.registry import CODECS, make_codec
+from hapticnet.codec.registry import every_codec, make_codec
 from hapticnet.device.plant import PlantSettings
 from hapticnet.device.simulated import SimulatedDevice
 from hapticnet.errors import SettingsError
@@ -18,6 +18,8 @@ from hapticnet.protocol.messages import Close, Force, Keepalive
 from hapticnet.protocol.wire import Kind
 from hapticnet.samples import PositionSample
 from tests.peers import GRANT, HandSlave
+
+CODECS = every_codec()
 
 HELD_US = 50_000
 EXTREMES = (0.0, -0.0, 1.0, 1e15, -1e15, 9.99e14, 1e300, -1e300, 5e-324, math.nan, math.inf)

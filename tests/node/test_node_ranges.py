@@ -10,7 +10,7 @@ import msgpack
 import numpy as np
 import pytest
 
-from hapticnet.codec.registry import CODECS
+from hapticnet.codec.registry import every_codec
 from hapticnet.device.plant import PlantSettings
 from hapticnet.device.simulated import SimulatedDevice
 from hapticnet.node.master import MasterNode
@@ -28,6 +28,8 @@ from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
 from tests.node.undisturbed import seal_or_pack
 from tests.peers import ENTRY, GRANT, KEY, SLAVE, HandMaster, HandSlave
+
+CODECS = every_codec()
 
 EDGES = (
     *(0, 1, -1, True, None, "1", b"1", 2**16, 2**31, 2**32 - 1, 2**32, 2**53, 2**63, -(2**63), 0.0, -0.0, 0.5, 1.0),

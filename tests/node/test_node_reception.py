@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hapticnet.codec.registry import CODECS
+from hapticnet.codec.registry import every_codec
 from hapticnet.node import reception
 from hapticnet.node.reception import ALL_REQUESTS_AT_ONCE, REQUESTS_AT_ONCE
 from hapticnet.protocol.cookies import GENERATION_US
@@ -14,6 +14,8 @@ from hapticnet.protocol.states import SlaveState
 from hapticnet.protocol.wire import OPEN, SEALED, Kind, pack, pack_body, unpack
 from tests.conftest import make_slave
 from tests.peers import KEY, MASTER, OTHER_MASTER, PSK, SLAVE, HandMaster
+
+CODECS = every_codec()
 
 SECOND = 1_000_000
 

@@ -5,7 +5,7 @@ import pytest
 
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
-from hapticnet.codec.registry import CODECS
+from hapticnet.codec.registry import every_codec
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
@@ -16,6 +16,8 @@ from hapticnet.protocol.repair import RepairSettings
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.wire import Kind, unpack
 from hapticnet.samples import ForceSample, PositionSample
+
+CODECS = every_codec()
 
 DELAY_US = 60_000
 ROUND_TRIP_US = 2 * DELAY_US

@@ -10,11 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.codec.registry import CODECS, codec_parameters, make_codec
+from hapticnet.codec.registry import codec_parameters, every_codec, make_codec
 from hapticnet.errors import PeerError, SettingsError
 from hapticnet.perception import WeberLaw
 from tests.protocol import reference_decoder
 from tests.protocol.reference_decoder import Receiver, Refused
+
+CODECS = every_codec()
 
 ROOT = Path(__file__).parents[2]
 VECTORS = json.loads((ROOT / "tests" / "vectors" / "codecs.json").read_text())["cases"]

@@ -4,12 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from hapticnet.codec.registry import CODECS
+from hapticnet.codec.registry import every_codec
 from hapticnet.errors import HapticnetError
 from hapticnet.sweep.grid import Cutter, Grid, Shard, gaps, overlap
 from hapticnet.sweep.planning import plan_of
 from hapticnet.sweep.runs import runs_of
 from hapticnet.sweep.study import parse_study, read_study
+
+CODECS = every_codec()
 
 HEAD = 'name = "x"\ntask = "felt"\n'
 

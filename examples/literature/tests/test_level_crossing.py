@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.schemes.deadband import Deadband
-from hapticnet.codec.schemes.level_crossing import MOST_LEVELS, LevelCrossing, levels
 from hapticnet.errors import PeerError, SettingsError
 from hapticnet.perception import WeberLaw
+from hapticnet_literature.level_crossing import MOST_LEVELS, LevelCrossing, levels
 
 LAW = WeberLaw(weber_fraction=0.05, floor_n=0.025)
 hysteresis = st.sampled_from([0.0, 0.1, 0.5])

@@ -12,7 +12,6 @@ from functools import lru_cache
 from typing import Any, ClassVar, Final, NamedTuple
 
 from hapticnet.checks import check_parameter
-from hapticnet.codec.payload.levels import LEVEL, LevelForm, index_of, level_at
 from hapticnet.codec.payload.values import law_numbers, rounded, threshold_around
 from hapticnet.codec.schemes.deadband import Deadband, DeadZone
 from hapticnet.codec.steps import MakeTable, Steps
@@ -20,6 +19,7 @@ from hapticnet.codec.streams import Scheme
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import LARGEST_COMPONENT, Vector
 from hapticnet.vectors import distance, largest_component
+from hapticnet_literature.levels import LEVEL, LevelForm, index_of, level_at
 
 MOST_LEVELS: Final = 4096
 """Levels on either side of zero. With 5 % and 25 mN they reach beyond all range after 360."""

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.schemes.deadband import Deadband
-from hapticnet.codec.schemes.merging import Merging
 from hapticnet.errors import SampleError, SettingsError
 from hapticnet.measure.metrics import worst_window_packets
 from hapticnet.perception import WeberLaw
+from hapticnet_literature.merging import Merging
 
 MS = 1000
 

@@ -7,10 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.codec.payload.residuals import ABSOLUTE, RESIDUAL, Update
 from hapticnet.codec.payload.values import SINGLE_BYTES
 from hapticnet.codec.recording import encode_array
-from hapticnet.codec.schemes.least_squares import (
+from hapticnet.codec.schemes.linear_predictive import LinearPredictive
+from hapticnet.codec.streams import table_of_rows
+from hapticnet.errors import PeerError, SettingsError
+from hapticnet.perception import WeberLaw
+from hapticnet_literature.least_squares import (
     LeastSquares,
     LeastSquaresRule,
     Predictor,
@@ -19,10 +22,7 @@ from hapticnet.codec.schemes.least_squares import (
     remember,
     start_predictor,
 )
-from hapticnet.codec.schemes.linear_predictive import LinearPredictive
-from hapticnet.codec.streams import table_of_rows
-from hapticnet.errors import PeerError, SettingsError
-from hapticnet.perception import WeberLaw
+from hapticnet_literature.residuals import ABSOLUTE, RESIDUAL, Update
 
 LAW = WeberLaw(weber_fraction=0.05, floor_n=0.025)
 

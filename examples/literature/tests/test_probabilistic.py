@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from hapticnet.codec.base import Codec
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.schemes.deadband import Deadband
-from hapticnet.codec.schemes.probabilistic import MOST_STATES, Probabilistic
 from hapticnet.errors import SettingsError
 from hapticnet.measure.metrics import error_report
 from hapticnet.perception import WeberLaw
+from hapticnet_literature.probabilistic import MOST_STATES, Probabilistic
 
 LAW = WeberLaw(weber_fraction=0.1, floor_n=0.01)
 

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.schemes.deadband import Deadband
-from hapticnet.codec.schemes.passive import PassiveExtrapolative, PassiveInterpolative
 from hapticnet.errors import PeerError, SettingsError
 from hapticnet.perception import WeberLaw
 from hapticnet.vectors import magnitude
+from hapticnet_literature.passive import PassiveExtrapolative, PassiveInterpolative
 
 LAW = WeberLaw(weber_fraction=0.05, floor_n=0.025)
 laws = st.builds(

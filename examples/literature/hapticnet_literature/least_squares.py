@@ -13,19 +13,6 @@ from typing import Any, ClassVar, NamedTuple
 
 from hapticnet.checks import check_integer, check_parameter
 from hapticnet.codec.payload.lines import Line, line_at, line_from, rounded_line
-from hapticnet.codec.payload.residuals import (
-    ABSOLUTE_EVERY,
-    COUNTS,
-    LARGEST_STEPS,
-    RESIDUAL,
-    Rice,
-    Update,
-    UpdateForm,
-    first_rice,
-    fits,
-    next_rice,
-    update_bytes,
-)
 from hapticnet.codec.payload.values import (
     check_step,
     counted,
@@ -50,6 +37,19 @@ from hapticnet.vectors import (
     put,
     row,
     times,
+)
+from hapticnet_literature.residuals import (
+    ABSOLUTE_EVERY,
+    COUNTS,
+    LARGEST_STEPS,
+    RESIDUAL,
+    Rice,
+    Update,
+    UpdateForm,
+    first_rice,
+    fits,
+    next_rice,
+    update_bytes,
 )
 
 

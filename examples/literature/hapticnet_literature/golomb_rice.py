@@ -1,7 +1,7 @@
 """Golomb-Rice codes: small integers as few bits.
 
 Rice 1979: an integer u ≥ 0 becomes ``u >> k`` ones, a zero, and the lowest k bits of u. The parameter k that
-fits is the one of LOCO-I (Weinberger, Seroussi & Sapiro 2000; ITU-T T.87): see `payload.residuals`.
+fits is the one of LOCO-I (Weinberger, Seroussi & Sapiro 2000; ITU-T T.87): see `residuals`.
 """
 
 from collections.abc import Iterable

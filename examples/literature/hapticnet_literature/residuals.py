@@ -6,11 +6,11 @@ residual names the update that it builds on.
 
 from typing import Any, Final, NamedTuple
 
-from hapticnet.codec.payload.golomb_rice import bits_of, pack_integers, unpack_integers
 from hapticnet.codec.payload.lines import LineForm, LineMessage
 from hapticnet.codec.payload.values import COUNT_BYTES, SINGLE_BYTES
 from hapticnet.errors import PeerError
 from hapticnet.samples import Vector
+from hapticnet_literature.golomb_rice import bits_of, pack_integers, unpack_integers
 
 ABSOLUTE: Final = 0x80
 COUNTS: Final = 0x80

@@ -4,9 +4,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from hapticnet.codec.payload.golomb_rice import bits_of, pack_integers, unpack_integers
-from hapticnet.codec.payload.residuals import LARGEST_PARAMETER, first_rice, fits, folded, next_rice
 from hapticnet.errors import PeerError
+from hapticnet_literature.golomb_rice import bits_of, pack_integers, unpack_integers
+from hapticnet_literature.residuals import LARGEST_PARAMETER, first_rice, fits, folded, next_rice
 
 parameters = st.integers(0, LARGEST_PARAMETER)
 residuals = st.lists(st.integers(-(2**12), 2**12).map(float), min_size=1, max_size=3).map(tuple)

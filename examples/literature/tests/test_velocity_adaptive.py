@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.schemes.deadband import Deadband
-from hapticnet.codec.schemes.velocity_adaptive import VelocityAdaptive, start, watch
 from hapticnet.codec.streams import table_of_rows
 from hapticnet.errors import SampleError, SettingsError
 from hapticnet.perception import WeberLaw
 from hapticnet.vectors import magnitude
+from hapticnet_literature.velocity_adaptive import VelocityAdaptive, start, watch
 
 MS = 1000
 
