@@ -119,7 +119,7 @@ simulator: system-packages
 	$(MAKE) -C firmware firmware sim
 
 $(VENV)/installed-%: pyproject.toml $(BIN)/python
-	$(BIN)/pip install -q --disable-pip-version-check -e '.[$*]'
+	$(BIN)/pip install -q --disable-pip-version-check -e '.[$*]' -e examples/literature
 	@touch $@
 
 $(BIN)/python:

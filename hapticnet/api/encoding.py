@@ -167,7 +167,8 @@ def make_codec(
     Parameters
     ----------
     codec
-        A name in `CODECS`, ``"name:key=value,…"``, ``"FILE.py:Class"``, ``"package.module:Class"``, or a codec object.
+        A name that ``hapticnet codecs`` lists, ``"name:key=value,…"``, ``"FILE.py:Class"``, ``"package.module:Class"``,
+        or a codec object.
     weber_fraction, floor_n, multiplier
         The law of the person: the threshold is ``multiplier · max(weber_fraction · |force|, floor_n)``. Default: 0.05,
         0.025 N and 1, from the paper.

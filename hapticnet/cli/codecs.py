@@ -15,7 +15,7 @@ def codecs(json: options.Json = False) -> None:
     import textwrap
 
     from hapticnet.cli.console import Console
-    from hapticnet.codec.registry import describe_codecs, register_installed_codecs
+    from hapticnet.codec.registry import CODECS, describe_codecs, register_installed_codecs
 
     for fault in register_installed_codecs():
         Console("codecs").say(fault)
@@ -30,3 +30,5 @@ def codecs(json: options.Json = False) -> None:
         for parameter in codec["parameters"]:
             text = f"{parameter['name']} = {parameter['default']:g}: {parameter['meaning']}"
             print(textwrap.fill(text, width, initial_indent=" " * 4, subsequent_indent=" " * 8))
+    if len(listed) == len(CODECS):
+        print("Codecs of the literature are a plug-in: examples/literature in the repository of hapticnet")

@@ -20,7 +20,7 @@ CODECS = every_codec()
 
 ROOT = Path(__file__).parents[2]
 VECTORS = json.loads((ROOT / "tests" / "vectors" / "codecs.json").read_text())["cases"]
-DOCUMENT = (ROOT / "docs" / "payloads.md").read_text()
+DOCUMENT = "".join((ROOT / page).read_text() for page in ("docs/payloads.md", "examples/literature/PAYLOADS.md"))
 SUPERSCRIPTS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
 
