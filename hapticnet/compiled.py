@@ -134,8 +134,9 @@ def _linked(function: FunctionType, name: str, using: Mapping[str, Any]) -> Func
         scope[replaced] = value
     for called in function.__code__.co_names:
         other = scope.get(called)
-        is_function = isinstance(other, FunctionType | BuiltinFunctionType)
-        if is_function and (_is_ours(other) or _are_together(other, function)):
+        if not isinstance(other, FunctionType | BuiltinFunctionType):
+            continue
+        if _is_ours(other) or _are_together(other, function):
             scope[called] = compiled(other)
     linked = FunctionType(function.__code__, scope, function.__name__, function.__defaults__)
     linked.__qualname__ = f"{name}.{function.__qualname__}" if name else function.__qualname__

@@ -235,7 +235,7 @@ class _Decoder:
     def reconstruct(self, t_us: int, position: Vector | None = None, position_us: int | None = None) -> Vector:
         """Return the stimulus to apply; exceptions of the user's decoder become a SampleError."""
         try:
-            applied = self._reconstruct(t_us, position, position_us)
+            applied: Vector = self._reconstruct(t_us, position, position_us)
             if applied is not self._checked:  # a hold returns the same tuple again and again
                 _check_applied(applied, self._axes)
                 self._checked = applied
