@@ -6,9 +6,10 @@
     python bench/run.py --quick             run all with few repetitions, and publish nothing: five minutes
     python bench/run.py --only repair felt  run these alone; the pages need all, of one revision
 
-A benchmark of time is only worth publishing from a quiet machine. Before each of them, this program waits until others
-use less than `BUSY` of a core, for `PATIENCE_S` at most; a record says how much others used while it ran, and
-bench/report/pages.py refuses one that was disturbed.
+Those that measure no time run first, as many at once as there are CPUs. A benchmark of time runs alone, because it is
+only worth publishing from a quiet machine. Before each of them, this program waits until others use less than `BUSY`
+of a core, for `PATIENCE_S` at most; a record says how much others used while it ran, and bench/report/pages.py refuses
+one that was disturbed.
 """
 
 import argparse
@@ -16,6 +17,7 @@ import os
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Final
 
@@ -49,23 +51,19 @@ def main() -> int:
     parser.add_argument("--results", type=Path, default=RESULTS, metavar="DIR", help="where the records go")
     arguments = parser.parse_args()
     began = time.monotonic()
-    failed = []
     chosen = [each for each in BENCHMARKS if each.name in (arguments.only or names)]
-    if not arguments.quick:
-        # What quick runs give is published in short, so that a test can tell when it changes.
-        for each in chosen:
-            if not each.timed and _run(each, arguments, quick=True) != 0:
-                failed.append(f"{each.name} (quick)")
+    untimed = [each for each in chosen if not each.timed]
+    # What quick runs give is published in short, so that a test can tell when it changes.
+    runs = [(each, True) for each in untimed] + [(each, False) for each in untimed if not arguments.quick]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        failed = [name for name in pool.map(lambda run: _run(run[0], arguments, quick=run[1]), runs) if name]
     for each in chosen:
         if each.as_root and os.geteuid() != 0:
             print(f"{each.name}: left out, it needs root", flush=True)
-            continue
-        if each.timed and not arguments.quick:
-            _wait_until_quiet(each.name)
-        start = time.monotonic()
-        if _run(each, arguments, quick=arguments.quick) != 0:
-            failed.append(each.name)
-        print(f"{each.name}: {time.monotonic() - start:.0f} s", flush=True)
+        elif each.timed:
+            if not arguments.quick:
+                _wait_until_quiet(each.name)
+            failed += filter(None, [_run(each, arguments, quick=arguments.quick)])
     print(f"in all: {(time.monotonic() - began) / 60.0:.1f} minutes", flush=True)
     if failed:
         print(f"error: failed: {', '.join(failed)}", file=sys.stderr)
@@ -76,13 +74,18 @@ def main() -> int:
     return subprocess.run(command, check=False).returncode
 
 
-def _run(benchmark: Benchmark, arguments: argparse.Namespace, *, quick: bool) -> int:
+def _run(benchmark: Benchmark, arguments: argparse.Namespace, *, quick: bool) -> str:
+    """Run a benchmark; return its name if it failed."""
     script = REPOSITORY / "bench" / "measure" / f"{benchmark.name}.py"
     options = (benchmark.quick if quick else benchmark.full).split()
     recordings = arguments.recordings if benchmark.takes_recordings and not quick else []
     folder = arguments.results / "quick" if quick else arguments.results
     file = folder / f"{benchmark.name}.json"
-    return subprocess.run([sys.executable, script, *recordings, *options, "--json", file], check=False).returncode
+    began = time.monotonic()
+    code = subprocess.run([sys.executable, script, *recordings, *options, "--json", file], check=False).returncode
+    name = f"{benchmark.name}{' (quick)' if quick else ''}"
+    print(f"{name}: {time.monotonic() - began:.0f} s", flush=True)
+    return name if code else ""
 
 
 def _wait_until_quiet(name: str) -> None:
