@@ -1,35 +1,39 @@
 """Every codec over every signal, threshold, payload and loss: what it sends, with what error, how far from the best.
 
-Also: which codec needs the fewest packets and bytes on each signal, whether published reductions are reached, what
-other settings and sampling rates change, and what entropy coding of the payload can save.
+Also: which codec needs the fewest packets and bytes on each signal, and whether published reductions are reached.
 """
 
 import argparse
 import itertools
-import math
+import statistics
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from operator import itemgetter
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import record
 from rate_distortion_signals import KINESTHETIC, made_signals, paper_signals, recorded_signals
-from rate_distortion_variants import RIVALS, Row, averaged, mean, payloads, rates, regimes, settings, steps
 
 from hapticnet.codec.base import Codec
+from hapticnet.codec.recording import encode_array
 from hapticnet.codec.registry import codec_parameters, every_codec, make_codec
 from hapticnet.experiment.comparison import REPAIR_US, compare
 from hapticnet.experiment.comparison import Row as ComparisonRow
 from hapticnet.experiment.trial import Trial
+from hapticnet.measure.bound import fewest_holds
+from hapticnet.measure.quality import perceptual_distances
+from hapticnet.node.offline import cost_report
 from hapticnet.perception import WeberLaw
 
 CODECS = every_codec()
 
+Row = dict[str, Any]
+
 THRESHOLDS: Final = (0.5, 1.0, 2.0, 4.0)
-STEPS_N: Final = (0.0, 0.001)
 LOSSES: Final = (0.05, 0.1, 0.3)
-LOSS_SEEDS: Final = 10
-"""How many lossy channels are tried, at 1 JND with float32 payloads."""
+LOSS_SEEDS: Final = 3
+"""How many lossy channels are tried, at 1 JND."""
 NEAR: Final = (0.94, 0.97, 1.03, 1.06)
 """Factors of the thresholds beside each: the number of packets varies by a few per cent from one to the next."""
 REGIME_THRESHOLDS: Final = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
@@ -54,16 +58,18 @@ SETS: Final = {"paper's scene and recordings": ("scene", "recorded"), "made sign
 """Sets of signals that are averaged over: name and kinds of signal. The first is what our codec was tuned on."""
 
 
-def codecs(thresholds: Iterable[float], steps_n: Iterable[float]) -> list[Codec]:
-    """Return every codec at every threshold, with every payload it has; raw once."""
-    made: list[Codec] = []
-    for multiplier, (index, step_n) in itertools.product(thresholds, enumerate(steps_n)):
-        law = WeberLaw(multiplier=multiplier)
-        for name in CODECS:
-            stepped = "step_n" in codec_parameters(make_codec(name, law))
-            if (stepped or index == 0) and (name != "raw" or not made):
-                made.append(make_codec(name, law, {"step_n": step_n} if stepped else None))
-    return made
+PUBLISHED: Final = {"deadband": 0.90, "velocity-adaptive": 0.96, "linear-predictive": 0.96, "least-squares": 0.96,
+                    "passive-extrapolative": 0.89, "passive-interpolative": 0.89}  # fmt: skip
+"""Largest packet-rate reductions reported by the papers that the codecs' docstrings name; the predictors share one."""
+
+_fewest: dict[tuple[str, int, WeberLaw], int] = {}
+"""The fewest holds by signal, number of samples and law: the same for all codecs."""
+
+
+def codecs(thresholds: Iterable[float]) -> list[Codec]:
+    """Return every codec at every threshold; raw once."""
+    made = [make_codec(name, WeberLaw(multiplier=each)) for each in thresholds for name in CODECS if name != "raw"]
+    return [make_codec("raw", WeberLaw()), *made]
 
 
 def lossless(
@@ -78,9 +84,30 @@ def lossless(
 
 
 def lossy(trials: Sequence[Trial], losses: Sequence[float], seeds: Iterable[int]) -> list[Row]:
-    """Return a row for every signal, codec, loss and seed of what is lost, at 1 JND with float32 payloads."""
-    chosen = codecs((1.0,), (0.0,))
+    """Return a row for every signal, codec, loss and seed of what is lost, at 1 JND."""
+    chosen = codecs((1.0,))
     return [kept(row) for seed in seeds for row in compare(trials, chosen, loss=losses, seed=seed)]
+
+
+def averaged(trial: Trial, codec: Codec, beside: Sequence[float]) -> Row:
+    """Return means over a threshold and those beside it: packets, packets over the optimum, and bytes."""
+    found = []
+    for factor in (1.0, *beside) if codec.name != "raw" else (1.0,):
+        law = replace(codec.law, multiplier=factor * codec.law.multiplier)
+        near = make_codec(codec.name, law, codec_parameters(codec))
+        key = trial.name, len(trial.t_us), law
+        if key not in _fewest:
+            _fewest[key] = fewest_holds(law, trial.stimuli)
+        encoding = encode_array(near, trial.t_us, trial.stimuli, trial.positions)
+        cost = cost_report(near, trial.t_us, trial.stimuli, encoding)
+        found.append((cost.sent, cost.sent / _fewest[key], cost.wire_bytes))
+    sent, over_optimum, wire_bytes = map(statistics.fmean, zip(*found, strict=True))
+    return {
+        "near_sent": sent,
+        "near_over_optimum": over_optimum,
+        "near_wire_bytes": wire_bytes,
+        "near_wire_bytes_per_s": wire_bytes / trial.seconds,
+    }
 
 
 def kept(row: ComparisonRow) -> Row:
@@ -114,6 +141,14 @@ def averages(rows: Sequence[Row], sets: Mapping[str, Sequence[str]], signal_of: 
                 made[f"largest_{figure}"] = max((row[figure] for row in block if row[figure] is not None), default=None)
             means.append(made)
     return means
+
+
+def mean(figures: Iterable[tuple[str, float]]) -> float:
+    """Return the mean over signals of figures, each given with its signal."""
+    signals: dict[str, list[float]] = {}
+    for signal, figure in figures:
+        signals.setdefault(signal, []).append(figure)
+    return statistics.fmean(map(statistics.fmean, signals.values()))
 
 
 def contest(rows: Sequence[Row]) -> list[Row]:
@@ -150,26 +185,38 @@ def contest(rows: Sequence[Row]) -> list[Row]:
     return best
 
 
-def equal_error(rows: Sequence[Row]) -> list[Row]:
-    """Return packets of some codecs at the RMSE that the deadband has at 1 JND, as shares of the deadband's."""
-    found = []
-    for codec, trial in itertools.product((*RIVALS, "level-crossing"), dict.fromkeys(row["trial"] for row in rows)):
-        own = [row for row in rows if row["trial"] == trial and not row["step_n"]]
-        (plain,) = [row for row in own if (row["codec"], row["multiplier"]) == ("deadband", 1.0)]
-        curve = sorted((row["rmse_n"], float(row["sent"])) for row in own if row["codec"] == codec)
-        packets = interpolated(curve, plain["rmse_n"])
-        share = None if packets is None else packets / max(plain["sent"], 1)
-        found.append({"codec": codec, "trial": trial, "of_deadband": share})
-    return found
-
-
-def interpolated(points: Sequence[tuple[float, float]], error_n: float) -> float | None:
-    """Return the packets at an error, on logarithmic scales; None if it is not between two thresholds."""
-    for (low_n, many), (high_n, few) in itertools.pairwise(points):
-        if 0.0 < low_n <= error_n <= high_n and min(many, few) > 0.0:
-            share = math.log(error_n / low_n) / math.log(high_n / low_n) if high_n > low_n else 0.0
-            return many * (few / many) ** share
-    return None
+def regimes(trials: Sequence[Trial], thresholds: Sequence[float]) -> list[Row]:
+    """Return the reductions of published codecs over the threshold, on forces of the scale they were published for."""
+    rows = []
+    for trial in trials:
+        law = WeberLaw()
+        moves = perceptual_distances(law, trial.stimuli[1:], trial.stimuli[:-1])
+        travelled_m = 0.0 if trial.positions is None else float(np.abs(np.diff(trial.positions, axis=0)).sum())
+        for name, published in PUBLISHED.items():
+            found = list(compare([trial], [make_codec(name, replace(law, multiplier=m)) for m in thresholds]))
+            points = [
+                {
+                    "multiplier": row.multiplier,
+                    "weber_fraction": row.multiplier * law.weber_fraction,
+                    "reduction": row.cost.packet_rate_reduction,
+                    "optimum_reduction": 1.0 - row.limits.holds / row.cost.samples,
+                }
+                for row in found
+            ]
+            rows.append(
+                {
+                    "trial": trial.name,
+                    "peak_n": float(np.linalg.norm(trial.stimuli, axis=1).max()),
+                    "samples_per_s": len(trial.t_us) / trial.seconds,
+                    "jnds_per_s": 0.0 if moves is None else float(moves.sum()) / trial.seconds,
+                    "mean_speed_m_per_s": travelled_m / trial.seconds,
+                    "codec": name,
+                    "published": published,
+                    "points": points,
+                    "reached_at": next((p["weber_fraction"] for p in points if p["reduction"] >= published), None),
+                }
+            )
+    return rows
 
 
 def measure(arguments: argparse.Namespace) -> Row:
@@ -192,7 +239,7 @@ def measure(arguments: argparse.Namespace) -> Row:
     }
     thresholds, losses = ((1.0,), (0.05,)) if quick else (THRESHOLDS, LOSSES)
     beside, seeds = ((), range(seed, seed + 1)) if quick else (NEAR, range(seed, seed + LOSS_SEEDS))
-    rows = lossless(trials, kinds, codecs(thresholds, STEPS_N), beside)
+    rows = lossless(trials, kinds, codecs(thresholds), beside)
     singles = {name: [name] for name in signal_of.values()}
     peaks_n = {trial.name: float(np.linalg.norm(trial.stimuli, axis=1).max()) for trial in trials}
     strong = [trial for trial in trials if trial.name == KINESTHETIC or peaks_n[trial.name] >= KINESTHETIC_PEAK_N]
@@ -216,12 +263,7 @@ def measure(arguments: argparse.Namespace) -> Row:
         "rows": rows,
         "averages": averages(rows + lossy(trials, losses, seeds), sets | singles, signal_of),
         "contest": contest(rows),
-        "equal_error": equal_error(rows),
         "regimes": regimes(strong, (1.0, 4.0) if quick else REGIME_THRESHOLDS),
-        "payloads": payloads(trials, thresholds),
-        "steps": steps([trial for trial in trials if kinds[trial.name] != "made"], signal_of),
-        "settings": settings(trials, sets, signal_of, beside),
-        "rates": rates(trials, sets, signal_of, beside),
     }
 
 
