@@ -1,7 +1,7 @@
 #!/bin/sh
 # Run "hapticnet slave …" or "hapticnet master …" with keys that are made at the first start. Each side keeps its private
 # key in its own volume, /keys, and leaves its public key in the volume that both share, /public. Whoever can write to
-# /public can become a master of this slave: between two hosts, carry the public keys by hand (docs/security.md).
+# /public can become a master of this slave: between two hosts, carry the public keys by hand (docs/understand/security.md).
 set -eu
 role=$1
 case $role in

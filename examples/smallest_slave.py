@@ -2,7 +2,8 @@
 
     python3 examples/smallest_slave.py 47800
 
-docs/protocol.md, "The smallest peer", says which parts of the protocol this is. It needs only the standard library.
+docs/refer/protocol.md, "The smallest peer", says which parts of the protocol this is. It needs only the standard
+library.
 """
 
 import hashlib

@@ -3,7 +3,7 @@
     hapticnet master --operator udp:47900
     python3 examples/udp_client.py
 
-docs/embedding.md describes the datagrams; any language that has sockets can send them.
+docs/use/embedding.md describes the datagrams; any language that has sockets can send them.
 """
 
 import json

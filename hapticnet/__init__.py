@@ -1,11 +1,11 @@
 """Haptic teleoperation with perceptual deadband compression: ``import hapticnet as hn``.
 
-The names below are the public interface; docs/api.md describes them and docs/tutorial.md shows them at work. They are
-imported when first used, so that ``import hapticnet`` is fast.
+The names below are the public interface; docs/refer/api.md describes them and docs/index.md shows them at work. They
+are imported when first used, so that ``import hapticnet`` is fast.
 
 Follow one force sample through the rooms in the order that data takes:
 ``scene`` → ``codec`` → ``protocol`` → ``channel`` → (UDP) → ``protocol`` → ``codec`` → ``control`` → ``device``.
-``docs/architecture.md`` walks that way file by file.
+``docs/build/architecture.md`` walks that way file by file.
 """
 
 from typing import TYPE_CHECKING, Any, Final

@@ -11,7 +11,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 EXTRAS = PROJECT["optional-dependencies"]
 REQUIRED = [*PROJECT["dependencies"], *(each for extra in EXTRAS.values() for each in extra)]
 PACKAGES = {re.split(r"[<>=\[;]", each)[0] for each in REQUIRED} - {"hapticnet"}
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "bench/report").glob("*.in"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "bench/report").glob("*.in"))]
 SOURCES = sorted((ROOT / "hapticnet").rglob("*.py"))
 COMMAND = re.compile(r"pip install ([^`\n#|;\")]+)")
 ELSEWHERE = {"mujoco", "pandas"}

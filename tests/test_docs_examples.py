@@ -1,4 +1,4 @@
-"""The code of docs/tutorial.md, api.md, embedding.md and sweep.md runs in order and prints what the pages show."""
+"""The code of docs/index.md, api.md, embedding.md and sweep.md runs in order and prints what the pages show."""
 
 import contextlib
 import inspect
@@ -17,7 +17,7 @@ from hapticnet.codec import registry
 DOCS = Path(__file__).parents[1] / "docs"
 BLOCK = re.compile(r"(?P<before>[^\n]*)\n+```(?P<language>\w+)\n(?P<code>.*?)```", re.DOTALL)
 FILE = re.compile(r"Save this as `([\w.]+)`")
-API = (DOCS / "api.md").read_text()
+API = (DOCS / "refer" / "api.md").read_text()
 
 
 @pytest.fixture(autouse=True)
@@ -30,7 +30,7 @@ def in_a_folder_of_its_own(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", sys.path[:])
 
 
-@pytest.mark.parametrize("page", ["tutorial.md", "api.md", "embedding.md", "sweep.md"])
+@pytest.mark.parametrize("page", ["index.md", "refer/api.md", "use/embedding.md", "use/compare.md"])
 def test_the_code_of_a_page_runs_and_prints_what_it_shows(page):
     names = {}
     printed = ""

@@ -1,4 +1,4 @@
-"""What docs/operations.md and the Grafana dashboard say is so."""
+"""What docs/use/service.md and the Grafana dashboard say is so."""
 
 import json
 import re
@@ -27,7 +27,7 @@ def test_the_dashboard_shows_metrics_that_exist():
 
 
 def test_the_page_lists_every_metric_and_no_other():
-    text = (DOCS / "operations.md").read_text()
+    text = (DOCS / "use" / "service.md").read_text()
     listed = set(re.findall(r"^\| `(hapticnet_\w+)", text, re.MULTILINE))
     assert listed == {f"hapticnet_{name}{'_total' * (kind == 'counter')}" for name, kind in METRICS.items()} | {
         "hapticnet_info"
@@ -35,7 +35,7 @@ def test_the_page_lists_every_metric_and_no_other():
 
 
 def test_the_page_lists_the_exit_codes():
-    text = (DOCS / "operations.md").read_text()
+    text = (DOCS / "use" / "service.md").read_text()
     listed = {int(code) for code in re.findall(r"^\| (\d+) \|", text, re.MULTILINE)}
     kinds = {error.exit_code for error in (SettingsError, FileError, UnavailableError, RefusedError)}
     assert listed == {0, 1, *kinds, INTERNAL, INTERRUPTED, READER_GONE, 143}

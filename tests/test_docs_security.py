@@ -1,4 +1,4 @@
-"""docs/security.md names a test for each attack, and each of them exists."""
+"""docs/understand/security.md names a test for each attack, and each of them exists."""
 
 import re
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 from tests.ready import hapticnet
 
 ROOT = Path(__file__).parents[1]
-DOCUMENT = (ROOT / "docs" / "security.md").read_text()
+DOCUMENT = (ROOT / "docs" / "understand" / "security.md").read_text()
 ATTACKS, TESTS = DOCUMENT.split("\n## Tests\n")
 ROW = re.compile(r"^\| (\d+) \| (.*) \|$", re.MULTILINE)
 

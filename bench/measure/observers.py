@@ -4,7 +4,7 @@
 
     python bench/measure/observers.py --out results/observers
 
-Every number of docs/observers.md comes from here. No person takes part.
+Every number of docs/understand/observers.md comes from here. No person takes part.
 """
 
 import argparse

@@ -4,7 +4,7 @@
 
     python bench/measure/study_statistics.py --out results/study
 
-docs/observers.md has the tables. No person takes part.
+docs/understand/observers.md has the tables. No person takes part.
 """
 
 import argparse

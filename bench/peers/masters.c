@@ -1,7 +1,7 @@
 /* Many masters in one process, for a slave's limits: gcc -O2 -o masters bench/peers/masters.c bench/peers/masters/[a-z]*.c -lcrypto -lm; ./masters --port 47801 --masters 60 --rate 1000 --seconds 5 --codec raw
 
    Each master has its own address (from 127.1.0.1), so that it is another host to the slave. It asks for a session as
-   docs/protocol.md says, and moves a needle in a sine of 0.4 Hz and 35 mm, each at its own phase. Requests are paced
+   docs/refer/protocol.md says, and moves a needle in a sine of 0.4 Hz and 35 mm, each at its own phase. Requests are paced
    to what a slave reads. A master sends a few positions a second until all have their sessions; then all send at the
    full rate, evenly spread over the period. It says "measuring" and "measured" on stderr, for another process to read
    the slave's processor time at these moments, and prints its counts of the time between as JSON.

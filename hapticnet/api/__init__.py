@@ -1,1 +1,1 @@
-"""What ``import hapticnet`` offers. Import the names from `hapticnet` itself; docs/api.md describes them."""
+"""What ``import hapticnet`` offers. Import the names from `hapticnet` itself; docs/refer/api.md describes them."""

@@ -107,7 +107,7 @@ class MasterSetup:
         What an exception of the operator does: ``"end"`` the session, or ``"pause"`` it until `resume`. The force goes
         to zero in both cases.
     record
-        Record every tick in this file, .mcap, .csv or .npz (docs/recordings.md).
+        Record every tick in this file, .mcap, .csv or .npz (docs/use/recordings.md).
     record_limit_bytes
         Stop recording before it takes more disk space than this [B].
     connect_timeout_s

@@ -94,7 +94,7 @@ def _root(version: bool = typer.Option(False, "--version", help="Print the versi
 def main() -> None:
     """Run the command line. Errors are one line on stderr, never a traceback.
 
-    docs/operations.md lists the exit codes.
+    docs/use/service.md lists the exit codes.
     """
     if asks_for_json(sys.argv[1:], os.environ):
         STDERR.form = Form.JSON  # now, so that what is wrong with options is told in this form, too

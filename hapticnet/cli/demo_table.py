@@ -77,7 +77,7 @@ the recorded motion and that delay each way. "Energy created" is the energy that
 the delayed force adds to the hand's motion, as a share of the work of the hand
 against the true force. The device is late because its servos take a pulse every
 20 ms and then need time to move; with --announced it knows of a breach in
-advance (docs/control.md)."""
+advance (docs/use/device.md)."""
 
 _LINES: tuple[tuple[str, Callable[[Row], str]], ...] = (
     ("samples", lambda row: f"{row['samples']:,}"),

@@ -56,7 +56,7 @@ def checked_class(found: Any, source: str) -> type[Any]:
     Parameters
     ----------
     found
-        The class; docs/api.md lists what it must define.
+        The class; docs/refer/api.md lists what it must define.
     source
         Where it is defined, as ``FILE.py:Class`` or ``package.module:Class``.
 

@@ -1,4 +1,4 @@
-"""Quality of the applied stimuli in the measures of the field; docs/perception.md has each formula and its source."""
+"""Quality of the applied stimuli in the measures of the field (formulas and sources: docs/understand/codecs.md)."""
 
 import math
 from dataclasses import asdict, dataclass

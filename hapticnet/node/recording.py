@@ -87,5 +87,5 @@ class Recording:
 
 
 def frame_kind(data: bytes) -> float:
-    """Return the kind that a datagram's frame names (the third byte of every datagram, docs/protocol.md)."""
+    """Return the kind that a datagram's frame names (the third byte of every datagram, docs/refer/protocol.md)."""
     return float(data[2]) if len(data) > 2 else -1.0

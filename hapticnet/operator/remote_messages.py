@@ -2,7 +2,7 @@
 
 A position is a msgpack array ``[x, …]``, a msgpack map ``{"position_m": [x, …]}`` or the same as JSON. The answer has
 the form of the question: an array ``[f, …]``, or a map with ``force_n``, ``position_m`` and ``t_us``.
-docs/embedding.md describes them for programs in any language.
+docs/use/embedding.md describes them for programs in any language.
 """
 
 import json

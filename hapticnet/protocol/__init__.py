@@ -1,1 +1,1 @@
-"""Datagrams and sessions, sans-I/O. docs/protocol.md is their specification; payloads are opaque here."""
+"""Datagrams and sessions, sans-I/O. docs/refer/protocol.md is their specification; payloads are opaque here."""

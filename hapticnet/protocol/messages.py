@@ -122,7 +122,7 @@ class Grant(NamedTuple):
     resumed
         Whether this session goes on with the scene of an earlier one.
     announced
-        Whether the contact ahead is announced: payloads then begin with a byte (docs/payloads.md).
+        Whether the contact ahead is announced: payloads then begin with a byte (docs/refer/payloads.md).
     position_share
         As in the request; 0 if the master must send every position.
     """

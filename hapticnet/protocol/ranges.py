@@ -1,4 +1,4 @@
-"""The range of each number in a message. docs/protocol.md has the same table.
+"""The range of each number in a message. docs/refer/protocol.md has the same table.
 
 A request whose numbers are out of range is refused, in words. Any other message with such a number is malformed: it is
 counted, and changes nothing.

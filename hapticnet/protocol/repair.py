@@ -48,7 +48,7 @@ SCHEDULING_US: Final = 5_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RepairSettings:
-    """What the slave does against loss. The defaults come from bench/measure/repair.py (docs/decisions.md, 0010).
+    """What the slave does against loss. The defaults come from bench/measure/repair.py (docs/build/decisions.md, 0010).
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The states of a session at either end and all transitions between them. docs/protocol.md draws these tables."""
+"""The states of a session at either end and all transitions between them. docs/refer/protocol.md draws these tables."""
 
 import enum
 from collections.abc import Mapping

@@ -1,8 +1,8 @@
 """Simulated observers, who answer in the place of a participant. Their results are titled "simulated".
 
 An observer decides on what reaches the finger: the forces of two stimuli, or the cues of each contact with a tissue
-(`cues.Look`). Every parameter has its source in `ObserverSettings`; docs/observers.md tells what the observers can show
-and what they cannot.
+(`cues.Look`). Every parameter has its source in `ObserverSettings`; docs/understand/observers.md tells what the
+observers can show and what they cannot.
 """
 
 import dataclasses
@@ -64,7 +64,7 @@ class ObserverSettings:
         contacts, because it is of the memory.
     criterion
         How many standard deviations of the felt difference are called "different". An assumption; the JND of an
-        ascending method of limits depends on it, see docs/observers.md.
+        ascending method of limits depends on it, see docs/understand/observers.md.
     spread
         Standard deviation, over participants, of the logarithm of all noise. An assumption, within which the standard
         errors of the paper fall.

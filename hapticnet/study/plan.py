@@ -33,7 +33,7 @@ NO_CONSENT: Final = "none, because "
 """What a plan says of the consent: it is asked for on the screen, or it is not, for a reason."""
 
 REACHED_N: Final = MAX_FORCE_N - ForceControlSettings().headroom_n
-"""Largest force [N] that is asked of the device (docs/safety.md). Two forces beyond it feel the same."""
+"""Largest force [N] that is asked of the device (docs/understand/safety.md). Two forces beyond it feel the same."""
 
 Arrangement: TypeAlias = Literal["blocked", "interleaved"]
 Method: TypeAlias = Literal["ascending", "up-down", "bayesian"]

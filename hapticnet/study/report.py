@@ -56,8 +56,8 @@ BYTES: Final = (
 )
 
 SIMULATED: Final = (
-    "**No person took part.** A program answered in the place of each participant; docs/observers.md says what such"
-    " answers can show and what they cannot."
+    "**No person took part.** A program answered in the place of each participant; docs/understand/observers.md says"
+    " what such answers can show and what they cannot."
 )
 
 NO_PAPER_TEST: Final = (

@@ -41,7 +41,7 @@ MEASURES: Final[Columns] = {
     "coded_rmse_n": "float",
     "coded_exceed_jnd": "float",
 }
-"""What a run measures; docs/sweep.md explains each."""
+"""What a run measures; docs/use/compare.md explains each."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,7 +34,7 @@ MEASURES: Final[Columns] = {
     "bytes_per_penetration": "float",
     "perceptual_error": "float",
 }
-"""What a run measures; docs/sweep.md explains each."""
+"""What a run measures; docs/use/compare.md explains each."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

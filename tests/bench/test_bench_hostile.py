@@ -1,4 +1,4 @@
-"""No peer presses a finger harder than docs/safety.md says, with the worst sequences that a search has found."""
+"""No peer presses a finger harder than docs/understand/safety.md says: the worst sequences that a search has found."""
 
 import itertools
 import json
@@ -10,7 +10,7 @@ from hapticnet.runtime.simavr import BUILD_VARIABLE
 
 REPOSITORY = Path(__file__).parents[2]
 MEASURE = REPOSITORY / "bench" / "measure"
-SAFETY = (REPOSITORY / "docs" / "safety.md").read_text(encoding="utf-8")
+SAFETY = (REPOSITORY / "docs" / "understand" / "safety.md").read_text(encoding="utf-8")
 WORST = json.loads((MEASURE / "hostile_worst.json").read_text())
 MOST_N = 4.8
 

@@ -20,7 +20,7 @@ stiffness_n_per_m = 300.0
 breach_force_n = 2.0
 """
 WRONG_SETTINGS, WRONG_FILE, UNAVAILABLE, REFUSED = 2, 3, 4, 5
-"""Exit codes, as docs/operations.md lists them."""
+"""Exit codes, as docs/use/service.md lists them."""
 
 THE_ERROR = re.compile(r"(\S+Z error )?hapticnet: ")
 """How the line of the error starts; masters, slaves and channels add time and level."""

@@ -17,7 +17,7 @@ VERBS = dict(leaves(ROOT_COMMAND))
 
 
 README = (ROOT / "README.md").read_text()
-PAGES = [README, *(file.read_text() for file in sorted((ROOT / "docs").glob("*.md")))]
+PAGES = [README, *(file.read_text() for file in sorted((ROOT / "docs").rglob("*.md")))]
 BLOCKS = [
     block for page in PAGES for block in re.findall(r"^(?: {4}.*\n)+|^```(?:sh)?\n(?s:.*?)^```", page, re.MULTILINE)
 ]

@@ -71,7 +71,7 @@ def test_the_end_of_a_name_says_what_its_value_is(ending, value):
 
 
 def test_the_documents_name_only_options_that_exist():
-    pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
+    pages = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
     named = {name for page in pages for name in re.findall(r"`--([a-z-]+)", page.read_text())}
     assert named - OF_OTHERS <= {*NAMES, *(f"no-{option_key(each)}" for _, each in OPTIONS if each.is_flag)}
 

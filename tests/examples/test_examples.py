@@ -43,7 +43,7 @@ def wait_until(condition, within_s=20.0):
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.name)
 def test_an_example_is_short_and_named_in_the_page(file):
     assert len(file.read_text().splitlines()) <= 40
-    assert f"examples/{file.name}" in (EXAMPLES.parent / "docs" / "embedding.md").read_text()
+    assert f"examples/{file.name}" in (EXAMPLES.parent / "docs" / "use" / "embedding.md").read_text()
 
 
 def test_the_explorer_finds_the_ball_and_presses_with_the_force_it_wants():

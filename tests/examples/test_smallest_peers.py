@@ -129,7 +129,7 @@ def run(master, slave, network, milliseconds, start_ms=0):
 
 
 def test_the_smallest_peers_stand_alone_and_are_named_in_the_page():
-    page = (EXAMPLES.parent / "docs" / "protocol.md").read_text()
+    page = (EXAMPLES.parent / "docs" / "refer" / "protocol.md").read_text()
     for file in EXAMPLES.glob("smallest_*.py"):
         text = file.read_text()
         assert set(re.findall(r"^(?:from|import) (\w+)", text, re.MULTILINE)) <= {

@@ -119,7 +119,7 @@ def test_the_example_of_the_documentation_joins_all_rows(both_sides, tmp_path, m
     (tmp_path / "recordings").mkdir()
     for file, columns in (("run.csv", master), ("recordings/master-0a1b2c3d.csv", slave)):
         write_csv(tmp_path / file, columns | {"t_us": columns["t_us"].astype(np.int64)})
-    page = (Path(__file__).parents[2] / "docs" / "recordings.md").read_text()
+    page = (Path(__file__).parents[2] / "docs" / "use" / "recordings.md").read_text()
     ((code),) = [block.split("```")[0] for block in page.split("```python\n")[1:]]
     names = {}
     exec(compile(code, "recordings.md", "exec"), names)  # noqa: S102 - our own page

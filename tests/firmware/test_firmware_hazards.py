@@ -1,5 +1,4 @@
-"""Tests of docs/safety.md on the compiled firmware under load: force loop, serial line, firmware and plant in
-virtual time."""
+"""Tests of docs/understand/safety.md on the compiled firmware under load: force loop, serial line, firmware, plant."""
 
 import math
 import random
@@ -177,7 +176,7 @@ def test_the_same_fault_gives_the_same_forces_to_the_bit(pressing: Any) -> None:
 
 def test_every_test_and_file_named_in_the_safety_document_exists() -> None:
     root = Path(__file__).parents[2]
-    document = (root / "docs" / "safety.md").read_text()
+    document = (root / "docs" / "understand" / "safety.md").read_text()
     named = re.findall(r"`(test_\w+\.py)::(test_\w+)`", document)
     assert len(named) > 30
     texts = {path.name: path.read_text() for path in (root / "tests").rglob("test_*.py")}

@@ -1,4 +1,4 @@
-"""Tests of docs/safety.md for sensor faults, on the compiled firmware under load, in virtual time."""
+"""Tests of docs/understand/safety.md for sensor faults, on the compiled firmware under load, in virtual time."""
 
 import math
 import random

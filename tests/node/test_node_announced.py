@@ -299,7 +299,7 @@ def test_a_breach_that_only_the_master_saw_is_corrected_within_a_round_trip():
 
 
 def test_the_scene_of_the_document_is_felt_without_delay():
-    page = Path(__file__).parents[2] / "docs" / "announced.md"
+    page = Path(__file__).parents[2] / "docs" / "understand" / "delay.md"
     (code,) = re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)
     names = {}
     exec(code, names)  # noqa: S102 - our own page

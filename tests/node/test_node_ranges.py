@@ -216,7 +216,7 @@ def test_a_frame_is_read_or_counted(element):
 
 
 def test_the_wire_document_names_every_range():
-    text = Path("docs/protocol.md").read_text(encoding="utf-8")
+    text = Path("docs/refer/protocol.md").read_text(encoding="utf-8")
     found = {
         name: (bool(zero), float(low), float(high))
         for name, zero, low, high in re.findall(r"^\| `(\w+)` \| (0 or )?([\d.]+) … ([\d.]+)", text, re.MULTILINE)

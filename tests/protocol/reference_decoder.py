@@ -1,4 +1,4 @@
-"""A decoder of every codec, written from docs/payloads.md alone; it imports nothing of hapticnet.
+"""A decoder of every codec, written from docs/refer/payloads.md alone; it imports nothing of hapticnet.
 
 It is what a peer in another language would write: `Receiver(...)`, `decode(t, payload)`, `applied(t, position)`.
 """

@@ -1,4 +1,4 @@
-"""Both ends of a sealed session, written from docs/protocol.md on PyPI's noiseprotocol and msgpack alone.
+"""Both ends of a sealed session, written from docs/refer/protocol.md on PyPI's noiseprotocol and msgpack alone.
 
 Nothing of hapticnet is imported: what these two understand, and what they are understood by, is what the document says.
 They know one session, believe every sequence number that opens, and keep no timers.

@@ -1,4 +1,4 @@
-"""docs/payloads.md, its golden vectors, an independent decoder written from it, and hapticnet agree to the bit."""
+"""docs/refer/payloads.md, its golden vectors, an independent decoder made from it, and hapticnet agree to the bit."""
 
 import dataclasses
 import json
@@ -20,7 +20,7 @@ CODECS = every_codec()
 
 ROOT = Path(__file__).parents[2]
 VECTORS = json.loads((ROOT / "tests" / "vectors" / "codecs.json").read_text())["cases"]
-DOCUMENT = "".join((ROOT / page).read_text() for page in ("docs/payloads.md", "examples/literature/PAYLOADS.md"))
+DOCUMENT = "".join((ROOT / page).read_text() for page in ("docs/refer/payloads.md", "examples/literature/PAYLOADS.md"))
 SUPERSCRIPTS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
 

@@ -54,7 +54,7 @@ def raw(values):
 
 
 def test_the_document_lists_every_kind_and_code():
-    document = (Path(__file__).parents[2] / "docs" / "protocol.md").read_text()
+    document = (Path(__file__).parents[2] / "docs" / "refer" / "protocol.md").read_text()
     rows = re.findall(r"^\| (\d+) \| ([A-Z]+) \|", document, flags=re.MULTILINE)
     assert [(int(number), name) for number, name in rows] == [(kind.value, kind.name) for kind in Kind]
     codes = re.findall(

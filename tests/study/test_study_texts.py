@@ -69,7 +69,7 @@ def test_a_study_without_consent_needs_a_reason(tmp_path, consent):
 
 
 def test_the_consent_states_the_forces_of_the_safety_page():
-    page = (ROOT / "docs/safety.md").read_text()
+    page = (ROOT / "docs/understand/safety.md").read_text()
     table = page[page.index("## Forces at the finger") :].split("\n## ")[0]
     stated = re.findall(r"[0-9.]+ N\b", english().consent.risk)
     assert len(stated) == 3
@@ -80,7 +80,7 @@ def test_the_consent_states_the_forces_of_the_safety_page():
 
 
 def test_the_protocol_reads_out_what_the_screens_say():
-    page = (ROOT / "docs/experiment.md").read_text()
+    page = (ROOT / "docs/use/experiment.md").read_text()
     quotes = re.findall(r"(?:^>.*\n)+", page, re.MULTILINE)
     read_out = [" ".join(quote.replace("\n>", " ").removeprefix(">").split()) for quote in quotes]
     instructions = english().instructions

@@ -1,7 +1,7 @@
 """Write tests/vectors/models.json: models of the contact ahead as payloads, and the forces that they make.
 
-Run ``python -m tests.vectors.make_models`` after an intended change. It follows docs/announced.md with struct and math
-alone and imports nothing of hapticnet.
+Run ``python -m tests.vectors.make_models`` after an intended change. It follows docs/understand/delay.md with struct
+and math alone and imports nothing of hapticnet.
 """
 
 import json

@@ -1,7 +1,7 @@
 """Write tests/vectors/protocol.json: the datagrams of open sessions.
 
 Run ``python -m tests.vectors.make_protocol`` after an intended change of the protocol. It packs the fields with msgpack
-alone and imports nothing of hapticnet, so that the file says what docs/protocol.md says.
+alone and imports nothing of hapticnet, so that the file says what docs/refer/protocol.md says.
 """
 
 import json

@@ -1,7 +1,7 @@
 """Write tests/vectors/refused.json: datagrams, requests and grants that must be refused, and some that must not.
 
 Run ``python -m tests.vectors.make_refused`` after an intended change of the protocol. It packs with msgpack and struct
-alone and imports nothing of hapticnet, so that the file says what docs/protocol.md says.
+alone and imports nothing of hapticnet, so that the file says what docs/refer/protocol.md says.
 """
 
 import json

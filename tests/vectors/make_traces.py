@@ -1,7 +1,7 @@
 """Write tests/vectors/traces.json: what arrives at a master or slave, and what it makes of that.
 
-Run ``python -m tests.vectors.make_traces`` after an intended change of the protocol. It follows docs/protocol.md and
-the decoder in `tests.protocol.reference_decoder`, and imports nothing of hapticnet.
+Run ``python -m tests.vectors.make_traces`` after an intended change of the protocol. It follows docs/refer/protocol.md
+and the decoder in `tests.protocol.reference_decoder`, and imports nothing of hapticnet.
 """
 
 import json
@@ -129,7 +129,7 @@ ACKNOWLEDGED = {310_000: 9, 350_000: 12}
 
 
 def slave_trace(end_us):
-    """Deadband and Replace of docs/protocol.md, for a master that FORCE 1, 4, 10 and 11 do not reach."""
+    """Deadband and Replace of docs/refer/protocol.md, for a master that FORCE 1, 4, 10 and 11 do not reach."""
     entries, waiting = [], []
     x, newest, held, force = 0.0, None, None, None
     sequence, spoke_us, since_us, timeout_us, smoothed_us, deviation_us = 0, 0, 0, 100_000, None, 0

@@ -1,4 +1,4 @@
-/* See session.h. Left out of what docs/protocol.md asks of a master: reports of loss, STALE, asking for another session,
+/* See session.h. Left out of what docs/refer/protocol.md asks of a master: reports of loss, STALE, asking for another session,
    new keys after 2^20 datagrams. None of them occurs in a run without loss that is shorter than a quarter of an hour. */
 #include "session.h"
 #include "link.h"

@@ -1,4 +1,4 @@
-/* Datagrams of hapticnet's protocol (docs/protocol.md) as this load generator writes and reads them: msgpack, by hand. */
+/* Datagrams of hapticnet's protocol (docs/refer/protocol.md) as this load generator writes and reads them: msgpack, by hand. */
 #ifndef MASTERS_WIRE_H
 #define MASTERS_WIRE_H
 #include <stddef.h>

@@ -27,7 +27,7 @@ def power(
         typer.Option(
             metavar="OBSERVER",
             help="In place of shares, play the plan for a simulated observer; most lose nothing by a deadband, see"
-            " docs/observers.md.",
+            " docs/understand/observers.md.",
         ),
     ] = None,
     participants: Annotated[str, typer.Option(metavar="N[,N…]", help="Numbers of participants.")] = "8,16,24",

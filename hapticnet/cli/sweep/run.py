@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def run(
-    study: Annotated[Path, typer.Argument(metavar="STUDY", help="The study: a TOML file, see docs/sweep.md.")],
+    study: Annotated[Path, typer.Argument(metavar="STUDY", help="The study: a TOML file, see docs/use/compare.md.")],
     out_dir: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Folder of the results. What is there already is kept.")
     ] = None,

@@ -1,11 +1,10 @@
 """The adaptive-predictive deadband: transmit a curve whose start and slope are learned from earlier curves.
 
-Our own codec (docs/decisions.md, 0007). It is a predictive deadband (see `schemes.linear_predictive`) that learns from
-its own prediction errors how much of two slopes and of a smoothed level to use (`schemes.trend`). It extrapolates a
-smooth stimulus, holds the level of noise, and is a plain deadband on a stimulus without a trend. Only the sender
+Our own codec (docs/build/decisions.md, 0007). It is a predictive deadband (see `schemes.linear_predictive`) that learns
+from its own prediction errors how much of two slopes and of a smoothed level to use (`schemes.trend`). It extrapolates
+a smooth stimulus, holds the level of noise, and is a plain deadband on a stimulus without a trend. Only the sender
 learns: each payload is a complete curve. The decaying slope is the damped trend of Gardner & McKenzie 1985,
-"Forecasting trends in time series" (Management Science), with a parabola instead of their exponential, so that it
-ends.
+"Forecasting trends in time series" (Management Science), with a parabola instead of their exponential, so that it ends.
 """
 
 from dataclasses import dataclass, field

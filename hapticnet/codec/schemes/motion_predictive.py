@@ -1,7 +1,7 @@
 """The motion-predictive deadband: transmit how the stimulus follows time and the receiver's own position.
 
-Our own codec (docs/decisions.md, 0012). In contact, force follows position far more than time, and the receiver knows
-its own position without delay. This is a local contact model, as in model-mediated teleoperation (Hannaford 1989;
+Our own codec (docs/build/decisions.md, 0012). In contact, force follows position far more than time, and the receiver
+knows its own position without delay. This is a local contact model, as in model-mediated teleoperation (Hannaford 1989;
 Mitra & Niemeyer 2008), sent under a perceptual deadband.
 
 Four predictors run at the sender, each as if it were a codec of its own: the zero-order hold, the curve of
