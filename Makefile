@@ -5,14 +5,15 @@ VENV := .venv
 BIN := $(VENV)/bin
 APT := $(if $(filter 0,$(shell id -u)),,sudo )apt-get
 
-.PHONY: help demo test test-compiled fast plain wheel check docker-check bench bench-quick peer-packages run-figure simulator lock chromium promtool clean system-packages
+.PHONY: help demo test test-compiled fast plain wheel check site docker-check bench bench-quick peer-packages run-figure simulator lock chromium promtool clean system-packages
 .DEFAULT_GOAL := help
 
 help:
 	@echo 'make demo           install, and play the paper in about a minute'
 	@echo 'make demo PAGE=1    install, and move the needle yourself in a browser'
 	@echo 'make test           install everything the tests need, and run them all'
-	@echo 'make check          linters, types, layers'
+	@echo 'make check          linters, types, layers, and the site'
+	@echo 'make site           the pages as a site, in build/site'
 	@echo 'make fast           compile the core in place (mypyc, two minutes); make plain removes that again'
 	@echo 'make wheel          build a wheel with the compiled core in dist/'
 	@echo 'make docker-check   build the image and play every scenario of docker/ (needs a Docker engine)'
@@ -53,13 +54,17 @@ wheel: $(VENV)/installed-dev
 	HATCH_BUILD_HOOKS_ENABLE=1 $(BIN)/pip wheel -q --no-deps --no-build-isolation -w dist .
 	@ls dist/*.whl
 
-check: $(VENV)/installed-dev
+check: site
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-docker-check: $(VENV)/installed-dev
+# The pages as a site, in build/site. Links that lead nowhere are errors.
+site: $(VENV)/installed-dev
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build -q
+
+docker-check: site
 	$(BIN)/pytest -m docker tests/docker
 
 # Recordings to try every codec on, as FILE[:FORCE[:POSITION[:SCALE]]]; the repository has none.

@@ -22,7 +22,7 @@ def test_the_python_example_runs(capsys):
 
 
 def test_the_scene_example_is_a_scene():
-    example = blocks("toml", (ROOT / "docs" / "scenes.md").read_text())[0]
+    example = blocks("toml", (ROOT / "docs" / "use" / "scenes.md").read_text())[0]
     scene = parse_scene(example, "scenes.md")
     assert [tissue.name for tissue in scene.tissues] == ["skin", "muscle"]
     declared = {key for tissue in tomllib.loads(example)["tissue"] for key in tissue}
@@ -57,6 +57,6 @@ def test_compare_finds_on_the_papers_scene_what_the_readme_says():
 
 
 def test_the_table_of_channel_presets_is_the_one_in_the_code():
-    text = (ROOT / "docs" / "channel.md").read_text()
+    text = (ROOT / "docs" / "understand" / "delay.md").read_text()
     for name, preset in PRESETS.items():
         assert f"| {name} | `{preset.settings.describe()}` |" in text
