@@ -1,6 +1,6 @@
 """Write tests/vectors/models.json: models of the contact ahead as payloads, and the forces that they make.
 
-Run ``python -m tests.vectors.make_models`` after an intended change. It follows docs/understand/delay.md with struct
+Run ``python -m tests.vectors.make_models`` after an intended change. It follows docs/refer/payloads.md with struct
 and math alone and imports nothing of hapticnet.
 """
 
