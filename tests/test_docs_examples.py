@@ -6,7 +6,7 @@ import io
 import re
 import subprocess
 import sys
-from dataclasses import fields, is_dataclass
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
@@ -55,25 +55,14 @@ def test_the_code_of_a_page_runs_and_prints_what_it_shows(page):
     assert ran >= 5
 
 
-def test_every_public_name_has_an_entry_with_its_signature():
-    documented = dict(re.findall(r"^### `hn\.(\w+)(.*)`$", API, re.MULTILINE))
-    public = [name for name in hn.__all__ if name != "__version__"]
-    assert sorted(documented) == sorted(public)
-    for name in public:
-        thing = getattr(hn, name)
-        if inspect.isfunction(thing) or documented[name]:
-            parameters = inspect.signature(thing).parameters
-            written = re.sub(r"\s", "", documented[name])
-            shown = re.findall(r"[(,](?:\*,)?(\*{0,2}\w+)", re.sub(r'"[^"]*"|=\([^)]*\)', "", written))
-            expected = [
-                f"**{each.name}" if each.kind is each.VAR_KEYWORD else each.name for each in parameters.values()
-            ]
-            assert shown == expected, name
+def test_every_public_name_has_an_entry_and_a_docstring():
+    documented = re.findall(r"^::: hapticnet\.(\w+)$", API, re.MULTILINE)
+    assert sorted(documented) == sorted(name for name in hn.__all__ if name != "__version__")
+    assert all(inspect.getdoc(getattr(hn, name)) for name in documented)
 
 
-@pytest.mark.parametrize("name", ["Encoded", "Report", "LinkReport", "WeberLaw"])
-def test_every_field_of_a_result_is_described(name):
+@pytest.mark.parametrize("name", ["Encoded", "Report", "LinkReport", "WeberLaw", "Recording", "Master", "Slave"])
+def test_every_field_is_described(name):
     kind = getattr(hn, name)
-    assert is_dataclass(kind)
-    for field in fields(kind):
-        assert f"`{field.name}`" in API, field.name
+    described = "".join(each.__doc__ or "" for each in kind.__mro__)
+    assert [field.name for field in fields(kind) if not re.search(rf"\b{field.name}\b", described)] == []
