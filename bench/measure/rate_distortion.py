@@ -22,7 +22,6 @@ from hapticnet.experiment.comparison import REPAIR_US, compare
 from hapticnet.experiment.comparison import Row as ComparisonRow
 from hapticnet.experiment.trial import Trial
 from hapticnet.measure.bound import fewest_holds
-from hapticnet.measure.quality import perceptual_distances
 from hapticnet.node.offline import cost_report
 from hapticnet.perception import WeberLaw
 
@@ -190,8 +189,6 @@ def regimes(trials: Sequence[Trial], thresholds: Sequence[float]) -> list[Row]:
     rows = []
     for trial in trials:
         law = WeberLaw()
-        moves = perceptual_distances(law, trial.stimuli[1:], trial.stimuli[:-1])
-        travelled_m = 0.0 if trial.positions is None else float(np.abs(np.diff(trial.positions, axis=0)).sum())
         for name, published in PUBLISHED.items():
             found = list(compare([trial], [make_codec(name, replace(law, multiplier=m)) for m in thresholds]))
             points = [
@@ -208,8 +205,6 @@ def regimes(trials: Sequence[Trial], thresholds: Sequence[float]) -> list[Row]:
                     "trial": trial.name,
                     "peak_n": float(np.linalg.norm(trial.stimuli, axis=1).max()),
                     "samples_per_s": len(trial.t_us) / trial.seconds,
-                    "jnds_per_s": 0.0 if moves is None else float(moves.sum()) / trial.seconds,
-                    "mean_speed_m_per_s": travelled_m / trial.seconds,
                     "codec": name,
                     "published": published,
                     "points": points,

@@ -187,7 +187,7 @@ def curve_intervals(experiments: int) -> list[dict[str, Any]]:
 
 
 def tables(result: dict[str, Any]) -> list[str]:
-    """Return every table as lines of Markdown."""
+    """Return the rules as a table of Markdown, and a line of JSON for each design of the intervals."""
     lines = ["| participants | excluded | by a third of the series | Weber fraction of the others | pairs |"]
     lines.append("|---|---|---|---|---|")
     for row in result["rules"]:
@@ -199,26 +199,7 @@ def tables(result: dict[str, Any]) -> list[str]:
             f"{row['pairs']:.0f}",
         )
         lines.append(f"| {row['subject']} | {' | '.join(cells)} |")
-    lines += [
-        "",
-        "| series of each reference | " + " | ".join(f"criterion {each:g} sd" for each in (1.0, 1.64, 2.33)) + " |",
-    ]
-    lines.append("|---|---|---|---|")
-    for series in (3, 5, 10):
-        own = [f"{100 * row['covered']:.1f} %" for row in result["jnd"] if row["series"] == series]
-        lines.append(f"| {series} | {' | '.join(own)} |")
-    lines += [
-        "",
-        "| participants × trials | sd [log odds] | true shares | Wilson, trials | share | difference | Student alone |",
-    ]
-    lines.append("|---|---|---|---|---|---|---|")
-    for row in result["order"]:
-        cells = tuple(f"{100 * row[key]:.1f} %" for key in ("wilson", "share", "difference", "student"))
-        about = f"{row['people']} × {row['trials']} | {row['spread']:g} | {row['shares'][0]:g}, {row['shares'][1]:g}"
-        lines.append(f"| {about} | {' | '.join(cells)} |")
-    lines += [""] + [
-        f"- curve, {row['people']} × {row['trials']}: {100 * row['covered']:.1f} %" for row in result["curve"]
-    ]
+    lines += ["", *(json.dumps(row) for name in ("jnd", "order", "curve") for row in result[name])]
     return lines
 
 

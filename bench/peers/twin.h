@@ -1,4 +1,4 @@
-/* The C twins: the limit of a whole-array encoder, the same work as hapticnet's in a plain loop over one axis, with
+/* C twins of two codecs: the limit of a whole-array encoder, the same work as hapticnet's in a plain loop over one axis, with
  * float32 payloads and increasing times. Each takes a recording, Weber's law and the settings of its codec; it writes
  * what is applied at every sample and the index of every transmitted one, and returns how many were transmitted. */
 #include <math.h>

@@ -7,7 +7,7 @@ from plan import BENCHMARKS
 
 pytestmark = pytest.mark.timeout(400)  # every benchmark is run, on a machine that may be busy
 HEADLINE = ("<!-- headline: written by make bench -->", "<!-- end of headline -->")
-NOT_SHOWN = ("announced", "hostile_slave", "peers", "positions", "recording")  # quoted in sentences of other pages
+NOT_SHOWN = ("hostile_slave", "peers")  # quoted in sentences of other pages
 REPORT = Path(__file__).parents[2] / "bench" / "report"
 SPEED = {"name": "speed", "results": {"codecs": [{"codec": "slow", "ratio": 0.25}, {"codec": "fast", "ratio": 0.75}]}}
 CLAIM = """

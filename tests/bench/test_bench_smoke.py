@@ -94,8 +94,7 @@ def test_codec_speed_measures_every_way_on_the_same_signal(measured):
         assert min(row[way] for way in ("c", "plain", "stream")) > 0.0
     assert [row["codec"] for row in results["codecs"]] == list(CODECS)
     assert all(min(row["walk_ns"], row["paper_ns"]) > 0.0 for row in results["codecs"])
-    without_twin = {row["codec"] for row in results["codecs"] if not row["c"]}
-    assert not without_twin & {"deadband", "linear-predictive", "adaptive-predictive", "motion-predictive"}
+    assert {row["codec"] for row in results["codecs"] if row["c"]} == {"deadband", "adaptive-predictive"}
 
 
 def test_real_time_measures_hapticnet_beside_its_limits(measured):
@@ -272,14 +271,6 @@ def test_a_long_session_ends_as_it_began(measured):
         assert row["force_difference_n"] < 1e-6
         assert 20_000 <= row["lag_us"] <= 20_000 + 2e6 / row["rate_hz"], "the delay, and less than two periods"
         assert row["memory_growth_mb"] < 5.0
-
-
-def test_recording_costs_little_beside_a_tick_and_little_is_lost(measured):
-    results = measured("recording")
-    collecting = results["collecting a tick"]
-    assert 0.0 < collecting["1 axis"] < results["a tick of the master"]["off"]
-    assert 10 < results["bytes a tick"][".mcap"] < 500
-    assert set(results["lost by kill -9"]) == {"node", "writer"}
 
 
 def test_felt_measures_every_codec_with_and_without_delay(measured):
