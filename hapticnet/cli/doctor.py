@@ -1,6 +1,5 @@
 """``hapticnet doctor``: whether this machine can do it."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -8,7 +7,6 @@ import typer
 from hapticnet.cli import options
 
 if TYPE_CHECKING:
-    from hapticnet.runtime.doctor.keys import KeyFiles
     from hapticnet.runtime.serial_port import SerialSpec
 
 
@@ -21,16 +19,13 @@ def doctor(
             " missing.",
         ),
     ] = None,
-    key: options.KeyOption = None,
-    peer_key: options.PeerKeyOption = None,
-    masters: options.MastersOption = None,
     quick: Annotated[bool, typer.Option(help="Leave out the 3 s of measuring.")] = False,
     json: options.Json = False,
 ) -> None:
     """Say whether this machine can run a slave and a master, and what to do where it cannot.
 
-    Looks at timer, scheduling, clock, CPUs, limits, packages, socket buffers, serial ports, keys, simulator and Docker,
-    and measures round trip and ticks with a slave and a master on loopback for 3 s.
+    Looks at timer, scheduling, clock, CPUs, packages, socket buffers, serial ports and the simulator. Measures round
+    trip and ticks with a slave and a master on loopback for 3 s.
 
     Changes nothing on this machine, and opens no serial port. Each finding is ok, a warning (it works, but worse than
     it could), a problem (it will not work), or not present (needed for one use only).
@@ -40,16 +35,14 @@ def doctor(
     from hapticnet.cli.console import Console, deliver
     from hapticnet.cli.doctor_page import print_page
     from hapticnet.experiment.provenance import provenance
-    from hapticnet.runtime.doctor.checkup import examine, probes
-    from hapticnet.runtime.doctor.finding import Verdict, as_json
-    from hapticnet.runtime.doctor.machine import Machine
+    from hapticnet.runtime.doctor.checks import examine, probes
+    from hapticnet.runtime.doctor.finding import Machine, Verdict, as_json
     from hapticnet.runtime.doctor.trial import examine_trial
 
     serial = _serial(device)
-    keys = _key_files(key, peer_key, masters)
     simavr = device is not None and device.startswith("simavr")
     console = Console("doctor")
-    looked = probes(Machine(), keys=keys, serial=serial, simavr=simavr)
+    looked = probes(Machine(), serial=serial, simavr=simavr)
     findings = list(examine(looked, lambda subject: console.status(f"looking at {subject}")))
     if not quick:
         console.status("measuring for 3 s")
@@ -61,24 +54,6 @@ def doctor(
         print_page(findings, provenance(), measured=not quick)
     if any(finding.verdict is Verdict.PROBLEM for finding in findings):
         raise typer.Exit(1)
-
-
-def _key_files(key: Path | None, peer_key: str | None, masters: Path | None) -> "KeyFiles":
-    """Return where keys are: named by an option or the environment, or at their usual place."""
-    from hapticnet.protocol.key_files import default_key, default_masters
-    from hapticnet.runtime.doctor.keys import KeyFiles
-
-    try:
-        usual = key or default_key()
-    except RuntimeError:  # this account has no home
-        usual = None
-    return KeyFiles(
-        key=usual,
-        masters=masters or (usual and default_masters(usual)),
-        key_named=key is not None,
-        masters_named=masters is not None,
-        peer=peer_key,
-    )
 
 
 def _serial(device: str | None) -> "SerialSpec | None":

@@ -35,13 +35,10 @@ PLURALS: Final = {Verdict.WARNING: "warnings", Verdict.PROBLEM: "problems"}
 SUBJECTS: Final = {
     "timing": "Timer, scheduling, clock",
     "processor": "Processor",
-    "limits": "Host and limits",
     "software": "Python",
     "network": "Network",
     "serial": "Fingertip device on a serial port",
-    "keys": "Keys of sealed sessions",
     "simulator": "Simulated device",
-    "docker": "Docker",
     "measured": "Measured for 3 s: a slave and a master at 1 kHz on loopback",
 }
 """Heading of each subject."""
@@ -73,7 +70,7 @@ def _draw(console: Console, findings: Sequence[Finding], origin: Mapping[str, An
     machine = origin["machine"]
     console.print(Text(f"hapticnet doctor {origin['version']}, {origin['date']}", style="bold"))
     console.print(Text(f"{machine['processor']}, {machine['system']}"))
-    for subject, group in groupby(findings, lambda finding: finding.topic.subject):
+    for subject, group in groupby(findings, lambda finding: finding.subject):
         console.print()
         console.print(Text(SUBJECTS.get(subject, subject), style="bold"))
         said: tuple[Step, ...] = ()
@@ -86,7 +83,7 @@ def _draw(console: Console, findings: Sequence[Finding], origin: Mapping[str, An
 def _draw_finding(console: Console, finding: Finding, to_do: Sequence[Step]) -> None:
     """Print a finding, and what to do unless the finding before it has said so."""
     verdict = Text(finding.verdict.value, style=COLOURS[finding.verdict])
-    row = _row((VERDICT_WIDTH, verdict), (TITLE_WIDTH, Text(finding.topic.title)), (None, Text(finding.value)))
+    row = _row((VERDICT_WIDTH, verdict), (TITLE_WIDTH, Text(finding.title)), (None, Text(finding.value)))
     console.print(Padding(row, (0, 0, 0, 2)))
     if finding.verdict is not Verdict.OK and finding.meaning:
         console.print(Padding(Text(finding.meaning), (0, 0, 0, INDENT)))
@@ -109,7 +106,7 @@ def _row(*cells: tuple[int | None, Text]) -> Table:
 
 def _draw_summary(console: Console, findings: Sequence[Finding], *, measured: bool) -> None:
     problems, warnings = (
-        [finding.topic.title for finding in findings if finding.verdict is verdict]
+        [finding.title for finding in findings if finding.verdict is verdict]
         for verdict in (Verdict.PROBLEM, Verdict.WARNING)
     )
     if problems:

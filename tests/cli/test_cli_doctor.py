@@ -9,26 +9,25 @@ import pytest
 
 from hapticnet.cli.doctor_page import COLOURS, SUBJECTS, in_encoding, print_page
 from hapticnet.experiment.provenance import provenance
-from hapticnet.runtime.doctor.checkup import probes
-from hapticnet.runtime.doctor.finding import Step, Topic, Verdict
-from hapticnet.runtime.doctor.machine import Machine
+from hapticnet.runtime.doctor.checks import probes
+from hapticnet.runtime.doctor.finding import Finding, Machine, Step, Verdict
 from tests.cli.test_cli_errors import assert_one_line
 from tests.ready import ROOT, hapticnet
 
-KEYS = {"id", "subject", "title", "verdict", "value", "meaning", "scale", "to_do", "figures"}
+KEYS = {"id", "title", "verdict", "value", "meaning", "to_do", "scale"}
 COMMAND = "echo " + 90 * "x"
 
 
-def topic(name, subject="timing"):
-    return Topic(subject, name, name.capitalize(), {})
+def finding(name, verdict, value, meaning="", *to_do, scale=""):
+    return Finding(name, name.partition(".")[2].capitalize(), verdict, value, meaning, to_do, scale)
 
 
 FINDINGS = [
-    topic("timer").ok("fine, " + "and a long explanation of why " * 3, scale="good: up to 1 µs"),
-    topic("clock").find(Verdict.WARNING, "slow", "It is slow.", Step("Change it:", COMMAND)),
-    topic("budget").find(Verdict.WARNING, "low", "It is low.", Step("Change it:", COMMAND)),
-    topic("port", "serial").find(Verdict.PROBLEM, "denied", "", Step("Join " + "the group " * 9)),
-    topic("engine", "docker").absent("not installed"),
+    finding("timing.timer", Verdict.OK, "fine, " + "and a long explanation of why " * 3, scale="good: up to 1 µs"),
+    finding("timing.clock", Verdict.WARNING, "slow", "It is slow.", Step("Change it:", COMMAND)),
+    finding("timing.budget", Verdict.WARNING, "low", "It is low.", Step("Change it:", COMMAND)),
+    finding("serial.port", Verdict.PROBLEM, "denied", "", Step("Join " + "the group " * 9)),
+    finding("simulator.simulator", Verdict.ABSENT, "not built"),
 ]
 
 
@@ -86,8 +85,8 @@ def test_a_real_check_up_measures_and_reports_in_the_documented_form(tmp_path):
     found = {finding["id"]: finding for finding in report["findings"]}
     assert len(found) == len(report["findings"])
     assert not [name for name in found if name.endswith(".probe")], "a probe failed"
-    assert found["measured.round_trip"]["figures"]["answers"] > 0
-    assert found["timing.timer"]["figures"]["late_p50_us"] > 0
+    assert found["measured.round_trip"]["value"].startswith("p50 ")
+    assert "rings" in found["timing.timer"]["value"]
     assert list(tmp_path.iterdir()) == []
 
 

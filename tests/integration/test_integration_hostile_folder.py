@@ -128,4 +128,4 @@ def test_one_place_in_the_code_starts_python():
         for file in (ROOT / "hapticnet").rglob("*.py")
         if "sys.executable" in file.read_text()
     }
-    assert users == {"runtime/interpreter.py", "runtime/doctor/scheduling.py", "runtime/doctor/software.py"}
+    assert users == {"runtime/interpreter.py", "runtime/doctor/checks.py"}

@@ -8,12 +8,11 @@ import pytest
 
 from hapticnet.errors import UnavailableError
 from hapticnet.runtime.doctor import trial
-from hapticnet.runtime.doctor.checkup import Probe, examine, probes
-from hapticnet.runtime.doctor.finding import SCHEMA, Step, Topic, Verdict, as_json, duration, grade, size
-from hapticnet.runtime.doctor.machine import Machine
+from hapticnet.runtime.doctor.checks import Probe, examine, probes
+from hapticnet.runtime.doctor.finding import SCHEMA, Finding, Machine, Step, Verdict, as_json, duration, grade
 from hapticnet.runtime.doctor.trial import Trial, judge_trial, read_report, run_trial
 
-TOPIC = Topic("timing", "timer", "Timer", {"resolution_ns": 1.0, "works": True})
+FINE = Finding("timing.timer", "Timer", Verdict.OK, "fine")
 
 
 def raises():
@@ -21,9 +20,9 @@ def raises():
 
 
 def test_a_probe_that_raises_becomes_a_finding_and_the_others_go_on():
-    good = Probe("network", lambda: [TOPIC.ok("fine")])
+    good = Probe("network", lambda: [FINE])
     failed, fine = examine([Probe("serial", raises), good])
-    assert (failed.verdict, failed.topic.subject) == (Verdict.WARNING, "serial")
+    assert (failed.verdict, failed.subject) == (Verdict.WARNING, "serial")
     assert failed.value == "could not be completed: ValueError: no such thing"
     assert fine.verdict is Verdict.OK
 
@@ -31,7 +30,7 @@ def test_a_probe_that_raises_becomes_a_finding_and_the_others_go_on():
 def test_a_probe_that_hangs_becomes_a_finding():
     hold = threading.Event()
     try:
-        (finding,) = examine([Probe("serial", lambda: [TOPIC.ok("late")] if hold.wait(60) else [], 0.05)])
+        (finding,) = examine([Probe("serial", lambda: [FINE] if hold.wait(60) else [], 0.05)])
         assert (finding.verdict, finding.value) == (
             Verdict.WARNING,
             "could not be completed: no answer within 0.05 s",
@@ -52,29 +51,29 @@ def test_every_probe_is_bounded_in_time():
 
 def test_the_report_for_programs_keeps_its_form():
     findings = [
-        TOPIC.ok("fine"),
-        TOPIC.find(Verdict.WARNING, "so so", "It is slow.", Step("Wait."), Step("Or run:", "true"), scale="good: 1"),
-        TOPIC.absent("none"),
+        FINE,
+        Finding(
+            "timing.clock", "Clock", Verdict.WARNING, "so so", "Slow.", (Step("Wait."), Step("Or:", "true")), "good: 1"
+        ),
+        FINE._replace(verdict=Verdict.ABSENT),
     ]
     report = json.loads(json.dumps(as_json(findings)))
-    assert SCHEMA == 1
+    assert SCHEMA == 2
     assert {key: report[key] for key in ("schema", "ready", "counts")} == {
-        "schema": 1,
+        "schema": 2,
         "ready": True,
         "counts": {"ok": 1, "warning": 1, "problem": 0, "not present": 1},
     }
     assert report["findings"][1] == {
-        "id": "timing.timer",
-        "subject": "timing",
-        "title": "Timer",
+        "id": "timing.clock",
+        "title": "Clock",
         "verdict": "warning",
         "value": "so so",
-        "meaning": "It is slow.",
+        "meaning": "Slow.",
+        "to_do": [{"text": "Wait.", "command": None}, {"text": "Or:", "command": "true"}],
         "scale": "good: 1",
-        "to_do": [{"text": "Wait.", "command": None}, {"text": "Or run:", "command": "true"}],
-        "figures": {"resolution_ns": 1.0, "works": True},
     }
-    assert not as_json([*findings, TOPIC.find(Verdict.PROBLEM, "broken")])["ready"]
+    assert not as_json([*findings, FINE._replace(verdict=Verdict.PROBLEM)])["ready"]
 
 
 def test_grades_and_units():
@@ -88,7 +87,6 @@ def test_grades_and_units():
         "250 ms",
         "60 s",
     ]
-    assert [size(amount) for amount in (0, 1024, 212_992, 3 << 30)] == ["0 B", "1 KiB", "208 KiB", "3 GiB"]
 
 
 GOOD = Trial("SCHED_FIFO 10", 180.0, 370.0, 40.0, 120.0, 2999, 1, 2999)

@@ -6,8 +6,7 @@ import pwd
 
 import pytest
 
-from hapticnet.runtime.doctor.finding import Verdict
-from hapticnet.runtime.doctor.machine import Machine
+from hapticnet.runtime.doctor.finding import Machine, Verdict
 from hapticnet.runtime.doctor.serial_ports import examine_serial, judge_ports
 from hapticnet.runtime.serial_port import FoundPort, parse_serial
 
@@ -35,7 +34,7 @@ def machine(root, *, accessible=True, **environ):
 
 
 def findings(*arguments):
-    return {finding.topic.name: finding for finding in judge_ports(*arguments)}
+    return {finding.id.partition(".")[2]: finding for finding in judge_ports(*arguments)}
 
 
 def command(finding):

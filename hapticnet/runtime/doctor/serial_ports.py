@@ -9,11 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from hapticnet.runtime.doctor.finding import Figures, Finding, Step, Topic, Verdict
-from hapticnet.runtime.doctor.machine import Machine
+from hapticnet.runtime.doctor.finding import Finding, Machine, Step, Verdict
 from hapticnet.runtime.serial_port import FoundPort, SerialSpec, find_ports
-
-SUBJECT: Final = "serial"
 
 SHORT_WAIT_MS: Final = 1
 """What an FTDI chip should wait for more bytes [ms]; its default is 16."""
@@ -54,59 +51,38 @@ def _candidates(ports: Sequence[FoundPort], wanted: SerialSpec | None) -> list[F
 
 def _judge_choice(machine: Machine, ports: Sequence[FoundPort], wanted: SerialSpec | None) -> Finding:
     likely = [port for port in ports if port.likely]
-    figures: Figures = {"ports": len(ports), "likely": len(likely), "wanted": str(wanted) if wanted else None}
-    topic = Topic(SUBJECT, "device", "Device", figures)
+    named = "serial.device", "Device"
     if wanted is not None and wanted.path is not None:
-        return topic.ok(f"{wanted}, as asked for")
+        return Finding(*named, Verdict.OK, f"{wanted}, as asked for")
     if len(likely) == 1:
-        return topic.ok(f"{likely[0].path} ({likely[0].likely})")
+        return Finding(*named, Verdict.OK, f"{likely[0].path} ({likely[0].likely})")
     if likely:
-        return topic.find(
-            Verdict.WARNING if wanted is None else Verdict.PROBLEM,
-            f"{len(likely)} ports may be the device",
-            "serial:auto cannot choose.",
-            *(Step("Name one:", f"hapticnet master --device serial:{port.path} …") for port in likely),
-        )
-    return topic.find(
-        Verdict.ABSENT if wanted is None else Verdict.PROBLEM,
-        "no serial port looks like an Arduino Nano" if ports else "no serial port",
-        "",
-        FIND,
-        Step("Pass it on to the container:", "docker run --device /dev/ttyUSB0 …")
-        if machine.container
-        else Step("To do without one: --device sim"),
-    )
+        verdict = Verdict.WARNING if wanted is None else Verdict.PROBLEM
+        steps = tuple(Step("Name one:", f"hapticnet master --device serial:{port.path} …") for port in likely)
+        return Finding(*named, verdict, f"{len(likely)} ports may be the device", "serial:auto cannot choose.", steps)
+    verdict = Verdict.ABSENT if wanted is None else Verdict.PROBLEM
+    other = Step("To do without one: --device sim")
+    if machine.container:
+        other = Step("Pass it on to the container:", "docker run --device /dev/ttyUSB0 …")
+    value = "no serial port looks like an Arduino Nano" if ports else "no serial port"
+    return Finding(*named, verdict, value, "", (FIND, other))
 
 
 def _judge_access(machine: Machine, port: FoundPort) -> Finding:
-    file = machine.path(port.name)
+    file, named = machine.path(port.name), (f"serial.access:{port.name}", f"Port {Path(port.name).name}")
     try:
         status = file.stat()
     except OSError as error:
-        return _access(port, None, None).find(Verdict.PROBLEM, error.strerror or str(error), "", FIND)
-    group = _group(status.st_gid)
+        return Finding(*named, Verdict.PROBLEM, error.strerror or str(error), "", (FIND,))
     if not machine.access(file, os.R_OK | os.W_OK):
-        return _access(port, group, accessible=False).find(
-            Verdict.PROBLEM,
-            f"permission denied; the port belongs to the group {group}",
-            "hapticnet cannot reach the device.",
-            _how_to_permit(machine, port, status),
-        )
+        value = f"permission denied; the port belongs to the group {_group(status.st_gid)}"
+        step = _how_to_permit(machine, port, status)
+        return Finding(*named, Verdict.PROBLEM, value, "hapticnet cannot reach the device.", (step,))
     user = _user_of(machine, port.name)
-    topic = _access(port, group, accessible=True, used_by=user)
     if user is None:
-        return topic.ok("may be read and written; no other program is seen to use it")
-    return topic.find(
-        Verdict.WARNING,
-        f"in use by {user}",
-        "Only one program can have the device.",
-        Step("End that program before a session."),
-    )
-
-
-def _access(port: FoundPort, group: str | None, accessible: bool | None, used_by: str | None = None) -> Topic:
-    figures = {"path": port.path, "group": group, "accessible": accessible, "used_by": used_by}
-    return Topic(SUBJECT, f"access:{port.name}", f"Port {Path(port.name).name}", figures)
+        return Finding(*named, Verdict.OK, "may be read and written; no other program is seen to use it")
+    step = Step("End that program before a session.")
+    return Finding(*named, Verdict.WARNING, f"in use by {user}", "Only one program can have the device.", (step,))
 
 
 def _how_to_permit(machine: Machine, port: FoundPort, status: os.stat_result) -> Step:
@@ -129,27 +105,25 @@ def _judge_wait(machine: Machine, port: FoundPort) -> list[Finding]:
     wait_ms = machine.number(setting)
     if wait_ms is None:
         return []
-    topic = Topic(SUBJECT, f"latency:{port.name}", "Latency timer", {"latency_timer_ms": wait_ms})
+    named, value = (f"serial.latency:{port.name}", "Latency timer"), f"{wait_ms} ms"
     if wait_ms <= SHORT_WAIT_MS:
-        return [topic.ok(f"{wait_ms} ms")]
+        return [Finding(*named, Verdict.OK, value)]
     rule = f'ACTION=="add", SUBSYSTEM=="usb-serial", DRIVER=="ftdi_sio", ATTR{{latency_timer}}="{SHORT_WAIT_MS}"'
-    return [
-        topic.find(
-            Verdict.WARNING,
-            f"{wait_ms} ms",
-            f"The adapter may hold the force sensor's readings back that long. hapticnet asks the driver for"
-            f" {SHORT_WAIT_MS} ms when it opens the port; a driver may ignore it.",
-            Step("Set it until the adapter is replugged:", f"echo {SHORT_WAIT_MS} | sudo tee {setting}"),
-            Step("And for good:", f"echo '{rule}' | sudo tee /etc/udev/rules.d/90-hapticnet.rules"),
-            scale=f"good: {SHORT_WAIT_MS} ms",
-        )
-    ]
+    meaning = (
+        f"The adapter may hold the force sensor's readings back that long. hapticnet asks the driver for"
+        f" {SHORT_WAIT_MS} ms when it opens the port; a driver may ignore it."
+    )
+    steps = (
+        Step("Set it until the adapter is replugged:", f"echo {SHORT_WAIT_MS} | sudo tee {setting}"),
+        Step("And for good:", f"echo '{rule}' | sudo tee /etc/udev/rules.d/90-hapticnet.rules"),
+    )
+    return [Finding(*named, Verdict.WARNING, value, meaning, steps, f"good: {SHORT_WAIT_MS} ms")]
 
 
 def _judge_grabber(name: str) -> Finding:
     deed, command = GRABBERS[name]
-    topic = Topic(SUBJECT, f"grabber:{name}", name, {"running": True})
-    return topic.find(Verdict.WARNING, "is running", deed, Step("If nobody needs it here:", command))
+    step = Step("If nobody needs it here:", command)
+    return Finding(f"serial.grabber:{name}", name, Verdict.WARNING, "is running", deed, (step,))
 
 
 def _group(gid: int) -> str:

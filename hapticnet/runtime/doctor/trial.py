@@ -8,17 +8,13 @@ The limits come from measurements on two shared cores (bench/measure/real_time.p
 import json
 import os
 import threading
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from hapticnet.errors import UnavailableError
 from hapticnet.runtime.children import Child
-from hapticnet.runtime.doctor.finding import Figures, Finding, Step, Topic, Verdict, duration, grade
-from hapticnet.runtime.doctor.machine import scratch_folder
+from hapticnet.runtime.doctor.finding import Finding, Step, Verdict, duration, grade, scratch_folder
 from hapticnet.runtime.overload import LARGEST_MISSED_SHARE
-
-SUBJECT: Final = "measured"
 
 TRIAL_S: Final = 3.0
 
@@ -144,55 +140,54 @@ def judge_trial(trial: Trial) -> list[Finding]:
         return [judge_failure("the slave answered no position")]
     due = trial.ticks + trial.missed
     missed_share = trial.missed / due if due else 1.0
-    round_trip = {"p50_us": trial.round_trip_p50_us, "p99_us": trial.round_trip_p99_us, "answers": trial.answers}
-    lateness = {"p50_us": trial.late_p50_us, "p99_us": trial.late_p99_us, "scheduling": trial.scheduling}
-    missed: Figures = {"ticks": trial.ticks, "missed": trial.missed, "missed_share": missed_share}
-    to_do = [WHO_IS_BUSY] if trial.scheduling.startswith("SCHED_FIFO") else [GRANT_FIFO, WHO_IS_BUSY]
-    return [
-        _judge(
-            Topic(SUBJECT, "round_trip", "Round trip", round_trip),
+    steps = (WHO_IS_BUSY,) if trial.scheduling.startswith("SCHED_FIFO") else (GRANT_FIFO, WHO_IS_BUSY)
+    findings = [
+        Finding(
+            "measured.round_trip",
+            "Round trip",
             grade(trial.round_trip_p99_us, GOOD_ROUND_TRIP_US, ACCEPTABLE_ROUND_TRIP_US),
             _percentiles(trial.round_trip_p50_us, trial.round_trip_p99_us),
             "Even without a network, the force for a position comes after the next positions.",
-            to_do,
-            scale=f"good: p99 up to {duration(GOOD_ROUND_TRIP_US / 1e6)}, before the next position;"
+            steps,
+            f"good: p99 up to {duration(GOOD_ROUND_TRIP_US / 1e6)}, before the next position;"
             f" acceptable: {duration(ACCEPTABLE_ROUND_TRIP_US / 1e6)}",
         ),
-        _judge(
-            Topic(SUBJECT, "lateness", "Tick lateness", lateness),
+        Finding(
+            "measured.lateness",
+            "Tick lateness",
             grade(trial.late_p99_us, GOOD_LATE_US, ACCEPTABLE_LATE_US),
             f"{_percentiles(trial.late_p50_us, trial.late_p99_us)}, {trial.scheduling.partition(' (')[0]}",
             "Positions are sampled late, and the force loop of the fingertip device runs unevenly.",
-            to_do,
-            scale=f"good: p99 up to {duration(GOOD_LATE_US / 1e6)}, a quarter of a tick;"
+            steps,
+            f"good: p99 up to {duration(GOOD_LATE_US / 1e6)}, a quarter of a tick;"
             f" acceptable: {duration(ACCEPTABLE_LATE_US / 1e6)}",
         ),
-        _judge(
-            Topic(SUBJECT, "missed_ticks", "Missed ticks", missed),
+        Finding(
+            "measured.missed_ticks",
+            "Missed ticks",
             grade(missed_share, GOOD_MISSED, ACCEPTABLE_MISSED),
             f"{trial.missed} of {due} ({missed_share:.2%})",
             "In a missed tick no position is sent, and the platform at the finger does not move.",
-            to_do,
-            scale=f"good: up to {GOOD_MISSED:.0%}; acceptable: {ACCEPTABLE_MISSED:.0%}",
+            steps,
+            f"good: up to {GOOD_MISSED:.0%}; acceptable: {ACCEPTABLE_MISSED:.0%}",
         ),
     ]
+    return [each._replace(meaning="", to_do=()) if each.verdict is Verdict.OK else each for each in findings]
 
 
 def judge_failure(reason: str) -> Finding:
     """Return the finding of a trial that gave no measurement."""
-    return Topic(SUBJECT, "trial", "Slave and master", {"error": reason}).find(
+    return Finding(
+        "measured.trial",
+        "Slave and master",
         Verdict.PROBLEM,
         f"no session over loopback: {reason}",
         "Unless the reason lies in this trial, a session between two hosts fails in the same way.",
-        Step("See what the slave says:", "hapticnet slave --listen 127.0.0.1:0 --duration 5"),
-        Step("See whether loopback is up:", "ip address show lo"),
+        (
+            Step("See what the slave says:", "hapticnet slave --listen 127.0.0.1:0 --duration 5"),
+            Step("See whether loopback is up:", "ip address show lo"),
+        ),
     )
-
-
-def _judge(topic: Topic, verdict: Verdict, value: str, meaning: str, to_do: Sequence[Step], *, scale: str) -> Finding:
-    if verdict is Verdict.OK:
-        return topic.ok(value, scale=scale)
-    return topic.find(verdict, value, meaning, *to_do, scale=scale)
 
 
 def _percentiles(p50_us: float | None, p99_us: float | None) -> str:
