@@ -41,7 +41,7 @@ BENCHMARKS: Final = (
         "--quick --seconds 0.4 --repetitions 1 --tries 1",
         timed=True,
     ),
-    Benchmark("floods", "--seconds 2 --repetitions 3", "--quick --seconds 0.3 --repetitions 1", timed=True),
+    Benchmark("floods", "--seconds 1 --repetitions 2", "--quick --seconds 0.3 --repetitions 1", timed=True),
     Benchmark(
         "peers",
         "--seconds 1 --repetitions 2",
