@@ -62,7 +62,7 @@ check: site
 
 # The pages as a site, in build/site. Links that lead nowhere are errors.
 site: $(VENV)/installed-dev
-	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build -q
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build  # with -q, it would ignore links that lead nowhere
 
 docker-check: site
 	$(BIN)/pytest -m docker tests/docker
