@@ -102,7 +102,7 @@ def test_an_installed_package_offers_it_by_name(tmp_path, monkeypatch):
     (package / "METADATA").write_text("Metadata-Version: 2.1\nName: every\nVersion: 1.0\n")
     (package / "entry_points.txt").write_text("[hapticnet.codecs]\nevery = every:Every\ngone = gone:Gone\n")
     listed = installed("codecs", "--json")
-    assert json.loads(listed.stdout)[-1] == {
+    assert next(each for each in json.loads(listed.stdout) if each["name"] == "every") == {
         "name": "every",
         "summary": "Send every so-manieth force.",
         "needs_position": False,
