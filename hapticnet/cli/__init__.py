@@ -7,7 +7,6 @@ from typing import Any, Final
 import typer
 
 from hapticnet.cli import (
-    channel,
     codecs,
     compare,
     config,
@@ -61,7 +60,6 @@ app = typer.Typer(
 app.command(short_help="Play the paper's conditions with a slave and a master.")(demo.demo)
 app.command(short_help="Host the virtual tissues.")(slave.slave)
 app.command(short_help="Send the operator's motion, render the force that comes back.")(master.master)
-app.command(short_help="Relay between masters and a slave through an emulated network.")(channel.channel)
 app.command(short_help="Run a codec over a recorded force.")(encode.encode)
 app.command(short_help="Compare every codec on recordings with the best possible.")(compare.compare)
 app.command(short_help="Print what a recording holds.")(recordings.info)

@@ -61,7 +61,5 @@ COMPLETIONS: Final[dict[str, Callable[[str], list[str]]]] = {
     "verb": verb_names,
     "channel_out": channel_names,
     "channel_in": channel_names,
-    "forward": channel_names,
-    "feedback": channel_names,
 }
 """Completions by the name of the parameter."""

@@ -53,10 +53,6 @@ EXAMPLES: Final[dict[tuple[str, ...], tuple[str, ...]]] = {
         "hapticnet master --metrics 127.0.0.1:9464",
         "HAPTICNET_MASTER_CODEC=raw hapticnet master --config rig.toml",
     ),
-    ("channel",): (
-        "hapticnet channel --connect 127.0.0.1:47800 --forward wifi --feedback wifi,loss=5%",
-        "hapticnet channel --connect slave:47800 --listen 0.0.0.0:47801 --feedback delay=40ms,jitter=normal:5ms",
-    ),
     ("encode",): (
         "hapticnet encode force.csv",
         "hapticnet encode force.npy --force-column 2 --sampling-rate 1000 --codec deadband --json --csv decoded.csv",

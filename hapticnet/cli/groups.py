@@ -23,7 +23,7 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {
     "Codec and perception": (
         "codec", "codecs", "add-codec", "multiplier", "multipliers", "weber", "floor", "law", "grid",
     ),
-    "Emulated network": ("channel-out", "channel-in", "forward", "feedback", "delay", "loss"),
+    "Emulated network": ("channel-out", "channel-in", "delay", "loss"),
     "Reading of files": (
         "trace", "force-column", "position-column", "time-column", "position-scale", "start", "sampling-rate",
         "missing", "max-size",

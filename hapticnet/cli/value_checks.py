@@ -91,8 +91,6 @@ CHECKS: Final[dict[str, Callable[[Any], None]]] = {
     "page": page,
     "channel_out": network,
     "channel_in": network,
-    "forward": network,
-    "feedback": network,
     "codec": codec,
     "rate": rate,
     "fastest_rate": rate,

@@ -29,7 +29,7 @@ from hapticnet.files import user_path
 from hapticnet.runtime.log_lines import Form, Level, log_line
 from hapticnet.runtime.outlet import STDERR, keep_log
 
-LOGGING: Final = {("master",), ("slave",), ("channel",), ("replay",)}
+LOGGING: Final = {("master",), ("slave",), ("replay",)}
 """Verbs that run until they are stopped: their lines on stderr have time and level."""
 
 UNITS: Final = {

@@ -59,10 +59,10 @@ def test_a_list_and_a_verb_of_two_words(run, rig):
 
 
 def test_without_a_verb_everything_that_is_set_is_listed(run, rig):
-    done = run("config", "--config", rig, HAPTICNET_CHANNEL_SEED="4")
+    done = run("config", "--config", rig, HAPTICNET_SLAVE_SEED="4")
     lines = [line.split() for line in done.stdout.splitlines()]
     assert ["master", "--codec", "raw", str(rig), "[master]"] in lines
-    assert ["channel", "--seed", "4", "HAPTICNET_CHANNEL_SEED"] in lines
+    assert ["slave", "--seed", "4", "HAPTICNET_SLAVE_SEED"] in lines
     assert len(lines) == 6
     assert "neither a file nor the environment" in run("config").stdout
     shared = [line.split() for line in run("config", HAPTICNET_KEY="mine.toml").stdout.splitlines()]
@@ -109,12 +109,12 @@ def test_a_wrong_file_is_one_line_whatever_the_verb(run, tmp_path, text, words):
 
 def test_an_invalid_value_is_told_with_the_place_it_comes_from(run, tmp_path):
     path = tmp_path / "rig.toml"
-    path.write_text("[channel]\nduration = 'long'\n")
-    done = run("channel", "--connect", "127.0.0.1:9", "--config", path)
+    path.write_text("[slave]\ndrain = 'long'\n")
+    done = run("slave", "--listen", "127.0.0.1:0", "--config", path)
     assert done.returncode == 2
-    assert f"{path} [channel]: " in done.stderr
-    done = run("channel", "--connect", "127.0.0.1:9", HAPTICNET_CHANNEL_DURATION="long")
-    assert "HAPTICNET_CHANNEL_DURATION: " in done.stderr
+    assert f"{path} [slave]: " in done.stderr
+    done = run("slave", "--listen", "127.0.0.1:0", HAPTICNET_SLAVE_DRAIN="long")
+    assert "HAPTICNET_SLAVE_DRAIN: " in done.stderr
     assert "Traceback" not in done.stderr
     done = run("codecs", HAPTICNET_CODECS_JSON="maybe")
     assert (

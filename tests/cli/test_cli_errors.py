@@ -23,7 +23,7 @@ WRONG_SETTINGS, WRONG_FILE, UNAVAILABLE, REFUSED = 2, 3, 4, 5
 """Exit codes, as docs/use/service.md lists them."""
 
 THE_ERROR = re.compile(r"(\S+Z error )?hapticnet: ")
-"""How the line of the error starts; masters, slaves and channels add time and level."""
+"""How the line of the error starts; masters and slaves add time and level."""
 
 
 def assert_one_line(done, *words, code=None):
@@ -133,8 +133,6 @@ def test_flags_of_encode_that_cannot_be_are_refused_in_one_line(files, arguments
         (("master", "--device", "glove"), ("unknown device 'glove'", "sim")),
         (("master", "--rate", "0"), ("rate is 0.0 Hz",)),
         (("master", "--rate", "nan"), ("rate is nan Hz",)),
-        (("channel", "--connect", "nowhere"), ("HOST:PORT",)),
-        (("channel",), ("--connect",)),
         (("scene", "show", "/dev/zero.toml"), ("No such file",)),
         (("scene", "show", "{files}/zero.toml"), ("is a character device",)),
         (("master", "--profile", "{files}/zero.toml"), ("is a character device",)),
@@ -159,7 +157,6 @@ def test_flags_and_files_that_cannot_be_are_refused_in_one_line(files, arguments
         ("master", "--report", "/proc"),
         ("slave", "--listen", "127.0.0.1:0", "--record-dir", "/proc/nowhere"),
         ("slave", "--listen", "127.0.0.1:0", "--report", "/proc/nowhere/x.json"),
-        ("channel", "--listen", "127.0.0.1:0", "--connect", "127.0.0.1:1", "--report", "/proc/nowhere/x.json"),
         ("scene", "run", "paper", "--trace", "missing.csv", "--out", "/proc/nowhere/x.csv"),
         ("demo", "--out-dir", "/proc/nowhere"),
     ],
@@ -186,13 +183,11 @@ def test_without_a_verb_the_help_is_shown_as_it_is_meant_to_be_read(verb):
     assert len(done.stderr.splitlines()) > 8
 
 
-@pytest.mark.parametrize("verb", ["slave", "channel"])
-def test_a_port_in_use_is_named_in_one_line(verb):
+def test_a_port_in_use_is_named_in_one_line():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         address = f"127.0.0.1:{taken.getsockname()[1]}"
-        extra = ("--connect", "127.0.0.1:1") if verb == "channel" else ()
-        assert_one_line(hapticnet(verb, "--listen", address, *extra), address, "in use", code=UNAVAILABLE)
+        assert_one_line(hapticnet("slave", "--listen", address), address, "in use", code=UNAVAILABLE)
 
 
 def test_a_host_that_does_not_exist():

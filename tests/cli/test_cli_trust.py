@@ -134,25 +134,3 @@ def test_a_report_does_not_overwrite_a_key_or_the_list(tmp_path):
 )
 def test_limits_that_cannot_be_are_refused(arguments, words):
     assert_one_line(hapticnet(*arguments), words)
-
-
-@pytest.mark.parametrize("slave", ["127.0.0.1:47800", "[::1]:47800", "localhost:47800", "0.0.0.0:47800"])
-def test_a_relay_that_other_hosts_can_reach_needs_a_word_if_its_slave_is_on_this_host(slave):
-    words = (
-        "can be reached from other hosts",
-        "takes every master behind this relay for one on its own host",
-        "--insecure",
-    )
-    assert_one_line(hapticnet("channel", *ANYWHERE, "--connect", slave), *words)
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        (*ANYWHERE, "--connect", "127.0.0.1:47800", "--insecure"),
-        ("--listen", "127.0.0.1:0", "--connect", "127.0.0.1:47800"),
-        (*ANYWHERE, *ELSEWHERE),
-    ],
-)
-def test_any_other_relay_starts_without_it(arguments):
-    assert hapticnet("channel", *arguments, "--duration", "0").returncode == 0

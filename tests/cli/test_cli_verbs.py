@@ -101,7 +101,7 @@ def test_version_and_help():
 
     assert describe_core() in ("plain Python", "compiled core")
     assert hapticnet("--version").stdout.strip() == f"hapticnet {__version__} ({describe_core()})"
-    for verb in ((), ("demo",), ("slave",), ("master",), ("channel",), ("encode",), ("scene",), ("scene", "run")):
+    for verb in ((), ("demo",), ("slave",), ("master",), ("encode",), ("scene",), ("scene", "run")):
         done = hapticnet(*verb, "--help")
         assert done.returncode == 0
         assert "Usage:" in done.stdout

@@ -241,24 +241,6 @@ def test_an_endless_file_is_refused_in_one_line(start, tmp_path, arguments):
     assert str(endless) in process.said()
 
 
-def test_single_bytes_from_many_sources_do_not_shut_the_channel(start, slave):
-    """N11: 400 datagrams of one byte from 128 sources, and no place for 30 s."""
-    _, address = slave
-    channel = start("channel", "--listen", "127.0.0.1:0", "--connect", address, "--json", *FAST)
-    between = channel.wait_for(r"listening on ([\d.]+:\d+)").group(1)
-    sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(200)]
-    for number in range(400):
-        sockets[number % 200].sendto(b"x", parse(between))
-        if number % 20 == 0:
-            time.sleep(0.005)
-    master = start("master", "--connect", between, "--duration", "2", "--rate", "200", "--json", *FAST)
-    assert master.process.wait(30) == 0
-    for sock in sockets:
-        sock.close()
-    assert master.report()["round_trip"]["count"] > 10
-    assert channel.end() == 0
-
-
 def test_no_number_of_a_slave_follows_from_its_seed(start, clients):
     """N12: session numbers came from a generator whose outputs tell its state."""
     numbers = []

@@ -53,14 +53,6 @@ def test_no_number_of_signals_costs_a_slave_its_report_or_its_code(start, option
     assert master.report()["ticks"] > 0
 
 
-def test_no_number_of_signals_costs_a_channel_its_report(start, slave):
-    channel = start("channel", "--listen", "127.0.0.1:0", "--connect", slave[1], *FAST)
-    address = channel.wait_for(r"listening on ([\d.]+:\d+)").group(1)
-    start("master", "--connect", address, *FAST).wait_for("connected to")
-    assert hammer(channel) == 0
-    assert channel.report()["scheduling"]
-
-
 @pytest.mark.parametrize(
     ("kind", "said"),
     [
