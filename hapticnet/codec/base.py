@@ -101,6 +101,7 @@ class Description(type):
     """Class of the descriptions of codecs. mypyc leaves a class with a metaclass plain Python, so users can extend it.
 
     Compiled code forgets which of their variables are class variables, so that they would become fields of a dataclass.
+    It also accepts as `self` only the subclasses it has seen, unless `self` is annotated as Any.
     """
 
     def __new__(cls, name: str, bases: tuple[type, ...], namespace: dict[str, Any]) -> "Description":

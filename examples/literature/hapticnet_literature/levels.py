@@ -38,13 +38,13 @@ def level_at(levels: Sequence[float], edges: Sequence[float], x: Vector) -> Vect
     return level_of(levels, edges, x[0]), level_of(levels, edges, x[1]), level_of(levels, edges, x[2])
 
 
-class LevelForm(ValueForm):
+class LevelForm:
     """Messages ``(form, value)`` as bytes, where the value consists of levels or is a plain one. Satisfies `Form`."""
 
-    __slots__ = ("_edges", "_indices", "_levels")
+    __slots__ = ("_edges", "_indices", "_levels", "_values")
 
     def __init__(self, axes: int, levels: Sequence[float], edges: Sequence[float]) -> None:
-        super().__init__(axes)
+        self._values = ValueForm(axes)
         self._levels, self._edges = levels, edges
         self._indices = COUNT[axes]
 
@@ -52,14 +52,14 @@ class LevelForm(ValueForm):
         """Return the payload of a message."""
         form, value = message
         if form != LEVEL:
-            return super().pack(message)
+            return self._values.pack(message)
         indices = [index_of(self._edges, abs(level)) for level in value]
         return self._indices.pack(*[-i if x < 0.0 else i for i, x in zip(indices, value, strict=True)])
 
     def unpack(self, payload: bytes, receiver: object = None) -> tuple[int, Vector]:
         """Return the message in a payload; PeerError if there is no such level, form or value."""
         if len(payload) != self._indices.size:
-            return super().unpack(payload, receiver)
+            return self._values.unpack(payload, receiver)
         signed = self._indices.unpack(payload)
         if max(map(abs, signed)) >= len(self._levels):
             raise PeerError(f"payload holds levels {signed}; there are {len(self._levels) - 1} on either side of zero")

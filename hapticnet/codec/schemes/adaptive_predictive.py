@@ -196,22 +196,22 @@ class AdaptivePredictive(Scheme):
     jump_thresholds: float = 0.0
     step_n: float = 0.0
 
-    def __post_init__(self) -> None:
+    def __post_init__(self: Any) -> None:
         check_parameter("horizon_ms", self.horizon_ms, 1.0, 10_000.0)
         check_parameter("window_ms", self.window_ms, 1.0, 1000.0)
         if self.jump_thresholds:
             check_parameter("jump_thresholds", self.jump_thresholds, SMALLEST_JUMP, 10.0)
         check_step(self.step_n)
 
-    def rule(self, axes: int, table: MakeTable) -> CurveRule:  # noqa: ARG002
+    def rule(self: Any, axes: int, table: MakeTable) -> CurveRule:  # noqa: ARG002
         """Return law, step of counts, and what curves depend on."""
         horizon_us, window_us = self.horizon_ms * 1e3, self.window_ms * 1e3
         return CurveRule(*law_numbers(self.law), self.step_n, horizon_us, window_us, self.jump_thresholds)
 
-    def form(self, axes: int) -> CurveForm:
+    def form(self: Any, axes: int) -> CurveForm:
         """Return the form of its messages."""
         return CurveForm(axes, self.law, step_n=self.step_n)
 
-    def past_samples(self) -> int:
+    def past_samples(self: Any) -> int:
         """Return the length of the past that trends are taken from."""
         return MOST_SAMPLES

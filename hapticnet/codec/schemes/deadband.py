@@ -75,7 +75,7 @@ class ValueScheme(Scheme):
     __slots__ = ()
     step_n: float
 
-    def form(self, axes: int) -> ValueForm:
+    def form(self: Any, axes: int) -> ValueForm:
         """Return the form of its messages."""
         return ValueForm(axes, step_n=self.step_n)
 
@@ -109,9 +109,9 @@ class Deadband(ValueScheme):
     law: WeberLaw = field(default_factory=WeberLaw)
     step_n: float = 0.0
 
-    def __post_init__(self) -> None:
+    def __post_init__(self: Any) -> None:
         check_step(self.step_n)
 
-    def rule(self, axes: int, table: MakeTable) -> ValueRule:  # noqa: ARG002
+    def rule(self: Any, axes: int, table: MakeTable) -> ValueRule:  # noqa: ARG002
         """Return the law and the step of counts."""
         return ValueRule(*law_numbers(self.law), self.step_n)

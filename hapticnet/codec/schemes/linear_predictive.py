@@ -183,21 +183,21 @@ class LinearPredictive(Scheme):
     horizon_ms: float = 100.0
     step_n: float = 0.0
 
-    def __post_init__(self) -> None:
+    def __post_init__(self: Any) -> None:
         check_integer("slope_samples", self.slope_samples, 2, 64)
         check_parameter("horizon_ms", self.horizon_ms, 1.0, 10_000.0)
         check_step(self.step_n)
 
-    def rule(self, axes: int, table: MakeTable) -> LineRule:  # noqa: ARG002
+    def rule(self: Any, axes: int, table: MakeTable) -> LineRule:  # noqa: ARG002
         """Return law, step of counts, and what lines depend on."""
         horizon_us, slope_step = self.horizon_ms * 1e3, slope_count(self.step_n, self.horizon_ms)
         return LineRule(*law_numbers(self.law), self.step_n, horizon_us, slope_step, int(self.slope_samples))
 
-    def form(self, axes: int) -> LineForm:
+    def form(self: Any, axes: int) -> LineForm:
         """Return the form of its messages."""
         return LineForm(axes, step_n=self.step_n, slope_step=slope_count(self.step_n, self.horizon_ms))
 
-    def past_samples(self) -> int:
+    def past_samples(self: Any) -> int:
         """Return how many samples a slope is fitted to."""
         return int(self.slope_samples)
 

@@ -286,12 +286,12 @@ class MotionPredictive(Scheme):
     window_ms: float = 17.0
     stiffest_n_per_m: float = 10_000.0
 
-    def __post_init__(self) -> None:
+    def __post_init__(self: Any) -> None:
         check_parameter("horizon_ms", self.horizon_ms, 1.0, 10_000.0)
         check_parameter("window_ms", self.window_ms, 1.0, 1000.0)
         check_parameter("stiffest_n_per_m", self.stiffest_n_per_m, 1.0, LARGEST_STIFFNESS)
 
-    def rule(self, axes: int, table: MakeTable) -> MotionRule:
+    def rule(self: Any, axes: int, table: MakeTable) -> MotionRule:
         """Return law, what lines depend on, and room for the newest samples."""
         return MotionRule(
             Numbers(*law_numbers(self.law), self.horizon_ms * 1e3, self.window_ms * 1e3, self.stiffest_n_per_m),
@@ -303,6 +303,6 @@ class MotionPredictive(Scheme):
             table(MOST_SAMPLES, axes),
         )
 
-    def form(self, axes: int) -> MotionForm:
+    def form(self: Any, axes: int) -> MotionForm:
         """Return the form of its messages."""
         return MotionForm(axes, self.law, stiffest=self.stiffest_n_per_m)

@@ -65,13 +65,13 @@ class Raw(Scheme):
     law: WeberLaw = field(default_factory=WeberLaw)
     step_n: float = 0.0
 
-    def __post_init__(self) -> None:
+    def __post_init__(self: Any) -> None:
         check_step(self.step_n)
 
-    def rule(self, axes: int, table: MakeTable) -> ValueRule:  # noqa: ARG002
+    def rule(self: Any, axes: int, table: MakeTable) -> ValueRule:  # noqa: ARG002
         """Return the step of counts; the law plays no part."""
         return ValueRule(0.0, 0.0, self.step_n)
 
-    def form(self, axes: int) -> ValueForm:
+    def form(self: Any, axes: int) -> ValueForm:
         """Return the form of its messages."""
         return ValueForm(axes, step_n=self.step_n, wide=False)
