@@ -1,6 +1,6 @@
 """Forces, times, positions and codecs as users give them, checked and converted to hapticnet's own types."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -189,9 +189,3 @@ def served(codec: Codec) -> Codec:
     if kind not in registry.all_codecs().values():
         registry.register_codec(checked_class(kind, f"{kind.__module__}:{kind.__qualname__}"))
     return codec
-
-
-def check_choice(name: str, value: object, choices: Sequence[str]) -> None:
-    """Raise SettingsError unless `value` is one of `choices`."""
-    if value not in choices:
-        raise SettingsError(f"{name} is {value!r}; choose from {', '.join(choices)}")

@@ -4,11 +4,12 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import KW_ONLY, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, cast
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, cast
 
+from hapticnet import options
 from hapticnet.api.events import LOG
-from hapticnet.api.inputs import as_codec, check_choice, served
-from hapticnet.checks import axes_of, check_parameter
+from hapticnet.api.inputs import as_codec, served
+from hapticnet.checks import axes_of
 from hapticnet.codec import registry
 from hapticnet.codec.base import Codec
 from hapticnet.device.base import Device
@@ -18,15 +19,15 @@ from hapticnet.errors import SampleError
 from hapticnet.experiment.provenance import provenance
 from hapticnet.files import user_path
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_settings import DeviceTakes, MasterSettings, OnError, Positions
+from hapticnet.node.master_settings import MasterSettings, OnError
 from hapticnet.operator.base import Operator
 from hapticnet.operator.user import HasSample, UserOperator
+from hapticnet.options import Option, check_options, described
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.recordings.session.archive import check_format
 from hapticnet.runtime import devices
 from hapticnet.runtime.clock import now_us
 from hapticnet.runtime.entropy import SystemEntropy
-from hapticnet.runtime.recorder import RECORD_LIMIT_BYTES
 from hapticnet.runtime.session_recordings import MasterRecording
 from hapticnet.runtime.trust import master_key
 from hapticnet.runtime.udp import SocketAddress, is_loopback, open_toward, parse_host_port
@@ -59,87 +60,70 @@ class Hand:
         return PositionSample(t_us, self.position_m)
 
 
+@described
 @dataclass
 class MasterSetup:
     """Parameters of a master.
 
-    Parameters
-    ----------
-    address
-        Where the slave listens, HOST:PORT.
-    codec, weber_fraction, floor_n, multiplier
-        The feedback codec and the JND; see `make_codec`.
-    rate_hz
-        Positions per second.
-    start
-        Position [m] at the start: a number, or a sequence with a number for each of one to three axes.
-    operator
-        Any object with ``sample(t_us)`` that gives the positions instead of the program, and is told the force if it
-        has ``feel(t_us, force_n)``.
-    device
-        A fingertip device: ``"serial:auto"``, ``"sim"`` or another text that ``hapticnet master --device`` takes, or
-        any object with ``exchange(displacement_m, now_us)`` or ``apply(force_n, now_us)``. None: the program takes
-        the force.
-    profile
-        The device's calibration and finger, a file from ``hapticnet device calibrate``.
-    device_takes
-        The axis of the force that the device renders, or ``"norm"``.
-    announced
-        Whether to ask the slave to announce the contact ahead, and to render it without delay.
-    positions
-        Which positions to send: ``"raw"``, every one; ``"line"``, those that matter, each with a velocity.
-    position_share
-        With ``"line"``: the share of the JND that positions may use, 0.01 to 0.9.
-    first_touch
-        Whether a device finds the finger with a press of 1 N before a session is asked for.
-    passive
-        Whether a force that would return more energy than the hand put in is damped.
-    key, peer_key
-        This host's key file and the slave's public key (base64), for a sealed session. Default of the first:
-        ~/.config/hapticnet/key.toml.
-    insecure
-        Whether an open session with another host is allowed.
-    name
-        Name in the slave's report.
-    max_age_s
-        Forces that answer a position older than this are not applied [s].
-    on_error
-        What an exception of the operator does: ``"end"`` the session, or ``"pause"`` it until `resume`. The force goes
-        to zero in both cases.
-    record
-        Record every tick in this file, .mcap, .csv or .npz (docs/use/recordings.md).
-    record_limit_bytes
-        Stop recording before it takes more disk space than this [B].
-    connect_timeout_s
-        How long to wait for the slave [s]; None: for ever.
+    They are checked when the master opens.
     """
 
-    address: str = "127.0.0.1:47800"
+    address: options.Connect = "127.0.0.1:47800"
     _: KW_ONLY
-    codec: str | Codec = "deadband"
-    weber_fraction: float | None = None
-    floor_n: float | None = None
-    multiplier: float | None = None
-    rate_hz: float = 1000.0
-    start: PositionLike = 0.0
-    operator: HasSample | None = None
-    device: str | HasExchange | HasApply | None = None
-    profile: str | Path | None = None
-    device_takes: DeviceTakes = "x"
-    announced: bool = False
-    positions: Positions = "raw"
-    position_share: float = 0.25
-    first_touch: bool = False
-    passive: bool = False
-    key: str | Path | None = None
-    peer_key: str | None = None
-    insecure: bool = False
-    name: str = "master"
-    max_age_s: float = 1.0
-    on_error: OnError = "end"
-    record: str | Path | None = None
-    record_limit_bytes: int = RECORD_LIMIT_BYTES
-    connect_timeout_s: float | None = 10.0
+    codec: Annotated[
+        str | Codec, Option("The feedback codec: a name with or without parameters, or an object of `make_codec`.")
+    ] = "deadband"
+    weber_fraction: Annotated[float | None, Option("Weber fraction k: JND = k·|force|; None: the paper's.")] = None
+    floor_n: Annotated[float | None, Option("Smallest JND [N]; None: the paper's.")] = None
+    multiplier: Annotated[float | None, Option("Deadband threshold in JNDs; None: 1.")] = None
+    rate_hz: options.Rate = 1000.0
+    start: Annotated[
+        PositionLike, Option("Position [m] at the start: a number, or one for each of one to three axes.")
+    ] = 0.0
+    operator: Annotated[
+        HasSample | None,
+        Option(
+            "Any object with ``sample(t_us)`` that gives the positions instead of the program, and is told the force"
+            " if it has ``feel(t_us, force_n)``."
+        ),
+    ] = None
+    device: Annotated[
+        str | HasExchange | HasApply | None,
+        Option(
+            'A fingertip device: ``"serial:auto"``, ``"sim"`` or another text that ``hapticnet master --device``'
+            " takes, or any object with ``exchange(displacement_m, now_us)`` or ``apply(force_n, now_us)``. None: the"
+            " program takes the force."
+        ),
+    ] = None
+    profile: Annotated[
+        str | Path | None,
+        Option("The device's calibration and finger, a file from ``hapticnet device calibrate``."),
+    ] = None
+    device_takes: options.DeviceTakes = "x"
+    announced: options.Announced = False
+    positions: options.Positions = "raw"
+    position_share: options.PositionShare = options.POSITION_SHARE
+    first_touch: options.FirstTouch = False
+    passive: options.Passive = False
+    key: options.KeyPath = None
+    peer_key: options.PeerKey = None
+    insecure: options.Insecure = False
+    name: options.Name = "master"
+    max_age_s: options.MaxAge = 1.0
+    on_error: Annotated[
+        OnError,
+        Option(
+            'What an exception of the operator does: ``"end"`` the session, or ``"pause"`` it until `resume`. The'
+            " force goes to zero in both cases."
+        ),
+    ] = "end"
+    record: Annotated[
+        str | Path | None, Option("Record every tick in this file, .mcap, .csv or .npz (docs/use/recordings.md).")
+    ] = None
+    record_limit_bytes: Annotated[int, Option("Stop recording before it takes more disk space than this [B].")] = (
+        options.RECORD_LIMIT
+    )
+    connect_timeout_s: Annotated[float | None, Option("How long to wait for the slave [s]; None: for ever.")] = 10.0
 
     def make(
         self, device: Device | UserActuator | None
@@ -208,10 +192,7 @@ class MasterSetup:
 
     def _settings(self) -> MasterSettings:
         """Return the settings of the node, but for the key."""
-        check_choice("on_error", self.on_error, ("end", "pause"))
-        check_choice("device_takes", self.device_takes, ("x", "y", "z", "norm"))
-        check_choice("positions", self.positions, ("raw", "line"))
-        check_parameter("max_age_s", self.max_age_s, 0.01, 60.0, "s")
+        check_options(self)
         if self.record is not None:
             check_format(user_path(self.record))
         law = {"weber_fraction": self.weber_fraction, "floor_n": self.floor_n, "multiplier": self.multiplier}

@@ -24,10 +24,10 @@ from hapticnet.cli import (
     sweep,
 )
 from hapticnet.cli.console import complain
-from hapticnet.cli.options import AUTO
 from hapticnet.cli.verbs import asks_for_json, equip, found_of
 from hapticnet.errors import FileError, HapticnetError, SettingsError, in_words
 from hapticnet.interrupts import ignore_further
+from hapticnet.options import AUTO
 from hapticnet.runtime.log_lines import Form
 from hapticnet.runtime.outlet import STDERR, abandon
 

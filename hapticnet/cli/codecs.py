@@ -2,7 +2,7 @@
 
 from typing import Any, Final
 
-from hapticnet.cli import options
+from hapticnet import options
 
 WIDEST: Final = 110
 """Characters of a line that still reads well."""

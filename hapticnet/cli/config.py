@@ -5,7 +5,7 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from hapticnet.cli import options
+from hapticnet import options
 from hapticnet.files import user_path
 
 DEFAULT: Final = "default"

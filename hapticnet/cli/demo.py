@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hapticnet.cli import options
+from hapticnet import options
 
 if TYPE_CHECKING:
     from hapticnet.experiment.conditions import Condition
@@ -25,14 +25,14 @@ def demo(
         ),
     ] = None,
     insertions: Annotated[int, typer.Option(min=1, help="Insertions, or palpations, per condition.")] = 2,
-    device: options.DeviceOption = "sim",
+    device: options.Device = "sim",
     codec: options.Codec = "deadband",
     announced: Annotated[
         bool,
         typer.Option(help="Let the slave announce the contact ahead, so that the device is in time."),
     ] = False,
     rate: Annotated[float, typer.Option(help="Positions a second.")] = 1000.0,
-    page: options.PageOption = None,
+    page: options.Page = None,
     out_dir: Annotated[
         Path | None,
         typer.Option(

@@ -4,9 +4,9 @@ import os
 import webbrowser
 from typing import TYPE_CHECKING, Final
 
-from hapticnet.cli.options import AUTO
 from hapticnet.cli.pages import PAGE, address_in
 from hapticnet.codec.registry import split_codec
+from hapticnet.options import AUTO
 from hapticnet.runtime.children import Child
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hapticnet.cli import options
+from hapticnet import options
 
 if TYPE_CHECKING:
     from hapticnet.runtime.serial_port import SerialSpec

@@ -5,7 +5,7 @@ from typing import Annotated, Final
 
 import typer
 
-from hapticnet.cli import options
+from hapticnet import options
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION
 
 LONGEST_REPEATED_S: Final = 5.0

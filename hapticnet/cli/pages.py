@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import unquote, urlsplit
 
-from hapticnet.cli.options import AUTO
 from hapticnet.errors import UnavailableError
+from hapticnet.options import AUTO
 
 if TYPE_CHECKING:
     from hapticnet.channel.emulator import Emulator

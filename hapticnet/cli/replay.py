@@ -1,12 +1,12 @@
 """``hapticnet replay``: the hand of a recording to a slave again, or its force through a codec and a channel."""
 
 from contextlib import contextmanager
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
-import typer
-
-from hapticnet.cli import options
+from hapticnet import options
+from hapticnet.options import Option
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION
 
 if TYPE_CHECKING:
@@ -18,40 +18,42 @@ FASTEST_HZ: Final = 10_000.0
 """Highest rate at which recordings are replayed: what a slave grants if it was not told otherwise."""
 
 
-def replay(
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReplayOptions:
+    """The options of ``hapticnet replay``."""
+
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="Recording of a session, or any file with positions and forces.")
-    ],
+        Path, Option("Recording of a session, or any file with positions and forces.", "FILE", argument=True)
+    ]
     connect: Annotated[
-        str | None,
-        typer.Option(metavar="HOST:PORT", help="Play the hand to this slave, instead of the recorded force."),
-    ] = None,
-    key: options.KeyOption = None,
-    peer_key: options.PeerKeyOption = None,
-    insecure: options.Insecure = False,
-    position_column: options.PositionColumn = None,
-    force_column: options.ForceColumn = None,
-    codec: options.Codec = "deadband",
-    weber: options.Weber = PAPER_WEBER_FRACTION,
-    floor: options.Floor = PAPER_FLOOR_N,
-    multiplier: options.Multiplier = 1.0,
-    channel_out: options.ChannelOut = "perfect",
-    channel_in: options.ChannelIn = "perfect",
-    device: options.DeviceOption = "none",
-    profile: options.ProfileOption = None,
-    rate: Annotated[
-        float | None, typer.Option(help="Positions a second; by default as recorded.", show_default=False)
-    ] = None,
-    page: options.PageOption = None,
-    seed: options.Seed = 0,
-    record: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Record the replay in FILE: .mcap, .csv or .npz.")
-    ] = None,
-    real_time: options.RealTime = True,
-    json: options.Json = False,
-    report: options.Report = None,
-    quiet: options.Quiet = False,
-) -> None:
+        str | None, Option("Play the hand to this slave, instead of the recorded force.", "HOST:PORT")
+    ] = None
+    key: options.Key = None
+    peer_key: options.PeerKey = None
+    insecure: options.Insecure = False
+    position_column: options.PositionColumn = None
+    force_column: options.ForceColumn = None
+    codec: options.Codec = "deadband"
+    weber: options.Weber = PAPER_WEBER_FRACTION
+    floor: options.Floor = PAPER_FLOOR_N
+    multiplier: options.Multiplier = 1.0
+    channel_out: options.ChannelOut = "perfect"
+    channel_in: options.ChannelIn = "perfect"
+    device: options.Device = "none"
+    profile: options.Profile = None
+    rate: Annotated[float | None, Option("Positions a second; by default as recorded.", "HZ", show_default=False)] = (
+        None
+    )
+    page: options.Page = None
+    seed: options.Seed = 0
+    record: Annotated[Path | None, Option("Record the replay in FILE: .mcap, .csv or .npz.", "FILE")] = None
+    real_time: options.RealTime = True
+    json: options.Json = False
+    report: options.Report = None
+    quiet: options.Quiet = False
+
+
+def replay(given: ReplayOptions) -> None:
     """Play a recording again.
 
     With --connect, its hand moves in the scene of that slave. Without, a slave on this machine answers with the
@@ -59,39 +61,28 @@ def replay(
     watch it on the page.
     """
     from hapticnet.cli.console import check_outputs
-    from hapticnet.cli.master import master
+    from hapticnet.cli.master import MasterOptions, master
     from hapticnet.errors import SettingsError
     from hapticnet.recordings.recording import load_motion
 
-    check_outputs(record, report, inputs=[file])
-    if connect is not None and force_column is not None:
+    file, column = given.file, given.position_column
+    check_outputs(given.record, given.report, inputs=[file])
+    if given.connect is not None and given.force_column is not None:
         raise SettingsError("--force-column chooses the force, but with --connect the slave's scene makes the force")
-    motion = load_motion(file, position=position_column)
-    with _slave(file, force_column, codec, motion, connect, real_time=real_time) as address:
+    motion = load_motion(file, position=column)
+    shared = {each.name for each in fields(MasterOptions)} & {each.name for each in fields(ReplayOptions)}
+    with _slave(given, motion) as address:
         master(
-            connect=address,
-            key=key,
-            peer_key=peer_key,
-            insecure=insecure,
-            operator=f"trace:{file}" if position_column is None else f"trace:{file}:{position_column}",
-            device=device,
-            profile=profile,
-            codec=codec,
-            weber=weber,
-            floor=floor,
-            multiplier=multiplier,
-            rate=rate or _rate_hz(motion.t_us.tolist()),
-            name="replay",
-            channel_out=channel_out,
-            channel_in=channel_in,
-            seed=seed,
-            connect_timeout=10.0,
-            page=page,
-            record=record,
-            real_time=real_time,
-            json=json,
-            report=report,
-            quiet=quiet,
+            MasterOptions(
+                **{name: getattr(given, name) for name in shared}
+                | {
+                    "connect": address,
+                    "operator": f"trace:{file}" if column is None else f"trace:{file}:{column}",
+                    "rate": given.rate or _rate_hz(motion.t_us.tolist()),
+                    "name": "replay",
+                    "connect_timeout": 10.0,
+                }
+            )
         )
 
 
@@ -113,9 +104,7 @@ def _rate_hz(t_us: list[int]) -> float:
 
 
 @contextmanager
-def _slave(
-    file: Path, column: str | None, codec: str, motion: "Motion", connect: str | None, *, real_time: bool
-) -> "Iterator[str]":
+def _slave(given: ReplayOptions, motion: "Motion") -> "Iterator[str]":
     """Yield the address of the slave: the one that was named, or one of our own that plays the recorded force."""
     from hapticnet.checks import axes_of
     from hapticnet.cli.console import Console
@@ -124,9 +113,10 @@ def _slave(
     from hapticnet.runtime.children import Child
     from hapticnet.scene.recorded import RecordedForce
 
-    if connect is not None:
-        yield connect
+    if given.connect is not None:
+        yield given.connect
         return
+    file, column = given.file, given.force_column
     force = RecordedForce(file, columns=column)
     axes = motion.position.shape[1]
     if force.axes != axes:
@@ -138,8 +128,8 @@ def _slave(
         if note not in motion.notes:  # which the operator tells
             Console("replay").say(f"{file}: {note}")
     scene = f"recording:{file}" if column is None else f"recording:{file}:{column}"
-    arguments = ["slave", "--listen", "127.0.0.1:0", "--scene", scene, "--add-codec", split_codec(codec)[0]]
-    slave = Child(arguments if real_time else [*arguments, "--no-real-time"])
+    arguments = ["slave", "--listen", "127.0.0.1:0", "--scene", scene, "--add-codec", split_codec(given.codec)[0]]
+    slave = Child(arguments if given.real_time else [*arguments, "--no-real-time"])
     try:
         yield slave.address()
     finally:

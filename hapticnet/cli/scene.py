@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from hapticnet.cli import options
+from hapticnet import options
 
 app = typer.Typer(no_args_is_help=True, help="Look at a scene without a network.")
 

@@ -2,12 +2,12 @@
 
 from typing import TYPE_CHECKING, Any, Final
 
+from hapticnet.api.slave_setup import place
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_events import MasterJoined, MasterLeft, MasterRefused, ScenePaused, SceneResumed, SlaveEvent
 from hapticnet.node.step_times import StepsTooSlow
 from hapticnet.protocol.keys import format_key
 from hapticnet.protocol.messages import Code
-from hapticnet.runtime.udp import HostPort
 from hapticnet.runtime.watching import Watcher
 
 if TYPE_CHECKING:
@@ -127,8 +127,3 @@ def who(station: "Station") -> str:
     """Return what to call a master: its name in the list, and what it calls itself."""
     own = repr(station.session.request.name)
     return own if station.listed is None else f"{station.listed!r} ({own})"
-
-
-def place(address: Any) -> str:
-    """Return a socket's address as text."""
-    return str(HostPort(address[0], address[1]))

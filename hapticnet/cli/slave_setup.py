@@ -2,19 +2,16 @@
 
 import os
 import signal
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from hapticnet.api.slave_setup import MOST_SESSIONS
+from hapticnet.api.slave_setup import slave_node
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
-from hapticnet.checks import check_integer, check_parameter
 from hapticnet.cli.console import Console, check_outputs, deliver
-from hapticnet.cli.options import RECORD_LIMIT
-from hapticnet.cli.slave_messages import SlaveMessages, place
+from hapticnet.cli.slave_messages import SlaveMessages
 from hapticnet.cli.watching import watch_slave
 from hapticnet.codec.registry import parse_codec, register_installed_codecs
 from hapticnet.errors import FileError, RunError, SettingsError
@@ -22,10 +19,10 @@ from hapticnet.experiment.provenance import provenance
 from hapticnet.files import check_folder
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_settings import SlaveSettings
+from hapticnet.options import RECORD_LIMIT
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.recordings.session.archive import check_format
 from hapticnet.runtime.clock import now_us
-from hapticnet.runtime.entropy import SystemEntropy
 from hapticnet.runtime.overload import Overload
 from hapticnet.runtime.realtime import OTHER, policy, prefer_realtime, run
 from hapticnet.runtime.reports import slave_report
@@ -33,50 +30,20 @@ from hapticnet.runtime.rescue import Rescue
 from hapticnet.runtime.session_recordings import SlaveRecording
 from hapticnet.runtime.slave_run import run_slave
 from hapticnet.runtime.trust import Guests, SlaveTrust, slave_trust
-from hapticnet.runtime.udp import bound_address, host_of, is_loopback, parse_host_port
+from hapticnet.runtime.udp import bound_address, is_loopback, parse_host_port
 from hapticnet.runtime.udp import listen as listen_on
 from hapticnet.scene.sources import SceneSource, find_source
 
 if TYPE_CHECKING:
     from hapticnet.channel.settings import ChannelSettings
+    from hapticnet.cli.slave import SlaveOptions
     from hapticnet.node.slave_events import SlaveEvent
-    from hapticnet.protocol.keys import MasterEntry
     from hapticnet.runtime.watching import Watcher
-    from hapticnet.scene.base import Touchable
 
 NOT_RECORDED: Final = "it needs --record-dir"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SlaveOptions:
-    """The options of ``hapticnet slave``."""
-
-    listen: str
-    scene: str
-    duration: float | None
-    drain: float
-    key: Path | None
-    masters: Path | None
-    insecure: bool
-    keep: float
-    fastest_rate: float
-    most_sessions: int
-    most_sessions_per_key: int
-    announce: Literal["declared", "measured", "nothing"]
-    add_codec: tuple[str, ...]
-    channel_out: str
-    seed: int
-    record_dir: Path | None
-    record_format: str
-    record_limit: int
-    metrics: str | None
-    real_time: bool
-    json: bool
-    report: Path | None
-    quiet: bool
-
-
-def serve(options: SlaveOptions) -> None:
+def serve(options: "SlaveOptions") -> None:
     """Serve until the end, and deliver the report."""
     console = Console("slave", quiet=options.quiet, real_time=True)
     for fault in register_installed_codecs():
@@ -157,25 +124,17 @@ def serve(options: SlaveOptions) -> None:
         raise RunError("; ".join(faults))
 
 
-def check(options: SlaveOptions) -> None:
+def check(options: "SlaveOptions") -> None:
     """Check options; raise a HapticnetError that says which one is wrong."""
-    for text in options.add_codec:
+    for text in options.add_codec or ():
         parse_codec(text)  # which makes it known
-    check_parameter("--drain", options.drain, 0.0, 86_400.0, "s")
-    check_parameter("--keep", options.keep, 1.0, 86_400.0, "s")
-    check_integer("--most-sessions", options.most_sessions, 1, MOST_SESSIONS)
     if options.record_dir is not None:
         check_format(Path(f"session.{options.record_format}"))
         check_folder(options.record_dir)
 
 
-def make_node(options: SlaveOptions, source: SceneSource, trust: SlaveTrust) -> SlaveNode:
+def make_node(options: "SlaveOptions", source: SceneSource, trust: SlaveTrust) -> SlaveNode:
     """Return the node that serves."""
-    entropy = SystemEntropy()
-
-    def make_scene(entry: "MasterEntry | None") -> "Touchable":
-        return (trust.scene_of(entry) or source).make()
-
     settings = SlaveSettings(
         fastest_rate_hz=options.fastest_rate,
         announces=options.announce,
@@ -187,11 +146,10 @@ def make_node(options: SlaveOptions, source: SceneSource, trust: SlaveTrust) -> 
             keep_us=round(options.keep * 1e6),
         ),
     )
-    doors = trust.doors(entropy)
-    return SlaveNode(make_scene, settings, entropy, doors=doors, write_address=place, host_of=host_of, clock=now_us)
+    return slave_node(source.make, settings, trust)
 
 
-def record(options: SlaveOptions, node: SlaveNode, out: "ChannelSettings", console: Console) -> SlaveRecording | None:
+def record(options: "SlaveOptions", node: SlaveNode, out: "ChannelSettings", console: Console) -> SlaveRecording | None:
     """Return what records the sessions, if that is asked for; `out` is the network emulated for the answers."""
     if options.record_dir is None:
         return None

@@ -1,5 +1,6 @@
 """What every verb has besides its own options: ``--config``, environment variables, examples; a log for some."""
 
+import dataclasses
 import functools
 import inspect
 import os
@@ -26,6 +27,7 @@ from hapticnet.cli.settings import (
 from hapticnet.cli.value_checks import check_values
 from hapticnet.errors import HapticnetError
 from hapticnet.files import user_path
+from hapticnet.options import Option, option_of
 from hapticnet.runtime.log_lines import Form, Level, log_line
 from hapticnet.runtime.outlet import STDERR, keep_log
 
@@ -53,7 +55,7 @@ FOUND: Final = "hapticnet.found"
 def equip(app: typer.Typer) -> None:
     """Add to each verb of an application what all verbs have."""
     for verb, info in _verbs(app, ()):
-        function = info.callback
+        function = info.callback = _with_declared_options(info.callback)
         _describe_values(function)
         if "ctx" not in inspect.signature(function).parameters:  # config prints the options of other verbs
             info.callback = _with_common_options(function, log=verb in LOGGING)
@@ -91,10 +93,52 @@ def _examples(verb: Verb) -> str | None:
     return None if lines is None else "\b\nExamples:\n" + "\n".join(f"  {line}" for line in lines)
 
 
+def _with_declared_options(function: Callable[..., None]) -> Callable[..., None]:
+    """Return a function with a parameter for each field, if its one parameter is a dataclass; typer reads the rest."""
+    own = list(inspect.signature(function).parameters.values())
+    verb = function
+    given: Any = own[0].annotation if len(own) == 1 else None
+    if dataclasses.is_dataclass(given):
+        own = [
+            inspect.Parameter(
+                each.name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=inspect.Parameter.empty if each.default is dataclasses.MISSING else each.default,
+                annotation=each.type,
+            )
+            for each in dataclasses.fields(given)
+        ]
+        make: Any = given
+
+        @functools.wraps(function)
+        def verb(**options: Any) -> None:
+            function(make(**options))
+
+    own = [each.replace(annotation=_typed(each.annotation)) for each in own]
+    verb.__signature__ = inspect.Signature(own)  # type: ignore[attr-defined]
+    verb.__annotations__ = {each.name: each.annotation for each in own}
+    return verb
+
+
+def _typed(annotation: Any) -> Any:
+    """Return an annotation with the option that it declares in typer's words, too."""
+    if (option := option_of(annotation)) is None:
+        return annotation
+    told: dict[str, Any] = {"metavar": option.metavar, "help": option.help, "parser": option.parser}
+    told |= {"show_default": option.show_default, "envvar": option.variable}
+    if option.most is None:
+        told["min"] = option.least
+    told = {name: value for name, value in told.items() if value is not None}
+    info = typer.Argument(**told) if option.argument else typer.Option(*option.flags, **told)
+    return Annotated[annotation.__origin__, info, option]
+
+
 def _describe_values(function: Callable[..., None]) -> None:
     """Name the value of each parameter in the help, and let the shell complete those that `COMPLETIONS` names."""
     for parameter in inspect.signature(function).parameters.values():
         for info in getattr(parameter.annotation, "__metadata__", ()):
+            if isinstance(info, Option):
+                continue
             if parameter.name in COMPLETIONS and info.autocompletion is None:
                 info.autocompletion = COMPLETIONS[parameter.name]
             if info.metavar is None:
@@ -189,6 +233,9 @@ def _with_common_options(function: Callable[..., None], *, log: bool) -> Callabl
         options = {name: _with_home(value) for name, value in options.items()}
         _warn_of_variables(ctx)
         check_values(ctx, options)
+        for each in own.parameters.values():
+            if (option := option_of(each.annotation)) is not None:
+                option.check(f"--{each.name.replace('_', '-')}", options[each.name])
         function(**options)
 
     parameters = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in own.parameters.values()]

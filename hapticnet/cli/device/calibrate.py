@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
 
 import typer
 
-from hapticnet.cli import options
+from hapticnet import options
 
 if TYPE_CHECKING:
     from hapticnet.device.calibration import Fit

@@ -1,6 +1,6 @@
 """``hapticnet device find``: list serial ports and mark those that may be the device."""
 
-from hapticnet.cli import options
+from hapticnet import options
 
 
 def find(json: options.Json = False) -> None:

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from hapticnet.cli import options
+from hapticnet import options
 
 
 def info(

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from hapticnet.cli import options
+from hapticnet import options
 
 
 def sim(

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hapticnet.cli import options
+from hapticnet import options
 
 if TYPE_CHECKING:
     from hapticnet.device.base import Device
@@ -16,7 +16,7 @@ def step(
     device: options.DeviceArgument = "sim",
     from_n: Annotated[float, typer.Option("--from", metavar="NEWTONS", help="Force before the step [N].")] = 0.4,
     to_n: Annotated[float, typer.Option("--to", metavar="NEWTONS", help="Force after the step [N].")] = 2.0,
-    profile: options.ProfileOption = None,
+    profile: options.Profile = None,
     seed: options.Seed = 0,
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw the response to FILE (.png, .pdf or .svg).")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hapticnet.cli import options
+from hapticnet import options
 
 if TYPE_CHECKING:
     from hapticnet.device.base import Device
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 def tune(
     device: options.DeviceArgument = "sim",
-    profile: options.ProfileOption = None,
+    profile: options.Profile = None,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Profile to write. Default: that of --profile, or none.")
     ] = None,

@@ -6,7 +6,7 @@ from typing import Annotated, Final
 
 import typer
 
-from hapticnet.cli import options
+from hapticnet import options
 
 FILES: Final = ("report.md", "conditions.csv", "conditions.tex", "results.json")
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hapticnet.cli import options
+from hapticnet import options
 from hapticnet.cli.experiment import common
 from hapticnet.cli.experiment import page as pages
 from hapticnet.cli.experiment.virtual_time import OnTrial, conduct_all, conduct_in_virtual_time
@@ -20,8 +20,8 @@ def limits(
     plan: common.PlanOption = "paper",
     seed: common.SeedOption = 0,
     out_dir: common.OutDir = Path("study"),
-    device: options.DeviceOption = "sim",
-    profile: options.ProfileOption = None,
+    device: options.Device = "sim",
+    profile: options.Profile = None,
     page: pages.PageOption = None,
     simulate: common.Simulate = None,
     wall_clock: common.WallClock = False,

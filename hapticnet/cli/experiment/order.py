@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from hapticnet.cli import options
+from hapticnet import options
 from hapticnet.cli.experiment import common
 from hapticnet.cli.experiment import page as pages
 from hapticnet.cli.experiment.virtual_time import OnTrial, conduct_all, conduct_in_virtual_time
@@ -23,8 +23,8 @@ def order(
     plan: common.PlanOption = "paper",
     seed: common.SeedOption = 0,
     out_dir: common.OutDir = Path("study"),
-    device: options.DeviceOption = "sim",
-    profile: options.ProfileOption = None,
+    device: options.Device = "sim",
+    profile: options.Profile = None,
     page: pages.PageOption = None,
     operator: Annotated[
         str | None,
@@ -41,8 +41,8 @@ def order(
             help="A slave started with --scene hapticnet.study.scene:NamedTissues; else one is started here.",
         ),
     ] = None,
-    key: options.KeyOption = None,
-    peer_key: options.PeerKeyOption = None,
+    key: options.Key = None,
+    peer_key: options.PeerKey = None,
     insecure: options.Insecure = False,
     simulate: common.Simulate = None,
     wall_clock: common.WallClock = False,

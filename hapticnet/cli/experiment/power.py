@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hapticnet.cli import options
+from hapticnet import options
 
 if TYPE_CHECKING:
     from hapticnet.study.plan import Plan

@@ -1,0 +1,362 @@
+"""Options of slave, master and the other verbs, each declared once: meaning, unit and range.
+
+The command line, its help, configuration files and the API use them.
+"""
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal, TypeAlias, TypeVar, get_args
+
+from hapticnet.checks import check_integer, check_parameter
+from hapticnet.errors import SettingsError
+from hapticnet.files import MAX_BYTES, parse_bytes
+
+Owner = TypeVar("Owner")
+
+MAX_SIZE: Final = MAX_BYTES
+RECORD_LIMIT: Final = 2 * 2**30
+INSERTIONS: Final = 5
+POSITION_SHARE: Final = 0.25
+AUTO: Final = "auto"
+"""Address of the page where none is written."""
+
+
+@dataclass(frozen=True, slots=True)
+class Option:
+    """What is said of an option wherever a person meets it.
+
+    Attributes
+    ----------
+    help
+        What it does, for the help of the command line and for the API's page.
+    metavar
+        What the help calls its value.
+    flags
+        Its names on the command line, where they do not follow from the parameter's.
+    variable
+        The environment variable that all verbs share.
+    least, most, unit
+        The range of its values, and their unit.
+    parser
+        What makes a value of text.
+    show_default
+        Whether the help prints the default.
+    argument
+        Whether it has no name on the command line, only a place.
+    """
+
+    help: str
+    metavar: str | None = None
+    flags: tuple[str, ...] = ()
+    variable: str | None = None
+    least: float | None = None
+    most: float | None = None
+    unit: str = ""
+    parser: Callable[[Any], Any] | None = None
+    show_default: bool = True
+    argument: bool = False
+
+    def check(self, name: str, value: Any) -> None:
+        """Raise SettingsError if the value is out of range; `name` is what its user calls the setting."""
+        if value is None or self.least is None or self.most is None:
+            return
+        if isinstance(self.least, int) and isinstance(self.most, int):
+            check_integer(name, value, self.least, self.most, self.unit)
+        else:
+            check_parameter(name, value, self.least, self.most, self.unit)
+
+
+def option_of(annotation: Any) -> Option | None:
+    """Return the setting that an annotation declares, if it does."""
+    return next((each for each in getattr(annotation, "__metadata__", ()) if isinstance(each, Option)), None)
+
+
+def check_options(owner: Any) -> None:
+    """Check every field of a dataclass that declares a setting.
+
+    Raises
+    ------
+    SettingsError
+        If a value is out of range, or none of the choices.
+    """
+    for name, field in owner.__dataclass_fields__.items():
+        if (option := option_of(field.type)) is None:
+            continue
+        value = getattr(owner, name)
+        kind = field.type.__origin__
+        if getattr(kind, "__origin__", None) is Literal and value not in get_args(kind):
+            raise SettingsError(f"{name} is {value!r}; choose from {', '.join(get_args(kind))}")
+        option.check(name, value)
+
+
+def described(owner: type[Owner]) -> type[Owner]:
+    """Add what the options of a dataclass mean to its docstring."""
+    fields = [(name, each) for name, each in vars(owner)["__dataclass_fields__"].items() if option_of(each.type)]
+    lines = [f"{name}\n    {option_of(each.type).help}" for name, each in fields]  # type: ignore[union-attr]
+    owner.__doc__ = "\n".join([inspect.cleandoc(owner.__doc__ or ""), "", "Parameters", "----------", *lines])
+    return owner
+
+
+Missing: TypeAlias = Literal["refuse", "drop", "hold"]
+ExportFormat: TypeAlias = Literal["csv", "mcap", "npz", "parquet"]
+PlotFormat: TypeAlias = Literal["png", "pdf", "svg"]
+
+# Connection and keys.
+Connect: TypeAlias = Annotated[str, Option("Where the slave listens.", "HOST:PORT")]
+Listen: TypeAlias = Annotated[str, Option("Where to listen; port 0 takes a free one.", "HOST:PORT")]
+ConnectTimeout: TypeAlias = Annotated[
+    float | None, Option("Give up when no slave answers for this long.", "SECONDS", least=0.0)
+]
+Name: TypeAlias = Annotated[str, Option("What the slave's report calls this master.")]
+FastestRate: TypeAlias = Annotated[float, Option("Highest sample rate granted to a master.", "HZ")]
+MostSessions: TypeAlias = Annotated[int, Option("Sessions served at once.", least=1, most=1_000_000)]
+MostSessionsPerKey: TypeAlias = Annotated[
+    int,
+    Option("Sessions of one key at once (without keys, of one host), unless the list says.", least=1, most=1_000_000),
+]
+Keep: TypeAlias = Annotated[
+    float,
+    Option(
+        "Keep the scene of a silent master this long for its return.", "SECONDS", least=1.0, most=86_400.0, unit="s"
+    ),
+]
+Drain: TypeAlias = Annotated[
+    float,
+    Option(
+        "When stopped, take no new masters and let the present ones finish for up to this long.",
+        "SECONDS",
+        least=0.0,
+        most=86_400.0,
+        unit="s",
+    ),
+]
+Key: TypeAlias = Annotated[
+    Path | None, Option("This host's key file, made by 'hapticnet key new'.", "FILE", variable="HAPTICNET_KEY")
+]
+PeerKey: TypeAlias = Annotated[
+    str | None,
+    Option(
+        "The slave's public key, printed by 'hapticnet key public' on its host.",
+        "BASE64",
+        variable="HAPTICNET_PEER_KEY",
+    ),
+]
+Masters: TypeAlias = Annotated[
+    Path | None,
+    Option(
+        "The masters that are admitted, as [[master]] tables of a TOML file; read again on SIGHUP.",
+        "FILE",
+        variable="HAPTICNET_MASTERS",
+    ),
+]
+KeyPath: TypeAlias = Annotated[
+    str | Path | None, Option("This host's key file; default where one is needed: ~/.config/hapticnet/key.toml.")
+]
+MastersPath: TypeAlias = Annotated[
+    str | Path | None, Option("The file that lists the masters that are served; default: masters.toml beside the key.")
+]
+KeyArgument: TypeAlias = Annotated[
+    Path | None,
+    Option("The key file; default: ~/.config/hapticnet/key.toml.", "FILE", variable="HAPTICNET_KEY", argument=True),
+]
+MastersArgument: TypeAlias = Annotated[
+    Path | None,
+    Option(
+        "The slave's list of masters; default: masters.toml beside the key.",
+        "FILE",
+        variable="HAPTICNET_MASTERS",
+        argument=True,
+    ),
+]
+Insecure: TypeAlias = Annotated[
+    bool, Option("Allow open sessions with other hosts: neither encrypted nor authenticated.")
+]
+
+# Operator and device.
+Operator: TypeAlias = Annotated[
+    str | None,
+    Option(
+        "Source of positions: scripted (insertions, the default), palpation[:axes=2] (on three or two axes), page"
+        " (the live page; the default with --page), trace:FILE[:COLUMN,…] (a recording),"
+        " udp:[HOST:]PORT[:axes=N] (another program), or a class of yours with sample(t_us): FILE.py:CLASS or"
+        " package.module:CLASS.",
+        "OPERATOR",
+    ),
+]
+Insertions: TypeAlias = Annotated[int, Option("Insertions or palpations of the scripted operator.", least=1)]
+Rate: TypeAlias = Annotated[float, Option("Positions a second.", "HZ")]
+Positions: TypeAlias = Annotated[
+    Literal["raw", "line"],
+    Option("Which positions to send: every one (raw), or those that matter, with a velocity (line)."),
+]
+PositionShare: TypeAlias = Annotated[
+    float, Option("With --positions line: the share of the JND that positions may use.")
+]
+Device: TypeAlias = Annotated[
+    str,
+    Option(
+        "Fingertip device: sim[:N/MM], simavr[:N/MM] (the compiled firmware, simulated), serial:auto,"
+        " serial:PATH[@BAUD], a class of yours with exchange or apply as FILE.py:CLASS or"
+        " package.module:CLASS, or none. N/MM is the simulated finger's stiffness.",
+        "DEVICE",
+    ),
+]
+DeviceArgument: TypeAlias = Annotated[
+    str,
+    Option("sim[:N/MM], simavr[:N/MM], serial:auto, serial:PATH[@BAUD] or FILE.py:CLASS.", "DEVICE", argument=True),
+]
+DeviceTakes: TypeAlias = Annotated[
+    Literal["x", "y", "z", "norm"], Option("The part of a force of several axes that the device renders.")
+]
+Profile: TypeAlias = Annotated[
+    Path | None, Option("The device's calibration and finger, from hapticnet device.", "FILE")
+]
+Passive: TypeAlias = Annotated[bool, Option("Damp a force that would return more energy than the hand put in.")]
+MaxAge: TypeAlias = Annotated[
+    float,
+    Option(
+        "Ignore forces that answer a position older than this, by the master's clock.",
+        "SECONDS",
+        least=0.01,
+        most=60.0,
+        unit="s",
+    ),
+]
+FirstTouch: TypeAlias = Annotated[bool, Option("Find the finger with a press of 1 N before asking for a session.")]
+
+# Scene, codec and perception.
+Scene: TypeAlias = Annotated[
+    str,
+    Option(
+        "What masters touch: paper, paper:SEED, a preset, FILE.toml, recording:FILE[:COLUMN,…] (a force in its own"
+        " time), or a class of yours with step(sample): FILE.py:CLASS or package.module:CLASS, then :KEY=VALUE,… for"
+        " its arguments.",
+        "SCENE",
+    ),
+]
+Announce: TypeAlias = Annotated[
+    Literal["declared", "measured", "nothing"],
+    Option("What to tell masters that ask for the contact ahead: what the scene declares, or what was measured of it."),
+]
+Announced: TypeAlias = Annotated[
+    bool, Option("Ask the slave to announce the contact ahead, and render it without delay.")
+]
+Codec: TypeAlias = Annotated[
+    str,
+    Option(
+        "Feedback codec; hapticnet codecs lists them. One of yours: FILE.py:CLASS or package.module:CLASS.",
+        "NAME[:KEY=VALUE,…]",
+    ),
+]
+AddCodec: TypeAlias = Annotated[
+    list[str] | None,
+    Option(
+        "Codec of yours that masters may ask for, or package.module:CLASS; repeat for more. Codecs of"
+        " installed packages are always served.",
+        "FILE.py:CLASS",
+    ),
+]
+Weber: TypeAlias = Annotated[float, Option("Weber fraction k: JND = k·|force|. The paper's mean: 0.05.", "FRACTION")]
+Floor: TypeAlias = Annotated[float, Option("Smallest JND; applies where k·|force| is below it.", "NEWTONS")]
+Law: TypeAlias = Annotated[
+    Path | None, Option("The law that 'experiment limits' measured, in place of --weber and --floor.", "FILE")
+]
+Multiplier: TypeAlias = Annotated[float, Option("Deadband threshold in JNDs. The paper's: 1, 2, 4.")]
+
+# Emulated network.
+ChannelOut: TypeAlias = Annotated[
+    str,
+    Option(
+        "Emulated network for outgoing datagrams: a preset (lan, wifi, 4g, transatlantic, satellite) or parts"
+        " such as delay=20ms,jitter=normal:5ms,loss=2%.",
+        "SPEC",
+    ),
+]
+ChannelIn: TypeAlias = Annotated[
+    str, Option("The same for arriving datagrams; together they emulate both directions.", "SPEC")
+]
+
+# Reading of files.
+ForceColumn: TypeAlias = Annotated[
+    str | None, Option("Force columns [N], by name or number from 0; one to three axes.", "NAME[,NAME…]")
+]
+TimeColumn: TypeAlias = Annotated[
+    str | None,
+    Option("Column of the times, by name or number; default: one called t, time, timestamp …", "NAME"),
+]
+SamplingRate: TypeAlias = Annotated[float | None, Option("Sampling rate of files without a column of times.", "HZ")]
+PositionColumn: TypeAlias = Annotated[
+    str | None, Option("Position columns [m]; default: those called position or pos.", "NAME[,NAME…]")
+]
+PositionScale: TypeAlias = Annotated[
+    float | None,
+    Option(
+        "Metres per unit of position, instead of the unit in the column's name; negative if positions increase in"
+        " the direction of a positive force.",
+        "METRES",
+    ),
+]
+Start: TypeAlias = Annotated[
+    str | None,
+    Option(
+        "Move all positions so that the first is at this place [m], to put a recorded hand into the scene.",
+        "X[,Y[,Z]]",
+    ),
+]
+MissingValues: TypeAlias = Annotated[
+    Missing, Option("Empty cells and NaN: refuse the file, drop such rows, or hold (repeat) the last value.")
+]
+MaxSize: TypeAlias = Annotated[
+    int,
+    Option(
+        "Largest file that is read, such as 500MB or 8GiB; default: 2GiB.",
+        "SIZE",
+        parser=parse_bytes,
+        show_default=False,
+    ),
+]
+
+# Recording, monitoring, output and running.
+Record: TypeAlias = Annotated[
+    Path | None, Option("Record every tick, datagram and event in FILE: .mcap, .csv or .npz.", "FILE")
+]
+RecordDir: TypeAlias = Annotated[
+    Path | None, Option("Record each session in DIR/NAME-SESSION and the format's suffix.", "DIR")
+]
+RecordFormat: TypeAlias = Annotated[Literal["csv", "mcap", "npz"], Option("Format of the recordings.")]
+RecordLimit: TypeAlias = Annotated[
+    int,
+    Option(
+        "Disk space that recordings may take, such as 500MB or 8GiB; default: 2GiB.",
+        "SIZE",
+        parser=parse_bytes,
+        show_default=False,
+    ),
+]
+Page: TypeAlias = Annotated[
+    str | None,
+    Option(
+        "Serve the live page, by default on 127.0.0.1:47880 or a free port, and print its URL; needs the extra web.",
+        "[HOST:PORT]",
+    ),
+]
+Metrics: TypeAlias = Annotated[
+    str | None,
+    Option("Serve metrics for Prometheus at /metrics, and the state of this process at /health.", "HOST:PORT"),
+]
+Json: TypeAlias = Annotated[bool, Option("Print the report as JSON on stdout.")]
+Report: TypeAlias = Annotated[Path | None, Option("Write the report to FILE as JSON too.", "FILE")]
+Overwrite: TypeAlias = Annotated[bool, Option("Overwrite files that exist.")]
+Quiet: TypeAlias = Annotated[bool, Option("Print only errors and the report.", flags=("--quiet/--no-quiet", "-q"))]
+Duration: TypeAlias = Annotated[float | None, Option("Stop after this many seconds.", "SECONDS", least=0.0)]
+SessionDuration: TypeAlias = Annotated[
+    float | None,
+    Option("Stop this long after connecting; else when the operator is done.", "SECONDS", least=0.0),
+]
+Seed: TypeAlias = Annotated[int, Option("Seed of the random numbers.", least=0)]
+Jobs: TypeAlias = Annotated[
+    int | None, Option("Processes; default: one for each core. The results do not depend on it.", least=1)
+]
+RealTime: TypeAlias = Annotated[bool, Option("Use real-time scheduling (SCHED_FIFO) if permitted.")]
