@@ -4,6 +4,7 @@ The command line, its help, configuration files and the API use them.
 """
 
 import inspect
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -93,10 +94,19 @@ def check_options(owner: Any) -> None:
 
 def described(owner: type[Owner]) -> type[Owner]:
     """Add what the options of a dataclass mean to its docstring."""
-    fields = [(name, each) for name, each in vars(owner)["__dataclass_fields__"].items() if option_of(each.type)]
-    lines = [f"{name}\n    {option_of(each.type).help}" for name, each in fields]  # type: ignore[union-attr]
+    lines = [
+        f"{name} : {_text(field.type)}\n    {option.help}"
+        for name, field in vars(owner)["__dataclass_fields__"].items()
+        if (option := option_of(field.type)) is not None
+    ]
     owner.__doc__ = "\n".join([inspect.cleandoc(owner.__doc__ or ""), "", "Parameters", "----------", *lines])
     return owner
+
+
+def _text(annotation: Any) -> str:
+    """Return the type in an annotation as one would write it."""
+    kind = annotation.__origin__
+    return kind.__name__ if isinstance(kind, type) else re.sub(r"\b(?:\w+\.)+", "", str(kind))
 
 
 Missing: TypeAlias = Literal["refuse", "drop", "hold"]

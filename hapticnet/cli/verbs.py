@@ -35,9 +35,7 @@ LOGGING: Final = {("master",), ("slave",), ("replay",)}
 """Verbs that run until they are stopped: their lines on stderr have time and level."""
 
 UNITS: Final = {
-    "connect_timeout": "SECONDS",
     "duration": "SECONDS",
-    "fastest_rate": "HZ",
     "sampling_rate": "HZ",
     "floor": "NEWTONS",
     "rate": "HZ",
