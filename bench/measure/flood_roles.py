@@ -26,11 +26,9 @@ from hapticnet.protocol.handshake import Door, OpenDoor, SealedDoor
 from hapticnet.protocol.keys import MasterEntry, MasterKey, PrivateKey, Roster
 from hapticnet.protocol.stats import Distribution
 from hapticnet.protocol.wire import OPEN, SEALED
-from hapticnet.runtime.clock import now_us
-from hapticnet.runtime.entropy import SystemEntropy
 from hapticnet.runtime.master_run import run_master
-from hapticnet.runtime.realtime import prefer_realtime, run
 from hapticnet.runtime.slave_run import run_slave
+from hapticnet.runtime.system import SystemEntropy, now_us, prefer_realtime, run
 from hapticnet.runtime.udp import HostPort, bound_address, host_of, listen
 from hapticnet.runtime.watching import Watcher
 from hapticnet.scene.presets import paper_scene

@@ -19,8 +19,8 @@ import record
 
 from hapticnet.protocol.key_files import dump_master, write_key
 from hapticnet.protocol.keys import MasterEntry, format_key, new_key
-from hapticnet.runtime.children import Child
-from hapticnet.runtime.entropy import SystemEntropy
+from hapticnet.runtime.processes import Child
+from hapticnet.runtime.system import SystemEntropy
 
 PEERS = Path(__file__).parents[1] / "peers"
 PERCENTILES = (50, 99, 99.9)

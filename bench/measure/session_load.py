@@ -17,8 +17,7 @@ from typing import Any, Final, NamedTuple
 
 from hapticnet.protocol.key_files import dump_master, write_key
 from hapticnet.protocol.keys import MasterEntry, new_key
-from hapticnet.runtime.entropy import SystemEntropy
-from hapticnet.runtime.realtime import FIFO_PRIORITY
+from hapticnet.runtime.system import FIFO_PRIORITY, SystemEntropy
 
 PEERS: Final = Path(__file__).parents[1] / "peers"
 START_WITHIN_S: Final = 60.0

@@ -8,8 +8,7 @@ import asyncio
 import socket
 import sys
 
-from hapticnet.runtime.clock import now_us
-from hapticnet.runtime.realtime import prefer_realtime, run
+from hapticnet.runtime.system import now_us, prefer_realtime, run
 from hapticnet.runtime.timer import Ticker
 
 

@@ -17,13 +17,12 @@ from hapticnet.node.master import MasterNode
 from hapticnet.node.master_events import NodeEvent
 from hapticnet.protocol.events import Ended
 from hapticnet.protocol.stats import Distribution
-from hapticnet.runtime.clock import now_us, waited_us
 from hapticnet.runtime.master_run import MasterRun, MasterRunner
 from hapticnet.runtime.overload import Overload
-from hapticnet.runtime.realtime import scheduling
 from hapticnet.runtime.reports import master_report
+from hapticnet.runtime.system import now_us, scheduling, waited_us
+from hapticnet.runtime.timer import either
 from hapticnet.runtime.udp import DRAIN_US
-from hapticnet.runtime.waiting import either
 from hapticnet.runtime.watching import Watcher
 from hapticnet.samples import Vector
 

@@ -13,11 +13,10 @@ from hapticnet.api.ticked import TickedSocket
 from hapticnet.api.views import SlaveView
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_events import SlaveEvent
-from hapticnet.runtime.clock import now_us, waited_us
 from hapticnet.runtime.overload import Overload
-from hapticnet.runtime.realtime import scheduling
 from hapticnet.runtime.reports import slave_report
 from hapticnet.runtime.slave_run import SlaveRunner
+from hapticnet.runtime.system import now_us, scheduling, waited_us
 
 
 @dataclass(eq=False)

@@ -15,8 +15,7 @@ from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.options import Option, check_options, described
 from hapticnet.protocol.settings import SessionSettings
-from hapticnet.runtime.clock import now_us
-from hapticnet.runtime.entropy import SystemEntropy
+from hapticnet.runtime.system import SystemEntropy, now_us
 from hapticnet.runtime.trust import SlaveTrust, slave_trust
 from hapticnet.runtime.udp import HostPort, SocketAddress, bound_address, host_of, is_loopback, listen, parse_host_port
 from hapticnet.scene.base import Touchable

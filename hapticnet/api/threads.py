@@ -7,7 +7,7 @@ from contextlib import AbstractAsyncContextManager
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from hapticnet.errors import UnavailableError
-from hapticnet.runtime.realtime import loop_factory
+from hapticnet.runtime.system import loop_factory
 
 if TYPE_CHECKING:
     from collections.abc import Coroutine

@@ -28,8 +28,7 @@ from hapticnet.cli.verbs import asks_for_json, equip, found_of
 from hapticnet.errors import FileError, HapticnetError, SettingsError, in_words
 from hapticnet.interrupts import ignore_further
 from hapticnet.options import AUTO
-from hapticnet.runtime.log_lines import Form
-from hapticnet.runtime.outlet import STDERR, abandon
+from hapticnet.runtime.nonblocking_log import STDERR, Form, abandon
 
 INTERNAL: Final = 70
 """Exit code of a fault in hapticnet itself (EX_SOFTWARE of sysexits.h)."""

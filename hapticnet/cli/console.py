@@ -11,8 +11,7 @@ from typing import Any, Final
 
 from hapticnet.errors import FileError, SettingsError, visible
 from hapticnet.files import check_replaceable, replacing, takes_a_stream
-from hapticnet.runtime.log_lines import Form, Level, log_line
-from hapticnet.runtime.outlet import STDERR, abandon, never_block, write_watched
+from hapticnet.runtime.nonblocking_log import STDERR, Form, Level, abandon, log_line, never_block, write_watched
 
 STALL_S: Final = 3.0
 """Time [s] that a process in real time waits for a reader of its report who has stopped reading."""

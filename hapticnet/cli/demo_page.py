@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 from hapticnet.cli.pages import PAGE, address_in
 from hapticnet.codec.registry import split_codec
 from hapticnet.options import AUTO
-from hapticnet.runtime.children import Child
+from hapticnet.runtime.processes import Child
 
 if TYPE_CHECKING:
     from hapticnet.cli.console import Console

@@ -28,7 +28,7 @@ def new(
 
     from hapticnet.protocol.key_files import default_key, dump_master, write_key
     from hapticnet.protocol.keys import MasterEntry, format_key, new_key
-    from hapticnet.runtime.entropy import SystemEntropy
+    from hapticnet.runtime.system import SystemEntropy
 
     path = file or default_key()
     key = new_key(SystemEntropy())

@@ -24,14 +24,12 @@ from hapticnet.recordings.session.archive import check_format
 from hapticnet.recordings.session.in_force import settings_line
 from hapticnet.recordings.session.recovery import refuse_if_recorded
 from hapticnet.runtime import devices
-from hapticnet.runtime.clock import now_us
-from hapticnet.runtime.entropy import SystemEntropy
 from hapticnet.runtime.master_run import MasterRun, run_master
 from hapticnet.runtime.overload import Overload, signs
-from hapticnet.runtime.realtime import OTHER, policy, prefer_realtime, run
 from hapticnet.runtime.reports import master_report
-from hapticnet.runtime.rescue import Rescue
 from hapticnet.runtime.session_recordings import MasterRecording
+from hapticnet.runtime.signals import Rescue
+from hapticnet.runtime.system import OTHER, SystemEntropy, now_us, policy, prefer_realtime, run
 from hapticnet.runtime.trust import master_key, refusal_advice
 from hapticnet.runtime.udp import is_loopback, open_toward, parse_host_port
 

@@ -110,7 +110,7 @@ def _slave(given: ReplayOptions, motion: "Motion") -> "Iterator[str]":
     from hapticnet.cli.console import Console
     from hapticnet.codec.registry import split_codec
     from hapticnet.errors import SettingsError
-    from hapticnet.runtime.children import Child
+    from hapticnet.runtime.processes import Child
     from hapticnet.scene.recorded import RecordedForce
 
     if given.connect is not None:

@@ -28,8 +28,7 @@ from hapticnet.cli.value_checks import check_values
 from hapticnet.errors import HapticnetError
 from hapticnet.files import user_path
 from hapticnet.options import Option, option_of
-from hapticnet.runtime.log_lines import Form, Level, log_line
-from hapticnet.runtime.outlet import STDERR, keep_log
+from hapticnet.runtime.nonblocking_log import STDERR, Form, Level, keep_log, log_line
 
 LOGGING: Final = {("master",), ("slave",), ("replay",)}
 """Verbs that run until they are stopped: their lines on stderr have time and level."""

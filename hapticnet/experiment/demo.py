@@ -20,9 +20,9 @@ from hapticnet.experiment.trial import Trial
 from hapticnet.measure.metrics import ErrorReport
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION, WeberLaw
 from hapticnet.recordings.tables import read_csv
-from hapticnet.runtime.children import Child
 from hapticnet.runtime.overload import signs
-from hapticnet.runtime.realtime import OTHER
+from hapticnet.runtime.processes import Child
+from hapticnet.runtime.system import OTHER
 from hapticnet.scene.tissue import Tissue
 
 POLL_S: Final = 0.1

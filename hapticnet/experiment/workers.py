@@ -15,7 +15,7 @@ from typing import Any, Final, TypeAlias
 
 from hapticnet.checks import check_parameter
 from hapticnet.errors import UnavailableError
-from hapticnet.runtime.interpreter import safe_path
+from hapticnet.runtime.processes import safe_path
 
 MOST_JOBS: Final = 256
 PARENT_CHECK_S: Final = 0.5

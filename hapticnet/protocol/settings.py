@@ -15,7 +15,7 @@ IDLE_KEEPALIVES: Final = 10
 class Entropy(Protocol):
     """A source of numbers that a stranger must not be able to guess.
 
-    `runtime.entropy.SystemEntropy` asks the operating system. In virtual time a seeded `numpy.random.Generator` serves.
+    `runtime.system.SystemEntropy` asks the operating system. In virtual time a seeded `numpy.random.Generator` serves.
     """
 
     def integers(self, low: int, high: int, /) -> Any:

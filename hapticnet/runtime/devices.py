@@ -39,7 +39,7 @@ def real_time_device(
     UnavailableError
         If the simulator is not built or does not start.
     """
-    from hapticnet.runtime.children import Child
+    from hapticnet.runtime.processes import Child
     from hapticnet.runtime.serial_port import SerialSpec, Wire, parse_serial
     from hapticnet.runtime.simavr import simavr_build
 
@@ -126,7 +126,7 @@ def _user_device(found: "UserClass", say: Callable[[str], None]) -> "Iterator[Us
 
     from hapticnet.device.user import as_user_device
     from hapticnet.errors import UserCodeError
-    from hapticnet.runtime.clock import now_us
+    from hapticnet.runtime.system import now_us
     from hapticnet.user_code import close_user_object
 
     device = as_user_device(found.make(), found.label)

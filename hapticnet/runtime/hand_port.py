@@ -8,7 +8,7 @@ from typing import Final
 
 from hapticnet.node.master_events import NodeEvent
 from hapticnet.operator.remote import RemoteOperator
-from hapticnet.runtime.clock import now_us
+from hapticnet.runtime.system import now_us
 from hapticnet.runtime.udp import READ_BYTES
 from hapticnet.runtime.watching import Watcher
 

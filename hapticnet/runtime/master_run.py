@@ -7,13 +7,12 @@ from socket import socket
 
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_events import NodeEvent
-from hapticnet.runtime.clock import now_us, waited_us
 from hapticnet.runtime.overload import Overload
-from hapticnet.runtime.rescue import Rescue
 from hapticnet.runtime.serial_port import Wire, open_wire
-from hapticnet.runtime.timer import Ticker
+from hapticnet.runtime.signals import Rescue, stop_on_signals
+from hapticnet.runtime.system import now_us, waited_us
+from hapticnet.runtime.timer import Repeating, Ticker, either, until
 from hapticnet.runtime.udp import IncomingChannel, OutgoingChannel, SocketAddress, UdpPort
-from hapticnet.runtime.waiting import Repeating, either, stop_on_signals, until
 from hapticnet.runtime.watching import Watcher, Watchers
 
 PARTING_S = 1.0
@@ -116,7 +115,7 @@ class MasterRunner:
         self._ticker = Ticker(loop, self.node.period_us, self._tick)
         if self._overload is not None:
             self._overload.attach(self._port, self._ticker, self.node.times)
-        self._status = Repeating(loop, self._check, self._overload)
+        self._status = Repeating(loop, self._check)
 
     async def finish(self, reason: str) -> MasterRun:
         """Close the session, stop the ticks and return the account of the run."""
@@ -167,6 +166,8 @@ class MasterRunner:
         self.node.check(now, waited_us)
         self._flush()
         self._watchers.check(now)
+        if self._overload is not None:
+            self._overload.check(now)
 
     def _flush(self) -> None:
         node = self.node

@@ -1,5 +1,6 @@
 """``--metrics``: figures of a running node for Prometheus, served by a process of its own."""
 
+import asyncio
 import json
 import math
 import os
@@ -17,19 +18,15 @@ from hapticnet.node.station import Station
 from hapticnet.node.step_times import StepTimes
 from hapticnet.protocol.stats import Distribution, Traffic
 from hapticnet.protocol.wire import Kind
-from hapticnet.runtime.outlet import STDERR
+from hapticnet.runtime.nonblocking_log import STDERR
 from hapticnet.runtime.overload import Overload
-from hapticnet.runtime.side_process import SideProcess
+from hapticnet.runtime.processes import SideProcess
 from hapticnet.runtime.udp import HostPort, bound_address, listen_for_streams
 from hapticnet.runtime.watching import Event, Watcher
 
-VALUES: Final = 0
-"""Kind of a frame with the newest values: JSON, a number or numbers by label for each name."""
-
-HISTOGRAM: Final = 1
-"""Kind of a frame with a distribution: JSON with its name and the counts by bucket."""
-
 MODULE: Final = "hapticnet.runtime.metrics_server"
+
+END_WITHIN_S: Final = 1.0
 
 Values: TypeAlias = dict[str, float | dict[str, float]]
 
@@ -62,12 +59,12 @@ class Metrics(Watcher[Event], Generic[Event]):
         self._process: SideProcess | None = None
         self._events: Counter[str] = Counter()
         self._turn = 0
+        self._told = False
 
     async def start(self) -> None:
         """Start the serving process."""
-        arguments = self.role, str(os.getpid())
-        descriptors = [self._socket.fileno()]
-        self._process = SideProcess(MODULE, descriptors, arguments, name="the process of --metrics", tell=self._tell)
+        number = self._socket.fileno()
+        self._process = SideProcess(MODULE, str(number), self.role, str(os.getpid()), descriptors=[number])
         self._socket.close()
         self._send()
 
@@ -82,7 +79,9 @@ class Metrics(Watcher[Event], Generic[Event]):
     async def stop(self) -> None:
         """End the serving process."""
         if self._process is not None:
-            await self._process.stop()
+            self._check_process(self._process)
+            await asyncio.to_thread(self._process.finish, END_WITHIN_S)
+            self._process.close()
 
     def values(self) -> Values:
         """Return the present values by name."""
@@ -93,14 +92,30 @@ class Metrics(Watcher[Event], Generic[Event]):
         raise NotImplementedError
 
     def _send(self) -> None:
-        if self._process is None:
+        process = self._process
+        if process is None or not self._check_process(process):
             return
-        self._process.send(VALUES, json.dumps(self.values()).encode())
+        process.pump()
+        if process.waiting_bytes:  # it is too far behind: leave this time out
+            return
         distributions = list(self.distributions().items())
         self._turn = (self._turn + 1) % len(distributions)
         name, distribution = distributions[self._turn]
-        if distribution is not None:
-            self._process.send(HISTOGRAM, json.dumps({"name": name, "counts": distribution.counts()}).encode())
+        process.put(news(self.values(), **({} if distribution is None else {name: distribution})))
+        process.pump()
+
+    def _check_process(self, process: SideProcess) -> bool:
+        """Return whether the serving process runs; if it has ended, tell it once."""
+        if (code := process.exit_code) is not None and not self._told:
+            self._told = True
+            self._tell(f"the process of --metrics has ended unexpectedly (exit code {code}); the run goes on")
+        return code is None
+
+
+def news(values: Values, **distributions: Distribution) -> bytes:
+    """Return the line that tells the serving process values, and distributions by name."""
+    counts = {name: each.counts() for name, each in distributions.items()}
+    return json.dumps([values, counts]).encode() + b"\n"
 
 
 def common_values(events: Mapping[str, int], overload: Overload) -> Values:

@@ -12,8 +12,9 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Any, Final
+from typing import Any, Final, Literal, TypeAlias
 
 from prometheus_client import CollectorRegistry, ProcessCollector
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, HistogramMetricFamily, Metric
@@ -22,8 +23,71 @@ from prometheus_client.registry import Collector
 
 from hapticnet import __version__
 from hapticnet.protocol.stats import Distribution
-from hapticnet.runtime import metric_table
-from hapticnet.runtime.frames import read_frames
+
+Kind: TypeAlias = Literal["counter", "gauge", "histogram"]
+
+EDGES_S: Final = (
+    0.00005, 0.0001, 0.00025, 0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0,
+)  # fmt: skip
+"""Upper edges [s] of the buckets of histograms; the 1 ms of a tick is one of them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Description:
+    """One metric, without the prefix ``hapticnet_``.
+
+    Attributes
+    ----------
+    labels
+        Names of its labels.
+    """
+
+    name: str
+    kind: Kind
+    meaning: str
+    labels: tuple[str, ...] = ()
+
+
+COMMON: Final = (
+    Description("datagrams", "counter", "Datagrams sent to and received from peers.", ("direction",)),
+    Description("wire_bytes", "counter", "Bytes of these datagrams with UDP and IPv4 headers.", ("direction",)),
+    Description("forces", "counter", "Force updates sent (slave) or received (master).", ("direction",)),
+    Description("datagrams_lost", "counter", "Datagrams of peers that did not arrive."),
+    Description("datagrams_dropped", "counter", "Datagrams that arrived and were not used.", ("reason",)),
+    Description("queue_age_seconds", "histogram", "Time from arrival at this machine until a datagram is read."),
+    Description("step_seconds", "histogram", "Time of a step of scene, operator, device or a user's codec."),
+    Description("kernel_drops", "counter", "Datagrams that the system dropped because they were not read in time."),
+    Description("events", "counter", "Events of the node, by name.", ("event",)),
+    Description("log_lines_left_out", "counter", "Lines that were not written to stderr."),
+    Description("realtime", "gauge", "1 under real-time scheduling (SCHED_FIFO), else 0."),
+)
+
+MASTER: Final = (
+    *COMMON,
+    Description("ticks", "counter", "Ticks of the master."),
+    Description("ticks_missed", "counter", "Ticks skipped because the next was already due."),
+    Description("tick_lateness_seconds", "histogram", "Delay from when a tick was due to its start."),
+    Description("round_trip_seconds", "histogram", "Time from a position to its answer."),
+    Description("force_age_seconds", "histogram", "Age of the force that is applied."),
+    Description("connected", "gauge", "1 in a session, else 0."),
+    Description("connections", "counter", "Sessions so far."),
+    Description("paused", "gauge", "1 while the operator is not asked because it failed, else 0."),
+    Description("held_force_newtons", "gauge", "Norm of the force that is held, at this moment."),
+    Description("target_force_newtons", "gauge", "Force requested of the device, at this moment."),
+    Description("sensed_force_newtons", "gauge", "Force sensed by the device, at this moment."),
+    Description("displacement_meters", "gauge", "Displacement of the device's platform, at this moment."),
+)
+
+SLAVE: Final = (
+    *COMMON,
+    Description("sessions", "gauge", "Sessions at this moment."),
+    Description("steps", "counter", "Positions answered."),
+    Description("draining", "gauge", "1 while new masters are refused because the slave is to stop, else 0."),
+    Description("strangers_datagrams", "counter", "Datagrams of no session.", ("direction",)),
+    Description("throttled", "counter", "Requests for a session that were not read because there were too many."),
+)
+
+TABLES: Final = {"master": MASTER, "slave": SLAVE}
 
 STALE_S: Final = 3.0
 """Time [s] without news after which the node counts as stuck: six intervals."""
@@ -46,26 +110,23 @@ class Figures(Collector):
         self._values: dict[str, Any] = {}
         self._histograms: dict[str, dict[str, int]] = {}
 
-    def take(self, kind: int, body: bytes) -> None:
-        """Take in a frame."""
+    def take(self, line: bytes) -> None:
+        """Take in a line from `metrics.news`."""
         self.heard_s = time.monotonic()
-        content = json.loads(body)
-        if kind == 0:
-            self._values = content
-        else:
-            self._histograms[content["name"]] = content["counts"]
+        self._values, counts = json.loads(line)
+        self._histograms |= counts
 
     def collect(self) -> Iterator[Metric]:
         """Yield all metrics for Prometheus."""
         info = GaugeMetricFamily("hapticnet_info", "Version and role of this process.", labels=("version", "role"))
         info.add_metric((__version__, self._role), 1.0)
         yield info
-        for metric in metric_table.TABLES[self._role]:
+        for metric in TABLES[self._role]:
             made = self._family(metric)
             if made is not None:
                 yield made
 
-    def _family(self, metric: metric_table.Metric) -> Metric | None:
+    def _family(self, metric: Description) -> Metric | None:
         name = f"hapticnet_{metric.name}"
         if metric.kind == "histogram":
             buckets, sum_s = histogram(self._histograms.get(metric.name, {}))
@@ -91,7 +152,7 @@ def histogram(counts: dict[str, int]) -> tuple[list[tuple[str, float]], float]:
     ratio = Distribution.RATIO
     in_s = sorted((1e-6 * ratio ** (int(bucket) + 1), count) for bucket, count in counts.items())
     buckets = [(str(edge_s), float(sum(count for upper_s, count in in_s if upper_s <= edge_s * ratio**0.5)))
-               for edge_s in metric_table.EDGES_S]  # fmt: skip
+               for edge_s in EDGES_S]  # fmt: skip
     buckets.append(("+Inf", float(sum(count for _, count in in_s))))
     return buckets, sum(count * upper_s for upper_s, count in in_s) / math.sqrt(ratio)
 
@@ -149,8 +210,9 @@ def main() -> None:
     ProcessCollector(pid=lambda: int(process_id), registry=registry)  # of the node, not of this process
     server = serve(socket.socket(fileno=int(descriptor)), figures, registry)
     threading.Thread(target=server.serve_forever, daemon=True).start()
-    for kind, body in read_frames(sys.stdin.buffer):
-        figures.take(kind, body)
+    for line in sys.stdin.buffer:
+        if line.endswith(b"\n"):  # else the node was killed in the middle of it
+            figures.take(line)
 
 
 if __name__ == "__main__":

@@ -12,8 +12,8 @@ from typing import Final
 
 from hapticnet.errors import FileError, UnavailableError
 from hapticnet.runtime.nano import SLICE_US, Board
-from hapticnet.runtime.timer import Ticker
-from hapticnet.runtime.waiting import Repeating, stop_on_signals, until
+from hapticnet.runtime.signals import stop_on_signals
+from hapticnet.runtime.timer import Repeating, Ticker, until
 
 MOST_CATCH_UP_US: Final = 50_000
 """Longest stall [µs] that is made up for; the rest of a longer one is skipped, also for the firmware."""

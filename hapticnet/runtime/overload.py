@@ -4,8 +4,8 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from hapticnet.node.step_times import StepTimes
-from hapticnet.runtime.outlet import STDERR
-from hapticnet.runtime.realtime import OTHER, policy
+from hapticnet.runtime.nonblocking_log import STDERR
+from hapticnet.runtime.system import OTHER, policy
 from hapticnet.runtime.timer import Ticker
 from hapticnet.runtime.udp import UdpPort
 

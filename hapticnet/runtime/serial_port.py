@@ -1,14 +1,11 @@
-"""Serial ports: find the port of a device, and carry the bytes of a wired device over it despite any fault.
-
-A lost port is retried four times a second. A port is opened in a thread, because a driver may block; reading and
-writing never wait.
-"""
+"""Serial ports: find the port of a device, and carry the bytes of a wired device over it despite any fault."""
 
 import asyncio
 import contextlib
 import errno
 import os
 import termios
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -18,7 +15,9 @@ from serial.tools import list_ports
 
 from hapticnet.device.wired import READY, WiredDevice
 from hapticnet.errors import RefusedError, SettingsError, UnavailableError
-from hapticnet.runtime.clock import now_us
+from hapticnet.runtime.signals import stop_on_signals
+from hapticnet.runtime.system import now_us
+from hapticnet.runtime.timer import Ticker, either
 
 DEFAULT_BAUD: Final = 500_000
 BAUDS: Final = (DEFAULT_BAUD, 115_200)
@@ -337,3 +336,60 @@ def _close(port: serial.Serial) -> None:
 def _close_opened(opening: "asyncio.Future[serial.Serial]") -> None:
     if not opening.cancelled() and opening.exception() is None:
         _close(opening.result())
+
+
+TICK_US: Final = 1000
+
+
+async def run_device(wire: Wire | None, tick: Callable[[int], bool], *, duration_s: float | None = None) -> bool:
+    """Open a device, wait for readings, then call `tick` with the time [µs] every millisecond.
+
+    Parameters
+    ----------
+    wire
+        The wire of the device, or None if it has none.
+    tick
+        Exchanges with the device; returns whether it is done. An exception ends the run and is raised here.
+    duration_s
+        Longest time [s] to run once the device is ready.
+
+    Returns
+    -------
+    bool
+        Whether the run was completed; False if SIGINT or SIGTERM ended it.
+
+    Raises
+    ------
+    RefusedError
+        If the device speaks a different protocol version.
+    UnavailableError
+        If there is no such port, or no device answers on it.
+    """
+    loop = asyncio.get_running_loop()
+    signalled = stop_on_signals(loop)
+    done = asyncio.Event()
+    failure: list[Exception] = []
+    port = await open_wire(wire, signalled) if wire is not None else None
+    if wire is not None and port is None:
+        return False
+
+    def on_tick(now_us: int) -> None:
+        try:
+            if not done.is_set() and tick(now_us):
+                done.set()
+        except Exception as error:
+            failure.append(error)
+            done.set()
+        if port is not None:
+            port.flush(now_us)
+
+    ticker = Ticker(loop, TICK_US, on_tick)
+    try:
+        await either(done, signalled, duration_s)
+        if failure:
+            raise failure[0]
+        return not signalled.is_set()
+    finally:
+        ticker.stop()
+        if port is not None:
+            await port.stop()

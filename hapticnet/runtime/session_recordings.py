@@ -1,10 +1,12 @@
 """Watchers that record: a master's ticks in one file, each session of a slave in a file of its own."""
 
+import asyncio
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Generic
 
+from hapticnet.errors import in_words
 from hapticnet.node.in_force import SettingsInForce
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_events import NodeEvent
@@ -16,8 +18,14 @@ from hapticnet.node.station import Station
 from hapticnet.node.step_times import StepsTooSlow
 from hapticnet.protocol.wire import OPEN, SEALED
 from hapticnet.recordings.session.frames import Table
-from hapticnet.runtime.recorder import Batches, Recorder, unix_offset_us
-from hapticnet.runtime.watching import Watcher
+from hapticnet.runtime.recorder import Recorder, unix_offset_us
+from hapticnet.runtime.watching import Event, Watcher
+
+BATCH_S: Final = 0.05
+"""Rows are handed to the writer this often. A node that is killed loses what is younger."""
+
+CATCH_UP_S: Final = 0.005
+"""The same while bytes wait, or sessions are due."""
 
 MOST_EARLY_EVENTS: Final = 1000
 """Most events that are kept until there is a first row."""
@@ -55,11 +63,10 @@ class _Track:
             if self._begun and datagrams is not None:
                 datagrams.take()  # not recorded, so nothing may pile up
             return
-        feed = self._recorder.feed
         if numbers:
-            feed.rows(self._number, 0, numbers)
+            self._recorder.rows(self._number, 0, numbers)
         if datagrams is not None and (rows := datagrams.take()):
-            feed.rows(self._number, 1, rows)
+            self._recorder.rows(self._number, 1, rows)
 
     def note(self, event: object, now_us: int) -> None:
         """Record an event; `now_us` is the node's own clock."""
@@ -90,7 +97,48 @@ class _Track:
         self._early.clear()
 
 
-class MasterRecording(Watcher[NodeEvent]):
+class _Recording(Watcher[Event], Generic[Event]):
+    """Hand rows to the writer every `BATCH_S`."""
+
+    name = "recording"
+
+    def __init__(self, recorder: Recorder) -> None:
+        self.recorder = recorder
+        self._handle: asyncio.TimerHandle | None = None
+
+    async def start(self) -> None:
+        """Begin."""
+        self.recorder.start()
+        self._handle = asyncio.get_running_loop().call_later(BATCH_S, self._fire)
+
+    async def stop(self) -> None:
+        """Complete the files, without holding up the loop."""
+        if self._handle is not None:
+            self._handle.cancel()
+        self._collect_all()
+        await asyncio.to_thread(self.recorder.finish)
+
+    def _collect(self) -> bool:
+        """Hand over rows; return whether more are due now."""
+        raise NotImplementedError
+
+    def _collect_all(self) -> None:
+        """Hand over what remains at the end."""
+        raise NotImplementedError
+
+    def _fire(self) -> None:
+        recorder = self.recorder
+        try:
+            more = not recorder.is_behind and self._collect()
+            recorder.pump()
+        except Exception as error:  # of the recorder's own code; the run must go on
+            recorder.stop(f"the recorder failed: {in_words(error)}", is_fault=True)
+            return
+        pause_s = CATCH_UP_S if more or recorder.is_behind else BATCH_S
+        self._handle = asyncio.get_running_loop().call_later(pause_s, self._fire)
+
+
+class MasterRecording(_Recording[NodeEvent]):
     """Record every tick of a master in a file; its settings must ask the node for that.
 
     Parameters
@@ -99,37 +147,28 @@ class MasterRecording(Watcher[NodeEvent]):
         Configuration, seed and versions, for the file.
     """
 
-    name = "recording"
-
     def __init__(
         self, node: MasterNode, file: Path, say: Callable[[str], None], *, limit_bytes: int,
         about: Mapping[str, Any] | None = None,
     ) -> None:  # fmt: skip
-        self.recorder = Recorder(say, limit_bytes=limit_bytes, about=about)
+        super().__init__(Recorder(say, limit_bytes=limit_bytes, about=about))
         self._node = node
         self._track = _Track(self.recorder, file, "master", ("tick", "datagram"))
-        self._batches = Batches(self.recorder, self._collect)
-
-    async def start(self) -> None:
-        """Begin."""
-        self._batches.start()
 
     def note(self, event: NodeEvent, now_us: int) -> None:
         """Record an event."""
         self._track.note(event, now_us)
 
-    async def stop(self) -> None:
-        """Complete the file."""
-        self._collect()
-        self._track.end({"report": self._node.report()})
-        await self._batches.stop()
-
     def _collect(self) -> bool:
         self._track.collect(self._node.recording, self._node.datagrams, lambda: about_master(self._node.settings))
         return False
 
+    def _collect_all(self) -> None:
+        self._collect()
+        self._track.end({"report": self._node.report()})
 
-class SlaveRecording(Watcher[SlaveEvent]):
+
+class SlaveRecording(_Recording[SlaveEvent]):
     """Record every session of a slave in FOLDER/NAME-SESSION and a suffix; the node's settings must ask for that.
 
     Parameters
@@ -142,24 +181,17 @@ class SlaveRecording(Watcher[SlaveEvent]):
         Configuration, seed and versions, for each file.
     """
 
-    name = "recording"
-
     def __init__(
         self, node: SlaveNode, folder: Path, say: Callable[[str], None], *, suffix: str, limit_bytes: int,
         channel_out: str | None = None, about: Mapping[str, Any] | None = None,
     ) -> None:  # fmt: skip
-        self.recorder = Recorder(say, limit_bytes=limit_bytes, about=about)
+        super().__init__(Recorder(say, limit_bytes=limit_bytes, about=about))
         self._node = node
         self._channel_out = channel_out
         self._folder = folder
         self._suffix = suffix
         self._tracks: dict[Station, _Track] = {}
         self._due: list[Station] = []
-        self._batches = Batches(self.recorder, self._collect)
-
-    async def start(self) -> None:
-        """Begin."""
-        self._batches.start()
 
     def note(self, event: SlaveEvent, now_us: int) -> None:
         """Record an event; complete the file of a master that has left."""
@@ -182,12 +214,6 @@ class SlaveRecording(Watcher[SlaveEvent]):
             track.end({"report": station.report()})
             del self._tracks[station]
 
-    async def stop(self) -> None:
-        """Complete the files."""
-        while self._collect():
-            pass
-        await self._batches.stop()
-
     def _collect(self) -> bool:
         """Collect some sessions, since answers wait meanwhile; return whether more of this round are due."""
         self._due = self._due or list(self._tracks)
@@ -196,6 +222,10 @@ class SlaveRecording(Watcher[SlaveEvent]):
             if station in self._tracks:
                 self._collect_one(station, self._tracks[station])
         return bool(self._due)
+
+    def _collect_all(self) -> None:
+        while self._collect():
+            pass
 
     @staticmethod
     def _collect_one(station: Station, track: _Track) -> None:

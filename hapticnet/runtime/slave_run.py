@@ -8,13 +8,12 @@ from typing import Final
 
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_events import SlaveEvent
-from hapticnet.runtime.clock import now_us, waited_us
 from hapticnet.runtime.master_run import PARTING_S
 from hapticnet.runtime.overload import Overload
-from hapticnet.runtime.rescue import Rescue
-from hapticnet.runtime.timer import Alarm
+from hapticnet.runtime.signals import Rescue, SignalHandler, stop_on_signals
+from hapticnet.runtime.system import now_us, waited_us
+from hapticnet.runtime.timer import Alarm, Repeating, until
 from hapticnet.runtime.udp import OutgoingChannel, SocketAddress, UdpPort
-from hapticnet.runtime.waiting import Repeating, SignalHandler, stop_on_signals, until
 from hapticnet.runtime.watching import Watcher, Watchers
 
 POLL_S: Final = 0.1
@@ -58,7 +57,7 @@ class SlaveRunner:
         self._port = UdpPort(loop, self._sock, self._receive, channel=self._channel)
         if self._overload is not None:
             self._overload.attach(self._port, times=self.node.times)
-        self._status = Repeating(loop, self._check, self._overload)
+        self._status = Repeating(loop, self._check)
 
     async def finish(self, reason: str) -> None:
         """End every session and stop."""
@@ -108,6 +107,8 @@ class SlaveRunner:
         self.node.check(now, waited_us)
         self._settle()
         self._watchers.check(now)
+        if self._overload is not None:
+            self._overload.check(now)
 
     def _settle(self) -> None:
         """Send what the node has to say besides answers; then those that said it may go on as before."""

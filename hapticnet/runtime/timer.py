@@ -1,4 +1,4 @@
-"""Timers that wake an event loop with microsecond accuracy.
+"""Waiting on an event loop: timers of microsecond accuracy, what is done twice a second, and events.
 
 The loops' own timers have a resolution of 1 ms (uvloop) or are late (asyncio). A timerfd that the loop watches like a
 socket is as accurate as clock_nanosleep in C. bench/measure/real_time.py measures both.
@@ -13,7 +13,7 @@ from typing import Final
 
 from hapticnet.errors import UnavailableError
 from hapticnet.protocol.stats import Distribution
-from hapticnet.runtime.clock import now_us
+from hapticnet.runtime.system import now_us
 
 # From <time.h>, <sys/timerfd.h> and <fcntl.h> of Linux; `os` has timerfd since Python 3.13.
 _CLOCK_MONOTONIC: Final = 1
@@ -22,6 +22,8 @@ _TFD_CLOEXEC: Final = 0o2000000
 _TFD_TIMER_ABSTIME: Final = 1
 _EXPIRATIONS: Final = struct.Struct("=Q")
 _ITIMERSPEC: Final = struct.Struct("=qqqq")  # interval s, ns; first expiry s, ns
+
+STATUS_INTERVAL_S: Final = 0.5
 
 
 class _Timer:
@@ -114,3 +116,40 @@ class Alarm(_Timer):
         if self._expirations():
             self._set_to_us = None
             self._callback()
+
+
+async def until(event: asyncio.Event, timeout_s: float | None) -> bool:
+    """Wait for an event for at most `timeout_s` [s]; return whether it was set."""
+    try:
+        await asyncio.wait_for(event.wait(), timeout_s)
+    except TimeoutError:
+        return False
+    return True
+
+
+async def either(one: asyncio.Event, other: asyncio.Event, timeout_s: float | None) -> bool:
+    """Wait for either of two events for at most `timeout_s` [s]; return whether one was set."""
+    waits = [asyncio.ensure_future(event.wait()) for event in (one, other)]
+    try:
+        done, _ = await asyncio.wait(waits, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for wait in waits:
+            wait.cancel()
+    return bool(done)
+
+
+class Repeating:
+    """Call a function every `STATUS_INTERVAL_S` until cancelled."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
+        self._loop = loop
+        self._callback = callback
+        self._handle = loop.call_later(STATUS_INTERVAL_S, self._fire)
+
+    def cancel(self) -> None:
+        """Stop the calls."""
+        self._handle.cancel()
+
+    def _fire(self) -> None:
+        self._callback()
+        self._handle = self._loop.call_later(STATUS_INTERVAL_S, self._fire)

@@ -8,7 +8,7 @@ from functools import partial
 from typing import Protocol
 
 from hapticnet.errors import UnavailableError
-from hapticnet.runtime.background import start_background
+from hapticnet.runtime.system import start_background
 from hapticnet.study.flow import Flow
 from hapticnet.study.rig import Outcome, Rig
 from hapticnet.study.rows import AnyRow

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from hapticnet.runtime.background import start_background
+from hapticnet.runtime.system import start_background
 
 RATE_HZ: Final = 48_000
 LOOP_S: Final = 10

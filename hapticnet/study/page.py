@@ -14,7 +14,7 @@ from hapticnet.node.master_events import NodeEvent
 from hapticnet.operator.base import Operator
 from hapticnet.operator.live import LiveHand
 from hapticnet.protocol.events import Connected
-from hapticnet.runtime.clock import now_us
+from hapticnet.runtime.system import now_us
 from hapticnet.samples import PositionSample
 from hapticnet.scene.tissue import SceneSettings
 from hapticnet.study.screens import Screen, ScreenKind

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final
 
-from hapticnet.runtime.clock import now_us
+from hapticnet.runtime.system import now_us
 from hapticnet.study import screens
 from hapticnet.study.flow import Flow
 from hapticnet.study.key_front import KeyFront, Stop

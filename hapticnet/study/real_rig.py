@@ -16,14 +16,12 @@ from hapticnet.node.master import MasterNode
 from hapticnet.node.master_events import NodeEvent
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.operator.base import Operator
-from hapticnet.runtime.clock import now_us
-from hapticnet.runtime.entropy import SystemEntropy
 from hapticnet.runtime.master_run import MasterRunner
 from hapticnet.runtime.recorder import unix_offset_us
 from hapticnet.runtime.serial_port import SerialPort, Wire, open_wire
-from hapticnet.runtime.timer import Ticker
+from hapticnet.runtime.system import SystemEntropy, now_us
+from hapticnet.runtime.timer import Ticker, either, until
 from hapticnet.runtime.udp import HostPort, open_toward
-from hapticnet.runtime.waiting import either, until
 from hapticnet.runtime.watching import Watcher, Watchers
 from hapticnet.study.hand import scripted_hand
 from hapticnet.study.rig import (

@@ -7,7 +7,7 @@ from textwrap import fill
 from typing import Final, Self
 
 from hapticnet.errors import UnavailableError
-from hapticnet.runtime.clock import now_us
+from hapticnet.runtime.system import now_us
 from hapticnet.study import screens
 from hapticnet.study.flow import Flow
 from hapticnet.study.key_front import KeyFront, Said

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 from hapticnet.checks import check_integer
 from hapticnet.errors import in_words
 from hapticnet.experiment.workers import MOST_JOBS, end_with_parent
-from hapticnet.runtime.interpreter import safe_path
+from hapticnet.runtime.processes import safe_path
 from hapticnet.sweep.grid import Shard
 from hapticnet.sweep.pool import Broken, Computed, Outcome
 from hapticnet.sweep.runs import Plan, Runner

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 from aiohttp import web
 
-from hapticnet.runtime.clock import now_us
+from hapticnet.runtime.system import now_us
 from hapticnet.web.messages import View
 
 if TYPE_CHECKING:

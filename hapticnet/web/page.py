@@ -10,7 +10,7 @@ from hapticnet.node.master import MasterNode
 from hapticnet.node.master_events import NodeEvent
 from hapticnet.operator.live import LiveHand
 from hapticnet.protocol.events import Connected
-from hapticnet.runtime.clock import now_us
+from hapticnet.runtime.system import now_us
 from hapticnet.scene.tissue import SceneSettings
 from hapticnet.web import messages
 from hapticnet.web.audience import Audience

@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from hapticnet.node import master_events, slave_events
-from hapticnet.runtime.metric_table import TABLES
+from hapticnet.runtime.metrics_server import TABLES
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "docker" / "prometheus"

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import pytest
 
 from hapticnet import cli
-from hapticnet.runtime.log_lines import Form
-from hapticnet.runtime.outlet import STDERR
+from hapticnet.runtime.nonblocking_log import STDERR, Form
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
-from hapticnet.runtime.entropy import SystemEntropy
+from hapticnet.runtime.system import SystemEntropy
 from hapticnet.samples import PositionSample
 
 Address = tuple[str, int]

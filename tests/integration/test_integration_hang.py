@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from hapticnet.runtime.rescue import CONCLUDE_S, PATIENCE_S, TRIES
+from hapticnet.runtime.signals import CONCLUDE_S, PATIENCE_S, TRIES
 
 FAST = ("--no-real-time",)
 BOUND_S = (TRIES + 1) * PATIENCE_S + CONCLUDE_S

@@ -12,7 +12,7 @@ import pytest
 
 import hapticnet
 from hapticnet.recordings.session.reading import read_session
-from hapticnet.runtime.children import Child
+from hapticnet.runtime.processes import Child
 from tests.integration.conftest import PATIENCE_S
 
 ROOT = Path(hapticnet.__file__).parents[1]
@@ -128,4 +128,4 @@ def test_one_place_in_the_code_starts_python():
         for file in (ROOT / "hapticnet").rglob("*.py")
         if "sys.executable" in file.read_text()
     }
-    assert users == {"runtime/interpreter.py", "runtime/doctor/checks.py"}
+    assert users == {"runtime/processes.py", "runtime/doctor/checks.py"}

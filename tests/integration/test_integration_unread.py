@@ -94,12 +94,9 @@ def test_a_master_whose_stderr_nobody_reads_plays_to_its_end(run, address, full_
     assert json.loads(report.read_text())["end_reason"] == "done"
 
 
-@pytest.mark.parametrize("verb", [("slave", "--listen", "127.0.0.1:0"), ("channel", "--connect", "127.0.0.1:1")])
-def test_a_process_none_of_whose_output_is_read_ends_on_one_sigint(run, full_pipe, verb, tmp_path):
+def test_a_process_none_of_whose_output_is_read_ends_on_one_sigint(run, full_pipe, tmp_path):
     report = tmp_path / "report.json"
-    if verb[0] == "channel":
-        verb = (*verb, "--listen", "127.0.0.1:0")
-    process = run(*verb, "--report", report, stdout=full_pipe, stderr=full_pipe)
+    process = run("slave", "--listen", "127.0.0.1:0", "--report", report, stdout=full_pipe, stderr=full_pipe)
     wait_until_it_handles_signals(process.pid)
     process.send_signal(signal.SIGINT)
     assert process.wait(PATIENCE_S) == 3, "the report on stdout is incomplete"

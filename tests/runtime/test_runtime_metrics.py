@@ -1,6 +1,9 @@
 """The figures for Prometheus: complete, as the node counts them, and readable by Prometheus's own parser."""
 
+import asyncio
 import json
+import os
+import signal
 import socket
 import threading
 import urllib.error
@@ -14,9 +17,8 @@ from prometheus_client.parser import text_string_to_metric_families as parse
 
 from hapticnet.protocol.stats import Distribution
 from hapticnet.runtime import metrics as metrics_module
-from hapticnet.runtime.metric_table import EDGES_S, TABLES
-from hapticnet.runtime.metrics import HISTOGRAM, VALUES, MasterMetrics, Metrics, SlaveMetrics
-from hapticnet.runtime.metrics_server import STALE_S, Figures, histogram, serve
+from hapticnet.runtime.metrics import MasterMetrics, Metrics, SlaveMetrics, news
+from hapticnet.runtime.metrics_server import EDGES_S, STALE_S, TABLES, Figures, histogram, serve
 from hapticnet.runtime.overload import Overload
 from hapticnet.runtime.udp import HostPort
 
@@ -38,11 +40,8 @@ def watched(loopback) -> Iterator[list[Metrics]]:
 def figures_of(metrics: Metrics) -> Figures:
     """Return what the serving process shows after all frames of a node."""
     figures = Figures(metrics.role)
-    figures.take(VALUES, json.dumps(metrics.values()).encode())
-    for name, distribution in metrics.distributions().items():
-        if distribution is not None:
-            content = {"name": name, "counts": distribution.counts()}
-            figures.take(HISTOGRAM, json.dumps(content).encode())
+    distributions = {name: each for name, each in metrics.distributions().items() if each is not None}
+    figures.take(news(metrics.values(), **distributions))
     return figures
 
 
@@ -142,7 +141,7 @@ def test_health_tells_whether_the_loop_still_runs(server):
     code, text = get(f"{url}/health")
     assert code == 503
     assert "nothing came from the master's loop for 3." in text
-    figures.take(VALUES, b"{}")
+    figures.take(b"[{}, {}]\n")
     assert get(f"{url}/health")[0] == 200
     assert get(f"{url}/other")[0] == 404
 
@@ -151,3 +150,22 @@ def test_without_the_extra_there_is_one_clear_line(loopback, monkeypatch):
     monkeypatch.setattr(metrics_module, "find_spec", lambda _: None)
     with pytest.raises(metrics_module.UnavailableError, match=r"pip install prometheus-client"):
         MasterMetrics(loopback().master, ANY_PORT, Overload("SCHED_FIFO 10", print), print)
+
+
+def test_a_serving_process_that_ends_early_is_told_once(loopback):
+    told: list[str] = []
+    metrics = MasterMetrics(loopback().master, ANY_PORT, Overload("SCHED_FIFO 10", print), told.append)
+
+    async def run() -> None:
+        await metrics.start()
+        process = metrics._process
+        assert process is not None
+        os.kill(process.pid, signal.SIGKILL)
+        while process.exit_code is None:
+            await asyncio.sleep(0.01)
+        for _ in range(3):
+            metrics.check(0)
+        await metrics.stop()
+
+    asyncio.run(run())
+    assert told == ["the process of --metrics has ended unexpectedly (exit code -9); the run goes on"]

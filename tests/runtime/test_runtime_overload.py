@@ -8,7 +8,7 @@ import pytest
 
 from hapticnet.protocol.stats import Distribution
 from hapticnet.runtime.overload import TELL_EVERY_US, Overload, signs
-from hapticnet.runtime.realtime import OTHER
+from hapticnet.runtime.system import OTHER
 from hapticnet.runtime.udp import SAMPLE_EVERY, UdpPort, bound_address, listen, parse_host_port
 
 FIFO = "SCHED_FIFO 10"

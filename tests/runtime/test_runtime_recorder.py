@@ -10,13 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapticnet.errors import FileError
+from hapticnet.errors import FileError, UnavailableError
 from hapticnet.node.recording import Recording
 from hapticnet.recordings.session.frames import Table
 from hapticnet.recordings.session.reading import read_session
 from hapticnet.recordings.session.recovery import recover_file
 from hapticnet.recordings.session.sink import UNFINISHED
-from hapticnet.runtime import feed as feed_module
 from hapticnet.runtime import recorder as recorder_module
 from hapticnet.runtime.recorder import Recorder
 
@@ -34,10 +33,10 @@ def said() -> list[str]:
 def recorder(said):
     """Return a recorder whose writer ends with the test."""
     recorder = Recorder(said.append, limit_bytes=PLENTY)
+    recorder.start()
     yield recorder
-    if recorder.feed.pid is not None:
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(recorder.feed.pid, signal.SIGCONT)
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(recorder.process.pid, signal.SIGCONT)
     recorder.finish()
 
 
@@ -49,7 +48,7 @@ def add(recorder: Recorder, number: int, count: int, first: int = 0) -> None:
     recording = Recording(COLUMNS)
     for row in range(first, first + count):
         recording.add((1000.0 * row, 0.5, -0.25))
-    recorder.feed.rows(number, 0, recording.take())
+    recorder.rows(number, 0, recording.take())
 
 
 def wait_for(what) -> None:
@@ -60,7 +59,7 @@ def wait_for(what) -> None:
 
 
 def pump_until(recorder: Recorder, what) -> None:
-    wait_for(lambda: recorder.feed.pump() or what())
+    wait_for(lambda: recorder.pump() or what())
 
 
 def times(path: Path) -> np.ndarray:
@@ -71,7 +70,7 @@ def test_a_recording_in_pieces_becomes_one_file(tmp_path, recorder, said):
     number = open_file(recorder, tmp_path / "a.mcap")
     for first in range(0, 500, 100):
         add(recorder, number, 100, first)
-        recorder.feed.pump()
+        recorder.pump()
     recorder.end(number, {"report": {"ticks": 500}})
     recorder.finish()
     recorder.check()
@@ -80,18 +79,18 @@ def test_a_recording_in_pieces_becomes_one_file(tmp_path, recorder, said):
     assert recorder.report() == {"begun": 1, "completed": 1, "sessions_not_recorded": 0, "stopped": None}
 
 
-def test_the_writer_has_normal_priority_and_a_session_of_its_own(tmp_path, recorder):
+def test_the_writer_has_normal_priority_and_a_session_of_its_own(said):
+    recorder = Recorder(said.append, limit_bytes=PLENTY)
     with contextlib.suppress(PermissionError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
     try:
-        number = open_file(recorder, tmp_path / "a.csv")
-        add(recorder, number, 1)
-        pump_until(recorder, lambda: recorder.feed.pid is not None)
+        recorder.start()
     finally:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    pid = recorder.feed.pid
+    pid = recorder.process.pid
     assert os.sched_getscheduler(pid) == os.SCHED_OTHER
     assert os.getsid(pid) == pid != os.getsid(0)
+    recorder.finish()
 
 
 def test_signals_to_the_writer_do_not_end_it(tmp_path, recorder):
@@ -99,7 +98,7 @@ def test_signals_to_the_writer_do_not_end_it(tmp_path, recorder):
     add(recorder, number, 10)
     pump_until(recorder, (tmp_path / f"a.csv{UNFINISHED}").exists)
     for signal_number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        os.kill(recorder.feed.pid, signal_number)
+        os.kill(recorder.process.pid, signal_number)
     add(recorder, number, 10, first=10)
     recorder.finish()
     recorder.check()
@@ -114,8 +113,8 @@ def test_a_writer_that_is_killed_is_told_in_one_line_and_its_file_can_be_recover
     unfinished = tmp_path / f"a{suffix}{UNFINISHED}"
     rows = unfinished / "tick.rows" if suffix == ".npz" else unfinished
     pump_until(recorder, lambda: rows.exists() and rows.stat().st_size > 1200)
-    os.kill(recorder.feed.pid, signal.SIGKILL)
-    pump_until(recorder, lambda: recorder.feed.stopped is not None)
+    os.kill(recorder.process.pid, signal.SIGKILL)
+    pump_until(recorder, lambda: recorder.stopped is not None)
     add(recorder, number, 100, first=100)
     recorder.end(number, {})
     recorder.finish()
@@ -137,20 +136,20 @@ def test_a_pipe_that_ends_without_a_word_completes_the_files(tmp_path, recorder)
 
 
 def test_memory_is_bounded_when_the_disk_is_slow_and_nothing_waits(tmp_path, recorder, said, monkeypatch):
-    monkeypatch.setattr(feed_module, "MOST_WAITING_BYTES", 3 * 2**20)
+    monkeypatch.setattr(recorder_module, "MOST_WAITING_BYTES", 3 * 2**20)
     number = open_file(recorder, tmp_path / "a.npz")
     add(recorder, number, 1)
     pump_until(recorder, (tmp_path / f"a.npz{UNFINISHED}").exists)
-    os.kill(recorder.feed.pid, signal.SIGSTOP)  # as a disk that does not answer
+    os.kill(recorder.process.pid, signal.SIGSTOP)  # as a disk that does not answer
     block = np.zeros((10_000, 3))
     for first in range(0, 1_000_000, 10_000):
         block[:, 0] = np.arange(first, first + 10_000)
         recording = Recording(COLUMNS)
         recording.add(tuple(block.ravel()))
-        recorder.feed.rows(number, 0, recording.take())
-        recorder.feed.pump()
+        recorder.rows(number, 0, recording.take())
+        recorder.pump()
     assert said == ["recording stops: the writer cannot keep up; the disk is slow, or the processor busy"]
-    os.kill(recorder.feed.pid, signal.SIGCONT)
+    os.kill(recorder.process.pid, signal.SIGCONT)
     recorder.finish()
     assert 10_000 < len(times(tmp_path / "a.npz")) < 500_000, "what was recorded before is kept"
     with pytest.raises(FileError, match="cannot keep up"):
@@ -158,21 +157,21 @@ def test_memory_is_bounded_when_the_disk_is_slow_and_nothing_waits(tmp_path, rec
 
 
 def test_a_run_does_not_wait_for_ever_for_a_disk_that_does_not_answer(tmp_path, recorder, said, monkeypatch):
-    monkeypatch.setattr(feed_module, "FINISH_WITHIN_S", 0.1)
+    monkeypatch.setattr(recorder_module, "FINISH_WITHIN_S", 0.1)
     number = open_file(recorder, tmp_path / "a.csv")
     add(recorder, number, 1)
     pump_until(recorder, (tmp_path / f"a.csv{UNFINISHED}").exists)
-    os.kill(recorder.feed.pid, signal.SIGSTOP)
+    os.kill(recorder.process.pid, signal.SIGSTOP)
     recorder.finish()
-    assert said == [f"recording stops: the disk is slow; process {recorder.feed.pid} goes on writing"]
-    os.kill(recorder.feed.pid, signal.SIGCONT)
+    assert said == [f"recording stops: the disk is slow; process {recorder.process.pid} goes on writing"]
+    os.kill(recorder.process.pid, signal.SIGCONT)
     wait_for((tmp_path / "a.csv").exists)
 
 
 def test_a_folder_that_is_gone_ends_the_recording_only(tmp_path, recorder, said):
     number = open_file(recorder, tmp_path / "gone" / "a.csv")
     add(recorder, number, 10)
-    pump_until(recorder, lambda: recorder.feed.stopped is not None)
+    pump_until(recorder, lambda: recorder.stopped is not None)
     add(recorder, number, 10)
     recorder.finish()
     assert said == [f"recording stops: {tmp_path}/gone/a.about.json{UNFINISHED}: No such file or directory"]
@@ -182,6 +181,7 @@ def test_a_folder_that_is_gone_ends_the_recording_only(tmp_path, recorder, said)
 
 def test_reaching_the_limit_is_no_error(tmp_path, said):
     recorder = Recorder(said.append, limit_bytes=20_000)
+    recorder.start()
     number = open_file(recorder, tmp_path / "a.csv")
     for first in range(0, 10_000, 100):
         add(recorder, number, 100, first)
@@ -216,7 +216,7 @@ def test_the_number_of_files_is_bounded(tmp_path, recorder, said, monkeypatch, s
 def test_a_recording_that_the_writer_did_not_get_is_missed(tmp_path, recorder, said):
     """Such as when something else in the process read the first bytes of the pipe."""
     number = open_file(recorder, tmp_path / "a.csv")
-    recorder.feed._waiting.clear()
+    recorder.process.drop()
     add(recorder, number, 10)
     recorder.finish()
     with pytest.raises(FileError, match="incomplete: its writer completed 0 of 1 files"):
@@ -225,15 +225,13 @@ def test_a_recording_that_the_writer_did_not_get_is_missed(tmp_path, recorder, s
     assert recorder.report()["completed"] == 0
 
 
-def test_a_writer_that_cannot_start_is_told_in_one_line(tmp_path, recorder, said, monkeypatch):
+def test_a_writer_that_cannot_start_ends_the_run_before_it_begins(tmp_path, said, monkeypatch):
     monkeypatch.setattr(sys, "executable", str(tmp_path / "missing"))
-    number = open_file(recorder, tmp_path / "a.csv")
-    add(recorder, number, 1)
-    recorder.finish()
-    assert said == ["recording stops: the writer cannot be started: No such file or directory"]
+    with pytest.raises(UnavailableError, match=r"cannot start hapticnet.runtime.writer: No such file or directory"):
+        Recorder(said.append, limit_bytes=PLENTY).start()
 
 
-def test_a_run_without_rows_makes_no_file_and_starts_no_process(tmp_path, recorder):
+def test_a_run_without_rows_makes_no_file(tmp_path, recorder):
     recorder.finish()
-    assert recorder.feed.pid is None
+    recorder.check()
     assert list(tmp_path.iterdir()) == []

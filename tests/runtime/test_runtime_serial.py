@@ -15,10 +15,16 @@ from hapticnet.device.calibration import Calibration
 from hapticnet.device.wired import WiredDevice
 from hapticnet.errors import RefusedError, SettingsError, UnavailableError
 from hapticnet.runtime import serial_port
-from hapticnet.runtime.clock import now_us
-from hapticnet.runtime.device_run import run_device
-from hapticnet.runtime.realtime import loop_factory
-from hapticnet.runtime.serial_port import SerialPort, SerialSpec, Wire, choose_port, find_ports, parse_serial
+from hapticnet.runtime.serial_port import (
+    SerialPort,
+    SerialSpec,
+    Wire,
+    choose_port,
+    find_ports,
+    parse_serial,
+    run_device,
+)
+from hapticnet.runtime.system import loop_factory, now_us
 from hapticnet.runtime.timer import Ticker
 from tests.device.standin import StandIn
 from tests.runtime.plugged import Plugged

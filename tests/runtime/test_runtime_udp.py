@@ -1,5 +1,8 @@
+"""Addresses, floods, and the ages of datagrams in the queue of a socket."""
+
 import select
 import socket
+import struct
 
 import numpy as np
 import pytest
@@ -8,7 +11,7 @@ from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.runtime import udp
-from hapticnet.runtime.udp import DRAIN_US, UdpPort, bound_address, listen, parse_host_port
+from hapticnet.runtime.udp import DRAIN_US, ReceiveQueue, UdpPort, bound_address, listen, parse_host_port
 
 
 @pytest.mark.parametrize(
@@ -90,3 +93,85 @@ def test_a_flood_at_a_master_leaves_the_loop_to_others_again_and_again(flooded, 
 
 def test_a_slave_takes_in_what_has_queued_up_as_one_batch(flooded):
     assert flooded().turn() == 20
+
+
+HOUR_US = 3_600_000_000
+TIMESTAMPNS = 35
+
+
+class Clocks:
+    """A wall clock that can be set, and a monotonic one; both stand still unless moved."""
+
+    def __init__(self):
+        self.us, self.set_by_us = 10_000_000, 0
+
+    def time_ns(self):
+        return 1000 * (self.us + self.set_by_us)
+
+    def monotonic_ns(self):
+        return 1000 * self.us
+
+
+class Socket:
+    """A queue of datagrams with the stamps of the wall clock at which they came."""
+
+    def __init__(self, clocks):
+        self.clocks, self.stamps_ns = clocks, []
+
+    def setsockopt(self, *_):
+        pass
+
+    def come(self):
+        self.stamps_ns.append(self.clocks.time_ns())
+
+    def recvmsg(self, *_):
+        if not self.stamps_ns:
+            raise BlockingIOError
+        return b"", [(socket.SOL_SOCKET, TIMESTAMPNS, struct.pack("=qq", *divmod(self.stamps_ns[0], 10**9)))], 0, None
+
+
+@pytest.fixture
+def clocks(monkeypatch):
+    clocks = Clocks()
+    monkeypatch.setattr(udp, "time", clocks)
+    return clocks
+
+
+def test_the_age_is_the_time_that_the_oldest_datagram_has_waited(clocks):
+    sock = Socket(clocks)
+    queue = ReceiveQueue(sock)
+    for waited_us in (0, 50, 300_000):
+        sock.come()
+        clocks.us += waited_us
+        queue.sample_age()
+        sock.stamps_ns.clear()
+    assert queue.take_ages() == [0, 50, 300_000]
+
+
+@pytest.mark.parametrize("set_by_us", [HOUR_US, -HOUR_US, 40_000, -40_000])
+def test_an_age_that_only_a_set_clock_explains_does_not_count(clocks, set_by_us):
+    sock = Socket(clocks)
+    queue = ReceiveQueue(sock)
+    with pytest.raises(BlockingIOError):
+        queue.sample_age()
+    clocks.us += 20_000
+    sock.come()
+    clocks.us += 5000
+    clocks.set_by_us = set_by_us
+    queue.sample_age()
+    assert queue.take_ages() == []
+    sock.stamps_ns.clear()
+    sock.come()
+    clocks.us += 7000
+    queue.sample_age()
+    assert queue.take_ages() == [7000]
+
+
+def test_a_datagram_that_waits_through_several_samples_counts_in_each(clocks):
+    sock = Socket(clocks)
+    queue = ReceiveQueue(sock)
+    sock.come()
+    for _ in range(3):
+        clocks.us += 10_000
+        queue.sample_age()
+    assert queue.take_ages() == [10_000, 20_000, 30_000]

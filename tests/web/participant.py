@@ -12,7 +12,7 @@ from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.procedures import Met
 from hapticnet.operator.live import LiveHand
 from hapticnet.protocol.events import Connected
-from hapticnet.runtime.clock import now_us
+from hapticnet.runtime.system import now_us
 from hapticnet.runtime.udp import HostPort
 from hapticnet.study.conduct import conduct
 from hapticnet.study.page import ParticipantPage, SeenHand

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from hapticnet.cli.pages import address_in, address_of
-from hapticnet.runtime.children import Child
+from hapticnet.runtime.processes import Child
 from tests.web.observer import Observer
 
 CHROMIUM = shutil.which("chromium")

@@ -215,9 +215,8 @@ def _measure(spec: "SerialSpec") -> Pairs:
     """Measure pairs on a device, with prompts on stderr and input from stdin."""
     from hapticnet.device.profile import GENERIC_CALIBRATION
     from hapticnet.device.wired import WiredDevice
-    from hapticnet.runtime.device_run import run_device
-    from hapticnet.runtime.realtime import run
-    from hapticnet.runtime.serial_port import Wire
+    from hapticnet.runtime.serial_port import Wire, run_device
+    from hapticnet.runtime.system import run
 
     wired = WiredDevice(GENERIC_CALIBRATION)
     session = CalibrationSession()

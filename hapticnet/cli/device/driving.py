@@ -31,8 +31,8 @@ def drive(text: str, known: "Profile", seed: int, prepare: "Callable[[Device], C
     from hapticnet.cli.console import Console
     from hapticnet.device.user import UserActuator
     from hapticnet.errors import SettingsError
-    from hapticnet.runtime.device_run import run_device
-    from hapticnet.runtime.realtime import run
+    from hapticnet.runtime.serial_port import run_device
+    from hapticnet.runtime.system import run
 
     console = Console("device", real_time=True)
     console.say(f"opening {text}, which will press the finger; withdraw the finger or press Ctrl-C to end")

@@ -17,9 +17,8 @@ def info(
     from hapticnet.device.profile import GENERIC_CALIBRATION
     from hapticnet.device.wired import WiredDevice, firmware_version, reset_cause
     from hapticnet.errors import UnavailableError
-    from hapticnet.runtime.device_run import run_device
-    from hapticnet.runtime.realtime import run
-    from hapticnet.runtime.serial_port import Wire, parse_serial
+    from hapticnet.runtime.serial_port import Wire, parse_serial, run_device
+    from hapticnet.runtime.system import run
 
     spec = parse_serial(device)
     wired = WiredDevice(GENERIC_CALIBRATION)

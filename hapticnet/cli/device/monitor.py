@@ -27,9 +27,8 @@ def monitor(
     from hapticnet.device.wired import WiredDevice
     from hapticnet.recordings.tables import write_csv
     from hapticnet.runtime import devices
-    from hapticnet.runtime.device_run import run_device
-    from hapticnet.runtime.realtime import run
-    from hapticnet.runtime.serial_port import Wire, parse_serial
+    from hapticnet.runtime.serial_port import Wire, parse_serial, run_device
+    from hapticnet.runtime.system import run
 
     spec = parse_serial(device)
     known = devices.load(profile)

@@ -32,7 +32,7 @@ def sim(
     from hapticnet.device.plant import PlantSettings
     from hapticnet.runtime.nano import Board
     from hapticnet.runtime.nano_pty import NanoPty, run_nano_pty
-    from hapticnet.runtime.realtime import run
+    from hapticnet.runtime.system import run
 
     settings = PlantSettings(finger=Finger(stiffness_n_m=1000.0 * stiffness))
     console = Console("sim", real_time=True)

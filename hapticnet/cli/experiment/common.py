@@ -176,7 +176,7 @@ def run_session(session: "Coroutine[Any, Any, None]") -> None:
     import asyncio
 
     from hapticnet.cli.console import complain
-    from hapticnet.runtime.realtime import run
+    from hapticnet.runtime.system import run
 
     try:
         run(session)
@@ -200,7 +200,7 @@ async def conduct_in_real_time(
     from contextlib import nullcontext
 
     from hapticnet.cli.console import complain
-    from hapticnet.runtime.realtime import prefer_realtime
+    from hapticnet.runtime.system import prefer_realtime
     from hapticnet.study.conduct import conduct
     from hapticnet.study.keyboard import Keyboard
     from hapticnet.study.noise import masking_noise

@@ -87,7 +87,7 @@ def _in_real_time(
     say: Any,
 ) -> dict[str, Any]:
     from hapticnet.node.master_settings import MasterSettings
-    from hapticnet.runtime.clock import now_us
+    from hapticnet.runtime.system import now_us
     from hapticnet.study.real_rig import Body, RealRig
     from hapticnet.study.session import limits_session
 

@@ -41,7 +41,7 @@ def run_order(
 ) -> dict[str, Any]:
     """Conduct the ordering task and return its account."""
     from hapticnet.cli.operators import make_operator
-    from hapticnet.runtime.clock import now_us
+    from hapticnet.runtime.system import now_us
     from hapticnet.study.real_rig import Body, RealRig
     from hapticnet.study.recordings import record_trials
     from hapticnet.study.session import account_of, order_session
@@ -76,7 +76,7 @@ def run_order(
 def _slave(place: Place) -> "Iterator[tuple[HostPort, MasterSettings]]":
     """Yield the address of the slave and the settings of masters; start a slave if none is named."""
     from hapticnet.node.master_settings import MasterSettings
-    from hapticnet.runtime.children import Child
+    from hapticnet.runtime.processes import Child
     from hapticnet.runtime.trust import master_key
     from hapticnet.runtime.udp import is_loopback, open_toward, parse_host_port
     from hapticnet.study.scene import SCENE_SPEC

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from hapticnet.errors import UnavailableError
-from hapticnet.runtime.children import Child
 from hapticnet.runtime.doctor.finding import Finding, Step, Verdict, duration, grade, scratch_folder
 from hapticnet.runtime.overload import LARGEST_MISSED_SHARE
+from hapticnet.runtime.processes import Child
 
 TRIAL_S: Final = 3.0
 

@@ -1,11 +1,57 @@
-"""Punctual execution: a libuv event loop if installed, and real-time scheduling if permitted."""
+"""What a process asks of the operating system: time, random numbers, threads, real-time scheduling, an event loop."""
 
-import asyncio
 import gc
 import os
+import secrets
 import sys
+import threading
+import time
 from collections.abc import Callable, Coroutine
-from typing import Any, Final, TypeVar
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+if TYPE_CHECKING:
+    import asyncio
+
+
+def now_us() -> int:
+    """Return CLOCK_MONOTONIC in whole microseconds."""
+    return time.clock_gettime_ns(time.CLOCK_MONOTONIC) // 1000
+
+
+def waited_us() -> int:
+    """Return how long [µs] this thread has waited for a processor in all; 0 if the system does not tell."""
+    try:
+        # Linux, Documentation/scheduler/sched-stats.rst: time on a processor, time on a run queue [ns], time slices.
+        return int(Path("/proc/thread-self/schedstat").read_text().split()[1]) // 1000
+    except (OSError, IndexError, ValueError):
+        return 0
+
+
+class SystemEntropy:
+    """The operating system's random numbers. Satisfies `protocol.settings.Entropy`."""
+
+    def integers(self, low: int, high: int, /) -> int:
+        """Return a whole number from `low` to `high` - 1."""
+        return low + secrets.randbelow(high - low)
+
+
+def start_background(work: Callable[[], None], name: str) -> threading.Thread:
+    """Start a daemon thread at normal priority; it does not keep the process from ending.
+
+    A thread inherits the scheduling of the one that starts it. Under SCHED_FIFO it would compete with the loop.
+    """
+
+    def body() -> None:
+        with suppress(AttributeError, OSError):  # not on Linux, or not permitted
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        work()
+
+    thread = threading.Thread(target=body, name=name, daemon=True)
+    thread.start()
+    return thread
+
 
 Result = TypeVar("Result")
 
@@ -17,11 +63,13 @@ OTHER: Final = "SCHED_OTHER"
 
 def run(main: Coroutine[Any, Any, Result]) -> Result:
     """Run a coroutine on uvloop, or on asyncio's own loop if uvloop is not installed."""
+    import asyncio
+
     with asyncio.Runner(loop_factory=loop_factory()) as runner:
         return runner.run(main)
 
 
-def loop_factory() -> Callable[[], asyncio.AbstractEventLoop] | None:
+def loop_factory() -> "Callable[[], asyncio.AbstractEventLoop] | None":
     """Return the factory of the best available event loop; None for asyncio's own."""
     try:
         import uvloop

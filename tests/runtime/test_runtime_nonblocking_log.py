@@ -3,6 +3,7 @@
 import contextlib
 import fcntl
 import io
+import json
 import logging
 import os
 import threading
@@ -12,10 +13,19 @@ from dataclasses import dataclass
 import pytest
 
 from hapticnet.errors import FileError
-from hapticnet.runtime import outlet as outlet_module
-from hapticnet.runtime.background import start_background
-from hapticnet.runtime.log_lines import Level, log_line
-from hapticnet.runtime.outlet import MOST_AT_ONCE, STDERR, Outlet, write_watched
+from hapticnet.runtime import nonblocking_log as log_module
+from hapticnet.runtime.nonblocking_log import (
+    MOST_AT_ONCE,
+    STDERR,
+    Form,
+    Level,
+    LogLine,
+    NonblockingLog,
+    is_journal,
+    log_line,
+    write_watched,
+)
+from hapticnet.runtime.system import start_background
 
 
 @dataclass
@@ -58,30 +68,30 @@ def pipe() -> Iterator[Pipe]:
 
 
 @pytest.fixture
-def outlet(pipe) -> Outlet:
-    made = Outlet(lambda: pipe.writer)
+def log(pipe) -> NonblockingLog:
+    made = NonblockingLog(lambda: pipe.writer)
     made.start()
     return made
 
 
-def test_lines_arrive_in_order_and_the_status_line_stays_below_them(pipe, outlet):
-    outlet.line(log_line("one", who="x"))
-    outlet.drain()
-    outlet.status("x: 1 s")
-    outlet.drain()
-    outlet.line(log_line("two", who="x"))
-    outlet.drain()
-    outlet.status("")
-    outlet.drain()
+def test_lines_arrive_in_order_and_the_status_line_stays_below_them(pipe, log):
+    log.line(log_line("one", who="x"))
+    log.drain()
+    log.status("x: 1 s")
+    log.drain()
+    log.line(log_line("two", who="x"))
+    log.drain()
+    log.status("")
+    log.drain()
     assert pipe.read() == "x: one\n\r\x1b[2Kx: 1 s\r\x1b[2Kx: two\n"
 
 
-def test_a_full_pipe_keeps_nobody_waiting_and_loses_no_line_once_it_is_read(pipe, outlet):
+def test_a_full_pipe_keeps_nobody_waiting_and_loses_no_line_once_it_is_read(pipe, log):
     pipe.fill()
     for number in range(50):
-        outlet.line(log_line(str(number), who="x"))
-        outlet.status(f"status {number}")
-    assert not outlet.drain()
+        log.line(log_line(str(number), who="x"))
+        log.status(f"status {number}")
+    assert not log.drain()
     assert pipe.read() == ""
     said = ""
     while "x: 49\n" not in said:
@@ -92,55 +102,55 @@ def test_a_full_pipe_keeps_nobody_waiting_and_loses_no_line_once_it_is_read(pipe
     assert said.count("status") <= 2, "only the newest status is worth showing"
 
 
-def test_what_exceeds_the_rate_is_counted_and_told_in_one_line(pipe, outlet, monkeypatch):
-    monkeypatch.setattr(outlet_module, "now_us", lambda: 0)
+def test_what_exceeds_the_rate_is_counted_and_told_in_one_line(pipe, log, monkeypatch):
+    monkeypatch.setattr(log_module, "now_us", lambda: 0)
     for number in range(MOST_AT_ONCE + 1234):
-        outlet.line(log_line(str(number), who="x"))
-    outlet.drain()
+        log.line(log_line(str(number), who="x"))
+    log.drain()
     lines = pipe.read().splitlines()
     assert lines == [*(f"x: {number}" for number in range(MOST_AT_ONCE)), "x: warning: … 1,234 lines left out"]
-    assert outlet.left_out == 1234
+    assert log.left_out == 1234
 
 
-def test_what_waits_for_a_reader_is_bounded(pipe, outlet, monkeypatch):
-    monkeypatch.setattr(outlet_module, "MOST_WAITING", 20)
+def test_what_waits_for_a_reader_is_bounded(pipe, log, monkeypatch):
+    monkeypatch.setattr(log_module, "MOST_WAITING", 20)
     pipe.fill()
     for number in range(100):
-        outlet.line(log_line(str(number), who="x"))
-    assert 75 <= outlet.left_out <= 80
-    outlet.line(log_line("the error", who="x"), needed=True)
+        log.line(log_line(str(number), who="x"))
+    assert 75 <= log.left_out <= 80
+    log.line(log_line("the error", who="x"), needed=True)
     said = ""
     while "left out" not in said:
         said += pipe.read()
     assert "x: the error\n" in said
 
 
-def test_only_the_first_wait_for_a_reader_who_does_not_come_takes_time(pipe, outlet, monkeypatch):
+def test_only_the_first_wait_for_a_reader_who_does_not_come_takes_time(pipe, log, monkeypatch):
     pipe.fill()
-    outlet.line(log_line("unread", who="x"))
-    assert not outlet.drain()
-    monkeypatch.setattr(outlet_module, "PARTING_S", 3600.0)
-    assert not outlet.drain()
+    log.line(log_line("unread", who="x"))
+    assert not log.drain()
+    monkeypatch.setattr(log_module, "PARTING_S", 3600.0)
+    assert not log.drain()
 
 
 @pytest.mark.parametrize("started", [False, True])
 def test_a_reader_who_has_gone_ends_nothing(pipe, started):
-    outlet = Outlet(lambda: pipe.writer)
+    log = NonblockingLog(lambda: pipe.writer)
     if started:
-        outlet.start()
+        log.start()
     pipe.close_reader()
-    outlet.line(log_line("unread", who="x"))
-    assert outlet.drain()
-    outlet.line(log_line("unread", who="x"))
-    assert outlet.drain()
+    log.line(log_line("unread", who="x"))
+    assert log.drain()
+    log.line(log_line("unread", who="x"))
+    assert log.drain()
 
 
 @pytest.mark.parametrize("stream", [None, io.StringIO()])
 def test_a_process_without_stderr_or_with_one_of_its_own(stream):
-    outlet = Outlet(lambda: stream)
-    outlet.start()
-    outlet.line(log_line("grüße", who="x"))
-    assert outlet.drain()
+    log = NonblockingLog(lambda: stream)
+    log.start()
+    log.line(log_line("grüße", who="x"))
+    assert log.drain()
     assert stream is None or stream.getvalue() == "x: grüße\n"
 
 
@@ -162,7 +172,7 @@ def test_a_background_thread_never_runs_under_real_time_scheduling():
 def test_what_the_loop_reports_goes_the_same_way(monkeypatch):
     said = []
     monkeypatch.setattr(STDERR, "line", said.append)
-    outlet_module._LogHandler().emit(logging.LogRecord("asyncio", logging.ERROR, "", 0, "it %s", ("broke",), None))
+    log_module._LogHandler().emit(logging.LogRecord("asyncio", logging.ERROR, "", 0, "it %s", ("broke",), None))
     assert [(line.who, line.text, line.level) for line in said] == [("asyncio", "it broke", Level.ERROR)]
 
 
@@ -191,3 +201,40 @@ def test_a_report_whose_reader_has_gone_says_so(pipe):
     pipe.close_reader()
     with pytest.raises(BrokenPipeError):
         write_watched(pipe.writer, "x" * 10_000, stall_s=60.0)
+
+
+LINE = LogLine(time_s=1_763_799_470.1234, level=Level.WARNING, who="master", text="link „stale“", event="LinkStale")
+
+
+@pytest.mark.parametrize(
+    ("form", "text"),
+    [
+        (Form.PLAIN, "master: warning: link „stale“\n"),
+        (Form.STAMPED, "2025-11-22T08:17:50.123Z warning master: link „stale“\n"),
+        (Form.JOURNAL, "<4>master: link „stale“\n"),
+    ],
+)
+def test_a_line_for_people(form, text):
+    assert LINE.write(form) == text
+
+
+def test_a_line_for_programs_is_one_json_object():
+    text = LINE.write(Form.JSON)
+    assert text.count("\n") == 1
+    assert json.loads(text) == {
+        "time": "2025-11-22T08:17:50.123Z",
+        "level": "warning",
+        "source": "master",
+        "message": "link „stale“",
+        "event": "LinkStale",
+    }
+
+
+def test_the_journal_is_recognised_by_the_file_it_gave_us(tmp_path):
+    with (tmp_path / "stderr").open("w") as stream:
+        status = os.fstat(stream.fileno())
+        named = {"JOURNAL_STREAM": f"{status.st_dev}:{status.st_ino}"}
+        assert is_journal(named, stream.fileno())
+        assert not is_journal({}, stream.fileno())
+        assert not is_journal({"JOURNAL_STREAM": f"{status.st_dev}:{status.st_ino + 1}"}, stream.fileno())
+    assert not is_journal(named, -1)

@@ -1,12 +1,31 @@
-"""Timers in real time, with loose limits that only detect complete failure."""
+"""Numbers that nobody must guess, timers in real time, and both ends inside another program."""
 
 import asyncio
+import secrets
+import signal
+import threading
 
 import pytest
 
-from hapticnet.runtime.clock import now_us
-from hapticnet.runtime.realtime import loop_factory, run
+from hapticnet.protocol.settings import random_bytes
+from hapticnet.runtime.master_run import run_master
+from hapticnet.runtime.slave_run import run_slave
+from hapticnet.runtime.system import SystemEntropy, loop_factory, now_us, run
 from hapticnet.runtime.timer import Alarm, Ticker
+from hapticnet.runtime.udp import HostPort, bound_address, listen, open_toward
+from tests.conftest import make_master, make_slave
+
+
+def test_numbers_come_from_the_operating_system_and_lie_in_their_range(monkeypatch):
+    asked = []
+    monkeypatch.setattr(secrets, "randbelow", lambda below: (asked.append(below), below - 1)[1])
+    assert SystemEntropy().integers(1 << 16, 1 << 32) == (1 << 32) - 1
+    assert asked == [(1 << 32) - (1 << 16)]
+
+
+def test_no_two_tickets_are_alike():
+    entropy = SystemEntropy()
+    assert len({random_bytes(entropy, 16) for _ in range(1000)}) == 1000
 
 
 def test_uvloop_is_used_where_it_is_installed():
@@ -59,3 +78,27 @@ def test_an_alarm_rings_once_at_the_time_it_was_last_set_to():
     first, second = run(asyncio.wait_for(rings(), 20))
     assert first >= 60_000
     assert second >= 0
+
+
+def test_a_thread_runs_both_until_its_host_stops_them():
+    handler = signal.getsignal(signal.SIGINT)
+    ran = {}
+
+    async def run() -> None:
+        stop = asyncio.Event()
+        slave, master = make_slave(), make_master()
+        listening = listen(HostPort("127.0.0.1", 0))
+        sock, address = open_toward(bound_address(listening))
+        serving = asyncio.create_task(run_slave(slave, listening, stop=stop))
+        asyncio.get_running_loop().call_later(0.5, stop.set)
+        outcome = await run_master(master, sock, address, stop=stop)
+        await serving
+        ran.update(outcome=outcome, steps=slave.report()["sessions"][0]["steps"])
+
+    thread = threading.Thread(target=lambda: asyncio.run(run()))
+    thread.start()
+    thread.join(30.0)
+    assert ran["outcome"].connected
+    assert ran["outcome"].end_reason == "stopped"
+    assert ran["steps"] > 10
+    assert signal.getsignal(signal.SIGINT) is handler

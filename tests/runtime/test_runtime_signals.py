@@ -11,8 +11,8 @@ PROGRAM = """
 import asyncio, sys, time
 import uvloop
 from hapticnet.errors import UserCodeError
-from hapticnet.runtime.rescue import Rescue
-from hapticnet.runtime.waiting import stop_on_signals
+from hapticnet.runtime.signals import Rescue
+from hapticnet.runtime.signals import stop_on_signals
 
 rescue = Rescue(lambda: print("reported", flush=True))
 

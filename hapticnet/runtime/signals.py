@@ -1,4 +1,4 @@
-"""The end of a process that was told to end and cannot, because code does not return."""
+"""SIGINT and SIGTERM: end a run in order, also one that is stuck in code that does not return."""
 
 import asyncio
 import os
@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from hapticnet.errors import RunError, UserCodeError
-from hapticnet.runtime.background import start_background
-from hapticnet.runtime.log_lines import Level, log_line
-from hapticnet.runtime.outlet import STDERR
+from hapticnet.interrupts import TakesSignals
+from hapticnet.runtime.nonblocking_log import STDERR, Level, log_line
+from hapticnet.runtime.system import start_background
 
 if TYPE_CHECKING:
     from types import FrameType
+
 
 PATIENCE_S: Final = 2.0
 """Time [s] in which a loop that runs reacts."""
@@ -108,3 +109,59 @@ def place_of(thread: int) -> str:
     if frame is None:
         return "the event loop"
     return f"{frame.f_code.co_qualname} ({Path(frame.f_code.co_filename).name}, line {frame.f_lineno})"
+
+
+class SignalHandler(TakesSignals):
+    """Call a function on an event loop at a signal. Unlike a handler of the loop, it stays when the loop is closed."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
+        self._loop = loop
+        self._callback = callback
+
+    def take(self, *numbers: int) -> None:
+        """Handle these signals from now on."""
+        for number in numbers:
+            signal.signal(number, self)
+            signal.siginterrupt(number, False)
+
+    def __call__(self, _number: int, _frame: object) -> None:
+        """Call the function soon; called by Python in the middle of what the main thread does."""
+        with suppress(RuntimeError):  # the loop is closed: it is too late for this
+            self._loop.call_soon_threadsafe(self._callback)
+
+
+class _StopHandler(SignalHandler):
+    """Let `Rescue` watch from the first signal on, too."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None], rescue: Rescue | None) -> None:
+        super().__init__(loop, callback)
+        self._reports = rescue is not None
+        self._rescue = rescue or Rescue()
+
+    def __call__(self, number: int, frame: object) -> None:
+        if self._loop.is_closed() and not self._reports:
+            signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
+            signal.raise_signal(number)
+            return
+        self._rescue.signalled(self._loop)
+        super().__call__(number, frame)
+
+
+def stop_on_signals(
+    loop: asyncio.AbstractEventLoop, rescue: Rescue | None = None, again: asyncio.Event | None = None
+) -> asyncio.Event:
+    """Return an event that SIGINT and SIGTERM set; each signal after the first sets `again`.
+
+    A loop that is stuck, perhaps in a method of a user's class that does not return, cannot set it: `Rescue` ends it
+    then. A process with a `rescue` has a report to deliver, so once its loop is closed, signals change nothing any
+    more, but `rescue` still ends what does not return. In any other, signals then do what they do by default.
+    """
+    stop = asyncio.Event()
+
+    def note() -> None:
+        if stop.is_set() and again is not None:
+            again.set()
+        stop.set()
+
+    _StopHandler(loop, note, rescue).take(signal.SIGINT, signal.SIGTERM)
+    return stop

@@ -1,0 +1,99 @@
+"""A process beside a node's is never waited for, and ends with it."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from hapticnet.runtime.processes import PIPE_BYTES, SideProcess
+
+PATIENCE_S = 20.0
+
+COPY = """
+import sys
+print("here", flush=True)
+for line in sys.stdin:
+    print("got", line, end="", flush=True)
+print("end", flush=True)
+"""
+
+SLEEP = """
+import time
+print("here", flush=True)
+time.sleep(3600)
+"""
+
+
+@pytest.fixture
+def start(tmp_path, monkeypatch):
+    """Return what starts a side process with a program, and waits until it says "here"."""
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), str(Path(__file__).parents[2])]))
+    started = []
+
+    def make(program: str) -> SideProcess:
+        (tmp_path / "program.py").write_text(program)
+        started.append(SideProcess("program"))
+        assert wait_for(started[-1].said) == [b"here"]
+        return started[-1]
+
+    yield make
+    for process in started:
+        process.close()
+
+
+def wait_for(what):
+    until_s = time.monotonic() + PATIENCE_S
+    while not (found := what()):
+        assert time.monotonic() < until_s
+        time.sleep(0.001)
+    return found
+
+
+def test_what_is_put_reaches_the_process_which_ends_when_its_input_ends(start):
+    process = start(COPY)
+    process.put(b"one\ntw")
+    process.put(memoryview(b"o\n"))
+    assert process.finish(PATIENCE_S)
+    assert process.exit_code == 0
+    assert process.said() == [b"got one", b"got two", b"end"]
+
+
+def test_a_process_that_does_not_read_keeps_nobody_waiting_and_is_killed_in_the_end(start):
+    process = start(SLEEP)
+    process.put(bytes(2 * PIPE_BYTES))
+    for _ in range(10):
+        process.pump()
+    assert 0 < process.waiting_bytes < 2 * PIPE_BYTES
+    assert not process.finish(0.05)
+    process.close()
+    assert process.exit_code == -signal.SIGKILL
+
+
+def test_nothing_waits_for_a_process_that_has_ended(start):
+    process = start(SLEEP)
+    os.kill(process.pid, signal.SIGKILL)
+    assert wait_for(lambda: process.exit_code) == -signal.SIGKILL
+    process.put(b"lost")
+    process.pump()
+    assert process.waiting_bytes == 0
+    assert process.said() == []
+
+
+def test_it_ends_when_the_node_is_killed(tmp_path):
+    (tmp_path / "program.py").write_text("import sys\nsys.stdin.read()\nopen('ended', 'w').close()\n")
+    parent = (
+        "import sys\nfrom hapticnet.runtime.processes import SideProcess\n"
+        "process = SideProcess('program')\nprint('here', flush=True)\nsys.stdin.read()\n"
+    )
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), str(Path(__file__).parents[2])])}
+    with subprocess.Popen(
+        [sys.executable, "-c", parent], stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment, cwd=tmp_path
+    ) as node:
+        assert node.stdout is not None
+        assert node.stdout.readline() == b"here\n"
+        node.kill()
+    wait_for((tmp_path / "ended").exists)
