@@ -12,8 +12,7 @@ import pytest
 
 import hapticnet as hn
 from hapticnet.codec.registry import codec_parameters
-from hapticnet.device.plant import PlantSettings
-from hapticnet.device.simulated import SimulatedDevice
+from hapticnet.device.simulated import PlantSettings, SimulatedDevice
 from hapticnet.node.in_force import SettingsInForce
 from hapticnet.node.master_events import Failed, Paused
 from hapticnet.node.slave_events import MasterJoined, MasterLeft, ScenePaused, SceneResumed

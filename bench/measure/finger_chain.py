@@ -12,8 +12,7 @@ from hapticnet.channel.spec import parse_channel
 from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.control.limits import ForceLimiter, LimitSettings
 from hapticnet.device.base import Device, Reading
-from hapticnet.device.parts import Finger
-from hapticnet.device.plant import PlantSettings
+from hapticnet.device.simulated import Finger, PlantSettings
 from hapticnet.experiment.paper_force import paper_recording
 from hapticnet.hardware import MAX_FORCE_N
 from hapticnet.node.fingertip import Fingertip

@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 
 from hapticnet.control.finger import compressed
 from hapticnet.control.force_settings import ForceControlSettings
-from hapticnet.device.parts import Finger, Servo
+from hapticnet.device.servos import Servo
+from hapticnet.device.simulated import Finger
 from hapticnet.hardware import MAX_FORCE_N, STIFFNESS_N_M
 
 Numbers = NDArray[np.float64]

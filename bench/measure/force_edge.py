@@ -15,9 +15,8 @@ from force_scenarios import FROM_N, TICK_US, TO_N, Row, Simulated, played
 from hapticnet.control.finger import FingerSettings, compressed
 from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.control.margins import Actuator, loop_margins
-from hapticnet.device.kinematics import Linkage
-from hapticnet.device.parts import Finger, Sensor, Servo
-from hapticnet.device.plant import PlantSettings
+from hapticnet.device.servos import Linkage, Servo
+from hapticnet.device.simulated import Finger, PlantSettings, Sensor
 
 HUNT_N, SWING_N = 0.1, 0.5
 """True forces [N], peak to peak, that count as hunting and as swinging. Through the sensor's hysteresis, 10 % of 2 N,

@@ -22,9 +22,8 @@ from hapticnet.control.finger import compressed
 from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.control.limits import LimitSettings
 from hapticnet.device.base import Device, Reading
-from hapticnet.device.kinematics import ROUNDING, Linkage
-from hapticnet.device.parts import Finger
-from hapticnet.device.plant import PlantSettings
+from hapticnet.device.servos import ROUNDING, Linkage
+from hapticnet.device.simulated import Finger, PlantSettings
 from hapticnet.experiment.step_response import averaged, step_figures
 from hapticnet.node.fingertip import Fingertip
 from hapticnet.node.procedures import StepTest

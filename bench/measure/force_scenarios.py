@@ -13,9 +13,7 @@ import numpy as np
 from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.control.limits import LimitSettings
 from hapticnet.device.base import Reading
-from hapticnet.device.parts import Finger
-from hapticnet.device.plant import PlantSettings
-from hapticnet.device.simulated import SimulatedDevice, loading_calibration
+from hapticnet.device.simulated import Finger, PlantSettings, SimulatedDevice, loading_calibration
 from hapticnet.hardware import MAX_FORCE_N
 from hapticnet.node.fingertip import Fingertip
 from hapticnet.runtime.nano import Disturbance, SensorHook, SimulatedNano

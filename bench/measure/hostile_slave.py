@@ -30,8 +30,7 @@ from force_scenarios import SEED_SHIFT_US, TICK_US, Simulated, started
 
 from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.control.limits import LimitSettings
-from hapticnet.device.parts import Finger
-from hapticnet.device.plant import PlantSettings
+from hapticnet.device.simulated import Finger, PlantSettings
 from hapticnet.hardware import MAX_FORCE_N
 from hapticnet.node.fingertip import Fingertip
 from hapticnet.node.master import MasterNode

@@ -10,8 +10,7 @@ import record
 
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
-from hapticnet.device.plant import PlantSettings
-from hapticnet.device.simulated import SimulatedDevice
+from hapticnet.device.simulated import PlantSettings, SimulatedDevice
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings

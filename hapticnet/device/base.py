@@ -8,52 +8,34 @@ FORCE_LOOP_HZ: Final = 1000.0
 
 
 class Reading(NamedTuple):
-    """The newest reading of the force sensor.
-
-    Attributes
-    ----------
-    t_us
-        Time [µs] of the reading, on the master's clock.
-    adc
-        Output of the converter [counts]; averages may have a fraction.
-    force_n
-        Calibrated force [N]; 0 below the sensor's threshold.
-    displacement_m
-        Estimated position [m above retracted] of the platform, from the pulses its servos took. The estimate includes
-        their lag but not their backlash.
-    """
+    """The newest reading of the force sensor."""
 
     t_us: int
+    """Time [µs] of the reading, on the master's clock."""
     adc: float
+    """Output of the converter [counts]; averages may have a fraction."""
     force_n: float
+    """Calibrated force [N]; 0 below the sensor's threshold."""
     displacement_m: float
+    """Estimated position [m above retracted] of the platform, from the pulses its servos took. The estimate includes
+    their lag but not their backlash."""
 
 
 class Device(Protocol):
-    """A platform that presses a fingertip.
-
-    Attributes
-    ----------
-    travel_m
-        Largest displacement [m] of the platform toward the finger; 0 is fully retracted.
-    max_force_n
-        Largest target force [N] of the device.
-    description
-        One line that identifies the device to a person.
-    status
-        "ready", or the reason why there are no readings.
-    delay_us
-        Time [µs] from the call that sets a displacement to the servos' taking it, beyond the wait for their frame.
-    least_rate_hz
-        Least rate [Hz] at which the device is driven, whatever the rate of the session.
-    """
+    """A platform that presses a fingertip."""
 
     travel_m: float
+    """Largest displacement [m] of the platform toward the finger; 0 is fully retracted."""
     max_force_n: float
+    """Largest target force [N] of the device."""
     description: str
+    """One line that identifies the device to a person."""
     status: str
+    """The word "ready", or the reason why there are no readings."""
     delay_us: int = 0
+    """Time [µs] from the call that sets a displacement to the servos' taking it, beyond the wait for their frame."""
     least_rate_hz: float = FORCE_LOOP_HZ
+    """Least rate [Hz] at which the device is driven, whatever the rate of the session."""
 
     def exchange(self, displacement_m: float, now_us: int) -> Reading | None:
         """Set the platform displacement [m] and return the newest reading, or None while the device is lost.

@@ -43,12 +43,6 @@ class Calibration:
     Below the first pair the force falls linearly to 0 N at 0 counts. Above the last pair it is constant, because a
     sensor beyond its range gives only a lower bound.
 
-    Attributes
-    ----------
-    counts
-        Converter counts, positive and strictly increasing.
-    forces_n
-        The force [N] at each count, positive and strictly increasing.
 
     Raises
     ------
@@ -62,7 +56,9 @@ class Calibration:
     """
 
     counts: tuple[float, ...]
+    """Converter counts, positive and strictly increasing."""
     forces_n: tuple[float, ...]
+    """The force [N] at each count, positive and strictly increasing."""
 
     def __post_init__(self) -> None:
         if len(self.counts) != len(self.forces_n) or len(self.counts) < 2:

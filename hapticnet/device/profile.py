@@ -20,20 +20,17 @@ All keys are optional:
     contact_m = 0.0021
 """
 
-import dataclasses
-import re
 import reprlib
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final, TypeAlias
 
 import tomli_w
-from pydantic import BaseModel, BeforeValidator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, model_validator
 
 from hapticnet.checks import check_parameter
 from hapticnet.device.calibration import Calibration
-from hapticnet.device.parts import Sensor
-from hapticnet.documents import STRICT, parse_document, read_document
+from hapticnet.device.simulated import Sensor
+from hapticnet.documents import STRICT, parse_document, read_document, text_of
 from hapticnet.errors import SettingsError
 
 LONGEST_SERIAL: Final = 200
@@ -46,146 +43,98 @@ GENERIC_CALIBRATION: Final = Calibration(
 )
 """A typical FSR 408 with 10 kΩ, from its data sheet; sensors differ by about 6 %."""
 
+_FROZEN: Final = ConfigDict(**STRICT, frozen=True)
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MeasuredCalibration:
-    """A measured calibration.
+_Day: TypeAlias = Annotated[
+    str,
+    # TOML reads an unquoted day as a date.
+    BeforeValidator(lambda day: day.isoformat() if hasattr(day, "isoformat") else day),
+    text_of(r"[0-9]{4}-(0[1-9]|1[0-2])-(0[1-9]|[12][0-9]|3[01])", "a date such as 2026-05-04"),
+]
+"""A day, as YYYY-MM-DD."""
 
-    Attributes
-    ----------
-    calibration
-        The table.
-    date
-        Day of the measurement, as YYYY-MM-DD.
-    residual_rms_n
-        Root mean square [N] of the residuals of the measured pairs.
-    pairs
-        Number of measured pairs.
 
-    Raises
-    ------
-    SettingsError
-        If a value is invalid.
-    """
+class MeasuredCalibration(BaseModel):
+    """A measured calibration: its table, when it was measured, and how well it fits. SettingsError if it is invalid."""
 
-    calibration: Calibration
-    date: str
+    model_config = _FROZEN
+
+    date: _Day
     residual_rms_n: float
+    """Root mean square [N] of the residuals of the measured pairs."""
     pairs: int
+    """Number of measured pairs."""
+    counts: list[float]
+    forces_n: list[float]
 
-    def __post_init__(self) -> None:
-        _check_date("calibration date", self.date)
+    @property
+    def table(self) -> Calibration:
+        """The counts and forces as a table."""
+        return Calibration(tuple(self.counts), tuple(self.forces_n))
+
+    @model_validator(mode="after")
+    def _check(self) -> "MeasuredCalibration":
         check_parameter("calibration residual", self.residual_rms_n, 0.0, 100.0, "N")
         check_parameter("calibration pairs", self.pairs, 2, 1_000_000_000)
+        _ = self.table  # whose values it checks
+        return self
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MeasuredFinger:
-    """A finger as measured by the device.
+class MeasuredFinger(BaseModel):
+    """A finger as measured by the device. SettingsError if it is invalid."""
 
-    Attributes
-    ----------
-    stiffness_n_m
-        Tangent stiffness [N/m] at 1 N.
-    contact_m
-        Platform displacement [m] at which it touches the finger.
-    date
-        Day of the measurement, as YYYY-MM-DD.
-
-    Raises
-    ------
-    SettingsError
-        If a value is invalid.
-    """
+    model_config = _FROZEN
 
     stiffness_n_m: float
+    """Tangent stiffness [N/m] at 1 N."""
     contact_m: float
-    date: str
+    """Platform displacement [m] at which it touches the finger."""
+    date: _Day
 
-    def __post_init__(self) -> None:
-        _check_date("finger date", self.date)
+    @model_validator(mode="after")
+    def _check(self) -> "MeasuredFinger":
         check_parameter("finger stiffness", self.stiffness_n_m, 1.0, 1e5, "N/m")
         check_parameter("finger contact", self.contact_m, 0.0, 0.05, "m")
+        return self
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Profile:
-    """Properties of one device.
+class Profile(BaseModel):
+    """Properties of one device. SettingsError if a value is invalid."""
 
-    Attributes
-    ----------
-    serial
-        Serial number of its USB adapter or another identifier; may be empty.
-    measured
-        Its own calibration; None if it has only the generic one.
-    finger
-        The finger it was tuned on; None before tuning.
-    servo_lag_s
-        Time constant [s] of its servos, if identified.
-
-    Raises
-    ------
-    SettingsError
-        If a value is invalid.
-    """
+    model_config = _FROZEN
 
     serial: str = ""
-    measured: MeasuredCalibration | None = None
-    finger: MeasuredFinger | None = None
+    """Serial number of its USB adapter or another identifier; may be empty."""
     servo_lag_s: float | None = None
+    """Time constant [s] of its servos, if identified."""
+    calibration: MeasuredCalibration | None = None
+    """Its own calibration; None if it has only the generic one."""
+    finger: MeasuredFinger | None = None
+    """The finger it was tuned on; None before tuning."""
 
-    def __post_init__(self) -> None:
+    @model_validator(mode="after")
+    def _check(self) -> "Profile":
         if len(self.serial) > LONGEST_SERIAL or not self.serial.isprintable():
             raise SettingsError(
                 f"serial is {reprlib.repr(self.serial)}; it must be at most {LONGEST_SERIAL} printable characters"
             )
         if self.servo_lag_s is not None:
             check_parameter("servo lag", self.servo_lag_s, 1e-4, 1.0, "s")
+        return self
 
     @property
-    def calibration(self) -> Calibration:
+    def table(self) -> Calibration:
         """Its own calibration, or the generic one."""
-        return self.measured.calibration if self.measured else GENERIC_CALIBRATION
+        return self.calibration.table if self.calibration else GENERIC_CALIBRATION
 
     @property
     def is_generic(self) -> bool:
         """Whether the device was never calibrated; its forces may then be far off."""
-        return self.measured is None
+        return self.calibration is None
 
-
-def _as_text(day: Any) -> Any:
-    """Return an unquoted day, which TOML reads as a date, as text."""
-    return day.isoformat() if hasattr(day, "isoformat") else day
-
-
-_Day: TypeAlias = Annotated[str, BeforeValidator(_as_text)]
-
-
-class _CalibrationTable(BaseModel):
-    model_config = STRICT
-
-    date: _Day
-    residual_rms_n: float
-    pairs: int
-    counts: list[float]
-    forces_n: list[float]
-
-
-class _FingerTable(BaseModel):
-    model_config = STRICT
-
-    stiffness_n_m: float
-    contact_m: float
-    date: _Day
-
-
-class _ProfileTable(BaseModel):
-    model_config = STRICT
-
-    serial: str = ""
-    servo_lag_s: float | None = None
-    calibration: _CalibrationTable | None = None
-    finger: _FingerTable | None = None
+    def changed(self, **values: Any) -> "Profile":
+        """Return this profile with other values."""
+        return Profile(**{**dict(self), **values})
 
 
 def load_profile(path: Path) -> Profile:
@@ -202,54 +151,13 @@ def load_profile(path: Path) -> Profile:
 
 
 def parse_profile(text: str, source: str) -> Profile:
-    """Return the profile described by `text`; messages name `source` as its origin.
-
-    Raises
-    ------
-    FileError
-        If the text is not TOML; the message has the line and column.
-    SettingsError
-        If a key is unknown or missing, or a value is invalid.
-    """
-    table = parse_document(text, source, _ProfileTable)
+    """Return the profile described by `text`; messages name `source` as its origin. Raises what `load_profile` does."""
     try:
-        return Profile(
-            serial=table.serial,
-            measured=_measured(table.calibration) if table.calibration else None,
-            finger=MeasuredFinger(**table.finger.model_dump()) if table.finger else None,
-            servo_lag_s=table.servo_lag_s,
-        )
+        return parse_document(text, source, Profile)
     except SettingsError as error:
-        raise SettingsError(f"{source}: {error}") from error
+        raise SettingsError(f"{source}: {str(error).removeprefix(f'{source}: ')}") from error
 
 
 def dump_profile(profile: Profile) -> str:
     """Return a profile as TOML, which `parse_profile` reads back as the same profile."""
-    content: dict[str, Any] = {"serial": profile.serial}
-    if profile.servo_lag_s is not None:
-        content["servo_lag_s"] = profile.servo_lag_s
-    if profile.measured is not None:
-        content["calibration"] = {
-            "date": profile.measured.date,
-            "residual_rms_n": profile.measured.residual_rms_n,
-            "pairs": profile.measured.pairs,
-            "counts": profile.measured.calibration.counts,
-            "forces_n": profile.measured.calibration.forces_n,
-        }
-    if profile.finger is not None:
-        content["finger"] = dataclasses.asdict(profile.finger)
-    return tomli_w.dumps(content)
-
-
-def _measured(table: _CalibrationTable) -> MeasuredCalibration:
-    return MeasuredCalibration(
-        calibration=Calibration(tuple(table.counts), tuple(table.forces_n)),
-        date=table.date,
-        residual_rms_n=table.residual_rms_n,
-        pairs=table.pairs,
-    )
-
-
-def _check_date(name: str, date: str) -> None:
-    if not re.fullmatch(r"[0-9]{4}-(0[1-9]|1[0-2])-(0[1-9]|[12][0-9]|3[01])", date):
-        raise SettingsError(f"{name} is {reprlib.repr(date)}; it must be a date such as 2026-05-04")
+    return tomli_w.dumps(profile.model_dump(exclude_none=True))

@@ -11,8 +11,8 @@ if TYPE_CHECKING:
 
     from hapticnet.control.force_settings import ForceControlSettings
     from hapticnet.device.base import Device
-    from hapticnet.device.plant import PlantSettings
     from hapticnet.device.profile import Profile
+    from hapticnet.device.simulated import PlantSettings
     from hapticnet.device.user import UserActuator, UserDevice
     from hapticnet.device.wired import WiredDevice
     from hapticnet.runtime.serial_port import Wire
@@ -142,8 +142,7 @@ def _user_device(found: "UserClass", say: Callable[[str], None]) -> "Iterator[Us
 def _parse(text: str) -> "tuple[str, PlantSettings | None]":
     """Return the kind of device and, if it is simulated, its plant."""
     from hapticnet.checks import check_parameter, meant
-    from hapticnet.device.parts import Finger
-    from hapticnet.device.plant import PlantSettings
+    from hapticnet.device.simulated import Finger, PlantSettings
     from hapticnet.errors import SettingsError
     from hapticnet.hardware import SOFTEST_N_M, STIFFEST_N_M
 
@@ -173,13 +172,13 @@ def _simulated(settings: "PlantSettings", rng: "np.random.Generator") -> "Device
 
 
 def _wired(profile: "Profile", settings: "PlantSettings | None" = None) -> "WiredDevice":
-    from hapticnet.device.parts import Servo
+    from hapticnet.device.servos import Servo
     from hapticnet.device.wired import WiredDevice
 
     servo = settings.servo if settings else Servo()
     if profile.servo_lag_s is not None:
         servo = replace(servo, lag_s=profile.servo_lag_s)
-    return WiredDevice(profile.calibration, servo=servo)
+    return WiredDevice(profile.table, servo=servo)
 
 
 def _rng(seed: int) -> "np.random.Generator":

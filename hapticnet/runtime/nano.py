@@ -13,8 +13,7 @@ import numpy as np
 
 from hapticnet.checks import check_parameter
 from hapticnet.device.base import Device, Reading
-from hapticnet.device.plant import Plant, PlantSettings
-from hapticnet.device.simulated import loading_calibration
+from hapticnet.device.simulated import Plant, PlantSettings, loading_calibration
 from hapticnet.device.wired import WiredDevice
 from hapticnet.errors import UnavailableError
 from hapticnet.runtime.simavr import CYCLES_PER_US, Simavr, simavr_build

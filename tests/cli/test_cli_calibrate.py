@@ -15,8 +15,8 @@ import pytest
 
 from hapticnet.cli.device.calibrate import WINDOW_US, CalibrationSession, calibrate
 from hapticnet.device.messages import ADC_FRACTION
-from hapticnet.device.parts import Sensor
 from hapticnet.device.profile import MeasuredFinger, Profile, dump_profile, load_profile
+from hapticnet.device.simulated import Sensor
 from hapticnet.errors import FileError, SettingsError
 from tests.device.standin import StandIn
 from tests.ready import ROOT
@@ -36,13 +36,13 @@ def pairs(tmp_path, monkeypatch):
 def test_a_file_of_pairs_becomes_a_profile(pairs, tmp_path, capsys):
     calibrate(pairs=pairs)
     profile = load_profile(tmp_path / "device.toml")
-    assert profile.measured is not None
-    assert profile.measured.pairs == len(FORCES_N)
-    assert profile.measured.residual_rms_n < 1e-9
-    written = datetime.date.fromisoformat(profile.measured.date)
+    assert profile.calibration is not None
+    assert profile.calibration.pairs == len(FORCES_N)
+    assert profile.calibration.residual_rms_n < 1e-9
+    written = datetime.date.fromisoformat(profile.calibration.date)
     assert datetime.timedelta(0) <= datetime.date.today() - written <= datetime.timedelta(1)
     for force_n in FORCES_N:
-        assert profile.calibration.force_n(Sensor().counts(force_n)) == pytest.approx(force_n)
+        assert profile.table.force_n(Sensor().counts(force_n)) == pytest.approx(force_n)
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].split() == ["pair", "force", "[N]", "adc", "table", "[N]", "residual", "[N]"]
     assert lines[3].split() == ["3", "1.000", "525.1", "1.000", "+0.000"]
@@ -64,7 +64,7 @@ def test_for_a_program_the_same_comes_as_json(pairs, tmp_path, capsys):
     assert report["hysteresis"] == pytest.approx(0.0, abs=1e-9)
     assert [pair["force_n"] for pair in report["pairs"]] == [*FORCES_N, 60.0]
     assert report["pairs"][-1]["residual_n"] is None
-    calibration = load_profile(tmp_path / "other.toml").calibration
+    calibration = load_profile(tmp_path / "other.toml").table
     assert tuple(knot["adc"] for knot in report["knots"]) == calibration.counts
     assert [knot["force_n"] for knot in report["knots"]] == pytest.approx(calibration.forces_n)
 
@@ -242,10 +242,10 @@ def test_the_guided_way_on_a_device(guided):
     assert process.returncode == 0
     assert table.splitlines()[-1] == "written to device.toml"
     profile = load_profile(file)
-    assert profile.measured is not None
-    assert profile.measured.pairs == 3
-    assert profile.calibration.counts == pytest.approx((350, 520, 690), abs=10)
-    assert profile.calibration.forces_n == pytest.approx((0.5, 1.0, 2.0), rel=0.05)
+    assert profile.calibration is not None
+    assert profile.calibration.pairs == 3
+    assert profile.table.counts == pytest.approx((350, 520, 690), abs=10)
+    assert profile.table.forces_n == pytest.approx((0.5, 1.0, 2.0), rel=0.05)
     # Nobody was pressed meanwhile.
     assert firmware.held == (2400, 2400, 2400)
 

@@ -12,8 +12,7 @@ from types import SimpleNamespace
 import pytest
 from serial.tools import list_ports
 
-from hapticnet.cli.device.find import find
-from hapticnet.cli.device.monitor import Summary
+from hapticnet.cli.device.wired import Summary, find
 from hapticnet.device.messages import PROTOCOL_MAJOR
 from hapticnet.device.profile import load_profile
 from hapticnet.runtime import serial_port

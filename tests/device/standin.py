@@ -4,11 +4,10 @@ from typing import TYPE_CHECKING
 
 from hapticnet.device.base import Reading
 from hapticnet.device.calibration import Calibration
-from hapticnet.device.framing import Deframer, frame
-from hapticnet.device.kinematics import Linkage
 from hapticnet.device.messages import (
     PROTOCOL_MAJOR,
     PROTOCOL_MINOR,
+    Deframer,
     Flag,
     Hello,
     Identity,
@@ -18,11 +17,10 @@ from hapticnet.device.messages import (
     StreamAck,
     decode,
     encode,
+    frame,
 )
-from hapticnet.device.parts import Servo
-from hapticnet.device.servos import Servos
-from hapticnet.device.setpoints import LEAD_US, SLOT_US
-from hapticnet.device.wired import WiredDevice
+from hapticnet.device.servos import Linkage, Servo, Servos
+from hapticnet.device.wired import LEAD_US, SLOT_US, WiredDevice
 
 if TYPE_CHECKING:
     from collections.abc import Callable

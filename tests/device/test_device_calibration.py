@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticnet.device.calibration import Calibration, fit_calibration
-from hapticnet.device.parts import Sensor
-from hapticnet.device.simulated import loading_calibration
+from hapticnet.device.simulated import Sensor, loading_calibration
 from hapticnet.errors import SettingsError
 from hapticnet.hardware import SENSOR_THRESHOLD_N
 

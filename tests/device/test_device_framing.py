@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.device.framing import LONGEST_BODY, LONGEST_FRAME, Deframer, frame
+from hapticnet.device.messages import LONGEST_BODY, LONGEST_FRAME, Deframer, frame
 
 VECTORS = json.loads((Path(__file__).parents[1] / "vectors" / "device.json").read_text())
 

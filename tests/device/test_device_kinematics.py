@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.device.kinematics import Linkage, Pulses
+from hapticnet.device.servos import Linkage, Pulses
 from hapticnet.errors import SettingsError
 
 LINKAGE = Linkage()

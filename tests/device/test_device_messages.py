@@ -8,17 +8,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.device.framing import LONGEST_BODY, Deframer, frame
 from hapticnet.device.messages import (
     LAYOUTS,
+    LONGEST_BODY,
     PROTOCOL_MAJOR,
     PROTOCOL_MINOR,
+    Deframer,
     Identity,
     Setpoint,
     Stream,
     check_version,
     decode,
     encode,
+    frame,
 )
 from hapticnet.errors import PeerError, RefusedError, SettingsError
 

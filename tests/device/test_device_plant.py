@@ -6,9 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.device.kinematics import Linkage
-from hapticnet.device.parts import Finger, Sensor, Servo
-from hapticnet.device.plant import Plant, PlantSettings
+from hapticnet.device.servos import Linkage, Servo
+from hapticnet.device.simulated import Finger, Plant, PlantSettings, Sensor
 from hapticnet.errors import SettingsError
 
 LINKAGE = Linkage()

@@ -5,7 +5,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticnet.device.calibration import Calibration
-from hapticnet.device.parts import Sensor
 from hapticnet.device.profile import (
     MeasuredCalibration,
     MeasuredFinger,
@@ -14,6 +13,7 @@ from hapticnet.device.profile import (
     load_profile,
     parse_profile,
 )
+from hapticnet.device.simulated import Sensor
 from hapticnet.errors import FileError, SettingsError
 
 WHOLE = """
@@ -40,20 +40,19 @@ days = st.dates().map(lambda day: day.isoformat())
 def calibrations(draw):
     size = draw(st.integers(2, 20))
     columns = [sorted(draw(st.lists(st.floats(1e-300, 1e6), min_size=size, max_size=size, unique=True))) for _ in "cf"]
-    return Calibration(tuple(columns[0]), tuple(columns[1]))
+    return MeasuredCalibration(
+        date=draw(days),
+        residual_rms_n=draw(st.floats(0.0, 100.0)),
+        pairs=draw(st.integers(2, 10**9)),
+        counts=columns[0],
+        forces_n=columns[1],
+    )
 
 
 profiles = st.builds(
     Profile,
     serial=st.text(max_size=200).filter(str.isprintable),
-    measured=st.none()
-    | st.builds(
-        MeasuredCalibration,
-        calibration=calibrations(),
-        date=days,
-        residual_rms_n=st.floats(0.0, 100.0),
-        pairs=st.integers(2, 10**9),
-    ),
+    calibration=st.none() | calibrations(),
     finger=st.none()
     | st.builds(MeasuredFinger, stiffness_n_m=st.floats(1.0, 1e5), contact_m=st.floats(0.0, 0.05), date=days),
     servo_lag_s=st.none() | st.floats(1e-4, 1.0),
@@ -70,9 +69,13 @@ def test_all_tables_of_a_profile_are_optional(tmp_path: Path):
     path.write_text(WHOLE)
     profile = load_profile(path)
     assert (profile.serial, profile.servo_lag_s, profile.is_generic) == ("A9B0C1D2", 0.031, False)
-    assert profile.calibration == Calibration((178.0, 354.5, 552.0), (0.2, 0.5, 1.0))
-    assert profile.measured is not None
-    assert (profile.measured.date, profile.measured.pairs, profile.measured.residual_rms_n) == ("2026-05-04", 16, 0.03)
+    assert profile.table == Calibration((178.0, 354.5, 552.0), (0.2, 0.5, 1.0))
+    assert profile.calibration is not None
+    assert (profile.calibration.date, profile.calibration.pairs, profile.calibration.residual_rms_n) == (
+        "2026-05-04",
+        16,
+        0.03,
+    )
     assert profile.finger == MeasuredFinger(stiffness_n_m=900.0, contact_m=0.0021, date="2026-05-04")
     path.write_text("")
     assert load_profile(path) == Profile()
@@ -82,7 +85,7 @@ def test_an_uncalibrated_device_has_the_data_sheets_curve_and_is_generic():
     profile = Profile()
     assert profile.is_generic
     for force_n in (0.2, 1.0, 2.0, 5.0, 20.0):
-        assert profile.calibration.force_n(Sensor().counts(force_n)) == pytest.approx(force_n, rel=1e-12)
+        assert profile.table.force_n(Sensor().counts(force_n)) == pytest.approx(force_n, rel=1e-12)
     tuned = Profile(finger=MeasuredFinger(stiffness_n_m=900.0, contact_m=0.002, date="2026-05-04"))
     assert parse_profile(dump_profile(tuned), "device.toml").is_generic
 
@@ -102,7 +105,7 @@ def test_an_uncalibrated_device_has_the_data_sheets_curve_and_is_generic():
         (("0.03\n", "inf\n"), r"calibration residual is inf N; it must be between"),
         (("900", "0"), r"finger stiffness is 0.0 N/m; it must be between 1 and"),
         (("0.0021", "-1e300"), r"finger contact is -1e\+300 m; it must be between 0 and 0.05 m"),
-        (("2026-05-04", "yesterday"), r"calibration date is 'yesterday'; it must be a date such as 2026-05-04"),
+        (("2026-05-04", "yesterday"), r"calibration.date is 'yesterday'; it must be a date such as 2026-05-04"),
         (('"A9B0C1D2"', "7"), r"serial is 7; it must be text in quotes"),
         (('"A9B0C1D2"', '"a\\nb"'), r"serial is 'a\\nb'; it must be at most 200 printable"),
         (("[finger]", "[[finger]]"), r"finger is \[.*\]; it must be a table"),

@@ -4,9 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.device.kinematics import Linkage, Pulses
-from hapticnet.device.parts import Servo
-from hapticnet.device.servos import Servos
+from hapticnet.device.servos import Linkage, Pulses, Servo, Servos
 
 LINKAGE = Linkage()
 IDEAL = Servo(backlash_deg=0.0)

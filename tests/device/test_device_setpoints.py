@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.device.kinematics import Linkage
+from hapticnet.device.servos import Linkage
 from hapticnet.device.wired import WiredDevice
 from tests.device.standin import CALIBRATION, LONGEST, SHORTEST, STEP, Line, StandIn, line, streaming
 

@@ -6,9 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticnet.device.base import Device
-from hapticnet.device.parts import Finger, Sensor, Servo
-from hapticnet.device.plant import PlantSettings
-from hapticnet.device.simulated import SimulatedDevice
+from hapticnet.device.servos import Servo
+from hapticnet.device.simulated import Finger, PlantSettings, Sensor, SimulatedDevice
 
 FRAME_US = Servo().frame_us
 QUIET = PlantSettings(sensor=Sensor(noise_counts=0.0))

@@ -9,15 +9,16 @@ from hypothesis import strategies as st
 
 from hapticnet.device.base import Device
 from hapticnet.device.calibration import Calibration
-from hapticnet.device.framing import LONGEST_BODY, frame
 from hapticnet.device.messages import (
     FLASH_COMMAND,
     LAYOUTS,
+    LONGEST_BODY,
     Identity,
     SensorReading,
     Setpoint,
     StreamAck,
     encode,
+    frame,
 )
 from hapticnet.device.wired import WiredDevice
 from tests.device.standin import CALIBRATION, StandIn, line, report, streaming

@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 
 from hapticnet.device.calibration import Calibration
-from hapticnet.device.framing import Deframer, frame
-from hapticnet.device.messages import Hello, Message, decode, encode
-from hapticnet.device.parts import Finger
-from hapticnet.device.plant import PlantSettings
+from hapticnet.device.messages import Deframer, Hello, Message, decode, encode, frame
+from hapticnet.device.simulated import Finger, PlantSettings
 from hapticnet.device.wired import WiredDevice
 from hapticnet.runtime.nano import SimulatedNano
 from hapticnet.runtime.simavr import CYCLES_PER_US, Simavr, Step

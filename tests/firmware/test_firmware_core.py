@@ -7,13 +7,14 @@ from typing import Any
 
 import pytest
 
-from hapticnet.device.framing import LONGEST_BODY, LONGEST_FRAME, Deframer, frame
-from hapticnet.device.kinematics import Linkage
 from hapticnet.device.messages import (
     LAYOUTS,
+    LONGEST_BODY,
+    LONGEST_FRAME,
     PROTOCOL_MAJOR,
     PROTOCOL_MINOR,
     TICKS_PER_US,
+    Deframer,
     Flag,
     Hello,
     Identity,
@@ -22,7 +23,9 @@ from hapticnet.device.messages import (
     Stream,
     StreamAck,
     encode,
+    frame,
 )
+from hapticnet.device.servos import Linkage
 
 VECTORS = json.loads((Path(__file__).parents[1] / "vectors" / "device.json").read_text())
 LINKAGE = Linkage()

@@ -10,8 +10,7 @@ import pytest
 
 from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.control.limits import LimitSettings
-from hapticnet.device.parts import Finger
-from hapticnet.device.plant import PlantSettings
+from hapticnet.device.simulated import Finger, PlantSettings
 from hapticnet.experiment.step_response import StepFigures, step_figures
 from hapticnet.node.fingertip import DeviceFound, DeviceLost, Fingertip
 from hapticnet.node.procedures import StepTest

@@ -10,8 +10,7 @@ import pytest
 
 from hapticnet.control.hold import Hold, HoldSettings
 from hapticnet.device.base import Reading
-from hapticnet.device.framing import frame
-from hapticnet.device.messages import Setpoint, encode
+from hapticnet.device.messages import Setpoint, encode, frame
 from hapticnet.node.fingertip import DeviceFound, DeviceLost, ForceFault
 from tests.firmware.rig import FINGERS_N_M, HANG, MS, RETRACT_MS, released_ms
 

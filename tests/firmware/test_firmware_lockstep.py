@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from hapticnet.device.base import Reading
-from hapticnet.device.parts import Finger, Sensor
-from hapticnet.device.plant import PlantSettings
+from hapticnet.device.simulated import Finger, PlantSettings, Sensor
 from hapticnet.errors import SettingsError
 from hapticnet.runtime.nano import Disturbance, SimulatedNano
 from hapticnet.runtime.simavr import CYCLES_PER_US

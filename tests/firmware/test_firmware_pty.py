@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapticnet.device.framing import Deframer, frame
 from hapticnet.device.messages import (
+    Deframer,
     Flag,
     Hello,
     Identity,
@@ -25,8 +25,9 @@ from hapticnet.device.messages import (
     Stream,
     decode,
     encode,
+    frame,
 )
-from hapticnet.device.plant import PlantSettings
+from hapticnet.device.simulated import PlantSettings
 from hapticnet.errors import FileError
 from hapticnet.runtime.nano import Board
 from hapticnet.runtime.nano_pty import MOST_CATCH_UP_US, NanoPty

@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 
-from hapticnet.device.kinematics import Linkage
 from hapticnet.device.messages import (
     ADC_FRACTION,
     Flag,
@@ -20,6 +19,7 @@ from hapticnet.device.messages import (
     Stream,
     StreamAck,
 )
+from hapticnet.device.servos import Linkage
 from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.runtime import simavr
 from hapticnet.runtime.simavr import BUILD_VARIABLE, CYCLES_PER_US, Simavr, simavr_build

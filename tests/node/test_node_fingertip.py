@@ -10,9 +10,8 @@ import pytest
 from hapticnet.control.force_settings import ForceControlSettings, for_known_finger
 from hapticnet.control.limits import LimitSettings
 from hapticnet.device.base import Reading
-from hapticnet.device.parts import Finger, Servo
-from hapticnet.device.plant import PlantSettings
-from hapticnet.device.simulated import SimulatedDevice
+from hapticnet.device.servos import Servo
+from hapticnet.device.simulated import Finger, PlantSettings, SimulatedDevice
 from hapticnet.errors import UnavailableError
 from hapticnet.experiment.step_response import step_figures
 from hapticnet.node.fingertip import DeviceFound, DeviceLost, Fingertip, ForceFault

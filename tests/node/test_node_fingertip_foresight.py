@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 
 from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.control.limits import SLEW_N_PER_S, LimitSettings
-from hapticnet.device.parts import Finger, Sensor, Servo
-from hapticnet.device.plant import PlantSettings
-from hapticnet.device.simulated import SimulatedDevice
+from hapticnet.device.servos import Servo
+from hapticnet.device.simulated import Finger, PlantSettings, Sensor, SimulatedDevice
 from hapticnet.node.fingertip import Fingertip
 
 LEAD_MS = round(1e3 * ForceControlSettings().foresight_s)

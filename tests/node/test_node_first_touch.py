@@ -5,9 +5,7 @@ import pytest
 
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
-from hapticnet.device.parts import Finger
-from hapticnet.device.plant import PlantSettings
-from hapticnet.device.simulated import SimulatedDevice
+from hapticnet.device.simulated import Finger, PlantSettings, SimulatedDevice
 from hapticnet.node.fingertip import FingerMet, FingerNotMet
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode

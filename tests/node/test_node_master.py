@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from hapticnet.codec.registry import every_codec, make_codec
-from hapticnet.device.plant import PlantSettings
-from hapticnet.device.simulated import SimulatedDevice
+from hapticnet.device.simulated import PlantSettings, SimulatedDevice
 from hapticnet.errors import SettingsError
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings

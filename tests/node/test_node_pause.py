@@ -5,8 +5,7 @@ import pytest
 
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.settings import ChannelSettings
-from hapticnet.device.plant import PlantSettings
-from hapticnet.device.simulated import SimulatedDevice
+from hapticnet.device.simulated import PlantSettings, SimulatedDevice
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_events import Paused

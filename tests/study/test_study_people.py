@@ -48,7 +48,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hapticnet.device.plant import PlantSettings
+from hapticnet.device.simulated import PlantSettings
 from hapticnet.device.simulated import SimulatedDevice
 
 

@@ -8,8 +8,7 @@ import pytest
 
 from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.control.limits import LimitSettings
-from hapticnet.device.plant import PlantSettings
-from hapticnet.device.simulated import SimulatedDevice
+from hapticnet.device.simulated import PlantSettings, SimulatedDevice
 from hapticnet.errors import FileError
 from hapticnet.node.fingertip import Fingertip
 from hapticnet.node.master_settings import MasterSettings

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias
 import typer
 
 from hapticnet import options
+from hapticnet.cli.device.wired import run_wired
 
 if TYPE_CHECKING:
     from hapticnet.device.calibration import Fit
@@ -34,11 +35,10 @@ def calibrate(
 ) -> None:
     """Fit the force sensor's calibration to known forces, report the residuals, and write it to a profile."""
     import datetime
-    from dataclasses import replace
 
     from hapticnet.cli.console import deliver, write_text
     from hapticnet.cli.profiles import profile_to_write
-    from hapticnet.device.calibration import Calibration, fit_calibration
+    from hapticnet.device.calibration import fit_calibration
     from hapticnet.device.profile import MeasuredCalibration, dump_profile
     from hapticnet.errors import FileError, SettingsError
     from hapticnet.runtime import devices
@@ -54,7 +54,7 @@ def calibrate(
         from hapticnet.runtime.serial_port import parse_serial
 
         spec = parse_serial(device or "")
-        known = replace(known, serial=_serial_number(spec) or known.serial)
+        known = known.changed(serial=_serial_number(spec) or known.serial)
         measured = _measure(spec)
     try:
         fit = fit_calibration([adc for _, adc in measured], [force_n for force_n, _ in measured])
@@ -63,17 +63,14 @@ def calibrate(
             raise
         raise FileError(f"{pairs}: {error}") from error
     # Nine decimals are far below any sensor's noise and keep the file readable.
-    table = Calibration(
-        counts=tuple(round(adc, 9) for adc in fit.calibration.counts),
-        forces_n=tuple(round(force_n, 9) for force_n in fit.calibration.forces_n),
-    )
     record = MeasuredCalibration(
-        calibration=table,
         date=datetime.date.today().isoformat(),
         residual_rms_n=round(fit.rms_n, 9),
         pairs=sum(residual_n is not None for residual_n in fit.residuals_n),
+        counts=[round(adc, 9) for adc in fit.calibration.counts],
+        forces_n=[round(force_n, 9) for force_n in fit.calibration.forces_n],
     )
-    write_text(file, dump_profile(replace(known, measured=record)))
+    write_text(file, dump_profile(known.changed(calibration=record)))
     account = _account(measured, fit, file)
     if json:
         deliver(account, as_json=True, file=None)
@@ -215,8 +212,6 @@ def _measure(spec: "SerialSpec") -> Pairs:
     """Measure pairs on a device, with prompts on stderr and input from stdin."""
     from hapticnet.device.profile import GENERIC_CALIBRATION
     from hapticnet.device.wired import WiredDevice
-    from hapticnet.runtime.serial_port import Wire, run_device
-    from hapticnet.runtime.system import run
 
     wired = WiredDevice(GENERIC_CALIBRATION)
     session = CalibrationSession()
@@ -238,7 +233,7 @@ def _measure(spec: "SerialSpec") -> Pairs:
         return session.finished
 
     _say(f"opening {spec}; keep fingers out")
-    if not run(run_device(Wire(wired=wired, spec=spec), tick)):
+    if not run_wired(wired, spec, tick):
         raise typer.Exit(130)
     return session.pairs
 

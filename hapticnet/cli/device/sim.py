@@ -28,8 +28,7 @@ def sim(
     import numpy as np
 
     from hapticnet.cli.console import Console
-    from hapticnet.device.parts import Finger
-    from hapticnet.device.plant import PlantSettings
+    from hapticnet.device.simulated import Finger, PlantSettings
     from hapticnet.runtime.nano import Board
     from hapticnet.runtime.nano_pty import NanoPty, run_nano_pty
     from hapticnet.runtime.system import run

@@ -1,17 +1,83 @@
-"""``hapticnet device monitor``: show the force sensor's readings without motion."""
+"""``hapticnet device find``, ``info`` and ``monitor``: devices on serial ports, without motion."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 
 from hapticnet import options
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from hapticnet.device.wired import WiredDevice
+    from hapticnet.runtime.serial_port import SerialSpec
+
 SHOW_EVERY_US = 100_000
+
+Port: TypeAlias = Annotated[str, typer.Argument(metavar="DEVICE", help="serial:PORT[@BAUD] or serial:auto.")]
+
+
+def find(json: options.Json = False) -> None:
+    """List the serial ports of this host in the form that other commands take."""
+    from dataclasses import asdict
+
+    from hapticnet.cli.console import deliver, show
+    from hapticnet.runtime.serial_port import find_ports
+
+    ports = find_ports()
+    likely = sum(port.likely is not None for port in ports)
+    if json:
+        listed = [{"device": f"serial:{port.path}", **asdict(port)} for port in ports]
+        deliver({"ports": listed, "auto": likely == 1}, as_json=True, file=None)
+        return
+    for port in ports:
+        what = ", ".join(filter(None, (port.description, port.serial_number)))
+        show(f"serial:{port.path}  {what or port.name}  ({port.likely or 'no sign of a Nano'})")
+    if likely == 1:
+        print("the first may be the device; serial:auto finds it")
+    elif likely:
+        print(f"the first {likely} may be the device; choose one")
+    else:
+        print("no port looks like an Arduino Nano; is it plugged in?")
+
+
+def info(device: Port = "serial:auto", json: options.Json = False) -> None:
+    """Show the identity of a device; if its protocol version differs, say how to flash the firmware."""
+    from hapticnet.cli.console import deliver
+    from hapticnet.device.messages import TICKS_PER_US
+    from hapticnet.device.profile import GENERIC_CALIBRATION
+    from hapticnet.device.wired import WiredDevice, firmware_version, reset_cause
+    from hapticnet.errors import UnavailableError
+    from hapticnet.runtime.serial_port import parse_serial
+
+    spec = parse_serial(device)
+    wired = WiredDevice(GENERIC_CALIBRATION)
+    if not run_wired(wired, spec, lambda now_us: wired.exchange(0.0, now_us) is not None):
+        raise typer.Exit(130)
+    who = wired.identity
+    if who is None:
+        raise UnavailableError(f"{spec}: {wired.status}")
+    account = {
+        "device": str(spec),
+        "firmware": firmware_version(who),
+        "protocol": f"{who.protocol_major}.{who.protocol_minor}",
+        "clock_mhz": who.clock_hz / 1e6,
+        "boot_id": who.boot_id,
+        "reset_cause": reset_cause(who),
+        "stream_period_ms": wired.stream_period_ms,
+        "adc_bits": who.adc_bits,
+        "largest_step_us": who.largest_step / TICKS_PER_US,
+        "servo": [
+            {"shortest_pulse_us": shortest / TICKS_PER_US, "longest_pulse_us": longest / TICKS_PER_US}
+            for shortest, longest in who.pulse_limits
+        ],
+    }
+    deliver(account, as_json=json, file=None)
 
 
 def monitor(
-    device: Annotated[str, typer.Argument(metavar="DEVICE", help="serial:PORT[@BAUD] or serial:auto.")] = "serial:auto",
+    device: Port = "serial:auto",
     duration: Annotated[
         float | None, typer.Option(min=0.0, help="Stop after this many seconds. Default: on Ctrl-C.")
     ] = None,
@@ -27,13 +93,12 @@ def monitor(
     from hapticnet.device.wired import WiredDevice
     from hapticnet.recordings.tables import write_csv
     from hapticnet.runtime import devices
-    from hapticnet.runtime.serial_port import Wire, parse_serial, run_device
-    from hapticnet.runtime.system import run
+    from hapticnet.runtime.serial_port import parse_serial
 
     spec = parse_serial(device)
     known = devices.load(profile)
     check_outputs(csv, inputs=[profile])
-    wired = WiredDevice(known.calibration)
+    wired = WiredDevice(known.table)
     console = Console("monitor", real_time=True)
     summary = Summary()
     rows: list[Reading] = []
@@ -60,7 +125,7 @@ def monitor(
         return False
 
     console.say(f"opening {spec}" + ("; not calibrated, forces are rough" if known.is_generic else ""))
-    run(run_device(Wire(wired=wired, spec=spec), tick, duration_s=duration))
+    run_wired(wired, spec, tick, duration_s=duration)
     console.finish()
     if csv is not None:
         columns = zip(*rows, strict=True) if rows else [()] * len(Reading._fields)
@@ -102,3 +167,13 @@ class Summary:
             "deviation_n": (self._squares / (self.readings - 1)) ** 0.5 if self.readings > 1 else None,
             "mean_counts": self._mean_counts if self.readings else None,
         }
+
+
+def run_wired(
+    wired: "WiredDevice", spec: "SerialSpec", tick: "Callable[[int], bool]", *, duration_s: float | None = None
+) -> bool:
+    """Open a device and call `tick` until it is done; return False if a signal ended it. See `run_device`."""
+    from hapticnet.runtime.serial_port import Wire, run_device
+    from hapticnet.runtime.system import run
+
+    return run(run_device(Wire(wired=wired, spec=spec), tick, duration_s=duration_s))
