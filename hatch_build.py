@@ -17,7 +17,7 @@ ROOT: Final = Path(__file__).parent
 COMPILED: Final = (
     "hapticnet/samples.py",
     "hapticnet/vectors.py",
-    "hapticnet/outlook.py",
+    "hapticnet/stiffness_bound.py",
     "hapticnet/scene/*.py",
     "hapticnet/codec/**/*.py",
     "hapticnet/protocol/*.py",

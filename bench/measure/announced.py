@@ -148,12 +148,12 @@ def run(case: Case) -> Row:
     table = master.recording.table()
     t_us, positions, held = table["t_us"], table["position_m"][:, None], table["held_n"][:, None]
     true = true_force(Scene(settings.tissues), t_us, positions)
-    station = slave.stations[0]
+    context = slave.contexts[0]
     seconds = len(t_us) * PERIOD_US / 1e6
     wrong = np.abs(true - held)[:, 0] > LAW.jnds_n(np.abs(held)[:, 0])
     report = error_report(LAW, true, held)
-    forces = station.session.sent.by_kind[Kind.FORCE]
-    account = station.report()["announced"] or {}
+    forces = context.session.sent.by_kind[Kind.FORCE]
+    account = context.report()["announced"] or {}
     return {
         **{name: value for name, value in asdict(case).items() if name != "hand"},
         "insertions": case.hand.insertions,
@@ -163,8 +163,8 @@ def run(case: Case) -> Row:
         "longest_wrong_ms": longest_run(wrong),
         "longest_wrong_model_ms": longest_run(wrong & np.array(on_model)),
         "forces": forces,
-        "keepalives": station.session.sent.by_kind[Kind.KEEPALIVE],
-        "feedback_bytes_per_s": station.session.sent.wire_bytes / seconds,
+        "keepalives": context.session.sent.by_kind[Kind.KEEPALIVE],
+        "feedback_bytes_per_s": context.session.sent.wire_bytes / seconds,
         "positions_per_s": master.session.sent.by_kind[Kind.POSITION] / seconds,
         "forward_bytes_per_s": master.session.sent.wire_bytes / seconds,
         "on_model": master.report()["ticks_on_model"] / len(t_us),

@@ -81,8 +81,8 @@ def cycle(loopback: Loopback) -> list[float]:
     forces = []
     for _ in range(CYCLE_US // loopback.master.period_us):
         loopback.run(loopback.master.period_us)
-        (station,) = loopback.slave.stations
-        forces.append(station.scene.force_n)
+        (context,) = loopback.slave.contexts
+        forces.append(context.scene.force_n)
     return forces
 
 
@@ -108,9 +108,9 @@ def lasting(
     loopback.forward, loopback.feedback = (Emulator(parse_channel(QUIET), each) for each in rng.spawn(2))
     loopback.run(QUIET_US)
     last = cycle(loopback)
-    (station,) = loopback.slave.stations
+    (context,) = loopback.slave.contexts
     master = loopback.master
-    newest_us = station.session._position_t_us or 0
+    newest_us = context.session._position_t_us or 0
     settled = memory_mb[CHECKPOINTS // 2 :]
     return {
         "sealed": sealed,
@@ -118,15 +118,15 @@ def lasting(
         "virtual_h": (loopback.now_us - start_us) / 3600 / SECOND,
         "start_us": start_us,
         "first_sequence": first_sequence,
-        "positions": station.steps,
+        "positions": context.steps,
         "ended_us": loopback.now_us,
         "time_stamp_wraps": (loopback.now_us >> 32) - (start_us >> 32),
-        "sequence_wraps": (first_sequence + station.session.received.packets) >> 32,
-        "key_changes": station.session.received.packets >> EPOCH_BITS if sealed else None,
+        "sequence_wraps": (first_sequence + context.session.received.packets) >> 32,
+        "key_changes": context.session.received.packets >> EPOCH_BITS if sealed else None,
         "connections": events["Connected"],
         "stale": events["LinkStale"],
-        "malformed": station.session.received.malformed + master.session.received.malformed,
-        "stray": station.session.received.stray + master.session.received.stray,
+        "malformed": context.session.received.malformed + master.session.received.malformed,
+        "stray": context.session.received.stray + master.session.received.stray,
         "lag_us": loopback.now_us - newest_us,
         "force_difference_n": float(np.max(np.abs(np.subtract(last, first)))),
         "largest_force_n": float(np.max(first)),

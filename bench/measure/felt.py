@@ -1,8 +1,8 @@
 """What a hand feels over a network: every codec over every delay, with jitter and loss, on scenes and recordings.
 
 At every tick of the master, the force that is applied is compared with the true force of the position at that tick;
-see `hapticnet.node.felt`. Beside it: the energy that the applied force creates; see `hapticnet.measure.energy`. No
-sessions are played: neither keepalives nor the decay of a stale link count.
+see `hapticnet.node.closed_loop`. Beside it: the energy that the applied force creates; see `hapticnet.measure.energy`.
+No sessions are played: neither keepalives nor the decay of a stale link count.
 """
 
 import argparse
@@ -23,7 +23,7 @@ from hapticnet.experiment.comparison import REPAIR_US
 from hapticnet.experiment.trial import Trial
 from hapticnet.measure.energy import energy_report
 from hapticnet.measure.metrics import error_report
-from hapticnet.node.felt import feel
+from hapticnet.node.closed_loop import simulate_link
 from hapticnet.perception import WeberLaw
 
 CODECS = every_codec()
@@ -84,7 +84,7 @@ def felt(trial: Trial, kind: str, codec: str, link: str, delay_ms: int, seed: in
     jitter, loss = LINKS[link]
     channel = ChannelSettings(delay_us=1000 * delay_ms, jitter=jitter, loss=loss)
     law = WeberLaw()
-    played = feel(
+    played = simulate_link(
         make_codec(codec, law),
         trial.t_us,
         trial.stimuli,

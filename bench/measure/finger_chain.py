@@ -45,7 +45,7 @@ class Chain:
         Whether the slave announces the contact ahead.
     first_touch
         Whether the finger is found before the session.
-    foresight
+    predictor
         Whether the platform moves toward the force expected ahead; else toward that of now.
     foresight_s, early_n
         How far ahead [s], and the change of force [N] that is answered within a control period.
@@ -57,16 +57,16 @@ class Chain:
     channel: str = "perfect"
     announced: bool = False
     first_touch: bool = True
-    foresight: bool = True
+    predictor: bool = True
     foresight_s: float = ForceControlSettings().foresight_s
     early_n: float = ForceControlSettings().early_n
     on_all_fingers: bool = False
 
 
 CHAINS: Final = {
-    "as it was": Chain(first_touch=False, foresight=False, early_n=MAX_FORCE_N),
-    "answered at once": Chain(first_touch=False, foresight=False),
-    "and finger found first": Chain(foresight=False),
+    "as it was": Chain(first_touch=False, predictor=False, early_n=MAX_FORCE_N),
+    "answered at once": Chain(first_touch=False, predictor=False),
+    "and finger found first": Chain(predictor=False),
     "deadband": Chain(on_all_fingers=True),
     "adaptive-predictive": Chain(codec="adaptive-predictive"),
     "motion-predictive": Chain(codec="motion-predictive"),
@@ -131,7 +131,7 @@ def _played(device: Watched, seed: int, start_us: int, settings: Chain) -> Felt:
     forward, feedback, nonces, sessions = np.random.default_rng(seed).spawn(4)
     operator = ScriptedOperator(InsertionSettings(insertions=INSERTIONS), np.random.default_rng(seed))
     control = ForceControlSettings(foresight_s=settings.foresight_s, early_n=settings.early_n)
-    fingertip = (Fingertip if settings.foresight else Blindfolded)(device, LimitSettings(), control)
+    fingertip = (Fingertip if settings.predictor else Blindfolded)(device, LimitSettings(), control)
     asked = MasterSettings(codec=settings.codec, record=True, first_touch=settings.first_touch)
     asked = replace(asked, announced=settings.announced)
     loopback = Loopback(

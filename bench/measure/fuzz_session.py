@@ -133,7 +133,9 @@ class Session:
     def report(self) -> dict[str, Any]:
         """Return the counters of the attacked node; of a slave, those for strangers."""
         report = self._slave.report() if self._attacks_slave else self._master.report()
-        return {name: report[name] for name in ("strangers", "throttled", "unkeyed", "never_used") if name in report}
+        return {
+            name: report[name] for name in ("unknown_peers", "throttled", "unkeyed", "never_used") if name in report
+        }
 
     def _note(self, data: bytes) -> None:
         self.fuzz.corpus.append(data)
@@ -163,7 +165,7 @@ class Session:
             self.failures += isinstance(event, Failed)
             self._connections += isinstance(event, Connected)
         while left := self._slave.next_event():
-            self.failures += isinstance(left, MasterLeft) and "failed" in (left.station.session.end_reason or "")
+            self.failures += isinstance(left, MasterLeft) and "failed" in (left.context.session.end_reason or "")
 
     def _stranger(self) -> Source:
         number = self.fuzz.random.randrange(STRANGERS)
@@ -176,8 +178,8 @@ class Session:
             if stream is None or stream.seal is None:
                 return None
         else:
-            station = next((each for each in self._slave.stations if each.address == MASTER and each.steps), None)
-            if station is None or station.session.seal is None:
+            context = next((each for each in self._slave.contexts if each.address == MASTER and each.steps), None)
+            if context is None or context.session.seal is None:
                 return None
         kind = Kind.POSITION if self._attacks_slave else Kind.FORCE
         if self.fuzz.one_in(4):
@@ -186,7 +188,7 @@ class Session:
         self.insiders += 1
         if self._attacks_slave:
             return stream.pack(kind, body)
-        session: Any = station.session
+        session: Any = context.session
         data: bytes = session.seal.pack(kind, session.number, session._sequence, body)
         session._sequence += 1
         return data
@@ -199,11 +201,11 @@ class Session:
             loss = (self.fuzz.random.randrange(120), self.fuzz.random.randrange(120)) if self.fuzz.one_in(2) else ()
             return t_us, self.fuzz.random.randrange(100), payload, *loss
         if kind is Kind.FORCE:
-            return t_us, payload, *self._outlook()
-        return (t_us, None, *self._outlook()) if kind is Kind.KEEPALIVE else ("reason", self.fuzz.random.randrange(9))
+            return t_us, payload, *self._bound()
+        return (t_us, None, *self._bound()) if kind is Kind.KEEPALIVE else ("reason", self.fuzz.random.randrange(9))
 
-    def _outlook(self) -> tuple[bytes, ...]:
-        """Return the field with an outlook, or none."""
+    def _bound(self) -> tuple[bytes, ...]:
+        """Return the field with a stiffness bound, or none."""
         random = self.fuzz.random
         if random.randrange(2):
             return ()

@@ -24,7 +24,7 @@ from hapticnet.experiment.comparison import REPAIR_US
 from hapticnet.experiment.trial import Trial
 from hapticnet.measure.bound import fewest_holds
 from hapticnet.measure.metrics import error_report
-from hapticnet.node.felt import feel
+from hapticnet.node.closed_loop import simulate_link
 from hapticnet.perception import WeberLaw
 
 Row = dict[str, Any]
@@ -83,7 +83,7 @@ def played(trial: Trial, kind: str, variant: str, codec: Codec) -> Row:
     """Return the packets of a signal, and what is felt of it with a delay."""
     assert trial.positions is not None
     link = ChannelSettings(delay_us=1000 * DELAY_MS)
-    felt = feel(
+    felt = simulate_link(
         codec, trial.t_us, trial.stimuli, trial.positions, forward=link, feedback=link,
         repair_us=REPAIR_US + 2 * link.delay_us, rng=np.random.default_rng(1),
     )  # fmt: skip

@@ -138,12 +138,12 @@ def check(seed: int, motion: InsertionSettings) -> list[Row]:
         settings = MasterSettings(codec=condition.codec, law=law, rate_hz=CHECKED_HZ, record=True)
         loopback = both_nodes(seed, operator, settings, start_us=START_US)
         loopback.run(operator.duration_us)
-        (station,) = loopback.slave.stations
+        (context,) = loopback.slave.contexts
         offline = account(law, [encoded(make_codec(condition.codec, law), true)])
-        assert station.recording is not None
-        table = station.recording.table()
+        assert context.recording is not None
+        table = context.recording.table()
         nodes = account(law, [{**table, "datagram_bytes": table["datagram_bytes"] * table["transmitted"]}])
-        row: Row = {"condition": condition.name, "keepalives": station.session.sent.by_kind[Kind.KEEPALIVE]}
+        row: Row = {"condition": condition.name, "keepalives": context.session.sent.by_kind[Kind.KEEPALIVE]}
         for key in ("samples", "packets", "bytes_per_penetration_mean", "rmse_n"):
             row[key] = offline[key]
             row[f"{key}_difference"] = nodes[key] - offline[key]

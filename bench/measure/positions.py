@@ -124,7 +124,7 @@ def cost(loop: Loopback) -> Row:
         "bytes_per_s": (sent.wire_bytes + received.wire_bytes) / seconds,
         "sealed_bytes_per_s": (sent.wire_bytes + received.wire_bytes + TAG_BYTES * packets) / seconds,
         "keepalive_share": 54.0 * keepalives / (sent.wire_bytes + received.wire_bytes),
-        "between_per_s": loop.slave.stations[0].between / seconds,
+        "between_per_s": loop.slave.contexts[0].between / seconds,
         "connections": master.connections,
     }
 
@@ -141,7 +141,7 @@ def felt(loop: Loopback, tissues: tuple[Tissue, ...]) -> Row:
     return {
         "exceed_jnd_fraction": errors.exceed_jnd_fraction,
         "rmse_n": errors.rmse_n,
-        "breaches": scene.breaches - loop.slave.stations[0].report()["breaches"],
+        "breaches": scene.breaches - loop.slave.contexts[0].report()["breaches"],
     }
 
 

@@ -77,7 +77,7 @@ def slave(folder: Path, *, fifo: bool) -> None:
     node: Any = Clocked(
         SlaveNode(lambda _: Scene(scene.tissues, name=scene.name), SlaveSettings(), SystemEntropy(), host_of=host_of),
         "receive_datagrams",
-        "settle",
+        "account_sent",
     )
     sock = listen(HostPort("127.0.0.1", 0))
     if fifo:
@@ -128,7 +128,7 @@ def medians(stamps: dict[str, IntArray]) -> dict[str, float]:
     ordered = np.all(np.diff(trips[:, :5], axis=1) > 0, axis=1)
     trips = trips[ordered & (trips[:, 4] - trips[:, 0] < 900_000)]  # else it may be the answer to another position
     steps = np.median(np.diff(trips[:, :5], axis=1), axis=0) / 1e3
-    beside = [np.median(np.diff(calls[name], axis=1)) / 1e3 for name in ("drive", "receive_datagram", "settle")]
+    beside = [np.median(np.diff(calls[name], axis=1)) / 1e3 for name in ("drive", "receive_datagram", "account_sent")]
     return {
         **dict(zip(STEPS, steps.tolist(), strict=True)),
         "round trip": float(np.median(trips[:, 4] - trips[:, 0]) / 1e3),

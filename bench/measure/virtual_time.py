@@ -64,8 +64,8 @@ def run(case: str, seed: int, insertions: int) -> dict[str, float]:
     started_s = time.perf_counter()
     loopback.run(operator.duration_us)
     taken_s = time.perf_counter() - started_s
-    (station,) = loopback.slave.stations
-    return {"virtual_s": operator.duration_us / 1e6, "taken_s": taken_s, "steps": station.steps}
+    (context,) = loopback.slave.contexts
+    return {"virtual_s": operator.duration_us / 1e6, "taken_s": taken_s, "steps": context.steps}
 
 
 def summary(runs: list[dict[str, float]]) -> dict[str, float]:

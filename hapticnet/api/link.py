@@ -129,12 +129,12 @@ class VirtualLink:
         UnavailableError
             If no session has been established.
         """
-        stations = self._loopback.slave.stations
-        if not stations or stations[-1].recording is None or not stations[-1].steps:
+        contexts = self._loopback.slave.contexts
+        if not contexts or contexts[-1].recording is None or not contexts[-1].steps:
             raise UnavailableError(
                 f"no session after {self._loopback.now_us / 1e6:g} s of virtual time; run longer or with less loss"
             )
-        return stations[-1].recording.table()
+        return contexts[-1].recording.table()
 
     def master_samples(self) -> dict[str, FloatArray]:
         """Return, for every tick of the master: t_us, position_m, held_n and more, shape (n,) each.

@@ -246,7 +246,7 @@ class TickedMaster(MasterSetup, MasterView):
         self._node, self._hand, sock, self._slave = self.make(device)
         self._socket = TickedSocket(sock, "master")
         self._events = EventQueue[NodeEvent]()
-        self._due_us = self._strangers = 0
+        self._due_us = self._unknown_peers = 0
 
     @property
     def send_errors(self) -> int:
@@ -274,7 +274,7 @@ class TickedMaster(MasterSetup, MasterView):
             if address == self._slave:
                 node.receive_datagram(data, now)
             else:
-                self._strangers += 1
+                self._unknown_peers += 1
             if now >= end_us:
                 break
         now = now_us()
@@ -294,7 +294,7 @@ class TickedMaster(MasterSetup, MasterView):
             lateness=Distribution().report(),
             missed_ticks=None,
             send_errors=self.send_errors,
-            strangers=self._strangers,
+            unknown_peers=self._unknown_peers,
             port_openings=None,
             port_unwritten_bytes=None,
         )

@@ -127,7 +127,7 @@ class TickedSlave(SlaveSetup, SlaveView):
             node.tick(now)
         node.check(now, waited_us)
         self._send()
-        node.settle(now)
+        node.account_sent(now)
         self._send()
 
     def _report(self, node: SlaveNode) -> dict[str, Any]:

@@ -165,7 +165,7 @@ class SlaveView(NodeView[SlaveNode]):
     @property
     def connected(self) -> tuple[str, ...]:
         """Names of the masters that have a session now."""
-        return tuple(station.session.request.name for station in self.node.stations if station.seated)
+        return tuple(context.session.request.name for context in self.node.contexts if context.seated)
 
     def report(self) -> dict[str, Any]:
         """Return the account of all sessions, as ``hapticnet slave --json`` prints it; raise as for a master."""

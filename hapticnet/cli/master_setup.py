@@ -114,13 +114,13 @@ def join(given: "MasterOptions") -> None:
 
     def faults() -> list[str]:
         """Return what was wrong although the run went on."""
-        return [*map(str, node.times.told), *rescue.faults, *console.faults]
+        return [*map(str, node.times.reported), *rescue.faults, *console.faults]
 
     def conclude() -> None:
         """Deliver the report."""
         console.finish()
         busy = signs(overload.report())
-        if busy and not node.times.told:  # else these say why
+        if busy and not node.times.reported:  # else these say why
             console.warn(f"this machine was too busy for {1e6 / node.position_period_us:g} Hz: {'; '.join(busy)}")
         recorder = None if recording is None else recording.recorder
         account = master_report(
@@ -179,7 +179,7 @@ def join(given: "MasterOptions") -> None:
         raise UnavailableError(node.failure)
     if not outcome.connected and given.connect_timeout is not None:
         advice = messages.advice()
-        if outcome.strangers:
+        if outcome.unknown_peers:
             advice = "datagrams came from another address: name the one it answers from"
         raise UnavailableError(f"no session with {address} within {given.connect_timeout:g} s: {advice}")
     if faults():

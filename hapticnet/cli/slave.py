@@ -38,7 +38,7 @@ class SlaveOptions:
 def slave(given: SlaveOptions) -> None:
     """Host the virtual tissues: each master touches its own scene.
 
-    On loopback, anyone is served unless --key or --masters is given. Elsewhere, only the masters of the list are
+    On loopback, anyone is served unless --key or --masters is given. LineDecoder, only the masters of the list are
     served: --key and --masters, by default key.toml and masters.toml in ~/.config/hapticnet.
 
     Ends on Ctrl-C, SIGTERM or after --duration, and then prints its report. A second signal ends --drain.

@@ -12,7 +12,7 @@ from hapticnet.runtime.watching import Watcher
 
 if TYPE_CHECKING:
     from hapticnet.cli.console import Console
-    from hapticnet.node.station import Station
+    from hapticnet.node.slave_context import SlaveContext
     from hapticnet.runtime.trust import Guests
 
 
@@ -47,7 +47,7 @@ class SlaveMessages(Watcher[SlaveEvent]):
         """Tell what has happened."""
         failure = None
         if isinstance(event, MasterLeft):
-            failure = event.station.failure
+            failure = event.context.failure
         elif isinstance(event, MasterRefused) and event.code is Code.FAILED:
             failure = event.reason
         if failure is not None and failure not in self._failures and len(self._failures) < MOST_FAILURES:
@@ -96,17 +96,17 @@ def in_words(event: SlaveEvent, listed: str | None = None) -> str:
         return f"{own} from {place(event.address)}{whose} was refused: {event.reason}"
     if isinstance(event, StepsTooSlow):
         return str(event)
-    session = event.station.session
+    session = event.context.session
     if isinstance(event, MasterJoined):
         request = session.request
-        where = place(event.station.address)
-        return f"{who(event.station)} joined from {where}: {request.codec}, asks for {request.rate_hz:g} Hz"
+        where = place(event.context.address)
+        return f"{who(event.context)} joined from {where}: {request.codec}, asks for {request.rate_hz:g} Hz"
     if isinstance(event, ScenePaused):
-        return f"{who(event.station)} feels nothing from now on: {event.reason}"
+        return f"{who(event.context)} feels nothing from now on: {event.reason}"
     if isinstance(event, SceneResumed):
-        return f"{who(event.station)} feels the scene again"
+        return f"{who(event.context)} feels the scene again"
     if isinstance(event, MasterLeft):
-        return f"{who(event.station)} left: {session.end_reason} ({event.station.steps} steps)"
+        return f"{who(event.context)} left: {session.end_reason} ({event.context.steps} steps)"
     raise TypeError(event)
 
 
@@ -118,12 +118,12 @@ def fields_of(event: SlaveEvent, listed: str | None = None) -> dict[str, Any]:
     if isinstance(event, MasterRefused):
         about = {"master": event.name, "address": place(event.address), "refusal": event.code.name}
     else:
-        request, listed = event.station.session.request, event.station.listed
-        about = {"master": request.name, "address": place(event.station.address), "codec": request.codec}
+        request, listed = event.context.session.request, event.context.listed
+        about = {"master": request.name, "address": place(event.context.address), "codec": request.codec}
     return about if listed is None else {**about, "listed": listed}
 
 
-def who(station: "Station") -> str:
+def who(context: "SlaveContext") -> str:
     """Return what to call a master: its name in the list, and what it calls itself."""
-    own = repr(station.session.request.name)
-    return own if station.listed is None else f"{station.listed!r} ({own})"
+    own = repr(context.session.request.name)
+    return own if context.listed is None else f"{context.listed!r} ({own})"

@@ -118,7 +118,7 @@ def serve(options: "SlaveOptions") -> None:
     finally:  # the reader of stdout may have gone
         if recording is not None:
             recording.recorder.check()
-    faults = [*map(str, node.times.told), *rescue.faults, *console.faults]
+    faults = [*map(str, node.times.reported), *rescue.faults, *console.faults]
     if faults:
         raise RunError("; ".join(faults))
 

@@ -76,10 +76,10 @@ class Decoder(Protocol):
 
 
 @runtime_checkable
-class Foretelling(Protocol):
+class Predictive(Protocol):
     """A decoder that can be asked for the future. Optional: without it, the force ahead is estimated from updates."""
 
-    def foretell(self, t_us: int, position: Vector, position_us: int) -> Vector:
+    def predict(self, t_us: int, position: Vector, position_us: int) -> Vector:
         """Return what `reconstruct` would return for times to come, without changing the state.
 
         Parameters

@@ -8,7 +8,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, Final
 
-from hapticnet.codec.base import Codec, Decoder, Encoder, Foretelling
+from hapticnet.codec.base import Codec, Decoder, Encoder, Predictive
 from hapticnet.errors import PeerError, SampleError, SettingsError
 from hapticnet.files import user_path
 from hapticnet.samples import MAX_AXES, Vector
@@ -172,7 +172,7 @@ def _guarded(found: type[Any], source: str) -> type[Any]:
 
     def decoder(self: Any, axes: int) -> Decoder:
         inner = started(super(made, self).decoder, axes)
-        return (_Predictive if isinstance(inner, Foretelling) else _Decoder)(inner, axes, source)
+        return (_Predictive if isinstance(inner, Predictive) else _Decoder)(inner, axes, source)
 
     def started(method: Any, axes: int) -> Any:
         try:
@@ -247,17 +247,17 @@ class _Decoder:
 
 
 class _Predictive(_Decoder):
-    """The decoder of a user that can be asked for the future. Satisfies `Foretelling`."""
+    """The decoder of a user that can be asked for the future. Satisfies `Predictive`."""
 
     __slots__ = ()
 
-    def foretell(self, t_us: int, position: Vector, position_us: int) -> Vector:
+    def predict(self, t_us: int, position: Vector, position_us: int) -> Vector:
         """Return the stimulus to apply at a time to come; exceptions of the user's decoder become a SampleError."""
         try:
-            applied: Vector = self._inner.foretell(t_us, position, position_us)
+            applied: Vector = self._inner.predict(t_us, position, position_us)
             _check_applied(applied, self._axes)
         except SampleError:
             raise
         except BaseException as error:
-            raise SampleError(f"codec {self._source}: foretell failed: {raised(error)}") from error
+            raise SampleError(f"codec {self._source}: predict failed: {raised(error)}") from error
         return applied

@@ -252,7 +252,7 @@ class StepDecoder:
         """Return the stimulus to apply."""
         return self._apply(self._rule, self._receiver, t_us)
 
-    def foretell(self, t_us: int, position: Vector, position_us: int) -> Vector:  # noqa: ARG002
+    def predict(self, t_us: int, position: Vector, position_us: int) -> Vector:  # noqa: ARG002
         """Return the stimulus to apply at a time to come."""
         return self._apply(self._rule, self._receiver, t_us)
 
@@ -276,7 +276,7 @@ class MotionDecoder(StepDecoder):
             self._receiver = self._move(self._rule, self._receiver, moved_us, checked_vector(position, "position"))
         return self._apply(self._rule, self._receiver, t_us)
 
-    def foretell(self, t_us: int, position: Vector, position_us: int) -> Vector:
+    def predict(self, t_us: int, position: Vector, position_us: int) -> Vector:
         """Return the stimulus to apply at a time and a position to come; the receiver stays where it is."""
         receiver = self._move(self._rule, self._receiver, position_us, checked_position(position, self._axes))
         return self._apply(self._rule, receiver, t_us)
@@ -301,7 +301,7 @@ class HoldDecoder(StepDecoder):
         held: Vector = self._receiver
         return held
 
-    def foretell(self, t_us: int, position: Vector, position_us: int) -> Vector:  # noqa: ARG002
+    def predict(self, t_us: int, position: Vector, position_us: int) -> Vector:  # noqa: ARG002
         """Return the held stimulus."""
         held: Vector = self._receiver
         return held

@@ -75,7 +75,7 @@ class ForceController:
         """Return the platform displacement [m] toward the finger.
 
         It changes once per control period, and at once when the force to press with falls by `early_n`, or, where it
-        is foretold, rises by that.
+        is predicted, rises by that.
 
         Parameters
         ----------

@@ -31,10 +31,10 @@ class ForceControlSettings:
         (0.37 N with the serial device).
     lead_s
         Time [s] by which the platform leads a moving target, to compensate the servos' lag. Half the shortest lag
-        typical of the HS-55; a longer lead would make a 3 N/mm finger overshoot. Used where nothing foretells the
+        typical of the HS-55; a longer lead would make a 3 N/mm finger overshoot. Used where nothing predicts the
         target.
     foresight_s
-        Time [s] for which the target is to be foretold: the servos' lag. bench/measure/finger_limit.py compares times.
+        Time [s] for which the target is to be predicted: the servos' lag. bench/measure/finger_limit.py compares times.
     early_n
         Change [N] of the wanted force that is not left to the next control period.
     press_speed_m_s

@@ -13,7 +13,7 @@ LONGEST_US: Final = 10_000_000
 """Longest age limit or decay [µs]; no application needs to hold a stimulus longer than ten seconds."""
 
 FRESH_US: Final = 100_000
-"""Longest silence of the link [µs] in which the force ahead is still foretold: two keepalives."""
+"""Longest silence of the link [µs] in which the force ahead is still predicted: two keepalives."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -24,7 +24,7 @@ from hapticnet.measure.bound import fewest_holds, fewest_lines
 from hapticnet.measure.energy import energy_report
 from hapticnet.measure.metrics import ErrorReport, error_report
 from hapticnet.measure.quality import QualityReport, quality_report
-from hapticnet.node.felt import feel
+from hapticnet.node.closed_loop import simulate_link
 from hapticnet.node.offline import CostReport, cost_report
 from hapticnet.perception import WeberLaw
 
@@ -73,7 +73,7 @@ class Row:
         Delay of each way [µs] for `felt`.
     felt
         Errors of the force that is applied at each tick against the true force of that tick, over a link with this
-        delay and loss; see `node.felt`.
+        delay and loss; see `node.closed_loop`.
     felt_created_share
         Energy that this force creates, as a share of the work that the hand does against the true force; see
         `measure.energy`. None without positions.
@@ -214,7 +214,7 @@ def felt_report(
     """
     forward = ChannelSettings(delay_us=delay_us)
     feedback = ChannelSettings(delay_us=delay_us, loss=BernoulliLoss(loss) if loss else None)
-    felt = feel(
+    felt = simulate_link(
         codec,
         trial.t_us,
         trial.stimuli,

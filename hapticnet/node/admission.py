@@ -1,4 +1,4 @@
-"""Whether a master gets the session it asks for, and the station that serves it."""
+"""Whether a master gets the session it asks for, and the context that serves it."""
 
 from collections.abc import Callable, Hashable
 from typing import Final, TypeAlias
@@ -7,10 +7,10 @@ from hapticnet.checks import axes_of
 from hapticnet.codec.base import Codec
 from hapticnet.codec.registry import all_codecs, make_codec, with_share
 from hapticnet.errors import HapticnetError, SampleError, SettingsError
-from hapticnet.node.reception import Address
-from hapticnet.node.seats import NoSeatError, Seats
+from hapticnet.node.hello_filter import Address
+from hapticnet.node.session_table import NoSeatError, SessionTable
+from hapticnet.node.slave_context import SlaveContext
 from hapticnet.node.slave_settings import SlaveSettings
-from hapticnet.node.station import Station
 from hapticnet.node.step_times import StepTimes
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.handshake import Visitor
@@ -29,7 +29,7 @@ from hapticnet.protocol.messages import (
 from hapticnet.protocol.settings import Entropy, random_bytes
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import SEALED, Kind, pack, pack_body
-from hapticnet.scene.base import Touchable, look_ahead_of, outlook_method
+from hapticnet.scene.base import Touchable, bound_method, look_ahead_of
 from hapticnet.scene.measured import MeasuredScene
 from hapticnet.user_code import raised
 
@@ -77,9 +77,9 @@ class Admission:
         self.takes_new = True  # masters, besides those that go on with the scene of a session
 
     def admit(
-        self, visitor: Visitor, sequence: int, address: Address, host: Hashable, seats: Seats, now_us: int
-    ) -> Station:
-        """Return a station for a master whose HELLO had the number `sequence`.
+        self, visitor: Visitor, sequence: int, address: Address, host: Hashable, seats: SessionTable, now_us: int
+    ) -> SlaveContext:
+        """Return a context for a master whose HELLO had the number `sequence`.
 
         Nothing has changed for the present sessions then: the new one takes a seat, and the scene of another, when its
         first position arrives.
@@ -101,7 +101,7 @@ class Admission:
             raise RefusalError(Code.STOPPING, "this slave is about to stop: ask another one, or again later")
         most = timings.most_per_identity if entry is None or entry.most_sessions is None else entry.most_sessions
         try:
-            seats.who_gives_way(identity, most, () if old is None else (old,), now_us)
+            seats.eviction_candidate(identity, most, () if old is None else (old,), now_us)
         except NoSeatError as error:
             raise RefusalError(Code.FULL, str(error)) from error
         scene = self._scene(entry, request.name) if old is None else old.scene
@@ -112,7 +112,7 @@ class Admission:
         # Only a scene that says how its force may change is stepped at positions that the master did not send.
         says = request.announced and self._settings.announces != "nothing"
         announced = says and look_ahead_of(scene) is not None
-        share = request.position_share if outlook_method(scene) is not None else 0.0
+        share = request.position_share if bound_method(scene) is not None else 0.0
         codec = with_share(codec, share) if share else codec
         rate_hz = min(request.rate_hz, self._settings.fastest_rate_hz)
         if entry is not None and entry.fastest_rate_hz is not None:
@@ -127,7 +127,7 @@ class Admission:
             sparse=share > 0.0,
         )
         ticket = random_bytes(self._rng, TICKET_BYTES)
-        return Station(
+        return SlaveContext(
             session,
             Grant(session.number, rate_hz, timings.keepalive_us, scene.name, ticket, old is not None, announced, share),
             address,
@@ -143,7 +143,7 @@ class Admission:
             same_clock=same_clock,
         )
 
-    def _number(self, seats: Seats) -> int:
+    def _number(self, seats: SessionTable) -> int:
         while (number := int(self._rng.integers(SMALLEST_SESSION, 1 << 32))) in seats.by_number:
             pass
         return number

@@ -169,6 +169,6 @@ class AnnouncedDecoder:
             return self._model.force_n
         return self._inner.reconstruct(t_us, position, position_us)
 
-    def foretell(self, t_us: int, position: Vector, position_us: int) -> Vector:
-        """Return the force of the model at a position and time to come. See `Foretelling`; asked only on a model."""
-        return self.reconstruct(t_us) if self._model is None else self._model.foretell(position_us, position)
+    def predict(self, t_us: int, position: Vector, position_us: int) -> Vector:
+        """Return the force of the model at a position and time to come. See `Predictive`; asked only on a model."""
+        return self.reconstruct(t_us) if self._model is None else self._model.predict(position_us, position)

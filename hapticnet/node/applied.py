@@ -6,13 +6,13 @@ A change of session is not felt: the forces of the old session are applied until
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from hapticnet.codec.base import Codec, Decoder, Foretelling
+from hapticnet.codec.base import Codec, Decoder, Predictive
 from hapticnet.codec.positions.sending import Difference
 from hapticnet.control.hold import Hold, HoldSettings
 from hapticnet.node.announced import Allowance, AnnouncedDecoder
 from hapticnet.node.bounded import BoundedDecoder, receiver
-from hapticnet.node.elsewhere import Elsewhere
-from hapticnet.node.foresight import Foresight
+from hapticnet.node.force_predictor import ForcePredictor
+from hapticnet.node.line_decoder import LineDecoder
 from hapticnet.protocol.events import ForceArrived, HoldConfirmed
 from hapticnet.protocol.serial_number import distance
 from hapticnet.protocol.stats import Distribution
@@ -28,7 +28,7 @@ class _Stream:
         When the newest force arrived, on the master's clock, and its time stamp [µs]; None before the first.
     """
 
-    __slots__ = ("_asked", "_late", "_predicts", "announced", "decoder", "elsewhere", "heard_t_us", "heard_us")
+    __slots__ = ("_asked", "_late", "_predicts", "announced", "decoder", "heard_t_us", "heard_us", "line_decoder")
 
     def __init__(
         self, codec: Codec, axes: int, stiffest_n_per_m: float | None, allowance: Allowance, *, on_a_line: bool
@@ -37,7 +37,7 @@ class _Stream:
         self.announced: AnnouncedDecoder | None = None
         if stiffest_n_per_m is not None:
             self.decoder = self.announced = AnnouncedDecoder(self.decoder, axes, stiffest_n_per_m, allowance)
-        self.elsewhere = Elsewhere(codec, axes, stiffest_n_per_m, allowance) if on_a_line else None
+        self.line_decoder = LineDecoder(codec, axes, stiffest_n_per_m, allowance) if on_a_line else None
         self.heard_us: int | None = None
         self.heard_t_us = 0
         self._late: list[tuple[int, ForceArrived]] = []  # models taken in and not applied yet, with their numbers
@@ -59,7 +59,7 @@ class _Stream:
         """Whether it can be asked for a force to come."""
         decoder = self.rendering
         if decoder is not self._asked:  # a question that takes long
-            self._asked, self._predicts = decoder, isinstance(decoder, Foretelling)
+            self._asked, self._predicts = decoder, isinstance(decoder, Predictive)
         return self._predicts
 
     def move(self, now_us: int, position_m: Vector) -> int | None:
@@ -75,8 +75,8 @@ class _Stream:
         if late and distance(event.sequence, late[-1][1].sequence) <= 0:  # overtaken by a model
             return False
         self.decoder.decode(event.t_us, event.payload)
-        if self.elsewhere is not None:
-            self.elsewhere.decode(event.t_us, event.payload)
+        if self.line_decoder is not None:
+            self.line_decoder.decode(event.t_us, event.payload)
         if self.announced is not None and self.announced.settled != self.announced.taken:
             late[1:] = [(self.announced.taken, event)]  # of those that wait for the first one, only the newest is kept
             return False
@@ -131,7 +131,7 @@ class AppliedForce:
         self._allowance = Allowance()
         self._stream = _Stream(codec, axes, None, self._allowance, on_a_line=False)
         self._next: _Stream | None = None  # that of a session which has sent no force yet
-        self._foresight = Foresight(axes)
+        self._predictor = ForcePredictor(axes)
         self._hold = Hold(settings, axes=axes)
         self._position_m: Vector | None = None  # of the newest tick, and its time
         self._position_us = 0
@@ -164,22 +164,22 @@ class AppliedForce:
     def difference(self, now_us: int, period_us: int, position_m: Vector) -> Difference | None:
         """Return how what is applied depends on where the tool has been; None if it does not."""
         stream, decoder = self._stream, self._stream.rendering
-        elsewhere = stream.elsewhere
+        line_decoder = stream.line_decoder
         if isinstance(decoder, BoundedDecoder):
             decoder = decoder.inner  # the bound is no difference that a position could mend
-        if elsewhere is None or not isinstance(decoder, Foretelling):
+        if line_decoder is None or not isinstance(decoder, Predictive):
             return None
         at_us = stream.time_us(now_us, period_us)
-        here_n = decoder.foretell(at_us, position_m, now_us)
-        return lambda place_m: elsewhere.difference(here_n, at_us, place_m, now_us)
+        here_n = decoder.predict(at_us, position_m, now_us)
+        return lambda place_m: line_decoder.difference(here_n, at_us, place_m, now_us)
 
     def follow(self, now_us: int, period_us: int, place_m: Vector | None) -> None:
         """Note where the slave takes the tool to be; None if it does not follow a line."""
         for stream in (self._stream, self._next):
-            if stream is not None and stream.elsewhere is not None and place_m is not None:
-                stream.elsewhere.move(stream.time_us(now_us, period_us), place_m, now_us)
+            if stream is not None and stream.line_decoder is not None and place_m is not None:
+                stream.line_decoder.move(stream.time_us(now_us, period_us), place_m, now_us)
 
-    def take_in(self, event: ForceArrived, now_us: int) -> Applied | None:
+    def receive(self, event: ForceArrived, now_us: int) -> Applied | None:
         """Apply a force that has arrived; return None if it is one whose model must catch up first.
 
         Raises
@@ -210,7 +210,7 @@ class AppliedForce:
         self.received_n = stream.decoder.reconstruct(event.t_us, self._position_m, self._position_us)
         self._hold.receive(self.received_n, now_us)
         if not stream.on_model:  # a model's force is that of now
-            self._foresight.learn(event.t_us, self.received_n)
+            self._predictor.learn(event.t_us, self.received_n)
         self._valid_t_us = event.t_us
         return Applied(event, begins)
 
@@ -251,21 +251,21 @@ class AppliedForce:
         Called once a tick, after `advance`. A user's codec may raise anything.
         """
         if self._position_m is not None:
-            self._foresight.move(now_us, self._position_m)
+            self._predictor.move(now_us, self._position_m)
         if not self._hold.is_fresh(now_us):
             return self._hold.value(now_us)
-        foretell = self._foretell if self._stream.predicts else None
-        return self._foresight.expected(now_us, self._at_us, lead_us, self.received_n, foretell)
+        predict = self._foretell if self._stream.predicts else None
+        return self._predictor.expected(now_us, self._at_us, lead_us, self.received_n, predict)
 
     def _go_on_with(self, stream: _Stream) -> None:
         """Apply the forces of a session from now on."""
         self._stream, self._next = stream, None
-        self._foresight = Foresight(self._axes)
+        self._predictor = ForcePredictor(self._axes)
 
     def _foretell(self, lead_us: int, position_m: Vector) -> Vector:
-        """Return what the decoder foretells [N] for a position [m] ahead."""
-        decoder: Any = self._stream.rendering  # one that foretells
-        force_n: Vector = decoder.foretell(self._at_us + lead_us, position_m, self._position_us + lead_us)
+        """Return what the decoder predicts [N] for a position [m] ahead."""
+        decoder: Any = self._stream.rendering  # one that predicts
+        force_n: Vector = decoder.predict(self._at_us + lead_us, position_m, self._position_us + lead_us)
         return force_n
 
     def release(self) -> None:

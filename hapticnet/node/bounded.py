@@ -11,7 +11,7 @@ from bisect import bisect_right
 from collections import deque
 from typing import Final, cast
 
-from hapticnet.codec.base import Codec, Decoder, Foretelling
+from hapticnet.codec.base import Codec, Decoder, Predictive
 from hapticnet.samples import Vector
 from hapticnet.vectors import magnitude, times
 
@@ -123,18 +123,18 @@ class BoundedDecoder:
 
 
 class BoundedPredictingDecoder(BoundedDecoder):
-    """A bounded decoder that can be asked for the future. Satisfies `Foretelling`."""
+    """A bounded decoder that can be asked for the future. Satisfies `Predictive`."""
 
     __slots__ = ()
 
-    def foretell(self, t_us: int, position: Vector, position_us: int) -> Vector:
-        """Return the stimulus of a time to come. See `Foretelling`."""
-        return self._limited(cast("Foretelling", self.inner).foretell(t_us, position, position_us))
+    def predict(self, t_us: int, position: Vector, position_us: int) -> Vector:
+        """Return the stimulus of a time to come. See `Predictive`."""
+        return self._limited(cast("Predictive", self.inner).predict(t_us, position, position_us))
 
 
 def receiver(codec: Codec, axes: int) -> Decoder:
     """Return a decoder for what is applied: a bounded one if the codec follows the receiver's own position."""
     if not codec.needs_position:
         return codec.decoder(axes)
-    predicts = isinstance(codec.decoder(axes), Foretelling)
+    predicts = isinstance(codec.decoder(axes), Predictive)
     return BoundedPredictingDecoder(codec, axes) if predicts else BoundedDecoder(codec, axes)

@@ -119,7 +119,7 @@ class Feedback:
             return None, session.keepalive(sample.t_us, now_us, held=None if self.on_model else self.held_n)
         return None, None
 
-    def settle(self, sample: PositionSample, payload: bytes | None) -> None:
+    def account_sent(self, sample: PositionSample, payload: bytes | None) -> None:
         """Let the mirror take in what was sent for a position.
 
         Raises

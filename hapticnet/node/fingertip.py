@@ -63,7 +63,7 @@ class Fingertip:
     largest_n
         Largest force [N] that is requested, so that the overshoot of the loop stays within the device's limit.
     lead_us
-        How far ahead [µs] the force is to be foretold, so that the servos reach it in time.
+        How far ahead [µs] the force is to be predicted, so that the servos reach it in time.
     target_n
         Force [N] requested of the device, after the limits.
     displacement_m

@@ -3,7 +3,7 @@
 from dataclasses import asdict
 from typing import Any
 
-from hapticnet.codec.positions.outlooks import unpack_outlook
+from hapticnet.codec.positions.bounds import unpack_bound
 from hapticnet.codec.positions.sending import Difference, PositionSender
 from hapticnet.codec.schemes.raw import Raw
 from hapticnet.errors import PeerError
@@ -42,15 +42,15 @@ class Forward:
         if self._sender is not None and reasons is not None:
             self._sender.reasons = reasons
 
-    def told(self, outlook: bytes) -> None:
-        """Take in an outlook. Without one that can be read, every position is sent."""
+    def set_bound(self, bound: bytes) -> None:
+        """Take in a stiffness bound. Without one that can be read, every position is sent."""
         if self._sender is None:
             return
         try:
-            self._sender.told(unpack_outlook(outlook, self._axes))
+            self._sender.set_bound(unpack_bound(bound, self._axes))
         except PeerError:
             self._session.payload_was_malformed()
-            self._sender.told(None)
+            self._sender.set_bound(None)
 
     @property
     def is_sparse(self) -> bool:

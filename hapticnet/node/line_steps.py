@@ -11,7 +11,7 @@ from math import ceil
 from typing import Final
 
 from hapticnet.node.alarms import Alarms
-from hapticnet.node.station import Station
+from hapticnet.node.slave_context import SlaveContext
 
 EACH_HZ: Final = 4_000
 """Steps between positions a second for one identity: four usual sessions in full, and a quarter of a core."""
@@ -28,30 +28,32 @@ class LineSteps:
 
     def __init__(self) -> None:
         self._alarms = Alarms(_next_step_us)
-        self._rates_hz: dict[Station, int] = {}
+        self._rates_hz: dict[SlaveContext, int] = {}
         self._asked_hz: dict[Hashable, int] = {}  # by identity
         self._all_hz = 0  # what the identities get, together, if that is not above the limit
 
-    def note(self, station: Station) -> None:
+    def note(self, context: SlaveContext) -> None:
         """Note that a session was answered, so that it is to be stepped at another time."""
-        course = station.course
-        if course is None or course.next_step_us() is None:  # it waits for a position, so others may be stepped more
-            self.forget(station)
+        reckoning = context.reckoning
+        if (
+            reckoning is None or reckoning.next_step_us() is None
+        ):  # it waits for a position, so others may be stepped more
+            self.forget(context)
             return
-        if station not in self._rates_hz:
-            self._rates_hz[station] = rate_hz = ceil(station.grant.rate_hz)
-            self._ask(station.identity, rate_hz)
-        course.every = ceil(self._asked_hz[station.identity] / EACH_HZ) * ceil(self._all_hz / ALL_HZ)
-        self._alarms.note(station)
+        if context not in self._rates_hz:
+            self._rates_hz[context] = rate_hz = ceil(context.grant.rate_hz)
+            self._ask(context.identity, rate_hz)
+        reckoning.every = ceil(self._asked_hz[context.identity] / EACH_HZ) * ceil(self._all_hz / ALL_HZ)
+        self._alarms.note(context)
 
-    def forget(self, station: Station) -> None:
+    def forget(self, context: SlaveContext) -> None:
         """Remove a session."""
-        rate_hz = self._rates_hz.pop(station, None)
+        rate_hz = self._rates_hz.pop(context, None)
         if rate_hz is not None:
-            self._ask(station.identity, -rate_hz)
-            self._alarms.forget(station)
+            self._ask(context.identity, -rate_hz)
+            self._alarms.forget(context)
 
-    def due(self, now_us: int) -> list[Station]:
+    def due(self, now_us: int) -> list[SlaveContext]:
         """Return the sessions to step now, those first that wait for longest; call `note` after each step."""
         return self._alarms.due(now_us, MOST_AT_ONCE)
 
@@ -70,5 +72,5 @@ class LineSteps:
             del self._asked_hz[identity]
 
 
-def _next_step_us(station: Station) -> int | None:
-    return None if station.course is None else station.course.next_step_us()
+def _next_step_us(context: SlaveContext) -> int | None:
+    return None if context.reckoning is None else context.reckoning.next_step_us()

@@ -78,7 +78,7 @@ class Loopback:
             slave_us = slave.next_timer_us()
             if slave_us is not None and now_us >= slave_us:
                 slave.tick(now_us)
-                slave.settle(now_us)
+                slave.account_sent(now_us)
                 slave_us = slave.next_timer_us()
             for datagram, _ in slave.datagrams_to_send():
                 feedback.push(datagram, len(datagram), now_us)

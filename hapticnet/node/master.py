@@ -24,6 +24,7 @@ from hapticnet.node.step_times import Clock, StepTimes, no_wait
 from hapticnet.operator.base import Operator
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.events import (
+    BoundArrived,
     ChangeRefused,
     Connected,
     Ended,
@@ -31,7 +32,6 @@ from hapticnet.protocol.events import (
     HoldConfirmed,
     MasterEvent,
     Noticed,
-    OutlookArrived,
 )
 from hapticnet.protocol.master_session import MasterSession
 from hapticnet.protocol.messages import Code, Request
@@ -450,7 +450,7 @@ class MasterNode:
     def _digest(self, event: MasterEvent, now_us: int) -> None:
         if isinstance(event, ForceArrived):
             try:
-                applied = self._applied.take_in(event, now_us)
+                applied = self._applied.receive(event, now_us)
             except PeerError:
                 self.session.payload_was_malformed()
             except Exception as error:  # a user's codec may raise anything
@@ -458,8 +458,8 @@ class MasterNode:
             else:
                 self._note(applied, now_us)
             return
-        if isinstance(event, OutlookArrived):
-            self._forward.told(event.payload)
+        if isinstance(event, BoundArrived):
+            self._forward.set_bound(event.payload)
             return
         if isinstance(event, HoldConfirmed):
             self._applied.confirm(event, now_us)

@@ -5,9 +5,9 @@ from heapq import heapify, heappop, heappush, heapreplace
 from typing import TypeAlias
 
 from hapticnet.node.alarms import SLACK
-from hapticnet.node.station import Station
+from hapticnet.node.slave_context import SlaveContext
 
-Group: TypeAlias = dict[Station, int]
+Group: TypeAlias = dict[SlaveContext, int]
 """Sessions, with their place in the order in which they came."""
 
 
@@ -26,12 +26,12 @@ class Silence:
 
     def __init__(self, held: Mapping[Hashable, Group]) -> None:
         self._held = held
-        self._sessions: dict[Hashable, list[tuple[int, int, Station]]] = {}
+        self._sessions: dict[Hashable, list[tuple[int, int, SlaveContext]]] = {}
         self._levels: dict[int, list[tuple[int, int, Hashable]]] = {}
         self._members: dict[int, dict[Hashable, None]] = {}
         self._level_of: dict[Hashable, int] = {}
 
-    def note(self, identity: Hashable, newcomer: Station | None = None) -> None:
+    def note(self, identity: Hashable, newcomer: SlaveContext | None = None) -> None:
         """Note that an identity has got or lost a session."""
         group = self._held.get(identity, {})
         self._leave(identity)
@@ -52,7 +52,7 @@ class Silence:
             self._sort(identity)
             self._enter(identity)
 
-    def longest(self, more_than: int, before_us: int, besides: Hashable) -> Station | None:
+    def longest(self, more_than: int, before_us: int, besides: Hashable) -> SlaveContext | None:
         """Return the session to end for an identity that is `besides`; None if none is silent.
 
         Parameters
@@ -82,15 +82,15 @@ class Silence:
                 return found
         return None
 
-    def _first(self, identity: Hashable, before_us: int) -> tuple[int, int, Station]:
+    def _first(self, identity: Hashable, before_us: int) -> tuple[int, int, SlaveContext]:
         """Return the entry on top of an identity's heap; correct those that would count as silent."""
         heap, group = self._sessions[identity], self._held[identity]
         while True:
-            heard_us, order, station = heap[0]
-            if station not in group:
+            heard_us, order, context = heap[0]
+            if context not in group:
                 heappop(heap)
-            elif heard_us < before_us and station.session.heard_us != heard_us:
-                heapreplace(heap, (station.session.heard_us, order, station))
+            elif heard_us < before_us and context.session.heard_us != heard_us:
+                heapreplace(heap, (context.session.heard_us, order, context))
             else:
                 return heap[0]
 

@@ -7,12 +7,12 @@ from typing import Any, Final
 from hapticnet.errors import PeerError
 from hapticnet.node.admission import Admission, MakeScene, RefusalError
 from hapticnet.node.feedback import SceneFailedError
+from hapticnet.node.hello_filter import Address, HelloFilter
 from hapticnet.node.line_steps import LineSteps
-from hapticnet.node.reception import Address, Reception
-from hapticnet.node.seats import NoSeatError, Seats
+from hapticnet.node.session_table import NoSeatError, SessionTable
+from hapticnet.node.slave_context import SlaveContext
 from hapticnet.node.slave_events import MasterJoined, MasterLeft, MasterRefused, ScenePaused, SceneResumed, SlaveEvent
 from hapticnet.node.slave_settings import SlaveSettings
-from hapticnet.node.station import Station
 from hapticnet.node.step_times import Clock, StepTimes, no_wait
 from hapticnet.protocol.handshake import Door, OpenDoor, SealedDoor
 from hapticnet.protocol.keys import Roster
@@ -71,21 +71,21 @@ class SlaveNode:
     ) -> None:
         self._write_address = write_address
         self._host_of = host_of
-        self.strangers = Traffic()
-        self.to_strangers = Traffic()
+        self.unknown_peers = Traffic()
+        self.to_unknown_peers = Traffic()
         self._settings = settings
         self._doors = {OPEN: OpenDoor()} if doors is None else doors
-        self._reception = Reception(self._doors, rng)
+        self._hello_filter = HelloFilter(self._doors, rng)
         self.times = StepTimes(clock)
         self._admission = Admission(make_scene, settings, rng, self.times)
-        self._seats = Seats(settings.session)
+        self._seats = SessionTable(settings.session)
         self._stations = self._seats.by_number
-        self._welcomes: dict[tuple[Address, int], tuple[Station, bytes]] = {}
+        self._welcomes: dict[tuple[Address, int], tuple[SlaveContext, bytes]] = {}
         self._steps = LineSteps()
-        self._to_notify: list[Station] = []
+        self._to_notify: list[SlaveContext] = []
         self._notify_us = 0  # when all masters are told again that the slave is to stop
-        self._to_answer: list[Station] = []
-        self._to_settle: list[Station] = []
+        self._to_answer: list[SlaveContext] = []
+        self._to_settle: list[SlaveContext] = []
         self.never_used = 0
         self.unread_hello: tuple[str, Address] | None = None
         self._ended: deque[dict[str, Any]] = deque(maxlen=REPORTS_KEPT)
@@ -93,7 +93,7 @@ class SlaveNode:
         self._events: deque[SlaveEvent] = deque()
 
     @property
-    def stations(self) -> tuple[Station, ...]:
+    def contexts(self) -> tuple[SlaveContext, ...]:
         """The present sessions."""
         return tuple(self._stations.values())
 
@@ -104,28 +104,28 @@ class SlaveNode:
 
     def totals(self) -> tuple[int, int]:
         """Return the steps of all present sessions, and the datagrams that were sent in them."""
-        stations = self.stations
-        return sum(each.steps for each in stations), sum(each.session.sent.packets for each in stations)
+        contexts = self.contexts
+        return sum(each.steps for each in contexts), sum(each.session.sent.packets for each in contexts)
 
     @property
     def throttled(self) -> int:
         """Requests for a session that were not read because they came too often."""
-        return self._reception.throttled
+        return self._hello_filter.throttled
 
     @property
     def unkeyed(self) -> int:
         """HELLOs whose senders use the public key of another slave."""
-        return self._reception.unkeyed
+        return self._hello_filter.unkeyed
 
     def receive_datagram(self, data: bytes, address: Address, now_us: int) -> None:
         """Process a datagram and answer it. Never raises: malformed and stray datagrams are counted."""
         self.receive_datagrams([(data, address)], now_us)
-        self.settle(now_us)
+        self.account_sent(now_us)
 
     def receive_datagrams(self, batch: Iterable[tuple[bytes, Address]], now_us: int) -> None:
         """Process what has arrived since the last call, then answer the newest position of each session.
 
-        Send the answers at once, then call `settle`.
+        Send the answers at once, then call `account_sent`.
         """
         self._seats.see(now_us)
         for data, address in batch:
@@ -134,32 +134,32 @@ class SlaveNode:
 
     def _answer_all(self, now_us: int) -> None:
         """Answer the newest position of each session that has one."""
-        for station in self._to_answer:
-            if station.session.state is SlaveState.OPEN:
-                self._answer(station, now_us, station.answer)
+        for context in self._to_answer:
+            if context.session.state is SlaveState.OPEN:
+                self._answer(context, now_us, context.answer)
         self._to_settle += self._to_answer
         self._to_answer.clear()
 
-    def settle(self, now_us: int) -> None:
+    def account_sent(self, now_us: int) -> None:
         """Account for the answers, which are on their way by now."""
-        for station in self._to_settle:
+        for context in self._to_settle:
             try:
-                station.settle()
+                context.account_sent()
             except SceneFailedError as failure:
-                if station.session.state is SlaveState.OPEN:
-                    self._end(station, str(failure), now_us, code=Code.FAILED)
+                if context.session.state is SlaveState.OPEN:
+                    self._end(context, str(failure), now_us, code=Code.FAILED)
         self._to_settle.clear()
 
     def tick(self, now_us: int) -> None:
         """Forget sessions that have long been silent; step the scenes along the lines that their masters promised.
 
-        Send the answers at once, then call `settle`.
+        Send the answers at once, then call `account_sent`.
         """
         self._seats.see(now_us)
         self._expire(now_us)
-        for station in self._seats.in_order(self._steps.due(now_us)):
-            self._answer(station, now_us, station.step_between)
-            self._to_settle.append(station)
+        for context in self._seats.in_order(self._steps.due(now_us)):
+            self._answer(context, now_us, context.step_between)
+            self._to_settle.append(context)
 
     def check(self, now_us: int, waited_us: Clock = no_wait) -> None:
         """Look whether scenes keep up with positions; call this a few times a second.
@@ -175,10 +175,10 @@ class SlaveNode:
         if news is None:
             return
         self._events.extend(news)
-        for station in tuple(self._stations.values()):
-            slow = station.slow if station.seated else None
+        for context in tuple(self._stations.values()):
+            slow = context.slow if context.seated else None
             if slow is not None:
-                self._notify(station, str(slow.told), Code.SLOW, now_us)
+                self._notify(context, str(slow.warning), Code.SLOW, now_us)
 
     def drain(self, now_us: int) -> None:
         """Take no new masters from now on, and tell the present ones: they may finish until `close`."""
@@ -193,7 +193,7 @@ class SlaveNode:
     @property
     def drained(self) -> bool:
         """Whether no master has a session any more."""
-        return not any(station.seated for station in self._stations.values())
+        return not any(context.seated for context in self._stations.values())
 
     def next_timer_us(self) -> int | None:
         """Return when `tick` may have something to do [µs]; None if there is no session."""
@@ -213,15 +213,15 @@ class SlaveNode:
 
     def close(self, reason: str, now_us: int) -> None:
         """End every session and send the masters a CLOSE."""
-        for station in self.stations:
-            self._end(station, reason, now_us, code=Code.STOPPING)
+        for context in self.contexts:
+            self._end(context, reason, now_us, code=Code.STOPPING)
 
     def resume(self) -> None:
         """Step the scenes again that have failed and are paused."""
-        for station in self.stations:
-            if station.paused is not None:
-                station.resume()
-                self._events.append(SceneResumed(station))
+        for context in self.contexts:
+            if context.paused is not None:
+                context.resume()
+                self._events.append(SceneResumed(context))
 
     def serve_only(self, roster: Roster, now_us: int) -> None:
         """Use another list of masters; end the sessions of those who are no longer in it."""
@@ -229,9 +229,9 @@ class SlaveNode:
         assert isinstance(door, SealedDoor)  # noqa: S101 - for the type checker
         door.roster = roster
         served = {entry.public for entry in roster}
-        for station in self.stations:
-            if station.session.seal is not None and station.identity not in served:
-                self._end(station, "the key is no longer served", now_us, code=Code.KEY)
+        for context in self.contexts:
+            if context.session.seal is not None and context.identity not in served:
+                self._end(context, "the key is no longer served", now_us, code=Code.KEY)
 
     def report(self) -> dict[str, Any]:
         """Return the account of the sessions for JSON: the present ones and the newest that have ended.
@@ -239,31 +239,31 @@ class SlaveNode:
         Sessions that never took a seat count among the strangers.
         """
         return {
-            "sessions": [*self._ended, *(self._report(station) for station in self.stations if station.seated)],
+            "sessions": [*self._ended, *(self._report(context) for context in self.contexts if context.seated)],
             "never_used": self.never_used,
             "throttled": self.throttled,
             "unkeyed": self.unkeyed,
             "step_times": self.times.report(),
-            "strangers": self.strangers.report(),
-            "to_strangers": self.to_strangers.report(),
+            "unknown_peers": self.unknown_peers.report(),
+            "to_unknown_peers": self.to_unknown_peers.report(),
         }
 
-    def _report(self, station: Station) -> dict[str, Any]:
-        return {"address": self._write_address(station.address), **station.report()}
+    def _report(self, context: SlaveContext) -> dict[str, Any]:
+        return {"address": self._write_address(context.address), **context.report()}
 
     def _take_in(self, data: bytes, address: Address, now_us: int) -> None:
-        account = self.strangers
+        account = self.unknown_peers
         try:
             datagram = unpack(data)
-            station = self._stations.get(datagram.session)
-            if station is None:
+            context = self._stations.get(datagram.session)
+            if context is None:
                 if datagram.kind is Kind.HELLO:
                     self._receive_hello(datagram, len(data), address, now_us)
                 else:
                     self._receive_stray(datagram, len(data), address)
                 return
-            session = station.session
-            if datagram.version != session.version or (station.address != address and session.seal is None):
+            session = context.session
+            if datagram.version != session.version or (context.address != address and session.seal is None):
                 self._receive_stray(datagram, len(data), address)
                 return
             if datagram.kind is not Kind.POSITION and datagram.kind is not Kind.CLOSE:  # no master sends these
@@ -271,58 +271,58 @@ class SlaveNode:
                 return
             account = session.received
             was_half_open = session.state is SlaveState.HALF_OPEN
-            has_position = station.take_in(datagram, data, address, now_us)
+            has_position = context.receive(datagram, data, address, now_us)
         except PeerError:
             account.add_malformed(len(data))
             return
         if session.state is SlaveState.CLOSED:
             self._outbox.append((session.close("as asked", now_us), address))
-            self._remove(station)
-        elif was_half_open and session.state is SlaveState.OPEN and not self._seat(station, now_us):
+            self._remove(context)
+        elif was_half_open and session.state is SlaveState.OPEN and not self._seat(context, now_us):
             return
         elif has_position:
-            self._to_answer.append(station)
+            self._to_answer.append(context)
 
-    def _answer(self, station: Station, now_us: int, step: Callable[[int], bytes | None]) -> None:
-        was_paused = station.paused
+    def _answer(self, context: SlaveContext, now_us: int, step: Callable[[int], bytes | None]) -> None:
+        was_paused = context.paused
         try:
             answer = step(now_us)
         except SceneFailedError as failure:
-            self._end(station, str(failure), now_us, code=Code.FAILED)
+            self._end(context, str(failure), now_us, code=Code.FAILED)
             return
         if answer is not None:
-            self._outbox.append((answer, station.address))
-        if station.course is not None:  # asked here, because every position waits for this
-            self._steps.note(station)
-        if station.paused is not None and was_paused is None:
-            self._events.append(ScenePaused(station, station.paused))
+            self._outbox.append((answer, context.address))
+        if context.reckoning is not None:  # asked here, because every position waits for this
+            self._steps.note(context)
+        if context.paused is not None and was_paused is None:
+            self._events.append(ScenePaused(context, context.paused))
 
-    def _seat(self, station: Station, now_us: int) -> bool:
+    def _seat(self, context: SlaveContext, now_us: int) -> bool:
         """Give a session whose master has proved itself its seat; return False if there is none."""
-        if self._scene_is_taken(station, now_us):
-            self._end(station, "the scene that it was to continue is in use again", now_us)
+        if self._scene_is_taken(context, now_us):
+            self._end(context, "the scene that it was to continue is in use again", now_us)
             return False
-        besides = () if station.continues is None else (station.continues,)
+        besides = () if context.continues is None else (context.continues,)
         try:
-            gives_way = self._seats.who_gives_way(station.identity, station.seats, besides, now_us)
+            gives_way = self._seats.eviction_candidate(context.identity, context.seats, besides, now_us)
         except NoSeatError as error:
-            self._end(station, str(error), now_us, code=Code.FULL)
+            self._end(context, str(error), now_us, code=Code.FULL)
             return False
         if gives_way is not None:
             self._forget(gives_way, Trigger.REPLACED, "its place was needed")
-        if station.continues is not None and station.continues.session.state is SlaveState.OPEN:
-            station.inherit(station.continues)
-            self._forget(station.continues, Trigger.CONTINUED, "its master goes on in a new session")
-        self._seats.seat(station)
-        self._forget_greeting(station)  # its master has the WELCOME: who repeats the HELLO now is somebody else
-        self._events.append(MasterJoined(station))
+        if context.continues is not None and context.continues.session.state is SlaveState.OPEN:
+            context.inherit(context.continues)
+            self._forget(context.continues, Trigger.CONTINUED, "its master goes on in a new session")
+        self._seats.seat(context)
+        self._forget_greeting(context)  # its master has the WELCOME: who repeats the HELLO now is somebody else
+        self._events.append(MasterJoined(context))
         return True
 
-    def _scene_is_taken(self, station: Station, now_us: int) -> bool:
+    def _scene_is_taken(self, context: SlaveContext, now_us: int) -> bool:
         """Return whether, since its HELLO, another master uses the scene again that a session was to continue."""
-        for other in self._seats.users_of(station.scene):
+        for other in self._seats.users_of(context.scene):
             silent = other.session.silent_us(now_us) > self._settings.session.stale_after_us
-            if other is not station.continues or not (silent or station.same_clock):
+            if other is not context.continues or not (silent or context.same_clock):
                 return True
         return False
 
@@ -334,67 +334,69 @@ class SlaveNode:
             raise
 
     def _greet(self, datagram: Datagram, size: int, address: Address, now_us: int) -> None:
-        greeted = self._reception.greet(datagram, size, address, now_us)
+        greeted = self._hello_filter.greet(datagram, size, address, now_us)
         if isinstance(greeted, Hello):
             # A HELLO repeated after a lost answer gets the same answer.
             known = self._welcomes.get((address, greeted.nonce))
             admitted = known or self._admit(datagram, greeted, address, now_us)
             if admitted is not None:
-                station, welcome = admitted
-                station.session.account_hello(size, len(welcome), now_us)
+                context, welcome = admitted
+                context.session.account_hello(size, len(welcome), now_us)
                 self._outbox.append((welcome, address))
                 return
-        self.strangers.add(Kind.HELLO, size)
+        self.unknown_peers.add(Kind.HELLO, size)
         if isinstance(greeted, bytes):
             self._answer_stranger(greeted, address)
 
-    def _admit(self, datagram: Datagram, hello: Hello, address: Address, now_us: int) -> tuple[Station, bytes] | None:
+    def _admit(
+        self, datagram: Datagram, hello: Hello, address: Address, now_us: int
+    ) -> tuple[SlaveContext, bytes] | None:
         """Read the request of a proved address; return the new session and its WELCOME, None if there is none."""
         host = self._host_of(address)
-        visitor = self._reception.read(datagram, hello, address, host, now_us)
+        visitor = self._hello_filter.read(datagram, hello, address, host, now_us)
         if visitor is None:
             return None
         try:
-            station = self._admission.admit(visitor, datagram.sequence, address, host, self._seats, now_us)
+            context = self._admission.admit(visitor, datagram.sequence, address, host, self._seats, now_us)
         except RefusalError as refusal:
             self._answer_stranger(refusal.datagram(visitor, hello.nonce), address)
             name, public = visitor.request.name, visitor.public
             self._events.append(MasterRefused(name, address, public, refusal.code, str(refusal)))
             return None
-        welcome = station.session.welcome(hello.nonce, *visitor.answer(station.grant))  # the last that can fail
-        surplus = self._seats.surplus_half_open(station.identity)
+        welcome = context.session.welcome(hello.nonce, *visitor.answer(context.grant))  # the last that can fail
+        surplus = self._seats.surplus_half_open(context.identity)
         if surplus is not None:
             self._forget(surplus, Trigger.REPLACED, "its place was needed")
-        station.greeting = address, hello.nonce
-        self._welcomes[station.greeting] = station, welcome
-        self._seats.add(station)
-        if station.continues is not None:
-            station.continues.add_heir(station)
-            self._seats.note_tickets(station.continues)
-        return station, welcome
+        context.greeting = address, hello.nonce
+        self._welcomes[context.greeting] = context, welcome
+        self._seats.add(context)
+        if context.continues is not None:
+            context.continues.add_heir(context)
+            self._seats.note_tickets(context.continues)
+        return context, welcome
 
     def _receive_stray(self, datagram: Datagram, size: int, address: Address) -> None:
         """Answer a datagram of an unknown session with RESET, so that its master soon asks for a new one."""
-        self.strangers.add(datagram.kind, size)
-        self.strangers.stray += 1
+        self.unknown_peers.add(datagram.kind, size)
+        self.unknown_peers.stray += 1
         if datagram.kind is Kind.POSITION or datagram.kind is Kind.CLOSE:
             reset = pack(Kind.RESET, datagram.session, datagram.sequence, b"", datagram.version)
             self._answer_stranger(reset, address)
 
     def _expire(self, now_us: int) -> None:
         """Forget sessions that have long been silent."""
-        for station in self._seats.expired(now_us):
-            self._forget(station, Trigger.IDLE, "nothing arrived from the master")
+        for context in self._seats.expired(now_us):
+            self._forget(context, Trigger.IDLE, "nothing arrived from the master")
 
     def _answer_stranger(self, data: bytes, address: Address) -> None:
-        self.to_strangers.add(unpack(data).kind, len(data))
+        self.to_unknown_peers.add(unpack(data).kind, len(data))
         self._outbox.append((data, address))
 
-    def _end(self, station: Station, reason: str, now_us: int, *, code: Code = Code.OTHER) -> None:
+    def _end(self, context: SlaveContext, reason: str, now_us: int, *, code: Code = Code.OTHER) -> None:
         """End a session from this side and tell its master."""
-        station.failure = reason if code is Code.FAILED else None
-        self._outbox.append((station.session.close(reason, now_us, code), station.address))
-        self._forget(station, Trigger.CLOSE, f"the slave closed: {reason}")
+        context.failure = reason if code is Code.FAILED else None
+        self._outbox.append((context.session.close(reason, now_us, code), context.address))
+        self._forget(context, Trigger.CLOSE, f"the slave closed: {reason}")
 
     def _tell_stop(self, now_us: int) -> None:
         """Tell some of the masters that the slave is to stop."""
@@ -402,33 +404,33 @@ class SlaveNode:
             self._to_notify = [each for each in self._stations.values() if each.seated]
             self._notify_us = now_us + NOTICE_EVERY_US
         now, self._to_notify = self._to_notify[:NOTICES_AT_ONCE], self._to_notify[NOTICES_AT_ONCE:]
-        for station in now:
-            if station.session.state is SlaveState.OPEN:
+        for context in now:
+            if context.session.state is SlaveState.OPEN:
                 self._notify(
-                    station, "this slave is about to stop: end soon, or go on elsewhere", Code.STOPPING, now_us
+                    context, "this slave is about to stop: end soon, or go on elsewhere", Code.STOPPING, now_us
                 )
 
-    def _notify(self, station: Station, reason: str, code: Code, now_us: int) -> None:
+    def _notify(self, context: SlaveContext, reason: str, code: Code, now_us: int) -> None:
         """Tell a master something about its session, which goes on."""
-        self._outbox.append((station.session.notice(reason, now_us, code), station.address))
+        self._outbox.append((context.session.notice(reason, now_us, code), context.address))
 
-    def _forget(self, station: Station, trigger: Trigger, reason: str) -> None:
-        station.session.end(trigger, reason)
-        self._remove(station)
+    def _forget(self, context: SlaveContext, trigger: Trigger, reason: str) -> None:
+        context.session.end(trigger, reason)
+        self._remove(context)
 
-    def _forget_greeting(self, station: Station) -> None:
-        if station.greeting is not None:
-            self._welcomes.pop(station.greeting, None)
+    def _forget_greeting(self, context: SlaveContext) -> None:
+        if context.greeting is not None:
+            self._welcomes.pop(context.greeting, None)
 
-    def _remove(self, station: Station) -> None:
+    def _remove(self, context: SlaveContext) -> None:
         """Remove a session that has ended."""
-        self._seats.remove(station)
-        self._steps.forget(station)
-        self._forget_greeting(station)
-        if station.seated:
-            self._ended.append(self._report(station))
-            self._events.append(MasterLeft(station))
+        self._seats.remove(context)
+        self._steps.forget(context)
+        self._forget_greeting(context)
+        if context.seated:
+            self._ended.append(self._report(context))
+            self._events.append(MasterLeft(context))
         else:
             self.never_used += 1
-            self.strangers.absorb(station.session.received)
-            self.to_strangers.absorb(station.session.sent)
+            self.unknown_peers.absorb(context.session.received)
+            self.to_unknown_peers.absorb(context.session.sent)

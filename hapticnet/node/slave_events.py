@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from hapticnet.node.reception import Address
-from hapticnet.node.station import Station
+from hapticnet.node.hello_filter import Address
+from hapticnet.node.slave_context import SlaveContext
 from hapticnet.node.step_times import StepsTooSlow
 from hapticnet.protocol.messages import Code
 
@@ -13,21 +13,21 @@ from hapticnet.protocol.messages import Code
 class MasterJoined:
     """A master has a session."""
 
-    station: Station
+    context: SlaveContext
 
 
 @dataclass(frozen=True, slots=True)
 class MasterLeft:
-    """A master's session has ended; `station` holds its final account."""
+    """A master's session has ended; `context` holds its final account."""
 
-    station: Station
+    context: SlaveContext
 
 
 @dataclass(frozen=True, slots=True)
 class ScenePaused:
     """The scene of a session raised an exception; its master feels nothing until `SlaveNode.resume`."""
 
-    station: Station
+    context: SlaveContext
     reason: str
 
 
@@ -35,7 +35,7 @@ class ScenePaused:
 class SceneResumed:
     """The scene of a session is stepped again after `ScenePaused`."""
 
-    station: Station
+    context: SlaveContext
 
 
 @dataclass(frozen=True, slots=True)

@@ -67,7 +67,7 @@ class StepTime:
         Positions of this window that were not answered; the owner counts them.
     is_slow
         Whether the steps have been too slow for some time, until now.
-    told
+    warning
         What was told; None if the steps never were too slow.
     """
 
@@ -79,17 +79,17 @@ class StepTime:
         "longest_us",
         "over_us",
         "period_us",
-        "told",
         "took",
         "total_us",
         "unanswered",
+        "warning",
         "what",
     )
 
     def __init__(self, what: str, clock: Clock) -> None:
         self.what = what
         self.took = Distribution()
-        self.told: StepsTooSlow | None = None
+        self.warning: StepsTooSlow | None = None
         self._clock = clock
         self._began_us = 0
         self._bad_windows = 0
@@ -126,9 +126,9 @@ class StepTime:
         """End a window; return what to tell, the first time that the steps are too slow."""
         self._bad_windows = self._bad_windows + 1 if is_bad else 0
         news = None
-        if self.is_slow and self.told is None:
+        if self.is_slow and self.warning is None:
             mean_us, positions = self.total_us / max(1, self.count), self.count + self.unanswered
-            news = self.told = StepsTooSlow(
+            news = self.warning = StepsTooSlow(
                 self.what, mean_us, self.longest_us, self.period_us, positions, self.unanswered
             )
         self.count = self.unanswered = 0
@@ -184,9 +184,9 @@ class StepTimes:
         return iter(self._times.values())
 
     @property
-    def told(self) -> list[StepsTooSlow]:
+    def reported(self) -> list[StepsTooSlow]:
         """What was told so far."""
-        return [each.told for each in self if each.told is not None]
+        return [each.warning for each in self if each.warning is not None]
 
     @property
     def explains_delay(self) -> bool:
@@ -226,4 +226,4 @@ class StepTimes:
 
     def report(self) -> dict[str, Any]:
         """Return the account for JSON, by what was timed."""
-        return {each.what: {**each.took.report(), "too_slow": each.told is not None} for each in self}
+        return {each.what: {**each.took.report(), "too_slow": each.warning is not None} for each in self}

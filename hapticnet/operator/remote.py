@@ -39,7 +39,7 @@ class RemoteOperator:
 
     Attributes
     ----------
-    positions, malformed, strangers
+    positions, malformed, unknown_peers
         Datagrams that were positions, that were not, and that came while another sender moved the tool.
     silences
         How often the tool was withdrawn because the sender was silent.
@@ -52,7 +52,7 @@ class RemoteOperator:
     def __init__(self, axes: int = 1) -> None:
         check_integer("axes of the operator", axes, 1, MAX_AXES)
         self.axes = axes
-        self.positions = self.malformed = self.strangers = self.silences = self.answers = 0
+        self.positions = self.malformed = self.unknown_peers = self.silences = self.answers = 0
         self._sender: Hashable = None
         self._form = ARRAY
         self._heard_us: int | None = None  # on the clock of `receive`
@@ -71,8 +71,8 @@ class RemoteOperator:
         """Process a datagram from `sender`. Never raises."""
         alone = self._heard_us is None or now_us - self._heard_us > WITHDRAW_AFTER_US
         if sender != self._sender and not alone:
-            self.strangers += 1
-            if self.strangers == 1:
+            self.unknown_peers += 1
+            if self.unknown_peers == 1:
                 self._lines.append(f"{_place(sender)} sends positions too; it may once {_place(self._sender)} stops")
             return
         try:
@@ -126,7 +126,7 @@ class RemoteOperator:
 
     def report(self) -> dict[str, int]:
         """Return the account of this operator for JSON."""
-        names = "positions", "malformed", "strangers", "silences", "answers"
+        names = "positions", "malformed", "unknown_peers", "silences", "answers"
         return {name: getattr(self, name) for name in names}
 
     def _withdraw(self, t_us: int) -> None:

@@ -27,7 +27,7 @@ class ForceArrived:
 
 
 @dataclass(frozen=True, slots=True)
-class OutlookArrived:
+class BoundArrived:
     """The slave tells how the force may change near the tool; comes before what else the datagram says."""
 
     payload: bytes
@@ -114,7 +114,7 @@ class Noticed:
 MasterEvent: TypeAlias = (
     Connected
     | ForceArrived
-    | OutlookArrived
+    | BoundArrived
     | HoldConfirmed
     | LinkStale
     | LinkRecovered

@@ -4,10 +4,10 @@ from collections import deque
 from typing import Final
 
 from hapticnet.errors import PeerError
-from hapticnet.outlook import LONGEST_SILENCE_US
 from hapticnet.protocol.arrivals import Arrival
 from hapticnet.protocol.asking import Asking, Granted
 from hapticnet.protocol.events import (
+    BoundArrived,
     ChangeRefused,
     Connected,
     Ended,
@@ -18,7 +18,6 @@ from hapticnet.protocol.events import (
     LinkStale,
     MasterEvent,
     Noticed,
-    OutlookArrived,
     Refused,
     SessionLost,
 )
@@ -43,6 +42,7 @@ from hapticnet.protocol.settings import IDLE_KEEPALIVES, SPARSE_KEEPALIVES, Entr
 from hapticnet.protocol.states import MASTER_TRANSITIONS, MasterState, Trigger
 from hapticnet.protocol.stats import Distribution, Traffic
 from hapticnet.protocol.wire import OPEN, SEALED, Datagram, Kind, pack_body, unpack
+from hapticnet.stiffness_bound import LONGEST_SILENCE_US
 
 DOUBT_MARGIN_US: Final = 10_000
 """How much longer [µs] than a keepalive interval the slave must be silent before a RESET is believed."""
@@ -232,8 +232,8 @@ class MasterSession:
                 return
             if arrival is Arrival.NEW or stream.is_news(datagram.sequence):
                 self._hear(arrival, t_us, now_us)
-                if arrival is Arrival.NEW and force.outlook is not None:
-                    self.events.append(OutlookArrived(force.outlook))
+                if arrival is Arrival.NEW and force.bound is not None:
+                    self.events.append(BoundArrived(force.bound))
                 self.events.append(ForceArrived(datagram.sequence, t_us, force.payload))
         elif kind is Kind.KEEPALIVE:
             keepalive = unpack_keepalive(body)
@@ -242,10 +242,10 @@ class MasterSession:
             t_us = self._fresh_t_us(keepalive.t_us, arrival, now_us)
             if t_us is not None and arrival is Arrival.NEW:
                 self._hear(arrival, t_us, now_us)
-                if keepalive.outlook is not None:
-                    self.events.append(OutlookArrived(keepalive.outlook))
+                if keepalive.bound is not None:
+                    self.events.append(BoundArrived(keepalive.bound))
                 if stream.is_confirmed_by(keepalive.newest_force):
-                    if keepalive.outlook is not None or stream.loss.estimate() is not None:  # the slave waits for it
+                    if keepalive.bound is not None or stream.loss.estimate() is not None:  # the slave waits for it
                         stream.acknowledge(datagram.sequence, now_us)
                     stream.confirmed = datagram.sequence
                     self.events.append(HoldConfirmed(t_us))

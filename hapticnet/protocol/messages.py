@@ -182,12 +182,12 @@ class Position(NamedTuple):
 class Force(NamedTuple):
     """Slave to master: the whole stimulus that answers the position of time `t_us`.
 
-    `outlook` says how the force may change from there, in sessions whose positions are sent only when they matter.
+    `bound` says how the force may change from there, in sessions whose positions are sent only when they matter.
     """
 
     t_us: int
     payload: bytes
-    outlook: bytes | None = None
+    bound: bytes | None = None
 
 
 class Keepalive(NamedTuple):
@@ -195,7 +195,7 @@ class Keepalive(NamedTuple):
 
     t_us: int
     newest_force: int | None
-    outlook: bytes | None = None
+    bound: bytes | None = None
 
 
 class Close(NamedTuple):
@@ -328,8 +328,8 @@ def unpack_position(body: bytes) -> Position:
 
 
 def pack_answer(answer: Force | Keepalive) -> bytes:
-    """Return the body of a FORCE or KEEPALIVE; an outlook adds a field."""
-    return pack_body(answer[:2] if answer.outlook is None else answer)
+    """Return the body of a FORCE or KEEPALIVE; a stiffness bound adds a field."""
+    return pack_body(answer[:2] if answer.bound is None else answer)
 
 
 def unpack_force(body: bytes) -> Force:
@@ -337,7 +337,7 @@ def unpack_force(body: bytes) -> Force:
     t_us, payload, *more = unpack_body(body, 2, optional=1)
     if not (is_uint32(t_us) and type(payload) is bytes):
         raise PeerError("FORCE of the wrong types")
-    return Force(t_us, payload, _outlook(more))
+    return Force(t_us, payload, _bound(more))
 
 
 def unpack_keepalive(body: bytes) -> Keepalive:
@@ -345,7 +345,7 @@ def unpack_keepalive(body: bytes) -> Keepalive:
     t_us, newest_force, *more = unpack_body(body, 2, optional=1)
     if not (is_uint32(t_us) and (newest_force is None or is_uint32(newest_force))):
         raise PeerError("KEEPALIVE of the wrong types")
-    return Keepalive(t_us, newest_force, _outlook(more))
+    return Keepalive(t_us, newest_force, _bound(more))
 
 
 def unpack_close(body: bytes) -> Close:
@@ -371,11 +371,11 @@ def _reason_and_code(body: bytes) -> tuple[str, Code]:
     return reason, Code(code)
 
 
-def _outlook(more: list[Any]) -> bytes | None:
-    """Return the outlook in the fields after those that every answer has."""
-    outlook = more[0] if more else None
-    _require(outlook is None or type(outlook) is bytes, "outlook", outlook)
-    return outlook
+def _bound(more: list[Any]) -> bytes | None:
+    """Return the bound in the fields after those that every answer has."""
+    bound = more[0] if more else None
+    _require(bound is None or type(bound) is bytes, "bound", bound)
+    return bound
 
 
 def _is_text(value: object, limit: int) -> bool:

@@ -83,8 +83,8 @@ class SlaveSession:
         self._settings = settings
         self._sequence = wrap(settings.first_sequence + 1)
         self._newest_force: int | None = None
-        self._outlook: bytes | None = None  # what the master is to be told until it acknowledges that
-        self._told_since: int | None = None  # the first datagram that told it
+        self._bound: bytes | None = None  # what the master is to be told until it acknowledges that
+        self._sent_since: int | None = None  # the first datagram that told it
         self._position_t_us = request.clock_us
         self._heard_us = now_us
         law = WeberLaw(weber_fraction=request.weber_fraction, floor_n=request.floor_n, multiplier=request.multiplier)
@@ -146,7 +146,7 @@ class SlaveSession:
                 self._move(Trigger.POSITION)
             self.in_step = False
             if newest is not None:
-                if self._told_since is not None:
+                if self._sent_since is not None:
                     self._note_told(newest)
                 self._repair.acknowledged(newest, now_us)
                 force = self._newest_force
@@ -193,7 +193,7 @@ class SlaveSession:
         sequence = self._sequence
         if not repeated:
             self._newest_force = sequence
-        datagram = self._datagram(Kind.FORCE, Force(wrap(t_us), payload, self._outlook), now_us)
+        datagram = self._datagram(Kind.FORCE, Force(wrap(t_us), payload, self._bound), now_us)
         self._repair.sent(sequence, now_us, before)
         return datagram
 
@@ -210,17 +210,17 @@ class SlaveSession:
 
     def keepalive(self, t_us: int, now_us: int, *, held: Vector | None) -> bytes:
         """Return a KEEPALIVE that answers the position of time `t_us` and confirms what is held."""
-        self._repair.kept_alive(self._sequence, now_us, held, tells=self._outlook is not None)
-        return self._datagram(Kind.KEEPALIVE, Keepalive(wrap(t_us), self._newest_force, self._outlook), now_us)
+        self._repair.kept_alive(self._sequence, now_us, held, tells=self._bound is not None)
+        return self._datagram(Kind.KEEPALIVE, Keepalive(wrap(t_us), self._newest_force, self._bound), now_us)
 
-    def tell(self, outlook: bytes) -> None:
-        """Add an outlook to every FORCE and KEEPALIVE until one of them is acknowledged."""
-        self._outlook, self._told_since = outlook, None
+    def tell(self, bound: bytes) -> None:
+        """Add a stiffness bound to every FORCE and KEEPALIVE until one of them is acknowledged."""
+        self._bound, self._sent_since = bound, None
 
     @property
     def has_news(self) -> bool:
-        """Whether there is an outlook that was not sent yet."""
-        return self._outlook is not None and self._told_since is None
+        """Whether there is a stiffness bound that was not sent yet."""
+        return self._bound is not None and self._sent_since is None
 
     def close(self, reason: str, now_us: int, code: Code = Code.OTHER) -> bytes:
         """Return a CLOSE."""
@@ -264,7 +264,7 @@ class SlaveSession:
         else:
             body = pack_answer(message)
             if self.has_news:
-                self._told_since = self._sequence
+                self._sent_since = self._sequence
         if self.seal is None:
             datagram = pack(kind, self.number, self._sequence, body)
         else:
@@ -276,10 +276,10 @@ class SlaveSession:
         return datagram
 
     def _note_told(self, newest: int) -> None:
-        """Note an acknowledgement: every datagram since `_told_since` carried the outlook."""
-        since = self._told_since
+        """Note an acknowledgement: every datagram since `_sent_since` carried the bound."""
+        since = self._sent_since
         if since is not None and distance(newest, since) >= 0 and distance(self._sequence, newest) > 0:
-            self._outlook = self._told_since = None
+            self._bound = self._sent_since = None
 
     def _move(self, trigger: Trigger) -> None:
         self.state = SLAVE_TRANSITIONS[self.state, trigger]

@@ -31,7 +31,7 @@ class MasterRun:
     lateness: dict[str, object]
     missed_ticks: int | None
     send_errors: int
-    strangers: int
+    unknown_peers: int
     port_openings: int | None
     port_unwritten_bytes: int | None
 
@@ -141,7 +141,7 @@ class MasterRunner:
             lateness=self._ticker.lateness.report(),
             missed_ticks=self._ticker.missed,
             send_errors=self._port.send_errors,
-            strangers=self._port.strangers,
+            unknown_peers=self._port.unknown_peers,
             port_openings=self._serial.openings if self._serial is not None else None,
             port_unwritten_bytes=self._serial.unwritten if self._serial is not None else None,
         )

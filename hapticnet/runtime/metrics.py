@@ -13,8 +13,8 @@ from hapticnet.errors import UnavailableError
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_events import NodeEvent
 from hapticnet.node.slave import SlaveNode
+from hapticnet.node.slave_context import SlaveContext
 from hapticnet.node.slave_events import MasterLeft, SlaveEvent
-from hapticnet.node.station import Station
 from hapticnet.node.step_times import StepTimes
 from hapticnet.protocol.stats import Distribution, Traffic
 from hapticnet.protocol.wire import Kind
@@ -189,21 +189,21 @@ class SlaveMetrics(Metrics[SlaveEvent]):
         """Count an event, and keep the account of a session that has ended."""
         super().note(event, now_us)
         if isinstance(event, MasterLeft):
-            self._ended.add_station(event.station)
+            self._ended.add_context(event.context)
 
     def values(self) -> Values:
         """Return the present values by name."""
         node, totals = self._node, _Totals()
         totals.absorb(self._ended)
-        for station in node.stations:
-            totals.add_station(station)
+        for context in node.contexts:
+            totals.add_context(context)
         return common_values(self._events, self._overload) | {
             **_traffic(totals),
             "forces": {"sent": totals.forces},
-            "sessions": len(node.stations),
+            "sessions": len(node.contexts),
             "steps": totals.steps,
             "draining": float(node.draining),
-            "strangers_datagrams": {"received": node.strangers.packets, "sent": node.to_strangers.packets},
+            "unknown_peers_datagrams": {"received": node.unknown_peers.packets, "sent": node.to_unknown_peers.packets},
             "throttled": node.throttled,
         }
 
@@ -232,11 +232,11 @@ class _Totals:
         )
         return self
 
-    def add_station(self, station: Station) -> None:
+    def add_context(self, context: SlaveContext) -> None:
         """Add a session of a slave."""
-        self.add(station.session.sent, station.session.received)
-        self.steps += station.steps
-        self.forces += station.session.sent.by_kind[Kind.FORCE]
+        self.add(context.session.sent, context.session.received)
+        self.steps += context.steps
+        self.forces += context.session.sent.by_kind[Kind.FORCE]
 
     def absorb(self, other: "_Totals") -> None:
         """Add other sums."""

@@ -83,7 +83,7 @@ SLAVE: Final = (
     Description("sessions", "gauge", "Sessions at this moment."),
     Description("steps", "counter", "Positions answered."),
     Description("draining", "gauge", "1 while new masters are refused because the slave is to stop, else 0."),
-    Description("strangers_datagrams", "counter", "Datagrams of no session.", ("direction",)),
+    Description("unknown_peers_datagrams", "counter", "Datagrams of no session.", ("direction",)),
     Description("throttled", "counter", "Requests for a session that were not read because there were too many."),
 )
 

@@ -33,7 +33,7 @@ def master_report(
         **node.report(),
         **(dict.fromkeys(MasterRun.__dataclass_fields__) if run is None else asdict(run)),
         "overload": overload.report(),
-        "faults": [*map(str, node.times.told), *faults],
+        "faults": [*map(str, node.times.reported), *faults],
         "operator": operator,
         "recording": None if recorder is None else recorder.report(),
         "channel_out": None if channel_out is None else _channel_account(channel_out),
@@ -54,7 +54,7 @@ def slave_report(
         "scheduling": overload.scheduling,
         **node.report(),
         "overload": overload.report(),
-        "faults": [*map(str, node.times.told), *faults],
+        "faults": [*map(str, node.times.reported), *faults],
         "recording": None if recorder is None else recorder.report(),
         "channel_out": None if channel_out is None else _channel_account(channel_out),
     }

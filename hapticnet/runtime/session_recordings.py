@@ -13,8 +13,8 @@ from hapticnet.node.master_events import NodeEvent
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.recording import Recording
 from hapticnet.node.slave import SlaveNode
+from hapticnet.node.slave_context import SlaveContext
 from hapticnet.node.slave_events import MasterJoined, MasterLeft, MasterRefused, SlaveEvent
-from hapticnet.node.station import Station
 from hapticnet.node.step_times import StepsTooSlow
 from hapticnet.protocol.wire import OPEN, SEALED
 from hapticnet.recordings.session.frames import Table
@@ -190,37 +190,37 @@ class SlaveRecording(_Recording[SlaveEvent]):
         self._channel_out = channel_out
         self._folder = folder
         self._suffix = suffix
-        self._tracks: dict[Station, _Track] = {}
-        self._due: list[Station] = []
+        self._tracks: dict[SlaveContext, _Track] = {}
+        self._due: list[SlaveContext] = []
 
     def note(self, event: SlaveEvent, now_us: int) -> None:
         """Record an event; complete the file of a master that has left."""
         if isinstance(event, MasterRefused | StepsTooSlow):  # of no session
             return
-        station = event.station
+        context = event.context
         if isinstance(event, MasterJoined):
-            file = self._folder / f"{file_name(station.session.request.name, station.session.number)}{self._suffix}"
-            self._tracks[station] = _Track(self.recorder, file, "slave", ("step", "datagram"))
-        track = self._tracks.get(station)
+            file = self._folder / f"{file_name(context.session.request.name, context.session.number)}{self._suffix}"
+            self._tracks[context] = _Track(self.recorder, file, "slave", ("step", "datagram"))
+        track = self._tracks.get(context)
         if track is None:
             return
         if isinstance(event, MasterLeft):
-            self._collect_one(station, track)
+            self._collect_one(context, track)
         track.note(event, now_us)
         if isinstance(event, MasterJoined):
-            settings = SettingsInForce.of(station.session.request, station.grant)
+            settings = SettingsInForce.of(context.session.request, context.grant)
             track.note(replace(settings, channel_out=self._channel_out), now_us)
         elif isinstance(event, MasterLeft):
-            track.end({"report": station.report()})
-            del self._tracks[station]
+            track.end({"report": context.report()})
+            del self._tracks[context]
 
     def _collect(self) -> bool:
         """Collect some sessions, since answers wait meanwhile; return whether more of this round are due."""
         self._due = self._due or list(self._tracks)
         now, self._due = self._due[:MOST_AT_ONCE], self._due[MOST_AT_ONCE:]
-        for station in now:
-            if station in self._tracks:
-                self._collect_one(station, self._tracks[station])
+        for context in now:
+            if context in self._tracks:
+                self._collect_one(context, self._tracks[context])
         return bool(self._due)
 
     def _collect_all(self) -> None:
@@ -228,8 +228,8 @@ class SlaveRecording(_Recording[SlaveEvent]):
             pass
 
     @staticmethod
-    def _collect_one(station: Station, track: _Track) -> None:
-        track.collect(station.recording, station.datagrams, lambda: _of_station(station))
+    def _collect_one(context: SlaveContext, track: _Track) -> None:
+        track.collect(context.recording, context.datagrams, lambda: _of_context(context))
 
 
 def file_name(master: str, session: int) -> str:
@@ -247,8 +247,8 @@ def about_master(settings: MasterSettings) -> dict[str, Any]:
     return {"asked_at_start": plain, "sealed": settings.key is not None, "wire_versions": WIRE_VERSIONS}
 
 
-def _of_station(station: Station) -> dict[str, Any]:
+def _of_context(context: SlaveContext) -> dict[str, Any]:
     """Return what a session's master asked for and was granted, without tickets."""
-    request, grant = station.session.request._asdict(), station.grant._asdict()
+    request, grant = context.session.request._asdict(), context.grant._asdict()
     del request["ticket"], grant["ticket"]
     return {"request": request, "grant": grant, "wire_versions": WIRE_VERSIONS}

@@ -92,7 +92,7 @@ class SlaveRunner:
 
     def _answer(self, now: int) -> None:
         self.flush()
-        self.node.settle(now)
+        self.node.account_sent(now)
         self.flush()
         if self._watchers.observers:
             self._watchers.observe(now)
@@ -113,7 +113,7 @@ class SlaveRunner:
     def _settle(self) -> None:
         """Send what the node has to say besides answers; then those that said it may go on as before."""
         self.flush()
-        self.node.settle(now_us())
+        self.node.account_sent(now_us())
         self.flush()
 
 

@@ -245,7 +245,7 @@ class UdpPort:
 
     Attributes
     ----------
-    strangers
+    unknown_peers
         Datagrams dropped because their source is not the peer.
     send_errors
         Datagrams that the system did not accept; they count as lost.
@@ -264,7 +264,7 @@ class UdpPort:
         channel: OutgoingChannel | None = None,
         channel_in: IncomingChannel | None = None,
     ) -> None:
-        self.strangers = 0
+        self.unknown_peers = 0
         self.send_errors = 0
         self.queue = ReceiveQueue(sock)
         self._drains = 0
@@ -330,7 +330,7 @@ class UdpPort:
                 continue
             now = now_us()
             if self._peer is not None and address != self._peer:
-                self.strangers += 1
+                self.unknown_peers += 1
             elif self._channel_in is not None:
                 self._channel_in.push((data, address), len(data), now)
             elif at_once or (number == 0 and now - self._drained_us < PROMPT_US):

@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from typing import Protocol
 
-from hapticnet.outlook import Outlook
 from hapticnet.samples import ForceSample, PositionSample
 from hapticnet.scene.ahead import LookAhead
+from hapticnet.stiffness_bound import StiffnessBound
 
 
 class Touchable(Protocol):
@@ -17,10 +17,9 @@ class Touchable(Protocol):
     position on: a sequence of `scene.ahead.LayerAhead`, the nearest first, or None where it cannot tell now. It is
     called after a step, at most as often as ``step``, and must not wait.
 
-    If it has a method ``outlook()``, that returns an `outlook.Outlook` for the newest position, or None where it cannot
-    tell now. Having it says that the scene may be stepped at positions that the master did not send, but that are
-    within the box of the newest outlook. A robot that moves at each step may have it; one that must not move without an
-    order must not.
+    If it has a method ``stiffness_bound()``, that returns a `StiffnessBound` for the newest position, or None where it
+    cannot tell now. Such a scene may be stepped at positions that the master did not send, but that are within the box
+    of the newest bound. A robot that moves at each step may have it; one that must not move without an order must not.
     """
 
     @property
@@ -48,10 +47,10 @@ def look_ahead_of(scene: Touchable) -> LookAhead | None:
     return ahead
 
 
-def outlook_method(scene: Touchable) -> Callable[[], Outlook | None] | None:
-    """Return the method ``outlook`` of a scene; None if it is stepped only at positions that its master sent."""
-    outlook: Callable[[], Outlook | None] | None = getattr(scene, "outlook", None)
-    return outlook
+def bound_method(scene: Touchable) -> Callable[[], StiffnessBound | None] | None:
+    """Return the method ``stiffness_bound`` of a scene; None if it takes only positions that were sent."""
+    bound: Callable[[], StiffnessBound | None] | None = getattr(scene, "stiffness_bound", None)
+    return bound
 
 
 def breaches_of(scene: Touchable) -> int:

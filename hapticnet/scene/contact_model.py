@@ -53,7 +53,7 @@ class ContactModel:
         self.force_n = self._press()
         return self.force_n
 
-    def foretell(self, t_us: int, position_m: Vector) -> Vector:
+    def predict(self, t_us: int, position_m: Vector) -> Vector:
         """Return the force [N] at a position to come, without going there."""
         return ContactModel(self.layers(), self._t_us, self._position_m, None).step(t_us, position_m)
 

@@ -6,7 +6,7 @@ and forces, and announces
 - the contact that it is in: a line through the newest forces, as far as they show a stiffness;
 - the surfaces that it has touched before, with the force at which they broke, if they did.
 
-A first contact is therefore met unannounced, and foretold from about a millimetre on; later ones are foretold whole.
+A first contact is therefore met unannounced, and predicted from about a millimetre on; later ones are predicted whole.
 """
 
 import math

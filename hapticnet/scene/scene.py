@@ -25,13 +25,13 @@ from typing import Final
 
 from hapticnet.checks import axes_of
 from hapticnet.errors import SampleError
-from hapticnet.outlook import Outlook
 from hapticnet.samples import LARGEST_COMPONENT, ForceSample, PositionSample, checked_vector
 from hapticnet.scene.ahead import REACH_M, LayerAhead
+from hapticnet.scene.bounds import bound_of
 from hapticnet.scene.layer import Layer
 from hapticnet.scene.needle import Needle
-from hapticnet.scene.outlooks import outlook_of
 from hapticnet.scene.tissue import Contact, Tissue, front_to_back
+from hapticnet.stiffness_bound import StiffnessBound
 
 _rest_m = attrgetter("rest_m")
 
@@ -80,7 +80,7 @@ class Scene:
     def reset(self) -> None:
         """Withdraw the needle and heal every tissue."""
         self.force_n = 0.0
-        self._outlook: Outlook | None = None
+        self._bound: StiffnessBound | None = None
         self._needle = Needle()
         self._layers = [Layer(tissue, self._needle) for tissue in self.tissues]
         self._reached = 0
@@ -115,18 +115,18 @@ class Scene:
         self.force_n = force_n
         return ForceSample(sample.t_us, (force_n,))
 
-    def outlook(self) -> Outlook | None:
+    def stiffness_bound(self) -> StiffnessBound | None:
         """Return how the force may change around the tip; None if a layer cannot tell.
 
         It stays true while the tip is in its box: nothing breaks or heals there.
         """
         tip_m = self._needle.tip_m
-        if self._outlook is None or not self._outlook.contains((tip_m,)):
+        if self._bound is None or not self._bound.contains((tip_m,)):
             felt = [layer for layer in self._felt if layer.is_felt]
             passed = [layer for _, _, layer in self._passed]
             ahead_m = self._layers[self._reached].rest_m if self._reached < len(self._layers) else LARGEST_COMPONENT
-            self._outlook = outlook_of(felt, passed, ahead_m, tip_m)
-        return self._outlook
+            self._bound = bound_of(felt, passed, ahead_m, tip_m)
+        return self._bound
 
     def surfaces_m(self) -> tuple[float, ...]:
         """Return the position [m] of each surface, front to back."""
@@ -152,7 +152,7 @@ class Scene:
         self.breaches += 1
         self._await_withdrawal(layer)
         self._back_m = LARGEST_COMPONENT  # so that the next step regroups
-        self._outlook = None
+        self._bound = None
         return left_n
 
     def _await_withdrawal(self, layer: Layer) -> None:
@@ -163,7 +163,7 @@ class Scene:
     def _regroup(self, sample: PositionSample) -> None:
         """Find the layers that can exert a force at `sample`, and the limits within which that set stays the same."""
         tip_m = _checked_tip_m(sample)
-        self._outlook = None  # it may have been asked for long ago
+        self._bound = None  # it may have been asked for long ago
         felt = [layer for layer in self._felt if layer.is_felt]
         while self._passed and tip_m < -self._passed[0][0]:
             _, _, layer = heapq.heappop(self._passed)

@@ -8,8 +8,8 @@ from hapticnet.samples import ForceSample, PositionSample
 from hapticnet.user_code import attribute_of, axes_of, failure, method_of, raised, short, vector_from
 
 if TYPE_CHECKING:
-    from hapticnet.outlook import Outlook
     from hapticnet.scene.ahead import LookAhead
+    from hapticnet.stiffness_bound import StiffnessBound
 
 LONGEST_NAME: Final = 64
 """Most bytes of a scene's name, which travels to the master."""
@@ -31,13 +31,13 @@ class UserScene:
     touched
         Its ``step(sample)`` is called with a `PositionSample` and returns a `ForceSample`, a number, or a sequence of
         numbers, one for each axis [N]. Optional attributes: ``axes`` (1 to 3; default 1), ``name`` and ``breaches``;
-        optional methods: ``welcome(master)``, ``ahead()`` and ``outlook()`` (`scene.base.Touchable`).
+        optional methods: ``welcome(master)``, ``ahead()`` and ``stiffness_bound()`` (`scene.base.Touchable`).
     what
         What messages call the object, such as "scene own.py:Mine".
 
     Attributes
     ----------
-    ahead, outlook
+    ahead, stiffness_bound
         The object's methods of these names; None if it has none.
 
     Raises
@@ -46,7 +46,7 @@ class UserScene:
         If ``step`` is missing or cannot be called with one argument, or an attribute cannot be used.
     """
 
-    __slots__ = ("__weakref__", "_method", "_step", "ahead", "axes", "name", "outlook", "touched", "what")
+    __slots__ = ("__weakref__", "_method", "_step", "ahead", "axes", "name", "stiffness_bound", "touched", "what")
 
     def __init__(self, touched: HasStep, what: str = "the scene") -> None:
         self.touched = touched
@@ -59,7 +59,7 @@ class UserScene:
             raise SettingsError(f"{what}: name is {short(name)}; it must be text, 1 to {LONGEST_NAME} printable bytes")
         self.name = name
         self.ahead: LookAhead | None = self._optional("ahead")
-        self.outlook: Callable[[], Outlook | None] | None = self._optional("outlook")
+        self.stiffness_bound: Callable[[], StiffnessBound | None] | None = self._optional("stiffness_bound")
 
     @property
     def breaches(self) -> int:

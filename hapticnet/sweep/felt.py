@@ -13,7 +13,7 @@ from hapticnet.experiment.trial import Trial
 from hapticnet.measure.energy import energy_report
 from hapticnet.measure.metrics import error_report
 from hapticnet.measure.quality import perceptual_distances
-from hapticnet.node.felt import feel
+from hapticnet.node.closed_loop import simulate_link
 from hapticnet.node.offline import cost_report
 from hapticnet.sweep.grid import Grid
 from hapticnet.sweep.link import LINK_COLUMNS, Coder, Columns, Link, Row, coder_columns
@@ -134,7 +134,7 @@ class FeltRunner:
         if coder not in self._codecs:
             self._codecs[coder] = coder.make()
         codec, trial = self._codecs[coder], self._trial(number, repeat)
-        felt = feel(
+        felt = simulate_link(
             codec,
             trial.t_us,
             trial.stimuli,

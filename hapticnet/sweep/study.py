@@ -147,7 +147,7 @@ class Study(BaseModel):
 
 
 class FeltStudy(Study):
-    """Forces felt over a network beside the true ones; see `node.felt`."""
+    """Forces felt over a network beside the true ones; see `node.closed_loop`."""
 
     task: Literal["felt"]
     axes: FeltAxes = Field(default_factory=FeltAxes)

@@ -1,4 +1,4 @@
-"""Positions that are only sent when they matter: lines, outlooks, and when the next line is due."""
+"""Positions that are only sent when they matter: lines, bounds, and when the next line is due."""
 
 import itertools
 import math
@@ -8,22 +8,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hapticnet.codec.positions.bounds import pack_bound, rounded_bound, unpack_bound
 from hapticnet.codec.positions.lines import FASTEST_M_PER_S, PromisedLine, pack_line, unpack_line
-from hapticnet.codec.positions.outlooks import pack_outlook, rounded_outlook, unpack_outlook
 from hapticnet.codec.positions.sending import PositionSender
 from hapticnet.errors import PeerError, SampleError
-from hapticnet.outlook import LONGEST_SILENCE_US, Outlook
 from hapticnet.perception import WeberLaw
+from hapticnet.stiffness_bound import LONGEST_SILENCE_US, StiffnessBound
 from hapticnet.vectors import distance, single
 
 LAW = WeberLaw()
-EVERYWHERE = Outlook(0.0, 0.0, (-1.0,), (1.0,))
+EVERYWHERE = StiffnessBound(0.0, 0.0, (-1.0,), (1.0,))
 numbers = st.floats(-1.0, 1.0, width=32)
 vectors = st.one_of(*(st.tuples(*[numbers] * axes) for axes in (1, 2, 3)))
 
 
 def stiff(stiffness, low=-1.0, high=1.0, axes=1):
-    return Outlook(stiffness, 0.0, (low,) * axes, (high,) * axes)
+    return StiffnessBound(stiffness, 0.0, (low,) * axes, (high,) * axes)
 
 
 def played(sender, hand, *, applied_n=0.0, axes=1):
@@ -64,7 +64,7 @@ def test_lines_that_cannot_be_are_refused(payload):
 
 @given(st.binary(max_size=40), st.integers(1, 3))
 def test_garbage_is_a_peer_error(data, axes):
-    for read in (lambda: unpack_line(0, data, axes), lambda: unpack_outlook(data, axes)):
+    for read in (lambda: unpack_line(0, data, axes), lambda: unpack_bound(data, axes)):
         try:
             read()
         except PeerError:
@@ -72,18 +72,18 @@ def test_garbage_is_a_peer_error(data, axes):
 
 
 @given(st.floats(0.0, 1e6), st.floats(0.0, 1e3), st.floats(-1.0, 0.0), st.floats(1e-6, 1.0))
-def test_an_outlook_is_rounded_so_that_it_promises_no_more(stiffness, damping, low, width):
-    given_ = Outlook(stiffness, damping, (low,), (low + width,))
-    rounded = rounded_outlook(given_)
+def test_an_bound_is_rounded_so_that_it_promises_no_more(stiffness, damping, low, width):
+    given_ = StiffnessBound(stiffness, damping, (low,), (low + width,))
+    rounded = rounded_bound(given_)
     assert rounded is not None
     assert rounded.stiffness_n_per_m >= stiffness
     assert rounded.damping_n_s_per_m >= damping
     assert given_.low_m[0] <= rounded.low_m[0] <= rounded.high_m[0] <= given_.high_m[0]
-    assert unpack_outlook(pack_outlook(rounded), 1) == rounded
+    assert unpack_bound(pack_bound(rounded), 1) == rounded
 
 
 @pytest.mark.parametrize(
-    "outlook",
+    "bound",
     [
         None,
         stiff(math.nan),
@@ -94,10 +94,10 @@ def test_an_outlook_is_rounded_so_that_it_promises_no_more(stiffness, damping, l
         stiff(1.0, low=-math.inf),
     ],
 )
-def test_what_cannot_be_an_outlook_is_told_as_none(outlook):
-    assert rounded_outlook(outlook) is None
-    assert pack_outlook(None) == b""
-    assert unpack_outlook(b"", 1) is None
+def test_what_cannot_be_an_bound_is_told_as_none(bound):
+    assert rounded_bound(bound) is None
+    assert pack_bound(None) == b""
+    assert unpack_bound(b"", 1) is None
 
 
 @given(
@@ -117,7 +117,7 @@ def test_the_line_is_never_further_off_than_the_share_of_the_jnd(seed, stiffness
         "rest": np.zeros((300, axes)) + 0.01,
     }[kind]
     sender = PositionSender(LAW, share)
-    sender.told(stiff(stiffness, -100.0, 100.0, axes))
+    sender.set_bound(stiff(stiffness, -100.0, 100.0, axes))
     applied_n = float(chance.uniform(0.0, 5.0))
     line = None
     for index, position in enumerate(map(tuple, hand.tolist())):
@@ -130,7 +130,7 @@ def test_the_line_is_never_further_off_than_the_share_of_the_jnd(seed, stiffness
 
 def test_a_hand_at_rest_in_free_air_sends_ten_positions_a_second_without_a_velocity():
     sender = PositionSender(LAW, 0.25)
-    sender.told(EVERYWHERE)
+    sender.set_bound(EVERYWHERE)
     lines = played(sender, [(0.01,)] * 1000)
     assert [index for index, line in enumerate(lines) if line] == list(range(0, 1000, 100))
     assert {line.velocity_m_per_s for line in lines if line} == {(0.0,)}
@@ -138,11 +138,11 @@ def test_a_hand_at_rest_in_free_air_sends_ten_positions_a_second_without_a_veloc
 
 def test_a_side_of_the_box_is_crossed_with_a_position_at_once():
     sender = PositionSender(LAW, 0.25)
-    sender.told(stiff(0.0, -1.0, 0.02))
+    sender.set_bound(stiff(0.0, -1.0, 0.02))
     hand = [(0.0001 * index,) for index in range(300)]
     lines = played(sender, hand)
     assert lines[201] is not None, "0.0201 m is the first position outside"
-    sender.told(stiff(1000.0, 0.02, 1.0))
+    sender.set_bound(stiff(1000.0, 0.02, 1.0))
     assert sender.payload(300_000, (0.03,), 0.0) is None, "the line is good"
     assert sender.payload(301_000, (0.0315,), 0.0) is not None
 
@@ -150,14 +150,14 @@ def test_a_side_of_the_box_is_crossed_with_a_position_at_once():
 def test_every_position_is_sent_while_the_scene_cannot_tell():
     sender = PositionSender(LAW, 0.25)
     assert all(played(sender, [(0.01,)] * 20))
-    sender.told(EVERYWHERE)
-    sender.told(None)
+    sender.set_bound(EVERYWHERE)
+    sender.set_bound(None)
     assert all(played(sender, [(0.01,)] * 20))
 
 
 def test_a_position_is_sent_when_it_is_wanted_and_after_a_clock_that_went_back():
     sender = PositionSender(LAW, 0.25)
-    sender.told(EVERYWHERE)
+    sender.set_bound(EVERYWHERE)
     assert sender.payload(1_000_000, (0.0,), 0.0) is not None
     assert sender.payload(1_001_000, (0.0,), 0.0) is None
     assert sender.payload(1_002_000, (0.0,), 0.0, wanted=True) is not None
@@ -169,7 +169,7 @@ def test_a_position_is_sent_when_it_is_wanted_and_after_a_clock_that_went_back()
 @pytest.mark.parametrize("position", [(math.nan,), (math.inf,), (1e16,), ()])
 def test_positions_that_cannot_be_are_refused_and_change_nothing(position):
     sender = PositionSender(LAW, 0.25)
-    sender.told(EVERYWHERE)
+    sender.set_bound(EVERYWHERE)
     assert sender.payload(0, (0.0,), 0.0) is not None
     with pytest.raises(SampleError):
         sender.payload(1000, position, 0.0)
@@ -178,7 +178,7 @@ def test_positions_that_cannot_be_are_refused_and_change_nothing(position):
 
 def test_where_speed_matters_a_line_has_the_speed_of_the_newest_sample():
     sender = PositionSender(LAW, 0.25)
-    sender.told(Outlook(100.0, 10.0, (-1.0,), (1.0,)))
+    sender.set_bound(StiffnessBound(100.0, 10.0, (-1.0,), (1.0,)))
     hand = [(0.05 * (index / 1000) ** 2,) for index in range(400)]
     true = [0.0, *(1000 * (b[0] - a[0]) for a, b in itertools.pairwise(hand))]
     line = None

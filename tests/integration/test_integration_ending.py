@@ -17,16 +17,16 @@ class Interrupts:
         return 0.5
 
 
-class InterruptsAnOutlook(Interrupts):
+class InterruptsABound(Interrupts):
     def step(self, sample):
         return 0.5
 
-    def outlook(self):
+    def stiffness_bound(self):
         raise KeyboardInterrupt
 
 
-class ExitsInAnOutlook(InterruptsAnOutlook):
-    def outlook(self):
+class ExitsInABound(InterruptsABound):
+    def stiffness_bound(self):
         raise SystemExit
 """
 
@@ -57,8 +57,8 @@ def test_no_number_of_signals_costs_a_slave_its_report_or_its_code(start, option
     ("kind", "said"),
     [
         ("Interrupts", "Interrupts.step raised KeyboardInterrupt"),
-        ("InterruptsAnOutlook", "InterruptsAnOutlook.outlook raised KeyboardInterrupt"),
-        ("ExitsInAnOutlook", "ExitsInAnOutlook.outlook raised SystemExit"),
+        ("InterruptsABound", "InterruptsABound.stiffness_bound raised KeyboardInterrupt"),
+        ("ExitsInABound", "ExitsInABound.stiffness_bound raised SystemExit"),
     ],
 )
 def test_a_scene_that_raises_what_a_signal_would_fails_like_any_other(start, tmp_path, kind, said):

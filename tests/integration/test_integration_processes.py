@@ -31,7 +31,7 @@ def test_an_insertion_over_loopback_and_every_packet_accounted_for(start, slave,
     assert session["end_reason"] == "the master closed: done"
     assert session["breaches"] == 3
     assert session["exceed_jnd_fraction"] == 0.0
-    strangers = server.report()["strangers"]["by_kind"]["hello"]  # those without a cookie, one if nothing is slow
+    strangers = server.report()["unknown_peers"]["by_kind"]["hello"]  # those without a cookie, one if nothing is slow
     assert session["received"]["packets"] == account["sent"]["packets"] - strangers
     assert account["received"]["lost"] == 0
     assert account["connections"] == 1
@@ -143,7 +143,7 @@ def test_garbage_at_the_port_is_counted_and_the_session_goes_on(start, slave):
     assert master.process.wait(30) == 0
     server.end()
     report = server.report()
-    assert report["strangers"]["malformed"] > 1000
+    assert report["unknown_peers"]["malformed"] > 1000
     assert report["sessions"][0]["received"]["lost"] <= 400
     assert report["sessions"][0]["received"]["malformed"] == 0
 

@@ -38,8 +38,8 @@ def test_a_scene_is_made_for_the_entry_of_the_master(sealed):
 def test_the_slave_knows_a_sealed_master_by_its_key_and_an_open_one_by_its_host(sealed):
     slave = make_slave(sealed=sealed, host_of=lambda address: address[0])
     HandMaster(slave, ("host", 1), sealed=sealed).work()
-    (station,) = slave.stations
-    assert station.identity == (MASTER.public if sealed else "host")
+    (context,) = slave.contexts
+    assert context.identity == (MASTER.public if sealed else "host")
 
 
 def test_numbers_and_tickets_are_large_random_and_all_different(sealed):
@@ -73,8 +73,8 @@ def test_a_sealed_session_without_numbers_left_answers_nothing_and_raises_nothin
     answers = [master.position(step, 100_000 * step) for step in range(1, 10)]
     assert [len(each) for each in answers] == [1, 1, 1, 1, 0, 0, 0, 0, 0]
     assert max(datagram.sequence for each in answers for datagram in each) < 6
-    (station,) = slave.stations
-    assert station.session.received.stray == 5
+    (context,) = slave.contexts
+    assert context.session.received.stray == 5
     slave.close("shutting down", 10**6)
     assert [answer.kind for answer in master.answers()] == [Kind.CLOSE]
-    assert station.session.state is SlaveState.CLOSED
+    assert context.session.state is SlaveState.CLOSED

@@ -107,11 +107,11 @@ def felt(link):
 
 
 def account(link):
-    return link.slave.stations[-1].report()["announced"]
+    return link.slave.contexts[-1].report()["announced"]
 
 
 def forces(link):
-    return link.slave.stations[-1].session.sent.by_kind[Kind.FORCE]
+    return link.slave.contexts[-1].session.sent.by_kind[Kind.FORCE]
 
 
 layers = st.builds(
@@ -161,22 +161,22 @@ def test_what_is_announced_is_felt_without_delay(spec):
     link = link_with(paper, spec)
     link.run(6 * SECOND)
     assert felt(link).exceed_jnd_fraction <= 0.02
-    assert link.slave.stations[0].report()["breaches"] == 3
+    assert link.slave.contexts[0].report()["breaches"] == 3
     assert account(link)["corrections"] <= 2
     assert forces(link) <= 30
     without = link_with(paper, spec, announced=False)
     without.run(6 * SECOND)
     assert felt(without).exceed_jnd_fraction > 0.1
-    assert without.slave.stations[0].report()["announced"] is None
+    assert without.slave.contexts[0].report()["announced"] is None
 
 
 @pytest.mark.parametrize("spec", ["delay=50ms", "delay=50ms,loss=5%"])
 def test_few_positions_are_enough_for_what_is_announced(spec):
     link = link_with(paper, spec, positions="line")
     link.run(6 * SECOND)
-    assert link.slave.stations[0].grant.position_share > 0.0
+    assert link.slave.contexts[0].grant.position_share > 0.0
     assert felt(link).exceed_jnd_fraction <= 0.02
-    assert link.slave.stations[0].report()["breaches"] == 3
+    assert link.slave.contexts[0].report()["breaches"] == 3
     assert link.master.session.sent.by_kind[Kind.POSITION] < 0.1 * link.master.ticks
     assert account(link)["corrections"] <= 2
 
@@ -189,9 +189,9 @@ def test_few_positions_are_enough_for_what_is_announced(spec):
 def test_either_side_can_do_without(announced, announces, scene):
     link = link_with(scene, announced=announced, announces=announces)
     link.run(3 * SECOND)
-    assert link.slave.stations[0].grant.announced is False
+    assert link.slave.contexts[0].grant.announced is False
     assert link.master.report()["ticks_on_model"] == 0
-    assert link.slave.stations[0].report()["exceed_jnd_fraction"] == 0.0
+    assert link.slave.contexts[0].report()["exceed_jnd_fraction"] == 0.0
 
 
 class Silent:
@@ -248,7 +248,7 @@ def test_what_cannot_be_announced_is_counted_and_forces_are_served(said, fault):
     assert link.master.report()["ticks_on_model"] == 0
     assert account(link)["unusable"] > 0
     assert fault in account(link)["fault"]
-    assert link.slave.stations[0].report()["exceed_jnd_fraction"] == 0.0
+    assert link.slave.contexts[0].report()["exceed_jnd_fraction"] == 0.0
 
 
 def test_a_wall_too_stiff_to_render_is_left_out():
@@ -274,7 +274,7 @@ def test_a_layer_that_stiffens_and_never_breaks_is_announced_up_to_its_stiffness
     assert (account(link)["left_out"] > 0) is not is_announced
     if not is_announced:
         assert "stiffens and does not break" in account(link)["fault"]
-    assert link.slave.stations[0].report()["exceed_jnd_fraction"] == 0.0
+    assert link.slave.contexts[0].report()["exceed_jnd_fraction"] == 0.0
 
 
 def test_a_breach_that_only_the_master_saw_is_corrected_within_a_round_trip():
@@ -293,7 +293,7 @@ def test_a_breach_that_only_the_master_saw_is_corrected_within_a_round_trip():
     link.run(20_000)
     assert link.master.held_n == (0.0,), "the master's model has breached"
     link.run(2 * DELAY_US)
-    (true_n,) = link.slave.stations[0].newest[2]
+    (true_n,) = link.slave.contexts[0].newest[2]
     assert true_n > 1.0
     assert link.master.held_n == pytest.approx((true_n,), rel=1e-5)
 
@@ -356,7 +356,7 @@ def test_a_change_of_codec_and_a_new_session_begin_with_a_new_model():
         assert link.master.held_n == before, "the hand rests, so nothing may change"
     assert link.master.connections == 2
     assert link.master.on_model
-    assert link.slave.stations[-1].report()["continues"] is not None
+    assert link.slave.contexts[-1].report()["continues"] is not None
 
 
 def test_the_limits_of_the_device_hold_for_a_model_too():
@@ -415,6 +415,6 @@ def test_friction_is_the_same_at_both_ends_after_loss():
     assert link.master.on_model
     assert link.master.held_n[0] < -0.3
     link.run(SECOND // 5)
-    assert link.slave.stations[0].scene.force_n == pytest.approx(0.4, abs=0.01)
+    assert link.slave.contexts[0].scene.force_n == pytest.approx(0.4, abs=0.01)
     assert link.master.held_n[0] == pytest.approx(0.4, abs=0.01)
     assert link.master.on_model

@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 
 from hapticnet import virtual_link
 from hapticnet.channel.settings import ChannelSettings
-from hapticnet.codec.base import Foretelling
+from hapticnet.codec.base import Predictive
 from hapticnet.codec.registry import every_codec, make_codec
 from hapticnet.errors import PeerError
 from hapticnet.node import bounded
 from hapticnet.node.bounded import GROWTH, LATELY_US, MARGIN_N, receiver
-from hapticnet.node.felt import feel
+from hapticnet.node.closed_loop import simulate_link
 from hapticnet.perception import WeberLaw
 
 CODECS = every_codec()
@@ -41,7 +41,7 @@ def largest_applied_n(delay_us: int) -> tuple[float, float]:
     """Return the largest force that is applied, and the largest there is."""
     t_us, forces_n, positions_m = taps(2000.0, 20.0)
     late = ChannelSettings(delay_us=delay_us)
-    played = feel(MOTION, t_us, forces_n, positions_m, forward=late, feedback=late, repair_us=200_000,
+    played = simulate_link(MOTION, t_us, forces_n, positions_m, forward=late, feedback=late, repair_us=200_000,
                   rng=np.random.default_rng(1))  # fmt: skip
     return float(np.abs(played.applied).max()), float(forces_n.max())
 
@@ -137,6 +137,6 @@ def test_only_codecs_that_follow_positions_are_bounded(name):
     codec = make_codec(name, LAW)
     decoder = receiver(codec, 1)
     assert isinstance(decoder, bounded.BoundedDecoder) == codec.needs_position
-    assert isinstance(decoder, Foretelling) == isinstance(codec.decoder(1), Foretelling)
+    assert isinstance(decoder, Predictive) == isinstance(codec.decoder(1), Predictive)
     with pytest.raises(PeerError):
         decoder.decode(0, b"\xff" * 200)

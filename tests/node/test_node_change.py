@@ -46,7 +46,7 @@ def test_a_change_in_contact_is_not_felt(loopback, change, round_trip_ms, sealed
     link.master.change(**CHANGES[change])
     link.run(6 * SECOND)
     assert link.master.connections == 2
-    true_n = link.slave.stations[0].scene.force_n
+    true_n = link.slave.contexts[0].scene.force_n
     assert true_n > 1.0
     held_n = link.master.recording.table()["held_n"][4000:]
     assert abs(held_n - true_n).max() <= link.master.codec.law.threshold_n(true_n) * 1.01
@@ -72,7 +72,7 @@ def test_a_change_whose_first_force_is_lost_is_not_felt(loopback):
     link.master.receive_datagram = receive
     link.run(6 * SECOND)
     assert len(lost) == 20
-    true_n = link.slave.stations[0].scene.force_n
+    true_n = link.slave.contexts[0].scene.force_n
     assert abs(link.master.recording.table()["held_n"][4000:] - true_n).max() <= 0.1
 
 
@@ -100,12 +100,12 @@ def test_forces_of_the_session_before_count_only_until_the_first_of_the_new_one(
 def test_the_scene_stays_pierced_and_the_force_follows_the_new_law(loopback, sealed):
     link = loopback(1, sealed=sealed, feedback="delay=5ms", forward="delay=5ms")
     link.run(3 * SECOND)
-    (before,) = link.slave.stations
+    (before,) = link.slave.contexts
     assert before.scene.breaches > 0
     events(link.master)
     link.master.change(codec="level-crossing", law=WeberLaw(multiplier=2.0))
     link.run(SECOND)
-    (after,) = link.slave.stations
+    (after,) = link.slave.contexts
     assert after.scene is before.scene
     assert after is not before
     assert (after.codec.name, after.codec.law.multiplier) == ("level-crossing", 2.0)
@@ -121,9 +121,9 @@ def test_what_is_not_given_stays(loopback):
     link.run(SECOND)
     link.master.change(law=WeberLaw(multiplier=4.0))
     link.run(SECOND)
-    (station,) = link.slave.stations
-    assert station.codec.hysteresis == 0.5
-    assert station.codec.law.multiplier == 4.0
+    (context,) = link.slave.contexts
+    assert context.codec.hysteresis == 0.5
+    assert context.codec.law.multiplier == 4.0
 
 
 def test_positions_and_forces_go_on_while_the_change_is_asked_for(loopback):
@@ -135,14 +135,14 @@ def test_positions_and_forces_go_on_while_the_change_is_asked_for(loopback):
     assert link.master.session.sent.packets > packets + 140
     assert link.master.session.streaming
     link.run(SECOND)
-    assert link.slave.stations[-1].codec.name == "raw"
+    assert link.slave.contexts[-1].codec.name == "raw"
 
 
 @pytest.mark.plain
 def test_a_change_that_the_slave_refuses_leaves_the_session_as_it_was(loopback, monkeypatch):
     link = loopback(1)
     link.run(SECOND)
-    (before,) = link.slave.stations
+    (before,) = link.slave.contexts
     events(link.master)
     monkeypatch.setattr("hapticnet.node.admission.all_codecs", dict)
     monkeypatch.setattr(
@@ -153,7 +153,7 @@ def test_a_change_that_the_slave_refuses_leaves_the_session_as_it_was(loopback, 
     (refused,) = events(link.master)
     assert isinstance(refused, ChangeRefused)
     assert (refused.code, refused.reason) == (Code.CODEC, "not served here")
-    assert link.slave.stations == (before,)
+    assert link.slave.contexts == (before,)
     assert link.master.codec.name == "deadband"
     assert link.master.session.streaming
 
@@ -173,7 +173,7 @@ def test_a_change_before_there_is_a_session_is_what_is_asked_for(loopback):
     link = loopback(1)
     link.master.change(codec="raw")
     link.run(SECOND)
-    assert link.slave.stations[0].codec.name == "raw"
+    assert link.slave.contexts[0].codec.name == "raw"
 
 
 def test_a_change_survives_a_lost_session(loopback):
@@ -182,5 +182,5 @@ def test_a_change_survives_a_lost_session(loopback):
     link.master.change(codec="raw")
     link.slave.close("restarting", link.now_us)
     link.run(2 * SECOND)
-    assert link.slave.stations[-1].codec.name == "raw"
+    assert link.slave.contexts[-1].codec.name == "raw"
     assert link.master.session.streaming

@@ -55,22 +55,22 @@ def play(one, start_us, steps, *, first=1, offset_us=0, position_m=0.0):
 
 def test_a_ticket_continues_the_scene_and_the_old_session_ends_when_the_new_one_is_proved(slave, sealed):
     old = master(slave, sealed, 1).work()
-    scene = slave.stations[0].scene
+    scene = slave.contexts[0].scene
     new = master(slave, sealed, 2, ticket=old.grant.ticket).join(1000)
     assert new.grant.resumed
     assert not old.grant.resumed
     assert new.grant.ticket != old.grant.ticket
     assert len(new.grant.ticket) == TICKET_BYTES
     assert old.position(2, 2000) == []
-    assert slave.stations[0].steps == 2, "until then the old one is served as before"
+    assert slave.contexts[0].steps == 2, "until then the old one is served as before"
     events_of(slave)
     new.position(1, 3000)
-    (station,) = slave.stations
-    assert station.scene is scene
-    assert station.report()["continues"] == old.session
+    (context,) = slave.contexts
+    assert context.scene is scene
+    assert context.report()["continues"] == old.session
     left, joined = events_of(slave)
-    assert (left, joined) == (MasterLeft(left.station), MasterJoined(station))
-    assert left.station.session.end_reason == "its master goes on in a new session"
+    assert (left, joined) == (MasterLeft(left.context), MasterJoined(context))
+    assert left.context.session.end_reason == "its master goes on in a new session"
     assert [answer.kind for answer in old.position(3, 4000)] == [Kind.RESET]
 
 
@@ -79,7 +79,7 @@ def test_a_wrong_ticket_gets_a_new_scene_and_ends_nothing(slave, sealed, ticket)
     old = master(slave, sealed, 1).work()
     new = master(slave, sealed, 2, ticket=ticket).work(SECOND)
     assert not new.grant.resumed
-    assert len({id(station.scene) for station in slave.stations}) == 2
+    assert len({id(context.scene) for context in slave.contexts}) == 2
     assert old.position(2, SECOND) != []
 
 
@@ -95,7 +95,7 @@ def test_a_ticket_is_spent_with_its_session(slave, sealed):
     second = master(slave, sealed, 2, ticket=first.grant.ticket).work()
     third = master(slave, sealed, 3, ticket=first.grant.ticket, name="third").work()
     assert not third.grant.resumed
-    assert [station.session.number for station in slave.stations] == [second.session, third.session]
+    assert [context.session.number for context in slave.contexts] == [second.session, third.session]
 
 
 def test_a_master_that_was_welcomed_and_lost_its_link_at_once_continues_all_the_same(slave, sealed):
@@ -103,7 +103,7 @@ def test_a_master_that_was_welcomed_and_lost_its_link_at_once_continues_all_the_
     with_clock(slave)
     first = master(slave, sealed, 1).join(0)
     play(first, 1000, 20, offset_us=777)
-    scene = slave.stations[0].scene
+    scene = slave.contexts[0].scene
     last = first
     for port in range(2, 40):  # again and again
         now_us = 6 * SECOND * port
@@ -111,11 +111,11 @@ def test_a_master_that_was_welcomed_and_lost_its_link_at_once_continues_all_the_
         assert last.grant.resumed, port
         play(first, now_us, 20, first=100 * port, offset_us=777)  # so that the scene is kept
         slave.tick(now_us + 5_500_000)
-        assert len(slave.stations) == 1
+        assert len(slave.contexts) == 1
     last = master(slave, sealed, 99, ticket=last.grant.ticket).join(now_us + 1000)
     play(last, now_us + 2000, 20, offset_us=777)
-    (station,) = slave.stations
-    assert station.scene is scene
+    (context,) = slave.contexts
+    assert context.scene is scene
     assert scene.t_us[-1] - scene.t_us[0] == now_us + 2000 + 19_000 - 1000
 
 
@@ -125,11 +125,11 @@ def test_a_restarted_master_that_lost_its_link_at_once_continues_on_its_own_cloc
     play(master(slave, sealed, 1).join(start_us), start_us, 1000, offset_us=12_345)
     second = master(slave, sealed, 2).join(start_us + 3 * SECOND)
     slave.tick(start_us + 9 * SECOND)
-    assert len(slave.stations) == 1
+    assert len(slave.contexts) == 1
     third = master(slave, sealed, 3, ticket=second.grant.ticket).join(start_us + 10 * SECOND)
     play(third, start_us + 10 * SECOND, 1000, offset_us=-(10**7))
-    (station,) = slave.stations
-    steps = np.diff(station.scene.t_us)
+    (context,) = slave.contexts
+    steps = np.diff(context.scene.t_us)
     assert (np.delete(steps, 999) == 1000).all()
     assert steps[999] == 10 * SECOND - 999_000, "the time that went by at the slave"
 
@@ -141,10 +141,10 @@ def test_the_ticket_of_a_restarted_master_takes_no_scene_from_the_one_that_works
     play(first, SECOND, 20, first=2)
     third = master(slave, sealed, 3, ticket=second.grant.ticket).work(SECOND + 20_000)
     assert not third.grant.resumed
-    assert len(slave.stations) == 3
-    steps = slave.stations[0].steps
+    assert len(slave.contexts) == 3
+    steps = slave.contexts[0].steps
     first.position(100, SECOND + 30_000)
-    assert slave.stations[0].steps == steps + 1
+    assert slave.contexts[0].steps == steps + 1
 
 
 def test_tickets_that_were_given_out_beside_each_other_are_known_to_the_session_that_continues(slave, sealed):
@@ -152,11 +152,11 @@ def test_tickets_that_were_given_out_beside_each_other_are_known_to_the_session_
     second = master(slave, sealed, 2, ticket=first.grant.ticket).join(1000)
     third = master(slave, sealed, 3, ticket=first.grant.ticket).join(2000)
     second.position(1, 3000)
-    assert len(slave.stations) == 2
+    assert len(slave.contexts) == 2
     assert [answer.kind for answer in third.position(1, 4000)] == [Kind.CLOSE]
     fourth = master(slave, sealed, 4, ticket=third.grant.ticket).work(5000)
     assert fourth.grant.resumed
-    assert [station.session.number for station in slave.stations] == [fourth.session]
+    assert [context.session.number for context in slave.contexts] == [fourth.session]
 
 
 def test_after_a_close_there_is_nothing_to_continue(slave, sealed):
@@ -186,7 +186,7 @@ def test_pierced_tissue_stays_pierced(slave, sealed):
         one.position(1 + step - began, now_us + (3 * SECOND if step >= 2500 else 0), depth_m, t_us=now_us)
         whole.position(step, now_us, depth_m)
         if step in (2499, 2500, 2999, 3000, 4000):
-            (interrupted,), (other,) = slave.stations, whole.slave.stations
+            (interrupted,), (other,) = slave.contexts, whole.slave.contexts
             assert interrupted.scene.breaches == other.scene.breaches
             assert interrupted.scene.force_n == pytest.approx(other.scene.force_n)
     assert interrupted.grant.resumed
@@ -202,8 +202,8 @@ def test_with_a_ticket_the_time_of_the_scene_goes_on_with_the_clock_of_its_maste
     play(second, 100_000, 20, offset_us=offset_us)
     third = master(slave, sealed, 3, ticket=second.grant.ticket).join(200_000)
     play(third, 200_000, 20, offset_us=offset_us)
-    (station,) = slave.stations
-    times = np.array(station.scene.t_us)
+    (context,) = slave.contexts
+    times = np.array(context.scene.t_us)
     expected = [start + 1000 * step for start in (1000, 100_000, 200_000) for step in range(20)]
     assert (times - times[0]).tolist() == [each - 1000 for each in expected]
 
@@ -216,7 +216,7 @@ def test_the_time_of_the_scene_goes_on_after_a_silence_in_which_time_stamps_wrap
     if again:
         old = master(slave, sealed, 2, ticket=old.grant.ticket, clock_us=late_us).join(late_us)
     old.position(2, late_us)
-    assert slave.stations[0].scene.t_us == [SECOND, late_us]
+    assert slave.contexts[0].scene.t_us == [SECOND, late_us]
 
 
 @pytest.mark.parametrize("offset_us", [-(10**7), 0, 10**9, 3 * (1 << 31), (1 << 32) - 3_000_000])
@@ -228,8 +228,8 @@ def test_over_a_restart_with_another_clock_the_time_of_the_scene_goes_on_evenly(
     play(second, start_us + 3 * SECOND, 1000, offset_us=offset_us)
     third = master(slave, sealed, 3, ticket=second.grant.ticket).join(start_us + 4 * SECOND)
     play(third, start_us + 4 * SECOND, 1000, offset_us=offset_us)
-    (station,) = slave.stations
-    times = np.array(station.scene.t_us)
+    (context,) = slave.contexts
+    times = np.array(context.scene.t_us)
     steps = np.diff(times)
     assert (np.delete(steps, 999) == 1000).all()
     assert steps[999] == 3 * SECOND - 999_000, "the time that went by at the slave"
@@ -238,16 +238,16 @@ def test_over_a_restart_with_another_clock_the_time_of_the_scene_goes_on_evenly(
 def test_a_half_open_session_never_ends_the_one_that_works(slave, sealed):
     """One forged HELLO used to be enough: the address, the name and even the ticket of the victim are known."""
     victim = master(slave, sealed, 1).work()
-    scene = slave.stations[0].scene
+    scene = slave.contexts[0].scene
     for port, request in ((2, {}), (3, {"ticket": victim.grant.ticket})):
         forged = HandMaster(slave, victim.address, sealed=sealed, nonce=port, **request)
         forged.join(0)
     play(victim, 1000, 100, first=2)
     slave.tick(6 * SECOND)
-    (station,) = slave.stations
-    assert (station.session.number, station.session.state) == (victim.session, SlaveState.OPEN)
-    assert station.scene is scene
-    assert station.steps == 101
+    (context,) = slave.contexts
+    assert (context.session.number, context.session.state) == (victim.session, SlaveState.OPEN)
+    assert context.scene is scene
+    assert context.steps == 101
 
 
 def test_a_continuing_session_needs_no_second_place(sealed):
@@ -255,22 +255,22 @@ def test_a_continuing_session_needs_no_second_place(sealed):
     first = HandMaster(slave, sealed=sealed).work()
     second = HandMaster(slave, sealed=sealed, nonce=2, ticket=first.grant.ticket).work()
     assert second.grant.resumed
-    assert [station.session.number for station in slave.stations] == [second.session]
+    assert [context.session.number for context in slave.contexts] == [second.session]
 
 
 @pytest.mark.plain
 def test_a_chain_of_sessions_does_not_stay_in_memory(slave, sealed):
-    stations = WeakSet()
+    contexts = WeakSet()
     last = master(slave, sealed, 1).work()
     for port in range(2, 20):
-        stations.update(slave.stations)
+        contexts.update(slave.contexts)
         last = master(slave, sealed, port, ticket=last.grant.ticket).work(SECOND * port)
-    (station,) = slave.stations
-    assert station.continues is None
+    (context,) = slave.contexts
+    assert context.continues is None
     assert len(slave._stations) == 1
     assert not slave._welcomes, "its master has the WELCOME"
     events_of(slave)
     slave.tick(24 * SECOND)  # the newest that ended would have expired by now
     gc.collect()
-    assert slave.stations == (station,)
-    assert not [each for each in stations if each is not station]
+    assert slave.contexts == (context,)
+    assert not [each for each in contexts if each is not context]

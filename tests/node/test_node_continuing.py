@@ -58,8 +58,8 @@ class Laboratory:
                 self.exchange(port)
 
     def scene_of(self, port):
-        (station,) = (each for each in self.slave.stations if each.address == ("lab", port))
-        return station.scene
+        (context,) = (each for each in self.slave.contexts if each.address == ("lab", port))
+        return context.scene
 
 
 @pytest.fixture
@@ -76,7 +76,7 @@ def test_a_restarted_master_gets_the_scene_of_its_silent_session(laboratory):
     laboratory.start(2)
     laboratory.run(50, 2)
     assert laboratory.scene_of(2) is scene
-    assert len(laboratory.slave.stations) == 1
+    assert len(laboratory.slave.contexts) == 1
 
 
 def test_a_second_master_of_the_same_name_beside_a_working_one_gets_a_scene_of_its_own(laboratory):
@@ -121,6 +121,6 @@ def test_masters_touch_a_shared_object_at_the_same_time(tmp_path):
             lab.exchange(port)
         lab.now_us += 1_000
     assert not any(isinstance(event, SessionLost) for port in (1, 2) for event in lab.events[port])
-    one, other = lab.slave.stations
+    one, other = lab.slave.contexts
     assert one.scene.touched is other.scene.touched
     assert source.close() == []

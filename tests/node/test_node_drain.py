@@ -63,7 +63,7 @@ def test_a_running_master_is_told_and_keeps_its_force_until_it_has_finished(seal
     for _ in range(10):
         link.run(SECOND // 2)
         link.slave.check(link.now_us)
-        link.slave.settle(link.now_us)
+        link.slave.account_sent(link.now_us)
         assert link.master.held_n[0] > 0.1
     told = [each for each in events(link.master) if isinstance(each, Noticed)]
     assert [each.code for each in told] == [Code.STOPPING], "once, although the slave repeats it"
@@ -134,17 +134,17 @@ def test_a_thousand_masters_are_told_a_few_at_a_time():
         def __init__(self):
             self.session, self.count = self, 0
 
-    stations = [Told() for _ in range(1000)]
-    slave._stations.update(enumerate(stations))
+    contexts = [Told() for _ in range(1000)]
+    slave._stations.update(enumerate(contexts))
     most, now_us = [], 0
-    slave._notify = lambda station, *_: setattr(station, "count", station.count + 1)
-    for each in stations:
+    slave._notify = lambda context, *_: setattr(context, "count", context.count + 1)
+    for each in contexts:
         each.state = SlaveState.OPEN
     slave._admission.takes_new = False
     for _ in range(60):
-        before = sum(each.count for each in stations)
+        before = sum(each.count for each in contexts)
         slave._tell_stop(now_us)
-        most.append(sum(each.count for each in stations) - before)
+        most.append(sum(each.count for each in contexts) - before)
         now_us += SECOND // 2
     assert max(most) == NOTICES_AT_ONCE
-    assert min(each.count for each in stations) == 1
+    assert min(each.count for each in contexts) == 1

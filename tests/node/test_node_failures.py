@@ -59,7 +59,7 @@ def test_an_operator_that_raises_is_told_once_the_force_goes_to_zero_and_the_ses
     table = link.master.recording.table()
     assert (table["target_n"][table["t_us"] > failed_us + 1_000] == 0.0).all()
     (left,) = [event for event in events(link.slave) if isinstance(event, MasterLeft)]
-    assert left.station.session.end_reason == f"the master closed: {failure.reason}"
+    assert left.context.session.end_reason == f"the master closed: {failure.reason}"
 
 
 @pytest.mark.parametrize("position_m", [(np.nan,), (1e16,), (0.0, 0.0), ("deep",)])
@@ -118,9 +118,9 @@ def test_a_scene_that_raises_ends_its_session_once_and_no_other(loopback, steps)
     link.slave._admission._make_scene = lambda entry: BreaksDown(make_scene(entry), steps)
     link.run(SECOND)
     (left,) = [event for event in events(link.slave) if isinstance(event, MasterLeft)]
-    reason = left.station.session.end_reason
+    reason = left.context.session.end_reason
     assert reason.startswith("the slave closed: the scene failed: ValueError: no hand at all (test_node_failures.py,")
-    assert left.station.steps == steps + 1
+    assert left.context.steps == steps + 1
     end = events(link.master)[-1]
     assert end == Ended(reason, refused=False, code=Code.FAILED)
     assert link.master.failure == reason
@@ -130,11 +130,11 @@ def test_a_scene_that_raises_ends_its_session_once_and_no_other(loopback, steps)
 def test_a_codec_that_cannot_read_what_it_wrote_ends_its_session_once(loopback):
     link = loopback(1)
     link.run(SECOND // 2)
-    (station,) = link.slave.stations
-    station.feedback.mirror = BreaksDown(station.feedback.mirror, 0)
+    (context,) = link.slave.contexts
+    context.feedback.mirror = BreaksDown(context.feedback.mirror, 0)
     link.run(SECOND)
     assert "the force cannot be decoded: ValueError: no hand at all" in link.master.end_reason
-    assert link.slave.stations == ()
+    assert link.slave.contexts == ()
 
 
 class Verbose:
@@ -151,21 +151,21 @@ class Verbose:
 def test_a_codec_whose_payload_fits_into_no_datagram_ends_its_session(loopback, sealed):
     link = loopback(1, sealed=sealed)
     link.run(SECOND // 2)
-    link.slave.stations[0].feedback.encoder = Verbose()
+    link.slave.contexts[0].feedback.encoder = Verbose()
     link.run(SECOND)
     assert "a payload of 1200 bytes; at most 1024 fit into a datagram" in link.master.end_reason
-    assert link.slave.stations == ()
+    assert link.slave.contexts == ()
 
 
 @pytest.mark.plain
 def test_a_scene_whose_force_is_not_a_number_ends_its_session(loopback):
     link = loopback(1)
     link.run(SECOND // 2)
-    scene = link.slave.stations[0].scene
+    scene = link.slave.contexts[0].scene
     scene.step = lambda sample: ForceSample(sample.t_us, (float("nan"),))
     link.run(SECOND)
     assert "the force cannot be encoded: SampleError: stimulus is nan" in link.master.end_reason
-    assert link.slave.stations == ()
+    assert link.slave.contexts == ()
 
 
 def test_a_scene_that_cannot_be_made_is_a_refusal(loopback):

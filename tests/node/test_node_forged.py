@@ -99,9 +99,9 @@ def test_a_slave_serves_its_sessions_as_if_nothing_had_been_forged(line, sealed,
         ends.disturb(data, address)
         if number % 5 == 0:
             ends.step()
-    (station, *_), (other, *_) = (slave.stations for slave in ends.slaves)
+    (context, *_), (other, *_) = (slave.contexts for slave in ends.slaves)
     assert ends.disturbed.session_count == 1
-    assert station.address == other.address == HERE
+    assert context.address == other.address == HERE
 
 
 @pytest.mark.parametrize("seed", range(3))

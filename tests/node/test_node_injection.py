@@ -52,16 +52,16 @@ def test_copies_of_true_positions_do_not_use_up_the_granted_rate(tap, master):
         tap.step(master, HERE)
         for _ in range(3):
             assert tap.to_slave(tap.sent[-1], HERE) == []
-    (station,) = tap.slave.stations
-    assert station.session.received.duplicate == 9000
-    assert station.session.received.over_rate == 0
+    (context,) = tap.slave.contexts
+    assert context.session.received.duplicate == 9000
+    assert context.session.received.over_rate == 0
 
 
 def test_a_copy_from_another_address_moves_nothing(tap, master):
     tap.step(master, HERE)
     assert tap.to_slave(tap.sent[-1], THERE) == []
-    (station,) = tap.slave.stations
-    assert station.address == HERE
+    (context,) = tap.slave.contexts
+    assert context.address == HERE
 
 
 def test_who_forwards_a_position_first_gets_the_answers_until_the_next_one_and_can_open_none(tap, master):
@@ -74,8 +74,8 @@ def test_who_forwards_a_position_first_gets_the_answers_until_the_next_one_and_c
         msgpack.unpackb(unpack(answer).body)
     assert len(answer) <= len(data)
     tap.step(master, HERE)
-    (station,) = tap.slave.stations
-    assert station.address == HERE
+    (context,) = tap.slave.contexts
+    assert context.address == HERE
 
 
 @pytest.mark.usefixtures("master")
@@ -92,7 +92,7 @@ def test_an_observer_sees_neither_names_nor_keys_nor_forces(tap):
 
 def test_a_copied_request_gets_its_sender_a_half_open_session_and_disturbs_nothing(tap, master):
     nonce, _, *rest = msgpack.unpackb(unpack(tap.sent[1]).body)
-    (station,) = tap.slave.stations
+    (context,) = tap.slave.contexts
     hello = tap.sent[1]
     assert unpack(hello).kind is Kind.HELLO
     ((cookie, _),) = tap.to_slave(hello, THERE)  # its cookie is of another address
@@ -100,14 +100,14 @@ def test_a_copied_request_gets_its_sender_a_half_open_session_and_disturbs_nothi
     body = pack_body((nonce, cookie, *rest))
     ((welcome, to),) = tap.to_slave(pack(Kind.HELLO, 0, unpack(hello).sequence, body, 2), THERE)
     assert (unpack(welcome).kind, to) == (Kind.WELCOME, THERE)
-    assert [each.session.state for each in tap.slave.stations] == [SlaveState.OPEN, SlaveState.HALF_OPEN]
+    assert [each.session.state for each in tap.slave.contexts] == [SlaveState.OPEN, SlaveState.HALF_OPEN]
     for data in tap.sent[-50:]:  # no datagram of the running session proves the copied one
         kind, _, sequence = numbers_of(data)
         tap.to_slave(pack(kind, unpack(welcome).session, sequence, unpack(data).body, 2), THERE)
     assert tap.run(master, HERE)
-    assert tap.slave.stations[0] is station
-    assert station.session.state is SlaveState.OPEN
-    assert [each.session.state for each in tap.slave.stations[1:]] == [SlaveState.HALF_OPEN]
+    assert tap.slave.contexts[0] is context
+    assert context.session.state is SlaveState.OPEN
+    assert [each.session.state for each in tap.slave.contexts[1:]] == [SlaveState.HALF_OPEN]
 
 
 def test_a_master_with_a_key_takes_no_open_session(tap):

@@ -40,8 +40,8 @@ def test_a_master_that_is_removed_from_the_list_ends_and_is_not_served_again(tap
     assert {event.code for event in refusals} == {Code.KEY}
     assert [event.retry_us for event in refusals] == [1_000_000, 2_000_000]
     assert Connected not in kinds(events)
-    (station,) = tap.slave.stations
-    assert station.address == THERE
+    (context,) = tap.slave.contexts
+    assert context.address == THERE
     assert SessionLost not in kinds(tap.run(student, THERE))
 
 
@@ -51,23 +51,23 @@ def test_a_key_gets_no_more_sessions_than_its_entry_says():
     tap.run(first, HERE)
     (ended,) = tap.run(second, THERE)
     assert (type(ended), ended.refused, ended.code) == (Ended, True, Code.FULL)
-    assert [station.address for station in tap.slave.stations] == [HERE]
+    assert [context.address for context in tap.slave.contexts] == [HERE]
 
 
 def test_no_key_continues_the_scene_of_another(tap):
     surgeon = tap.master(SURGEON)
     tap.run(surgeon, HERE)
-    (station,) = tap.slave.stations
+    (context,) = tap.slave.contexts
     tap.now_us += 500_000  # silent, as a master that restarts
     by_name = tap.master(STUDENT)
     by_ticket = tap.master(STUDENT, REQUEST._replace(name="thief"))
     by_ticket._asking.stop()
-    by_ticket._asking.begin(station.grant.ticket)
+    by_ticket._asking.begin(context.grant.ticket)
     for thief in (by_name, by_ticket):
         (connected,) = (event for event in tap.run(thief, THERE) if isinstance(event, Connected))
         assert not connected.grant.resumed
-    assert tap.slave.stations[0] is station
-    assert len({id(each.scene) for each in tap.slave.stations}) == 3
+    assert tap.slave.contexts[0] is context
+    assert len({id(each.scene) for each in tap.slave.contexts}) == 3
 
 
 class Thief(noise.Initiator):
@@ -88,11 +88,11 @@ def test_a_thief_of_the_slaves_key_forges_a_request_but_can_prove_no_session(tap
     attempt._mac = hello_mac(SLAVE.public, nonce, 0, attempt._noise1)
     ((cookie, _),) = tap.to_slave(attempt.hello(b""), THERE)
     ((welcome, _),) = tap.to_slave(attempt.hello(unpack_cookie(unpack(cookie).body).cookie), THERE)
-    (station,) = tap.slave.stations
-    assert station.identity == SURGEON.public
+    (context,) = tap.slave.contexts
+    assert context.identity == SURGEON.public
     with pytest.raises(PeerError, match="does not open"):
         attempt.read(unpack_welcome(unpack(welcome).body).grant)
     for key in (bytes(32), SLAVE.private, SURGEON.public):
-        guessed = Seal(key, key).pack(Kind.POSITION, station.session.number, 1, pack_body((0, None, bytes(4))))
+        guessed = Seal(key, key).pack(Kind.POSITION, context.session.number, 1, pack_body((0, None, bytes(4))))
         assert tap.to_slave(guessed, THERE) == []
-    assert station.session.state is SlaveState.HALF_OPEN
+    assert context.session.state is SlaveState.HALF_OPEN

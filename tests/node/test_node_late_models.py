@@ -177,6 +177,6 @@ def test_no_flood_of_old_models_makes_a_tick_play_more_than_is_allowed(monkeypat
         for _ in range(20):
             ends.force(MODEL, ago_ms=min(900, ends.now_us // 1000))
         largest = max(largest, sum(costs))
-    # Besides: the model that is applied, and what it foretells, at both places of the tool.
+    # Besides: the model that is applied, and what it predicts, at both places of the tool.
     assert MOST_PLAYED <= largest <= MOST_PLAYED + 6 * (1 + MOST_LAYERS)
     assert ends.master.report()["ticks_on_model"] > 500

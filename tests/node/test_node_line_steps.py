@@ -61,7 +61,7 @@ class Hall:
                 steps = self.slave.totals()[0]
                 self.slave.tick(self.now_us)
                 self.most_at_once = max(self.most_at_once, self.slave.totals()[0] - steps)
-                self.slave.settle(self.now_us)
+                self.slave.account_sent(self.now_us)
                 self.slave.datagrams_to_send()
             self.now_us = end_us
         after = self.between()

@@ -41,9 +41,9 @@ def test_one_insertion_breaches_three_tissues_and_is_felt_within_the_threshold(l
     assert slave["breaches"] == 3
     assert slave["exceed_jnd_fraction"] == 0.0
     assert slave["max_error_n"] > 0.0
-    strangers, to_strangers = (link.slave.report()[whom] for whom in ("strangers", "to_strangers"))
+    strangers, to_unknown_peers = (link.slave.report()[whom] for whom in ("unknown_peers", "to_unknown_peers"))
     assert strangers["by_kind"] == {"hello": 1}, "the one without a cookie"
-    assert to_strangers["by_kind"] == {"cookie": 1}
+    assert to_unknown_peers["by_kind"] == {"cookie": 1}
     assert master["sent"]["packets"] == slave["received"]["packets"] + 1
     assert master["received"]["packets"] == slave["sent"]["packets"] + 1
     assert slave["packet_rate_reduction"] > 0.5
@@ -52,8 +52,8 @@ def test_one_insertion_breaches_three_tissues_and_is_felt_within_the_threshold(l
 def test_the_master_holds_what_the_slave_believes_it_holds_at_every_tick(loopback):
     link = loopback()
     link.run(3 * SECOND)
-    station = link.slave.stations[0]
-    slave, master = station.recording.table(), link.master.recording.table()
+    context = link.slave.contexts[0]
+    slave, master = context.recording.table(), link.master.recording.table()
     # Over a perfect channel the answer to one tick's position drives the device in the next tick.
     order = np.searchsorted(master["t_us"], slave["t_us"])
     assert (master["t_us"][order] == slave["t_us"]).all()
@@ -67,7 +67,7 @@ def test_no_sample_is_felt_that_the_slave_had_no_chance_to_object_to(loopback, c
     network = f"delay={delay_ms}ms" if delay_ms else "perfect"
     link = loopback(forward=network, feedback=network, settings=MasterSettings(codec=codec, record=True))
     link.run(5 * SECOND)
-    slave, master = link.slave.stations[0].recording.table(), link.master.recording.table()
+    slave, master = link.slave.contexts[0].recording.table(), link.master.recording.table()
     late_us = (2 * delay_ms + 1) * 1_000
     answered = np.isin(master["t_us"] - late_us, slave["t_us"])
     true_n = slave["force_n"][np.searchsorted(slave["t_us"], master["t_us"][answered] - late_us)]
@@ -139,9 +139,9 @@ def test_a_lost_update_is_repaired_within_a_few_round_trips_though_nothing_chang
     link = loopback(2, forward=network, feedback=network)
     link.master._operator = Still()
     link.run(SECOND)
-    true_n = link.slave.stations[0].scene.force_n
+    true_n = link.slave.contexts[0].scene.force_n
     assert link.master.held_force_n(link.now_us)[0] == pytest.approx(true_n)
-    link.slave.stations[0].feedback.encoder.refresh()  # the next update is sent, and lost
+    link.slave.contexts[0].feedback.encoder.refresh()  # the next update is sent, and lost
     feedback, link.feedback = link.feedback, Emulator(parse_channel("loss=100%"), np.random.default_rng(0))
     link.master._applied._hold.receive((0.0,), link.now_us)  # as if it had been missed when it mattered
     link.run(2_000)
@@ -165,7 +165,7 @@ def test_a_late_hello_does_not_make_the_finger_deaf(loopback, sealed):
     received = link.master.report()["received"]
     assert (received["stray"], received["late"], received["lost"]) == (1, 0, 0), "a COOKIE, said again"
     assert link.master.report()["connections"] == 1
-    assert link.slave.stations[0].steps > 4_900
+    assert link.slave.contexts[0].steps > 4_900
 
 
 @pytest.mark.parametrize("copies", ["50%", "100%"])
@@ -180,7 +180,7 @@ def test_a_link_with_a_round_trip_of_two_seconds_connects_once(loopback):
     link = loopback(1, forward="delay=1000ms", feedback="delay=1000ms")
     link.run(6 * SECOND)
     assert link.master.report()["connections"] == 1
-    assert link.slave.stations[0].steps > 100  # of a stale link: 20 positions per second
+    assert link.slave.contexts[0].steps > 100  # of a stale link: 20 positions per second
 
 
 def test_every_datagram_is_accounted_for_over_a_lossy_reordering_network(loopback):
@@ -192,7 +192,7 @@ def test_every_datagram_is_accounted_for_over_a_lossy_reordering_network(loopbac
     forward, feedback = link.forward.counters, link.feedback.counters
     assert master["sent"]["packets"] == forward.accepted
     assert master["sent"]["wire_bytes"] == forward.accepted_bytes
-    assert slave["sent"]["packets"] + link.slave.strangers.report()["packets"] >= feedback.accepted - 1
+    assert slave["sent"]["packets"] + link.slave.unknown_peers.report()["packets"] >= feedback.accepted - 1
     received = master["received"]
     assert received["packets"] == feedback.delivered
     assert received["duplicate"] == pytest.approx(feedback.duplicated, abs=2)
@@ -246,15 +246,15 @@ def test_a_clock_that_jumps_costs_at_most_the_age_limit_of_feeling(loopback, jum
     link = loopback(8, start_us=10_000 * SECOND)
     link.master._operator = Still()
     link.run(SECOND)
-    true_n = link.slave.stations[0].scene.force_n
+    true_n = link.slave.contexts[0].scene.force_n
     link.now_us += round(jump_s * SECOND)
     link._next_tick_us = link.now_us
     link.run(SECOND)
-    before = link.slave.stations[0].steps
+    before = link.slave.contexts[0].steps
     link.run(SECOND)
-    (station,) = link.slave.stations
-    assert station.steps - before >= 990
-    assert station.session.sent.by_kind[Kind.KEEPALIVE] >= 40
+    (context,) = link.slave.contexts
+    assert context.steps - before >= 990
+    assert context.session.sent.by_kind[Kind.KEEPALIVE] >= 40
     held_n = link.master.recording.table()["held_n"]
     assert (held_n[-1500:] == np.float32(true_n)).all()
 
@@ -262,7 +262,7 @@ def test_a_clock_that_jumps_costs_at_most_the_age_limit_of_feeling(loopback, jum
 def test_the_granted_rate_is_kept_when_it_is_lower_than_what_was_asked_for(loopback):
     link = loopback(settings=MasterSettings(rate_hz=20_000.0))
     link.run(SECOND // 2)
-    assert link.slave.stations[0].steps == pytest.approx(5_000, rel=0.01)
+    assert link.slave.contexts[0].steps == pytest.approx(5_000, rel=0.01)
 
 
 @pytest.mark.plain
@@ -275,7 +275,7 @@ def test_a_codec_that_the_slave_does_not_have_is_refused_with_what_there_is(loop
     link.run(SECOND)
     assert link.master.refused
     assert link.master.end_reason == "unknown codec 'deadband'; there are: none"
-    assert link.slave.stations == ()
+    assert link.slave.contexts == ()
 
 
 def test_one_slave_serves_many_masters_each_with_a_scene_of_its_own():
@@ -291,26 +291,26 @@ def test_one_slave_serves_many_masters_each_with_a_scene_of_its_own():
                 slave.receive_datagram(datagram, address, now)
         for datagram, address in slave.datagrams_to_send():
             masters[address].receive_datagram(datagram, now)
-    breaches = [station.scene.breaches for station in slave.stations]
+    breaches = [context.scene.breaches for context in slave.contexts]
     assert len(breaches) == 5
     assert sorted(breaches, reverse=True)[0] == 3
-    assert len({id(station.scene) for station in slave.stations}) == 5
-    assert all(station.session.state is SlaveState.OPEN for station in slave.stations)
+    assert len({id(context.scene) for context in slave.contexts}) == 5
+    assert all(context.session.state is SlaveState.OPEN for context in slave.contexts)
 
 
 @pytest.mark.parametrize("network", ["perfect", "delay=30ms,jitter=uniform:10ms,order=free,loss=5%,duplicate=5%"])
 def test_a_restarted_slave_is_found_within_a_second_and_its_old_forces_are_not_felt(loopback, network):
     link = loopback(9, forward=network, feedback=network, insertions=3)
     link.run(1_500_000)
-    (old,) = link.slave.stations
+    (old,) = link.slave.contexts
     link.slave = make_slave(10)  # what the old one sent is still on its way
     restart_us = link.now_us
     link.run(SECOND)
-    (station,) = link.slave.stations
+    (context,) = link.slave.contexts
     assert link.master.report()["connections"] == 2
-    assert station.steps > 100, "of positions that overtake each other only the newest ones count"
-    assert station.session.number != old.session.number
-    table, slave = link.master.recording.table(), station.recording.table()
+    assert context.steps > 100, "of positions that overtake each other only the newest ones count"
+    assert context.session.number != old.session.number
+    table, slave = link.master.recording.table(), context.recording.table()
     settled = table["t_us"] > restart_us + 600_000
     possible = {0.0, *slave["held_n"].tolist()}
     assert set(table["held_n"][settled].tolist()) <= possible, "a force of the old session was felt in the new one"

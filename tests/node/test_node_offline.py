@@ -22,23 +22,23 @@ LAW = WeberLaw()
 def test_offline_and_session_agree_on_packets_bytes_and_errors(loopback, name):
     link = loopback(6, settings=MasterSettings(codec=name, law=LAW, record=True), start_us=1 << 20)
     link.run(3_000_000)
-    (station,) = link.slave.stations
-    table, session = station.recording.table(), station.report()
+    (context,) = link.slave.contexts
+    table, session = context.recording.table(), context.report()
     forces = table["force_n"][:, np.newaxis]
     t_us = table["t_us"].astype(np.int64)
     codec = make_codec(name, LAW)
     positions = table["position_m"][:, np.newaxis]
     report = cost_report(codec, t_us, forces, encode_array(codec, t_us, forces, positions))
-    assert report.sent == station.session.sent.by_kind[Kind.FORCE]
+    assert report.sent == context.session.sent.by_kind[Kind.FORCE]
     assert report.packet_rate_reduction == session["packet_rate_reduction"]
     # Sequence numbers below 2¹⁶ take fewer bytes, and keepalives share them: at most two bytes a packet apart.
     assert report.payload_bytes == pytest.approx(
         table["datagram_bytes"][table["transmitted"] > 0].sum(), abs=2 * report.sent
     )
-    said = replace(station.session.sent)
+    said = replace(context.session.sent)
     assert report.keepalives == said.by_kind[Kind.KEEPALIVE]
-    welcome = Welcome(0xFFFF_FFFF, pack_body(station.grant))
-    handshake_bytes = len(pack(Kind.WELCOME, station.session.number, 0, pack_body(welcome))) + UDP_IPV4_HEADER_BYTES
+    welcome = Welcome(0xFFFF_FFFF, pack_body(context.grant))
+    handshake_bytes = len(pack(Kind.WELCOME, context.session.number, 0, pack_body(welcome))) + UDP_IPV4_HEADER_BYTES
     assert report.session_wire_bytes == said.wire_bytes - handshake_bytes
     assert report.rmse_n == pytest.approx(session["rmse_n"])
     assert report.exceed_jnd_fraction == session["exceed_jnd_fraction"]

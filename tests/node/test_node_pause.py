@@ -86,7 +86,7 @@ def test_an_operator_that_raises_is_not_asked_again_until_it_is_resumed():
         held_n.append(link.master.held_n[0])
     assert held_n[-1] == 2.0
     assert max(np.diff([0.0, *held_n])) < 0.15, "the force rises at the slew limit"
-    assert len(link.slave.stations) == 1
+    assert len(link.slave.contexts) == 1
 
 
 def test_a_scene_that_raises_gives_no_force_until_it_is_resumed():
@@ -113,7 +113,7 @@ def test_every_axis_is_felt_held_and_recorded():
     assert link.master.held_n == (2.0, 0.0, -1.0)
     assert hand.felt[-1][1] == (2.0, 0.0, -1.0)
     assert len(hand.felt) == hand.calls
-    master, slave = link.master.recording.table(), link.slave.stations[0].recording.table()
+    master, slave = link.master.recording.table(), link.slave.contexts[0].recording.table()
     assert (master["held_z_n"][-1], master["position_z_m"][-1]) == (-1.0, -0.005)
     assert (slave["force_z_n"][-1], slave["held_x_n"][-1]) == pytest.approx((-1.0, 2.0), rel=1e-6)
     datagrams = link.master.datagrams.table()
@@ -126,7 +126,7 @@ def test_both_sides_record_the_same_times_however_long_the_masters_host_has_been
     link = linked(hand, Spring(), record=True)
     link.now_us = link._next_tick_us = 5 * (1 << 32) + 12_345
     link.run(SECOND)
-    master, slave = link.master.recording.table(), link.slave.stations[0].recording.table()
+    master, slave = link.master.recording.table(), link.slave.contexts[0].recording.table()
     assert slave["t_us"][0] > 5 * (1 << 32)
     assert set(slave["t_us"]) <= set(master["t_us"])
 

@@ -7,14 +7,13 @@ from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.codec.positions.lines import PromisedLine
 from hapticnet.errors import SampleError, SettingsError
-from hapticnet.node.course import Course
+from hapticnet.node.dead_reckoning import DeadReckoning
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
-from hapticnet.outlook import Outlook
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.handshake import SealedDoor
 from hapticnet.protocol.keys import Roster
@@ -25,6 +24,7 @@ from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.tissue import Tissue
 from hapticnet.scene.user import UserScene
+from hapticnet.stiffness_bound import StiffnessBound
 from hapticnet.vectors import single
 from tests.peers import ENTRY, KEY, SLAVE
 
@@ -180,9 +180,9 @@ class Wall:
 
     axes, name = 3, "wall"
 
-    def __init__(self, outlook=lambda wall: Outlook(400.0 if wall.x > 0.02 else 0.0, 0.0, *wall.box())):
+    def __init__(self, bound=lambda wall: StiffnessBound(400.0 if wall.x > 0.02 else 0.0, 0.0, *wall.box())):
         self.x = 0.0
-        self.asked = outlook
+        self.asked = bound
         self.stepped = []
 
     def box(self):
@@ -193,7 +193,7 @@ class Wall:
         self.stepped.append(sample)
         return ForceSample(sample.t_us, (max(0.0, 400.0 * (self.x - 0.02)), 0.0, 0.0))
 
-    def outlook(self):
+    def stiffness_bound(self):
         return self.asked(self)
 
 
@@ -234,7 +234,7 @@ def test_a_scene_of_a_user_on_three_axes_that_says_how_stiff_it_is_is_felt_withi
 
 
 def test_a_scene_that_cannot_tell_gets_every_position_and_no_other():
-    wall = Wall(outlook=lambda _: None)
+    wall = Wall(bound=lambda _: None)
     loop = with_wall(wall)
     loop.run(SECOND // 2)
     positions = loop.master.report()["positions"]
@@ -246,16 +246,16 @@ def failing(_):
     raise ValueError("the sensor is gone")
 
 
-@pytest.mark.parametrize("outlook", [failing, lambda _: "stiff", lambda _: (1.0, 0.0, (0.0,), (1.0,)), lambda _: 7])
-def test_an_outlook_that_fails_or_is_none_ends_its_session_in_words(outlook):
-    loop = with_wall(Wall(outlook=outlook))
+@pytest.mark.parametrize("bound", [failing, lambda _: "stiff", lambda _: (1.0, 0.0, (0.0,), (1.0,)), lambda _: 7])
+def test_an_bound_that_fails_or_is_none_ends_its_session_in_words(bound):
+    loop = with_wall(Wall(bound=bound))
     loop.run(SECOND // 2)
     (session,) = loop.slave.report()["sessions"]
     assert "the scene failed" in session["end_reason"]
     assert "the scene failed" in loop.master.end_reason
 
 
-def test_an_outlook_that_was_lost_is_told_again_and_meanwhile_positions_go_on():
+def test_an_bound_that_was_lost_is_told_again_and_meanwhile_positions_go_on():
     loop, duration_us = link(codec="adaptive-predictive", hand={"push_s": 6.0})
     loop.run(SECOND)
     loop.feedback.change(parse_channel("loss=100%"))
@@ -294,25 +294,25 @@ def test_a_dead_link_is_noticed_though_nothing_is_felt():
 
 
 def test_a_forged_time_rules_for_one_position_only():
-    course = Course(1000)
-    everywhere = Outlook(0.0, 0.0, (-1.0,), (1.0,))
+    reckoning = DeadReckoning(1000)
+    everywhere = StiffnessBound(0.0, 0.0, (-1.0,), (1.0,))
     for now_us, t_us in ((1_005_000, 1_000_000), (1_006_000, 900_000_000), (1_007_000, 1_002_000)):
-        course.take_in(PromisedLine(t_us, (0.0,), (0.1,)), now_us)
-        course.news(everywhere, (0.0,), first=True)
-        assert course.present_us(now_us) == t_us
-        course.answered(t_us)
-        assert course.next_step_us() == now_us + 1000
-    course.take_in(PromisedLine(1_010_000, (0.0,), (0.1,)), 1_025_000)
-    assert course.present_us(1_025_000) == 1_019_000, "it came 10 ms late, of which 1 % of 18 ms are forgotten"
-    assert course.at(1_019_000)[0] == pytest.approx(0.0009, rel=1e-3)
+        reckoning.receive(PromisedLine(t_us, (0.0,), (0.1,)), now_us)
+        reckoning.news(everywhere, (0.0,), first=True)
+        assert reckoning.present_us(now_us) == t_us
+        reckoning.answered(t_us)
+        assert reckoning.next_step_us() == now_us + 1000
+    reckoning.receive(PromisedLine(1_010_000, (0.0,), (0.1,)), 1_025_000)
+    assert reckoning.present_us(1_025_000) == 1_019_000, "it came 10 ms late, of which 1 % of 18 ms are forgotten"
+    assert reckoning.at(1_019_000)[0] == pytest.approx(0.0009, rel=1e-3)
 
 
 def test_a_scene_that_refuses_places_on_the_line_is_asked_once_a_period():
     class Picky:
         axes, name, asked, tip_m = 1, "picky", 0, 0.0
 
-        def outlook(self):
-            return Outlook(0.0, 0.0, (-1.0,), (1.0,))
+        def stiffness_bound(self):
+            return StiffnessBound(0.0, 0.0, (-1.0,), (1.0,))
 
         def step(self, sample):
             self.asked += 1

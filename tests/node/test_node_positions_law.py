@@ -92,7 +92,7 @@ def exceeding(scene, hand, law, **settings):
         felt_n = applied_n(master, t_us)
         ticks += true_n > 0.1
         wrong += abs(felt_n - true_n) > law.threshold_n(abs(felt_n)) * (1.0 + 1e-6)
-    assert touched.breaches == loop.slave.stations[0].scene.breaches
+    assert touched.breaches == loop.slave.contexts[0].scene.breaches
     return wrong, ticks
 
 

@@ -69,8 +69,8 @@ def use(master, now_us):
     for step in range(1, 60):
         place = struct.pack(">f", 0.02 + 0.0002 * step)
         master.position(step, now_us + 1000 * step, payload=place, t_us=now_us + 1000 * step)
-    station = next(each for each in master.slave.stations if each.session.number == master.session)
-    assert station.steps > 10
+    context = next(each for each in master.slave.contexts if each.session.number == master.session)
+    assert context.steps > 10
 
 
 NONCES = itertools.count(1)
@@ -156,11 +156,11 @@ def test_a_position_moves_the_scene_or_is_counted(line, sealed):
         now_us = 2000 + 1000 * number
         master.position(next(sequence), now_us, payload=each)
     slave.tick(100_000)
-    slave.settle(100_000)
-    (station,) = slave.stations
+    slave.account_sent(100_000)
+    (context,) = slave.contexts
     sent = next(sequence) - 1
-    assert station.session.received.packets - 2 <= sent
-    assert all(map(math.isfinite, station.newest[1] + station.newest[2])) if station.newest else True
+    assert context.session.received.packets - 2 <= sent
+    assert all(map(math.isfinite, context.newest[1] + context.newest[2])) if context.newest else True
 
 
 @pytest.mark.parametrize("codec", CODECS)
@@ -171,7 +171,7 @@ def test_a_force_is_applied_within_the_limits_or_counted(codec, sealed):
     rng = np.random.default_rng(3)
     singles = [struct.pack(">f", value) for value in (1e-45, 1e-38, 1.0, 3e38, -3e38, math.inf, math.nan)]
     doubles = [struct.pack(">d", value) for value in (5e-324, 1e15, 1.1e15, 1e308, -math.inf, math.nan)]
-    outlooks = [b"".join(each) for each in itertools.product(singles, repeat=2)] + [b"", bytes(16)]
+    bounds = [b"".join(each) for each in itertools.product(singles, repeat=2)] + [b"", bytes(16)]
     now_us, number = 0, 0
     for _ in range(400):
         now_us += 1000
@@ -179,8 +179,8 @@ def test_a_force_is_applied_within_the_limits_or_counted(codec, sealed):
         master.tick(now_us)
         parts = [rng.choice([*singles, *doubles, rng.bytes(2)]) for _ in range(rng.integers(0, 12))]
         payload = bytes([rng.integers(0, 6)]) * int(rng.integers(0, 3)) + b"".join(bytes(part) for part in parts)
-        outlook = outlooks[rng.integers(len(outlooks))]
-        body = pack_body((now_us, payload, outlook))
+        bound = bounds[rng.integers(len(bounds))]
+        body = pack_body((now_us, payload, bound))
         slave.master.receive_datagram(seal_or_pack(slave.seal, Kind.FORCE, number, body, slave.session), now_us)
         master.drive(now_us)
         assert all(map(math.isfinite, master.held_n))

@@ -80,7 +80,7 @@ def test_requests_are_taken_refused_with_their_code_or_dropped(sealed):
         master.hello()
         answers = master.hello()
         if case["outcome"] == "dropped":
-            assert (answers, slave.strangers.malformed) == ([], 1), case["name"]
+            assert (answers, slave.unknown_peers.malformed) == ([], 1), case["name"]
         elif case["outcome"] == "taken":
             assert master.grant is not None, case["name"]
         else:

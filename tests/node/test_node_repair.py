@@ -99,7 +99,7 @@ def bursts(share, packets):
 
 def sent_bytes(link):
     """Return the bytes of both directions, with UDP and IPv4 headers."""
-    return link.master.session.sent.wire_bytes + link.slave.stations[0].session.sent.wire_bytes
+    return link.master.session.sent.wire_bytes + link.slave.contexts[0].session.sent.wire_bytes
 
 
 def time_to_next_applied(link, limit_us=3_000_000):
@@ -175,8 +175,8 @@ def test_whatever_is_lost_the_slave_sends_at_most_every_second_millisecond():
     loss = bursts(0.6, 20.0)
     link = link_with("deadband", loss, loss, delay_us=100_000)
     link.run(10_000_000)
-    station = link.slave.stations[0]
-    assert station.session.sent.packets <= 0.5 * 10_000
+    context = link.slave.contexts[0]
+    assert context.session.sent.packets <= 0.5 * 10_000
 
 
 @pytest.mark.parametrize(

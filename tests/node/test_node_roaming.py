@@ -49,7 +49,7 @@ def moving(loopback, sealed, network="delay=10ms"):
 
 def silences_us(link, from_us):
     """Return the longest time between two forces that the slave computed since `from_us`."""
-    stepped = np.concatenate([station.recording.table()["t_us"] for station in link.slave.stations])
+    stepped = np.concatenate([context.recording.table()["t_us"] for context in link.slave.contexts])
     return np.diff(stepped[stepped >= from_us]).max()
 
 
@@ -57,11 +57,11 @@ def silences_us(link, from_us):
 def test_a_sealed_session_follows_its_master_to_another_address(loopback):
     link = moving(loopback, sealed=True)
     link.run(SECOND)
-    (station,) = link.slave.stations
+    (context,) = link.slave.contexts
     link.address = ("198.51.100.7", 7000)
     link.run(SECOND)
-    assert link.slave.stations == (station,)
-    assert station.address == link.address
+    assert link.slave.contexts == (context,)
+    assert context.address == link.address
     assert silences_us(link, 900_000) == 1000
     assert link.master.report()["connections"] == 1
     assert link.master.report()["received"]["lost"] <= 1 + 20
@@ -71,12 +71,12 @@ def test_a_sealed_session_follows_its_master_to_another_address(loopback):
 def test_an_open_session_is_replaced_after_a_new_port_and_the_scene_goes_on(loopback):
     link = moving(loopback, sealed=False)
     link.run(2_500_000)
-    (before,) = link.slave.stations
+    (before,) = link.slave.contexts
     felt_n, breaches = before.scene.force_n, before.scene.breaches
     events_of(link.master)
     link.address = THERE
     link.run(400_000)
-    (after,) = link.slave.stations
+    (after,) = link.slave.contexts
     assert after.address == THERE
     assert after.scene is before.scene
     assert after.scene.breaches >= breaches > 0
@@ -90,7 +90,7 @@ def test_an_open_session_is_replaced_after_a_new_port_and_the_scene_goes_on(loop
 def test_nothing_but_a_new_position_of_the_master_moves_a_sealed_session():
     slave = make_slave(sealed=True)
     master = HandMaster(slave, "here", sealed=True).join()
-    (station,) = slave.stations
+    (context,) = slave.contexts
     for step in (1, 3, 5):
         master.position(step, 1000 * step)
     late = master.pack(Kind.POSITION, 4, (4000, None, bytes(4)))
@@ -99,10 +99,10 @@ def test_nothing_but_a_new_position_of_the_master_moves_a_sealed_session():
     old_close = master.pack(Kind.CLOSE, 2, Close("done"))
     for data in (*master.said[2:], late, bytes(forged), old_close):
         assert [answer.kind for answer in master.send(data, 6000, address="there")] in ([], [Kind.WELCOME])
-        assert station.address == "here"
-    assert slave.stations == (station,)
+        assert context.address == "here"
+    assert slave.contexts == (context,)
     master.send(master.pack(Kind.POSITION, 6, (6000, None, bytes(4))), 6000, address="there")
-    assert station.address == "there"
+    assert context.address == "there"
     assert master.position(7, 100_000) != [], "and back again"
 
 
@@ -111,7 +111,7 @@ def test_a_close_from_a_new_address_is_answered_there():
     master = HandMaster(slave, "here", sealed=True).work()
     (answer,) = master.send(master.pack(Kind.CLOSE, 2, Close("done")), 0, address="there")
     assert answer.kind is Kind.CLOSE
-    assert slave.stations == ()
+    assert slave.contexts == ()
 
 
 @pytest.mark.plain
@@ -120,14 +120,14 @@ def test_a_long_session_changes_its_keys_many_times_and_every_datagram_opens(loo
     monkeypatch.setattr(seal, "EPOCH_BITS", 6)
     link = loopback(2, forward=network, feedback=network, sealed=True, insertions=3)
     link.run(8 * SECOND)
-    (station,) = link.slave.stations
-    used = station.session.seal
+    (context,) = link.slave.contexts
+    used = context.session.seal
     assert used.receive_epoch > 100
     assert used.send_epoch > 3
-    assert station.session.received.malformed == 0
+    assert context.session.received.malformed == 0
     assert link.master.report()["received"]["malformed"] == 0
     assert link.master.report()["connections"] == 1
-    assert station.scene.breaches > 3
+    assert context.scene.breaches > 3
 
 
 @pytest.mark.plain
@@ -139,9 +139,9 @@ def test_a_pause_of_more_than_an_epoch_needs_a_new_session_and_gets_one(loopback
     forward, link.forward = link.forward, Emulator(parse_channel("loss=100%"), np.random.default_rng(0))
     link.run(SECOND)
     link.forward = forward
-    (before,) = link.slave.stations
+    (before,) = link.slave.contexts
     link.run(3 * SECOND)
-    (after,) = link.slave.stations
+    (after,) = link.slave.contexts
     assert after.session.number != before.session.number
     assert after.scene is before.scene
     assert link.master.report()["connections"] == 2
@@ -151,13 +151,13 @@ def test_a_pause_of_more_than_an_epoch_needs_a_new_session_and_gets_one(loopback
 def test_a_restarted_master_feels_the_same_scene_again(loopback, sealed, away_us, same):
     link = loopback(1, sealed=sealed)
     link.run(2_500_000)
-    (before,) = link.slave.stations
+    (before,) = link.slave.contexts
     breaches = before.scene.breaches
     assert breaches > 0
     link.now_us = link._next_tick_us = link.now_us + away_us
     link.master = make_master(2, settings=link.master.settings)
     link.run(SECOND)
-    after = link.slave.stations[-1]
+    after = link.slave.contexts[-1]
     assert (after.scene is before.scene) is same
     assert (after.scene.breaches >= breaches) is same
     assert link.master.report()["connections"] == 1

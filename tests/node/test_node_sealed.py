@@ -96,7 +96,7 @@ def test_a_master_written_from_the_document_plays_with_this_slave(psk):
     assert (first_kind, t_us) == (FORCE, 1000)
     assert struct.unpack(">f", payload)[0] > 0.1
     assert peer.receive(ask(slave, peer.send(CLOSE, ["bye", 0]), 200_000)) == (CLOSE, ("as asked", 0))
-    assert slave.stations == ()
+    assert slave.contexts == ()
     assert slave.report()["sessions"][0]["sealed"]
 
 
@@ -224,9 +224,9 @@ def test_a_session_whose_numbers_run_out_continues_in_a_new_one(monkeypatch):
     monkeypatch.setattr(master_stream, "LAST_SEQUENCE", master_stream.RECENT + 300)
     pair = loopback()
     pair.run(200_000)
-    (before,) = pair.slave.stations
+    (before,) = pair.slave.contexts
     pair.run(300_000)
-    (after,) = pair.slave.stations
+    (after,) = pair.slave.contexts
     assert after.session.number != before.session.number
     assert after.scene is before.scene
     assert pair.master.report()["connections"] == 2
@@ -236,8 +236,8 @@ def test_what_an_outsider_sends_ends_nothing():
     """Every datagram of one session, changed in one bit, sent into the session while it runs."""
     pair = loopback()
     pair.run(100_000)
-    (station,) = pair.slave.stations
-    steps = station.steps
+    (context,) = pair.slave.contexts
+    steps = context.steps
     rng = np.random.default_rng(3)
     for now_us in range(100_000, 150_000, 1000):
         pair.master.tick(now_us)
@@ -246,7 +246,7 @@ def test_what_an_outsider_sends_ends_nothing():
             changed = bytearray(data)
             changed[rng.integers(len(data))] ^= 1 << int(rng.integers(8))
             pair.slave.receive_datagram(bytes(changed), "outsider", now_us)
-            assert station.address != "outsider"
+            assert context.address != "outsider"
             pair.slave.receive_datagram(data, "loopback", now_us)
         for answer, address in pair.slave.datagrams_to_send():
             if address == "loopback":
@@ -254,9 +254,9 @@ def test_what_an_outsider_sends_ends_nothing():
                 changed[rng.integers(len(answer))] ^= 1 << int(rng.integers(8))
                 pair.master.receive_datagram(bytes(changed), now_us)
                 pair.master.receive_datagram(answer, now_us)
-    assert pair.slave.stations == (station,)
+    assert pair.slave.contexts == (context,)
     assert pair.master.session.streaming
-    assert station.steps == steps + 50
+    assert context.steps == steps + 50
 
 
 def test_the_keys_of_another_session_open_nothing():

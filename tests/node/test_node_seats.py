@@ -2,7 +2,7 @@
 
 import pytest
 
-from hapticnet.node.seats import MOST_HALF_OPEN, MOST_HALF_OPEN_EACH
+from hapticnet.node.session_table import MOST_HALF_OPEN, MOST_HALF_OPEN_EACH
 from hapticnet.node.slave_events import MasterLeft
 from hapticnet.protocol.keys import MasterEntry, MasterKey, PrivateKey
 from hapticnet.protocol.messages import Code
@@ -39,8 +39,8 @@ class House:
 
     def open(self):
         """Return the masters' names of the open sessions, in the order they came."""
-        stations = self.slave.stations
-        return [each.session.request.name for each in stations if each.session.state is SlaveState.OPEN]
+        contexts = self.slave.contexts
+        return [each.session.request.name for each in contexts if each.session.state is SlaveState.OPEN]
 
 
 @pytest.fixture
@@ -73,7 +73,7 @@ def test_the_longest_silent_session_of_an_identity_gives_way_to_another_of_its_o
     first.position(2, 100_000)
     house.works("a", 100_000 + SECOND + 1)
     assert house.open() == ["a1", "b3", "a4"]
-    left = [event.station.session for event in events_of(house.slave) if isinstance(event, MasterLeft)]
+    left = [event.context.session for event in events_of(house.slave) if isinstance(event, MasterLeft)]
     assert [(each.number, each.end_reason) for each in left] == [(second.session, "its place was needed")]
 
 
@@ -113,7 +113,7 @@ def test_a_working_session_never_gives_way(house):
         for master in masters:
             assert master.position(step, now_us) is not None
     assert house.open() == ["a1", "a2", "b3", "b4"]
-    assert all(station.steps == 59 for station in house.slave.stations)
+    assert all(context.steps == 59 for context in house.slave.contexts)
 
 
 def test_half_open_sessions_take_no_place(house):
@@ -146,7 +146,7 @@ def test_half_open_sessions_are_bounded_for_each_identity_and_in_total(sealed):
         crowd = house.visitor(name)
         crowd.hello(now_us)
         crowd.hello(now_us)
-        waiting = [each for each in house.slave.stations if each.session.state is SlaveState.HALF_OPEN]
+        waiting = [each for each in house.slave.contexts if each.session.state is SlaveState.HALF_OPEN]
         assert len(waiting) <= MOST_HALF_OPEN
         assert max(sum(1 for each in waiting if each.identity == one.identity) for one in waiting) <= (
             MOST_HALF_OPEN_EACH
@@ -169,10 +169,10 @@ def test_an_entry_of_the_list_may_set_its_own_number_of_places():
 def test_a_scene_is_kept_for_its_master_while_nobody_needs_the_place(house):
     first = house.works("a", 0)
     first.position(2, 1000, 0.025)
-    scene = house.slave.stations[0].scene
+    scene = house.slave.contexts[0].scene
     house.slave.tick(29 * SECOND)
     house.works("a", 29 * SECOND, name="a1")
-    assert house.slave.stations[0].scene is scene
+    assert house.slave.contexts[0].scene is scene
     house.slave.tick(60 * SECOND)
     house.works("a", 60 * SECOND, name="a1")
-    assert house.slave.stations[0].scene is not scene
+    assert house.slave.contexts[0].scene is not scene

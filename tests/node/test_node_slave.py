@@ -24,17 +24,17 @@ def joined(sealed, **settings):
 
 
 def account(slave):
-    return slave.stations[0].session.received
+    return slave.contexts[0].session.received
 
 
 def test_the_first_position_makes_a_session_of_a_promise(sealed):
     slave, master = joined(sealed)
-    (station,) = slave.stations
-    assert station.session.state is SlaveState.HALF_OPEN
+    (context,) = slave.contexts
+    assert context.session.state is SlaveState.HALF_OPEN
     assert events_of(slave) == []
     assert [d.kind for d in master.position(1, 1000)] == [Kind.FORCE]
-    assert station.session.state is SlaveState.OPEN
-    assert events_of(slave) == [MasterJoined(station)]
+    assert context.session.state is SlaveState.OPEN
+    assert events_of(slave) == [MasterJoined(context)]
 
 
 def test_a_position_of_an_unknown_session_is_answered_with_reset(sealed):
@@ -56,18 +56,18 @@ def test_an_open_session_is_bound_to_its_address():
     slave, master = joined(sealed=False)
     data = master.pack(Kind.POSITION, 1, (1000, None, bytes(4)))
     assert [d.kind for d in master.send(data, 1000, address="thief")] == [Kind.RESET]
-    assert slave.stations[0].steps == 0
-    assert slave.stations[0].session.state is SlaveState.HALF_OPEN
+    assert slave.contexts[0].steps == 0
+    assert slave.contexts[0].session.state is SlaveState.HALF_OPEN
 
 
 def test_a_position_older_than_the_newest_does_not_move_the_scene(sealed):
     slave, master = joined(sealed)
     master.position(5, 1000, DEEP_M)
-    force = slave.stations[0].scene.force_n
+    force = slave.contexts[0].scene.force_n
     assert force > 0
     assert master.position(4, 2000) == []
     assert master.position(5, 2000) == []
-    assert slave.stations[0].scene.force_n == force
+    assert slave.contexts[0].scene.force_n == force
     assert (account(slave).late, account(slave).duplicate) == (1, 1)
 
 
@@ -76,12 +76,12 @@ def test_one_forged_number_does_not_deafen_an_open_session_for_long(ahead):
     slave, master = joined(sealed=False)
     master.position(1, 1000)
     master.position(1 + ahead, 1500)
-    before = slave.stations[0].steps
+    before = slave.contexts[0].steps
     for step in range(2, 402):
         master.position(step, 1000 * step, DEEP_M)
     near = ahead <= MISORDER + BEHIND_IN_A_ROW
-    assert 400 - (slave.stations[0].steps - before) <= (ahead if near else BEHIND_IN_A_ROW)
-    assert slave.stations[0].scene.force_n > 0.0
+    assert 400 - (slave.contexts[0].steps - before) <= (ahead if near else BEHIND_IN_A_ROW)
+    assert slave.contexts[0].scene.force_n > 0.0
 
 
 @pytest.mark.parametrize("payload", [b"", b"123", bytes.fromhex("7fc00000"), bytes.fromhex("7f800000"), bytes(12)])
@@ -91,7 +91,7 @@ def test_a_position_that_is_not_finite_or_not_of_the_right_size_is_malformed_and
     assert master.position(2, 2000, payload=payload) == []
     assert account(slave).malformed == 1
     assert account(slave).packets == 3, "HELLO and two POSITIONs, each counted once"
-    assert slave.stations[0].steps == 1
+    assert slave.contexts[0].steps == 1
     assert [d.kind for d in master.position(3, 3000, 0.028)] == [Kind.FORCE]
 
 
@@ -105,23 +105,23 @@ def test_only_the_newest_position_of_each_session_is_answered(sealed):
             payload = np.array(DEEP_M + 0.001 * depth_m, ">f4").tobytes()
             batch.append((master.pack(Kind.POSITION, step, (1000 * step, 1, payload)), master.address))
     slave.receive_datagrams(batch, 10 * SECOND)
-    for master, station, (data, address) in zip(masters, slave.stations, slave.datagrams_to_send(), strict=True):
+    for master, context, (data, address) in zip(masters, slave.contexts, slave.datagrams_to_send(), strict=True):
         answer = master._read(data)
         assert (answer.kind, address) == (Kind.FORCE, master.address)
-        assert station.steps == 2
-        assert station.superseded == 497
-        assert station.report()["superseded"] == 497
-    slave.settle(10 * SECOND)
-    for station in slave.stations:
-        assert station.recording.table()["t_us"].tolist() == [0, 499_000]
+        assert context.steps == 2
+        assert context.superseded == 497
+        assert context.report()["superseded"] == 497
+    slave.account_sent(10 * SECOND)
+    for context in slave.contexts:
+        assert context.recording.table()["t_us"].tolist() == [0, 499_000]
 
 
 def test_positions_that_overtake_each_other_within_a_batch_leave_the_newest(sealed):
     slave, master = joined(sealed)
     batch = [(master.pack(Kind.POSITION, step, (1000 * step, None, bytes(4))), "a") for step in (3, 5, 4, 1, 2)]
     slave.receive_datagrams(batch, 10_000)
-    slave.settle(10_000)
-    assert slave.stations[0].recording.table()["t_us"].tolist() == [5000]
+    slave.account_sent(10_000)
+    assert slave.contexts[0].recording.table()["t_us"].tolist() == [5000]
 
 
 def test_a_master_faster_than_granted_is_served_at_the_granted_rate(sealed):
@@ -129,11 +129,11 @@ def test_a_master_faster_than_granted_is_served_at_the_granted_rate(sealed):
     master = HandMaster(slave, sealed=sealed, rate_hz=1000.0).join()
     for step in range(1, 40_001):
         master.position(step, 100 * step, t_us=step)
-    (station,) = slave.stations
+    (context,) = slave.contexts
     most = POLICED_SHARE * 1000 * 4 + POLICED_BURST_S * 1000
-    assert most - 2 <= station.steps <= most + 1
-    assert station.session.received.over_rate == 40_000 - station.steps
-    assert station.report()["received"]["over_rate"] == 40_000 - station.steps
+    assert most - 2 <= context.steps <= most + 1
+    assert context.session.received.over_rate == 40_000 - context.steps
+    assert context.report()["received"]["over_rate"] == 40_000 - context.steps
 
 
 @pytest.mark.parametrize("period_us", [1000, 990, 910])
@@ -185,7 +185,7 @@ def test_garbage_by_the_ten_thousand_is_counted_and_answers_nothing(sealed):
         data = (rng.bytes(int(rng.integers(0, 80))), good[: number % len(good)], bytes(1201 + number % 60))[number % 3]
         slave.receive_datagram(data, "a", 0)
     assert slave.datagrams_to_send() == []
-    assert slave.strangers.malformed == 30_000
+    assert slave.unknown_peers.malformed == 30_000
     assert master.send(good, 0) != []
 
 
@@ -193,7 +193,7 @@ def test_a_close_is_answered_and_its_account_kept(sealed):
     slave, master = joined(sealed)
     master.position(1, 0)
     assert [d.kind for d in master.say(Kind.CLOSE, 2, Close("done"), 0)] == [Kind.CLOSE]
-    assert slave.stations == ()
+    assert slave.contexts == ()
     assert slave.report()["sessions"][0]["end_reason"] == "the master closed: done"
     assert isinstance(events_of(slave)[-1], MasterLeft)
 
@@ -202,7 +202,7 @@ def test_a_close_of_the_past_ends_nothing(sealed):
     slave, master = joined(sealed)
     master.position(9, 0)
     assert master.say(Kind.CLOSE, 8, Close("done"), 0) == []
-    assert len(slave.stations) == 1
+    assert len(slave.contexts) == 1
 
 
 def test_silent_sessions_are_forgotten_half_open_ones_sooner(sealed):
@@ -210,12 +210,12 @@ def test_silent_sessions_are_forgotten_half_open_ones_sooner(sealed):
     HandMaster(slave, "quiet", sealed=sealed).join()
     HandMaster(slave, "talkative", sealed=sealed, nonce=2).work()
     slave.tick(5 * SECOND)
-    assert [station.address for station in slave.stations] == ["talkative"]
+    assert [context.address for context in slave.contexts] == ["talkative"]
     assert slave.next_timer_us() == 30 * SECOND
     slave.tick(30 * SECOND)
-    assert slave.stations == ()
+    assert slave.contexts == ()
     assert slave.next_timer_us() is None
-    ends = [event.station.session.end_reason for event in events_of(slave) if isinstance(event, MasterLeft)]
+    ends = [event.context.session.end_reason for event in events_of(slave) if isinstance(event, MasterLeft)]
     assert ends == ["nothing arrived from the master"]
     assert slave.report()["never_used"] == 1
 
@@ -248,7 +248,7 @@ def test_a_master_that_joined_is_said_to_leave_even_if_no_position_was_answered(
         master.pack(Kind.CLOSE, 2, Close("done")),
     ]
     slave.receive_datagrams([(data, "a") for data in both], 0)
-    slave.settle(0)
+    slave.account_sent(0)
     assert [type(event) for event in events_of(slave)] == [MasterJoined, MasterLeft]
     assert slave.report()["never_used"] == 0
     (session,) = slave.report()["sessions"]

@@ -24,7 +24,7 @@ def test_a_link_within_the_largest_age_works(loopback):
     link, events = play(loopback, 980)
     assert [type(event) for event in events] == [Connected, LinkStale, LinkRecovered]
     assert link.master.report()["received"]["too_old"] == 0
-    assert link.slave.stations[0].scene.breaches > 0
+    assert link.slave.contexts[0].scene.breaches > 0
 
 
 @pytest.mark.parametrize("round_trip_ms", [1020, 1200, 1300, 2500])

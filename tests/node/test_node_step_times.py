@@ -64,7 +64,7 @@ def play(takes_us, seconds, *, make=SlaveNode, others=None, loses=lambda _: Fals
             clock.now_us = now_us
             slave.receive_datagrams(queue, now_us)
             queue = []
-            slave.settle(now_us)
+            slave.account_sent(now_us)
             if now_us >= due_us:
                 due_us = now_us + SECOND // 2
                 slave.check(now_us)
@@ -94,7 +94,7 @@ def test_its_master_is_told_and_goes_on():
     slave, master = play(20 * MS, 8)
     (noticed,) = events(master, Noticed)
     assert noticed.code is Code.SLOW
-    assert noticed.reason == str(slave.times.told[0])
+    assert noticed.reason == str(slave.times.reported[0])
     assert master.report()["notices"] == [noticed.reason]
     assert master.session.streaming
     assert master.session.received.lost == 0
@@ -121,13 +121,13 @@ def test_a_master_is_told_although_the_first_notices_are_lost():
 )
 def test_a_scene_that_keeps_up_is_not_named(takes_us):
     slave, master = play(takes_us, 8)
-    assert slave.times.told == []
+    assert slave.times.reported == []
     assert master.report()["notices"] == []
 
 
 def test_a_scene_that_is_slow_now_and_then_is_named():
     slave, _ = play(lambda call: 30 * MS if call % 300 == 0 else 300, 8)
-    (told,) = slave.times.told
+    (told,) = slave.times.reported
     assert told.longest_us == 30 * MS
 
 
@@ -144,7 +144,7 @@ def test_steps_that_a_busy_machine_interrupts_are_not_blamed(lost, named):
         time.end(MS)
         waited_us += interruption_us * lost // 1000
         times.check(clock.now_us, lambda waited_us=waited_us: waited_us)
-    assert bool(times.told) is named
+    assert bool(times.reported) is named
 
 
 def test_scenes_that_keep_up_alone_and_not_together_are_named():
@@ -205,8 +205,8 @@ def test_a_notice_does_not_stand_for_an_answer():
         master.tick(clock.now_us)
         for data in master.datagrams_to_send():
             slave.receive_datagram(data, "h", clock.now_us)
-        for station in slave.stations:
-            slave._notify(station, "each millisecond", Code.SLOW, clock.now_us)
+        for context in slave.contexts:
+            slave._notify(context, "each millisecond", Code.SLOW, clock.now_us)
         for data, _ in slave.datagrams_to_send():
             if data[2] in (5, 6):
                 answered_us.append(clock.now_us)

@@ -67,8 +67,8 @@ class Slaves:
     @property
     def malformed(self):
         """Number of datagrams that the disturbed slave has counted as malformed."""
-        return self.disturbed.strangers.malformed + sum(
-            each.session.received.malformed for each in self.disturbed.stations
+        return self.disturbed.unknown_peers.malformed + sum(
+            each.session.received.malformed for each in self.disturbed.contexts
         )
 
     def pack(self, kind, message, sequence=None):
@@ -88,7 +88,7 @@ class Slaves:
             self.said.append(data)
             slave.receive_datagram(data, HERE, self.now_us)
             slave.tick(self.now_us + 500)
-            slave.settle(self.now_us + 500)
+            slave.account_sent(self.now_us + 500)
             said.append((slave.datagrams_to_send(), slave.totals()))
         assert said[0] == said[1]
 

@@ -158,7 +158,7 @@ def test_one_sender_at_a_time_moves_the_tool():
         hand.receive(b"[0.0]", THERE, 1000 * ms)
         hand.receive(b"[0.02]", HERE, 1000 * ms)
         assert hand.sample(1000 * ms).position_m == (0.02,)
-    assert hand.strangers == 100
+    assert hand.unknown_peers == 100
     play(hand, 600, 1700)
     play(hand, 1700, 1710, lambda _: 0.001, sender=THERE)
     assert hand.answer()[1] == THERE
@@ -177,4 +177,4 @@ def test_each_position_is_answered_once_with_the_force_of_all_axes():
     data, sender = hand.answer()
     assert json.loads(data) == {"force_n": [1.0, 2.0, 3.0], "position_m": [0.0, 0.0, 3e-5], "t_us": 1000}
     assert (sender, hand.answer()) == (HERE, None)
-    assert hand.report() == {"positions": 2, "malformed": 0, "strangers": 0, "silences": 0, "answers": 1}
+    assert hand.report() == {"positions": 2, "malformed": 0, "unknown_peers": 0, "silences": 0, "answers": 1}

@@ -99,8 +99,8 @@ def test_prometheus_reads_what_the_node_counted(watched, server):
         assert samples["hapticnet_connected",] == 1.0
     _, text = get(f"{server(figures_of(slave))}/metrics")
     samples = {(each.name, *each.labels.values()): each.value for family in parse(text) for each in family.samples}
-    (station,) = slave._node.stations
-    assert samples["hapticnet_steps_total",] == station.steps > 1800
+    (context,) = slave._node.contexts
+    assert samples["hapticnet_steps_total",] == context.steps > 1800
     assert samples["hapticnet_sessions",] == 1.0
 
 

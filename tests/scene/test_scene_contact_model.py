@@ -106,7 +106,7 @@ def test_a_model_takes_over_the_state_that_another_reports():
 
 def test_foretelling_changes_nothing():
     model = ContactModel((SPRING,), 0, (0.022,), None)
-    assert model.foretell(30_000, (0.0241,)) == (0.0,), "it would breach at 24 mm"
+    assert model.predict(30_000, (0.0241,)) == (0.0,), "it would breach at 24 mm"
     assert (model.state, model.force_n) == (0, pytest.approx((1.0,)))
 
 

@@ -9,7 +9,7 @@ from hapticnet.channel.spec import parse_channel
 from hapticnet.codec.registry import make_codec
 from hapticnet.experiment.comparison import REPAIR_US
 from hapticnet.measure.metrics import error_report
-from hapticnet.node.felt import feel
+from hapticnet.node.closed_loop import simulate_link
 from hapticnet.perception import WeberLaw
 from hapticnet.sweep.grid import Shard
 from hapticnet.sweep.planning import plan_of
@@ -37,7 +37,7 @@ def test_a_felt_run_is_what_feel_says_with_the_random_numbers_of_its_number(plan
     trial = plan.sources[0].recorded
     law = WeberLaw(multiplier=1.0)
     link = parse_channel(row["feedback"])
-    felt = feel(
+    felt = simulate_link(
         make_codec("linear-predictive", law),
         trial.t_us,
         trial.stimuli,

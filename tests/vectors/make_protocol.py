@@ -100,7 +100,7 @@ DATAGRAMS = [
         None,
     ),
     (
-        "force with an outlook",
+        "force with a stiffness bound",
         "1 N; 200 N/m and no damping between 0.02 and 0.03 m",
         FORCE,
         SESSION,
@@ -109,7 +109,7 @@ DATAGRAMS = [
         None,
     ),
     (
-        "keepalive with an outlook",
+        "keepalive with a stiffness bound",
         "the scene cannot tell: every position is needed",
         KEEPALIVE,
         SESSION,

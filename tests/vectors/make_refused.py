@@ -105,8 +105,8 @@ def to_master():
         yield f"{name} of one field", body(kind, 1000), "dropped"
         for what, datagram in of_each(kind, f"{name} whose t_us", fields, 0, TOO_BIG):
             yield what, datagram, "dropped"
-        outlooks = {each: TOO_BIG[each] for each in TOO_BIG if each != "nil"}
-        for what, datagram in of_each(kind, f"{name} whose outlook", fields, 2, outlooks):
+        bounds = {each: TOO_BIG[each] for each in TOO_BIG if each != "nil"}
+        for what, datagram in of_each(kind, f"{name} whose bound", fields, 2, bounds):
             yield what, datagram, "dropped"
     for what, datagram in of_each(FORCE, "force whose payload", [1000, ONE_NEWTON], 1, TOO_BIG):
         yield what, datagram, "dropped"

@@ -17,9 +17,9 @@ from typing import Final, NamedTuple
 
 from hapticnet.codec.payload.values import SINGLE
 from hapticnet.errors import PeerError
-from hapticnet.outlook import LONGEST_SILENCE_US
 from hapticnet.rounding import as_half
 from hapticnet.samples import LARGEST_COMPONENT, MAX_AXES, Vector
+from hapticnet.stiffness_bound import LONGEST_SILENCE_US
 from hapticnet.vectors import along, in_range, limited
 
 HALF: Final[Mapping[int, struct.Struct]] = {axes: struct.Struct(f">{axes}e") for axes in range(1, MAX_AXES + 1)}

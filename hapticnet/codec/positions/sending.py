@@ -1,7 +1,7 @@
 """When the master sends a position: dead reckoning with a tolerance that is a share of the JND.
 
-The slave follows the line that it was promised, within the box of its scene's outlook. The master knows the line, the
-outlook and its true position, and sends the next position
+The slave follows the line that it was promised, within the box of its scene's bound. The master knows the line, the
+bound and its true position, and sends the next position
 
 - if the force of the scene may differ between the two by more than the share of the JND that positions are granted,
 - if the true position leaves the box, because there is a surface or a breach behind its sides,
@@ -22,9 +22,9 @@ from hapticnet.codec.positions.lines import (
     as_velocity,
     pack_line,
 )
-from hapticnet.outlook import LONGEST_SILENCE_US, Outlook
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector, checked_vector
+from hapticnet.stiffness_bound import LONGEST_SILENCE_US, StiffnessBound
 from hapticnet.vectors import distance, magnitude, minus, over, single, times
 
 WINDOW_US: Final = 12_000
@@ -69,17 +69,17 @@ class PositionSender:
     share: float
     reasons: Reasons = field(default_factory=Reasons)
     line: PromisedLine | None = None
-    outlook: Outlook | None = None
+    bound: StiffnessBound | None = None
     _outside: bool = False
     _stiffest: float = UNKNOWN_STIFFNESS
     _samples: deque[tuple[int, Vector]] = field(default_factory=lambda: deque(maxlen=MOST_SAMPLES))
 
-    def told(self, outlook: Outlook | None) -> None:
-        """Take in the newest outlook; None: the scene cannot tell."""
-        self.outlook = outlook
+    def set_bound(self, bound: StiffnessBound | None) -> None:
+        """Take in the newest bound; None: the scene cannot tell."""
+        self.bound = bound
         self._outside = False
-        if outlook is not None:
-            self._stiffest = max(self._stiffest, outlook.stiffness_n_per_m)
+        if bound is not None:
+            self._stiffest = max(self._stiffest, bound.stiffness_n_per_m)
 
     def forget(self) -> None:
         """Forget the line, because it was not sent or nobody follows it."""
@@ -127,30 +127,30 @@ class PositionSender:
 
     def place_m(self, t_us: int) -> Vector | None:
         """Return where the slave takes the tool to be [m]; None if there is no line."""
-        if self.line is None or self.outlook is None:
+        if self.line is None or self.bound is None:
             return None if self.line is None else self.line.position_m
-        return self.outlook.nearest(self.line.at(t_us))
+        return self.bound.nearest(self.line.at(t_us))
 
     def _is_due(self, t_us: int, x: Vector, velocity: Vector, applied_n: float, difference: Difference | None) -> bool:
-        line, outlook, reasons = self.line, self.outlook, self.reasons
+        line, bound, reasons = self.line, self.bound, self.reasons
         if line is None or len(line.position_m) != len(x) or t_us < line.t_us:
             reasons.first += 1
             return True
-        if outlook is None:
+        if bound is None:
             reasons.unknown += 1
             return True
         if t_us - line.t_us >= LONGEST_SILENCE_US:
             reasons.silence += 1
             return True
-        if outlook.contains(x):
-            followed = outlook.nearest(line.at(t_us))
-            stiffness, damping = outlook.stiffness_n_per_m, outlook.damping_n_s_per_m
+        if bound.contains(x):
+            followed = bound.nearest(line.at(t_us))
+            stiffness, damping = bound.stiffness_n_per_m, bound.damping_n_s_per_m
         else:
             if not self._outside:
                 self._outside = True
                 reasons.left += 1
                 return True
-            followed, stiffness, damping = line.at(t_us), self._stiffest, outlook.damping_n_s_per_m
+            followed, stiffness, damping = line.at(t_us), self._stiffest, bound.damping_n_s_per_m
         differing_n = difference(followed) if difference is not None else None
         if not stiffness and not damping and differing_n is None:
             return False
@@ -187,11 +187,11 @@ class PositionSender:
 
     def _followed_velocity(self, t_us: int, step_us: int) -> Vector:
         """Return the velocity with which the slave steps its scene [m/s]: the line ends at the sides of the box."""
-        line, outlook = self.line, self.outlook
-        assert line is not None and outlook is not None  # noqa: S101, PT018 - for the type checker
+        line, bound = self.line, self.bound
+        assert line is not None and bound is not None  # noqa: S101, PT018 - for the type checker
         if step_us <= 0 or t_us - step_us < line.t_us:
             return line.velocity_m_per_s
-        moved_m = minus(outlook.nearest(line.at(t_us)), outlook.nearest(line.at(t_us - step_us)))
+        moved_m = minus(bound.nearest(line.at(t_us)), bound.nearest(line.at(t_us - step_us)))
         return times(moved_m, 1e6 / step_us)
 
     def _tolerance_n(self, applied_n: float, stiffness: float, changed_n: float, t_us: int) -> float:
@@ -222,8 +222,8 @@ class PositionSender:
     def _promised_velocity(self, velocity: Vector) -> Vector:
         """Return the velocity of a line: least squares over the newest samples, through the newest one."""
         t_us, x = self._samples[-1]
-        outlook = self.outlook
-        if outlook is None or not outlook.contains(x):  # the slave may be about to find something viscous there
+        bound = self.bound
+        if bound is None or not bound.contains(x):  # the slave may be about to find something viscous there
             return as_velocity(velocity)
         total_us2, total = 0.0, times(x, 0.0)
         for before_us, before in self._samples:
@@ -234,7 +234,7 @@ class PositionSender:
                     sum_ + elapsed_us * (now - then) for sum_, now, then in zip(total, x, before, strict=True)
                 )
         promised = as_velocity(times(over(total, total_us2), 1e6) if total_us2 else total)
-        damping = outlook.damping_n_s_per_m
+        damping = bound.damping_n_s_per_m
         if damping and damping * distance(velocity, promised) > self.share * self.law.threshold_n(0.0):
             return as_velocity(velocity)
         return promised

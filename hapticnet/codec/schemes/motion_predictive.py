@@ -159,7 +159,7 @@ def redraw(
     curves: bool,
     couples: bool,
 ) -> Predictors:
-    """Let the predictors that no longer foretell the stimulus go on, and count a packet for each."""
+    """Let the predictors that no longer predict the stimulus go on, and count a packet for each."""
     hold, surface, curve, coupled, coupling, packets = predictors
     of_surface, of_coupled, of_curve, of_hold = packets
     numbers = rule.numbers

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hapticnet.codec.registry import make_codec
 from hapticnet.control.hold import FRESH_US, HoldSettings
 from hapticnet.node.applied import AppliedForce
-from hapticnet.node.foresight import STIFFEST_N_M, Foresight
+from hapticnet.node.force_predictor import STIFFEST_N_M, ForcePredictor
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.events import ForceArrived, HoldConfirmed
 from hapticnet.vectors import magnitude
@@ -20,64 +20,64 @@ STIFFNESS_N_M = 400.0
 SPEED_M_S = 0.02
 
 
-def press(foresight: Foresight, ms: int, *, late_ms: int = 0, step_n: float = 0.1) -> tuple[float, float]:
+def press(predictor: ForcePredictor, ms: int, *, late_ms: int = 0, step_n: float = 0.1) -> tuple[float, float]:
     """Push into a spring at a steady speed with an update each `step_n`; return the force now and the one expected."""
     held_n, expected_n = 0.0, 0.0
     for tick in range(ms):
         now_us = tick * TICK_US
-        foresight.move(now_us, (SPEED_M_S * 1e-6 * now_us,))
+        predictor.move(now_us, (SPEED_M_S * 1e-6 * now_us,))
         at_us = now_us - 1_000 * late_ms
         true_n = STIFFNESS_N_M * SPEED_M_S * 1e-6 * max(at_us, 0)
         if abs(true_n - held_n) >= step_n:
             held_n = true_n
-            foresight.learn(at_us, (true_n,))
-        (expected_n,) = foresight.expected(now_us, at_us, LEAD_US, (held_n,), lambda _lead, _at, n=held_n: (n,))
+            predictor.learn(at_us, (true_n,))
+        (expected_n,) = predictor.expected(now_us, at_us, LEAD_US, (held_n,), lambda _lead, _at, n=held_n: (n,))
     return held_n, expected_n
 
 
 @pytest.mark.parametrize("late_ms", [0, 20, 100])
 def test_held_updates_of_a_spring_tell_its_stiffness_and_with_the_hands_speed_the_force_ahead(late_ms: int) -> None:
-    foresight = Foresight(1)
-    force_n, expected_n = press(foresight, 500, late_ms=late_ms)
-    assert foresight.gradient_n_m[0][0] == pytest.approx(STIFFNESS_N_M, rel=0.05)
+    predictor = ForcePredictor(1)
+    force_n, expected_n = press(predictor, 500, late_ms=late_ms)
+    assert predictor.gradient_n_m[0][0] == pytest.approx(STIFFNESS_N_M, rel=0.05)
     assert expected_n - force_n == pytest.approx(STIFFNESS_N_M * SPEED_M_S * 1e-6 * LEAD_US, rel=0.1)
 
 
 def test_a_breach_leaves_nothing_of_the_stiffness() -> None:
-    foresight = Foresight(1)
-    press(foresight, 500)
+    predictor = ForcePredictor(1)
+    press(predictor, 500)
     now_us = 500 * TICK_US
-    foresight.move(now_us, (0.01,))
-    foresight.learn(now_us, (0.0,))
-    assert foresight.gradient_n_m == ((0.0,),)
-    assert foresight.expected(now_us, now_us, LEAD_US, (0.0,), None) == (0.0,)
+    predictor.move(now_us, (0.01,))
+    predictor.learn(now_us, (0.0,))
+    assert predictor.gradient_n_m == ((0.0,),)
+    assert predictor.expected(now_us, now_us, LEAD_US, (0.0,), None) == (0.0,)
 
 
 def test_a_decoder_that_foretells_best_is_believed() -> None:
-    foresight = Foresight(1)
+    predictor = ForcePredictor(1)
     for tick in range(500):  # a force that swings in time, at a hand that stands still
         now_us = tick * TICK_US
 
         def swing_n(t_us: int) -> float:
             return 2.0 + math.sin(2e-6 * math.pi * t_us)
 
-        foresight.move(now_us, (0.0,))
-        foresight.learn(now_us, (swing_n(now_us),))
-        expected = foresight.expected(
+        predictor.move(now_us, (0.0,))
+        predictor.learn(now_us, (swing_n(now_us),))
+        expected = predictor.expected(
             now_us, now_us, LEAD_US, (swing_n(now_us),), lambda lead_us, _, n=now_us: (swing_n(n + lead_us),)
         )
     assert expected == (swing_n(now_us + LEAD_US),)
 
 
 def test_a_forecast_that_errs_is_not_used() -> None:
-    foresight = Foresight(1)
+    predictor = ForcePredictor(1)
     for tick in range(500):
         now_us = tick * TICK_US
-        foresight.move(now_us, (1e-3 * math.sin(tick),))  # the force does not care where the hand is
+        predictor.move(now_us, (1e-3 * math.sin(tick),))  # the force does not care where the hand is
         force_n = (1.0 + 0.1 * math.sin(0.7 * tick),)
-        foresight.learn(now_us, force_n)
-        expected = foresight.expected(now_us, now_us, LEAD_US, force_n, lambda _lead, _at: (4.0,))
-    hold, codec, stiffness = foresight.errors_n2
+        predictor.learn(now_us, force_n)
+        expected = predictor.expected(now_us, now_us, LEAD_US, force_n, lambda _lead, _at: (4.0,))
+    hold, codec, stiffness = predictor.errors_n2
     assert hold < codec
     assert hold < stiffness
     assert expected == force_n
@@ -89,18 +89,18 @@ POSITION = st.floats(-10.0, 10.0)
 
 @given(st.integers(1, 3), st.data())
 def test_whatever_arrives_the_forecast_is_finite_and_the_stiffness_bounded(axes: int, data: st.DataObject) -> None:
-    foresight = Foresight(axes)
+    predictor = ForcePredictor(axes)
     now_us = 0
     for _ in range(data.draw(st.integers(1, 20))):
         now_us += data.draw(st.integers(-5_000, 50_000))
         position_m = tuple(data.draw(st.tuples(*[POSITION] * axes)))
         force_n = tuple(data.draw(st.tuples(*[FORCE] * axes)))
-        foresight.move(now_us, position_m)
-        foresight.learn(now_us - data.draw(st.integers(0, 100_000)), force_n)
-        ahead_n = foresight.expected(now_us, now_us, LEAD_US, force_n, None)
+        predictor.move(now_us, position_m)
+        predictor.learn(now_us - data.draw(st.integers(0, 100_000)), force_n)
+        ahead_n = predictor.expected(now_us, now_us, LEAD_US, force_n, None)
         assert len(ahead_n) == axes
         assert all(map(math.isfinite, ahead_n))
-        assert all(magnitude(row) <= STIFFEST_N_M * (1.0 + 1e-9) for row in foresight.gradient_n_m)
+        assert all(magnitude(row) <= STIFFEST_N_M * (1.0 + 1e-9) for row in predictor.gradient_n_m)
 
 
 def rising(codec_name: str) -> tuple[AppliedForce, int]:
@@ -115,7 +115,7 @@ def rising(codec_name: str) -> tuple[AppliedForce, int]:
         payload = encoder.encode(now_us, (STIFFNESS_N_M * position_m[0],), position_m)
         applied.advance(now_us, TICK_US, position_m)
         if payload is not None:
-            applied.take_in(ForceArrived(t_us=now_us, payload=payload, sequence=tick), now_us)
+            applied.receive(ForceArrived(t_us=now_us, payload=payload, sequence=tick), now_us)
         else:
             applied.confirm(HoldConfirmed(t_us=now_us), now_us)
         applied.value(now_us)

@@ -12,7 +12,7 @@ from hapticnet.experiment.analysis import felt_error
 from hapticnet.experiment.paper_force import paper_recording
 from hapticnet.measure.energy import energy_report
 from hapticnet.measure.metrics import error_report
-from hapticnet.node.felt import Felt, feel
+from hapticnet.node.closed_loop import Felt, simulate_link
 from hapticnet.perception import WeberLaw
 
 CODECS = every_codec()
@@ -25,7 +25,7 @@ LOSSLESS_CODECS = [name for name in CODECS if not make_codec(name, LAW).needs_po
 def felt(name: str, delay_us: int = 0, loss: float = 0.0, seed: int = 1, repair_us: int = 20_000) -> Felt:
     one_way = ChannelSettings(delay_us=delay_us)
     lossy = ChannelSettings(delay_us=delay_us, loss=BernoulliLoss(loss) if loss else None)
-    return feel(
+    return simulate_link(
         make_codec(name, LAW),
         PAPER.t_us,
         PAPER.force_n,
@@ -62,7 +62,7 @@ def test_positions_and_forces_that_are_overtaken_are_left_out():
     reordered = ChannelSettings(delay_us=2_000, reorder_probability=0.2)
     codec = make_codec("raw", LAW)
     arguments = {"forward": reordered, "feedback": reordered, "repair_us": 0, "rng": np.random.default_rng(3)}
-    result = feel(codec, PAPER.t_us, np.arange(len(PAPER.t_us), dtype=np.float64)[:, None], **arguments)
+    result = simulate_link(codec, PAPER.t_us, np.arange(len(PAPER.t_us), dtype=np.float64)[:, None], **arguments)
     assert (np.diff(result.applied[:, 0]) >= 0.0).all()
     assert result.received < result.sent < len(PAPER.t_us)
 
@@ -113,7 +113,7 @@ def test_a_passive_master_returns_hardly_more_energy_than_the_hand_put_in():
         energy_report(
             law,
             forces,
-            feel(
+            simulate_link(
                 Deadband(law=law), t_us, forces, positions, forward=late, feedback=late, repair_us=100_000,
                 rng=np.random.default_rng(1), passive=passive,
             ).applied,

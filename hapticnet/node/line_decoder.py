@@ -4,14 +4,14 @@ The slave follows the line that the master promised, and judges what its decoder
 position applies something else at the tool, so the master runs a second one along the line.
 """
 
-from hapticnet.codec.base import Codec, Decoder, Foretelling
+from hapticnet.codec.base import Codec, Decoder, Predictive
 from hapticnet.errors import PeerError
 from hapticnet.node.announced import Allowance, AnnouncedDecoder
 from hapticnet.samples import Vector
 from hapticnet.vectors import minus
 
 
-class Elsewhere:
+class LineDecoder:
     """A second decoder of a session, which is where the slave takes the tool to be.
 
     Parameters
@@ -51,6 +51,6 @@ class Elsewhere:
     def difference(self, here_n: Vector, t_us: int, place_m: Vector, place_us: int) -> Vector | None:
         """Return by how much `here_n` differs from the force at a place [N]; None if that cannot be."""
         decoder = self._decoder if self._announced is None else self._announced.rendering
-        if not isinstance(decoder, Foretelling):
+        if not isinstance(decoder, Predictive):
             return None
-        return minus(here_n, decoder.foretell(t_us, place_m, place_us))
+        return minus(here_n, decoder.predict(t_us, place_m, place_us))

@@ -9,10 +9,10 @@ LONGEST_SILENCE_US: Final = 100_000
 
 
 SOFTEST_COVERED: Final = 0.6
-"""An outlook stands for another one that is softer by up to this factor; a much softer one is worth sending."""
+"""A stiffness bound stands for another one that is softer by up to this factor; a much softer one is worth sending."""
 
 
-class Outlook(NamedTuple):
+class StiffnessBound(NamedTuple):
     """A box of positions, and how much the force may change within it.
 
     While the tool stays in the box, the forces at two positions that are d apart, at velocities that differ by w,
@@ -51,8 +51,8 @@ class Outlook(NamedTuple):
             for low, component, high in zip(self.low_m, position_m, self.high_m, strict=True)
         )
 
-    def covers(self, newer: "Outlook", position_m: Vector) -> bool:
-        """Tell whether a master that has this outlook needs no newer one, with the tool at a position [m]."""
+    def covers(self, newer: "StiffnessBound", position_m: Vector) -> bool:
+        """Tell whether a master that has this bound needs no newer one, with the tool at a position [m]."""
         if newer is self:
             return True
         # What it says must still be true here.

@@ -2,10 +2,10 @@
 
 from typing import Final
 
+from hapticnet.codec.positions.bounds import pack_bound, rounded_bound
 from hapticnet.codec.positions.lines import PromisedLine
-from hapticnet.codec.positions.outlooks import pack_outlook, rounded_outlook
-from hapticnet.outlook import LONGEST_SILENCE_US, Outlook
 from hapticnet.samples import PositionSample, Vector
+from hapticnet.stiffness_bound import LONGEST_SILENCE_US, StiffnessBound
 
 GRACE: Final = 1.5
 """How much longer than `LONGEST_SILENCE_US` a line is followed: one position may come late. After that the slave is
@@ -19,31 +19,31 @@ VELOCITY_STEP_US: Final = 1
 """Time [µs] between the two steps that give a scene the velocity of a line."""
 
 
-class Course:
+class DeadReckoning:
     """The slave's view of one hand.
 
     Attributes
     ----------
     line
         The newest line.
-    outlook
+    bound
         The box in which the line is followed, as the master knows it or will be told; None: it is not followed.
     every
         The scene is stepped along the line each so many periods.
     """
 
-    __slots__ = ("_answered_us", "_heard_us", "_offset_us", "_period_us", "every", "line", "outlook")
+    __slots__ = ("_answered_us", "_heard_us", "_offset_us", "_period_us", "bound", "every", "line")
 
     def __init__(self, period_us: int) -> None:
         self.line: PromisedLine | None = None
-        self.outlook: Outlook | None = None
+        self.bound: StiffnessBound | None = None
         self.every = 1
         self._period_us = period_us
         self._answered_us = 0  # newest time on the master's clock for which there is a force
         self._offset_us = 0  # when a position without delay arrives, minus its time
         self._heard_us = 0
 
-    def take_in(self, line: PromisedLine, now_us: int) -> None:
+    def receive(self, line: PromisedLine, now_us: int) -> None:
         """Follow a line that has arrived."""
         offset_us = now_us - line.t_us
         # A clock that jumped, or a forged time: begin again, or it would rule for as long as it jumped.
@@ -72,7 +72,7 @@ class Course:
 
     def next_step_us(self) -> int | None:
         """Return when the scene is to be stepped along the line [µs]; None if that waits for a position."""
-        if self.line is None or self.outlook is None:
+        if self.line is None or self.bound is None:
             return None
         steps = (self._answered_us - self.line.t_us) // self._period_us + self.every
         after_us = steps * self._period_us
@@ -91,21 +91,21 @@ class Course:
     def at(self, t_us: int) -> Vector:
         """Return the place on the line at a time, in the box [m]."""
         place_m = self._following().at(t_us)
-        return place_m if self.outlook is None else self.outlook.nearest(place_m)
+        return place_m if self.bound is None else self.bound.nearest(place_m)
 
-    def news(self, outlook: Outlook | None, position_m: Vector, *, first: bool) -> bytes | None:
+    def news(self, bound: StiffnessBound | None, position_m: Vector, *, first: bool) -> bytes | None:
         """Take in what the scene says at a position; return what the master must be told, if anything.
 
         `first`: whether the master has not been told anything.
         """
-        outlook = rounded_outlook(outlook)
-        if outlook is not None and not outlook.contains(position_m):
-            outlook = None
-        known = self.outlook
-        if not first and (known is outlook or (known and outlook and known.covers(outlook, position_m))):
+        bound = rounded_bound(bound)
+        if bound is not None and not bound.contains(position_m):
+            bound = None
+        known = self.bound
+        if not first and (known is bound or (known and bound and known.covers(bound, position_m))):
             return None
-        self.outlook = outlook
-        return pack_outlook(outlook)
+        self.bound = bound
+        return pack_bound(bound)
 
     def _following(self) -> PromisedLine:
         assert self.line is not None, "there is no line yet"  # noqa: S101 - the caller's fault, not the peer's

@@ -1,9 +1,9 @@
 """The force expected a little ahead of now, toward which a slow device can already move.
 
-Three forecasts compete, and the one that has foretold best is used:
+Three forecasts compete, and the one that has predicted best is used:
 
 - *hold*: the force stays as it is;
-- *codec*: what the decoder foretells for the time ahead and the position to which the hand's speed leads;
+- *codec*: what the decoder predicts for the time ahead and the position to which the hand's speed leads;
 - *stiffness*: the force changes with the position as it did at the last updates. The master knows its own position
   without delay, so this needs nothing from the codec.
 
@@ -19,7 +19,7 @@ from typing import Final
 from hapticnet.samples import Vector
 from hapticnet.vectors import distance, dot, magnitude, minus, plus, times
 
-Foretell = Callable[[int, Vector], Vector]
+Predict = Callable[[int, Vector], Vector]
 """``(lead_us, position_m) -> force_n``: the decoder's forecast for a lead from now and the position at that time."""
 
 SPEED_US: Final = 10_000
@@ -43,7 +43,7 @@ SCORE_MEMORY_US: Final = 250_000
 """Time [µs] between two forecasts that are compared with what came, and over which their errors are averaged."""
 
 
-class Foresight:
+class ForcePredictor:
     """Forecasts of one session's force. A new session begins with a new one.
 
     Attributes
@@ -103,7 +103,7 @@ class Foresight:
             for row, change_n in zip(self.gradient_n_m, changed_n, strict=True)
         )
 
-    def expected(self, now_us: int, at_us: int, lead_us: int, force_n: Vector, foretell: Foretell | None) -> Vector:
+    def expected(self, now_us: int, at_us: int, lead_us: int, force_n: Vector, predict: Predict | None) -> Vector:
         """Return the force [N] expected `lead_us` from now; called once a tick, after `move`.
 
         Parameters
@@ -116,7 +116,7 @@ class Foresight:
             How far ahead [µs].
         force_n
             Force [N] applied now.
-        foretell
+        predict
             The decoder's forecast; None if it has none.
         """
         if not self._times_us:
@@ -131,15 +131,15 @@ class Foresight:
                 return force_n
             if best == 2:
                 return self._by_stiffness(at_us, lead_us, force_n)
-            return self._by_codec(now_us, lead_us, force_n, foretell)
-        by_codec_n = self._by_codec(now_us, lead_us, force_n, foretell)
+            return self._by_codec(now_us, lead_us, force_n, predict)
+        by_codec_n = self._by_codec(now_us, lead_us, force_n, predict)
         forecasts = force_n, by_codec_n, self._by_stiffness(at_us, lead_us, force_n)
         self._scored_us = now_us
         self._forecasts.append((now_us + lead_us, forecasts))
         return forecasts[best]
 
-    def _by_codec(self, now_us: int, lead_us: int, force_n: Vector, foretell: Foretell | None) -> Vector:
-        return force_n if foretell is None else foretell(lead_us, self._position_at(now_us + lead_us))
+    def _by_codec(self, now_us: int, lead_us: int, force_n: Vector, predict: Predict | None) -> Vector:
+        return force_n if predict is None else predict(lead_us, self._position_at(now_us + lead_us))
 
     def _by_stiffness(self, at_us: int, lead_us: int, force_n: Vector) -> Vector:
         if magnitude(force_n) <= FREE_N:

@@ -10,7 +10,7 @@ from hapticnet.codec.registry import codec_parameters
 from hapticnet.codec.schemes.raw import Raw
 from hapticnet.errors import SampleError, in_words
 from hapticnet.measure.metrics import RunningError
-from hapticnet.node.course import VELOCITY_STEP_US, Course
+from hapticnet.node.dead_reckoning import VELOCITY_STEP_US, DeadReckoning
 from hapticnet.node.feedback import Feedback, SceneFailedError
 from hapticnet.node.model_wire import read_state
 from hapticnet.node.recording import DATAGRAM_COLUMNS, IN, OUT, Recording, frame_kind, slave_columns
@@ -20,7 +20,7 @@ from hapticnet.protocol.messages import Grant
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import Datagram, Kind
 from hapticnet.samples import PositionSample, Vector
-from hapticnet.scene.base import Touchable, breaches_of, outlook_method
+from hapticnet.scene.base import Touchable, bound_method, breaches_of
 from hapticnet.vectors import along
 
 MOST_HEIRS: Final = 16
@@ -31,7 +31,7 @@ _Answered: TypeAlias = tuple[PositionSample, Vector, bytes | None, bytes | None,
 """An answer that is not accounted for yet: position, force, payload of the FORCE if any, datagram, and when [µs]."""
 
 
-class Station:
+class SlaveContext:
     """Pass a position through decoder, scene and encoder.
 
     Parameters
@@ -45,7 +45,7 @@ class Station:
     listed
         What the list of masters calls it; None for an open session.
     continues
-        The station whose scene this one goes on with. A restarted master has another clock; `same_clock` tells whether
+        The context whose scene this one goes on with. A restarted master has another clock; `same_clock` tells whether
         this one's time stamps go on from the old ones.
     times
         Where the steps of scene and codec are timed.
@@ -71,7 +71,7 @@ class Station:
         settings: SlaveSettings,
         times: StepTimes,
         now_us: int,
-        continues: "Station | None" = None,
+        continues: "SlaveContext | None" = None,
         same_clock: bool = True,
     ) -> None:
         self.session = session
@@ -101,7 +101,7 @@ class Station:
         self._opened_us = now_us
         self._stepped_us = now_us
         self._pending: PositionSample | None = None
-        self.course = Course(round(1e6 / grant.rate_hz)) if grant.position_share else None
+        self.reckoning = DeadReckoning(round(1e6 / grant.rate_hz)) if grant.position_share else None
         self._is_told = False
         self.between = 0
         self._answered: _Answered | None = None
@@ -124,7 +124,7 @@ class Station:
         return self._feedback
 
     def is_own(self, ticket: bytes) -> bool | None:
-        """Return whether the holder of a ticket is this station's own master; None if the ticket is of another scene.
+        """Return whether the holder of a ticket is this context's own master; None if the ticket is of another scene.
 
         Tickets of sessions that were to continue this one count, too: their masters may have got the WELCOME, although
         no position of theirs arrived here.
@@ -136,19 +136,19 @@ class Station:
         """The tickets that `is_own` knows."""
         return self.grant.ticket, *self._heirs
 
-    def add_heir(self, heir: "Station") -> None:
+    def add_heir(self, heir: "SlaveContext") -> None:
         """Note a session that is to continue this one, when its first position arrives."""
         self._heirs[heir.grant.ticket] = heir.same_clock
         if len(self._heirs) > MOST_HEIRS:
             del self._heirs[next(iter(self._heirs))]
 
-    def inherit(self, old: "Station") -> None:
-        """Take over the heirs of the session that this one continues."""
+    def inherit(self, old: "SlaveContext") -> None:
+        """Take over the successors of the session that this one continues."""
         own = {ticket: is_own and self.same_clock for ticket, is_own in old._heirs.items()}
         self._heirs = own | self._heirs
         self._heirs.pop(self.grant.ticket, None)
 
-    def take_in(self, datagram: Datagram, data: bytes, address: Hashable, now_us: int) -> bool:
+    def receive(self, datagram: Datagram, data: bytes, address: Hashable, now_us: int) -> bool:
         """Process a datagram of this session; return whether there is now a position to `answer`.
 
         Only the newest position is answered. A slave that was stopped thus does not work off what has queued up.
@@ -166,8 +166,8 @@ class Station:
         if self.session.seal is not None:
             self.address = address  # the newest datagram that opens tells where the master is
         t_us, (told, position_m, velocity_m_per_s) = taken
-        if self.course is not None:
-            self.course.take_in(PromisedLine(t_us, position_m, velocity_m_per_s), now_us)
+        if self.reckoning is not None:
+            self.reckoning.receive(PromisedLine(t_us, position_m, velocity_m_per_s), now_us)
         if self._pending is not None:
             self.superseded += 1
             self._scene_time.unanswered += 1
@@ -187,7 +187,7 @@ class Station:
         told = None
         if self.grant.announced:
             told, payload = read_state(payload)
-        if self.course is not None:
+        if self.reckoning is not None:
             line = unpack_line(0, payload, self.scene.axes)
             return told, line.position_m, line.velocity_m_per_s
         self._positions.decode(0, payload)
@@ -209,16 +209,16 @@ class Station:
         sample, self._pending = self._pending, None
         if sample is None:
             return None
-        self.settle()
+        self.account_sent()
         if self._shift_us is None:
             self._shift_us = self._begin(sample.t_us, now_us)
         try:
-            if self.course is None:
+            if self.reckoning is None:
                 return self._answer(sample, self._step(sample), now_us)
-            return self._answer_line(self.course, sample, now_us)
+            return self._answer_line(self.reckoning, sample, now_us)
         except SampleError:
-            if self.course is not None:
-                self.course.answered(sample.t_us)
+            if self.reckoning is not None:
+                self.reckoning.answered(sample.t_us)
             self.session.received.malformed += 1
             return None
 
@@ -230,13 +230,13 @@ class Station:
         SceneFailedError
             If the scene or the codec raises.
         """
-        sample = self.course.due(now_us) if self.course is not None else None
+        sample = self.reckoning.due(now_us) if self.reckoning is not None else None
         if sample is None:
             return None
-        self.settle()
+        self.account_sent()
         self.between += 1
-        if self.course is not None:  # also if the scene refuses the place, so that the next step is one period later
-            self.course.answered(sample.t_us)
+        if self.reckoning is not None:  # also if the scene refuses the place, so that the next step is one period later
+            self.reckoning.answered(sample.t_us)
         try:
             force_n = self._step(sample)
             self._look(sample.position_m)
@@ -244,31 +244,31 @@ class Station:
         except SampleError:
             return None
 
-    def _answer_line(self, course: Course, sample: PositionSample, now_us: int) -> bytes | None:
+    def _answer_line(self, reckoning: DeadReckoning, sample: PositionSample, now_us: int) -> bytes | None:
         """Move the scene to a position that was received, and answer the present, if it was late."""
-        t_us = course.present_us(now_us)
+        t_us = reckoning.present_us(now_us)
         # What lasts, such as a breach, happens here, at a position that was received. Time does not go back.
         force_n = self._step(PositionSample(t_us, sample.position_m))
         self._look(sample.position_m)
-        if course.outlook is not None and course.outlook.damping_n_s_per_m:
+        if reckoning.bound is not None and reckoning.bound.damping_n_s_per_m:
             # Since the last step the hand has left the old line. It moves as the new one says.
             before_us = t_us - VELOCITY_STEP_US
-            back_m = along(sample.position_m, -1e-6 * VELOCITY_STEP_US, course.velocity_m_per_s)
-            self._step(PositionSample(before_us, course.outlook.nearest(back_m)))
+            back_m = along(sample.position_m, -1e-6 * VELOCITY_STEP_US, reckoning.velocity_m_per_s)
+            self._step(PositionSample(before_us, reckoning.bound.nearest(back_m)))
             force_n = self._step(PositionSample(t_us, sample.position_m))
-        if course.outlook is not None and t_us > sample.t_us:
-            sample = PositionSample(t_us, course.at(t_us))
+        if reckoning.bound is not None and t_us > sample.t_us:
+            sample = PositionSample(t_us, reckoning.at(t_us))
             force_n = self._step(sample)
             self._look(sample.position_m)
         return self._answer(sample._replace(t_us=t_us), force_n, now_us)
 
     def _look(self, position_m: Vector) -> None:
         """Ask the scene how the force may change near a position, and tell the master."""
-        course, look = self.course, outlook_method(self.scene)
-        if course is None or look is None or self.paused is not None:
+        reckoning, look = self.reckoning, bound_method(self.scene)
+        if reckoning is None or look is None or self.paused is not None:
             return
         try:
-            news = course.news(look(), position_m, first=not self._is_told)
+            news = reckoning.news(look(), position_m, first=not self._is_told)
         except Exception as error:  # a user's scene may raise anything, and return anything
             self._fail(error)
             return
@@ -278,8 +278,8 @@ class Station:
 
     def _answer(self, sample: PositionSample, force_n: Vector, now_us: int) -> bytes | None:
         """Return the datagram that answers a position with its force, if any."""
-        if self.course is not None:
-            self.course.answered(sample.t_us)
+        if self.reckoning is not None:
+            self.reckoning.answered(sample.t_us)
         self.steps += 1
         self._codec_time.begin()
         payload, datagram = self.feedback.answer(sample, force_n, now_us)
@@ -288,7 +288,7 @@ class Station:
         self._answered = sample, force_n, payload, datagram, now_us
         return datagram
 
-    def settle(self) -> None:
+    def account_sent(self) -> None:
         """Account for the last answer, once it is on its way: nobody waits for that.
 
         Raises
@@ -300,7 +300,7 @@ class Station:
         if answered is None:
             return
         sample, force_n, payload, datagram, now_us = answered
-        self.feedback.settle(sample, payload)
+        self.feedback.account_sent(sample, payload)
         held_n = self.feedback.held_n
         self.newest = sample.t_us, sample.position_m, force_n, held_n, payload is not None
         self._error.add(force_n, held_n)

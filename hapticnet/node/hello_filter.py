@@ -24,7 +24,7 @@ ALL_REQUESTS_AT_ONCE: Final = 10
 """Requests of all hosts together that are read. One takes up to a millisecond, which positions wait for."""
 
 
-class Reception:
+class HelloFilter:
     """Read HELLOs, in this order: size, version, key, cookie, rate, request.
 
     Before the cookie nothing is kept, and the costliest step is a hash. Requests of proved addresses are read only so

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hapticnet.node import seats
+from hapticnet.node import session_table
 from hapticnet.node.alarms import Alarms
-from hapticnet.node.seats import NoSeatError, Seats
+from hapticnet.node.session_table import NoSeatError, SessionTable
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.states import SlaveState
 
@@ -43,64 +43,64 @@ class Session:
 
 
 class Place:
-    """What the tables ask of a station."""
+    """What the tables ask of a context."""
 
     def __init__(self, number, identity, name, scene, now_us):
         self.session = Session(number, name, now_us)
         self.identity = identity
         self.scene = scene
-        self.heirs = {}
+        self.successors = {}
         self.seated = False
 
     @property
     def tickets(self):
-        return (bytes([self.session.number % 256]), *self.heirs)
+        return (bytes([self.session.number % 256]), *self.successors)
 
     def is_own(self, ticket):
-        return True if ticket == self.tickets[0] else self.heirs.get(ticket)
+        return True if ticket == self.tickets[0] else self.successors.get(ticket)
 
 
-def who_gives_way(stations, identity, most, now_us):
-    """Decide as `Seats.who_gives_way`, by a look at every session."""
-    held = Counter(station.identity for station in stations if station.session.state is SlaveState.OPEN)
+def eviction_candidate(contexts, identity, most, now_us):
+    """Decide as `SessionTable.eviction_candidate`, by a look at every session."""
+    held = Counter(context.identity for context in contexts if context.session.state is SlaveState.OPEN)
     silent = [
-        station
-        for station in stations
-        if station.session.state is SlaveState.OPEN and station.session.silent_us(now_us) > SETTINGS.gives_way_us
+        context
+        for context in contexts
+        if context.session.state is SlaveState.OPEN and context.session.silent_us(now_us) > SETTINGS.gives_way_us
     ]
     own = held[identity]
     if own >= most:
-        candidates = [station for station in silent if station.identity == identity]
+        candidates = [context for context in silent if context.identity == identity]
     elif held.total() >= SETTINGS.most_sessions:
-        candidates = [station for station in silent if held[station.identity] > own]
+        candidates = [context for context in silent if held[context.identity] > own]
     else:
         return None
     return max(candidates, key=lambda each: (held[each.identity], each.session.silent_us(now_us)), default="no seat")
 
 
-def surplus_half_open(stations, identity):
-    """Decide as `Seats.surplus_half_open`, by a look at every session."""
-    waiting = [station for station in stations if station.session.state is SlaveState.HALF_OPEN]
-    own = [station for station in waiting if station.identity == identity]
+def surplus_half_open(contexts, identity):
+    """Decide as `SessionTable.surplus_half_open`, by a look at every session."""
+    waiting = [context for context in contexts if context.session.state is SlaveState.HALF_OPEN]
+    own = [context for context in waiting if context.identity == identity]
     if len(own) >= MOST_EACH:
         return own[0]
     if len(waiting) >= MOST:
-        crowd, _ = Counter(station.identity for station in waiting).most_common(1)[0]
-        return next(station for station in waiting if station.identity == crowd)
+        crowd, _ = Counter(context.identity for context in waiting).most_common(1)[0]
+        return next(context for context in waiting if context.identity == crowd)
     return None
 
 
-def to_continue(stations, identity, name, ticket, now_us):
-    """Decide as `Seats.to_continue`, by a look at every session."""
-    for station in stations:
-        if station.identity != identity or station.session.state is not SlaveState.OPEN:
+def to_continue(contexts, identity, name, ticket, now_us):
+    """Decide as `SessionTable.to_continue`, by a look at every session."""
+    for context in contexts:
+        if context.identity != identity or context.session.state is not SlaveState.OPEN:
             continue
         if ticket is not None:
-            is_own = station.is_own(ticket)
+            is_own = context.is_own(ticket)
         else:
-            is_own = False if station.session.request.name == name else None
-        if is_own or (is_own is not None and station.session.silent_us(now_us) > SETTINGS.stale_after_us):
-            return station, is_own
+            is_own = False if context.session.request.name == name else None
+        if is_own or (is_own is not None and context.session.silent_us(now_us) > SETTINGS.stale_after_us):
+            return context, is_own
     return None
 
 
@@ -109,57 +109,57 @@ class History:
 
     def __init__(self, seed):
         self.rng = np.random.default_rng(seed)
-        self.table = Seats(SETTINGS)
+        self.table = SessionTable(SETTINGS)
         self.now_us = 1000
         self.numbers = 0
 
     @property
-    def stations(self):
+    def contexts(self):
         return list(self.table.by_number.values())
 
     def chance(self, share):
         return self.rng.random() < share
 
-    def one_of(self, stations):
-        return stations[int(self.rng.integers(len(stations)))] if stations else None
+    def one_of(self, contexts):
+        return contexts[int(self.rng.integers(len(contexts)))] if contexts else None
 
     def step(self):
         self.now_us += UNIT_US * int(-self.rng.integers(100) if self.chance(0.01) else self.rng.integers(12))
         self.table.see(self.now_us)
-        for station in self.stations:
+        for context in self.contexts:
             if self.chance(0.2):
-                station.session.silent_us(self.now_us)
-                station.session.heard_us = self.now_us
-        waiting = [each for each in self.stations if each.session.state is SlaveState.HALF_OPEN]
-        if (station := self.one_of(waiting)) is not None and self.chance(0.5):
-            self.open(station)
-        if (station := self.one_of(self.stations)) is not None and self.chance(0.05):
-            self.end(station)
+                context.session.silent_us(self.now_us)
+                context.session.heard_us = self.now_us
+        waiting = [each for each in self.contexts if each.session.state is SlaveState.HALF_OPEN]
+        if (context := self.one_of(waiting)) is not None and self.chance(0.5):
+            self.open(context)
+        if (context := self.one_of(self.contexts)) is not None and self.chance(0.05):
+            self.end(context)
         if self.chance(0.6):
             self.come()
-        expired = [each for each in self.stations if self.now_us >= each.session.expires_us()]
+        expired = [each for each in self.contexts if self.now_us >= each.session.expires_us()]
         next_us = self.table.next_expiry_us()
-        assert next_us is None or all(next_us <= each.session.expires_us() for each in self.stations)
+        assert next_us is None or all(next_us <= each.session.expires_us() for each in self.contexts)
         assert self.table.expired(self.now_us) == expired
-        for station in expired:
-            self.end(station)
+        for context in expired:
+            self.end(context)
 
     def ask(self):
         """Compare the answers to a random stranger; return what they are."""
-        stations, now_us = self.stations, self.now_us
+        contexts, now_us = self.contexts, self.now_us
         identity, name = "abcdef"[int(self.rng.integers(6))], "xy"[int(self.rng.integers(2))]
         ticket = bytes([int(self.rng.integers(max(self.numbers - 20, 0), self.numbers + 1)) % 256])
         ticket = ticket if self.chance(0.5) else None
         most = int(self.rng.integers(1, 5))
         found = self.table.to_continue(identity, name, ticket, now_us)
-        assert found == to_continue(stations, identity, name, ticket, now_us)
+        assert found == to_continue(contexts, identity, name, ticket, now_us)
         old = None if found is None else found[0]
         try:
-            gives_way = self.table.who_gives_way(identity, most, () if old is None else (old,), now_us)
+            gives_way = self.table.eviction_candidate(identity, most, () if old is None else (old,), now_us)
         except NoSeatError:
             gives_way = "no seat"
-        assert gives_way == who_gives_way([each for each in stations if each is not old], identity, most, now_us)
-        assert self.table.surplus_half_open(identity) == surplus_half_open(stations, identity)
+        assert gives_way == eviction_candidate([each for each in contexts if each is not old], identity, most, now_us)
+        assert self.table.surplus_half_open(identity) == surplus_half_open(contexts, identity)
         return identity, name, found, gives_way
 
     def come(self):
@@ -168,36 +168,36 @@ class History:
             return
         self.numbers += 1
         scene = object() if found is None else found[0].scene
-        station = Place(self.numbers, identity, name, scene, self.now_us)
+        context = Place(self.numbers, identity, name, scene, self.now_us)
         if found is not None:
-            found[0].heirs[station.tickets[0]] = self.chance(0.5)
-            if len(found[0].heirs) > 3:
-                del found[0].heirs[next(iter(found[0].heirs))]
+            found[0].successors[context.tickets[0]] = self.chance(0.5)
+            if len(found[0].successors) > 3:
+                del found[0].successors[next(iter(found[0].successors))]
             self.table.note_tickets(found[0])
         surplus = self.table.surplus_half_open(identity)
         if surplus is not None:
             self.end(surplus)
-        self.table.add(station)
+        self.table.add(context)
 
-    def open(self, station):
-        users = [e for e in self.stations if e.session.state is SlaveState.OPEN and e.scene is station.scene]
-        assert list(self.table.users_of(station.scene)) == users
-        station.session.heard_us = self.now_us
+    def open(self, context):
+        users = [e for e in self.contexts if e.session.state is SlaveState.OPEN and e.scene is context.scene]
+        assert list(self.table.users_of(context.scene)) == users
+        context.session.heard_us = self.now_us
         for user in users:
             self.end(user)
-        station.session.state = SlaveState.OPEN
-        self.table.seat(station)
+        context.session.state = SlaveState.OPEN
+        self.table.seat(context)
 
-    def end(self, station):
-        station.session.state = SlaveState.CLOSED
-        self.table.remove(station)
+    def end(self, context):
+        context.session.state = SlaveState.CLOSED
+        self.table.remove(context)
 
 
 @pytest.mark.plain
 @pytest.mark.parametrize("seed", range(12))
 def test_the_tables_decide_as_a_look_at_every_session(monkeypatch, seed):
-    monkeypatch.setattr(seats, "MOST_HALF_OPEN", MOST)
-    monkeypatch.setattr(seats, "MOST_HALF_OPEN_EACH", MOST_EACH)
+    monkeypatch.setattr(session_table, "MOST_HALF_OPEN", MOST)
+    monkeypatch.setattr(session_table, "MOST_HALF_OPEN_EACH", MOST_EACH)
     history, answers = History(seed), Counter()
     for _ in range(1500):
         history.step()
@@ -205,8 +205,8 @@ def test_the_tables_decide_as_a_look_at_every_session(monkeypatch, seed):
         answers["continues"] += found is not None
         answers["no seat" if gives_way == "no seat" else "free" if gives_way is None else "gives way"] += 1
     assert min(answers[each] for each in ("continues", "no seat", "free", "gives way")) > 10
-    for station in history.stations:
-        history.end(station)
+    for context in history.contexts:
+        history.end(context)
     kept = [value for value in vars(history.table).values() if isinstance(value, dict)]
     assert kept == [{}] * len(kept)
     assert history.table.next_expiry_us() is None

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from hapticnet.codec.registry import every_codec
-from hapticnet.node import reception
-from hapticnet.node.reception import ALL_REQUESTS_AT_ONCE, REQUESTS_AT_ONCE
+from hapticnet.node import hello_filter
+from hapticnet.node.hello_filter import ALL_REQUESTS_AT_ONCE, REQUESTS_AT_ONCE
 from hapticnet.protocol.cookies import GENERATION_US
 from hapticnet.protocol.keys import MasterEntry, MasterKey, PrivateKey
 from hapticnet.protocol.messages import HELLO_BYTES, REASON_BYTES, Code, clipped, unpack_hello
@@ -26,8 +26,8 @@ def of_version(version, nonce=5):
 
 def kept(slave):
     """Return how much a slave keeps for those that have no session."""
-    at = slave._reception
-    return len(slave.stations), len(slave._welcomes), len(at._spent), len(at._spent_before), len(at._hosts._buckets)
+    at = slave._hello_filter
+    return len(slave.contexts), len(slave._welcomes), len(at._spent), len(at._spent_before), len(at._hosts._buckets)
 
 
 def test_a_hello_without_a_cookie_leaves_nothing_behind(sealed):
@@ -39,7 +39,7 @@ def test_a_hello_without_a_cookie_leaves_nothing_behind(sealed):
         assert answer.kind is Kind.COOKIE
     assert kept(slave) == (0, 0, 0, 0, 0)
     assert made == []
-    assert slave.strangers.by_kind[Kind.HELLO] == 2000
+    assert slave.unknown_peers.by_kind[Kind.HELLO] == 2000
 
 
 @pytest.mark.parametrize("wrong", ["guessed", "another nonce", "another address", "two generations old"])
@@ -91,8 +91,8 @@ def test_no_answer_to_a_proved_address_is_larger_than_what_it_answers(sealed, re
     master = HandMaster(slave, sealed=sealed, **request_)
     for _ in range(3):
         master.hello()
-    assert slave.to_strangers.payload_bytes + sum(s.session.sent.payload_bytes for s in slave.stations) < 3 * 300
-    assert slave.to_strangers.packets + sum(s.session.sent.packets for s in slave.stations) >= 2
+    assert slave.to_unknown_peers.payload_bytes + sum(s.session.sent.payload_bytes for s in slave.contexts) < 3 * 300
+    assert slave.to_unknown_peers.packets + sum(s.session.sent.packets for s in slave.contexts) >= 2
 
 
 def test_a_short_hello_is_malformed_and_gets_no_answer(sealed):
@@ -102,7 +102,7 @@ def test_a_short_hello_is_malformed_and_gets_no_answer(sealed):
     assert len(bare) < HELLO_BYTES
     slave.receive_datagram(bare, "a", 0)
     assert slave.datagrams_to_send() == []
-    assert slave.strangers.malformed == 1
+    assert slave.unknown_peers.malformed == 1
 
 
 @pytest.mark.parametrize(
@@ -152,7 +152,7 @@ def test_a_hello_for_another_slave_gets_no_answer_at_all(rounds):
 def test_what_cannot_be_served_is_refused_in_words_and_with_a_code(sealed, change, code, reason):
     slave = make_slave(sealed=sealed)
     assert HandMaster(slave, sealed=sealed, **change).refused()[1:] == (reason, code)
-    assert slave.stations == ()
+    assert slave.contexts == ()
 
 
 def test_an_unknown_key_is_told_and_a_wrong_pre_shared_key_opens_nothing():
@@ -160,14 +160,14 @@ def test_an_unknown_key_is_told_and_a_wrong_pre_shared_key_opens_nothing():
     slave = make_slave(sealed=True, masters=[MasterEntry(name="surgeon", public=MASTER.public, psk=PSK)])
     refusal = HandMaster(slave, sealed=True, key=MasterKey(stranger, SLAVE.public)).refused()
     assert refusal == (0, "this slave does not know the master's key: add it to its list of masters", Code.KEY)
-    assert slave.stations == ()
+    assert slave.contexts == ()
     guest = HandMaster(slave, sealed=True, key=KEY, nonce=2)
     guest.hello()
     slave.receive_datagram(guest.attempt.hello(guest.cookie), "a", 0)
     ((welcome, _),) = slave.datagrams_to_send()
     with pytest.raises(Exception, match=r"(?i)open|tag|key"):
         guest._read(welcome)
-    assert [station.session.state for station in slave.stations] == [SlaveState.HALF_OPEN]
+    assert [context.session.state for context in slave.contexts] == [SlaveState.HALF_OPEN]
     member = HandMaster(slave, sealed=True, key=MasterKey(PrivateKey(MASTER.private, PSK), SLAVE.public), nonce=3)
     assert member.work().grant
 
@@ -183,7 +183,7 @@ def test_the_same_hello_gets_the_same_welcome_and_another_one_a_new_session(seal
     assert unpack(first).session == master.session
     other = HandMaster(slave, sealed=sealed, nonce=2).join()
     assert other.session != master.session
-    assert len(slave.stations) == 2
+    assert len(slave.contexts) == 2
 
 
 @pytest.mark.plain
@@ -234,7 +234,7 @@ def test_all_hosts_together_are_heard_so_often(sealed):
 
 @pytest.mark.plain
 def test_memory_for_proved_addresses_is_bounded(sealed, monkeypatch):
-    monkeypatch.setattr(reception.Reception, "read", counting_read(reads := [], reception.Reception.read))
+    monkeypatch.setattr(hello_filter.HelloFilter, "read", counting_read(reads := [], hello_filter.HelloFilter.read))
     slave = make_slave(sealed=sealed, session=SessionSettings(most_sessions=8))
     worker = HandMaster(slave, "worker", sealed=sealed).work()
     for number in range(3000):
@@ -244,14 +244,14 @@ def test_memory_for_proved_addresses_is_bounded(sealed, monkeypatch):
         master.hello(now_us)
         worker.position(2 + number, now_us)
         slave.tick(now_us)
-    stations, welcomes, spent, spent_before, hosts = kept(slave)
+    contexts, welcomes, spent, spent_before, hosts = kept(slave)
     assert len(reads) == 3001
-    assert stations <= 1 + 128
-    assert welcomes == stations - 1, "one is open"
+    assert contexts <= 1 + 128
+    assert welcomes == contexts - 1, "one is open"
     assert max(spent, spent_before) <= 1 + 2 * GENERATION_US // 100_000
     assert hosts <= 4096
-    assert slave.stations[0].session.state is SlaveState.OPEN
-    assert slave.stations[0].steps == 3001
+    assert slave.contexts[0].session.state is SlaveState.OPEN
+    assert slave.contexts[0].steps == 3001
 
 
 def counting_read(reads, read):
@@ -274,6 +274,6 @@ def test_sessions_that_were_never_used_are_accounted_for_to_the_byte(sealed):
     report = slave.report()
     assert report["never_used"] == 3
     hellos = sum(len(master.attempt.hello(cookie)) for master in masters for cookie in (b"", master.cookie))
-    assert report["strangers"]["payload_bytes"] == hellos + 3 * len(pack(Kind.CLOSE, 99, 0, b""))
-    assert report["to_strangers"]["payload_bytes"] == sent
-    assert report["to_strangers"]["by_kind"] == {"cookie": 3, "welcome": 3, "reset": 3}
+    assert report["unknown_peers"]["payload_bytes"] == hellos + 3 * len(pack(Kind.CLOSE, 99, 0, b""))
+    assert report["to_unknown_peers"]["payload_bytes"] == sent
+    assert report["to_unknown_peers"]["by_kind"] == {"cookie": 3, "welcome": 3, "reset": 3}

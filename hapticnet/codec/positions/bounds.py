@@ -1,4 +1,4 @@
-"""An outlook as bytes, from the slave to the master: float32, big-endian.
+"""A stiffness bound as bytes, from the slave to the master: float32, big-endian.
 
 Stiffness and damping come first, then the lower sides of the box, then the upper sides. An empty payload says that the
 scene cannot tell how the force will change. Stiffness and damping are rounded up, the box inwards: what the master
@@ -12,23 +12,23 @@ from typing import Final
 import numpy as np
 
 from hapticnet.errors import PeerError
-from hapticnet.outlook import Outlook
 from hapticnet.samples import LARGEST_COMPONENT, MAX_AXES, Vector
+from hapticnet.stiffness_bound import StiffnessBound
 
 LAYOUT: Final[Mapping[int, struct.Struct]] = {
     axes: struct.Struct(f">{2 + 2 * axes}f") for axes in range(1, MAX_AXES + 1)
 }
 
 STIFFEST: Final = 1e9
-"""Largest stiffness [N/m] and damping [N·s/m]. Anything above is as good as no outlook."""
+"""Largest stiffness [N/m] and damping [N·s/m]. Anything above is as good as no bound."""
 
 
-def rounded_outlook(outlook: Outlook | None) -> Outlook | None:
-    """Return an outlook as the master reads it; None if there is none, or its numbers cannot be used."""
-    if outlook is None:
+def rounded_bound(bound: StiffnessBound | None) -> StiffnessBound | None:
+    """Return a stiffness bound as the master reads it; None if there is none, or its numbers cannot be used."""
+    if bound is None:
         return None
-    stiffness, damping, low_m, high_m = outlook
-    rounded = Outlook(
+    stiffness, damping, low_m, high_m = bound
+    rounded = StiffnessBound(
         _rounded(stiffness, np.inf),
         _rounded(damping, np.inf),
         tuple(_rounded(component, np.inf) for component in low_m),
@@ -37,16 +37,16 @@ def rounded_outlook(outlook: Outlook | None) -> Outlook | None:
     return rounded if _is_good(rounded) else None
 
 
-def pack_outlook(outlook: Outlook | None) -> bytes:
-    """Return the payload of an outlook that is rounded."""
-    if outlook is None:
+def pack_bound(bound: StiffnessBound | None) -> bytes:
+    """Return the payload of a stiffness bound that is rounded."""
+    if bound is None:
         return b""
-    stiffness, damping, low_m, high_m = outlook
+    stiffness, damping, low_m, high_m = bound
     return LAYOUT[len(low_m)].pack(stiffness, damping, *low_m, *high_m)
 
 
-def unpack_outlook(payload: bytes, axes: int) -> Outlook | None:
-    """Return the outlook in a payload; None if the scene cannot tell.
+def unpack_bound(payload: bytes, axes: int) -> StiffnessBound | None:
+    """Return the bound in a payload; None if the scene cannot tell.
 
     Raises
     ------
@@ -57,16 +57,16 @@ def unpack_outlook(payload: bytes, axes: int) -> Outlook | None:
         return None
     layout = LAYOUT[axes]
     if len(payload) != layout.size:
-        raise PeerError(f"outlook of {len(payload)} bytes; one of {axes} axes has {layout.size}")
+        raise PeerError(f"bound of {len(payload)} bytes; one of {axes} axes has {layout.size}")
     stiffness, damping, *sides = layout.unpack(payload)
-    outlook = Outlook(stiffness, damping, tuple(sides[:axes]), tuple(sides[axes:]))
-    if not _is_good(outlook):
-        raise PeerError(f"outlook {tuple(outlook)} is not what the protocol allows")
-    return outlook
+    bound = StiffnessBound(stiffness, damping, tuple(sides[:axes]), tuple(sides[axes:]))
+    if not _is_good(bound):
+        raise PeerError(f"bound {tuple(bound)} is not what the protocol allows")
+    return bound
 
 
-def _is_good(outlook: Outlook) -> bool:
-    stiffness, damping, low_m, high_m = outlook
+def _is_good(bound: StiffnessBound) -> bool:
+    stiffness, damping, low_m, high_m = bound
     return (
         0.0 <= stiffness <= STIFFEST
         and 0.0 <= damping <= STIFFEST

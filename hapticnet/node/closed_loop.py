@@ -45,7 +45,7 @@ class _Update(NamedTuple):
     payload: bytes
 
 
-def feel(
+def simulate_link(
     codec: Codec,
     t_us: IntArray,
     stimuli: FloatArray,

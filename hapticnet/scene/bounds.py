@@ -1,12 +1,12 @@
-"""What a tissue can say about the force near the needle's tip (`outlook.Outlook`)."""
+"""What a tissue can say about the force near the needle's tip (`StiffnessBound`)."""
 
 import math
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from hapticnet.outlook import Outlook
 from hapticnet.samples import LARGEST_COMPONENT
 from hapticnet.scene.layer import Layer
+from hapticnet.stiffness_bound import StiffnessBound
 
 MARGIN_M: Final = 1e-9
 """How far [m] a box stays off a surface and off the depth at which one breaks: more than rounding amounts to."""
@@ -24,8 +24,8 @@ class Grip(NamedTuple):
     high_m: float
 
 
-def outlook_of(felt: Sequence[Layer], passed: Sequence[Layer], ahead_m: float, tip_m: float) -> Outlook | None:
-    """Return the outlook of a needle; None if a layer cannot tell.
+def bound_of(felt: Sequence[Layer], passed: Sequence[Layer], ahead_m: float, tip_m: float) -> StiffnessBound | None:
+    """Return the bound of a needle; None if a layer cannot tell.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def outlook_of(felt: Sequence[Layer], passed: Sequence[Layer], ahead_m: float, t
         low_m, high_m = max(low_m, grip.low_m), min(high_m, grip.high_m)
     if not low_m <= tip_m <= high_m:
         return None
-    return Outlook(stiffness, damping, (low_m,), (high_m,))
+    return StiffnessBound(stiffness, damping, (low_m,), (high_m,))
 
 
 def grip_of(layer: Layer, tip_m: float) -> Grip | None:
