@@ -26,8 +26,7 @@ from hapticnet.protocol.handshake import Door, OpenDoor, SealedDoor
 from hapticnet.protocol.keys import MasterEntry, MasterKey, PrivateKey, Roster
 from hapticnet.protocol.stats import Distribution
 from hapticnet.protocol.wire import OPEN, SEALED
-from hapticnet.runtime.master_run import run_master
-from hapticnet.runtime.slave_run import run_slave
+from hapticnet.runtime.runners import run_master, run_slave
 from hapticnet.runtime.system import SystemEntropy, now_us, prefer_realtime, run
 from hapticnet.runtime.udp import HostPort, bound_address, host_of, listen
 from hapticnet.runtime.watching import Watcher

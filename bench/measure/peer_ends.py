@@ -25,7 +25,7 @@ from hapticnet.node.master_settings import MasterSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.protocol.keys import MasterKey
 from hapticnet.protocol.stats import Distribution
-from hapticnet.runtime.master_run import run_master
+from hapticnet.runtime.runners import run_master
 from hapticnet.runtime.system import SystemEntropy, now_us, prefer_realtime, run
 from hapticnet.runtime.timer import Ticker
 from hapticnet.runtime.udp import HostPort, open_toward

@@ -25,8 +25,7 @@ from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
-from hapticnet.runtime.master_run import run_master
-from hapticnet.runtime.slave_run import run_slave
+from hapticnet.runtime.runners import run_master, run_slave
 from hapticnet.runtime.system import SystemEntropy, prefer_realtime, run
 from hapticnet.runtime.udp import HostPort, bound_address, host_of, listen, open_toward
 from hapticnet.scene.presets import paper_scene

@@ -17,9 +17,8 @@ from hapticnet.node.master import MasterNode
 from hapticnet.node.master_events import NodeEvent
 from hapticnet.protocol.events import Ended
 from hapticnet.protocol.stats import Distribution
-from hapticnet.runtime.master_run import MasterRun, MasterRunner
 from hapticnet.runtime.overload import Overload
-from hapticnet.runtime.reports import master_report
+from hapticnet.runtime.runners import MasterRun, MasterRunner, master_report
 from hapticnet.runtime.system import now_us, scheduling, waited_us
 from hapticnet.runtime.timer import either
 from hapticnet.runtime.udp import DRAIN_US

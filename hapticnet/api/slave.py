@@ -14,8 +14,7 @@ from hapticnet.api.views import SlaveView
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_events import SlaveEvent
 from hapticnet.runtime.overload import Overload
-from hapticnet.runtime.reports import slave_report
-from hapticnet.runtime.slave_run import SlaveRunner
+from hapticnet.runtime.runners import SlaveRunner, slave_report
 from hapticnet.runtime.system import now_us, scheduling, waited_us
 
 

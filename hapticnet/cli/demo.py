@@ -65,7 +65,7 @@ def demo(
     from hapticnet.files import fresh_path
     from hapticnet.perception import WeberLaw
     from hapticnet.runtime.devices import check_device
-    from hapticnet.runtime.simavr import simavr_build
+    from hapticnet.runtime.nano import simavr_build
     from hapticnet.scene.body import BodySceneSettings
     from hapticnet.scene.presets import find_scene
 

@@ -24,9 +24,8 @@ from hapticnet.recordings.session.archive import check_format
 from hapticnet.recordings.session.in_force import settings_line
 from hapticnet.recordings.session.recovery import refuse_if_recorded
 from hapticnet.runtime import devices
-from hapticnet.runtime.master_run import MasterRun, run_master
 from hapticnet.runtime.overload import Overload, signs
-from hapticnet.runtime.reports import master_report
+from hapticnet.runtime.runners import MasterRun, master_report, run_master
 from hapticnet.runtime.session_recordings import MasterRecording
 from hapticnet.runtime.signals import Rescue
 from hapticnet.runtime.system import OTHER, SystemEntropy, now_us, policy, prefer_realtime, run

@@ -6,12 +6,8 @@ from pathlib import Path
 def profile_to_write(profile: Path | None, out: Path | None) -> Path | None:
     """Return the file to which a command writes the profile: `out`, else `profile`, else none.
 
-    Raises
-    ------
-    SettingsError
-        If the file exists and is not `profile`, so that earlier results would be lost.
-    FileError
-        If it cannot be written.
+    Raises SettingsError if the file exists and is not `profile`, so that earlier results would be lost; FileError if it
+    cannot be written.
     """
     from hapticnet.cli.console import check_outputs
     from hapticnet.errors import SettingsError

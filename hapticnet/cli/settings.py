@@ -17,7 +17,7 @@ CONFIG_VARIABLE: Final = "HAPTICNET_CONFIG"
 """Environment variable that names the configuration file."""
 
 OTHER_VARIABLES: Final = {CONFIG_VARIABLE, "HAPTICNET_TRACEBACK", "HAPTICNET_FIRMWARE"}
-"""Environment variables that set no option: `cli.SHOW_TRACEBACK` and `runtime.simavr.BUILD_VARIABLE` are the others."""
+"""Environment variables that set no option: `cli.SHOW_TRACEBACK` and `runtime.nano.BUILD_VARIABLE` are the others."""
 
 UNSETTABLE: Final = {"help", "config"}
 """Options that are given on the command line only."""

@@ -23,10 +23,9 @@ from hapticnet.options import RECORD_LIMIT
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.recordings.session.archive import check_format
 from hapticnet.runtime.overload import Overload
-from hapticnet.runtime.reports import slave_report
+from hapticnet.runtime.runners import run_slave, slave_report
 from hapticnet.runtime.session_recordings import SlaveRecording
 from hapticnet.runtime.signals import Rescue
-from hapticnet.runtime.slave_run import run_slave
 from hapticnet.runtime.system import OTHER, now_us, policy, prefer_realtime, run
 from hapticnet.runtime.trust import Guests, SlaveTrust, slave_trust
 from hapticnet.runtime.udp import bound_address, is_loopback, parse_host_port

@@ -41,13 +41,8 @@ class Calibration:
     """A piecewise-linear table of converter counts and forces.
 
     Below the first pair the force falls linearly to 0 N at 0 counts. Above the last pair it is constant, because a
-    sensor beyond its range gives only a lower bound.
-
-
-    Raises
-    ------
-    SettingsError
-        If there are fewer than two pairs, or a column is not finite, positive and strictly increasing.
+    sensor beyond its range gives only a lower bound. Raises SettingsError if there are fewer than two pairs, or a
+    column is not finite, positive and strictly increasing.
 
     Examples
     --------
@@ -132,10 +127,8 @@ def fit_calibration(adc_counts: Sequence[float], forces_n: Sequence[float], *, k
     knots
         Largest number of knots, 2 to 8; limited by the number of different forces.
 
-    Raises
-    ------
-    SettingsError
-        If a value is invalid, too few pairs are usable, or the force does not increase with the counts.
+    Raises SettingsError if a value is invalid, too few pairs are usable, or the force does not increase with the
+    counts.
 
     Examples
     --------

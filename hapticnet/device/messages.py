@@ -137,13 +137,7 @@ _BY_CLASS: Final = {message: (bytes((kind,)), layout) for kind, (message, layout
 
 
 def encode(message: Message) -> bytes:
-    """Return the body of a message.
-
-    Raises
-    ------
-    SettingsError
-        If a field is not an integer or is out of range.
-    """
+    """Return the body of a message. Raises SettingsError if a field is not an integer or is out of range."""
     kind, layout = _BY_CLASS[type(message)]
     try:
         return kind + layout.pack(*message)
@@ -152,13 +146,7 @@ def encode(message: Message) -> bytes:
 
 
 def decode(body: bytes) -> Message:
-    """Return the message in a body.
-
-    Raises
-    ------
-    PeerError
-        If the kind is unknown or the length does not match it.
-    """
+    """Return the message in a body. Raises PeerError if the kind is unknown or the length does not match it."""
     entry = LAYOUTS.get(body[0]) if body else None
     if entry is None:
         kind = body[:1].hex() or "missing"

@@ -140,12 +140,8 @@ class Profile(BaseModel):
 def load_profile(path: Path) -> Profile:
     """Return the profile in a TOML file.
 
-    Raises
-    ------
-    FileError
-        If the file is missing, unreadable or not TOML.
-    SettingsError
-        If a key is unknown or missing, or a value is invalid.
+    Raises FileError if the file is missing, unreadable or not TOML; SettingsError if a key is unknown or missing, or a
+    value is invalid.
     """
     return parse_profile(read_document(path), str(path))
 

@@ -21,10 +21,7 @@ At one half the mean would be nearest to its goal, but noise alone would make th
 class Linkage:
     """Geometry and pulses of the servos.
 
-    Raises
-    ------
-    SettingsError
-        If a value is not finite or the pulses are not in order.
+    Raises SettingsError if a value is not finite or the pulses are not in order.
     """
 
     arm_m: float = 0.012

@@ -54,10 +54,7 @@ class UserDevice(Device):
     what
         What messages call the object, such as "device own.py:Mine".
 
-    Raises
-    ------
-    SettingsError
-        If ``exchange`` is missing or cannot be called this way, or an attribute cannot be used.
+    Raises SettingsError if ``exchange`` is missing or cannot be called this way, or an attribute cannot be used.
     """
 
     def __init__(self, made: HasExchange, what: str = "the device") -> None:
@@ -79,10 +76,7 @@ class UserDevice(Device):
     def exchange(self, displacement_m: float, now_us: int) -> Reading | None:
         """Set the displacement [m], limited to the travel, and return the newest reading.
 
-        Raises
-        ------
-        UserCodeError
-            If the object raises, or returns something else than a force, a reading or None.
+        Raises UserCodeError if the object raises, or returns something else than a force, a reading or None.
         """
         set_m = min(max(displacement_m, 0.0), self.travel_m) if math.isfinite(displacement_m) else 0.0
         try:
@@ -119,10 +113,7 @@ class UserActuator:
     what
         What messages call the object.
 
-    Raises
-    ------
-    SettingsError
-        If ``apply`` cannot be called this way, or an attribute cannot be used.
+    Raises SettingsError if ``apply`` cannot be called this way, or an attribute cannot be used.
     """
 
     def __init__(self, made: HasApply, what: str = "the device") -> None:
@@ -141,10 +132,7 @@ class UserActuator:
     def apply(self, force_n: float, now_us: int) -> float | None:
         """Render a force [N]; return the force sensed [N], or None.
 
-        Raises
-        ------
-        UserCodeError
-            If the object raises, or returns something else than a number or None.
+        Raises UserCodeError if the object raises, or returns something else than a number or None.
         """
         try:
             result = self._apply(force_n, now_us)
@@ -168,10 +156,7 @@ class UserActuator:
 def as_user_device(made: Any, what: str = "the device") -> UserDevice | UserActuator:
     """Return a user's object with its results checked: an actuator if it has ``apply``, else a platform.
 
-    Raises
-    ------
-    SettingsError
-        If it has neither method, or cannot be used.
+    Raises SettingsError if it has neither method, or cannot be used.
     """
     if attribute_of(made, "apply", None, what) is not None:
         return UserActuator(made, what)

@@ -1,22 +1,28 @@
 """Devices named by a text, such as ``sim:0.3`` or ``serial:auto``: parse it and make the device."""
 
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-if TYPE_CHECKING:
-    import numpy as np
+import numpy as np
 
-    from hapticnet.control.force_settings import ForceControlSettings
-    from hapticnet.device.base import Device
-    from hapticnet.device.profile import Profile
-    from hapticnet.device.simulated import PlantSettings
-    from hapticnet.device.user import UserActuator, UserDevice
-    from hapticnet.device.wired import WiredDevice
-    from hapticnet.runtime.serial_port import Wire
-    from hapticnet.user_code import UserClass
+from hapticnet.checks import check_parameter, meant
+from hapticnet.control.force_settings import ForceControlSettings, for_known_finger
+from hapticnet.device.base import Device
+from hapticnet.device.profile import Profile, load_profile
+from hapticnet.device.servos import Servo
+from hapticnet.device.simulated import Finger, PlantSettings, SimulatedDevice
+from hapticnet.device.user import UserActuator, UserDevice, as_user_device
+from hapticnet.device.wired import WiredDevice
+from hapticnet.errors import SettingsError, UserCodeError
+from hapticnet.hardware import SOFTEST_N_M, STIFFEST_N_M
+from hapticnet.runtime.nano import SimulatedNano, simavr_build
+from hapticnet.runtime.processes import Child
+from hapticnet.runtime.serial_port import SerialSpec, Wire, parse_serial
+from hapticnet.runtime.system import now_us
+from hapticnet.user_code import UserClass, close_user_object, find_user_class
 
 NOT_CALIBRATED: Final = "the force sensor is not calibrated (see hapticnet device calibrate); forces may be far off"
 
@@ -26,23 +32,13 @@ DEVICES: Final = "sim[:N/MM], simavr[:N/MM], serial:auto, serial:PATH[@BAUD], FI
 
 @contextmanager
 def real_time_device(
-    text: str, profile: "Profile", seed: int, say: Callable[[str], None]
-) -> Iterator["tuple[Device | UserActuator | None, Wire | None]"]:
+    text: str, profile: Profile, seed: int, say: Callable[[str], None]
+) -> Iterator[tuple[Device | UserActuator | None, Wire | None]]:
     """Yield the device written as `text` for real time, None for ``none``, and its wire if it has one.
 
-    `say` is called with a line for the user if a device of theirs cannot be closed.
-
-    Raises
-    ------
-    SettingsError
-        If there is no such device.
-    UnavailableError
-        If the simulator is not built or does not start.
+    `say` is called with a line for the user if a device of theirs cannot be closed. Raises SettingsError if there is no
+    such device; UnavailableError if the simulator is not built or does not start.
     """
-    from hapticnet.runtime.processes import Child
-    from hapticnet.runtime.serial_port import SerialSpec, Wire, parse_serial
-    from hapticnet.runtime.simavr import simavr_build
-
     if text == "none":
         yield None, None
         return
@@ -55,7 +51,7 @@ def real_time_device(
         wired = _wired(profile)
         yield wired, Wire(wired=wired, spec=parse_serial(text))
     elif kind == "sim":
-        yield _simulated(settings, _rng(seed)), None
+        yield SimulatedDevice(settings, _rng(seed)), None
     else:
         simavr_build()  # fail here, with a clear message, rather than in a child process
         stiffness = settings.finger.stiffness_n_m / 1000.0
@@ -68,25 +64,15 @@ def real_time_device(
 
 
 @contextmanager
-def virtual_device(text: str, profile: "Profile", seed: int) -> Iterator["Device | None"]:
-    """Yield the device written as `text` for virtual time, or None if it is a real one.
-
-    Raises
-    ------
-    SettingsError
-        If there is no such device.
-    UnavailableError
-        If the simulator is not built or does not start.
-    """
+def virtual_device(text: str, profile: Profile, seed: int) -> Iterator[Device | None]:
+    """Yield the device written as `text` for virtual time, or None if it is a real one. Raises the same."""
     kind, settings = ("own", None) if _user_class(text) else _parse(text)
     if settings is None:
         yield None
     elif kind == "sim":
-        yield _simulated(settings, _rng(seed))
+        yield SimulatedDevice(settings, _rng(seed))
     else:
-        from hapticnet.runtime.nano import SimulatedNano
-
-        with closing(SimulatedNano(settings, _rng(seed), wired=_wired(profile, settings))) as nano:
+        with closing(SimulatedNano(settings, _rng(seed), wired=_wired(profile, settings.servo))) as nano:
             yield nano
 
 
@@ -96,39 +82,26 @@ def check_device(text: str) -> None:
         _parse(text)
 
 
-def load(path: Path | None) -> "Profile":
+def load(path: Path | None) -> Profile:
     """Return the profile in a file, or an empty one."""
-    from hapticnet.device.profile import Profile, load_profile
-
     return load_profile(path) if path is not None else Profile()
 
 
-def control_settings(profile: "Profile") -> "ForceControlSettings":
+def control_settings(profile: Profile) -> ForceControlSettings:
     """Return the force loop's settings for the finger in a profile."""
-    from hapticnet.control.force_settings import ForceControlSettings, for_known_finger
-
     if profile.finger is None:
         return ForceControlSettings()
     return for_known_finger(stiffness_n_m=profile.finger.stiffness_n_m, contact_m=profile.finger.contact_m)
 
 
-def _user_class(text: str) -> "UserClass | None":
+def _user_class(text: str) -> UserClass | None:
     """Return the class of the user's that `text` names; None if it is a device of hapticnet's own."""
-    from hapticnet.user_code import find_user_class
-
     return None if text.partition(":")[0] in ("sim", "simavr", "serial") else find_user_class(text, "device")
 
 
 @contextmanager
-def _user_device(found: "UserClass", say: Callable[[str], None]) -> "Iterator[UserDevice | UserActuator]":
+def _user_device(found: UserClass, say: Callable[[str], None]) -> Iterator[UserDevice | UserActuator]:
     """Yield a device of the user's; at the end ask it for no force and call its ``close()``, if it has one."""
-    from contextlib import suppress
-
-    from hapticnet.device.user import as_user_device
-    from hapticnet.errors import UserCodeError
-    from hapticnet.runtime.system import now_us
-    from hapticnet.user_code import close_user_object
-
     device = as_user_device(found.make(), found.label)
     try:
         yield device
@@ -139,13 +112,8 @@ def _user_device(found: "UserClass", say: Callable[[str], None]) -> "Iterator[Us
             say(fault)
 
 
-def _parse(text: str) -> "tuple[str, PlantSettings | None]":
+def _parse(text: str) -> tuple[str, PlantSettings | None]:
     """Return the kind of device and, if it is simulated, its plant."""
-    from hapticnet.checks import check_parameter, meant
-    from hapticnet.device.simulated import Finger, PlantSettings
-    from hapticnet.errors import SettingsError
-    from hapticnet.hardware import SOFTEST_N_M, STIFFEST_N_M
-
     kind, separator, stiffness = text.partition(":")
     if kind == "serial":
         return kind, None
@@ -165,23 +133,12 @@ def _parse(text: str) -> "tuple[str, PlantSettings | None]":
     return kind, PlantSettings(finger=Finger(stiffness_n_m=1000.0 * n_per_mm))
 
 
-def _simulated(settings: "PlantSettings", rng: "np.random.Generator") -> "Device":
-    from hapticnet.device.simulated import SimulatedDevice
-
-    return SimulatedDevice(settings, rng)
-
-
-def _wired(profile: "Profile", settings: "PlantSettings | None" = None) -> "WiredDevice":
-    from hapticnet.device.servos import Servo
-    from hapticnet.device.wired import WiredDevice
-
-    servo = settings.servo if settings else Servo()
+def _wired(profile: Profile, servo: Servo | None = None) -> WiredDevice:
+    servo = servo or Servo()
     if profile.servo_lag_s is not None:
         servo = replace(servo, lag_s=profile.servo_lag_s)
     return WiredDevice(profile.table, servo=servo)
 
 
-def _rng(seed: int) -> "np.random.Generator":
-    import numpy as np
-
+def _rng(seed: int) -> np.random.Generator:
     return np.random.default_rng([seed, 4])

@@ -5,9 +5,9 @@ import json
 import math
 import os
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from importlib.util import find_spec
-from typing import Any, Final, Generic, TypeAlias
+from typing import Final, Generic, TypeAlias
 
 from hapticnet.errors import UnavailableError
 from hapticnet.node.master import MasterNode
@@ -15,7 +15,6 @@ from hapticnet.node.master_events import NodeEvent
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_context import SlaveContext
 from hapticnet.node.slave_events import MasterLeft, SlaveEvent
-from hapticnet.node.step_times import StepTimes
 from hapticnet.protocol.stats import Distribution, Traffic
 from hapticnet.protocol.wire import Kind
 from hapticnet.runtime.nonblocking_log import STDERR
@@ -23,6 +22,9 @@ from hapticnet.runtime.overload import Overload
 from hapticnet.runtime.processes import SideProcess
 from hapticnet.runtime.udp import HostPort, bound_address, listen_for_streams
 from hapticnet.runtime.watching import Event, Watcher
+
+DROPPED: Final = ("late", "duplicate", "malformed", "stray", "too_old", "over_rate")
+"""Why datagrams that arrived are not used: the fields of `Traffic` of these names."""
 
 MODULE: Final = "hapticnet.runtime.metrics_server"
 
@@ -41,20 +43,18 @@ class Metrics(Watcher[Event], Generic[Event]):
     tell
         Called with a line for the user if the serving process fails.
 
-    Raises
-    ------
-    UnavailableError
-        If prometheus-client is not installed, or the address is not available.
+    Raises UnavailableError if prometheus-client is not installed, or the address is not available.
     """
 
     name = "metrics"
     role: str
 
-    def __init__(self, address: HostPort, tell: Callable[[str], None]) -> None:
+    def __init__(self, address: HostPort, overload: Overload, tell: Callable[[str], None]) -> None:
         if find_spec("prometheus_client") is None:
             raise UnavailableError("--metrics needs prometheus-client (extra metrics): pip install prometheus-client")
         self._socket = listen_for_streams(address)
         self.address = bound_address(self._socket)
+        self._overload = overload
         self._tell = tell
         self._process: SideProcess | None = None
         self._events: Counter[str] = Counter()
@@ -87,9 +87,28 @@ class Metrics(Watcher[Event], Generic[Event]):
         """Return the present values by name."""
         raise NotImplementedError
 
-    def distributions(self) -> Mapping[str, Distribution | None]:
+    def distributions(self) -> dict[str, Distribution | None]:
         """Return the distributions [µs] by name."""
         raise NotImplementedError
+
+    @property
+    def _queue_age(self) -> Distribution | None:
+        port = self._overload.port
+        return port.queue.age if port is not None else None
+
+    def _common(self, totals: Counter[str]) -> Values:
+        """Return the values by name that master and slave have."""
+        port = self._overload.port
+        return {
+            "datagrams": {"sent": totals["sent"], "received": totals["received"]},
+            "wire_bytes": {"sent": totals["sent_bytes"], "received": totals["received_bytes"]},
+            "datagrams_lost": totals["lost"],
+            "datagrams_dropped": {reason: totals[reason] for reason in DROPPED},
+            "events": dict(self._events),
+            "log_lines_left_out": STDERR.left_out,
+            "realtime": float(self._overload.is_realtime),
+            "kernel_drops": port.queue.count_drops() if port is not None else 0,
+        }
 
     def _send(self) -> None:
         process = self._process
@@ -112,46 +131,21 @@ class Metrics(Watcher[Event], Generic[Event]):
         return code is None
 
 
-def news(values: Values, **distributions: Distribution) -> bytes:
-    """Return the line that tells the serving process values, and distributions by name."""
-    counts = {name: each.counts() for name, each in distributions.items()}
-    return json.dumps([values, counts]).encode() + b"\n"
-
-
-def common_values(events: Mapping[str, int], overload: Overload) -> Values:
-    """Return the values by name that master and slave have."""
-    port = overload.port
-    return {
-        "events": dict(events),
-        "log_lines_left_out": STDERR.left_out,
-        "realtime": float(overload.is_realtime),
-        "kernel_drops": port.queue.count_drops() if port is not None else 0,
-    }
-
-
-def common_distributions(overload: Overload, times: StepTimes) -> dict[str, Distribution | None]:
-    """Return the distributions [µs] by name that master and slave have."""
-    port = overload.port
-    return {"queue_age_seconds": port.queue.age if port is not None else None, "step_seconds": times.all_took()}
-
-
 class MasterMetrics(Metrics[NodeEvent]):
     """The metrics of a master."""
 
     role = "master"
 
     def __init__(self, node: MasterNode, address: HostPort, overload: Overload, tell: Callable[[str], None]) -> None:
-        super().__init__(address, tell)
+        super().__init__(address, overload, tell)
         self._node = node
-        self._overload = overload
 
     def values(self) -> Values:
         """Return the present values by name."""
         node, ticker = self._node, self._overload.ticker
-        sent, received = node.session.sent, node.session.received
-        return common_values(self._events, self._overload) | {
-            **_traffic(_Totals().add(sent, received)),
-            "forces": {"received": received.by_kind[Kind.FORCE]},
+        totals = _totals(node.session.sent, node.session.received)
+        return self._common(totals) | {
+            "forces": {"received": node.session.received.by_kind[Kind.FORCE]},
             "ticks": node.ticks,
             "ticks_missed": ticker.missed if ticker is not None else 0,
             "connected": float(node.session.streaming),
@@ -163,11 +157,12 @@ class MasterMetrics(Metrics[NodeEvent]):
             "displacement_meters": node.displacement_m,
         }
 
-    def distributions(self) -> Mapping[str, Distribution | None]:
+    def distributions(self) -> dict[str, Distribution | None]:
         """Return the distributions [µs] by name."""
         node, ticker = self._node, self._overload.ticker
         return {
-            **common_distributions(self._overload, node.times),
+            "queue_age_seconds": self._queue_age,
+            "step_seconds": node.times.all_took(),
             "tick_lateness_seconds": ticker.lateness if ticker is not None else None,
             "round_trip_seconds": node.session.round_trip,
             "force_age_seconds": node.age,
@@ -180,80 +175,54 @@ class SlaveMetrics(Metrics[SlaveEvent]):
     role = "slave"
 
     def __init__(self, node: SlaveNode, address: HostPort, overload: Overload, tell: Callable[[str], None]) -> None:
-        super().__init__(address, tell)
+        super().__init__(address, overload, tell)
         self._node = node
-        self._overload = overload
-        self._ended = _Totals()
+        self._ended: Counter[str] = Counter()
 
     def note(self, event: SlaveEvent, now_us: int) -> None:
         """Count an event, and keep the account of a session that has ended."""
         super().note(event, now_us)
         if isinstance(event, MasterLeft):
-            self._ended.add_context(event.context)
+            self._ended.update(_of_context(event.context))
 
     def values(self) -> Values:
         """Return the present values by name."""
-        node, totals = self._node, _Totals()
-        totals.absorb(self._ended)
+        node = self._node
+        totals = self._ended.copy()
         for context in node.contexts:
-            totals.add_context(context)
-        return common_values(self._events, self._overload) | {
-            **_traffic(totals),
-            "forces": {"sent": totals.forces},
+            totals.update(_of_context(context))
+        return self._common(totals) | {
+            "forces": {"sent": totals["forces"]},
             "sessions": len(node.contexts),
-            "steps": totals.steps,
+            "steps": totals["steps"],
             "draining": float(node.draining),
             "unknown_peers_datagrams": {"received": node.unknown_peers.packets, "sent": node.to_unknown_peers.packets},
             "throttled": node.throttled,
         }
 
-    def distributions(self) -> Mapping[str, Distribution | None]:
+    def distributions(self) -> dict[str, Distribution | None]:
         """Return the distributions [µs] by name."""
-        return common_distributions(self._overload, self._node.times)
+        return {"queue_age_seconds": self._queue_age, "step_seconds": self._node.times.all_took()}
 
 
-class _Totals:
-    """Sums over sessions."""
-
-    def __init__(self) -> None:
-        self.numbers: Counter[str] = Counter()
-        self.steps = 0
-        self.forces = 0
-
-    def add(self, sent: Traffic, received: Traffic) -> "_Totals":
-        """Add the accounts of one session."""
-        self.numbers.update(
-            sent=sent.packets,
-            sent_bytes=sent.wire_bytes,
-            received=received.packets,
-            received_bytes=received.wire_bytes,
-            lost=received.lost,
-            **{reason: getattr(received, reason) for reason in DROPPED},
-        )
-        return self
-
-    def add_context(self, context: SlaveContext) -> None:
-        """Add a session of a slave."""
-        self.add(context.session.sent, context.session.received)
-        self.steps += context.steps
-        self.forces += context.session.sent.by_kind[Kind.FORCE]
-
-    def absorb(self, other: "_Totals") -> None:
-        """Add other sums."""
-        self.numbers.update(other.numbers)
-        self.steps += other.steps
-        self.forces += other.forces
+def news(values: Values, **distributions: Distribution) -> bytes:
+    """Return the line that tells the serving process values, and distributions by name."""
+    counts = {name: each.counts() for name, each in distributions.items()}
+    return json.dumps([values, counts]).encode() + b"\n"
 
 
-DROPPED: Final = ("late", "duplicate", "malformed", "stray", "too_old", "over_rate")
-"""Why datagrams that arrived are not used: the fields of `Traffic` of these names."""
+def _totals(sent: Traffic, received: Traffic) -> Counter[str]:
+    return Counter(
+        sent=sent.packets,
+        sent_bytes=sent.wire_bytes,
+        received=received.packets,
+        received_bytes=received.wire_bytes,
+        lost=received.lost,
+        **{reason: getattr(received, reason) for reason in DROPPED},
+    )
 
 
-def _traffic(totals: _Totals) -> dict[str, Any]:
-    numbers = totals.numbers
-    return {
-        "datagrams": {"sent": numbers["sent"], "received": numbers["received"]},
-        "wire_bytes": {"sent": numbers["sent_bytes"], "received": numbers["received_bytes"]},
-        "datagrams_lost": numbers["lost"],
-        "datagrams_dropped": {reason: numbers[reason] for reason in DROPPED},
-    }
+def _of_context(context: SlaveContext) -> Counter[str]:
+    totals = _totals(context.session.sent, context.session.received)
+    totals.update(steps=context.steps, forces=context.session.sent.by_kind[Kind.FORCE])
+    return totals

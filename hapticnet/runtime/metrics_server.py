@@ -34,18 +34,13 @@ EDGES_S: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """One metric, without the prefix ``hapticnet_``.
-
-    Attributes
-    ----------
-    labels
-        Names of its labels.
-    """
+    """One metric, without the prefix ``hapticnet_``."""
 
     name: str
     kind: Kind
     meaning: str
     labels: tuple[str, ...] = ()
+    """Names of its labels."""
 
 
 COMMON: Final = (

@@ -1,13 +1,14 @@
-"""The whole device without hardware: the compiled firmware with its servo pins and converter on the simulated plant.
+"""The compiled firmware on a simulated ATmega328P, alone or with its pins on the simulated plant."""
 
-It runs in virtual time: the same calls give the same results, to the byte.
-"""
-
+import contextlib
+import os
+import struct
+import subprocess
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -15,8 +16,135 @@ from hapticnet.checks import check_parameter
 from hapticnet.device.base import Device, Reading
 from hapticnet.device.simulated import Plant, PlantSettings, loading_calibration
 from hapticnet.device.wired import WiredDevice
-from hapticnet.errors import UnavailableError
-from hapticnet.runtime.simavr import CYCLES_PER_US, Simavr, simavr_build
+from hapticnet.errors import SettingsError, UnavailableError
+
+CYCLES_PER_US: Final = 16
+"""Clock cycles per µs of the Nano: 16 MHz."""
+
+LONGEST_STEP_US: Final = 10_000_000
+"""Longest step [µs]: the firmware's output during a step must fit the harness's buffers."""
+
+MOST_BYTES: Final = 0xFFFF
+"""Largest number of bytes passed in one step."""
+
+BUILD_VARIABLE: Final = "HAPTICNET_FIRMWARE"
+"""Environment variable with the folder of simulator and firmware; default: the folder in the checkout."""
+
+_REQUEST: Final = struct.Struct("<IHH")
+_REPLY: Final = struct.Struct("<QIIII")
+_EDGE: Final = struct.Struct("<QII")
+
+
+def simavr_build() -> tuple[Path, Path]:
+    """Return the simulator and the firmware for the default baud rate, as built by ``make simulator``.
+
+    Raises UnavailableError if one of them is missing.
+    """
+    named = os.environ.get(BUILD_VARIABLE)
+    firmware = Path(__file__).parents[2] / "firmware"
+    if not named and not (firmware / "Makefile").is_file():
+        raise UnavailableError(
+            "the simulator is not in an installed package: run `make simulator` in a checkout of hapticnet, then"
+            f" export {BUILD_VARIABLE}=CHECKOUT/firmware/build"
+        )
+    folder = Path(named) if named else firmware / "build"
+    paths = folder / "harness", folder / "firmware-500000.elf"
+    for path in paths:
+        if not path.is_file():
+            where = f"; {BUILD_VARIABLE} must name the checkout's firmware/build" if named else ""
+            raise UnavailableError(f"{path} is missing: `make simulator` in the checkout of hapticnet builds it{where}")
+    return paths
+
+
+class Edge(NamedTuple):
+    """A change of a servo pin: time [clock cycles since power-on], servo (0 to 2) and new level."""
+
+    cycle: int
+    servo: int
+    level: int
+
+
+class Step(NamedTuple):
+    """Result of a step."""
+
+    cycle: int
+    """Time at the end [clock cycles since power-on]."""
+    sent: bytes
+    """Bytes sent by the firmware."""
+    edges: list[Edge]
+    """Changes of the servo pins, oldest first."""
+    resets: int
+    """Number of resets of the controller since power-on."""
+    latency_cycles: int
+    """Longest time that any interrupt was pending so far [clock cycles]."""
+
+
+class Simavr:
+    """A running simulation.
+
+    Parameters
+    ----------
+    harness
+        The simulator, built by ``make -C firmware sim``.
+    firmware
+        The ELF file to run.
+
+    Raises UnavailableError if either file is missing or the simulator does not start.
+    """
+
+    def __init__(self, harness: Path, firmware: Path) -> None:
+        for path, target in ((harness, "sim"), (firmware, "firmware")):
+            if not path.is_file():
+                raise UnavailableError(f"{path} is missing; build it: make -C firmware {target}")
+        command = [str(harness), str(firmware)]
+        try:
+            # In its own session, so that Ctrl-C does not end it before its caller.
+            self._process = subprocess.Popen(  # noqa: S603
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+            )
+        except OSError as error:
+            raise UnavailableError(f"cannot start {harness}: {error}") from error
+
+    def advance(self, duration_us: int, *, millivolts: float = 0.0, data: bytes = b"") -> Step:
+        """Advance time.
+
+        Parameters
+        ----------
+        duration_us
+            Duration [µs], up to ten seconds; it may be exceeded by a few clock cycles.
+        millivolts
+            Voltage [mV] at the force sensor's pin during the step, clamped to the 5 V supply.
+        data
+            Bytes for the firmware, up to `MOST_BYTES`; they arrive one after the other at the speed of the line.
+
+        Raises SettingsError if the duration is out of range or there are too many bytes; UnavailableError if the
+        simulator has ended.
+        """
+        check_parameter("step", duration_us, 0, LONGEST_STEP_US, "µs")
+        if len(data) > MOST_BYTES:
+            raise SettingsError(f"{len(data)} bytes for the UART in one step; the limit is {MOST_BYTES}")
+        stdin, stdout = self._process.stdin, self._process.stdout
+        assert stdin is not None  # noqa: S101
+        assert stdout is not None  # noqa: S101
+        level = round(10.0 * min(max(millivolts, 0.0), 5000.0))
+        try:
+            stdin.write(_REQUEST.pack(duration_us * CYCLES_PER_US, level, len(data)) + data)
+            stdin.flush()
+            cycle, n_sent, n_edges, resets, latency_cycles = _REPLY.unpack(stdout.read(_REPLY.size))
+            sent = stdout.read(n_sent)
+            edges = [Edge(*fields) for fields in _EDGE.iter_unpack(stdout.read(n_edges * _EDGE.size))]
+        except (OSError, struct.error) as error:
+            raise UnavailableError(f"the simulator ended with code {self._process.wait()}") from error
+        return Step(cycle, sent, edges, resets, latency_cycles)
+
+    def close(self) -> None:
+        """End the simulation."""
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None:
+                with contextlib.suppress(OSError):  # unread input is lost
+                    pipe.close()
+        self._process.wait()
+
 
 SLICE_US: Final = 1_000
 """Interval [µs] at which the converter's voltage follows the plant; the firmware averages over the same time."""
@@ -56,10 +184,7 @@ class Board:
     resets
         Number of resets of the controller since power-on.
 
-    Raises
-    ------
-    UnavailableError
-        If there is no build, or the simulator does not start.
+    Raises UnavailableError if there is no build, or the simulator does not start.
     """
 
     def __init__(
@@ -84,10 +209,7 @@ class Board:
     def advance(self, now_us: int, data: bytes = b"") -> bytes:
         """Advance time to `now_us` [µs], by a slice at most; pass bytes at its start and return the output.
 
-        Raises
-        ------
-        UnavailableError
-            If the simulator has ended.
+        Raises UnavailableError if the simulator has ended.
         """
         plant = self.plant
         counts = plant.level_counts()
@@ -118,23 +240,12 @@ class Board:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Disturbance:
-    """Disturbance of what the host writes.
-
-    Attributes
-    ----------
-    delay_us
-        Delay [µs].
-    loss
-        Share of writes that are lost (0 to 1), requests included.
-
-    Raises
-    ------
-    SettingsError
-        If a value is out of range.
-    """
+    """Disturbance of what the host writes. Raises SettingsError if a value is out of range."""
 
     delay_us: int = 0
+    """Delay [µs]."""
     loss: float = 0.0
+    """Share of writes that are lost (0 to 1), requests included."""
 
     def __post_init__(self) -> None:
         check_parameter("delay", self.delay_us, 0, 10_000_000, "µs")

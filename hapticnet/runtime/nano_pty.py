@@ -82,10 +82,7 @@ class NanoPty:
     def advance(self, now_us: int) -> None:
         """Advance the board to the time `now_us` [µs], and carry bytes.
 
-        Raises
-        ------
-        UnavailableError
-            If the simulator has ended.
+        Raises UnavailableError if the simulator has ended.
         """
         reached_us = now_us if self._reached_us is None else self._reached_us
         self._reached_us = now_us
@@ -153,10 +150,7 @@ class NanoPty:
 async def run_nano_pty(nano: NanoPty, *, duration_s: float | None, on_status: Callable[[], None]) -> None:
     """Run in real time until SIGINT, SIGTERM or the end of `duration_s` [s].
 
-    Raises
-    ------
-    UnavailableError
-        If the simulator ends by itself.
+    Raises UnavailableError if the simulator ends by itself.
     """
     loop = asyncio.get_running_loop()
     stop = stop_on_signals(loop)

@@ -3,6 +3,7 @@
 import atexit
 import json
 import logging
+import math
 import os
 import select
 import sys
@@ -51,26 +52,18 @@ PRIORITIES: Final = {Level.INFO: 6, Level.WARNING: 4, Level.ERROR: 3}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogLine:
-    """A message to whoever watches a process.
-
-    Attributes
-    ----------
-    time_s
-        Unix time [s] at which it was said, which may be long before it is written.
-    who
-        Part of the program that says it.
-    event
-        Name of the event that it tells, for programs; None if it tells none.
-    fields
-        What the event is about, for programs: master, address, codec.
-    """
+    """A message to whoever watches a process."""
 
     time_s: float
+    """Unix time [s] at which it was said, which may be long before it is written."""
     level: Level
     who: str
+    """Part of the program that says it."""
     text: str
     event: str | None = None
+    """Name of the event that it tells, for programs; None if it tells none."""
     fields: Mapping[str, Any] | None = None
+    """What the event is about, for programs: master, address, codec."""
 
     def write(self, form: Form) -> str:
         """Return the line, with its line end."""
@@ -159,8 +152,6 @@ class NonblockingLog:
         self._queue: SimpleQueue[Callable[[], None]] | None = None
         self._bucket = TokenBucket(LINES_PER_S, MOST_AT_ONCE)
         self._who = ""
-        self._summary_due = False
-        self._summary_at_s = 0.0
         self._summarised = 0
         self._status = ""
         self._status_due = False
@@ -183,9 +174,6 @@ class NonblockingLog:
         else:
             self.left_out += 1
             self._who = line.who
-            if not self._summary_due:
-                self._summary_due = True
-                self._queue.put(self._plan_summary)
 
     def status(self, text: str) -> None:
         """Replace the status line, which stands below all other lines; an empty text removes it.
@@ -195,7 +183,10 @@ class NonblockingLog:
         self._status = text
         if not self._status_due:
             self._status_due = True
-            self._do(self._write_status)
+            if self._queue is None:
+                self._write_status()
+            else:
+                self._queue.put(self._write_status)
 
     def drain(self) -> bool:
         """Wait until everything is written; return False if the reader took nothing for `PARTING_S`.
@@ -211,29 +202,21 @@ class NonblockingLog:
         self._patience_s = PARTING_S if done else 0.0
         return done
 
-    def _do(self, task: Callable[[], None]) -> None:
-        if self._queue is None:
-            task()
-        else:
-            self._queue.put(task)
-
     def _work(self) -> None:
         queue = self._queue
         assert queue is not None  # noqa: S101 - for the type checker
+        due_s = math.inf
         while True:
-            wait_s = max(0.0, self._summary_at_s - time.monotonic()) if self._summary_at_s else None
-            try:
-                task = queue.get(timeout=wait_s)
-            except Empty:
-                task = self._summarise
-            task()
-
-    def _plan_summary(self) -> None:
-        if not self._summary_at_s:
-            self._summary_at_s = time.monotonic() + SUMMARY_EVERY_S
+            with suppress(Empty):
+                queue.get(timeout=SUMMARY_EVERY_S)()
+            if self.left_out == self._summarised:
+                due_s = math.inf
+            elif due_s == math.inf:
+                due_s = time.monotonic() + SUMMARY_EVERY_S
+            elif time.monotonic() >= due_s:
+                self._summarise()
 
     def _summarise(self) -> None:
-        self._summary_at_s, self._summary_due = 0.0, False
         count = self.left_out - self._summarised
         if count:
             self._summarised += count
@@ -300,12 +283,7 @@ def keep_log() -> None:
 def write_watched(stream: TextIO, text: str, stall_s: float) -> None:
     """Write a text to a stream, and give up when the reader has taken nothing of it for `stall_s` [s].
 
-    Raises
-    ------
-    FileError
-        If the reader does not go on reading.
-    OSError
-        If the stream cannot be written.
+    Raises FileError if the reader does not go on reading; OSError if the stream cannot be written.
     """
     try:
         number = stream.fileno()

@@ -70,10 +70,7 @@ class SideProcess:
     waiting_bytes
         Bytes that the pipe has not taken yet.
 
-    Raises
-    ------
-    UnavailableError
-        If it cannot be started.
+    Raises UnavailableError if it cannot be started.
     """
 
     def __init__(self, module: str, *arguments: str, descriptors: Sequence[int] = ()) -> None:

@@ -64,27 +64,18 @@ class Wire:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundPort:
-    """A serial port of this host.
-
-    Attributes
-    ----------
-    path
-        Path for a specification: its link in /dev/serial/by-id, if there is one.
-    name
-        The device file.
-    description
-        Name reported by the USB device.
-    serial_number
-        Serial number of the USB device; None if it has none.
-    likely
-        Why it may be an Arduino Nano; None if there is no indication.
-    """
+    """A serial port of this host."""
 
     path: str
+    """Path for a specification: its link in /dev/serial/by-id, if there is one."""
     name: str
+    """The device file."""
     description: str
+    """Name reported by the USB device."""
     serial_number: str | None
+    """Serial number of the USB device; None if it has none."""
     likely: str | None
+    """Why it may be an Arduino Nano; None if there is no indication."""
 
 
 def parse_serial(text: str) -> SerialSpec:
@@ -174,12 +165,8 @@ class SerialPort:
     async def wait_ready(self, timeout_s: float) -> None:
         """Drive the device, retracted, until it gives readings.
 
-        Raises
-        ------
-        RefusedError
-            If it speaks a different protocol version.
-        UnavailableError
-            If the port cannot be opened, or there are no readings for `timeout_s` [s].
+        Raises RefusedError if it speaks a different protocol version; UnavailableError if the port cannot be opened, or
+        there are no readings for `timeout_s` [s].
         """
         end_us = now_us() + round(timeout_s * 1e6)
         while self._wired.status != READY:
@@ -266,12 +253,8 @@ class SerialPort:
 async def open_wire(wire: Wire, stop: asyncio.Event) -> SerialPort | None:
     """Open a wire and wait for readings; return None if `stop` was set meanwhile.
 
-    Raises
-    ------
-    RefusedError
-        If the device speaks a different protocol version.
-    UnavailableError
-        If there is no such port, or no device answers on it.
+    Raises RefusedError if the device speaks a different protocol version; UnavailableError if there is no such port, or
+    no device answers on it.
     """
     port = SerialPort(asyncio.get_running_loop(), wire.spec, wire.wired)
     ready = asyncio.ensure_future(port.wait_ready(START_WITHIN_S))
@@ -358,12 +341,8 @@ async def run_device(wire: Wire | None, tick: Callable[[int], bool], *, duration
     bool
         Whether the run was completed; False if SIGINT or SIGTERM ended it.
 
-    Raises
-    ------
-    RefusedError
-        If the device speaks a different protocol version.
-    UnavailableError
-        If there is no such port, or no device answers on it.
+    Raises RefusedError if the device speaks a different protocol version; UnavailableError if there is no such port, or
+    no device answers on it.
     """
     loop = asyncio.get_running_loop()
     signalled = stop_on_signals(loop)

@@ -27,10 +27,7 @@ class Guests:
     key_file
         The slave's key.
 
-    Raises
-    ------
-    FileError, SettingsError
-        If the list cannot be used.
+    Raises FileError, SettingsError if the list cannot be used.
     """
 
     def __init__(self, file: Path, key_file: Path) -> None:
@@ -59,12 +56,8 @@ class Guests:
 def read_guests(file: Path, own: bytes | None) -> tuple[Roster, dict[str, SceneSource]]:
     """Return a list of masters and the scenes that it names; `own` is the slave's public key, None if unknown.
 
-    Paths of scenes are relative to the folder of the list.
-
-    Raises
-    ------
-    FileError, SettingsError
-        If the list or one of its scenes cannot be used, or a master has the slave's key.
+    Paths of scenes are relative to the folder of the list. Raises FileError, SettingsError if the list or one of its
+    scenes cannot be used, or a master has the slave's key.
     """
     roster = load_roster(file)
     scenes: dict[str, SceneSource] = {}
@@ -84,21 +77,14 @@ def read_guests(file: Path, own: bytes | None) -> tuple[Roster, dict[str, SceneS
 
 @dataclass(frozen=True, slots=True)
 class SlaveTrust:
-    """Whom a slave serves.
-
-    Attributes
-    ----------
-    guests
-        The masters with keys; None if there are no sealed sessions.
-    serves_open
-        Whether open sessions are served.
-    unused_key
-        This host's key, if it is there and sessions are open because the slave listens on loopback; else None.
-    """
+    """Whom a slave serves."""
 
     guests: Guests | None
+    """The masters with keys; None if there are no sealed sessions."""
     serves_open: bool
+    """Whether open sessions are served."""
     unused_key: Path | None = None
+    """This host's key, if it is there and sessions are open because the slave listens on loopback; else None."""
 
     @property
     def files(self) -> list[Path]:

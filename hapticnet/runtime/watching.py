@@ -100,19 +100,11 @@ class Watchers(Generic[Event]):
 
     def note(self, event: Event, now_us: int) -> None:
         """Pass an event on."""
-        for watcher in tuple(self._watchers):
-            try:
-                watcher.note(event, now_us)
-            except Exception as error:
-                self._drop(watcher, error)
+        self._each(lambda watcher: watcher.note(event, now_us))
 
     def check(self, now_us: int) -> None:
         """Let each do what is done twice a second."""
-        for watcher in tuple(self._watchers):
-            try:
-                watcher.check(now_us)
-            except Exception as error:
-                self._drop(watcher, error)
+        self._each(lambda watcher: watcher.check(now_us))
 
     async def stop(self) -> None:
         """Stop those that were started, the last one first."""
@@ -123,9 +115,15 @@ class Watchers(Generic[Event]):
             except Exception as error:
                 self._drop(watcher, error)
 
+    def _each(self, call: Callable[[Watcher[Event]], None]) -> None:
+        for watcher in tuple(self._watchers):
+            try:
+                call(watcher)
+            except Exception as error:
+                self._drop(watcher, error)
+
     def _find_observers(self) -> None:
-        overriding = (each for each in self._watchers if type(each).observe is not Watcher.observe)
-        self.observers = [each.observe for each in overriding]
+        self.observers = [each.observe for each in self._watchers if type(each).observe is not Watcher.observe]
 
     def _drop(self, watcher: Watcher[Event], error: Exception) -> None:
         if watcher in self._watchers:

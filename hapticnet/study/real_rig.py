@@ -16,8 +16,8 @@ from hapticnet.node.master import MasterNode
 from hapticnet.node.master_events import NodeEvent
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.operator.base import Operator
-from hapticnet.runtime.master_run import MasterRunner
 from hapticnet.runtime.recorder import unix_offset_us
+from hapticnet.runtime.runners import MasterRunner
 from hapticnet.runtime.serial_port import SerialPort, Wire, open_wire
 from hapticnet.runtime.system import SystemEntropy, now_us
 from hapticnet.runtime.timer import Ticker, either, until

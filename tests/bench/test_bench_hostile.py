@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from hapticnet.runtime.simavr import BUILD_VARIABLE
+from hapticnet.runtime.nano import BUILD_VARIABLE
 
 REPOSITORY = Path(__file__).parents[2]
 MEASURE = REPOSITORY / "bench" / "measure"

@@ -13,8 +13,7 @@ from hapticnet.device.calibration import Calibration
 from hapticnet.device.messages import Deframer, Hello, Message, decode, encode, frame
 from hapticnet.device.simulated import Finger, PlantSettings
 from hapticnet.device.wired import WiredDevice
-from hapticnet.runtime.nano import SimulatedNano
-from hapticnet.runtime.simavr import CYCLES_PER_US, Simavr, Step
+from hapticnet.runtime.nano import CYCLES_PER_US, Simavr, SimulatedNano, Step
 from tests.firmware.rig import FOUND_AND_PRESSED_MS, Rig
 
 

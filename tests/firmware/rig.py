@@ -6,8 +6,7 @@ from pathlib import Path
 from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.control.limits import LimitSettings
 from hapticnet.node.fingertip import Fingertip, FingertipEvent
-from hapticnet.runtime.nano import SimulatedNano
-from hapticnet.runtime.simavr import Simavr
+from hapticnet.runtime.nano import Simavr, SimulatedNano
 
 MS = 1_000
 FINGERS_N_M = (300.0, 1000.0, 3000.0)

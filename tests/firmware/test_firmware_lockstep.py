@@ -11,8 +11,7 @@ import pytest
 from hapticnet.device.base import Reading
 from hapticnet.device.simulated import Finger, PlantSettings, Sensor
 from hapticnet.errors import SettingsError
-from hapticnet.runtime.nano import Disturbance, SimulatedNano
-from hapticnet.runtime.simavr import CYCLES_PER_US
+from hapticnet.runtime.nano import CYCLES_PER_US, Disturbance, SimulatedNano
 
 MS = 1_000
 BOOT_AND_GREET_US = 150 * MS

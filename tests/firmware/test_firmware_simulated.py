@@ -21,8 +21,8 @@ from hapticnet.device.messages import (
 )
 from hapticnet.device.servos import Linkage
 from hapticnet.errors import SettingsError, UnavailableError
-from hapticnet.runtime import simavr
-from hapticnet.runtime.simavr import BUILD_VARIABLE, CYCLES_PER_US, Simavr, simavr_build
+from hapticnet.runtime import nano as simavr
+from hapticnet.runtime.nano import BUILD_VARIABLE, CYCLES_PER_US, Simavr, simavr_build
 
 RETRACTED_US = Linkage().retracted_us
 EDGE_ERROR_US = 2.0
@@ -168,7 +168,7 @@ def test_an_installed_package_says_where_the_simulator_is_built(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv(BUILD_VARIABLE, raising=False)
-    monkeypatch.setattr(simavr, "__file__", str(tmp_path / "site-packages/hapticnet/runtime/simavr.py"))
+    monkeypatch.setattr(simavr, "__file__", str(tmp_path / "site-packages/hapticnet/runtime/nano.py"))
     with pytest.raises(UnavailableError, match=rf"in a checkout of hapticnet, then export {BUILD_VARIABLE}=") as error:
         simavr_build()
     assert "site-packages" not in str(error.value), "nothing can be built there"

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from hapticnet.runtime.simavr import BUILD_VARIABLE
+from hapticnet.runtime.nano import BUILD_VARIABLE
 
 FAST = ("--no-real-time",)
 FIRMWARE = Path(__file__).parents[2] / "firmware"

@@ -27,7 +27,7 @@ from hapticnet.runtime.doctor.checks import (
     try_fifo,
 )
 from hapticnet.runtime.doctor.finding import MEMORY_FOLDER, Machine, Verdict, scratch_folder
-from hapticnet.runtime.simavr import BUILD_VARIABLE
+from hapticnet.runtime.nano import BUILD_VARIABLE
 from hapticnet.runtime.udp import RECEIVE_BUFFER_BYTES, listen, parse_host_port
 from tests.ready import ROOT
 

@@ -8,8 +8,7 @@ import threading
 import pytest
 
 from hapticnet.protocol.settings import random_bytes
-from hapticnet.runtime.master_run import run_master
-from hapticnet.runtime.slave_run import run_slave
+from hapticnet.runtime.runners import run_master, run_slave
 from hapticnet.runtime.system import SystemEntropy, loop_factory, now_us, run
 from hapticnet.runtime.timer import Alarm, Ticker
 from hapticnet.runtime.udp import HostPort, bound_address, listen, open_toward

@@ -17,7 +17,7 @@ from hapticnet.operator.trace import TraceOperator
 from hapticnet.perception import WeberLaw
 from hapticnet.recordings.session.in_force import in_force
 from hapticnet.recordings.session.reading import read_session
-from hapticnet.runtime.master_run import MasterRunner
+from hapticnet.runtime.runners import MasterRunner
 from hapticnet.runtime.udp import HostPort
 from hapticnet.study import screens
 from hapticnet.study.conduct import conduct

@@ -22,8 +22,7 @@ from hapticnet.operator.base import Operator
 from hapticnet.operator.live import LiveHand
 from hapticnet.protocol.handshake import OpenDoor
 from hapticnet.protocol.wire import OPEN
-from hapticnet.runtime.master_run import run_master
-from hapticnet.runtime.slave_run import run_slave
+from hapticnet.runtime.runners import run_master, run_slave
 from hapticnet.runtime.system import SystemEntropy
 from hapticnet.runtime.udp import HostPort, bound_address, host_of, listen, open_toward
 from hapticnet.scene.presets import find_scene

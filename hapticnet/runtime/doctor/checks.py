@@ -22,8 +22,8 @@ from hapticnet.compiled import describe_core
 from hapticnet.errors import HapticnetError, UnavailableError
 from hapticnet.runtime.doctor.finding import Finding, Machine, Step, Verdict, duration, grade
 from hapticnet.runtime.doctor.serial_ports import examine_serial
+from hapticnet.runtime.nano import simavr_build
 from hapticnet.runtime.serial_port import SerialSpec
-from hapticnet.runtime.simavr import simavr_build
 from hapticnet.runtime.system import FIFO_PRIORITY, loop_factory, now_us
 from hapticnet.runtime.timer import Alarm
 from hapticnet.runtime.udp import RECEIVE_BUFFER_BYTES
