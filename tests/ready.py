@@ -10,6 +10,7 @@ import importlib
 import json
 import os
 import pkgutil
+import select
 import signal
 import socket
 import subprocess
@@ -26,28 +27,59 @@ PATIENCE_S = 60
 MOST_BYTES = 1 << 17
 
 
+class Started:
+    """A process with the methods of `subprocess.Popen` that tests use."""
+
+    def __init__(self, arguments: tuple[object, ...], *, stdout: int, stderr: int, cwd: Path | None = None) -> None:
+        self.args = [str(argument) for argument in arguments]
+        self.returncode: int | None = None
+        environment = os.environ | {"PYTHONPATH": str(ROOT)}
+        request = json.dumps([self.args, str(cwd or Path.cwd()), environment]).encode()
+        assert len(request) < MOST_BYTES
+        self._status, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with there, open(os.devnull) as stdin:
+            socket.send_fds(_nursery(), [request], [stdin.fileno(), stdout, stderr, there.fileno()])
+        self._status.settimeout(PATIENCE_S)
+        self.pid = int(self._status.recv(100))
+
+    def poll(self) -> int | None:
+        with suppress(subprocess.TimeoutExpired):
+            return self.wait(0.0)
+        return None
+
+    def wait(self, timeout: float | None = None) -> int:
+        if self.returncode is None:
+            if not select.select([self._status], [], [], timeout)[0]:
+                raise subprocess.TimeoutExpired(self.args, timeout or 0.0)
+            self.returncode = int(self._status.recv(100))
+            self._status.close()
+        return self.returncode
+
+    def send_signal(self, number: int) -> None:
+        if self.poll() is None:
+            with suppress(ProcessLookupError):
+                os.kill(self.pid, number)
+
+    def kill(self) -> None:
+        self.send_signal(signal.SIGKILL)
+
+
 def hapticnet(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
     """Run a command line in a process; return how it ended, and what it wrote."""
-    requests = _nursery()
-    with tempfile.TemporaryFile() as stdout, tempfile.TemporaryFile() as stderr, open(os.devnull) as stdin:
-        words = [str(argument) for argument in arguments]
-        environment = os.environ | {"PYTHONPATH": str(ROOT)}
-        request = json.dumps([words, str(cwd or Path.cwd()), environment]).encode()
-        assert len(request) < MOST_BYTES
-        socket.send_fds(requests, [request], [stream.fileno() for stream in (stdin, stdout, stderr)])
-        code = int(requests.recv(100))
+    with tempfile.TemporaryFile() as stdout, tempfile.TemporaryFile() as stderr:
+        process = Started(arguments, stdout=stdout.fileno(), stderr=stderr.fileno(), cwd=cwd)
+        code = process.wait(2 * PATIENCE_S)
         written = []
         for stream in (stdout, stderr):
             stream.seek(0)
             written.append(stream.read().decode())
-    return subprocess.CompletedProcess(words, code, *written)
+    return subprocess.CompletedProcess(process.args, code, *written)
 
 
 @cache
 def _nursery() -> socket.socket:
     """Start the process that the others are forked from; it ends when this one does."""
     here, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    here.settimeout(2 * PATIENCE_S)
     process = subprocess.Popen(
         [sys.executable, "-m", "tests.ready", str(there.fileno())],
         cwd=ROOT,
@@ -63,26 +95,44 @@ def _nursery() -> socket.socket:
 
 def _fork_on_request(requests: socket.socket) -> None:
     """Return in a new process for each request, and never in this one."""
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for the keepers
     while True:
-        data, streams, _, _ = socket.recv_fds(requests, MOST_BYTES, 3)
+        data, descriptors, _, _ = socket.recv_fds(requests, MOST_BYTES, 4)
         if not data:
             os._exit(0)
-        words, folder, environment = json.loads(data)
-        child = os.fork()
-        if child == 0:
-            signal.alarm(PATIENCE_S)  # which ends it
+        if os.fork() == 0:
             requests.close()
-            for number, stream in enumerate(streams):
-                os.dup2(stream, number)
-                os.close(stream)
-            os.chdir(folder)
-            os.environ.clear()
-            os.environ.update(environment)
-            sys.argv = ["hapticnet", *words]
-            return
-        for stream in streams:
-            os.close(stream)
-        requests.send(str(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])).encode())
+            signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+            *streams, number = descriptors
+            status = socket.socket(fileno=number)
+            if (child := os.fork()) == 0:
+                status.close()
+                _become(*json.loads(data), streams)
+                return
+            _keep(child, status)
+        for descriptor in descriptors:
+            os.close(descriptor)
+
+
+def _become(words: list[str], folder: str, environment: dict[str, str], streams: list[int]) -> None:
+    signal.alarm(PATIENCE_S)  # which ends it
+    for number, stream in enumerate(streams):
+        os.dup2(stream, number)
+        os.close(stream)
+    os.chdir(folder)
+    os.environ.clear()
+    os.environ.update(environment)
+    sys.argv = ["hapticnet", *words]
+
+
+def _keep(child: int, status: socket.socket) -> None:
+    """Tell the number of a process, and how it ends."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    with suppress(OSError):  # the test has ended
+        status.send(str(child).encode())
+        status.send(str(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])).encode())
+    os._exit(0)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,6 @@
 """Real processes: started, listened to, and ended by their process id."""
 
 import json
-import os
 import re
 import signal
 import subprocess
@@ -12,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
+from tests.ready import ROOT, Started
+
 PATIENCE_S = 20.0
 
 
@@ -23,14 +23,16 @@ class Process:
         self.errors = folder / f"{arguments[0]}-{time.monotonic_ns()}.err"
         self.output = self.errors.with_suffix(".out")
         with self.errors.open("w") as errors, self.output.open("w") as output:
-            self.process = subprocess.Popen(
-                [*prefix, sys.executable, "-m", "hapticnet", *arguments],
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=errors,
-                cwd=ROOT,
-                env=os.environ | {"PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"},
-            )
+            if prefix:
+                self.process: subprocess.Popen | Started = subprocess.Popen(
+                    [*prefix, sys.executable, "-m", "hapticnet", *arguments],
+                    stdin=subprocess.DEVNULL,
+                    stdout=output,
+                    stderr=errors,
+                    cwd=ROOT,
+                )
+            else:
+                self.process = Started(tuple(arguments), stdout=output.fileno(), stderr=errors.fileno(), cwd=ROOT)
 
     def said(self) -> str:
         return self.errors.read_text()

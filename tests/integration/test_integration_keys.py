@@ -207,17 +207,11 @@ def test_the_contact_ahead_is_announced_over_a_real_network(start, sealed, keys,
     assert session["sent"]["by_kind"]["force"] < 0.1 * session["steps"]
 
 
-@pytest.mark.parametrize("is_sealed", [False, True])
-def test_positions_are_sent_when_they_matter_over_a_real_network(start, sealed, keys, is_sealed):
-    if is_sealed:
-        server, address = sealed("--scene", "paper:1")
-        trust = keys.of("first")
-    else:
-        server = start("slave", "--listen", "127.0.0.1:0", "--scene", "paper:1", "--json", "--no-real-time")
-        address, trust = server.wait_for(r"listening on ([\d.]+:\d+)").group(1), ()
+def test_positions_are_sent_when_they_matter_over_a_real_network(start, sealed, keys):
+    server, address = sealed("--scene", "paper:1")
     link = "--channel-out", "delay=10ms,loss=1%", "--channel-in", "delay=10ms,loss=1%"
     options = "--positions", "line", "--codec", "adaptive-predictive", "--insertions", "1", "--json"
-    master = start("master", "--connect", address, *trust, *options, *link, *FAST)
+    master = start("master", "--connect", address, *keys.of("first"), *options, *link, *FAST)
     assert master.process.wait(30) == 0, master.said()
     assert server.end() == 0
     (session,) = server.report()["sessions"]
@@ -236,24 +230,22 @@ default_properties = fips=yes
 """
 
 
-def test_where_openssl_has_not_the_algorithms_sealed_sessions_are_refused_and_open_ones_work(
-    start, keys, tmp_path, monkeypatch
-):
+def test_where_openssl_has_not_the_algorithms_sealed_sessions_are_refused_and_open_ones_work(start, keys, tmp_path):
     """As in FIPS mode; this OpenSSL has no FIPS provider at all, so it is left with no algorithm."""
     (tmp_path / "openssl.cnf").write_text(FIPS_ONLY)
-    monkeypatch.setenv("OPENSSL_CONF", str(tmp_path / "openssl.cnf"))
-    slave = start("slave", "--listen", "127.0.0.1:0", "--no-real-time")
+    without = ("env", f"OPENSSL_CONF={tmp_path / 'openssl.cnf'}")
+    slave = start("slave", "--listen", "127.0.0.1:0", "--no-real-time", prefix=without)
     address = slave.wait_for(r"listening on ([\d.]+:\d+)").group(1)
-    master = start("master", "--connect", address, "--duration", "0.5", *FAST)
+    master = start("master", "--connect", address, "--duration", "0.5", *FAST, prefix=without)
     assert master.process.wait(20) == 0, master.said()
     sealed_slave = ("--key", str(keys.folder / "slave.toml"), "--masters", str(keys.list))
-    for arguments in (
+    commands = (
         ("slave", "--listen", "127.0.0.1:0", *sealed_slave),
         ("master", "--connect", address, *keys.of("first"), *FAST),
         ("key", "new", str(tmp_path / "new.toml")),
         ("key", "public", str(keys.folder / "slave.toml")),
-    ):
-        refused = start(*arguments)
+    )
+    for refused in [start(*arguments, prefix=without) for arguments in commands]:
         assert refused.process.wait(20) == UNAVAILABLE
         assert "need X25519 and ChaCha20-Poly1305, and OpenSSL has not both here, as in FIPS mode" in refused.said()
         assert "Traceback" not in refused.said()

@@ -3,13 +3,12 @@
 import json
 import os
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
+from tests.ready import hapticnet
+
 FAST = ("--no-real-time",)
 
 
@@ -30,12 +29,11 @@ def lines_of(process):
         (["slave", "--rate", "NaN"], {"HAPTICNET_CONFIG": "rig.toml"}),
     ],
 )
-def test_what_is_wrong_with_options_is_told_in_json_too(arguments, environment, tmp_path):
+def test_what_is_wrong_with_options_is_told_in_json_too(arguments, environment, tmp_path, monkeypatch):
     (tmp_path / "rig.toml").write_text("[slave]\nlog-json = true\n")
-    ended = subprocess.run(
-        [sys.executable, "-m", "hapticnet", *arguments],
-        capture_output=True, text=True, cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)} | environment,
-    )  # fmt: skip
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    ended = hapticnet(*arguments, cwd=tmp_path)
     assert ended.returncode == 2 or "nowhere.toml" in arguments
     (line,) = map(json.loads, ended.stderr.splitlines())
     assert line["level"] == "error"

@@ -77,6 +77,7 @@ def test_the_master_may_die_and_come_back_to_its_scene(start, slave):
     first.wait_for("connected to")
     server.wait_for("'surgeon' joined from")
     first.process.kill()
+    time.sleep(1.0)  # a session that is alive is not taken over
     second = start("master", "--connect", address, "--duration", "60", "--name", "surgeon", *FAST)
     server.wait_for("'surgeon' left: its master goes on in a new session")
     assert second.end() == 0

@@ -6,8 +6,6 @@ import os
 import pty
 import signal
 import socket
-import subprocess
-import sys
 import termios
 import time
 from collections.abc import Callable, Iterator
@@ -15,7 +13,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
+from tests.ready import Started
+
 PATIENCE_S = 20.0
 
 
@@ -51,19 +50,20 @@ def stopped_terminal() -> Iterator[int]:
 
 
 @pytest.fixture
-def run() -> Iterator[Callable[..., subprocess.Popen]]:
+def run() -> Iterator[Callable[..., Started]]:
     """Return what starts a process; those still running at the end of the test are killed."""
-    started = []
+    started: list[Started] = []
+    nowhere = os.open(os.devnull, os.O_WRONLY)
 
-    def start_process(*arguments: object, **streams: int) -> subprocess.Popen:
-        command = [sys.executable, "-m", "hapticnet", *map(str, arguments), "--no-real-time"]
-        started.append(subprocess.Popen(command, stdin=subprocess.DEVNULL, cwd=ROOT, **streams))
+    def start_process(*arguments: object, **streams: int) -> Started:
+        started.append(Started((*arguments, "--no-real-time"), **{"stdout": nowhere, "stderr": nowhere} | streams))
         return started[-1]
 
     yield start_process
     for process in started:
         process.kill()
         process.wait()
+    os.close(nowhere)
 
 
 @pytest.fixture
@@ -76,7 +76,7 @@ def address() -> str:
 @pytest.mark.parametrize("stream", ["full_pipe", "stopped_terminal"])
 def test_a_slave_whose_stderr_nobody_reads_serves_on_and_ends_on_sigint(run, address, stream, request, tmp_path):
     stderr, report = request.getfixturevalue(stream), tmp_path / "slave.json"
-    slave = run("slave", "--listen", address, "--report", report, stdout=subprocess.DEVNULL, stderr=stderr)
+    slave = run("slave", "--listen", address, "--report", report, stderr=stderr)
     for name in ("one", "two"):
         master = run("master", "--connect", address, "--name", name, "--duration", 0.3, "--connect-timeout", PATIENCE_S)
         assert master.wait(PATIENCE_S) == 0
