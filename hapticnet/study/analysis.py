@@ -1,19 +1,21 @@
-"""Results of the ordering task: shares of correct orders, pairs, times, bytes and ratings, and tests between them."""
+"""Results of the ordering task: shares of correct orders, pairs, times, bytes and ratings, and tests between them.
+
+Rows are checked first: they must be of one design and of one kind of participant.
+"""
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
-from statistics import fmean
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from statistics import fmean, median
+from typing import Final, TypeAlias
 
 import numpy as np
 
 from hapticnet.errors import SettingsError
 from hapticnet.experiment.conditions import CONDITIONS
-from hapticnet.study.checking import accepted, check_design, laws_of, missing, ratings_of
-from hapticnet.study.measures import COMPARED, MEASURES, SHARES, WITH_MARGIN, mean
+from hapticnet.study.flow import NO_CONSENT
 from hapticnet.study.observers import labelled
-from hapticnet.study.quality import predictors
-from hapticnet.study.results import MARGIN, PAPER_ERRORS, Comparison, ConditionResult, Figure, Results
 from hapticnet.study.rows import OrderRow
 from hapticnet.study.statistics import (
     Leaving,
@@ -28,6 +30,165 @@ from hapticnet.study.statistics import (
     standard_error,
     two_sided,
 )
+
+CHANCE: Final = 1 / 6
+"""Share of correct orders by guessing."""
+
+MARGIN: Final = 0.1
+"""Default margin of equivalence: the plan's, which is stated before the study."""
+
+PAPER_ERRORS: Final = {"none": 0.075, "1 JND": 0.056, "2 JND": 0.049, "4 JND": 0.065}
+"""Standard errors of the share of correct orders in Fig. 5 of "Cutaneous haptic deadband compression"."""
+
+APART: Final = "analyse each in a folder of its own"
+
+Interval: TypeAlias = tuple[float, float]
+Measure: TypeAlias = Callable[[Sequence[OrderRow]], float | None]
+"""A figure of some trials of one participant; None where they do not say."""
+
+
+def mean(values: Iterable[float | None]) -> float | None:
+    """Return the mean of the values that are known; None without any."""
+    known = [value for value in values if value is not None]
+    return fmean(known) if known else None
+
+
+def _mean_of(attribute: str, factor: float = 1.0) -> Measure:
+    def measure(rows: Sequence[OrderRow]) -> float | None:
+        found = mean(getattr(row, attribute) for row in rows)
+        return None if found is None else factor * found
+
+    return measure
+
+
+def _per_penetration(attribute: str) -> Measure:
+    def measure(rows: Sequence[OrderRow]) -> float | None:
+        told = [row for row in rows if getattr(row, attribute) is not None and row.penetrations]
+        through = sum(row.penetrations or 0 for row in told)
+        return sum(getattr(row, attribute) for row in told) / through if through else None
+
+    return measure
+
+
+def _right_pairs(rows: Sequence[OrderRow]) -> float | None:
+    return mean(row.pairs_correct / 3 for row in rows if row.pairs_correct is not None)
+
+
+def _delivered(rows: Sequence[OrderRow]) -> float | None:
+    """Return the mean share of the held peak that was sensed."""
+    return mean(
+        sensed / held
+        for row in rows
+        for held, sensed in zip(row.peaks_held_n, row.peaks_sensed_n, strict=True)
+        if held and sensed is not None
+    )
+
+
+def _largest_peak(rows: Sequence[OrderRow]) -> float | None:
+    return mean(max((peak or 0.0) for peak in row.peaks_sensed_n) for row in rows)
+
+
+def _median_time(rows: Sequence[OrderRow]) -> float | None:
+    times = [row.contact_to_answer_s for row in rows if row.contact_to_answer_s is not None]
+    return median(times) if times else None
+
+
+MEASURES: Final[dict[str, tuple[str, Measure]]] = {
+    "correct": ("correct orders", _mean_of("correct")),
+    "pairs": ("correct pairs", _right_pairs),
+    "kendall": ("Kendall's distance", _mean_of("kendall")),
+    "bytes": ("bytes per penetration", _per_penetration("penetration_bytes")),
+    "packets": ("packets per penetration", _per_penetration("penetration_packets")),
+    "time_s": ("time from contact to answer [s]", _median_time),
+    "insertions": ("insertions", _mean_of("insertions")),
+    "penetrations": ("penetrations", _mean_of("penetrations")),
+    "peak_n": ("force at contact: largest sensed [N]", _largest_peak),
+    "delivered": ("sensed over held peak", _delivered),
+    "error": ("perceptual error of the held force", _mean_of("perceptual_error")),
+    "speed_m_per_s": ("largest speed in contact", _mean_of("peak_speed_m_per_s")),
+}
+"""The measures: name in tables, and how it is computed from the trials of one participant."""
+
+NAMES: Final[dict[str, str]] = {**{key: name for key, (name, _) in MEASURES.items()}, "rating": "rating, 1 to 7"}
+WITH_MARGIN: Final = ("correct",)  # a margin of equivalence is stated for it
+SHARES: Final = ("correct", "pairs")  # from 0 to 1
+COMPARED: Final = (*WITH_MARGIN, "pairs", "kendall", "time_s", "insertions", "peak_n", "rating")
+"""Measures that are compared between conditions."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Figure:
+    """A measure of one condition, over participants."""
+
+    mean: float | None  # None without data
+    error: float | None  # standard error, n − 1
+    each: tuple[float, ...]  # of each participant, in their order; NaN where missing
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConditionResult:
+    """What participants did under one condition. Intervals are of 95 %, over participants."""
+
+    name: str
+    codec: str
+    multiplier: float  # threshold [JND]
+    trials: int  # answered
+    correct: int  # with the whole order right
+    interval: Interval  # of the share of those
+    figures: dict[str, Figure]  # by the name of the measure
+    pair_shares: tuple[float, ...]  # right answers about softest–middle, middle–hardest, softest–hardest
+    pair_intervals: tuple[Interval, ...]
+    paper_correct: float | None  # the paper's figures for the condition of this name
+    paper_error: float | None
+    paper_byte_reduction: float | None
+
+    @property
+    def share(self) -> float:
+        """Share of correct orders."""
+        return self.correct / self.trials if self.trials else 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """A condition less the reference, over the participants with both. The last three are for `WITH_MARGIN` only."""
+
+    measure: str
+    condition: str
+    reference: str
+    difference: float
+    interval: Interval  # 95 %
+    probability: float  # two-sided, of the exact sign-flip test
+    adjusted: float  # the same after Holm, for the comparisons of this measure
+    participants: int
+    within_margin: float | None = None  # probability of the two one-sided tests of equivalence
+    interval_90: Interval | None = None  # that belongs to them
+    equivalent: bool | None = None  # whether tests and interval both show equivalence
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UsedLaw:
+    """What 1 JND was for a participant: Weber fraction, smallest JND [N], and where they come from."""
+
+    participant: str
+    weber_fraction: float
+    floor_n: float
+    source: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Results:
+    """Results of a study."""
+
+    simulated: tuple[str, ...]  # names of the simulated observers; empty if all answers are of people
+    participants: tuple[str, ...]  # with trials
+    conditions: tuple[ConditionResult, ...]
+    comparisons: tuple[Comparison, ...]
+    margin: float
+    curve: Leaving | None  # where the share of correct orders leaves the margin [JND]; None if that cannot be told
+    repeated: int  # trials that were not accepted
+    aborted: int
+    missing: tuple[str, ...] = ()  # what is missing or uneven in the data, as sentences
+    laws: tuple[UsedLaw, ...] = ()  # several of a participant whose sessions had different laws
 
 
 def analyse(rows: Sequence[OrderRow], *, margin: float = MARGIN, seed: int = 1) -> Results:
@@ -48,9 +209,9 @@ def analyse(rows: Sequence[OrderRow], *, margin: float = MARGIN, seed: int = 1) 
     trials = accepted(rows)
     if not trials:
         raise SettingsError("no answered trial of the ordering task was found")
-    check_design(rows)
+    _check_design(rows, trials)
     participants = tuple(sorted({row.participant for row in trials}))
-    ratings = ratings_of(rows)
+    ratings = _ratings(rows, trials)
     names = sorted({row.condition or "" for row in trials}, key=lambda name: _place(trials, name))
     conditions = tuple(
         _condition(
@@ -67,11 +228,107 @@ def analyse(rows: Sequence[OrderRow], *, margin: float = MARGIN, seed: int = 1) 
         comparisons=_comparisons(conditions, margin),
         margin=margin,
         curve=_curve(conditions, margin, seed),
-        predictors=predictors(conditions),
         repeated=sum(row.event == "repeated" for row in rows),
         aborted=sum(row.event == "aborted" for row in rows),
-        missing=missing(rows, trials, names),
-        laws=laws_of(trials),
+        missing=_missing(rows, trials, ratings, names),
+        laws=_laws(trials),
+    )
+
+
+def accepted(rows: Sequence[OrderRow]) -> list[OrderRow]:
+    """Return the trials with an answer; of a trial that was written twice, the last."""
+    last = {(row.participant, row.session, row.this_n): row for row in rows if row.event == "trial"}
+    return [row for row in last.values() if row.correct is not None]
+
+
+def _ratings(rows: Sequence[OrderRow], trials: Sequence[OrderRow]) -> list[OrderRow]:
+    """Return the ratings of blocks with one condition; a rating of interleaved conditions is of none of them."""
+    conditions: dict[tuple[str, int, int | None], set[str | None]] = {}
+    for row in trials:
+        conditions.setdefault((row.participant, row.session, row.block), set()).add(row.condition)
+    rated = [row for row in rows if row.event == "rating" and row.rating is not None]
+    return [row for row in rated if len(conditions.get((row.participant, row.session, row.block), ())) <= 1]
+
+
+def _check_design(rows: Sequence[OrderRow], trials: Sequence[OrderRow]) -> None:
+    """Raise SettingsError unless all trials belong to one study."""
+    for row in trials:
+        _check_answer(row)
+    if len({row.observer is None for row in rows if row.event == "trial"}) > 1:
+        raise SettingsError(f"the folder has answers of people and of simulated observers; {APART}")
+    treated: dict[str, tuple[str, float]] = {}
+    tissues: dict[tuple[float | None, ...], str] = {}
+    for row in trials:
+        name, treatment = row.condition or "", (row.codec or "", row.multiplier or 0.0)
+        seen = treated.setdefault(name, treatment)
+        if seen != treatment:
+            told = " and ".join(f"{codec} at {multiplier:g} JND" for codec, multiplier in (seen, treatment))
+            raise SettingsError(f"the folder mixes two designs: condition {name!r} is {told}; {APART}")
+        tissues.setdefault(tuple(sorted(row.breach_forces_n, key=lambda force_n: force_n or 0.0)), row.participant)
+    if len(tissues) > 1:
+        listed = {
+            ", ".join("n/a" if force_n is None else f"{force_n:g}" for force_n in forces_n): person
+            for forces_n, person in tissues.items()
+        }
+        told = "; ".join(f"{forces} N (participant {person})" for forces, person in listed.items())
+        raise SettingsError(f"the folder mixes two designs: the breach forces are {told}; {APART}")
+
+
+def _check_answer(row: OrderRow) -> None:
+    where = f"participant {row.participant}, session {row.session}, trial {row.this_n}:"
+    if row.correct not in (0, 1):
+        raise SettingsError(f"{where} key_resp.corr is {row.correct}; it must be 0 or 1")
+    for column in ("order_true", "order_answered"):
+        order = getattr(row, column)
+        if order is not None and sorted(order) != list("123"):
+            raise SettingsError(f"{where} {column} is {order[:20]!r}; it must have 1, 2 and 3 once each, such as 213")
+
+
+def _missing(
+    rows: Sequence[OrderRow], trials: Sequence[OrderRow], ratings: Sequence[OrderRow], conditions: Sequence[str]
+) -> tuple[str, ...]:
+    """Return, as sentences, what is missing or uneven in the data."""
+    told = []
+    unanswered = len({(r.participant, r.session, r.this_n) for r in rows if r.event == "trial"}) - len(trials)
+    if unanswered:
+        are = "1 trial without an answer is" if unanswered == 1 else f"{unanswered} trials without an answer are"
+        told.append(f"{are} left out.")
+    people = sorted({row.participant for row in trials})
+    counts = Counter((row.participant, row.condition) for row in trials)
+    for name in conditions:
+        most = max(counts[person, name] for person in people)
+        for person in people:
+            own = counts[person, name]
+            if own == 0:
+                told.append(f"Participant {person} has no trial of {name} and is left out of comparisons with it.")
+            elif own < most:
+                told.append(f"Participant {person} has {own} trials of {name}; others have {most}.")
+    mixed = sum(row.event == "rating" and row.rating is not None for row in rows) - len(ratings)
+    if mixed:
+        told.append(f"{mixed} ratings of blocks with several conditions are left out.")
+    rated = {(row.participant, row.condition) for row in ratings}
+    unrated = sorted({person for person, name in counts if (person, name) not in rated})
+    if rated and unrated:
+        told.append(f"Ratings are missing of participants {', '.join(unrated)}.")
+    declined = {row.participant for row in rows if row.event == "end" and row.reason == NO_CONSENT} - set(people)
+    if declined:
+        told.append(f"Participants {', '.join(sorted(declined))} did not agree to take part.")
+    started = {row.participant for row in rows} - set(people) - declined
+    if started:
+        told.append(f"Participants {', '.join(sorted(started))} have no answered trial.")
+    return tuple(told)
+
+
+def _laws(trials: Sequence[OrderRow]) -> tuple[UsedLaw, ...]:
+    """Return what 1 JND was for each participant."""
+    found = {
+        (row.participant, row.jnd_source or "unknown", row.weber_fraction, row.floor_n)
+        for row in trials
+        if row.weber_fraction is not None and row.floor_n is not None
+    }
+    return tuple(
+        UsedLaw(participant=person, weber_fraction=fraction, floor_n=floor_n, source=source)
+        for person, source, fraction, floor_n in sorted(found)
     )
 
 
@@ -82,7 +339,7 @@ def _place(trials: Sequence[OrderRow], name: str) -> tuple[float, str]:
 
 def _condition(trials: Sequence[OrderRow], ratings: Sequence[OrderRow], participants: Sequence[str]) -> ConditionResult:
     name = trials[0].condition or ""
-    pairs = _pairs(trials, participants)
+    pairs = [_pair(trials, participants, softer, harder) for softer, harder in ((0, 1), (1, 2), (0, 2))]
     correct = sum(row.correct or 0 for row in trials)
     own = {person: [row for row in trials if row.participant == person] for person in participants}
     figures = {
@@ -108,21 +365,17 @@ def _condition(trials: Sequence[OrderRow], ratings: Sequence[OrderRow], particip
     )
 
 
-def _pairs(trials: Sequence[OrderRow], participants: Sequence[str]) -> list[tuple[float, tuple[float, float]]]:
-    """Return for each pair of tissues the share of right answers and its interval over participants."""
-
-    def told(softer: int, harder: int) -> tuple[float, tuple[float, float]]:
-        right: dict[str, list[int]] = {}
-        for row in trials:
-            if row.order_true and row.order_answered:
-                place = row.order_answered.index
-                own = right.setdefault(row.participant, [])
-                own.append(place(row.order_true[softer]) < place(row.order_true[harder]))
-        answers = [each for person in participants for each in right.get(person, ())]
-        shares = [fmean(own) for own in right.values()]
-        return fmean(answers) if answers else math.nan, share_interval(sum(answers), len(answers), shares)
-
-    return [told(0, 1), told(1, 2), told(0, 2)]
+def _pair(trials: Sequence[OrderRow], participants: Sequence[str], softer: int, harder: int) -> tuple[float, Interval]:
+    """Return the share of right answers about two tissues, and its interval over participants."""
+    right: dict[str, list[int]] = {}
+    for row in trials:
+        if row.order_true and row.order_answered:
+            place = row.order_answered.index
+            own = right.setdefault(row.participant, [])
+            own.append(place(row.order_true[softer]) < place(row.order_true[harder]))
+    answers = [each for person in participants for each in right.get(person, ())]
+    shares = [fmean(own) for own in right.values()]
+    return fmean(answers) if answers else math.nan, share_interval(sum(answers), len(answers), shares)
 
 
 def _comparisons(conditions: Sequence[ConditionResult], margin: float) -> tuple[Comparison, ...]:
@@ -130,52 +383,49 @@ def _comparisons(conditions: Sequence[ConditionResult], margin: float) -> tuple[
     found: list[Comparison] = []
     reference, *others = conditions
     for key in COMPARED:
-        own: list[Comparison] = []
-        for other in others:
-            differences = np.array(other.figures[key].each) - np.array(reference.figures[key].each)
-            differences = differences[np.isfinite(differences)]
-            if not len(differences):
-                continue
-            least = 0.0
-            if key in WITH_MARGIN:
-                people = len(reference.figures[key].each)
-                least = sum(chance_variance(each.correct, each.trials, people) for each in (reference, other))
-            within, interval_90 = (
-                equivalence(differences, margin, least_variance=least) if key in WITH_MARGIN else (None, None)
-            )
-            own.append(
-                Comparison(
-                    measure=key,
-                    condition=other.name,
-                    reference=reference.name,
-                    difference=float(differences.mean()),
-                    interval=_bounded(key, mean_interval(differences, least_variance=least)),
-                    probability=two_sided(sign_flip(differences)),
-                    adjusted=1.0,
-                    within_margin=within,
-                    interval_90=None if interval_90 is None else _bounded(key, interval_90),
-                    equivalent=(
-                        None
-                        if within is None or interval_90 is None
-                        else shows_equivalence(within, interval_90, margin)
-                    ),
-                    participants=len(differences),
-                )
-            )
+        own = [each for other in others if (each := _comparison(key, reference, other, margin)) is not None]
         adjusted = holm([each.probability for each in own])
-        found += [_adjust(each, value) for each, value in zip(own, adjusted, strict=True)]
+        found += [replace(each, adjusted=value) for each, value in zip(own, adjusted, strict=True)]
     return tuple(found)
 
 
-def _bounded(measure: str, interval: tuple[float, float]) -> tuple[float, float]:
+def _comparison(key: str, reference: ConditionResult, other: ConditionResult, margin: float) -> Comparison | None:
+    """Return the difference of one measure; None if no participant has both conditions."""
+    differences = np.array(other.figures[key].each) - np.array(reference.figures[key].each)
+    differences = differences[np.isfinite(differences)]
+    if not len(differences):
+        return None
+    least = 0.0
+    if key in WITH_MARGIN:
+        people = len(reference.figures[key].each)
+        least = sum(chance_variance(each.correct, each.trials, people) for each in (reference, other))
+    probability = two_sided(sign_flip(differences))
+    comparison = Comparison(
+        measure=key,
+        condition=other.name,
+        reference=reference.name,
+        difference=float(differences.mean()),
+        interval=_bounded(key, mean_interval(differences, least_variance=least)),
+        probability=probability,
+        adjusted=probability,
+        participants=len(differences),
+    )
+    if key not in WITH_MARGIN:
+        return comparison
+    within, interval_90 = equivalence(differences, margin, least_variance=least)
+    return replace(
+        comparison,
+        within_margin=within,
+        interval_90=_bounded(key, interval_90),
+        equivalent=shows_equivalence(within, interval_90, margin),
+    )
+
+
+def _bounded(measure: str, interval: Interval) -> Interval:
     """Return an interval of a difference without what a difference of shares cannot be; infinite ones say "unknown"."""
     if measure not in SHARES or not all(map(math.isfinite, interval)):
         return interval
     return max(interval[0], -1.0), min(interval[1], 1.0)
-
-
-def _adjust(comparison: Comparison, adjusted: float) -> Comparison:
-    return replace(comparison, adjusted=adjusted)
 
 
 def _curve(conditions: Sequence[ConditionResult], margin: float, seed: int) -> Leaving | None:

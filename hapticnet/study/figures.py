@@ -1,4 +1,4 @@
-"""Figures of a study: bytes per penetration, correct orders, the curve of thresholds, pairs, ratings, and power."""
+"""Figures of a study: bytes per penetration, correct orders, the curve of thresholds, pairs and ratings."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -23,8 +23,7 @@ from hapticnet.experiment.style import (
     mark_level,
     picture,
 )
-from hapticnet.study.power import Power
-from hapticnet.study.results import CHANCE, Results
+from hapticnet.study.analysis import CHANCE, Results
 from hapticnet.study.statistics import falling
 
 HEIGHT_IN: Final = 3.6
@@ -44,45 +43,32 @@ def draw_results(results: Results, folder: Path) -> list[Path]:
     UnavailableError
         If matplotlib is missing.
     """
-    drawn = [
-        _draw(folder, "bytes-per-penetration", lambda axes: _bytes(axes, results)),
-        _draw(folder, "correct-orders", lambda axes: _correct(axes, results)),
-        _draw(folder, "pairs", lambda axes: _pairs(axes, results)),
-    ]
+    paints: dict[str, Callable[[Any, Results], None]] = {
+        "bytes-per-penetration": _bytes,
+        "correct-orders": _correct,
+        "pairs": _pairs,
+    }
     if results.curve is not None:
-        drawn.append(_draw(folder, "curve", lambda axes: _curve(axes, results)))
+        paints["curve"] = _curve
     if any(each.figures["rating"].mean is not None for each in results.conditions):
-        drawn.append(_draw(folder, "ratings", lambda axes: _ratings(axes, results)))
-    return [file for files in drawn for file in files]
-
-
-def draw_power(powers: Sequence[Power], source: str, folder: Path) -> list[Path]:
-    """Draw power, equivalence and widths of intervals against the participants, as PDF and PNG; return the files."""
-    files = [folder / f"power.{form}" for form in FORMS]
+        paints["ratings"] = _ratings
+    files = [folder / f"{name}.{form}" for name in paints for form in FORMS]
     for file in files:
         with picture(file, HEIGHT_IN) as figure:
-            _power(figure, powers, source)
+            paints[file.stem](figure.subplots(), results)
     return files
 
 
-def titled(text: str, simulated: Sequence[str]) -> str:
-    """Return a title that says so, in lines of its own, if the data are simulated."""
-    return "\n".join([text, *wrap(f"SIMULATED ({', '.join(simulated)})", TITLE_WIDTH)]) if simulated else text
-
-
-def _draw(folder: Path, name: str, paint: Callable[[Any], None]) -> list[Path]:
-    files = [folder / f"{name}.{form}" for form in FORMS]
-    for file in files:
-        with picture(file, HEIGHT_IN) as figure:
-            paint(figure.subplots())
-    return files
+def _title(axes: Any, text: str, results: Results, *below: str, **look: Any) -> None:
+    """Set the title of a figure, which says in lines of its own if the data are simulated."""
+    told = wrap(f"SIMULATED ({', '.join(results.simulated)})", TITLE_WIDTH) if results.simulated else []
+    axes.set_title("\n".join([text, *told, *below]), **look)
 
 
 def _people(axes: Any, place: float, values: Sequence[float], factor: float, span: float, *, aside: float) -> None:
     """Draw each participant as a point beside `place`; those within 2 % of the axis' span stand side by side."""
-    known = sorted(value * factor for value in values if math.isfinite(value))
     rows: list[list[float]] = []
-    for value in known:
+    for value in sorted(value * factor for value in values if math.isfinite(value)):
         if rows and value - rows[-1][0] < 0.02 * span:
             rows[-1].append(value)
         else:
@@ -123,7 +109,7 @@ def _bytes(axes: Any, results: Results) -> None:
     axes.set_ylim(bottom=0.0)
     axes.yaxis.set_major_formatter("{x:,.0f}")
     axes.set_ylabel("bytes per penetration, with headers")
-    axes.set_title(titled("Bytes per penetration: mean, s.e., each participant", results.simulated))
+    _title(axes, "Bytes per penetration: mean, s.e., each participant", results)
 
 
 def _saved(share: float) -> str:
@@ -150,7 +136,7 @@ def _correct(axes: Any, results: Results) -> None:
     axes.set_ylim(0.0, 104.0)
     axes.set_ylabel("correct orders [%]")
     told = "bars: mean; thick: s.e.; thin: 95 % over participants; dots: participants; diamonds: the paper, s.e."
-    axes.set_title(titled("Correct orders", results.simulated) + f"\n{told}", fontsize=8)
+    _title(axes, "Correct orders", results, told, fontsize=8)
 
 
 def _pairs(axes: Any, results: Results) -> None:
@@ -168,7 +154,7 @@ def _pairs(axes: Any, results: Results) -> None:
     axes.set_ylim(min(40.0, lowest - 5.0), 103.0)
     axes.set_ylabel("correct pairs [%]")
     legend(axes.figure, axes, title="pair")
-    axes.set_title(titled("Which pairs are told apart: share and 95 % interval over participants", results.simulated))
+    _title(axes, "Which pairs are told apart: share and 95 % interval over participants", results)
 
 
 def _curve(axes: Any, results: Results) -> None:
@@ -203,7 +189,7 @@ def _curve(axes: Any, results: Results) -> None:
     axes.set_xlabel("threshold [JND]")
     axes.set_ylabel("difference of correct orders [points]")
     legend(axes.figure, axes, below=False)
-    axes.set_title(titled("From which threshold on is performance worse?", results.simulated))
+    _title(axes, "From which threshold on is performance worse?", results)
 
 
 def _ratings(axes: Any, results: Results) -> None:
@@ -215,36 +201,4 @@ def _ratings(axes: Any, results: Results) -> None:
     _ticks(axes, results)
     axes.set_ylim(0.8, 7.2)
     axes.set_ylabel("rating, 1 (bad) to 7 (excellent)")
-    axes.set_title(titled("Quality of experience: mean, s.e., each participant", results.simulated))
-
-
-def _power(figure: Any, powers: Sequence[Power], source: str) -> None:
-    panels = figure.subplots(1, 3)
-    conditions = list(dict.fromkeys(each.condition for each in powers))
-    trials = sorted({each.trials for each in powers})
-    people = sorted({each.participants for each in powers})
-    shown: tuple[tuple[str, Callable[[Power], float], str], ...] = (
-        ("a difference is found", lambda each: 100 * each.power, "experiments [%]"),
-        ("equivalence is shown", lambda each: 100 * each.equivalent, ""),
-        ("half width of the difference", lambda each: 100 * each.half_width, "points"),
-    )
-    for axes, (title, value, unit) in zip(panels, shown, strict=True):
-        for number, condition in enumerate(conditions[1:]):
-            for line, count in enumerate(trials):
-                own = [each for each in powers if (each.condition, each.trials) == (condition, count)]
-                known = sorted((each.participants, value(each)) for each in own if math.isfinite(value(each)))
-                look = {"color": COLOURS[number % len(COLOURS)], "marker": MARKERS[number % len(MARKERS)]}
-                name = f"{condition}, {count} trials"
-                style = DASHES[line % len(DASHES)]
-                axes.plot(
-                    [x for x, _ in known], [y for _, y in known], **look, linestyle=style, markersize=4, label=name
-                )
-        axes.set_title(title, fontsize=8)
-        axes.set_xlabel("participants")
-        axes.set_xticks(people)
-        axes.set_ylabel(unit)
-        axes.set_ylim(0.0, 102.0 if axes is not panels[2] else None)
-    panels[0].axhline(80.0, color=INK, linestyle=":", linewidth=0.8)
-    panels[0].axhline(5.0, color=INK, linestyle=":", linewidth=0.8)
-    legend(figure, panels[0], fontsize=7)
-    figure.suptitle(titled(f"Each condition against {conditions[0]!r}, sign-flip tests at 5 %", [source]), fontsize=9)
+    _title(axes, "Quality of experience: mean, s.e., each participant", results)

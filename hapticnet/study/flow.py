@@ -2,7 +2,7 @@
 
 Where a session stands follows from its rows alone, so a session that was killed goes on where its table ends. A front
 (terminal, page, simulated observer) shows `Flow.screen`, lets the rig perform `Flow.activity`, and calls `press`,
-`complete` and `abort`; `conduct.conduct` stores the rows of each call before the next one.
+`complete` and `abort`; `runner.conduct` stores the rows of each call before the next one.
 """
 
 from abc import ABC, abstractmethod
@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Any, Final, Generic
 
 from hapticnet.study import screens
-from hapticnet.study.plan import ASK, Plan, QuestionPlan
+from hapticnet.study.plan import ASK, LimitsPlan, OrderPlan, Plan, QuestionPlan
 from hapticnet.study.rig import Activity, Fault, Meet, Outcome
 from hapticnet.study.rows import AnyRow, Event, answers_about
 from hapticnet.study.screens import Screen, ScreenKind, Screens
@@ -30,20 +30,20 @@ class Flow(ABC, Generic[AnyRow]):
 
     Parameters
     ----------
+    plan
+        The plan, with what the participant reads.
+    part
+        What it says of this part.
     rows
         Rows of earlier runs of this session.
     now_us
         Time [µs] at which this run begins.
     constants
         Values of columns that are the same in all rows: participant, session, observer and device.
-    plan
-        The plan, with what the participant reads.
     questions
         What is asked about the participant after the consent.
     instructions
         Text of the first screen.
-    most_attempts
-        How often the platform may fail to meet the finger, one after the other.
 
     Attributes
     ----------
@@ -63,14 +63,13 @@ class Flow(ABC, Generic[AnyRow]):
 
     def __init__(
         self,
-        rows: list[AnyRow],
+        plan: Plan,
+        part: OrderPlan | LimitsPlan,
+        rows: Sequence[AnyRow],
         now_us: int,
         constants: dict[str, Any],
-        *,
-        plan: Plan,
         questions: Sequence[QuestionPlan],
         instructions: str,
-        most_attempts: int,
     ) -> None:
         self.rows = list(rows)
         self.deepest_m: float | None = None
@@ -78,13 +77,12 @@ class Flow(ABC, Generic[AnyRow]):
         self.failure: str | None = None
         self.answered = False
         self.activity: Activity | None = None
+        self._plan = plan
+        self._part = part
         self._constants = constants
+        self._questions = questions
         self._screens = Screens(plan.texts)
         self._why = plan.texts.why
-        self._consent = plan.consent
-        self._consent_text = plan.texts.consent.whole
-        self._questions = questions
-        self._most_attempts = most_attempts
         self._fresh: list[AnyRow] = []
         self._earlier = len(rows)
         self._begun_us = now_us
@@ -129,10 +127,10 @@ class Flow(ABC, Generic[AnyRow]):
             self._emit("stopped", now_us, reason="the participant ended the session")
             self._stop("the participant ended the session")
         elif key == screens.ESCAPE:
-            self.abort("the participant stopped", now_us)
+            self.abort("the participant stopped")
         elif screen.kind is ScreenKind.CONSENT:
             if key == screens.YES:
-                self._emit("consent", now_us, text=screens.hash_of(self._consent_text))
+                self._emit("consent", now_us, text=screens.hash_of(self._plan.texts.agreement))
                 self._go_on(now_us)
             else:
                 self._emit("end", now_us, reason=NO_CONSENT)
@@ -151,9 +149,8 @@ class Flow(ABC, Generic[AnyRow]):
         else:
             self._take_key(key, now_us)
 
-    def abort(self, reason: str, now_us: int) -> None:
+    def abort(self, reason: str) -> None:
         """End the present activity without an answer; it comes again. Does nothing where nothing is performed."""
-        del now_us
         if self.activity is not None and not self.answered:
             self._abort = reason
             self._conclude(halted=True)
@@ -180,25 +177,24 @@ class Flow(ABC, Generic[AnyRow]):
         if reason is None:
             self._met = True
             self._failed_meetings = 0
-            self._emit(
-                "meet", now_us, since_us=self._shown_us, text=f"sensed {getattr(outcome, 'sensed_n', 0.0):.3f} N"
-            )
+            sensed_n = getattr(outcome, "sensed_n", 0.0)
+            self._emit("meet", now_us, since_us=self._shown_us, text=f"sensed {sensed_n:.3f} N")
             self._go_on(now_us)
             return
         self._emit("aborted", now_us, since_us=self._shown_us, reason=reason, text="meeting")
         self._failed_meetings += 1
-        if self._failed_meetings >= self._most_attempts:
+        if self._failed_meetings >= self._part.most_attempts:
             self._stop(reason)
         else:
-            self._repeat_later(self._why.unmet if abort is None else self._why.stopped, now_us)
+            self._show(self._screens.repeat(self._why["unmet" if abort is None else "stopped"], now_us), now_us)
 
     def _go_on(self, now_us: int) -> None:
         """Show what comes next."""
         if not any(row.event == "consent" for row in self.rows):
-            if self._consent == ASK:
+            if self._plan.consent == ASK:
                 self._show(self._screens.consent(), now_us)
                 return
-            self._emit("consent", now_us, text=self._consent)
+            self._emit("consent", now_us, text=self._plan.consent)
         unasked = self._unasked()
         if unasked:
             self._show(self._screens.about(unasked[0].text, unasked[0].choices), now_us)
@@ -215,17 +211,37 @@ class Flow(ABC, Generic[AnyRow]):
         self.answered = True
         self.screen = self._screens.moment(halted=halted)
 
-    def _repeat_later(self, why: str, now_us: int) -> None:
-        """Say why something comes again."""
-        self._show(self._screens.repeat(why, now_us), now_us)
+    def _repeat(self, number: int, begun: str, reason: str, why: str, now_us: int) -> None:
+        """Let trial `number` come again, or stop if it was begun in vain too often in this run.
+
+        Earlier runs do not count: they may have had another device.
+        """
+        self._met = False  # who knows where the finger is now?
+        attempts = self._attempts(number, self.rows[self._earlier :])
+        if attempts >= self._part.most_attempts:
+            self._stop(f"{begun} {attempts} times in vain; the last time: {reason}")
+        else:
+            self._show(self._screens.repeat(self._why[why], now_us), now_us)
+
+    @staticmethod
+    def _attempts(number: int, rows: Sequence[AnyRow]) -> int:
+        """Return how often trial `number` was begun in vain."""
+        return sum(row.this_n == number and row.event in ("aborted", "repeated") for row in rows)
 
     def _meet(self, now_us: int) -> None:
         self._show(self._screens.meeting(), now_us, Meet())
 
-    def _in_vain(self, this_n: int) -> int:
-        """Return how often a trial was begun in vain in this run; earlier runs may have had another device."""
-        fresh = self.rows[self._earlier :]
-        return sum(row.this_n == this_n and row.event in ("aborted", "repeated") for row in fresh)
+    def _pause(self, now_us: int) -> None:
+        self._show(self._screens.pause(now_us + round(1e6 * self._part.break_s), self._progress()), now_us)
+
+    @property
+    def _breaks(self) -> int:
+        """Breaks so far."""
+        return sum(row.event == "break" for row in self.rows)
+
+    @abstractmethod
+    def _progress(self) -> str:
+        """Return how far the session is."""
 
     def _show(self, screen: Screen, now_us: int, activity: Activity | None = None) -> None:
         self.screen = screen

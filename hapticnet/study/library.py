@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import permutations
+from typing import TypeAlias
 
 import numpy as np
 
@@ -15,36 +16,28 @@ from hapticnet.errors import UnavailableError
 from hapticnet.experiment.workers import workers
 from hapticnet.node.fingertip import Fingertip
 from hapticnet.node.master_settings import MasterSettings
-from hapticnet.study.cues import Look
+from hapticnet.perception import WeberLaw
 from hapticnet.study.hand import scripted_hand
-from hapticnet.study.observers import CUE_FIELDS, Cue
-from hapticnet.study.plan import ConditionPlan, Plan, law_of
+from hapticnet.study.observers import CUE_FIELDS, Cue, Look, contacts
+from hapticnet.study.plan import ConditionPlan, Plan
 from hapticnet.study.rig import Fault, MakeHand, Meet, Play, VirtualRig
-from hapticnet.study.simulated_front import contacts
-from hapticnet.study.trial import Played, Stimulus
+from hapticnet.study.trial import Played, Stimulus, stimulus_of
+
+Task: TypeAlias = tuple[ConditionPlan, tuple[float, ...], int]
+"""A trial to play: condition, breach forces [N] front to back, and seed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Felt:
-    """What was felt in the trials of one condition, tissues from softest to hardest. Arrays have shape (trials, 3).
-
-    Attributes
-    ----------
-    cues
-        Mean of each cue over the contacts of a trial.
-    updates, steps, counts
-        Mean number of updates and mean step of a contact, and number of contacts.
-    bytes_per_penetration
-        Mean bytes from the touch of a tissue to its breach.
-    """
+    """What was felt in the trials of one condition, tissues from softest to hardest. Arrays have shape (trials, 3)."""
 
     condition: str
     multiplier: float
-    cues: dict[Cue, FloatArray]
-    updates: FloatArray
+    cues: dict[Cue, FloatArray]  # mean of each cue over the contacts of a trial
+    updates: FloatArray  # mean number of updates, and mean step, of a contact
     steps: FloatArray
-    counts: FloatArray
-    bytes_per_penetration: float
+    counts: FloatArray  # number of contacts
+    bytes_per_penetration: float  # mean, from the touch of a tissue to its breach
 
 
 def play_library(
@@ -91,26 +84,12 @@ def play_library(
     ]
 
 
-Task = tuple[ConditionPlan, tuple[float, ...], int]
-
-
 def _play(shared: tuple[Plan, MakeHand], task: Task) -> tuple[list[Look], float]:
     (plan, make_hand), (condition, forces_n, seed) = shared, task
-    stimulus = Stimulus(
-        number=1,
-        breach_forces_n=forces_n,
-        gap_m=plan.order.gap_m,
-        codec=condition.codec,
-        law=law_of(condition, plan.jnd.weber_fraction, plan.jnd.floor_n),
-        rate_hz=plan.link.rate_hz,
-        forward=plan.link.forward,
-        feedback=plan.link.feedback,
-        seed=seed,
-        limit_s=plan.order.time_limit_s,
-    )
+    law = WeberLaw(weber_fraction=plan.jnd.weber_fraction, floor_n=plan.jnd.floor_n)
+    stimulus = stimulus_of(plan, condition, law, number=1, breach_forces_n=forces_n, seed=seed)
     outcome = play_trial(stimulus, make_hand=make_hand)
-    measures = outcome.measures
-    return contacts(outcome), measures.penetration_bytes / max(measures.penetrations, 1)
+    return contacts(outcome), outcome.measures.penetration_bytes / max(outcome.measures.penetrations, 1)
 
 
 def play_trial(stimulus: Stimulus, *, make_hand: MakeHand = scripted_hand) -> Played:
@@ -133,27 +112,23 @@ def play_trial(stimulus: Stimulus, *, make_hand: MakeHand = scripted_hand) -> Pl
 
 
 def _felt(condition: ConditionPlan, tasks: Sequence[Task], played: Sequence[tuple[list[Look], float]]) -> Felt:
-    def table(field: str) -> FloatArray:
-        rows = []
-        for (_, forces_n, _), (felt, _) in zip(tasks, played, strict=True):
-            ranked = sorted(range(len(forces_n)), key=forces_n.__getitem__)
-            own = [[getattr(look, field) for look in felt if look.tissue == tissue] for tissue in ranked]
-            rows.append([float(np.mean(values)) if values else 0.0 for values in own])
-        return np.array(rows)
-
-    counts = [
-        [
-            sum(look.tissue == tissue for look in felt)
-            for tissue in sorted(range(len(forces_n)), key=forces_n.__getitem__)
-        ]
+    # For each trial, the contacts with each tissue, softest first.
+    ranked = [
+        [[look for look in felt if look.tissue == tissue] for tissue in sorted(range(3), key=forces_n.__getitem__)]
         for (_, forces_n, _), (felt, _) in zip(tasks, played, strict=True)
     ]
+
+    def means(field: str) -> FloatArray:
+        return np.array(
+            [[float(np.mean([getattr(look, field) for look in own])) if own else 0.0 for own in row] for row in ranked]
+        )
+
     return Felt(
         condition=condition.name,
         multiplier=condition.threshold,
-        cues={cue: table(field) for cue, field in CUE_FIELDS.items()},
-        updates=table("updates"),
-        steps=table("step"),
-        counts=np.array(counts, dtype=np.float64),
+        cues={cue: means(field) for cue, field in CUE_FIELDS.items()},
+        updates=means("updates"),
+        steps=means("step"),
+        counts=np.array([[len(own) for own in row] for row in ranked], dtype=np.float64),
         bytes_per_penetration=float(np.mean([spent for _, spent in played])),
     )

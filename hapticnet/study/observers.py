@@ -1,7 +1,7 @@
 """Simulated observers, who answer in the place of a participant. Their results are titled "simulated".
 
 An observer decides on what reaches the finger: the forces of two stimuli, or the cues of each contact with a tissue
-(`cues.Look`). Every parameter has its source in `ObserverSettings`; docs/understand/observers.md tells what the
+(`Look`). Every parameter has its source in `ObserverSettings`; docs/understand/observers.md tells what the
 observers can show and what they cannot.
 """
 
@@ -17,7 +17,7 @@ import numpy as np
 from hapticnet.arrays import FloatArray
 from hapticnet.checks import check_parameter, meant
 from hapticnet.errors import SettingsError
-from hapticnet.study.cues import Look
+from hapticnet.study.trial import Played
 
 Cue: TypeAlias = Literal["peak", "slope", "early", "work", "updates"]
 Answering: TypeAlias = Literal["", "same", "never"]
@@ -38,6 +38,29 @@ LEAST_FORCE_N: Final = 0.01
 
 RATING_SD: Final = 0.7
 RESPONSE_SPREAD: Final = 0.4
+
+EARLY_M: Final = 3e-3
+"""Indentation [m] over which the early force is averaged."""
+
+LEAST_DEPTH_M: Final = 1e-3
+"""A contact that reaches less than this indentation [m] is not a look at the tissue: tremor grazes a surface."""
+
+STEP_FROM_N: Final = 0.3
+"""Held force [N] above which steps are measured; below it the floor of the threshold makes them larger."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Look:
+    """What a finger learns from one contact with one tissue."""
+
+    tissue: int  # number from front to back, from 0
+    peak_n: float  # largest felt force
+    slope_n_per_m: float  # of the felt force against position while the tip goes in
+    early_n: float  # mean felt force over the first `EARLY_M`
+    work_j: float  # felt force times the way in
+    updates: int  # changes of the held force
+    step: float  # median of |ln(after / before)| of the held force over updates; 0 without one
+    duration_s: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -319,3 +342,80 @@ def judged(
 
 def _mean_cue(own: Sequence[Look], cue: Cue) -> float:
     return float(np.mean([max(getattr(look, CUE_FIELDS[cue]), 1e-6) for look in own]))
+
+
+def contacts(played: Played) -> list[Look]:
+    """Return what the finger felt of each contact of a trial."""
+    ticks = played.ticks
+    return looks(
+        ticks["t_us"],
+        ticks["position_m"],
+        ticks["held_n"],
+        ticks["sensed_n"],
+        surfaces_m=played.stimulus.surfaces_m,
+        breach_depths_m=[tissue.breach_depth_m for tissue in played.stimulus.tissues],
+    )
+
+
+def looks(
+    t_us: FloatArray,
+    position_m: FloatArray,
+    held_n: FloatArray,
+    felt_n: FloatArray,
+    *,
+    surfaces_m: Sequence[float],
+    breach_depths_m: Sequence[float],
+) -> list[Look]:
+    """Return every contact of a trial, in order of time.
+
+    A contact begins when the tip passes a surface inwards. It ends when the tip leaves through the same surface, or is
+    as far behind the breach as there is space before the next surface, so that what the device feels late still counts.
+
+    Parameters
+    ----------
+    t_us, position_m, held_n, felt_n
+        Time [µs], position of the tip [m], held force and force felt at the finger [N] of each tick, shape (n,).
+    surfaces_m, breach_depths_m
+        Position of each tissue's surface at rest and its indentation at the breach [m], front to back.
+    """
+    found = []
+    ends_m = [*surfaces_m[1:], np.inf]
+    for tissue, (surface_m, depth_m, end_m) in enumerate(zip(surfaces_m, breach_depths_m, ends_m, strict=True)):
+        inside = (position_m >= surface_m) & (position_m < end_m)
+        edges = np.flatnonzero(np.diff(inside.astype(np.int8), prepend=0, append=0))
+        for first, last in zip(edges[::2], edges[1::2], strict=True):
+            if first == 0 or position_m[first - 1] >= surface_m:
+                continue  # on the way out
+            span = slice(int(first), int(last))
+            if position_m[span].max() - surface_m < LEAST_DEPTH_M:
+                continue
+            found.append(
+                (
+                    int(first),
+                    _look(tissue, t_us[span], position_m[span] - surface_m, held_n[span], felt_n[span], depth_m),
+                )
+            )
+    return [look for _, look in sorted(found, key=lambda each: each[0])]
+
+
+def _look(
+    tissue: int, t_us: FloatArray, depth_m: FloatArray, held_n: FloatArray, felt_n: FloatArray, breach_m: float
+) -> Look:
+    through = np.flatnonzero(depth_m > breach_m)
+    end = int(through[0]) if len(through) else len(depth_m)
+    going_in = slice(0, max(int(depth_m[:end].argmax()) + 1 if end else 0, 2))
+    depth, felt = depth_m[going_in], felt_n[going_in]
+    spread = depth - depth.mean()
+    early = depth <= EARLY_M
+    steps = np.abs(np.diff(np.log(held_n[:end][held_n[:end] > STEP_FROM_N])))
+    steps = steps[steps > 0.0]
+    return Look(
+        tissue=tissue,
+        peak_n=float(felt_n.max()),
+        slope_n_per_m=float(spread @ felt / max(spread @ spread, 1e-18)),
+        early_n=float(felt[early].mean()) if early.any() else 0.0,
+        work_j=float(np.sum(0.5 * (felt[1:] + felt[:-1]) * np.diff(depth))),
+        updates=int(np.count_nonzero(np.diff(held_n[:end]))),
+        step=float(np.median(steps)) if len(steps) else 0.0,
+        duration_s=float(t_us[end - 1] - t_us[0]) * 1e-6 if end else 0.0,
+    )

@@ -1,11 +1,13 @@
 """The participant's page: the operator view of the live page, with the screens of a session.
 
+The participant answers with keys or clicks; the experimenter is at the terminal.
+
 What it is not told, it cannot show: the scene message has no stiffness, and no message has a force, a codec, a
 condition or a count of packets. What a screen says is in `screens`.
 """
 
 from collections.abc import Callable
-from typing import Final
+from typing import TYPE_CHECKING, Any, Final
 
 from aiohttp import WSCloseCode
 
@@ -17,6 +19,11 @@ from hapticnet.protocol.events import Connected
 from hapticnet.runtime.system import now_us
 from hapticnet.samples import PositionSample
 from hapticnet.scene.tissue import SceneSettings
+from hapticnet.study import screens
+from hapticnet.study.flow import Flow
+from hapticnet.study.fronts import KeyFront, Stop
+from hapticnet.study.rig import Activity, Outcome, Play, Rig
+from hapticnet.study.rows import AnyRow
 from hapticnet.study.screens import Screen, ScreenKind
 from hapticnet.study.texts import Texts
 from hapticnet.study.trial import Stimulus
@@ -28,17 +35,16 @@ from hapticnet.web.messages import CloseCode, View
 from hapticnet.web.mirror import Mirror
 from hapticnet.web.requests import Key, MistakeError, Noise, PageMessage
 
+if TYPE_CHECKING:
+    import asyncio
+
 OTHER_PAGE: Final = "the session is open on another page; close that one first"
+CLOSED: Final = Stop("the page was closed")
+STOPPED: Final = Stop("the experimenter stopped")
 
 
 class SeenHand:
-    """An operator whose positions are kept for the page.
-
-    Attributes
-    ----------
-    operator
-        The operator.
-    """
+    """An operator whose positions are kept for the page."""
 
     def __init__(self, operator: Operator) -> None:
         self.operator = operator
@@ -208,25 +214,12 @@ class ParticipantPage(Audience):
             self._tell_all(messages.text("ready", ready=ready))
 
     def _task(self) -> str:
-        screen = self._screen
-        if screen is None:
-            return messages.text(
-                "task",
-                number=self.number,
-                screen="wait",
-                title="",
-                text="",
-                keys=[],
-                typed="",
-                remark="",
-                progress="",
-                wait_s=0.0,
-            )
+        screen = Screen(kind=ScreenKind.MOMENT, title="", text="") if self._screen is None else self._screen
         wait_us = 0 if screen.not_before_us is None else max(0, screen.not_before_us - now_us())
         return messages.text(
             "task",
             number=self.number,
-            screen=screen.kind.value,
+            screen="wait" if self._screen is None else screen.kind.value,
             title=screen.title,
             text=screen.text,
             keys=[{"key": key, "does": does} for key, does in screen.keys],
@@ -242,3 +235,73 @@ class ParticipantPage(Audience):
             return messages.text("scene", known=False, range_m=(0.0, 0.1), tissues=[])
         tissues = [{"rest_m": tissue.rest_position_m, "name": tissue.name} for tissue in scene.tissues]
         return messages.text("scene", known=True, range_m=mirror.range_m, tissues=tissues)
+
+
+class PageFront(KeyFront):
+    """Shows the flow on a `ParticipantPage`.
+
+    Parameters
+    ----------
+    tell
+        Called with a line for the experimenter: what the participant sees, never the condition.
+    """
+
+    def __init__(self, page: ParticipantPage, tell: Callable[[str], None]) -> None:
+        super().__init__()
+        self._page = page
+        self._tell = tell
+        self._flow: Flow[Any] | None = None
+        self._activity: Activity | None = None
+        self._level = 0.0
+        page.on_key = lambda number, key: self.hear(key, number)
+        page.on_noise = self._note_noise
+        page.on_change = self._note_change
+
+    def hear_experimenter(self, key: str) -> None:
+        """Take a key of the experimenter: Escape stops what is performed."""
+        if key == screens.ESCAPE:
+            self.hear(STOPPED)
+
+    async def attend(self, flow: Flow[AnyRow], activity: "asyncio.Future[Outcome]", rig: Rig) -> Outcome:
+        """Pass keys on while an activity is performed; stop it when there is an answer, or nobody to give one."""
+        if not self._page.is_open:
+            self.hear(CLOSED)
+        return await super().attend(flow, activity, rig)
+
+    def _present(self, flow: Flow[AnyRow]) -> None:
+        self._flow = flow
+        if flow.activity is not self._activity:
+            self._activity = flow.activity
+            if isinstance(flow.activity, Play):
+                self._page.begin(flow.activity.stimulus)
+            else:
+                self._page.end()
+        super()._present(flow)
+
+    def _print(self, flow: Flow[AnyRow]) -> None:
+        is_new = self.number != self._page.number
+        self._page.show(flow.screen, self.number)
+        if is_new and flow.screen.kind is not ScreenKind.MOMENT:
+            self._tell(_line(flow))
+
+    def _note_noise(self, level: float) -> None:
+        if self._flow is not None and level != self._level:
+            self._level = level
+            self._flow.note_noise(level, now_us())
+            self.hear("")  # so that the row is stored now
+
+    def _note_change(self, is_open: bool) -> None:
+        self._tell(f"the participant's page is {'open' if is_open else 'closed'}")
+        if not is_open:
+            self._note_noise(0.0)
+            self.hear(CLOSED)
+
+
+def _line(flow: Flow[Any]) -> str:
+    """Return what the participant sees in a line, and after a trial in vain why it was."""
+    screen = flow.screen
+    line = f"{screen.title} ({screen.progress})" if screen.progress else screen.title
+    if screen.kind is ScreenKind.REPEAT:
+        reason = next((row.reason for row in reversed(flow.rows) if row.reason is not None), None)
+        line = line if reason is None else f"{line}: {reason}"
+    return line

@@ -364,8 +364,3 @@ def find_plan(spec: str) -> Plan:
             f"unknown plan {spec!r}{meant(spec, PRESETS)}; choose {', '.join(PRESETS)} or the path of a .toml file"
         )
     return parse_document(read_document(path), str(path), Plan, context=path.parent)
-
-
-def law_of(condition: ConditionPlan, weber_fraction: float, floor_n: float) -> WeberLaw:
-    """Return the law with the condition's threshold; a condition without one is described by that of 1 JND."""
-    return WeberLaw(weber_fraction=weber_fraction, floor_n=floor_n, multiplier=condition.threshold or 1.0)

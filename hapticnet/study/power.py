@@ -1,8 +1,10 @@
 """Power of a study and widths of its intervals, by simulation of many experiments. Nothing here is of people."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final, Protocol
+from itertools import groupby
+from typing import Final, TypeAlias
 
 import numpy as np
 
@@ -10,9 +12,9 @@ from hapticnet.arrays import FloatArray
 from hapticnet.checks import check_integer, check_parameter
 from hapticnet.errors import SettingsError
 from hapticnet.experiment.workers import workers
+from hapticnet.study.analysis import MARGIN
 from hapticnet.study.library import Felt
 from hapticnet.study.observers import ObserverSettings, judged
-from hapticnet.study.results import MARGIN
 from hapticnet.study.statistics import (
     ALPHA,
     chance_variance,
@@ -35,22 +37,11 @@ CHUNK: Final = 100
 """Experiments that one process simulates at a time."""
 
 
-class Answers(Protocol):
-    """Where simulated scores come from."""
-
-    @property
-    def conditions(self) -> tuple[str, ...]:
-        """Names of the conditions; the first is the reference."""
-        ...
-
-    @property
-    def multipliers(self) -> tuple[float, ...]:
-        """Their thresholds in JNDs, 0 without compression."""
-        ...
-
-    def scores(self, experiments: int, people: int, trials: int, rng: np.random.Generator) -> FloatArray:
-        """Return the share of correct orders, shape (experiments, people, conditions)."""
-        ...
+LEAST_EFFECT: Final = 0.03
+NO_EFFECT: Final = (
+    "These answers hardly differ between conditions, so no number of participants finds a difference. Choose the number"
+    " with --shares and the smallest fall that matters to you."
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,41 +97,26 @@ class ShareAnswers:
         return scores
 
 
+Answers: TypeAlias = ObserverAnswers | ShareAnswers
+"""Where simulated scores come from; the first condition is the reference."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Power:
-    """What a design of a study finds about one condition.
-
-    Attributes
-    ----------
-    participants, trials
-        The design: participants, and trials of each condition.
-    share, low, high
-        Mean share of correct orders over experiments, and the range of 95 % of the experiments.
-    difference
-        Mean difference to the reference; 0 for the reference itself.
-    power
-        Share of experiments in which the sign-flip test finds a difference at 5 %.
-    equivalent
-        Share of experiments that show equivalence within the margin.
-    half_width
-        Mean half width of the 95 % interval of the difference.
-    left_at, left_spread
-        Median over experiments of the point at which the curve leaves the margin, and half the range of 95 % of them;
-        the same for every condition, and NaN unless most experiments find one.
-    """
+    """What a design of a study finds about one condition. `left_at` is the same for every condition."""
 
     participants: int
-    trials: int
+    trials: int  # of each condition
     condition: str
-    share: float
-    low: float
+    share: float  # mean share of correct orders over experiments
+    low: float  # range of 95 % of the experiments
     high: float
-    difference: float
-    power: float
-    equivalent: float
-    half_width: float
-    left_at: float
-    left_spread: float
+    difference: float  # mean difference to the reference; 0 for the reference itself
+    power: float  # share of experiments in which the sign-flip test finds a difference at 5 %
+    equivalent: float  # share of experiments that show equivalence within the margin
+    half_width: float  # mean, of the 95 % interval of the difference
+    left_at: float  # median of the point at which the curve leaves the margin; NaN unless most experiments find one
+    left_spread: float  # half the range of 95 % of these points
 
 
 def right_orders(
@@ -275,3 +251,29 @@ def _log_odds(share: float, spread: float) -> float:
         mean = float((weights / (1.0 + np.exp(-(middle + spread * nodes)))).sum())
         low, high = (middle, high) if mean < share else (low, middle)
     return 0.5 * (low + high)
+
+
+def lines(found: Sequence[Power], source: str) -> list[str]:
+    """Return the table for a terminal, one block for each design."""
+    told = [f"SIMULATED, {source}: power of exact sign-flip tests at 5 %, each condition against the first", ""]
+    for (people, trials), group in groupby(found, key=lambda each: (each.participants, each.trials)):
+        own = list(group)
+        told.append(f"{people} participants, {trials} trials of each condition")
+        told.append("  condition        correct [95 % of experiments]  difference  power  equivalent  half width")
+        for each in own:
+            share = f"{100 * each.share:5.1f} % [{100 * each.low:.0f}, {100 * each.high:.0f}]"
+            if each is own[0]:
+                told.append(f"  {each.condition:<16} {share:<28}")
+                continue
+            width = f"{100 * each.half_width:.1f}"
+            told.append(
+                f"  {each.condition:<16} {share:<28} {100 * each.difference:+9.1f}  {100 * each.power:4.0f} %"
+                f"  {100 * each.equivalent:8.0f} %  {width:>10}"
+            )
+        if math.isfinite(own[0].left_at):
+            spread = f" ± {own[0].left_spread:.1f}" if math.isfinite(own[0].left_spread) else ""
+            told.append(f"  the curve leaves the margin at {own[0].left_at:.1f}{spread} JND (median, half of 95 %)")
+        told.append("")
+    if all(abs(each.difference) < LEAST_EFFECT for each in found):
+        told += [NO_EFFECT, ""]
+    return told[:-1]

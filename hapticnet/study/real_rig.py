@@ -6,10 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Self
 
-import numpy as np
-
-from hapticnet.channel.emulator import Emulator
-from hapticnet.channel.spec import parse_channel
 from hapticnet.errors import HapticnetError, UnavailableError
 from hapticnet.node.fingertip import DeviceLost, Fingertip, ForceFault
 from hapticnet.node.master import MasterNode
@@ -34,7 +30,9 @@ from hapticnet.study.rig import (
     Meet,
     Outcome,
     Play,
+    Presentation,
     disturbance,
+    emulators,
     procedure_of,
 )
 from hapticnet.study.scene import SCENE_SPEC, NamedTissues
@@ -42,27 +40,18 @@ from hapticnet.study.trial import Stimulus, played
 
 if TYPE_CHECKING:
     from hapticnet.node.procedures import Meeting
-    from hapticnet.study.stimulus import Presentation
 
 CONNECT_WITHIN_S: Final = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Body:
-    """What stays for the whole session: finger, wire and hand.
-
-    Attributes
-    ----------
-    hand
-        The hand of a person; None for the scripted hand of a simulated observer, which ends each trial.
-    hand_watchers
-        What must run beside the hand.
-    """
+    """What stays for the whole session: finger, wire and hand."""
 
     fingertip: Fingertip
     wire: Wire | None = None
-    hand: Operator | None = None
-    hand_watchers: Sequence[Watcher[NodeEvent]] = ()
+    hand: Operator | None = None  # of a person; None for the scripted hand of a simulated observer, which ends trials
+    hand_watchers: Sequence[Watcher[NodeEvent]] = ()  # what must run beside the hand
 
 
 class RealRig:
@@ -172,7 +161,7 @@ class RealRig:
         node = MasterNode(hand, body.fingertip, stimulus.master_settings(self._settings), SystemEntropy())
         disturbances = _Disturbances(self, node)
         self.deepest_m = -math.inf
-        forward, feedback = (_emulator(stimulus, which) for which in ("forward", "feedback"))
+        forward, feedback = (None if each.settings.is_perfect else each for each in emulators(stimulus))
         runner = MasterRunner(
             node, sock, slave, stop=self._stop, channel=forward, channel_in=feedback, watchers=[disturbances]
         )
@@ -280,9 +269,3 @@ class _Disturbances(Watcher[NodeEvent]):
     def check(self, now_us: int) -> None:
         """Pass it on."""
         self._rig._watchers.check(now_us)
-
-
-def _emulator(stimulus: Stimulus, which: str) -> Emulator[Any] | None:
-    settings = parse_channel(stimulus.forward if which == "forward" else stimulus.feedback)
-    number = 1 if which == "forward" else 2
-    return None if settings.is_perfect else Emulator[Any](settings, np.random.default_rng([stimulus.seed, number]))

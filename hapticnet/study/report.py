@@ -1,32 +1,46 @@
-"""The report of a study in Markdown."""
+"""The report of a study in Markdown, and its tables as CSV and LaTeX."""
 
+import csv
+import io
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from statistics import fmean
-from typing import Final
+from typing import Final, TypeAlias
 
-from hapticnet.study.models import Effect
-from hapticnet.study.results import Results
+from hapticnet.experiment.latex import PACKAGES, escaped, row, table
+from hapticnet.study.analysis import NAMES, Comparison, ConditionResult, Figure, Results
 from hapticnet.study.statistics import ALPHA, standard_error
-from hapticnet.study.tables import (
-    UNKNOWN,
-    chance,
-    condition_table,
-    margin_table,
-    number,
-    other_table,
-    people_table,
-    signed,
-)
 from hapticnet.study.weber import ParticipantFile
+
+UNKNOWN: Final = "–"
+
+Cells: TypeAlias = list[Sequence[str]]
+"""The rows of a table, the head first."""
+
+FORMS: Final[dict[str, tuple[float, str]]] = {
+    "correct": (100.0, "{:.1f} %"),
+    "pairs": (100.0, "{:.1f} %"),
+    "kendall": (1.0, "{:.2f}"),
+    "bytes": (1.0, "{:,.0f}"),
+    "packets": (1.0, "{:,.1f}"),
+    "time_s": (1.0, "{:.1f}"),
+    "insertions": (1.0, "{:.1f}"),
+    "penetrations": (1.0, "{:.1f}"),
+    "peak_n": (1.0, "{:.2f}"),
+    "delivered": (100.0, "{:.0f} %"),
+    "error": (1.0, "{:.3f}"),
+    "speed_m_per_s": (1000.0, "{:.0f} mm/s"),
+    "rating": (1.0, "{:.2f}"),
+}
+"""For each measure, the factor and the form of its numbers."""
 
 LEAST_PARTICIPANTS: Final = 6
 """Participants below which no sign-flip test can find a difference at 5 %."""
 
 JND_HEAD: Final = (
-    "| participant | method | Weber fraction, mean of ratios | 95 % interval | through the origin | residual |"
-    " false alarms | error of the device [N] | simulated |"
-)
+    "participant", "method", "Weber fraction, mean of ratios", "95 % interval", "through the origin", "residual",
+    "false alarms", "error of the device [N]", "simulated",
+)  # fmt: skip
 
 JND_NOTE: Final = (
     "Residual: root mean square of the relative deviations from Weber's law; false alarms: pairs of equal forces"
@@ -41,10 +55,10 @@ COMPARED: Final = (
     " disagree. Equivalence counts as shown only if p is below 0.05 and the 90 % interval lies within the margin."
 )
 
-PREDICTED: Final = (
-    "p: exact sign-flip test of the participants' covariances. The share is of the ratings of each participant,"
-    " predicted by a line fitted to the others; below 0 the participant's mean does better. After Chaudhari, Steinbach"
-    " & Hirche (2011): the perceptual error is a root mean square of differences of logarithms of forces."
+SHARES: Final = (
+    "An interval of a share is of the share that participants like these would reach (Korn & Graubard 1998); the"
+    " standard error (s.e.) is over participants, n − 1. The paper printed means and standard errors only. It made no"
+    " test; every probability below is of this study."
 )
 
 BYTES: Final = (
@@ -60,18 +74,12 @@ SIMULATED: Final = (
     " what such answers can show and what they cannot."
 )
 
-NO_PAPER_TEST: Final = (
-    "The paper printed means and standard errors only. It made no test; every probability below is of this study."
-)
-
 
 def markdown(
-    results: Results,
+    results: Results | None,
     *,
     title: str,
     figures: Sequence[str] = (),
-    effects: Sequence[Effect] = (),
-    models_note: str | None = None,
     people: Sequence[ParticipantFile] = (),
     origin: Sequence[str] = (),
     stated: str = "",
@@ -80,10 +88,10 @@ def markdown(
 
     Parameters
     ----------
+    results
+        None for a study in which JNDs were measured and nothing was ordered yet.
     figures
         Names of the pictures beside the report.
-    effects
-        Coefficients of the models; `models_note` says why there are none.
     people
         The measured JNDs.
     origin
@@ -91,92 +99,133 @@ def markdown(
     stated
         Where the margin of equivalence was stated, such as "stated in plan.toml".
     """
-    simulated = f" – SIMULATED ({', '.join(results.simulated)})" if results.simulated else ""
-    parts = [f"# {title}{simulated}", ""]
-    if results.simulated:
-        parts += [
-            SIMULATED,
-            "",
+    simulated = {each.simulated for each in people if each.simulated} if results is None else results.simulated
+    told = f" – SIMULATED ({', '.join(sorted(simulated))})" if simulated else ""
+    blocks = [f"# {title}{told}", *([SIMULATED] if simulated else [])]
+    if results is None:
+        blocks.append("No trial of the ordering task was answered yet; these are the measured JNDs.")
+    else:
+        blocks += [
+            _summary(results),
+            _listed(results.missing),
+            "## Conditions",
+            _markdown_table(condition_table(results)),
+            SHARES,
+            BYTES,
+            "Correct orders of each participant:",
+            _markdown_table(_people_table(results)),
+            *[f"![{name.removesuffix('.png').replace('-', ' ')}]({name})" for name in figures if name.endswith(".png")],
+            *_differences(results, stated),
+            *_curve(results),
+            *_laws(results),
         ]
-    parts += [_summary(results), "", *[f"- {line}" for line in results.missing], *([""] if results.missing else [])]
-    parts += ["## Conditions", "", *condition_table(results), ""]
-    parts += [
-        "An interval of a share is of the share that participants like these would reach (Korn & Graubard 1998); the"
-        " standard error (s.e.) is over participants, n − 1. " + NO_PAPER_TEST,
-        "",
-        BYTES,
-        "",
-        "Correct orders of each participant:",
-        "",
-        *people_table(results),
-        "",
-        *[line for name in figures if name.endswith(".png") for line in (f"![{_plain(name)}]({name})", "")],
-        *_differences(results, stated),
-        *_curve_section(results),
-        *_quality(results),
-        *_models(effects, models_note),
-        *_laws(results),
-        *_jnds(people),
-        "## Origin",
-        "",
-        *[f"- {line}" for line in origin],
+    blocks += [*_jnds(people), "## Origin", _listed(origin)]
+    return "\n\n".join(filter(None, blocks)) + "\n"
+
+
+def csv_text(results: Results, origin: Sequence[str] = ()) -> str:
+    """Return every figure of every condition and participant as CSV, with the origin as comments."""
+    buffer = io.StringIO()
+    buffer.writelines(f"# {line}\n" for line in (*_warning(results), *origin))
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(["condition", "codec", "multiplier", "measure", "participant", "value"])
+    people = "mean", "standard error", *results.participants
+    for condition in results.conditions:
+        for key, figure in condition.figures.items():
+            for person, value in zip(people, (figure.mean, figure.error, *figure.each), strict=True):
+                text = f"{value:.9g}" if value is not None and math.isfinite(value) else "n/a"
+                writer.writerow([condition.name, condition.codec, condition.multiplier, key, person, text])
+    return buffer.getvalue()
+
+
+def latex(results: Results, origin: Sequence[str] = ()) -> str:
+    """Return the table of the conditions for a paper, with booktabs, no wider than the page."""
+    head, *lines = condition_table(results)
+    cells = [row(head), "\\midrule", *map(row, lines)]
+    caption = [f"% caption: {escaped(line)}" for line in _warning(results)]
+    comments = [f"% {line}" for line in (*_warning(results), *origin)]
+    return "\n".join([*comments, PACKAGES, *table("l" + "r" * len(results.conditions), cells), *caption]) + "\n"
+
+
+def _warning(results: Results) -> list[str]:
+    observers = ", ".join(results.simulated)
+    return [f"SIMULATED: answers of the observer {observers}; no person took part"] if observers else []
+
+
+def condition_table(results: Results) -> Cells:
+    """Return the figures of each condition, the first row being the head."""
+    conditions = results.conditions
+    cells: Cells = [
+        ["", *[each.name for each in conditions]],
+        ["answered trials", *[str(each.trials) for each in conditions]],
+        ["correct orders, 95 % over participants", *[_share(each.share, each.interval) for each in conditions]],
+        ["the paper's, ± s.e.", *[_paper(each) for each in conditions]],
     ]
-    return "\n".join(parts).rstrip() + "\n"
+    for key, name in NAMES.items():
+        shown = [each.figures[key] for each in conditions]
+        if any(figure.mean is not None for figure in shown):
+            cells.append([f"{name}, mean ± s.e.", *[_figure(key, figure) for figure in shown]])
+    reference = conditions[0].figures["bytes"].mean
+    if reference:
+        spent = [each.figures["bytes"].mean for each in conditions]
+        cells.append(["bytes saved", *[_percent(None if each is None else 1 - each / reference) for each in spent]])
+        cells.append(["bytes saved in the paper", *[_percent(each.paper_byte_reduction) for each in conditions]])
+    for number, name in enumerate(("softest–middle", "middle–hardest", "softest–hardest")):
+        shares = [_share(each.pair_shares[number], each.pair_intervals[number]) for each in conditions]
+        cells.append([f"correct pairs, {name}, 95 %", *shares])
+    return cells
 
 
-def jnd_markdown(people: Sequence[ParticipantFile], *, title: str, origin: Sequence[str] = ()) -> str:
-    """Return the report of a study in which JNDs were measured and nothing was ordered yet."""
-    simulated = sorted({each.simulated for each in people if each.simulated})
-    parts = [
-        f"# {title}" + (f" – SIMULATED ({', '.join(simulated)})" if simulated else ""),
-        "",
-        *([SIMULATED, ""] if simulated else []),
-        "No trial of the ordering task was answered yet; these are the measured JNDs.",
-        "",
-        *_jnds(people),
-        "## Origin",
-        "",
-        *[f"- {line}" for line in origin],
-    ]
-    return "\n".join(parts).rstrip() + "\n"
-
-
-def _summary(results: Results) -> str:
-    people = f"{len(results.participants)} participant{'s' if len(results.participants) > 1 else ''}"
-    trials = sum(each.trials for each in results.conditions)
-    return (
-        f"{people}, {trials} answered trials in {len(results.conditions)} conditions; {results.repeated} trials were"
-        f" repeated because the device did not deliver, {results.aborted} aborted."
-    )
+def _people_table(results: Results) -> Cells:
+    cells: Cells = [["participant", *[condition.name for condition in results.conditions]]]
+    for number, person in enumerate(results.participants):
+        shares = [condition.figures["correct"].each[number] for condition in results.conditions]
+        cells.append([person, *[UNKNOWN if math.isnan(share) else f"{100 * share:.0f} %" for share in shares]])
+    return cells
 
 
 def _differences(results: Results, stated: str) -> list[str]:
     reference = results.conditions[0].name
     if not results.comparisons:
-        return ["## Differences", "", f"{reference!r} is the only condition, so there is nothing to compare.", ""]
+        return ["## Differences", f"{reference!r} is the only condition, so there is nothing to compare."]
+    measured = "measure", "comparison"
+    tested = "95 % interval", "p", "p (Holm)"
+    with_margin: Cells = [[*measured, "difference [points]", *tested, "equivalence p", "90 % interval"]]
+    others: Cells = [[*measured, "difference", *tested]]
+    for each in results.comparisons:
+        if each.within_margin is None or each.interval_90 is None:
+            others.append(_compared(each, 2))
+        else:
+            further = chance(each.within_margin), _between(each.interval_90, 100.0, 1)
+            with_margin.append([*_compared(each, 1, points=""), *further])
     text = COMPARED.format(margin=100 * results.margin, stated=f", {stated}" if stated else "")
-    lines = [f"## Differences to {reference!r}", "", *margin_table(results.comparisons), "", text, ""]
-    if len(results.participants) < LEAST_PARTICIPANTS:
-        smallest = 2.0 ** (1 - len(results.participants))
-        few = (
-            f"**Too few participants for a test at 5 %**: the smallest p that {len(results.participants)} can give is"
-            f" {smallest:.3g}."
+    blocks = [f"## Differences to {reference!r}", _markdown_table(with_margin), text]
+    people = len(results.participants)
+    if people < LEAST_PARTICIPANTS:
+        blocks.append(
+            f"**Too few participants for a test at 5 %**: the smallest p that {people} can give is"
+            f" {2.0 ** (1 - people):.3g}."
         )
-        lines += [few, ""]
-    return [*lines, *other_table(results.comparisons), ""]
+    return [*blocks, _markdown_table(others)]
 
 
-def _curve_section(results: Results) -> list[str]:
+def _compared(each: Comparison, digits: int, points: str = " [points]") -> list[str]:
+    name, factor = NAMES[each.measure], 1.0
+    if FORMS[each.measure][1].endswith("%"):
+        name, factor, digits = name + points, 100.0, 1
+    interval = _between(each.interval, factor, digits)
+    difference = signed(factor * each.difference, digits)
+    against = f"{each.condition} − {each.reference}"
+    return [name, against, difference, interval, chance(each.probability), chance(each.adjusted)]
+
+
+def _curve(results: Results) -> list[str]:
     if not results.comparisons:
         return []
-    return ["## From which threshold on is performance worse?", "", _curve_text(results), ""]
-
-
-def _curve_text(results: Results) -> str:
     shown = [each for each in results.comparisons if each.measure == "correct"]
     worse = [each for each in shown if each.adjusted < ALPHA and each.difference < 0.0]
     equal = [each for each in shown if each.equivalent]
-    reference = results.conditions[0].name
+    reference, margin = results.conditions[0].name, 100 * results.margin
     text = [
         f"Shown to be equivalent to {reference!r}: " + (", ".join(each.condition for each in equal) or "nothing") + ".",
         "Shown to be worse: " + (", ".join(each.condition for each in worse) or "nothing") + ".",
@@ -193,103 +242,122 @@ def _curve_text(results: Results) -> str:
         for each in worse
         if each.interval[1] >= 0.0
     ]
-    point = results.curve
+    point, falls = results.curve, "The mean of the participants, made to fall monotonically"
     if point is None:
         text.append("A curve needs two thresholds of one codec, no compression, and two participants.")
     elif point.at is None:
         text.append(
-            f"The mean of the participants, made to fall monotonically, stays within the margin of"
-            f" {100 * results.margin:g} points up to the largest threshold; {100 * point.reached:.0f} % of resamples"
-            " of participants leave it."
+            f"{falls}, stays within the margin of {margin:g} points up to the largest threshold;"
+            f" {100 * point.reached:.0f} % of resamples of participants leave it."
         )
     else:
         high = f"{point.high:.1f} JND" if math.isfinite(point.high) else "beyond the largest threshold"
         text.append(
-            f"The mean of the participants, made to fall monotonically and joined by lines, leaves the margin of"
-            f" {100 * results.margin:g} points at **{point.at:.1f} JND** (95 % interval over resampled participants:"
-            f" {point.low:.1f} JND to {high})."
+            f"{falls} and joined by lines, leaves the margin of {margin:g} points at **{point.at:.1f} JND** (95 %"
+            f" interval over resampled participants: {point.low:.1f} JND to {high})."
         )
-    return " ".join(text)
-
-
-def _equals(probability: float) -> str:
-    text = chance(probability)
-    return text if text.startswith("<") else f"= {text}"
-
-
-def _quality(results: Results) -> list[str]:
-    if not results.predictors:
-        return []
-    lines = [
-        "## Quality of experience",
-        "",
-        "How well objective measures of a block predict its rating, both about the mean of their participant:",
-        "",
-        "| measure | correlation | p | share of variance predicted |",
-        "|---|---|---|---|",
-    ]
-    for each in results.predictors:
-        predicted = f"{100 * each.predicted:.0f} %" if math.isfinite(each.predicted) else UNKNOWN
-        lines.append(f"| {each.name} | {each.correlation:+.2f} | {chance(each.probability)} | {predicted} |")
-    lines += ["", PREDICTED]
-    if results.simulated:
-        lines += ["", "**A simulated rating follows the step of the force by assumption; this table shows nothing.**"]
-    return [*lines, ""]
-
-
-def _models(effects: Sequence[Effect], note: str | None) -> list[str]:
-    if not effects:
-        return ["## Models", "", note, ""] if note else []
-    lines = ["## Models", "", "| model | condition | log odds | 95 % interval | p |", "|---|---|---|---|---|"]
-    for each in effects:
-        known = math.isfinite(each.log_odds)
-        against = f"{each.condition} − {each.reference}" if each.reference else each.condition
-        estimate, low, high = (signed(value, 2) if known else UNKNOWN for value in (each.log_odds, each.low, each.high))
-        odds = f"{estimate} | {low} to {high}" if known else f"{UNKNOWN} | {UNKNOWN}"
-        lines.append(f"| {each.model} | {against} | {odds} | {chance(each.probability)} |")
-    notes = dict.fromkeys(f"{each.model}: {each.note}." for each in effects)
-    return [*lines, "", *[f"- {note}" for note in notes], ""]
+    return ["## From which threshold on is performance worse?", " ".join(text)]
 
 
 def _laws(results: Results) -> list[str]:
-    lines = ["## What 1 JND was", "", "| participant | Weber fraction | at least [N] | from |", "|---|---|---|---|"]
-    lines += [
-        f"| {each.participant} | {each.weber_fraction:.4g} | {each.floor_n:.4g} | {each.source} |"
-        for each in results.laws
+    cells: Cells = [["participant", "Weber fraction", "at least [N]", "from"]]
+    cells += [
+        [each.participant, f"{each.weber_fraction:.4g}", f"{each.floor_n:.4g}", each.source] for each in results.laws
     ]
     fractions = [each.weber_fraction for each in results.laws]
-    if fractions and min(fractions) < max(fractions):
+    if not fractions:
+        return []
+    blocks = ["## What 1 JND was", _markdown_table(cells)]
+    if min(fractions) < max(fractions):
         spread = f"Weber fractions from {min(fractions):.3g} to {max(fractions):.3g}"
-        lines += ["", f"**1 JND is not the same for all**: {spread}, so a condition is not the same threshold for all."]
-    return [*lines, ""] if fractions else []
+        blocks.append(f"**1 JND is not the same for all**: {spread}, so a condition is not the same threshold for all.")
+    return blocks
 
 
 def _jnds(people: Sequence[ParticipantFile]) -> list[str]:
     if not people:
         return []
-    lines = [
-        "## JND of each participant",
-        "",
-        JND_HEAD,
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
+    cells: Cells = [JND_HEAD]
     for each in people:
         interval = UNKNOWN if each.low is None or each.high is None else f"{each.low:.3f} to {each.high:.3f}"
         alarms = f"{each.false_alarms} of {each.catch_pairs}" if each.catch_pairs else UNKNOWN
-        lines.append(
-            f"| {each.participant} | {each.method} | {each.weber_fraction:.3f} | {interval} |"
-            f" {number(each.through_origin)} | {number(each.residual)} | {alarms} | {number(each.device_error_n)} |"
-            f" {each.simulated or 'no'} |"
-        )
-    doubts = [f"- Participant {each.participant}, excluded: {why}." for each in people for why in each.excluded]
-    doubts += [f"- Participant {each.participant}: {why}." for each in people for why in each.warnings]
+        measured = each.through_origin, each.residual, each.device_error_n
+        through, residual, error_n = (UNKNOWN if value is None else f"{value:.3f}" for value in measured)
+        cells.append(
+            [each.participant, each.method, f"{each.weber_fraction:.3f}", interval, through, residual, alarms, error_n,
+             each.simulated or "no"]
+        )  # fmt: skip
+    doubts = [f"Participant {each.participant}, excluded: {why}." for each in people for why in each.excluded]
+    doubts += [f"Participant {each.participant}: {why}." for each in people for why in each.warnings]
     fractions = [each.weber_fraction for each in people if not each.excluded]
     error = standard_error(fractions)
     spread = "" if error is None else f" ± {error:.4f} (s.e.)"
     mean = f"Mean Weber fraction {fmean(fractions):.4f}{spread}" if fractions else "Every JND is excluded"
     left_out = f", without {len(people) - len(fractions)} excluded" if 0 < len(fractions) < len(people) else ""
-    return [*lines, "", *doubts, *([""] if doubts else []), f"{mean}{left_out}. {JND_NOTE}", ""]
+    return ["## JND of each participant", _markdown_table(cells), _listed(doubts), f"{mean}{left_out}. {JND_NOTE}"]
 
 
-def _plain(name: str) -> str:
-    return name.rpartition("/")[2].rpartition(".")[0].replace("-", " ")
+def _summary(results: Results) -> str:
+    people = f"{len(results.participants)} participant{'s' if len(results.participants) > 1 else ''}"
+    trials = sum(each.trials for each in results.conditions)
+    return (
+        f"{people}, {trials} answered trials in {len(results.conditions)} conditions; {results.repeated} trials were"
+        f" repeated because the device did not deliver, {results.aborted} aborted."
+    )
+
+
+def _markdown_table(cells: Cells) -> str:
+    head, *lines = (f"| {' | '.join(line)} |" for line in cells)
+    return "\n".join([head, "|---" * len(cells[0]) + "|", *lines])
+
+
+def _listed(lines: Iterable[str]) -> str:
+    return "\n".join(f"- {line}" for line in lines)
+
+
+def _figure(key: str, figure: Figure) -> str:
+    if figure.mean is None:
+        return UNKNOWN
+    factor, form = FORMS[key]
+    text = form.format(factor * figure.mean)
+    if figure.error is None:
+        return text
+    number, _, unit = text.partition(" ")
+    return f"{number} ± {form.format(factor * figure.error).partition(' ')[0]} {unit}".rstrip()
+
+
+def _share(share: float, interval: tuple[float, float]) -> str:
+    low, high = interval
+    return UNKNOWN if math.isnan(share) else f"{100 * share:.1f} % [{100 * low:.0f}, {100 * high:.0f}]"
+
+
+def _percent(share: float | None) -> str:
+    return UNKNOWN if share is None else f"{100 * share:.1f} %"
+
+
+def _paper(condition: ConditionResult) -> str:
+    if condition.paper_correct is None:
+        return UNKNOWN
+    error = f" ± {100 * condition.paper_error:.1f}" if condition.paper_error is not None else ""
+    return f"{100 * condition.paper_correct:.1f}{error} %"
+
+
+def _between(interval: tuple[float, float], factor: float, digits: int) -> str:
+    low, high = (factor * end for end in interval)
+    return f"{signed(low, digits)} to {signed(high, digits)}" if math.isfinite(low + high) else UNKNOWN
+
+
+def signed(value: float, digits: int) -> str:
+    """Return a number with its sign, and without one if it rounds to zero."""
+    rounded = round(value, digits)
+    return f"{rounded:+.{digits}f}" if rounded else f"{0:.{digits}f}"
+
+
+def chance(probability: float) -> str:
+    """Return a probability as text."""
+    return "< 0.001" if probability < 0.001 else f"{probability:.3f}"
+
+
+def _equals(probability: float) -> str:
+    text = chance(probability)
+    return text if text.startswith("<") else f"= {text}"

@@ -1,5 +1,7 @@
 """The chain that a session plays its stimuli through: device and force loop, and for each trial a network and a scene.
 
+A session meets the finger, presents pairs of forces (for a JND), and plays trials (of the ordering task).
+
 `Rig` is its interface. `VirtualRig` runs it in virtual time with a simulated device; `real_rig.RealRig` in real time.
 """
 
@@ -11,13 +13,14 @@ import numpy as np
 
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
+from hapticnet.control.hold import Hold, HoldSettings
 from hapticnet.errors import UnavailableError
 from hapticnet.node.fingertip import DeviceLost, Fingertip, ForceFault
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_events import Failed, NodeEvent
 from hapticnet.node.master_settings import MasterSettings
-from hapticnet.node.procedures import Meeting, Met
+from hapticnet.node.procedures import Meeting, Met, Procedure
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.base import Operator
@@ -25,10 +28,12 @@ from hapticnet.protocol.events import Ended, LinkStale, Refused, SessionLost
 from hapticnet.scene.base import Touchable
 from hapticnet.study.hand import scripted_hand
 from hapticnet.study.scene import NamedTissues
-from hapticnet.study.stimulus import Pair, Presentation, Presented
-from hapticnet.study.trial import Measures, Played, Stimulus, played
+from hapticnet.study.trial import Played, Stimulus, played
 
 TICK_US: Final = 1000
+
+LEAD_US: Final = 300_000
+"""Time [µs] from the start of a presentation to the first force."""
 
 SLICE_US: Final = 100_000
 """How often [µs] a trial in virtual time is asked for events."""
@@ -48,20 +53,36 @@ LIFTED_US: Final = 500_000
 RECOVERY_US: Final = 1_000_000
 """Longest time [µs] in which the force loop recovers from a fault, once it requests no force."""
 
-NO_MEASURES: Final = Measures(
-    first_contact_s=None,
-    insertions=0,
-    penetrations=0,
-    peaks_held_n=(None, None, None),
-    peaks_sensed_n=(None, None, None),
-    peak_speed_m_per_s=None,
-    perceptual_error=None,
-    force_packets=0,
-    wire_bytes=0,
-)
-
 MakeHand: TypeAlias = Callable[[Stimulus], Operator]
 """Makes the hand of a trial."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pair:
+    """Two forces to compare, in the order in which they come."""
+
+    forces_n: tuple[float, float]
+    stimulus_us: int  # duration of each
+    gap_us: int  # between them
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Presented:
+    """What the device made of a pair: held forces, and means sensed in each second half [N]."""
+
+    held_n: tuple[float, float]
+    sensed_n: tuple[float, float]
+
+    def missed(self, tolerance: float, least_n: float = 0.05) -> str | None:
+        """Return why the pair must be presented again; None if both forces were delivered.
+
+        `tolerance` is the largest error as a share of the held force; `least_n` [N] is always tolerated: the error of
+        the force loop at rest and of the sensor.
+        """
+        for held_n, sensed_n in zip(self.held_n, self.sensed_n, strict=True):
+            if abs(sensed_n - held_n) > max(tolerance * held_n, least_n):
+                return f"{held_n:.3f} N was felt as {sensed_n:.3f} N"
+        return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,6 +147,44 @@ class Rig(Protocol):
         ...
 
 
+class Presentation(Procedure):
+    """Present a pair. Each force rises and falls as the hold and the limiter let it."""
+
+    def __init__(self, fingertip: Fingertip, pair: Pair) -> None:
+        super().__init__(fingertip)
+        self._pair = pair
+        self._hold = Hold(HoldSettings())
+        self._sums = [[0.0, 0.0], [0.0, 0.0]]
+        self._interval: int | None = None
+
+    def tick(self, now_us: int) -> bool:
+        """Do the next step; return whether both forces are over."""
+        elapsed_us = self._elapsed_us(now_us)
+        if elapsed_us is None:
+            self.fingertip.press(0.0, now_us)
+            return False
+        pair = self._pair
+        at_us = elapsed_us - LEAD_US
+        period_us = pair.stimulus_us + pair.gap_us
+        interval, within_us = divmod(at_us, period_us) if at_us >= 0 else (0, pair.stimulus_us)
+        if interval > 1 or (interval == 1 and within_us >= pair.stimulus_us):
+            self.fingertip.press(0.0, now_us)
+            return elapsed_us >= LEAD_US + 2 * period_us
+        force_n = pair.forces_n[interval] if within_us < pair.stimulus_us else 0.0
+        self._hold.receive((force_n,), now_us)  # as a packet of each tick would
+        self.fingertip.press(self._hold.value(now_us)[0], now_us)
+        if pair.stimulus_us // 2 <= within_us < pair.stimulus_us and (reading := self.fingertip.reading) is not None:
+            sums = self._sums[interval]
+            sums[0] += 1.0
+            sums[1] += reading.force_n
+        return False
+
+    def result(self) -> Presented:
+        """Return what was felt."""
+        first_n, second_n = (total_n / count if count else 0.0 for count, total_n in self._sums)
+        return Presented(held_n=self._pair.forces_n, sensed_n=(first_n, second_n))
+
+
 def procedure_of(activity: Meet | Present, fingertip: Fingertip) -> Meeting | Presentation:
     """Return the procedure that performs an activity without a slave."""
     return Meeting(fingertip) if isinstance(activity, Meet) else Presentation(fingertip, activity.pair)
@@ -151,13 +210,7 @@ class LiftWatch:
         self._since_us: int | None = None
 
     def check(self, target_n: float, sensed_n: float, now_us: int) -> Fault | None:
-        """Return that the finger was lifted, once it is certain; call it every tick.
-
-        Parameters
-        ----------
-        target_n, sensed_n
-            Force requested of the device, and force sensed [N].
-        """
+        """Return that the finger was lifted, once it is certain; call it every tick with the forces [N]."""
         if target_n < PRESSED_N or sensed_n > LIFTED_N:
             self._since_us = None
         elif self._since_us is None:
@@ -167,25 +220,17 @@ class LiftWatch:
         return None
 
 
-def perform(procedure: Meeting | Presentation, now_us: int) -> int:
-    """Tick a procedure in virtual time until it is done; return the time [µs] then."""
-    while not procedure.tick(now_us):
-        now_us += TICK_US
-    return now_us + TICK_US
+def emulators(stimulus: Stimulus) -> tuple[Emulator[Any], Emulator[Any]]:
+    """Return the networks of a trial, there and back."""
+    first, second = (
+        Emulator[Any](parse_channel(spec), np.random.default_rng([stimulus.seed, number]))
+        for number, spec in enumerate((stimulus.forward, stimulus.feedback), start=1)
+    )
+    return first, second
 
 
 class VirtualRig:
-    """The chain in virtual time. Nobody waits, and the same seeds give the same session.
-
-    Parameters
-    ----------
-    fingertip
-        Device and force loop.
-    settings
-        Settings of the masters.
-    make_hand
-        Makes the hand of each trial; it must end.
-    """
+    """The chain in virtual time. Nobody waits, and the same seeds give the same session. Each hand must end."""
 
     def __init__(self, fingertip: Fingertip, settings: MasterSettings, *, make_hand: MakeHand = scripted_hand) -> None:
         self.description = fingertip.device.description
@@ -217,7 +262,9 @@ class VirtualRig:
             return self._play(activity.stimulus)
         procedure = procedure_of(activity, self._fingertip)
         try:
-            self._now_us = perform(procedure, self._now_us)
+            while not procedure.tick(self._now_us):
+                self._now_us += TICK_US
+            self._now_us += TICK_US
             return procedure.result()
         except UnavailableError as error:
             return Fault(str(error))
@@ -240,10 +287,7 @@ class VirtualRig:
         return found or fault or Fault("no position was sent", lost=False)
 
     def _loopback(self, stimulus: Stimulus, hand: Operator) -> Loopback:
-        forward, feedback = (
-            Emulator[Any](parse_channel(spec), np.random.default_rng([stimulus.seed, number]))
-            for number, spec in enumerate((stimulus.forward, stimulus.feedback), start=1)
-        )
+        forward, feedback = emulators(stimulus)
         scene = NamedTissues()
 
         def make_scene(_: object) -> Touchable:

@@ -128,10 +128,6 @@ class OrderRow(Row):
         return self.peak_sensed_1_n, self.peak_sensed_2_n, self.peak_sensed_3_n
 
 
-Method: TypeAlias = Literal["ascending", "up-down", "bayesian"]
-"""How a JND is measured: ascending method of limits, or two intervals with a 1-up-2-down or Bayesian staircase."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LimitsRow(Row):
     """A row of the measurement of the JND: one pair of stimuli and the answer to it."""

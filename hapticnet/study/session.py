@@ -1,11 +1,11 @@
 """Set up a session: its plan, its schedule, its law, its table."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import tomli_w
 
@@ -13,50 +13,36 @@ from hapticnet.errors import SettingsError
 from hapticnet.experiment.provenance import provenance
 from hapticnet.files import make_folder, replacing
 from hapticnet.perception import WeberLaw
-from hapticnet.study.limits_flow import LimitsFlow, LimitsSchedule, device_errors_n, draw_limits
-from hapticnet.study.order_flow import OrderFlow
+from hapticnet.study.limits import LimitsFlow, LimitsSchedule, device_errors_n, draw_limits
+from hapticnet.study.order import OrderFlow, OrderSchedule, draw_order
 from hapticnet.study.plan import PLAN_FILE, Plan, QuestionPlan, find_plan
-from hapticnet.study.reading import table_files
 from hapticnet.study.rows import AnyRow, LimitsRow, OrderRow, Row, answers_about
-from hapticnet.study.schedule import OrderSchedule, draw_order, participant_number
-from hapticnet.study.store import Store, opened, read_rows, session_folder, stored_schedule, table_name
+from hapticnet.study.schedule import Schedule, participant_number
+from hapticnet.study.store import Store, opened, read_table, stored_schedule, table_files
 from hapticnet.study.weber import ParticipantFile, load_participant, participant_file
 
 ORDER: Final = "order"
 LIMITS: Final = "limits"
 
+AnySchedule = TypeVar("AnySchedule", bound=Schedule)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionSettings:
-    """Whose session it is, and where its data go.
+    """Whose session it is, and where its data go."""
 
-    Attributes
-    ----------
-    participant
-        Number of the participant, such as "03".
-    observer
-        Name of the simulated observer; None for a person.
-    device
-        Description of the device.
-    resume
-        Whether an interrupted session goes on.
-    hurried
-        Whether breaks last no time, for a simulated observer in real time.
-    replays
-        Whether a session that goes on is played from its start again, and must come out as it is stored: in virtual
-        time, where device and hand would otherwise be in another state than without the interruption.
-    """
-
-    participant: str
+    participant: str  # number, such as "03"
     session: int
     seed: int
     plan: Plan
     out: Path
-    observer: str | None
+    observer: str | None  # name of the simulated observer; None for a person
     device: str
-    resume: bool = False
-    hurried: bool = False
+    resume: bool = False  # whether an interrupted session goes on
+    hurried: bool = False  # whether breaks last no time, for a simulated observer in real time
     replays: bool = False
+    """Whether a session that goes on is played from its start again, and must come out as it is stored: in virtual
+    time, where device and hand would otherwise be in another state than without the interruption."""
 
     @property
     def conducted_plan(self) -> Plan:
@@ -71,20 +57,15 @@ class SessionSettings:
     @property
     def constants(self) -> dict[str, Any]:
         """Values of columns that are the same in all rows."""
-        return {
-            "participant": self.participant,
-            "session": self.session,
-            "observer": self.observer,
-            "device": self.device,
-        }
+        return {name: getattr(self, name) for name in ("participant", "session", "observer", "device")}
 
     def folder(self, task: str) -> Path:
         """Return the folder of a part of the study."""
-        return session_folder(self.out, self.participant, self.session, task)
+        return self.out / f"sub-{self.participant}" / f"ses-{self.session}" / task
 
     def table(self, task: str) -> Path:
-        """Return the table of a part of the study."""
-        return self.folder(task) / table_name(self.participant, self.session, task)
+        """Return the table of a part of the study, named as BIDS has it."""
+        return self.folder(task) / f"sub-{self.participant}_ses-{self.session}_task-{task}_beh.tsv"
 
 
 def check_number(settings: SessionSettings) -> None:
@@ -124,7 +105,7 @@ def check_session(settings: SessionSettings, task: str) -> None:
             " or leave out --resume"
         )
     for other in sorted(settings.out.glob("sub-*/ses-*/*/*_beh.tsv")):
-        for row in read_rows(other, Row, most=1):
+        for row in read_table(other, Row, most=1):
             if (row.observer is None) != (settings.observer is None) and other != table:
                 theirs = "a person" if row.observer is None else f"the simulated observer {row.observer!r}"
                 raise SettingsError(
@@ -158,38 +139,12 @@ def keep_plan(plan: Plan, out: Path) -> None:
         file.write(tomli_w.dumps(plan.model_dump()))
 
 
-def order_schedule(settings: SessionSettings) -> OrderSchedule:
-    """Return the schedule of a session: the stored one if it goes on, else a new one."""
-    stored = stored_schedule(settings.folder(ORDER)) if settings.resume else None
-    if stored is None:
-        return draw_order(settings.plan, settings.participant, settings.session, settings.seed)
-    schedule = OrderSchedule.from_json(stored, str(settings.folder(ORDER)))
-    _check_plan(schedule.plan, settings.plan)
-    return schedule
-
-
-def limits_schedule(settings: SessionSettings) -> LimitsSchedule:
-    """Return the schedule of a measurement: the stored one if it goes on, else a new one."""
-    stored = stored_schedule(settings.folder(LIMITS)) if settings.resume else None
-    if stored is None:
-        return draw_limits(settings.plan, settings.participant, settings.session, settings.seed)
-    schedule = LimitsSchedule.from_json(stored, str(settings.folder(LIMITS)))
-    _check_plan(schedule.plan, settings.plan)
-    return schedule
-
-
 @dataclass(frozen=True, slots=True)
 class ChosenLaw:
-    """The law of an ordering task at 1 JND.
-
-    Attributes
-    ----------
-    source
-        Where it comes from: the participant's file, or the plan and why.
-    """
+    """The law of an ordering task at 1 JND."""
 
     law: WeberLaw
-    source: str
+    source: str  # the participant's file, or the plan and why
 
     def describe(self) -> str:
         """Return a line for the experimenter."""
@@ -207,7 +162,7 @@ def law_of_participant(settings: SessionSettings) -> ChosenLaw:
         If a file cannot be read.
     """
     table, jnd = settings.table(ORDER), settings.plan.jnd
-    for row in read_rows(table, OrderRow)[:1] if settings.resume and table.exists() else ():
+    for row in read_table(table, OrderRow, most=1) if settings.resume and table.exists() else ():
         if row.weber_fraction is not None and row.floor_n is not None:
             began = WeberLaw(weber_fraction=row.weber_fraction, floor_n=row.floor_n)
             return ChosenLaw(began, row.jnd_source or "the start of the session")
@@ -251,16 +206,13 @@ def order_session(settings: SessionSettings, now_us: int) -> Iterator[tuple[Orde
     """Yield flow and table of the ordering task."""
     check_number(settings)
     keep_plan(settings.plan, settings.out)
-    chosen, schedule = law_of_participant(settings), order_schedule(settings)
+    chosen = law_of_participant(settings)
+    schedule = _schedule(settings, ORDER, OrderSchedule, draw_order)
     constants = settings.constants | {"jnd_source": chosen.source}
-    name = settings.table(ORDER).name
     questions, levels = _questions(settings), settings.plan.texts.levels
-    with opened(
-        settings.folder(ORDER), name, OrderRow, schedule=schedule.to_json(), resume=settings.resume, levels=levels
-    ) as store:
-        _check_begin(settings, store)
-        plan, rows = settings.conducted_plan, [] if settings.replays else store.rows
-        yield OrderFlow(plan, schedule, chosen.law, rows, now_us, constants, questions), store
+    with opened(settings.table(ORDER), OrderRow, schedule.to_json(), resume=settings.resume, levels=levels) as store:
+        rows = _rows_to_go_on_with(settings, store)
+        yield OrderFlow(settings.conducted_plan, schedule, chosen.law, rows, now_us, constants, questions), store
 
 
 @contextmanager
@@ -268,13 +220,50 @@ def limits_session(settings: SessionSettings, now_us: int) -> Iterator[tuple[Lim
     """Yield flow and table of the measurement of the JND."""
     check_number(settings)
     keep_plan(settings.plan, settings.out)
-    schedule = limits_schedule(settings)
-    name = settings.table(LIMITS).name
-    with opened(settings.folder(LIMITS), name, LimitsRow, schedule=schedule.to_json(), resume=settings.resume) as store:
-        _check_begin(settings, store)
-        plan, questions = settings.conducted_plan, _questions(settings)
-        rows = [] if settings.replays else store.rows
-        yield LimitsFlow(plan, schedule, rows, now_us, settings.constants, questions), store
+    schedule, questions = _schedule(settings, LIMITS, LimitsSchedule, draw_limits), _questions(settings)
+    with opened(settings.table(LIMITS), LimitsRow, schedule.to_json(), resume=settings.resume) as store:
+        rows = _rows_to_go_on_with(settings, store)
+        yield LimitsFlow(settings.conducted_plan, schedule, rows, now_us, settings.constants, questions), store
+
+
+def _schedule(
+    settings: SessionSettings, task: str, kind: type[AnySchedule], draw: Callable[[Plan, str, int, int], AnySchedule]
+) -> AnySchedule:
+    """Return the schedule of a session: the stored one if it goes on, else a new one."""
+    stored = stored_schedule(settings.folder(task)) if settings.resume else None
+    if stored is None:
+        return draw(settings.plan, settings.participant, settings.session, settings.seed)
+    schedule = kind.from_json(stored, str(settings.folder(task)))
+    if schedule.plan != settings.plan.digest():
+        raise SettingsError("the session was begun with another plan; go on with that one")
+    return schedule
+
+
+def _questions(settings: SessionSettings) -> list[QuestionPlan]:
+    """Return what is to be asked about a person: each question once, in whichever session comes first."""
+    folder = settings.out / f"sub-{settings.participant}"
+    if settings.observer is not None or not settings.plan.question or not folder.is_dir():
+        return list(settings.plan.question) if settings.observer is None else []
+    tables = [(file, kind) for kind in (OrderRow, LimitsRow) for file in table_files(folder, kind)]
+    rows: list[Row] = [row for file, kind in tables for row in read_table(file, kind)]
+    asked = answers_about(rows)
+    return [question for question in settings.plan.question if question.name not in asked]
+
+
+def _rows_to_go_on_with(settings: SessionSettings, store: Store[AnyRow]) -> list[AnyRow]:
+    """Return the rows of earlier runs; raise SettingsError if they are of another observer or another device."""
+    for row in store.rows[:1]:
+        if row.observer != settings.observer:
+            began = "a person" if row.observer is None else f"the simulated observer {row.observer!r}"
+            raise SettingsError(f"{store.path} was begun by {began}; it can only go on so")
+        if not same_device(row.device, settings.device):
+            raise SettingsError(
+                f"{store.path} was begun with the device {row.device}, not {settings.device}; go on with that device,"
+                " or begin another --session"
+            )
+    if settings.replays:
+        store.replay()
+    return store.rows
 
 
 def write_participant(settings: SessionSettings, flow: LimitsFlow) -> tuple[Path, ParticipantFile]:
@@ -291,8 +280,8 @@ def write_participant(settings: SessionSettings, flow: LimitsFlow) -> tuple[Path
         settings.plan.limits,
         procedure.by_reference(),
         device_errors_n=device_errors_n(flow.rows),
-        false_alarms=getattr(procedure, "false_alarms", None),
-        catch_pairs=getattr(procedure, "catch_pairs", None),
+        false_alarms=procedure.false_alarms,
+        catch_pairs=procedure.catch_pairs,
         simulated=settings.observer,
         device=settings.device,
         date=today(),
@@ -315,37 +304,6 @@ def today() -> str:
 def version() -> str:
     """Return the version of hapticnet."""
     return str(provenance()["version"])
-
-
-def _questions(settings: SessionSettings) -> list[QuestionPlan]:
-    """Return what is to be asked about a person: each question once, in whichever session comes first."""
-    folder = settings.out / f"sub-{settings.participant}"
-    if settings.observer is not None or not settings.plan.question or not folder.is_dir():
-        return list(settings.plan.question) if settings.observer is None else []
-    tables = [(file, kind) for kind in (OrderRow, LimitsRow) for file in table_files(folder, kind)]
-    rows: list[Row] = [row for file, kind in tables for row in read_rows(file, kind)]
-    asked = answers_about(rows)
-    return [question for question in settings.plan.question if question.name not in asked]
-
-
-def _check_begin(settings: SessionSettings, store: Store[AnyRow]) -> None:
-    """Raise SettingsError if a session would go on with another observer, or another device, than it began with."""
-    for row in store.rows[:1]:
-        if row.observer != settings.observer:
-            began = "a person" if row.observer is None else f"the simulated observer {row.observer!r}"
-            raise SettingsError(f"{store.path} was begun by {began}; it can only go on so")
-        if not same_device(row.device, settings.device):
-            raise SettingsError(
-                f"{store.path} was begun with the device {row.device}, not {settings.device}; go on with that device,"
-                " or begin another --session"
-            )
-    if settings.replays:
-        store.replay()
-
-
-def _check_plan(digest: str, plan: Plan) -> None:
-    if digest != plan.digest():
-        raise SettingsError("the session was begun with another plan; go on with that one")
 
 
 def account_of(settings: SessionSettings, flow: OrderFlow) -> dict[str, Any]:

@@ -1,12 +1,8 @@
-"""Statistics of small samples of participants: intervals of shares, exact sign-flip tests, equivalence, curves.
-
-Everything here needs numpy only; `models.py` has what needs statsmodels.
-"""
+"""Statistics of small samples of participants: intervals of shares, exact sign-flip tests, equivalence, curves."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 from statistics import NormalDist
 from typing import Final
 
@@ -60,10 +56,7 @@ def share_interval(
     expected number of positive counts estimated from survey data", Survey Methodology 24 (1998). Wilson's interval over
     all trials is too narrow, because the trials of one participant are alike.
 
-    Parameters
-    ----------
-    shares
-        The share of each participant, shape (n,).
+    `shares` has the share of each participant, shape (n,).
     """
     if trials == 0 or len(shares) < 2:
         return 0.0, 1.0
@@ -86,15 +79,8 @@ def sign_flip(differences: Sequence[float] | FloatArray, *, shift: float = 0.0) 
     other. All 2ⁿ assignments of signs are counted, by adding one participant after the other to the distribution of the
     sum. The two-sided probability is `two_sided` of the result.
 
-    Parameters
-    ----------
-    differences
-        One for each participant, shape (n,). They are rounded to a grid so fine that scores are exact.
-
-    Returns
-    -------
-    tuple
-        Probability of a mean ≤ the observed one, and of one ≥ the observed one; both 1 without a difference.
+    Differences, one for each participant, shape (n,), are rounded to a grid so fine that scores are exact. Without a
+    difference, both probabilities are 1.
     """
     values = np.asarray(differences, dtype=np.float64) - shift
     if not np.isfinite(values).all():
@@ -139,11 +125,8 @@ def mean_interval(
 ) -> tuple[float, float]:
     """Return Student's interval of the mean difference over participants; infinite where nothing tells the spread.
 
-    Parameters
-    ----------
-    least_variance
-        Variance of one participant's difference by chance alone, see `chance_variance`. Scores of few trials have
-        ties, and their spread may come out as much too small, or as none.
+    `least_variance` is that of one participant's difference by chance alone, see `chance_variance`: scores of few
+    trials have ties, and their spread may come out as much too small, or as none.
     """
     values = np.asarray(differences, dtype=np.float64)
     if len(values) < 2:
@@ -170,7 +153,6 @@ def equivalence(
     differences: Sequence[float] | FloatArray,
     margin: float,
     *,
-    one_sided: bool = False,
     least_variance: float = 0.0,
 ) -> tuple[float, tuple[float, float]]:
     """Test whether a mean difference is within a margin that was stated beforehand; two one-sided tests at 5 %.
@@ -178,20 +160,10 @@ def equivalence(
     Schuirmann, "A comparison of the two one-sided tests procedure and the power approach", Journal of Pharmacokinetics
     and Biopharmaceutics 15 (1987), here with sign-flip tests.
 
-    Parameters
-    ----------
-    one_sided
-        Whether only a fall below −margin matters (non-inferiority).
-    least_variance
-        As for `mean_interval`.
-
-    Returns
-    -------
-    tuple
-        The probability of the tests, and the 90 % interval of the mean difference; `shows_equivalence` judges both.
+    Returns the probability of the tests, and the 90 % interval of the mean difference (`mean_interval`, which explains
+    `least_variance`); `shows_equivalence` judges both.
     """
-    lower = sign_flip(differences, shift=-margin)[1]
-    upper = 0.0 if one_sided else sign_flip(differences, shift=margin)[0]
+    lower, upper = sign_flip(differences, shift=-margin)[1], sign_flip(differences, shift=margin)[0]
     return max(lower, upper), mean_interval(differences, 0.90, least_variance=least_variance)
 
 
@@ -214,34 +186,18 @@ def holm(probabilities: Sequence[float]) -> list[float]:
     return adjusted
 
 
-def kendall_distance(order: Sequence[int], other: Sequence[int]) -> int:
-    """Return how many pairs two orders of the same items put the other way round (Kendall, Biometrika 30, 1938)."""
-    if sorted(order) != sorted(other) or len(set(order)) != len(order):
-        raise SettingsError(f"orders {list(order)} and {list(other)} must have the same items, each once")
-    place = {item: index for index, item in enumerate(other)}
-    return sum(place[first] > place[second] for first, second in combinations(order, 2))
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Leaving:
-    """Where a falling curve leaves a margin below its start.
+    """Where a falling curve leaves a margin below its start, with a 95 % interval by resampling participants.
 
-    Attributes
-    ----------
-    at
-        The condition's value at which the fall reaches the margin; None if it does not, up to the largest value tested.
-    low, high
-        95 % interval by resampling participants; `high` is infinite where resamples do not reach the margin. Its
-        quantiles lie further out than 2.5 and 97.5 %, since resamples of few participants vary too little:
-        T. C. Hesterberg, "What teachers should know about the bootstrap", The American Statistician 69 (2015).
-    reached
-        Share of the resamples in which the margin is reached.
+    The quantiles of the interval lie further out than 2.5 and 97.5 %, since resamples of few participants vary too
+    little: T. C. Hesterberg, "What teachers should know about the bootstrap", The American Statistician 69 (2015).
     """
 
-    at: float | None
+    at: float | None  # value of the condition at which the fall reaches the margin; None if no tested one does
     low: float
-    high: float
-    reached: float
+    high: float  # infinite where resamples do not reach the margin
+    reached: float  # share of the resamples that reach it
 
 
 def leaving_point(
@@ -250,15 +206,8 @@ def leaving_point(
     """Find where scores fall by more than a margin below those at the first value.
 
     The means of the participants are made to fall monotonically (pooled adjacent violators), and joined by lines.
-
-    Parameters
-    ----------
-    values
-        The conditions in increasing order, such as 0, 1, 1.5, 2, 3, 4 JND, the first being the reference, shape (v,).
-    scores
-        Share of correct answers of each participant in each condition, shape (participants, v).
-    rng
-        Source of the resamples of participants.
+    `values` are the conditions in increasing order, the first being the reference, shape (v,); `scores` the share of
+    correct answers of each participant in each condition, shape (participants, v).
     """
     x = np.asarray(values, dtype=np.float64)
     if len(x) < 2 or (np.diff(x) <= 0.0).any() or scores.shape[1] != len(x):

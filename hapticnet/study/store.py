@@ -1,4 +1,4 @@
-"""The table of a session on disk: one row for each event, written and synced before the next event begins.
+"""The tables of a study on disk: one row for each event, written and synced before the next event begins.
 
 A row is one `os.write` of a whole line to a file that is opened for appending, then an fsync. A crash can leave only
 a torn last line, which is dropped when the session goes on. Nothing is ever overwritten, and a lock keeps a second
@@ -15,8 +15,9 @@ from typing import Final, Generic
 
 from hapticnet.documents import LARGEST_DOCUMENT
 from hapticnet.errors import FileError, SettingsError
-from hapticnet.files import locked, make_folder, open_in_place, read_bytes, read_text, replacing
-from hapticnet.study.rows import AnyRow, from_cells, header, sidecar, to_line
+from hapticnet.files import locked, make_folder, open_in_place, open_regular, read_bytes, read_text, replacing
+from hapticnet.study.rows import AnyRow, OrderRow, columns, from_cells, header, sidecar, to_line
+from hapticnet.study.weber import ParticipantFile, load_participant
 
 LARGEST_TABLE: Final = 256 * 2**20
 
@@ -24,33 +25,12 @@ SCHEDULE: Final = "schedule.json"
 LOCK: Final = ".lock"
 
 
-def session_folder(out: Path, participant: str, session: int, task: str) -> Path:
-    """Return the folder of a session within that of the study."""
-    return out / f"sub-{participant}" / f"ses-{session}" / task
-
-
-def table_name(participant: str, session: int, task: str) -> str:
-    """Return the file name of a session's table, as BIDS has it."""
-    return f"sub-{participant}_ses-{session}_task-{task}_beh.tsv"
-
-
 class Store(Generic[AnyRow]):
-    """The table of one session. Use `opened`.
-
-    Attributes
-    ----------
-    path
-        The table.
-    rows
-        All rows, of earlier runs of this session too.
-    dropped
-        Whether a torn line was dropped.
-    """
+    """The table of one session, with the rows of its earlier runs too. Use `opened`."""
 
     def __init__(self, path: Path, kind: type[AnyRow], descriptor: int) -> None:
         self.path = path
         self.rows: list[AnyRow] = []
-        self.dropped = False
         self._expected: list[AnyRow] = []
         self._kind = kind
         self._descriptor = descriptor
@@ -105,7 +85,6 @@ class Store(Generic[AnyRow]):
         data = os.pread(self._descriptor, size, 0)
         whole = data.rfind(b"\n") + 1
         if whole < len(data):
-            self.dropped = True
             os.ftruncate(self._descriptor, whole)
         try:
             lines = data[:whole].decode().splitlines()
@@ -114,17 +93,12 @@ class Store(Generic[AnyRow]):
         if not lines:
             self._write(header(self._kind))
             return
-        names = lines[0].split("\t")
-        for number, line in enumerate(lines[1:], start=2):
-            try:
-                self.rows.append(from_cells(self._kind, names, line.split("\t")))
-            except FileError as error:
-                raise FileError(f"{self.path}: line {number}: {error}") from error
-        if names != header(self._kind).rstrip("\n").split("\t"):
+        self.rows += _rows_of(lines, self._kind, self.path)
+        if lines[0] + "\n" != header(self._kind):
             raise FileError(f"{self.path}: written by another version of hapticnet; its columns differ")
 
 
-def read_rows(path: Path, kind: type[AnyRow], *, most: int | None = None) -> list[AnyRow]:
+def read_table(path: Path, kind: type[AnyRow], *, most: int | None = None) -> list[AnyRow]:
     """Return the rows of a table without changing it, `most` of them; a torn last line is left out.
 
     Raises
@@ -134,9 +108,13 @@ def read_rows(path: Path, kind: type[AnyRow], *, most: int | None = None) -> lis
     """
     data = read_bytes(path, LARGEST_TABLE)
     lines = data[: data.rfind(b"\n") + 1].decode("utf-8", "replace").splitlines()
+    return _rows_of(lines[: None if most is None else 1 + most], kind, path)
+
+
+def _rows_of(lines: list[str], kind: type[AnyRow], path: Path) -> list[AnyRow]:
     rows = []
     names = lines[0].split("\t") if lines else []
-    for number, line in enumerate(lines[1 : None if most is None else 1 + most], start=2):
+    for number, line in enumerate(lines[1:], start=2):
         try:
             rows.append(from_cells(kind, names, line.split("\t")))
         except FileError as error:
@@ -146,11 +124,10 @@ def read_rows(path: Path, kind: type[AnyRow], *, most: int | None = None) -> lis
 
 @contextmanager
 def opened(
-    folder: Path,
-    name: str,
+    path: Path,
     kind: type[AnyRow],
-    *,
     schedule: str,
+    *,
     resume: bool,
     levels: Mapping[str, Mapping[str, str]] | None = None,
 ) -> Iterator[Store[AnyRow]]:
@@ -172,8 +149,8 @@ def opened(
     FileError
         If a file cannot be written or read.
     """
+    folder = path.parent
     make_folder(folder)
-    path = folder / name
     with locked(folder / LOCK, SettingsError(f"{folder}: another process runs this session; end it first")):
         if path.exists() and not resume:
             raise SettingsError(f"{path} exists; go on with it by --resume, or choose another --session")
@@ -211,3 +188,56 @@ def _sync_folder(folder: Path) -> None:
             os.close(descriptor)
     except OSError as error:
         raise FileError(f"{folder}: cannot be written: {error.strerror}") from error
+
+
+def table_files(folder: Path, kind: type[AnyRow]) -> list[Path]:
+    """Return the tables of a kind in a folder and below, in order of their names.
+
+    Raises
+    ------
+    FileError
+        If the folder does not exist, or a table has a column that no session writes; a missing one is not available.
+    """
+    if not folder.is_dir():
+        raise FileError(f"{folder}: no such folder")
+    mark = "order_true" if kind is OrderRow else "reference_n"
+    found = []
+    for file in sorted(folder.rglob("*.tsv")):
+        with open_regular(file) as lines:
+            names = lines.readline(100_000).decode(errors="replace").rstrip("\r\n").split("\t")
+        if mark not in names or "event" not in names:
+            continue
+        strange = [name for name in names if name not in columns(kind)]
+        if strange or len(set(names)) < len(names):
+            which = f'the column "{strange[0][:40]}"' if strange else "a column twice"
+            raise FileError(f"{file}: has {which}, which no session writes: it was changed, or by another version")
+        found.append(file)
+    return found
+
+
+def read_rows(folder: Path, kind: type[AnyRow]) -> list[AnyRow]:
+    """Return the rows of every table of a kind in a folder and below, table by table.
+
+    Raises
+    ------
+    FileError
+        If the folder does not exist, a table cannot be read, or two tables have the same session of a participant.
+    """
+    found: list[AnyRow] = []
+    tables: dict[tuple[str, int], Path] = {}
+    for file in table_files(folder, kind):
+        rows = read_table(file, kind)
+        for session in dict.fromkeys((row.participant, row.session) for row in rows):
+            if session in tables:
+                raise FileError(
+                    f"{tables[session]} and {file} both have session {session[1]} of participant {session[0]};"
+                    " keep one of them, or name the folder of one"
+                )
+            tables[session] = file
+        found += rows
+    return found
+
+
+def read_people(folder: Path) -> list[ParticipantFile]:
+    """Return what was measured of each participant, from ``participants/*.toml`` in a folder and below."""
+    return [load_participant(file) for file in sorted(folder.rglob("participants/*.toml"))]

@@ -19,6 +19,7 @@ from hapticnet.protocol.wire import UDP_IPV4_HEADER_BYTES, Kind
 from hapticnet.samples import PositionSample
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.tissue import Tissue
+from hapticnet.study.plan import ConditionPlan, Plan
 from hapticnet.study.scene import master_name, tissues
 
 LATE_US: Final = 200_000
@@ -30,36 +31,18 @@ LEAST_HELD_N: Final = 0.3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stimulus:
-    """What a trial plays.
+    """What a trial plays."""
 
-    Attributes
-    ----------
-    number
-        Number of the trial, for the name of the session.
-    breach_forces_n, gap_m
-        Breach forces [N], front to back, and distance between surfaces [m].
-    codec, law
-        Codec as written for ``--codec``, and the participant's law with the threshold of the condition.
-    rate_hz
-        Positions a second.
-    forward, feedback
-        Emulated networks.
-    seed
-        Seed of hand, network and device.
-    limit_s
-        Longest duration [s].
-    """
-
-    number: int
-    breach_forces_n: tuple[float, ...]
-    gap_m: float
-    codec: str
-    law: WeberLaw
-    rate_hz: float
-    forward: str
+    number: int  # of the trial, for the name of the session
+    breach_forces_n: tuple[float, ...]  # front to back
+    gap_m: float  # between surfaces
+    codec: str  # as written for ``--codec``
+    law: WeberLaw  # the participant's, with the threshold of the condition
+    rate_hz: float  # positions a second
+    forward: str  # emulated networks
     feedback: str
-    seed: int
-    limit_s: float
+    seed: int  # of hand, network and device
+    limit_s: float  # longest duration
 
     @property
     def tissues(self) -> tuple[Tissue, ...]:
@@ -91,45 +74,54 @@ class Stimulus:
         )
 
 
+def stimulus_of(
+    plan: Plan,
+    condition: ConditionPlan,
+    law: WeberLaw,
+    *,
+    number: int,
+    breach_forces_n: tuple[float, ...],
+    seed: int,
+) -> Stimulus:
+    """Return what a trial of a plan plays, from the participant's law at 1 JND.
+
+    A condition without a threshold is described by that of 1 JND.
+    """
+    return Stimulus(
+        number=number,
+        breach_forces_n=breach_forces_n,
+        gap_m=plan.order.gap_m,
+        codec=condition.codec,
+        law=replace(law, multiplier=condition.threshold or 1.0),
+        rate_hz=plan.link.rate_hz,
+        forward=plan.link.forward,
+        feedback=plan.link.feedback,
+        seed=seed,
+        limit_s=plan.order.time_limit_s,
+    )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measures:
     """Figures of a trial. Tuples have one value for each tissue, front to back; None if it was not touched.
 
-    Attributes
-    ----------
-    first_contact_s
-        Time [s] from the start of the scene to the first contact; None without one.
-    insertions, penetrations
-        How often the needle entered the first tissue, and surfaces breached.
-    peaks_held_n, peaks_sensed_n
-        Largest held and sensed force [N].
-    peak_speed_m_per_s
-        Largest speed [m/s] into the tissue while in contact.
-    perceptual_error
-        Root mean square, while in contact, of ln(held force / force of the tissue at the same moment); None without
-        contact. See `_perceptual_error`.
-    force_packets, wire_bytes
-        FORCE datagrams received in all of the trial, and their bytes with UDP and IPv4 headers.
-    penetration_packets, penetration_bytes
-        Datagrams received from the touch of a tissue to its breach, over all penetrations, with keepalives, and their
-        bytes with UDP and IPv4 headers, counted as in `experiment.analysis.spent_until`.
-    missed_ticks, link_stale
-        Ticks left out, and how often the link was silent.
+    Bytes are with UDP and IPv4 headers. Those of penetrations are counted from the touch of a tissue to its breach,
+    with keepalives, as in `experiment.analysis.spent_until`.
     """
 
-    first_contact_s: float | None
-    insertions: int
-    penetrations: int
-    peaks_held_n: tuple[float | None, ...]
-    peaks_sensed_n: tuple[float | None, ...]
-    peak_speed_m_per_s: float | None
-    perceptual_error: float | None
-    force_packets: int
-    wire_bytes: int
+    first_contact_s: float | None = None  # from the start of the scene; None without a contact
+    insertions: int = 0  # how often the needle entered the first tissue
+    penetrations: int = 0  # surfaces breached
+    peaks_held_n: tuple[float | None, ...] = (None, None, None)
+    peaks_sensed_n: tuple[float | None, ...] = (None, None, None)
+    peak_speed_m_per_s: float | None = None  # into the tissue while in contact
+    perceptual_error: float | None = None  # see `_perceptual_error`
+    force_packets: int = 0  # FORCE datagrams received in all of the trial
+    wire_bytes: int = 0  # of these
     penetration_packets: int = 0
     penetration_bytes: int = 0
     missed_ticks: int = 0
-    link_stale: int = 0
+    link_stale: int = 0  # how often the link was silent
 
     @property
     def touched_all(self) -> bool:
@@ -139,10 +131,7 @@ class Measures:
     def undelivered(self, least: float) -> str | None:
         """Return why the trial must be repeated; None if every tissue was touched and its force delivered.
 
-        Parameters
-        ----------
-        least
-            Share of the held peak that the sensed peak must reach.
+        `least` is the share of the held peak that the sensed peak must reach.
         """
         peaks = zip(self.peaks_held_n, self.peaks_sensed_n, strict=True)
         for number, (held_n, sensed_n) in enumerate(peaks, start=1):
@@ -153,30 +142,21 @@ class Measures:
         return None
 
 
+NO_MEASURES: Final = Measures()
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Played:
-    """A trial that was played.
-
-    Attributes
-    ----------
-    failure
-        Why it was aborted; None if it ended by itself or with an answer.
-    ticks, datagrams
-        The recordings of the master by column (`node.recording.master_columns`, `DATAGRAM_COLUMNS`), shape (n,).
-    settings, in_force
-        Settings that the master asked for; what was in force, and from when on [µs].
-    unix_offset_us
-        Add it to the times of both for µs since 1970; 0 in virtual time.
-    """
+    """A trial that was played."""
 
     stimulus: Stimulus
     measures: Measures
-    ticks: dict[str, FloatArray]
-    datagrams: dict[str, FloatArray]
-    settings: MasterSettings
-    in_force: tuple[tuple[int, SettingsInForce], ...]
-    unix_offset_us: int = 0
-    failure: str | None = None
+    ticks: dict[str, FloatArray]  # `node.recording.master_columns`, shape (n,)
+    datagrams: dict[str, FloatArray]  # `DATAGRAM_COLUMNS`, shape (n,)
+    settings: MasterSettings  # that the master asked for
+    in_force: tuple[tuple[int, SettingsInForce], ...]  # what was in force, and from when on [µs]
+    unix_offset_us: int = 0  # add it to all times for µs since 1970; 0 in virtual time
+    failure: str | None = None  # why it was aborted; None if it ended by itself or with an answer
 
 
 def played(
@@ -243,11 +223,11 @@ def _measure(
 
 @dataclass(frozen=True, slots=True)
 class _Replay:
-    """The tissues at each tick with a position: whether there is one, the force [N], and the number of breaches."""
+    """The tissues at each tick with a position."""
 
-    known: npt.NDArray[np.bool_]
+    known: npt.NDArray[np.bool_]  # whether a tick has a position
     force_n: FloatArray
-    breaches: FloatArray
+    breaches: FloatArray  # number of them so far
 
 
 def _replay(ticks: dict[str, FloatArray], felt: Sequence[Tissue]) -> _Replay:

@@ -1,12 +1,11 @@
 """The person's law: JND at each reference, Weber fraction by two fits, its interval, and how well Weber's law holds."""
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 import tomli_w
@@ -18,61 +17,27 @@ from hapticnet.experiment.summary import t_quantile
 from hapticnet.perception import WeberLaw
 from hapticnet.study.plan import LimitsPlan
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Threshold:
-    """The JND at one reference.
-
-    Attributes
-    ----------
-    reference_n, jnd_n
-        Reference, and mean JND of the series [N]; None if no series found one.
-    deviation_n
-        Standard deviation [N] over the series; None with fewer than two.
-    series, censored
-        Series, and those of them in which no difference was large enough. They are left out of the mean, which is
-        then too small.
-    """
-
-    reference_n: float
-    jnd_n: float | None
-    deviation_n: float | None
-    series: int
-    censored: int
+Jnds: TypeAlias = Mapping[float, Sequence[float | None]]
+"""JNDs [N] of the series of each reference [N]; None for a series in which no difference was large enough."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WeberFit:
     """Weber's law, fitted to a person's JNDs.
 
-    Attributes
-    ----------
-    mean_of_ratios
-        Mean of JND over reference.
-    through_origin
-        Slope of the least-squares line through the origin.
-    low, high
-        95 % interval of the mean of ratios, of the mean of endlessly many such series; None where the series tell no
-        spread. Student's, with one relative variance of all series about the mean of their reference.
-    residual
-        Root mean square over references of (JND − k·reference) / (k·reference), with k the mean of ratios: 0 if Weber's
-        law holds exactly.
+    The interval is of the mean of endlessly many such series: Student's, with one relative variance of all series about
+    the mean of their reference. It is None where the series tell no spread.
     """
 
-    mean_of_ratios: float
-    through_origin: float
-    low: float | None
+    mean_of_ratios: float  # mean of JND over reference
+    through_origin: float  # slope of the least-squares line through the origin
+    low: float | None  # 95 % interval of the mean of ratios
     high: float | None
-    residual: float
+    residual: float  # root mean square over references of JND / (mean of ratios · reference) − 1
 
 
-def thresholds(found: Mapping[float, Sequence[float | None]]) -> tuple[Threshold, ...]:
-    """Return the JND at each reference from those of its series [N]; None: no difference was large enough."""
-    return tuple(_threshold(reference_n, each) for reference_n, each in sorted(found.items()))
-
-
-def fit(found: Mapping[float, Sequence[float | None]]) -> WeberFit:
-    """Return the fits to the JNDs [N] of the series of each reference.
+def fit(found: Jnds) -> WeberFit:
+    """Return the fits to the JNDs of each reference.
 
     Raises
     ------
@@ -90,9 +55,8 @@ def fit(found: Mapping[float, Sequence[float | None]]) -> WeberFit:
     jnds_n = np.array([fmean(known[reference_n]) for reference_n in sorted(known)])
     ratio = float(np.mean(jnds_n / references_n))
     half = _half_width(known)
-    expected_n = ratio * references_n
     with np.errstate(divide="ignore", invalid="ignore"):
-        residual = float(np.sqrt(np.mean(np.square(jnds_n / expected_n - 1.0)))) if ratio else 0.0
+        residual = float(np.sqrt(np.mean(np.square(jnds_n / (ratio * references_n) - 1.0)))) if ratio else 0.0
     return WeberFit(
         mean_of_ratios=ratio,
         through_origin=float(jnds_n @ references_n / (references_n @ references_n)),
@@ -114,58 +78,38 @@ def _half_width(known: Mapping[float, Sequence[float]]) -> float | None:
 
 
 class ReferenceTable(BaseModel):
-    """A ``[[reference]]`` of a participant's file."""
+    """A ``[[reference]]`` of a participant's file: the JND at one reference. Censored series are not in the mean."""
 
     model_config = STRICT
 
     reference_n: float
-    jnd_n: float | None = None
-    deviation_n: float | None = None
+    jnd_n: float | None = None  # mean of the series; None if no series found one
+    deviation_n: float | None = None  # standard deviation over the series; None with fewer than two
     series: int
-    censored: int = 0
+    censored: int = 0  # series in which no difference was large enough, so that the mean is too small
     device_error_n: float | None = None
 
 
 class ParticipantFile(BaseModel):
-    """What was measured of a participant, as ``participants/03.toml``.
-
-    Attributes
-    ----------
-    weber_fraction, floor_n
-        The law: the mean of ratios, and the JND at the weakest reference.
-    through_origin, low, high, residual
-        As in `WeberFit`.
-    false_alarms, catch_pairs
-        Pairs of catch series that were called different, and all of them.
-    excluded
-        Rules of the plan by which the JND must not be used; empty if it may be.
-    warnings
-        What is doubtful about it.
-    device_error_n
-        Root mean square [N] of what the device delivered less what was asked for. A JND below it is of the device.
-    simulated
-        The simulated observer, if it was none of a person.
-    device
-        The device with which it was measured, as written for ``--device``.
-    """
+    """What was measured of a participant, as ``participants/03.toml``."""
 
     model_config = STRICT
 
     participant: str
     method: str
-    weber_fraction: Annotated[float, Field(ge=0.0, le=1.0)]
-    floor_n: Annotated[float, Field(ge=0.0)]
-    through_origin: float | None = None
+    weber_fraction: Annotated[float, Field(ge=0.0, le=1.0)]  # the mean of ratios
+    floor_n: Annotated[float, Field(ge=0.0)]  # the JND at the weakest reference
+    through_origin: float | None = None  # this one and the next three: as in `WeberFit`
     low: float | None = None
     high: float | None = None
     residual: float | None = None
-    false_alarms: int | None = None
-    catch_pairs: int | None = None
-    excluded: list[str] = []
-    warnings: list[str] = []
-    device_error_n: float | None = None
-    simulated: str | None = None
-    device: str | None = None
+    false_alarms: int | None = None  # pairs of catch series that were called different
+    catch_pairs: int | None = None  # all of them
+    excluded: list[str] = []  # rules of the plan by which the JND must not be used
+    warnings: list[str] = []  # what is doubtful about it
+    device_error_n: float | None = None  # root mean square of delivered less held force; a smaller JND is the device's
+    simulated: str | None = None  # the simulated observer; None for a person
+    device: str | None = None  # as written for ``--device``
     date: str | None = None
     version: str | None = None
     reference: list[ReferenceTable] = []
@@ -182,13 +126,13 @@ class ParticipantFile(BaseModel):
 
     def to_toml(self) -> str:
         """Return the file's text."""
-        return tomli_w.dumps(_known(self.model_dump()))
+        return tomli_w.dumps(self.model_dump(exclude_none=True))
 
 
 def participant_file(
     participant: str,
     plan: LimitsPlan,
-    found: Mapping[float, Sequence[float | None]],
+    found: Jnds,
     *,
     device_errors_n: Mapping[float, Sequence[float]],
     false_alarms: int | None = None,
@@ -204,7 +148,7 @@ def participant_file(
     device_errors_n
         Sensed less held force [N] of every stimulus, by reference.
     false_alarms, catch_pairs
-        As in `ParticipantFile`; None for a method without catch series.
+        None for a method without catch series.
     **further
         Further attributes of the file.
 
@@ -214,13 +158,7 @@ def participant_file(
         If no JND was found.
     """
     fitted = fit(found)
-    tables = [
-        ReferenceTable(
-            **dataclasses.asdict(each), device_error_n=_root_mean_square(device_errors_n.get(each.reference_n, ()))
-        )
-        for each in thresholds(found)
-    ]
-    every_n = [error_n for errors_n in device_errors_n.values() for error_n in errors_n]
+    tables = [_reference(reference_n, found[reference_n], device_errors_n) for reference_n in sorted(found)]
     return ParticipantFile(
         participant=participant,
         method=plan.method,
@@ -234,9 +172,23 @@ def participant_file(
         catch_pairs=catch_pairs,
         excluded=_excluded(plan, tables, false_alarms, catch_pairs),
         warnings=_warnings(plan, tables, catch_pairs),
-        device_error_n=_root_mean_square(every_n),
+        device_error_n=_root_mean_square([error_n for errors_n in device_errors_n.values() for error_n in errors_n]),
         reference=tables,
         **further,
+    )
+
+
+def _reference(
+    reference_n: float, series: Sequence[float | None], device_errors_n: Mapping[float, Sequence[float]]
+) -> ReferenceTable:
+    known = [each for each in series if each is not None]
+    return ReferenceTable(
+        reference_n=reference_n,
+        jnd_n=fmean(known) if known else None,
+        deviation_n=float(np.std(known, ddof=1)) if len(known) > 1 else None,
+        series=len(series),
+        censored=len(series) - len(known),
+        device_error_n=_root_mean_square(device_errors_n.get(reference_n, ())),
     )
 
 
@@ -250,12 +202,12 @@ def _excluded(
             f"{false_alarms} of {catch_pairs} pairs of equal forces were called different, more than"
             f" {100 * plan.most_false_alarms:g} %: the answers may not follow the forces"
         )
-    for each in tables:
-        if each.censored > plan.most_censored:
-            told.append(
-                f"{each.censored} of {each.series} series at {each.reference_n:g} N ended without a JND, more than"
-                f" {plan.most_censored}: the mean is too small"
-            )
+    told += [
+        f"{each.censored} of {each.series} series at {each.reference_n:g} N ended without a JND, more than"
+        f" {plan.most_censored}: the mean is too small"
+        for each in tables
+        if each.censored > plan.most_censored
+    ]
     return told
 
 
@@ -285,17 +237,6 @@ def load_participant(path: Path) -> ParticipantFile:
     return parse_document(read_document(path), str(path), ParticipantFile)
 
 
-def _threshold(reference_n: float, series: Sequence[float | None]) -> Threshold:
-    known = [each for each in series if each is not None]
-    return Threshold(
-        reference_n=reference_n,
-        jnd_n=fmean(known) if known else None,
-        deviation_n=float(np.std(known, ddof=1)) if len(known) > 1 else None,
-        series=len(series),
-        censored=len(series) - len(known),
-    )
-
-
 def _root_mean_square(errors_n: Sequence[float]) -> float | None:
     return math.sqrt(fmean(error_n**2 for error_n in errors_n)) if errors_n else None
 
@@ -303,10 +244,3 @@ def _root_mean_square(errors_n: Sequence[float]) -> float | None:
 def _written(value: float) -> float:
     """Return a number with six digits, so that tables give the law exactly."""
     return float(f"{value:.6g}")
-
-
-def _known(table: Any) -> Any:
-    """Return a table without None, which TOML does not have."""
-    if isinstance(table, dict):
-        return {key: _known(value) for key, value in table.items() if value is not None}
-    return [_known(each) for each in table] if isinstance(table, list) else table

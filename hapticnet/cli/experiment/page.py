@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from hapticnet.node.master_events import NodeEvent
     from hapticnet.operator.base import Operator
     from hapticnet.runtime.watching import Watcher
-    from hapticnet.study.page import ParticipantPage
-    from hapticnet.study.page_front import PageFront
+    from hapticnet.study.page import PageFront, ParticipantPage
     from hapticnet.study.plan import Plan
     from hapticnet.web.access import Access
 
@@ -154,8 +153,7 @@ def make_screen(opened: OpenedPage, hand: "Operator | None", source: str, plan: 
     source
         Where the positions come from, in a word.
     """
-    from hapticnet.study.page import ParticipantPage, SeenHand
-    from hapticnet.study.page_front import PageFront
+    from hapticnet.study.page import PageFront, ParticipantPage, SeenHand
     from hapticnet.web.server import Server
 
     seen = None if hand is None else SeenHand(hand)

@@ -1,21 +1,18 @@
-"""Two-interval forced choice: which of two forces is stronger? There is no criterion, unlike "same" or "different".
+"""The staircases of a forced choice, which choose the next difference after each answer.
 
-Two staircases choose the differences: 1-up-2-down (H. Levitt, "Transformed up-down methods in psychoacoustics", 1971),
+There are two: 1-up-2-down (H. Levitt, "Transformed up-down methods in psychoacoustics", 1971),
 which settles where 70.7 % of the answers are right, and a Bayesian one after Watson and Pelli ("QUEST", 1983), which
 asks where the answer tells most about the threshold. Both give the JND as the difference told right in 75 %.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from statistics import NormalDist
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 
 from hapticnet.arrays import FloatArray
-from hapticnet.study.limits import Question
-from hapticnet.study.plan import LimitsPlan
 
 Z_75: Final = NormalDist().inv_cdf(0.75)
 Z_70: Final = NormalDist().inv_cdf(math.sqrt(0.5))
@@ -36,27 +33,6 @@ AVERAGED: Final = 6
 """Reversals after which 1-up-2-down ends, and how many of the last are averaged."""
 
 GRID: Final = 121
-
-
-class Staircase(Protocol):
-    """Chooses the differences for one reference, as shares of it."""
-
-    @property
-    def done(self) -> bool:
-        """Whether it has asked enough."""
-        ...
-
-    def share(self) -> float:
-        """Return the next difference as a share of the reference."""
-        ...
-
-    def answer(self, right: bool) -> None:
-        """Take the answer to it."""
-        ...
-
-    def jnd(self) -> float | None:
-        """Return the JND as a share of the reference; None if it cannot be told, or is above the largest difference."""
-        ...
 
 
 @dataclass(slots=True)
@@ -146,69 +122,6 @@ class Bayesian:
         weights = np.exp(self._log_posterior - self._log_posterior.max())
         posterior: FloatArray = weights / weights.sum()
         return posterior
-
-
-class ForcedChoice:
-    """One staircase after the other, for each repetition and reference.
-
-    Parameters
-    ----------
-    references_n
-        References [N] of the staircases in the order in which they come.
-    intervals
-        Interval of the comparison, 1 or 2, for each pair: at least ``plan.pairs`` for each staircase.
-
-    Attributes
-    ----------
-    thresholds
-        JND [N] of each staircase that is over; None if it cannot be told.
-    """
-
-    def __init__(self, plan: LimitsPlan, references_n: Sequence[float], intervals: Sequence[int]) -> None:
-        self._plan = plan
-        self._references_n = references_n
-        self._intervals = intervals
-        self._step = 0
-        self._staircase = self._new()
-        self.thresholds: list[float | None] = []
-
-    def question(self) -> Question | None:
-        """Return the next pair; None when all staircases are done."""
-        number = len(self.thresholds)
-        if number >= len(self._references_n):
-            return None
-        reference_n = self._references_n[number]
-        return Question(
-            series=number,
-            step=self._step,
-            reference_n=reference_n,
-            difference_n=self._staircase.share() * reference_n,
-            comparison_interval=self._intervals[(number * self._plan.pairs + self._step) % len(self._intervals)],
-        )
-
-    def answer(self, answer: str) -> None:
-        """Take the answer to the present question: the interval that felt stronger, "1" or "2"."""
-        question = self.question()
-        if question is None:
-            return
-        self._staircase.answer(answer == str(question.comparison_interval))
-        self._step += 1
-        if self._staircase.done:
-            share = self._staircase.jnd()
-            self.thresholds.append(None if share is None else share * question.reference_n)
-            self._staircase = self._new()
-            self._step = 0
-
-    def by_reference(self) -> dict[float, list[float | None]]:
-        """Return the JNDs [N] of each reference."""
-        found: dict[float, list[float | None]] = {reference_n: [] for reference_n in self._plan.references_n}
-        for reference_n, threshold_n in zip(self._references_n, self.thresholds, strict=False):
-            found[reference_n].append(threshold_n)
-        return found
-
-    def _new(self) -> Staircase:
-        kind = UpDown if self._plan.method == "up-down" else Bayesian
-        return kind(self._plan.largest, self._plan.pairs)
 
 
 def _share_right(shares: FloatArray, jnds: FloatArray) -> FloatArray:

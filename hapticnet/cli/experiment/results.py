@@ -1,0 +1,288 @@
+"""``hapticnet experiment`` without a participant: analyse and copy data, simulate the power of a study, print texts."""
+
+import json as json_module
+import math
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from hapticnet import options
+
+if TYPE_CHECKING:
+    from hapticnet.study.plan import Plan
+    from hapticnet.study.power import Answers
+
+FILES: Final = ("report.md", "conditions.csv", "conditions.tex", "results.json")
+
+
+def analyse(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder of the study.")],
+    out_dir: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder of results; default: DIR/results.")
+    ] = None,
+    margin: Annotated[
+        float | None,
+        typer.Option(help="Margin of equivalence, in the share of correct orders; default: that stated in the plan."),
+    ] = None,
+    seed: options.Seed = 1,
+    plots: Annotated[bool, typer.Option(help="Draw plots as PDF and PNG.")] = True,
+    overwrite: options.Overwrite = False,
+    json: options.Json = False,
+) -> None:
+    """Analyse the study: report.md, tables as CSV and LaTeX, plots as PDF and PNG.
+
+    The plot correct-orders is the paper's Fig. 5, bytes-per-penetration its Fig. 4.
+    """
+    from hapticnet.cli.console import Console, check_new, show
+
+    console = Console("experiment", quiet=json)
+    target = folder / "results" if out_dir is None else out_dir
+    check_new(*(target / name for name in FILES), overwrite=overwrite)
+    report, account = write_results(folder, target, margin=margin, seed=seed, plots=plots, say=console.say)
+    show(account if json else report.removesuffix("\n"))
+
+
+def write_results(
+    folder: Path, target: Path, *, margin: float | None, seed: int, plots: bool, say: Callable[[str], None]
+) -> tuple[str, str]:
+    """Analyse a study, write its results to a folder, and return the report and the account as JSON.
+
+    Parameters
+    ----------
+    margin
+        Margin of equivalence; None for that of the study's plan.
+    say
+        Called with lines for the experimenter.
+
+    Raises
+    ------
+    SettingsError
+        If there is nothing to analyse.
+    FileError
+        If a table cannot be read or a result cannot be written.
+    """
+    from dataclasses import asdict
+
+    from hapticnet.cli.console import check_outputs, write_text
+    from hapticnet.errors import UnavailableError, visible
+    from hapticnet.experiment.provenance import provenance, provenance_lines
+    from hapticnet.study.analysis import accepted
+    from hapticnet.study.analysis import analyse as analyse_rows
+    from hapticnet.study.figures import draw_results
+    from hapticnet.study.report import csv_text, latex, markdown
+    from hapticnet.study.rows import OrderRow
+    from hapticnet.study.store import read_people, read_rows
+
+    rows = read_rows(folder, OrderRow)
+    people = read_people(folder)
+    title, origin = f"Results of {visible(folder.resolve().name)}", provenance_lines()
+    pictures: list[Path] = []
+    if people and not accepted(rows):
+        texts = {"report.md": markdown(None, title=title, people=people, origin=origin)}
+        account = {"provenance": provenance(), "jnds": [each.model_dump() for each in people]}
+        check_outputs(target / "report.md", target / "results.json")
+    else:
+        used, stated = _margin(folder, margin)
+        results = analyse_rows(rows, margin=used, seed=seed)
+        check_outputs(*(target / name for name in FILES))
+        if plots:
+            try:
+                pictures = draw_results(results, target)
+            except UnavailableError as error:
+                say(str(error))
+        names = [file.name for file in pictures]
+        texts = {
+            "report.md": markdown(results, title=title, figures=names, people=people, origin=origin, stated=stated),
+            "conditions.csv": csv_text(results, origin),
+            "conditions.tex": latex(results, origin),
+        }
+        account = {"provenance": provenance(), "margin_stated": stated, "results": asdict(results)}
+    texts["results.json"] = _json(account) + "\n"
+    for name, text in texts.items():
+        write_text(target / name, text, follow=False)
+    say(f"report, tables and {len(pictures)} pictures: {target}")
+    return texts["report.md"], texts["results.json"].removesuffix("\n")
+
+
+def _margin(folder: Path, given: float | None) -> tuple[float, str]:
+    """Return the margin of equivalence, and where it was stated."""
+    from hapticnet.checks import check_parameter
+    from hapticnet.study.analysis import MARGIN
+    from hapticnet.study.plan import PLAN_FILE, find_plan
+
+    planned = find_plan(str(folder / PLAN_FILE)).order.equivalence_margin if (folder / PLAN_FILE).exists() else None
+    if given is not None:
+        check_parameter("--margin", given, 0.001, 1.0)
+    if given is None or given == planned:
+        return (MARGIN, "a default, since there is no plan") if planned is None else (planned, "stated in the plan")
+    where = f"; the plan stated ±{100 * planned:g}" if planned is not None else ""
+    return given, f"given at the analysis, not beforehand{where}"
+
+
+def _json(account: object) -> str:
+    return json_module.dumps(_plain(account), indent=1)
+
+
+def _plain(value: object) -> object:
+    """Return a value with null for every number that JSON does not have."""
+    if isinstance(value, dict):
+        return {key: _plain(each) for key, each in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def power(
+    plan: Annotated[str, typer.Argument(metavar="PLAN", help="Plan: paper, reachable or a TOML file.")] = "paper",
+    shares: Annotated[
+        str | None,
+        typer.Option(
+            metavar="S[,S…]",
+            show_default="the paper's, for a plan with its conditions",
+            help="Shares of correct orders that you expect, one for each condition, such as 0.775,0.8,0.675,0.5375.",
+        ),
+    ] = None,
+    simulate: Annotated[
+        str | None,
+        typer.Option(
+            metavar="OBSERVER",
+            help="In place of shares, play the plan for a simulated observer; most lose nothing by a deadband, see"
+            " docs/understand/observers.md.",
+        ),
+    ] = None,
+    participants: Annotated[str, typer.Option(metavar="N[,N…]", help="Numbers of participants.")] = "8,16,24",
+    trials: Annotated[
+        str | None, typer.Option(metavar="N[,N…]", help="Trials of each condition; default: the plan's.")
+    ] = None,
+    experiments: Annotated[int, typer.Option(metavar="N", help="Simulated experiments of each design.")] = 1000,
+    margin: Annotated[float | None, typer.Option(help="Margin of equivalence; default: the plan's.")] = None,
+    motions: Annotated[int, typer.Option(min=1, max=100, help="Motions of the hand played for each order.")] = 2,
+    seed: options.Seed = 1,
+    jobs: options.Jobs = None,
+    json: options.Json = False,
+) -> None:
+    """Simulate experiments: power of the tests, and widths of the intervals. No person takes part.
+
+    The effect is assumed: a study is large enough if it finds the smallest fall in correct orders that matters to you.
+    """
+    from dataclasses import asdict
+
+    from hapticnet.cli.console import Console, show
+    from hapticnet.experiment.provenance import provenance
+    from hapticnet.study.plan import find_plan
+    from hapticnet.study.power import lines
+    from hapticnet.study.power import power as power_of
+
+    chosen = find_plan(plan)
+    designs = [
+        (people, each)
+        for each in _numbers("trials", str(chosen.order.trials) if trials is None else trials)
+        for people in _numbers("participants", participants)
+    ]
+    console = Console("experiment", quiet=json)
+    cores = jobs or os.cpu_count() or 1
+    try:
+        answers, source = _answers(chosen, simulate, shares, motions, seed, cores, console.progress)
+        found = power_of(
+            answers,
+            designs,
+            experiments=experiments,
+            margin=chosen.order.equivalence_margin if margin is None else margin,
+            seed=seed,
+            jobs=cores,
+            on_design=lambda people, each: console.progress(f"{people} participants, {each} trials"),
+        )
+    finally:
+        console.finish()
+    account = {"provenance": provenance(), "simulated": source, "designs": [asdict(each) for each in found]}
+    show(_json(account) if json else "\n".join(lines(found, source)))
+
+
+def _answers(
+    plan: "Plan",
+    observer: str | None,
+    shares: str | None,
+    motions: int,
+    seed: int,
+    jobs: int,
+    status: Callable[[str], None],
+) -> "tuple[Answers, str]":
+    """Return where scores come from, and what to call it."""
+    from hapticnet.errors import SettingsError
+    from hapticnet.study.library import play_library
+    from hapticnet.study.observers import labelled, parse_observer
+    from hapticnet.study.power import ObserverAnswers, ShareAnswers
+
+    if shares is not None and observer is not None:
+        raise SettingsError("--shares and --simulate both say how people answer; give one of them")
+    if observer is None:
+        shares = shares or _paper_shares(plan)
+        try:
+            values = tuple(float(part) for part in shares.split(","))
+        except ValueError:
+            raise SettingsError(f"shares {shares!r} must be numbers from 0 to 1, such as 0.775,0.8") from None
+        multipliers = tuple(each.threshold for each in plan.condition)
+        assumed = ShareAnswers(tuple(each.name for each in plan.condition), multipliers, values)
+        return assumed, f"assumed shares {shares}"
+    settings = parse_observer(observer)
+    library = play_library(
+        plan,
+        motions=motions,
+        seed=seed,
+        jobs=jobs,
+        on_trial=lambda done, of: status(f"playing {done} of {of} trials"),
+    )
+    return ObserverAnswers(tuple(library), settings), f"observer {labelled(settings.name)}"
+
+
+def _paper_shares(plan: "Plan") -> str:
+    """Return the paper's shares of correct orders; raise SettingsError if the plan has another condition."""
+    from hapticnet.errors import SettingsError
+    from hapticnet.experiment.conditions import CONDITIONS
+
+    known = {("raw", 0.0) if each.codec == "raw" else (each.codec, each.multiplier): each for each in CONDITIONS}
+    for each in plan.condition:
+        if (each.codec, each.threshold) not in known:
+            example = ",".join(["0.775", *["0.675"] * (len(plan.condition) - 1)])
+            names = ", ".join(condition.name for condition in plan.condition)
+            raise SettingsError(
+                f"condition {each.name!r} is none of the paper's, so nothing is known of its share of correct orders:"
+                f" say what you expect of {names}, such as --shares {example}"
+            )
+    return ",".join(f"{known[each.codec, each.threshold].paper_correct:g}" for each in plan.condition)
+
+
+def _numbers(name: str, text: str) -> list[int]:
+    from hapticnet.errors import SettingsError
+
+    try:
+        return [int(part) for part in text.split(",")]
+    except ValueError:
+        raise SettingsError(f"{name} {text!r} must be whole numbers, such as 8,16,24") from None
+
+
+def export(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder of the study.")],
+    bids: Annotated[Path, typer.Option(metavar="DIR", help="Write BIDS to this new folder.")],
+    title: Annotated[str | None, typer.Option(help="Title of the data set; default: the folder's.")] = None,
+    authors: Annotated[str, typer.Option(metavar="NAME[;NAME…]", help="Authors of the data set.")] = "",
+) -> None:
+    """Copy the data of a study in a standard form; no value changes, and the folder itself is left alone."""
+    from hapticnet.cli.console import Console
+    from hapticnet.study.export import export as write
+
+    written = write(folder, bids, name=folder.resolve().name if title is None else title, people=authors)
+    Console("experiment").say(f"{len(written)} files: {bids}")
+
+
+def texts() -> None:
+    """Print what participants read, consent and instructions included, as a file to change or translate.
+
+    Name the changed file in the plan, by texts = "my-texts.toml".
+    """
+    from hapticnet.study.texts import shipped
+
+    print(shipped(), end="")

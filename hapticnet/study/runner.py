@@ -1,0 +1,208 @@
+"""Run a session: let a front and a rig play a flow, store each row before the next event begins, record each trial.
+
+The recordings are beside the table, and ``hapticnet info``, ``export`` and ``replay`` read them.
+"""
+
+import asyncio
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict, replace
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Literal, Protocol, TypeAlias
+
+import numpy as np
+
+from hapticnet.errors import FileError, UnavailableError
+from hapticnet.experiment.provenance import provenance
+from hapticnet.files import make_folder
+from hapticnet.recordings.session.archive import FORMATS, check_mcap
+from hapticnet.recordings.session.frames import Heading, Table
+from hapticnet.recordings.session.session import REPORT
+from hapticnet.runtime.background import start_background
+from hapticnet.runtime.recorder import event_text
+from hapticnet.runtime.session_recordings import about_master
+from hapticnet.study.flow import Flow
+from hapticnet.study.order import PRACTICE
+from hapticnet.study.rig import Outcome, Rig
+from hapticnet.study.rows import AnyRow
+from hapticnet.study.session import ORDER, SessionSettings, today, version
+from hapticnet.study.store import Store
+from hapticnet.study.trial import Played
+
+RecordingForm: TypeAlias = Literal["mcap", "npz", "none"]
+
+
+class Front(Protocol):
+    """Who answers: a person at a terminal or a page, or a simulated observer."""
+
+    async def show(self, flow: Flow[AnyRow]) -> None:
+        """Show the present screen."""
+        ...
+
+    async def key(self, flow: Flow[AnyRow]) -> str:
+        """Return the next key; "" to look at the screen again."""
+        ...
+
+    async def attend(self, flow: Flow[AnyRow], activity: "asyncio.Future[Outcome]", rig: Rig) -> Outcome:
+        """Pass keys on while an activity is performed; return what came of it."""
+        ...
+
+
+async def conduct(
+    flow: Flow[AnyRow],
+    rig: Rig,
+    front: Front,
+    store: Store[AnyRow],
+    *,
+    date: Callable[[], str] = today,
+    on_outcome: Callable[[AnyRow, Outcome], None] | None = None,
+    on_row: Callable[[AnyRow], None] = lambda _row: None,
+) -> None:
+    """Conduct a session to its end.
+
+    Parameters
+    ----------
+    date
+        Returns the date and time for the rows.
+    on_outcome
+        Called in a thread with each row that an activity left and with what came of the activity, once the row is
+        stored.
+    on_row
+        Called with each row, also with one that was stored before the session went on.
+
+    Raises
+    ------
+    FileError
+        If a row cannot be stored.
+    UnavailableError
+        If the session cannot go on; what was answered is stored.
+    """
+    own_version = version()
+
+    def save() -> list[AnyRow]:
+        rows = [replace(row, date=date(), version=own_version) for row in flow.take_rows()]
+        new = [row for row in rows if store.append(row)]
+        for row in rows:
+            on_row(row)
+        return new
+
+    save()
+    while not flow.done:
+        await front.show(flow)
+        if flow.activity is None:
+            key = await front.key(flow)
+            if key:
+                flow.press(key, rig.now_us())
+            save()
+            continue
+        activity = asyncio.ensure_future(rig.run(flow.activity))
+        try:
+            outcome = await front.attend(flow, activity, rig)
+        finally:
+            if not activity.done():
+                rig.stop()
+                await activity
+        save()  # what was noted meanwhile did not come of the activity
+        flow.complete(outcome, rig.now_us())
+        for row in save():
+            if on_outcome is not None and row.event != "started":  # it is of the next activity
+                await _beside(partial(on_outcome, row, outcome))  # the device goes on meanwhile
+    await front.show(flow)
+    if flow.declined:
+        raise UnavailableError("the participant did not agree to take part; nothing was asked or measured")
+    if flow.failure is not None:
+        raise UnavailableError(f"{flow.failure}; everything answered is stored, go on with --resume")
+
+
+async def _beside(work: Callable[[], None]) -> None:
+    """Do work in a thread at normal priority, and wait for it without holding up the loop."""
+    loop = asyncio.get_running_loop()
+    done: asyncio.Future[None] = loop.create_future()
+
+    def body() -> None:
+        error: BaseException | None = None
+        try:
+            work()
+        except BaseException as caught:  # it is raised where it is awaited
+            error = caught
+        with suppress(RuntimeError):  # the loop is closed: nobody waits any more
+            loop.call_soon_threadsafe(finish, error)
+
+    def finish(error: BaseException | None) -> None:
+        if done.cancelled():
+            return
+        if error is None:
+            done.set_result(None)
+        else:
+            done.set_exception(error)
+
+    start_background(body, "recording of a trial")
+    await done
+
+
+def usual_form(*, real_time: bool) -> RecordingForm:
+    """Return the form of recordings unless one is asked for.
+
+    MCAP in real time where it is installed; NPZ in virtual time, where it takes a tenth of the time to write.
+    """
+    return "mcap" if real_time and find_spec("mcap") is not None else "npz"
+
+
+def record_trials(
+    settings: SessionSettings, form: RecordingForm, about: dict[str, Any]
+) -> Callable[[AnyRow, Outcome], None] | None:
+    """Return what records each trial that was played, answered or not; None if nothing is recorded.
+
+    A recording is never overwritten. `about` is the configuration of the session, for every file.
+
+    Raises
+    ------
+    UnavailableError
+        If the form needs an extra that is not installed.
+    """
+    if form == "none":
+        return None
+    if form == "mcap":
+        check_mcap()
+    folder = settings.folder(ORDER) / "recordings"
+    study = {**settings.constants, "plan": settings.plan.name, "digest": settings.plan.digest()}
+    about = {**about, "study": study, "provenance": provenance()}
+
+    def keep(row: AnyRow, outcome: Outcome) -> None:
+        if not isinstance(outcome, Played):
+            return
+        make_folder(folder)
+        kind = "practice" if getattr(row, "condition", None) == PRACTICE else "trial"
+        path = _unused(folder, f"{kind}-{row.this_n or 0:03d}-{row.attempt or 0}", form)
+        tables = {"tick": outcome.ticks, "datagram": outcome.datagrams}
+        heading = Heading(
+            path=path,
+            side="master",
+            tables=tuple(Table.of(name, tuple(columns)) for name, columns in tables.items()),
+            unix_offset_us=outcome.unix_offset_us,
+            about=about | about_master(outcome.settings) | {"trial": asdict(row)},
+        )
+        try:
+            writer = FORMATS[path.suffix](heading)
+            for t_us, settings_in_force in outcome.in_force:
+                writer.event(t_us, type(settings_in_force).__name__, event_text(settings_in_force))
+            for index, columns in enumerate(tables.values()):
+                rows = np.column_stack(list(columns.values()))
+                if len(rows):
+                    writer.rows(index, rows)
+            writer.finish({REPORT: {"outcome": row.event}})
+        except (OSError, UnavailableError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise FileError(f"{path}: the recording cannot be written: {reason}; its answer is safe") from error
+
+    return keep
+
+
+def _unused(folder: Path, stem: str, form: RecordingForm) -> Path:
+    """Return the path of a file that does not exist."""
+    path, number = folder / f"{stem}.{form}", 2
+    while path.exists():
+        path, number = folder / f"{stem}-{number}.{form}", number + 1
+    return path
