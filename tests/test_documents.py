@@ -19,7 +19,7 @@ import hapticnet
 from hapticnet.documents import LARGEST_DOCUMENT, MOST_PARTS, parse_document, parse_tables
 from hapticnet.errors import FileError, HapticnetError
 from hapticnet.study.plan import LimitsPlan, QuestionPlan
-from hapticnet.study.texts import ConsentTexts, Texts
+from hapticnet.study.texts import Texts
 
 PARTS = ("a", "_-9", '"b c"', "'.'", '"\\"."', '""')
 LONG_S = 20.0
@@ -163,8 +163,16 @@ def test_what_would_be_right_is_told(text, words):
 @pytest.mark.parametrize(
     ("model", "text", "words"),
     [
-        (ConsentTexts, "purpose = ''", "purpose is ''; it must be text that is not blank"),
-        (ConsentTexts, "purpose = '  '", "purpose is '  '; it must be text that is not blank"),
+        (
+            QuestionPlan,
+            "name = 'hand'\ntext = ''\nchoices = ['a', 'b']",
+            "text is ''; it must be text that is not blank",
+        ),
+        (
+            QuestionPlan,
+            "name = 'hand'\ntext = ' '\nchoices = ['a', 'b']",
+            "text is ' '; it must be text that is not blank",
+        ),
         (
             Texts,
             "language = 'english'",

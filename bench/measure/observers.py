@@ -21,10 +21,10 @@ from hapticnet.arrays import FloatArray
 from hapticnet.experiment.provenance import provenance
 from hapticnet.experiment.style import COLOURS, DASHES, MARKERS, VERMILION, legend, mark_level, picture
 from hapticnet.study import hand
+from hapticnet.study.analysis import PAPER_ERRORS
 from hapticnet.study.library import Felt, play_library
 from hapticnet.study.observers import OBSERVERS, Observer, ObserverSettings, judged
 from hapticnet.study.plan import ConditionPlan, JndPlan, Plan
-from hapticnet.study.results import PAPER_ERRORS
 from hapticnet.study.trial import Stimulus
 
 PAPER: Final = {0.0: 0.775, 1.0: 0.8, 2.0: 0.675, 4.0: 0.5375}

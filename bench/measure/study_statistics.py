@@ -18,8 +18,7 @@ import numpy as np
 
 from hapticnet.errors import SettingsError
 from hapticnet.experiment.provenance import provenance
-from hapticnet.study.limits import Question
-from hapticnet.study.limits_flow import draw_limits, procedure_of
+from hapticnet.study.limits import Question, draw_limits, procedure_of
 from hapticnet.study.observers import OBSERVERS, Observer
 from hapticnet.study.plan import LimitsPlan, Plan
 from hapticnet.study.power import ShareAnswers

@@ -19,7 +19,7 @@ from typing import Any, Final, Self, TypeAlias
 import numpy as np
 
 from hapticnet.errors import UnavailableError
-from hapticnet.runtime.clock import now_us
+from hapticnet.runtime.system import now_us
 from hapticnet.study import screens
 from hapticnet.study.flow import Flow
 from hapticnet.study.limits import LimitsFlow

@@ -20,9 +20,9 @@ from hapticnet.files import make_folder
 from hapticnet.recordings.session.archive import FORMATS, check_mcap
 from hapticnet.recordings.session.frames import Heading, Table
 from hapticnet.recordings.session.session import REPORT
-from hapticnet.runtime.background import start_background
 from hapticnet.runtime.recorder import event_text
 from hapticnet.runtime.session_recordings import about_master
+from hapticnet.runtime.system import start_background
 from hapticnet.study.flow import Flow
 from hapticnet.study.order import PRACTICE
 from hapticnet.study.rig import Outcome, Rig

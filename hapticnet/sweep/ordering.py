@@ -8,10 +8,8 @@ from typing import Final
 import numpy as np
 
 from hapticnet.scene.presets import PAPER_BREACH_FORCES_N, PAPER_GAP_M
-from hapticnet.study.cues import Look
 from hapticnet.study.library import play_trial
-from hapticnet.study.observers import Observer, ObserverSettings
-from hapticnet.study.simulated_front import contacts
+from hapticnet.study.observers import Look, Observer, ObserverSettings, contacts
 from hapticnet.study.trial import Played, Stimulus
 from hapticnet.sweep.grid import Grid
 from hapticnet.sweep.link import LINK_COLUMNS, Coder, Columns, Link, Row, coder_columns

@@ -6,10 +6,9 @@ from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.procedures import Met
 from hapticnet.study import screens
 from hapticnet.study.plan import ConditionPlan, LimitsPlan, OrderPlan, Plan
-from hapticnet.study.rig import NO_MEASURES, Meet, Play, Present
+from hapticnet.study.rig import Meet, Play, Present, Presented
 from hapticnet.study.screens import ScreenKind
-from hapticnet.study.stimulus import Presented
-from hapticnet.study.trial import Played
+from hapticnet.study.trial import NO_MEASURES, Played
 
 DATE = "2026-11-22T10:00:00.000+00:00"
 
@@ -56,7 +55,7 @@ def played(stimulus, *, delivered=1.0, failure=None, touched=(True, True, True))
 
 def presented(pair, error_n=0.0):
     first_n, second_n = pair.forces_n
-    return Presented(held_n=pair.forces_n, sensed_n=(first_n + error_n, second_n), deviation_n=(0.0, 0.0))
+    return Presented(held_n=pair.forces_n, sensed_n=(first_n + error_n, second_n))
 
 
 def outcome_of(activity):

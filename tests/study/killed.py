@@ -12,7 +12,7 @@ import sys
 import time
 from pathlib import Path
 
-from hapticnet.study.conduct import conduct
+from hapticnet.study.runner import conduct
 from hapticnet.study.session import LIMITS, ORDER, SessionSettings, limits_session, order_session
 from tests.study.conducted import DATE, SMALL, GivenRig, WillingFront
 
@@ -60,7 +60,7 @@ def run(folder: Path, number: int, begun: int | None = None) -> None:
         front = WitnessedFront(rig, folder / f"witness-{number}", len(store.rows))
         if begun is not None:
             os.close(begun)
-        asyncio.run(conduct(flow, rig, front, store, date=lambda: DATE, version="test"))
+        asyncio.run(conduct(flow, rig, front, store, date=lambda: DATE))
 
 
 def killed_after(folder: Path, number: int, seconds: float, *, opening: bool) -> bool:

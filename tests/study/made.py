@@ -4,10 +4,9 @@ from itertools import permutations
 
 import numpy as np
 
-from hapticnet.study.cues import Look
-from hapticnet.study.observers import OBSERVERS, Observer
+from hapticnet.study.observers import OBSERVERS, Look, Observer
+from hapticnet.study.order import right_pairs
 from hapticnet.study.rows import OrderRow
-from hapticnet.study.statistics import kendall_distance
 
 CONDITIONS = (("none", "raw", 0.0), ("1 JND", "deadband", 1.0), ("2 JND", "deadband", 2.0), ("4 JND", "deadband", 4.0))
 FORCES_N = (2.0, 3.5, 5.0)
@@ -48,7 +47,8 @@ def rows(
                 forces = [FORCES_N[each] for each in orders[repetition % 6]]
                 contacts = [look(tissue, forces[tissue], 0.05 * multiplier) for tissue in range(3)]
                 true, answered = tuple(np.argsort(forces).tolist()), own.order(contacts)
-                distance = kendall_distance(true, answered)
+                orders_as_text = ["".join(str(each + 1) for each in order) for order in (true, answered)]
+                distance = 3 - right_pairs(*orders_as_text)
                 found.append(
                     OrderRow(
                         event="trial",

@@ -3,14 +3,12 @@
 import dataclasses
 import math
 
-import numpy as np
 import pytest
 
 from hapticnet.errors import FileError, SettingsError
 from hapticnet.study.analysis import analyse
-from hapticnet.study.models import fit_models
-from hapticnet.study.reading import read_rows
 from hapticnet.study.rows import LimitsRow, OrderRow, header, to_line
+from hapticnet.study.store import read_rows
 from tests.study.made import CONDITIONS, rows
 
 
@@ -59,26 +57,6 @@ def test_the_paper_s_figures_stand_beside_its_conditions_only():
     results = analyse(rows(conditions=(*CONDITIONS, ("8 JND", "deadband", 8.0))))
     assert result(results, "2 JND").paper_correct == 0.675
     assert result(results, "8 JND").paper_correct is None
-
-
-def test_ratings_follow_the_threshold_of_an_annoyed_observer():
-    best, *others = analyse(rows(people=10, observer="literature")).predictors
-    threshold = next(each for each in (best, *others) if each.name == "threshold [JND]")
-    assert threshold.correlation < -0.6
-    assert threshold.probability < 0.01
-    assert 0.4 < threshold.predicted < 1.0
-    assert abs(best.correlation) >= abs(threshold.correlation)
-
-
-def test_no_measure_predicts_ratings_given_at_random():
-    rng = np.random.default_rng(2)
-    made = [
-        dataclasses.replace(row, rating=int(rng.integers(1, 8))) if row.event == "rating" else row
-        for row in rows(people=16)
-    ]
-    found = analyse(made).predictors
-    assert found
-    assert all(each.probability > 0.01 and each.predicted < 0.2 for each in found)
 
 
 def test_repeated_and_aborted_trials_are_counted_and_left_out():
@@ -134,21 +112,3 @@ def test_a_table_with_a_wrong_cell_is_named_with_its_line(tmp_path):
         read_rows(tmp_path, OrderRow)
     with pytest.raises(FileError, match="no such folder"):
         read_rows(tmp_path / "absent", OrderRow)
-
-
-def test_models_agree_with_the_exact_test_on_a_clear_fall():
-    pytest.importorskip("statsmodels")
-    made = [row for row in rows(people=12, trials=18) if row.event == "trial"]
-    effects = fit_models(made, ["none", "1 JND", "2 JND", "4 JND"])
-    kinds = {each.model for each in effects}
-    assert kinds == {"GEE"}
-    for each in effects:
-        if each.condition == "4 JND":
-            assert each.high < 0.0
-            assert each.probability < 0.05
-
-
-def test_models_of_perfect_answers_leave_out_what_has_no_estimate():
-    pytest.importorskip("statsmodels")
-    made = [row for row in rows(people=4, observer="force-only") if row.event == "trial"]
-    assert all(math.isfinite(each.probability) for each in fit_models(made, ["none", "1 JND"]))

@@ -4,12 +4,11 @@ import pytest
 
 from hapticnet.perception import WeberLaw
 from hapticnet.study import screens
-from hapticnet.study.limits_flow import LimitsFlow, draw_limits
-from hapticnet.study.order_flow import OrderFlow
+from hapticnet.study.limits import LimitsFlow, draw_limits
+from hapticnet.study.order import OrderFlow, draw_order
 from hapticnet.study.plan import QuestionPlan
 from hapticnet.study.rig import Fault, Meet, Play
 from hapticnet.study.rows import answers_about
-from hapticnet.study.schedule import draw_order
 from hapticnet.study.screens import ScreenKind
 from tests.study.conducted import SMALL, Person, answer, is_pair, met, played, presented
 
@@ -67,9 +66,9 @@ def test_nothing_is_performed_without_consent():
 def test_consent_is_stored_with_the_hash_of_the_text_that_was_shown():
     person = ordering()
     person.press(screens.ENTER)
-    assert person.flow.screen.text == SMALL.texts.consent.whole
+    assert person.flow.screen.text == SMALL.texts.agreement
     person.press(screens.YES)
-    assert person.rows("consent")[0].text == screens.hash_of(SMALL.texts.consent.whole)
+    assert person.rows("consent")[0].text == screens.hash_of(SMALL.texts.agreement)
 
 
 def test_an_answer_may_be_changed_until_enter_and_is_scored_in_whole_and_by_pairs():

@@ -8,12 +8,11 @@ import pytest
 
 from hapticnet.errors import FileError, SettingsError
 from hapticnet.perception import PAPER_WEBER_FRACTION
-from hapticnet.study.forced_choice import Bayesian, ForcedChoice, UpDown
-from hapticnet.study.limits import Ascending, Series
-from hapticnet.study.limits_flow import draw_limits
+from hapticnet.study.limits import Ascending, ForcedChoice, Series, draw_limits
 from hapticnet.study.observers import OBSERVERS, Observer
 from hapticnet.study.plan import LimitsPlan, Plan
-from hapticnet.study.weber import fit, load_participant, participant_file, thresholds
+from hapticnet.study.staircases import Bayesian, UpDown
+from hapticnet.study.weber import fit, load_participant, participant_file
 
 PLAN = LimitsPlan()
 Z_75 = NormalDist().inv_cdf(0.75)
@@ -44,7 +43,6 @@ def test_who_never_says_different_ends_each_series_at_the_largest_difference():
     procedure, asked = ascending(plan, [Series(reference_n=1.0, start=0.0)], lambda _: False)
     assert max(question.difference_n for question in asked) <= 0.4 + 1e-12
     assert procedure.thresholds == [None]
-    assert thresholds(procedure.by_reference())[0].censored == 1
     with pytest.raises(SettingsError, match="above the largest difference"):
         fit(procedure.by_reference())
 
@@ -86,7 +84,7 @@ def test_a_staircase_finds_the_difference_that_is_told_right_in_three_of_four(st
 @pytest.mark.parametrize("method", ["up-down", "bayesian"])
 def test_who_cannot_tell_the_largest_difference_has_no_jnd(method):
     plan = LimitsPlan(method=method, references_n=[1.0], repetitions=1, pairs=30)
-    procedure = ForcedChoice(plan, [1.0], [1, 2] * 15)
+    procedure = ForcedChoice(plan, [Series(reference_n=1.0, start=0.0)], [1, 2] * 15)
     while (question := procedure.question()) is not None:
         assert question.difference_n <= 0.4 + 1e-12
         procedure.answer(str(3 - question.comparison_interval))
@@ -95,7 +93,7 @@ def test_who_cannot_tell_the_largest_difference_has_no_jnd(method):
 
 def test_the_comparison_is_in_the_interval_that_was_drawn():
     plan = LimitsPlan(method="up-down", references_n=[1.0], pairs=5)
-    procedure = ForcedChoice(plan, [1.0], [1, 2, 2, 1, 2])
+    procedure = ForcedChoice(plan, [Series(reference_n=1.0, start=0.0)], [1, 2, 2, 1, 2])
     intervals = []
     while (question := procedure.question()) is not None:
         intervals.append(1 + int(question.forces_n[1] > question.forces_n[0]))

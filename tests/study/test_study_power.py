@@ -8,8 +8,7 @@ import pytest
 from hapticnet.errors import SettingsError
 from hapticnet.study.library import Felt
 from hapticnet.study.observers import OBSERVERS
-from hapticnet.study.power import ObserverAnswers, ShareAnswers, power
-from hapticnet.study.power_table import csv_text, lines
+from hapticnet.study.power import ObserverAnswers, ShareAnswers, lines, power
 
 NAMES, MULTIPLIERS = ("none", "1 JND", "2 JND", "4 JND"), (0.0, 1.0, 2.0, 4.0)
 PAPER = ShareAnswers(NAMES, MULTIPLIERS, (0.775, 0.8, 0.675, 0.5375))
@@ -110,6 +109,3 @@ def test_tables_say_that_they_are_simulated():
     told = lines(found, "assumed shares 0.775")
     assert told[0].startswith("SIMULATED, assumed shares 0.775")
     assert "6 participants, 5 trials of each condition" in told
-    text = csv_text(found, ["SIMULATED: assumed shares"])
-    assert text.startswith("# SIMULATED")
-    assert len(text.splitlines()) == 2 + 8

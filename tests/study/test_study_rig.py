@@ -20,15 +20,13 @@ from hapticnet.recordings.session.reading import read_session
 from hapticnet.runtime.runners import MasterRunner
 from hapticnet.runtime.udp import HostPort
 from hapticnet.study import screens
-from hapticnet.study.conduct import conduct
 from hapticnet.study.real_rig import Body, RealRig
-from hapticnet.study.recordings import record_trials
-from hapticnet.study.rig import LIFTED_US, NO_MEASURES, Fault, LiftWatch, Meet, Play, Present, VirtualRig
+from hapticnet.study.rig import LIFTED_US, Fault, LiftWatch, Meet, Pair, Play, Present, VirtualRig
 from hapticnet.study.rows import OrderRow
+from hapticnet.study.runner import conduct, record_trials
 from hapticnet.study.session import LIMITS, ORDER, limits_session, order_session, write_participant
-from hapticnet.study.stimulus import Pair
-from hapticnet.study.store import read_rows
-from hapticnet.study.trial import Stimulus
+from hapticnet.study.store import read_table
+from hapticnet.study.trial import NO_MEASURES, Stimulus
 from tests.study.conducted import GivenRig, WillingFront
 from tests.study.killed import settings_of
 
@@ -192,8 +190,8 @@ def test_a_clock_that_is_set_back_changes_the_date_and_nothing_else(tmp_path):
     dates = iter(f"2026-11-{day:02}" for day in range(29, 0, -1))
     settings, rig = settings_of(tmp_path, 3), GivenRig()
     with order_session(settings, rig.now_us()) as (flow, store):
-        asyncio.run(conduct(flow, rig, WillingFront(rig), store, date=lambda: next(dates), version="test"))
-    rows = read_rows(settings.table(ORDER), OrderRow)
+        asyncio.run(conduct(flow, rig, WillingFront(rig), store, date=lambda: next(dates)))
+    rows = read_table(settings.table(ORDER), OrderRow)
     assert rows[-1].event == "end"
     assert [row.date for row in rows] == sorted((row.date for row in rows), reverse=True)
     onsets = [row.onset_s for row in rows]
@@ -210,7 +208,7 @@ def test_a_second_measurement_keeps_the_first(tmp_path):
             folder.rename(folder.with_name("earlier"))
         front = WillingFront(rig)
         with limits_session(settings, rig.now_us()) as (flow, store):
-            asyncio.run(conduct(flow, rig, front, store, date=lambda: "", version="test"))
+            asyncio.run(conduct(flow, rig, front, store, date=lambda: ""))
             if key == screens.SAME:
                 flow.procedure.thresholds = [None if each is None else each + 0.1 for each in flow.procedure.thresholds]
             paths.append(write_participant(settings, flow)[0].name)
@@ -223,7 +221,7 @@ def test_what_fails_beside_a_session_ends_it_after_the_row_is_stored(tmp_path):
 
     settings, rig = settings_of(tmp_path, 3), GivenRig()
     with order_session(settings, rig.now_us()) as (flow, store), pytest.raises(FileError, match="cannot be written"):
-        asyncio.run(conduct(flow, rig, WillingFront(rig), store, date=lambda: "", version="test", on_outcome=fail))
-    assert [row.event for row in read_rows(settings.table(ORDER), OrderRow)] == [
+        asyncio.run(conduct(flow, rig, WillingFront(rig), store, date=lambda: "", on_outcome=fail))
+    assert [row.event for row in read_table(settings.table(ORDER), OrderRow)] == [
         "begin", "consent", "meet", "started"
     ]  # fmt: skip

@@ -6,9 +6,9 @@ from itertools import pairwise
 import pytest
 
 from hapticnet.errors import FileError, SettingsError
-from hapticnet.study.limits_flow import LimitsSchedule, draw_limits
+from hapticnet.study.limits import LimitsSchedule, draw_limits
+from hapticnet.study.order import OrderSchedule, draw_order, williams_square
 from hapticnet.study.plan import PRESETS, ConditionPlan, LimitsPlan, OrderPlan, Plan, find_plan
-from hapticnet.study.schedule import OrderSchedule, draw_order, williams_square
 
 PAPER = PRESETS["paper"]
 

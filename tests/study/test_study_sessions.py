@@ -15,7 +15,7 @@ from hapticnet.errors import UnavailableError
 from hapticnet.study.plan import find_plan
 from hapticnet.study.rows import LimitsRow, OrderRow
 from hapticnet.study.session import keep_plan
-from hapticnet.study.store import read_rows
+from hapticnet.study.store import read_table
 from hapticnet.study.weber import load_participant
 from tests.cli.test_cli_errors import ROOT
 from tests.ready import hapticnet
@@ -70,7 +70,7 @@ def test_a_study_of_simulated_observers_ends_with_report_and_figures_and_is_not_
     assert (results / "correct-orders.pdf").stat().st_size > 1000
     tables = {number: (folder / TABLE.format(number)).read_bytes() for number in ("01", "02")}
     assert b"simulated" not in tables["01"]
-    rows = read_rows(folder / TABLE.format("01"), OrderRow)
+    rows = read_table(folder / TABLE.format("01"), OrderRow)
     assert {row.observer for row in rows} == {"literature"}
     assert {row.condition: row.multiplier for row in rows if row.event == "trial"} == {"none": 0.0, "4 JND": 4.0}
     for row in rows:
@@ -129,7 +129,7 @@ def test_the_jnd_is_measured_and_the_ordering_task_uses_it(folder):
     assert measured.device_error_n is not None
 
     assert experiment(folder, "order", *words, "--no-analyse").returncode == 0
-    trials = [row for row in read_rows(folder / TABLE.format("03"), OrderRow) if row.event == "trial"]
+    trials = [row for row in read_table(folder / TABLE.format("03"), OrderRow) if row.event == "trial"]
     assert {row.weber_fraction for row in trials} == {float(f"{measured.weber_fraction:.9g}")}
 
 
@@ -139,7 +139,7 @@ def test_observers_without_a_jnd_end_with_an_account_of_it(folder, observer, tol
     done = experiment(folder, "limits", *words)
     assert done.returncode == 0, done.stderr
     assert told in done.stdout or "no_jnd" in done.stdout
-    rows = read_rows(folder / "study/sub-03/ses-1/limits/sub-03_ses-1_task-limits_beh.tsv", LimitsRow)
+    rows = read_table(folder / "study/sub-03/ses-1/limits/sub-03_ses-1_task-limits_beh.tsv", LimitsRow)
     assert rows[-1].event == "end"
     assert not (folder / "study/participants/03.toml").exists() or told != "no_jnd"
 
@@ -166,7 +166,7 @@ def test_a_killed_session_goes_on_and_asks_what_it_would_have_asked(folder):
     assert table.read_bytes().startswith(before[: before.rfind(b"\n") + 1])
 
     def without_date(path):
-        return [dataclasses.replace(row, date=None) for row in read_rows(path, OrderRow)]
+        return [dataclasses.replace(row, date=None) for row in read_table(path, OrderRow)]
 
     assert without_date(table) == without_date(folder / TABLE.format("01").replace("study", "whole", 1))
 
@@ -206,7 +206,7 @@ def test_a_simulated_session_over_udp_ends_with_report_and_recordings(folder):
     words = ("--participant", "01", "--plan", "plan.toml", "--simulate", "force-only", "--wall-clock")
     done = experiment(folder, "order", *words)
     assert done.returncode == 0, done.stderr
-    rows = read_rows(folder / TABLE.format("01"), OrderRow)
+    rows = read_table(folder / TABLE.format("01"), OrderRow)
     assert sorted(row.this_n for row in rows if row.event == "trial") == [0]
     assert (folder / "study/results/report.md").exists()
     recordings = list((folder / "study/sub-01/ses-1/order/recordings").iterdir())
@@ -246,7 +246,7 @@ def test_a_full_disk_ends_the_session_with_one_line(folder):
     assert done.returncode != 0
     assert "could not be stored" in done.stderr
     assert len(done.stderr.splitlines()) == 1
-    rows = read_rows(folder / "study/sub-01/ses-1/limits/sub-01_ses-1_task-limits_beh.tsv", LimitsRow)
+    rows = read_table(folder / "study/sub-01/ses-1/limits/sub-01_ses-1_task-limits_beh.tsv", LimitsRow)
     asked = [row.this_n for row in rows if row.event == "trial"]
     assert asked == list(range(len(asked)))
     assert len(asked) > 3

@@ -13,12 +13,11 @@ import pytest
 
 from hapticnet.errors import FileError, SettingsError, UnavailableError
 from hapticnet.study import screens
-from hapticnet.study.conduct import conduct
-from hapticnet.study.reading import read_rows as read_all_rows
 from hapticnet.study.rows import LimitsRow, OrderRow, columns
+from hapticnet.study.runner import conduct
 from hapticnet.study.screens import ScreenKind
 from hapticnet.study.session import check_number, limits_session, order_session
-from hapticnet.study.store import opened, read_rows, stored_schedule
+from hapticnet.study.store import opened, read_rows, read_table, stored_schedule
 from tests.cli.test_cli_errors import ROOT
 from tests.study.conducted import DATE, GivenRig, WillingFront
 from tests.study.killed import settings_of, task_of
@@ -28,7 +27,7 @@ ROW = OrderRow(event="trial", participant="03", session=1, this_n=4, onset_s=1.2
 
 
 def open_table(folder, *, resume=True, kind=OrderRow):
-    return opened(folder, NAME, kind, schedule="{}\n", resume=resume)
+    return opened(folder / NAME, kind, "{}\n", resume=resume)
 
 
 def test_what_is_stored_is_read_as_it_was_written(tmp_path):
@@ -36,7 +35,7 @@ def test_what_is_stored_is_read_as_it_was_written(tmp_path):
     with open_table(tmp_path) as store:
         for row in rows:
             store.append(row)
-    read = read_rows(tmp_path / NAME, OrderRow)
+    read = read_table(tmp_path / NAME, OrderRow)
     assert read[0] == ROW
     assert (read[1].reason, read[1].text) == ("tab and line", None)
     assert read[1].peak_held_1_n == pytest.approx(1.0 / 3.0, rel=1e-8)
@@ -62,13 +61,12 @@ def test_a_torn_last_line_is_dropped_and_nothing_else(tmp_path, torn):
     path = tmp_path / NAME
     whole = path.read_bytes()
     path.write_bytes(whole + torn.encode("latin-1"))
-    assert read_rows(path, OrderRow) == [ROW]
+    assert read_table(path, OrderRow) == [ROW]
     with open_table(tmp_path) as store:
-        assert store.dropped
         assert store.rows == [ROW]
         store.append(replace(ROW, this_n=5))
     assert path.read_bytes().startswith(whole)
-    assert [row.this_n for row in read_rows(path, OrderRow)] == [4, 5]
+    assert [row.this_n for row in read_table(path, OrderRow)] == [4, 5]
 
 
 def test_a_session_is_not_begun_twice(tmp_path):
@@ -81,9 +79,9 @@ def test_a_session_is_not_begun_twice(tmp_path):
 
 
 def test_the_schedule_of_the_first_begin_stays(tmp_path):
-    with opened(tmp_path, NAME, OrderRow, schedule="first", resume=False):
+    with opened(tmp_path / NAME, OrderRow, "first", resume=False):
         pass
-    with opened(tmp_path, NAME, OrderRow, schedule="second", resume=True):
+    with opened(tmp_path / NAME, OrderRow, "second", resume=True):
         pass
     assert (tmp_path / "schedule.json").read_text() == "first"
 
@@ -118,7 +116,7 @@ def test_a_full_disk_leaves_the_table_as_it_was_and_says_so_in_one_line(tmp_path
         assert "No space left on device; everything before it is safe, go on with --resume" in str(error.value)
         assert (tmp_path / NAME).read_bytes() == before
         store.append(replace(ROW, this_n=5))
-    assert [row.this_n for row in read_rows(tmp_path / NAME, OrderRow)] == [4, 5]
+    assert [row.this_n for row in read_table(tmp_path / NAME, OrderRow)] == [4, 5]
 
 
 @pytest.mark.parametrize(
@@ -150,8 +148,8 @@ def opened_and_closed(folder):
     ("name", "use"),
     [
         (NAME, opened_and_closed),
-        (NAME, lambda folder: read_rows(folder / NAME, OrderRow)),
-        (NAME, lambda folder: read_all_rows(folder, OrderRow)),
+        (NAME, lambda folder: read_table(folder / NAME, OrderRow)),
+        (NAME, lambda folder: read_rows(folder, OrderRow)),
         (".lock", opened_and_closed),
         ("schedule.json", stored_schedule),
     ],
@@ -190,7 +188,7 @@ def test_a_table_that_is_too_large_is_not_read(tmp_path, monkeypatch):
         store.append(ROW)
     monkeypatch.setattr("hapticnet.study.store.LARGEST_TABLE", 100)
     with pytest.raises(FileError, match="the limit is 100"):
-        read_all_rows(tmp_path, OrderRow)
+        read_rows(tmp_path, OrderRow)
 
 
 def test_a_number_in_two_spellings_is_one_participant(tmp_path):
@@ -226,7 +224,7 @@ def test_a_participant_who_does_not_agree_ends_the_session_with_that_and_no_resu
             pytest.raises(UnavailableError, match="did not agree to take part; nothing was asked or measured"),
             make(settings, 0) as (flow, store),
         ):
-            asyncio.run(conduct(flow, rig, Unwilling(rig), store, date=lambda: DATE, version="test"))
+            asyncio.run(conduct(flow, rig, Unwilling(rig), store, date=lambda: DATE))
         assert [(row.event, row.reason) for row in store.rows] == [("begin", None), ("end", "no consent")]
     assert rig.activities == []
 
@@ -240,7 +238,7 @@ def test_sessions_killed_at_fifty_moments_lose_nothing_and_ask_nothing_twice(tmp
     runs = 0
     for number in range(1, int(done.stdout) + 1):
         task = task_of(number)
-        rows = read_rows(settings_of(tmp_path, number).table(task), OrderRow if task == "order" else LimitsRow)
+        rows = read_table(settings_of(tmp_path, number).table(task), OrderRow if task == "order" else LimitsRow)
         stored = Counter((row.event, row.this_n) for row in rows)
         runs += stored["begin", None]
         asked = sorted(row.this_n for row in rows if row.event == "trial")

@@ -11,10 +11,10 @@ import pytest
 from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.control.limits import LimitSettings
 from hapticnet.errors import HapticnetError
+from hapticnet.study.fronts import TerminalFront, in_lines
 from hapticnet.study.plan import Plan, find_plan
 from hapticnet.study.screens import Screen, ScreenKind, Screens
-from hapticnet.study.terminal_front import TerminalFront, in_lines
-from hapticnet.study.texts import SHIPPED, english, shipped
+from hapticnet.study.texts import english, shipped
 from hapticnet.web.server import static_files
 from tests.cli.test_cli_errors import ROOT
 
@@ -27,7 +27,7 @@ def plan_with(folder: Path, texts: str, plan: str = 'texts = "own.toml"\n') -> P
 
 def test_a_study_has_its_own_texts_beside_its_plan(tmp_path, monkeypatch):
     monkeypatch.chdir("/")
-    plan = plan_with(tmp_path, shipped("en").replace('consent = "Consent"', 'consent = "Einwilligung"'))
+    plan = plan_with(tmp_path, shipped().replace('consent = "Consent"', 'consent = "Einwilligung"'))
     assert Screens(plan.texts).consent().title == "Einwilligung"
     assert plan.digest() != Plan().digest()
 
@@ -44,7 +44,7 @@ def test_a_study_has_its_own_texts_beside_its_plan(tmp_path, monkeypatch):
     ],
 )
 def test_texts_with_a_mistake_are_refused_in_one_line(tmp_path, old, new, told):
-    texts, count = re.subn(old, new, shipped("en"), count=1)
+    texts, count = re.subn(old, new, shipped(), count=1)
     assert count == 1
     with pytest.raises(HapticnetError) as error:
         plan_with(tmp_path, texts)
@@ -52,13 +52,8 @@ def test_texts_with_a_mistake_are_refused_in_one_line(tmp_path, old, new, told):
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize("language", SHIPPED)
-def test_the_texts_that_are_shipped_are_whole(tmp_path, language):
-    assert plan_with(tmp_path, "", f'texts = "{language}"\n').texts.language == language
-
-
-def test_a_language_that_is_not_shipped_is_refused(tmp_path):
-    with pytest.raises(HapticnetError, match=r"no texts are shipped in 'xx'; there are .*en"):
+def test_texts_that_are_no_file_are_refused(tmp_path):
+    with pytest.raises(HapticnetError, match=r"texts 'xx' is no \.toml file; write one with"):
         plan_with(tmp_path, "", 'texts = "xx"\n')
 
 
@@ -71,7 +66,7 @@ def test_a_study_without_consent_needs_a_reason(tmp_path, consent):
 def test_the_consent_states_the_forces_of_the_safety_page():
     page = (ROOT / "docs/understand/safety.md").read_text()
     table = page[page.index("## Forces at the finger") :].split("\n## ")[0]
-    stated = re.findall(r"[0-9.]+ N\b", english().consent.risk)
+    stated = re.findall(r"[0-9.]+ N\b", english().consent["risk"])
     assert len(stated) == 3
     assert [each for each in stated if f"**{each}**" not in table] == []
     reached_n = LimitSettings().max_force_n - ForceControlSettings().headroom_n
@@ -84,7 +79,7 @@ def test_the_protocol_reads_out_what_the_screens_say():
     quotes = re.findall(r"(?:^>.*\n)+", page, re.MULTILINE)
     read_out = [" ".join(quote.replace("\n>", " ").removeprefix(">").split()) for quote in quotes]
     instructions = english().instructions
-    assert read_out == [instructions.ascending, instructions.order]
+    assert read_out == [instructions["ascending"], instructions["order"]]
 
 
 def test_every_text_of_the_page_is_used_and_every_one_that_is_used_is_there():

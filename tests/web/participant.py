@@ -14,14 +14,13 @@ from hapticnet.operator.live import LiveHand
 from hapticnet.protocol.events import Connected
 from hapticnet.runtime.system import now_us
 from hapticnet.runtime.udp import HostPort
-from hapticnet.study.conduct import conduct
-from hapticnet.study.page import ParticipantPage, SeenHand
-from hapticnet.study.page_front import PageFront
+from hapticnet.study.page import PageFront, ParticipantPage, SeenHand
 from hapticnet.study.plan import Plan
-from hapticnet.study.rig import NO_MEASURES, Activity, Meet, Outcome, Play
+from hapticnet.study.rig import Activity, Meet, Outcome, Play
 from hapticnet.study.rows import OrderRow
+from hapticnet.study.runner import conduct
 from hapticnet.study.session import SessionSettings, order_session
-from hapticnet.study.trial import Played
+from hapticnet.study.trial import NO_MEASURES, Played
 from hapticnet.web.access import Access, listen_for_pages
 from hapticnet.web.server import Server
 from tests.web.rig import WITHIN_S, Client, connected

@@ -254,7 +254,7 @@ def test_everything_fits_and_every_button_is_large_enough(task: Task, width: int
     tissues = [{"rest_m": each["rest_m"], "name": "tissue 1"} for each in TISSUES]
     task.stage.tell("scene", known=True, range_m=[0.0, 0.085], tissues=tissues)
     for screen, keys in (("trial", [*CHOICES, STOP]), ("rating", [{"key": key, "does": ""} for key in "1234567"])):
-        task.show(screen, keys=keys, progress="3 of 40 trials", remark=english().screens.untouched)
+        task.show(screen, keys=keys, progress="3 of 40 trials", remark=english().screens["untouched"])
         wide, high = task.page.evaluate("[document.documentElement.scrollWidth, document.documentElement.scrollHeight]")
         assert wide <= width
         if height > 700:

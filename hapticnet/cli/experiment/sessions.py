@@ -93,9 +93,7 @@ def limits(
     pages.check_page(page, simulate)
     asked = _check(participant, plan, simulate, wall_clock=wall_clock)
     if dry_run:
-        _show_schedules(
-            [draw_limits(asked.plan, each, session, seed) for each in asked.participants], asked, json
-        )
+        _show_schedules([draw_limits(asked.plan, each, session, seed) for each in asked.participants], asked, json)
         return
     known = devices.load(profile)
     devices.check_device(device)
@@ -160,7 +158,11 @@ def _account(settings: "SessionSettings", flow: "LimitsFlow") -> dict[str, Any]:
         path, measured = write_participant(settings, flow)
     except SettingsError as error:
         return {"participant": settings.participant, "no_jnd": str(error)}
-    return {"file": str(path), **measured.model_dump(exclude={"reference"}), "reference": measured.model_dump()["reference"]}
+    return {
+        "file": str(path),
+        **measured.model_dump(exclude={"reference"}),
+        "reference": measured.model_dump()["reference"],
+    }
 
 
 def order(
