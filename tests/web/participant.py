@@ -159,7 +159,7 @@ async def session(out: Path, plan: Plan, *, seed: int = 1) -> AsyncIterator[Sess
         await page.start()
 
         async def to_the_end() -> None:
-            await conduct(flow, rig, front, store, date=lambda: "now", version="0")
+            await conduct(flow, rig, front, store, date=lambda: "now")
             await page.stop()
 
         run = asyncio.ensure_future(to_the_end())
