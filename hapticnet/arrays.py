@@ -13,10 +13,7 @@ IntArray = npt.NDArray[np.int64]
 def as_recording(stimuli: FloatArray) -> FloatArray:
     """Return a recording as contiguous float64 of shape (n, a), 1 ≤ a ≤ 3.
 
-    Raises
-    ------
-    SampleError
-        If the recording has another shape.
+    Raises SampleError if the recording has another shape.
     """
     array = np.ascontiguousarray(stimuli, dtype=np.float64)
     if array.ndim == 1:
@@ -29,17 +26,9 @@ def as_recording(stimuli: FloatArray) -> FloatArray:
 def refuse_out_of_range(values: FloatArray, what: str = "stimulus", *, first: int = 0) -> None:
     """Check that a recording of shape (n, a) is finite and in range.
 
-    Parameters
-    ----------
-    what
-        What the values are, for the message.
-    first
-        Index of the first of these samples in the whole recording, for the message.
-
-    Raises
-    ------
-    SampleError
-        Naming the first sample that is not.
+    `what`: What the values are, for the message.
+    `first`: Index of the first of these samples in the whole recording, for the message.
+    Raises SampleError naming the first sample that is not.
     """
     # Minimum and maximum carry NaN on, so that it fails the comparison.
     if not len(values) or -LARGEST_COMPONENT <= values.min() <= values.max() <= LARGEST_COMPONENT:

@@ -11,10 +11,8 @@ def check_parameter(
 ) -> None:
     """Check that ``smallest <= value <= largest``, or that `value` is 0 where `zero_allowed`.
 
-    Raises
-    ------
-    SettingsError
-        If the value is out of range or NaN. The message has the form "NAME is VALUE; it must be between A and B".
+    Raises SettingsError if the value is out of range or NaN. The message has the form "NAME is VALUE; it must be
+    between A and B".
     """
     try:
         # NaN compares false with everything, so this form rejects it too.
@@ -27,26 +25,14 @@ def check_parameter(
 
 
 def check_integer(name: str, value: float, smallest: int, largest: int, unit: str = "") -> None:
-    """Check that `value` is a whole number from `smallest` to `largest`.
-
-    Raises
-    ------
-    SettingsError
-        If it is not.
-    """
+    """Check that `value` is a whole number from `smallest` to `largest`. Raises SettingsError if it is not."""
     check_parameter(name, value, smallest, largest, unit)
     if value != int(value):
         raise _out_of_range(name, value, "a whole number", "")
 
 
 def check_above(name: str, value: float, bound: float, largest: float, unit: str = "") -> None:
-    """Check that ``bound < value <= largest``.
-
-    Raises
-    ------
-    SettingsError
-        If the value is out of range or NaN.
-    """
+    """Check that ``bound < value <= largest``. Raises SettingsError if the value is out of range or NaN."""
     if not bound < value <= largest:
         raise _out_of_range(name, value, f"above {_text(bound)} and at most {_text(largest)}", unit)
 

@@ -36,8 +36,7 @@ LARGEST_INLINED: Final = 900
 """Size of the bytecode [B] up to which a function is compiled into its callers. Larger ones are called: they run only
 at updates. A call costs about as much as its arguments have numbers, so what takes the state of a codec is inlined."""
 
-KEPT_FOLDERS: Final = 8
-"""Folders of machine code that are kept, the newest first."""
+KEPT_FOLDERS: Final = 8  # folders of machine code that are kept, the newest first
 
 
 def describe_core() -> str:
@@ -64,17 +63,11 @@ def compiled(
 ) -> Callable[..., Any]:
     """Return a plain function compiled, the same object every time.
 
-    Parameters
-    ----------
-    function
-        A function of module level without closures.
-    name
-        Distinguishes the versions of one function that differ in `using`.
-    using
-        What takes the place of globals of `function`: constants, and named tuples of functions.
-    makes_arrays
-        Whether it makes arrays (not only reads and writes those it is given). References to arrays are then counted,
-        which can take most of the time of a loop.
+    `function`: A function of module level without closures.
+    `name`: Distinguishes the versions of one function that differ in `using`.
+    `using`: What takes the place of globals of `function`: constants, and named tuples of functions.
+    `makes_arrays`: Whether it makes arrays (not only reads and writes those it is given). References to arrays are then
+      counted, which can take most of the time of a loop.
     """
     function = _from_source(function)
     key = function, name, tuple((using or {}).values())

@@ -12,14 +12,9 @@ from hapticnet.checks import meant
 from hapticnet.errors import FileError, SettingsError, visible
 from hapticnet.files import read_text
 
-LARGEST_DOCUMENT: Final = 4 * 2**20
-"""Size limit of a TOML file [B]; a scene of 10,000 tissues takes 2 MB."""
-
-MOST_PARTS: Final = 16
-"""Most parts of a dotted key: time and memory of tomllib grow with their square."""
-
-MOST_PARTS_TOGETHER: Final = 200_000
-"""Most parts of all dotted keys: each takes 1 kB of memory."""
+LARGEST_DOCUMENT: Final = 4 * 2**20  # size limit of a TOML file [B]; a scene of 10,000 tissues takes 2 MB
+MOST_PARTS: Final = 16  # most parts of a dotted key: time and memory of tomllib grow with their square
+MOST_PARTS_TOGETHER: Final = 200_000  # most parts of all dotted keys: each takes 1 kB of memory
 
 STRICT: Final = ConfigDict(extra="forbid", strict=True)
 """Model configuration of a document: no unknown keys, no type conversions."""
@@ -48,8 +43,7 @@ _EXPECTED: Final = {
 """What would be right, for each of pydantic's error types that a model of ours can cause; its own words are for
 programmers."""
 
-WHOLE: Final = "the table"
-"""What is wrong if no one key is."""
+WHOLE: Final = "the table"  # what is wrong if no one key is
 
 _PART: Final = r"""(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""
 _DOTTED: Final = re.compile(rf"""(?<![\w"'.\\-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART})++""")
@@ -79,10 +73,7 @@ NOT_BLANK: Final = text_of(r"(?s:.*\S.*)", "text that is not blank")
 def read_document(path: Path) -> str:
     """Return the text of a TOML file.
 
-    Raises
-    ------
-    FileError
-        If the file cannot be read, is larger than `LARGEST_DOCUMENT` or is not UTF-8.
+    Raises FileError if the file cannot be read, is larger than `LARGEST_DOCUMENT` or is not UTF-8.
     """
     return read_text(path, LARGEST_DOCUMENT)
 
@@ -102,17 +93,9 @@ def parse_tables(text: str, source: str) -> dict[str, Any]:
 def parse_document(text: str, source: str, model: type[Document], *, context: object = None) -> Document:
     """Return `text` parsed and validated by a model; messages name `source` as its origin.
 
-    Parameters
-    ----------
-    context
-        What the validators of the model get as their context.
-
-    Raises
-    ------
-    FileError
-        If the text is not TOML; the message has the line and column.
-    SettingsError
-        If a key is unknown or missing, or a value has the wrong type; the message names the key.
+    `context`: What the validators of the model get as their context.
+    Raises FileError if the text is not TOML; the message has the line and column; SettingsError if a key is unknown or
+    missing, or a value has the wrong type; the message names the key.
     """
     content = parse_tables(text, source)
     try:

@@ -9,8 +9,7 @@ from typing import ClassVar, Final
 
 from hapticnet.interrupts import is_ctrl_c
 
-LONGEST_MESSAGE: Final = 1000
-"""Most characters of a message of somebody else's exception that are shown."""
+LONGEST_MESSAGE: Final = 1000  # most characters of a message of somebody else's exception that are shown
 
 
 class HapticnetError(Exception):

@@ -19,11 +19,8 @@ from typing import BinaryIO, Final, TextIO
 
 from hapticnet.errors import FileError, HapticnetError, SettingsError
 
-MAX_BYTES: Final = 2 * 2**30
-"""Default size limit of files that are read [B]: 2 GiB."""
-
-PART: Final = ".part"
-"""End of the name of a temporary file."""
+MAX_BYTES: Final = 2 * 2**30  # default size limit of files that are read [B]: 2 GiB
+PART: Final = ".part"  # end of the name of a temporary file
 
 _SIZE: Final = re.compile(r"(\d{1,15}(?:\.\d{1,6})?)\s*([KMGT]?)(i?)B?", re.ASCII | re.IGNORECASE)
 _EXPECTED: Final = "expected a regular file"
@@ -37,13 +34,7 @@ _NOT_REGULAR: Final = (
 
 
 def parse_bytes(text: str | int) -> int:
-    """Return a size such as 500MB or 8GiB in bytes.
-
-    Raises
-    ------
-    SettingsError
-        If it is not such a size.
-    """
+    """Return a size such as 500MB or 8GiB in bytes. Raises SettingsError if it is not such a size."""
     match = _SIZE.fullmatch(str(text).strip())
     if match is None:
         raise SettingsError(f'"{str(text)[:60]}" is not a size such as 500MB or 8GiB')
@@ -73,10 +64,7 @@ def user_path(path: str | os.PathLike[str]) -> Path:
 def check_readable(path: Path, max_bytes: int = MAX_BYTES) -> None:
     """Check, without opening it, that `path` is a regular file of at most `max_bytes`.
 
-    Raises
-    ------
-    FileError
-        If the file is missing, is a directory, device, pipe or socket, or is too large.
+    Raises FileError if the file is missing, is a directory, device, pipe or socket, or is too large.
     """
     try:
         status = path.stat()
@@ -88,15 +76,8 @@ def check_readable(path: Path, max_bytes: int = MAX_BYTES) -> None:
 def open_regular(path: Path, max_bytes: int = MAX_BYTES, *, follow: bool = True) -> BinaryIO:
     """Open a regular file of at most `max_bytes` for reading; never wait for a pipe or a device.
 
-    Parameters
-    ----------
-    follow
-        Whether `path` may be a link.
-
-    Raises
-    ------
-    FileError
-        As `check_readable`, or if it is a link that is not to be followed.
+    `follow`: Whether `path` may be a link.
+    Raises FileError as `check_readable`, or if it is a link that is not to be followed.
     """
     if not follow and path.is_symlink():
         raise FileError(f"{path} is a link; {_EXPECTED}")
@@ -129,10 +110,7 @@ def read_bytes(path: Path, max_bytes: int = MAX_BYTES, *, follow: bool = True) -
 def read_text(path: Path, max_bytes: int = MAX_BYTES, *, follow: bool = True) -> str:
     """Return the text of a UTF-8 file of at most `max_bytes`; see `open_regular`.
 
-    Raises
-    ------
-    FileError
-        If the file cannot be read, is too large or is not UTF-8.
+    Raises FileError if the file cannot be read, is too large or is not UTF-8.
     """
     content = read_bytes(path, max_bytes, follow=follow)
     try:
@@ -183,17 +161,9 @@ def replacing_bytes(path: Path, *, follow: bool = True, sync: bool = False) -> I
     If writing fails or is interrupted, the existing file is unchanged. Devices, pipes and mount points (a file mounted
     into a container) cannot be replaced, so they are written directly.
 
-    Parameters
-    ----------
-    follow
-        Whether to replace what a link leads to, instead of the link. True only for a file that the user named.
-    sync
-        Whether to wait until the file is on the disk.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be written.
+    `follow`: Whether to replace what a link leads to, instead of the link. True only for a file that the user named.
+    `sync`: Whether to wait until the file is on the disk.
+    Raises FileError if the file cannot be written.
     """
     try:
         if follow and takes_a_stream(path):
@@ -210,10 +180,7 @@ def replacing_bytes(path: Path, *, follow: bool = True, sync: bool = False) -> I
 def written_beside(path: Path, *, sync: bool = False) -> Iterator[BinaryIO]:
     """Open a temporary file for writing; when all of it is written, it takes the place of `path`, even of a link.
 
-    Raises
-    ------
-    OSError
-        If a file cannot be written.
+    Raises OSError if a file cannot be written.
     """
     part = _part(path)
     try:
@@ -232,10 +199,7 @@ def written_beside(path: Path, *, sync: bool = False) -> Iterator[BinaryIO]:
 def open_in_place(path: Path, flags: int = 0) -> int:
     """Open a regular file to read and change it where it is, create it if it is missing, and return its descriptor.
 
-    Raises
-    ------
-    FileError
-        If it cannot be written, or is a link or no regular file.
+    Raises FileError if it cannot be written, or is a link or no regular file.
     """
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC | flags, 0o644)
@@ -254,12 +218,8 @@ def open_in_place(path: Path, flags: int = 0) -> int:
 def locked(path: Path, busy: HapticnetError) -> Iterator[None]:
     """Hold the lock of a file, which is created if it is missing; the system releases it however the process ends.
 
-    Raises
-    ------
-    FileError
-        If the file cannot be written, or is a link or no regular file.
-    HapticnetError
-        `busy`, if another process holds the lock.
+    Raises FileError if the file cannot be written, or is a link or no regular file; HapticnetError, `busy`, if another
+    process holds the lock.
     """
     descriptor = open_in_place(path)
     try:
@@ -275,10 +235,7 @@ def locked(path: Path, busy: HapticnetError) -> Iterator[None]:
 def check_replaceable(path: Path) -> None:
     """Check that `replacing` can write a file, without changing the file. Create its folder if it is missing.
 
-    Raises
-    ------
-    FileError
-        If it cannot be written.
+    Raises FileError if it cannot be written.
     """
     make_folder(path.parent)
     try:
@@ -304,10 +261,7 @@ def takes_a_stream(path: Path) -> bool:
 def check_folder(path: Path) -> None:
     """Check that files can be created in a folder. Create the folder if it is missing.
 
-    Raises
-    ------
-    FileError
-        If they cannot.
+    Raises FileError if they cannot.
     """
     check_replaceable(path / "any")
 
@@ -323,13 +277,7 @@ def fresh_path(path: Path) -> Path:
 
 
 def make_folder(path: Path) -> None:
-    """Create a folder and its parents if they are missing.
-
-    Raises
-    ------
-    FileError
-        If the folder cannot be created.
-    """
+    """Create a folder and its parents if they are missing. Raises FileError if the folder cannot be created."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -28,8 +28,7 @@ Option: TypeAlias = int | float | bool | str
 
 _SOURCE = re.compile(r"(?P<source>(?:.+?\.py|[A-Za-z_][\w.]*):[A-Za-z_]\w*)(?::(?P<options>.*))?", re.DOTALL)
 
-_REPR: Final = reprlib.Repr()
-"""Shows only the beginning of what is long."""
+_REPR: Final = reprlib.Repr()  # shows only the beginning of what is long
 _REPR.maxstring = _REPR.maxother = _REPR.maxlong = 200
 
 _BOOLS: Final = {"true": True, "false": False}
@@ -40,24 +39,12 @@ _files: dict[Path, tuple[int, ModuleType]] = {}
 
 @dataclass(frozen=True, slots=True)
 class UserClass:
-    """A class of a user, and the arguments with which to make objects of it.
+    """A class of a user, and the arguments with which to make objects of it."""
 
-    Attributes
-    ----------
-    kind
-        What it is used as, such as "scene"; starts each message.
-    source
-        ``FILE.py:Class`` or ``package.module:Class``, as the user wrote it.
-    found
-        The class, or a function that returns an object.
-    options
-        Keyword arguments.
-    """
-
-    kind: str
-    source: str
-    found: Callable[..., Any]
-    options: Mapping[str, Option] = field(default_factory=dict)
+    kind: str  # what it is used as, such as "scene"; starts each message
+    source: str  # ``FILE.py:Class`` or ``package.module:Class``, as the user wrote it
+    found: Callable[..., Any]  # the class, or a function that returns an object
+    options: Mapping[str, Option] = field(default_factory=dict)  # keyword arguments
 
     @property
     def file(self) -> Path | None:
@@ -87,12 +74,8 @@ def split_user_code(text: str) -> tuple[str, str] | None:
 def find_user_class(text: str, kind: str, folder: Path = Path()) -> UserClass | None:
     """Import what ``SOURCE[:KEY=VALUE,…]`` names; return None if `text` does not have this form.
 
-    A value is a whole number, a number, true, false, or else text. The path of a file is relative to `folder`.
-
-    Raises
-    ------
-    SettingsError
-        If it cannot be imported or found, or an option is malformed.
+    A value is a whole number, a number, true, false, or else text. The path of a file is relative to `folder`. Raises
+    SettingsError if it cannot be imported or found, or an option is malformed.
     """
     parts = split_user_code(text)
     if parts is None:
@@ -113,10 +96,7 @@ def find_user_class(text: str, kind: str, folder: Path = Path()) -> UserClass | 
 def load_user_code(source: str, kind: str, folder: Path = Path()) -> Callable[..., Any]:
     """Return the class (or function) at ``FILE.py:Class`` or ``package.module:Class``; a file is reread if it changed.
 
-    Raises
-    ------
-    SettingsError
-        If the file or module cannot be imported, or defines no such class.
+    Raises SettingsError if the file or module cannot be imported, or defines no such class.
     """
     place, _, name = source.rpartition(":")
     try:
@@ -134,10 +114,8 @@ def load_user_code(source: str, kind: str, folder: Path = Path()) -> Callable[..
 def method_of(made: Any, signature: str, what: str) -> Callable[..., Any]:
     """Return a method of a user's object, given as "name(argument, …)".
 
-    Raises
-    ------
-    SettingsError
-        If there is no such method, it is a coroutine, or it does not accept these arguments; `what` starts the message.
+    Raises SettingsError if there is no such method, it is a coroutine, or it does not accept these arguments; `what`
+    starts the message.
     """
     name, _, arguments = signature.rstrip(")").partition("(")
     method = attribute_of(made, name, None, what)
@@ -177,10 +155,7 @@ def axes_of(made: Any, what: str) -> int:
 def vector_from(result: Any, axes: int, method: str, unit: str) -> Vector:
     """Return what a method of a user returned, a number or a sequence of numbers, as a vector.
 
-    Raises
-    ------
-    UserCodeError
-        If it is something else, not finite or out of range, or has another number of axes.
+    Raises UserCodeError if it is something else, not finite or out of range, or has another number of axes.
     """
     # The common cases first: this is on the path of every sample.
     if type(result) is float and axes == 1 and -LARGEST_COMPONENT <= result <= LARGEST_COMPONENT:

@@ -26,12 +26,8 @@ class HandPort(Watcher[NodeEvent]):
     Positions are read when they arrive. The answer leaves after the tick that sent the position to the slave, so that
     it delays nothing.
 
-    Parameters
-    ----------
-    sock
-        A socket that is bound to the address; `stop` closes it.
-    say
-        Called with each message for a person.
+    `sock`: A socket that is bound to the address; `stop` closes it.
+    `say`: Called with each message for a person.
     """
 
     name = "udp operator"

@@ -36,13 +36,7 @@ Values: TypeAlias = dict[str, float | dict[str, float]]
 class Metrics(Watcher[Event], Generic[Event]):
     """Base of the metrics of master and slave.
 
-    Parameters
-    ----------
-    address
-        Where HTTP is served; port 0 takes a free one.
-    tell
-        Called with a line for the user if the serving process fails.
-
+    `tell`: Called with a line for the user if the serving process fails.
     Raises UnavailableError if prometheus-client is not installed, or the address is not available.
     """
 
@@ -53,7 +47,7 @@ class Metrics(Watcher[Event], Generic[Event]):
         if find_spec("prometheus_client") is None:
             raise UnavailableError("--metrics needs prometheus-client (extra metrics): pip install prometheus-client")
         self._socket = listen_for_streams(address)
-        self.address = bound_address(self._socket)
+        self.address = bound_address(self._socket)  # where HTTP is served; port 0 takes a free one
         self._overload = overload
         self._tell = tell
         self._process: SideProcess | None = None

@@ -39,8 +39,7 @@ class Description:
     name: str
     kind: Kind
     meaning: str
-    labels: tuple[str, ...] = ()
-    """Names of its labels."""
+    labels: tuple[str, ...] = ()  # names of its labels
 
 
 COMMON: Final = (
@@ -84,8 +83,7 @@ SLAVE: Final = (
 
 TABLES: Final = {"master": MASTER, "slave": SLAVE}
 
-STALE_S: Final = 3.0
-"""Time [s] without news after which the node counts as stuck: six intervals."""
+STALE_S: Final = 3.0  # time [s] without news after which the node counts as stuck: six intervals
 
 CLIENT_TIMEOUT_S: Final = 5.0
 
@@ -93,10 +91,7 @@ CLIENT_TIMEOUT_S: Final = 5.0
 class Figures(Collector):
     """The newest figures of a node.
 
-    Parameters
-    ----------
-    role
-        ``master`` or ``slave``.
+    `role`: ``master`` or ``slave``.
     """
 
     def __init__(self, role: str) -> None:
@@ -139,10 +134,7 @@ class Figures(Collector):
 def histogram(counts: dict[str, int]) -> tuple[list[tuple[str, float]], float]:
     """Return the cumulative buckets of a histogram in seconds, and the sum of its values to half a per cent.
 
-    Parameters
-    ----------
-    counts
-        Counts of a `Distribution` by bucket.
+    `counts`: Counts of a `Distribution` by bucket.
     """
     ratio = Distribution.RATIO
     in_s = sorted((1e-6 * ratio ** (int(bucket) + 1), count) for bucket, count in counts.items())

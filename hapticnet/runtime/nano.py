@@ -18,14 +18,12 @@ from hapticnet.device.simulated import Plant, PlantSettings, loading_calibration
 from hapticnet.device.wired import WiredDevice
 from hapticnet.errors import SettingsError, UnavailableError
 
-CYCLES_PER_US: Final = 16
-"""Clock cycles per µs of the Nano: 16 MHz."""
+CYCLES_PER_US: Final = 16  # clock cycles per µs of the Nano: 16 MHz
 
 LONGEST_STEP_US: Final = 10_000_000
 """Longest step [µs]: the firmware's output during a step must fit the harness's buffers."""
 
-MOST_BYTES: Final = 0xFFFF
-"""Largest number of bytes passed in one step."""
+MOST_BYTES: Final = 0xFFFF  # largest number of bytes passed in one step
 
 BUILD_VARIABLE: Final = "HAPTICNET_FIRMWARE"
 """Environment variable with the folder of simulator and firmware; default: the folder in the checkout."""
@@ -67,28 +65,18 @@ class Edge(NamedTuple):
 class Step(NamedTuple):
     """Result of a step."""
 
-    cycle: int
-    """Time at the end [clock cycles since power-on]."""
-    sent: bytes
-    """Bytes sent by the firmware."""
-    edges: list[Edge]
-    """Changes of the servo pins, oldest first."""
-    resets: int
-    """Number of resets of the controller since power-on."""
-    latency_cycles: int
-    """Longest time that any interrupt was pending so far [clock cycles]."""
+    cycle: int  # time at the end [clock cycles since power-on]
+    sent: bytes  # bytes sent by the firmware
+    edges: list[Edge]  # changes of the servo pins, oldest first
+    resets: int  # number of resets of the controller since power-on
+    latency_cycles: int  # longest time that any interrupt was pending so far [clock cycles]
 
 
 class Simavr:
     """A running simulation.
 
-    Parameters
-    ----------
-    harness
-        The simulator, built by ``make -C firmware sim``.
-    firmware
-        The ELF file to run.
-
+    `harness`: The simulator, built by ``make -C firmware sim``.
+    `firmware`: The ELF file to run.
     Raises UnavailableError if either file is missing or the simulator does not start.
     """
 
@@ -108,15 +96,9 @@ class Simavr:
     def advance(self, duration_us: int, *, millivolts: float = 0.0, data: bytes = b"") -> Step:
         """Advance time.
 
-        Parameters
-        ----------
-        duration_us
-            Duration [µs], up to ten seconds; it may be exceeded by a few clock cycles.
-        millivolts
-            Voltage [mV] at the force sensor's pin during the step, clamped to the 5 V supply.
-        data
-            Bytes for the firmware, up to `MOST_BYTES`; they arrive one after the other at the speed of the line.
-
+        `duration_us`: Duration [µs], up to ten seconds; it may be exceeded by a few clock cycles.
+        `millivolts`: Voltage [mV] at the force sensor's pin during the step, clamped to the 5 V supply.
+        `data`: Bytes for the firmware, up to `MOST_BYTES`; they arrive one after the other at the speed of the line.
         Raises SettingsError if the duration is out of range or there are too many bytes; UnavailableError if the
         simulator has ended.
         """
@@ -156,8 +138,7 @@ SHORTEST_PULSE_US: Final = 500.0
 LONGEST_PULSE_US: Final = 2_500.0
 """Limits [µs] of a pulse that a servo accepts; a shorter one may come from a reset. Typical of hobby servos."""
 
-SUPPLY_MV: Final = 5_000.0
-"""Full scale of the converter [mV], whose reference is the supply."""
+SUPPLY_MV: Final = 5_000.0  # full scale of the converter [mV], whose reference is the supply
 
 SensorHook: TypeAlias = Callable[[float, int], float]
 """Converter input [counts] as a function of the sensor's output [counts] and the time [µs]; models faults."""
@@ -166,33 +147,18 @@ SensorHook: TypeAlias = Callable[[float, int], float]
 class Board:
     """The firmware on its board, connected to the plant: pulses out, sensor voltage in.
 
-    Parameters
-    ----------
-    settings
-        Settings of the plant.
-    rng
-        Source of the plant's noise.
-    build
-        Simulator and firmware; default: those that `simavr_build` finds.
-
-    Attributes
-    ----------
-    plant
-        The mechanics.
-    sensor
-        Fault of the sensor, if any.
-    resets
-        Number of resets of the controller since power-on.
-
+    `settings`: Settings of the plant.
+    `rng`: Source of the plant's noise.
+    `build`: Simulator and firmware; default: those that `simavr_build` finds.
     Raises UnavailableError if there is no build, or the simulator does not start.
     """
 
     def __init__(
         self, settings: PlantSettings, rng: np.random.Generator, *, build: tuple[Path, Path] | None = None
     ) -> None:
-        self.plant = Plant(settings, rng)
-        self.sensor: SensorHook | None = None
-        self.resets = 0
+        self.plant = Plant(settings, rng)  # the mechanics
+        self.sensor: SensorHook | None = None  # fault of the sensor, if any
+        self.resets = 0  # number of resets of the controller since power-on
         self._simavr = Simavr(*(build or simavr_build()))
         self._millivolts_per_count = SUPPLY_MV / (1 << settings.sensor.adc_bits)
         self._now_us = 0
@@ -242,10 +208,8 @@ class Board:
 class Disturbance:
     """Disturbance of what the host writes. Raises SettingsError if a value is out of range."""
 
-    delay_us: int = 0
-    """Delay [µs]."""
-    loss: float = 0.0
-    """Share of writes that are lost (0 to 1), requests included."""
+    delay_us: int = 0  # delay [µs]
+    loss: float = 0.0  # share of writes that are lost (0 to 1), requests included
 
     def __post_init__(self) -> None:
         check_parameter("delay", self.delay_us, 0, 10_000_000, "µs")
@@ -258,27 +222,12 @@ class SimulatedNano(Device):
     Each `exchange` first advances board, plant and line to the given time. `close` ends the simulator. If the simulator
     ends by itself, the device is lost.
 
-    Parameters
-    ----------
-    settings
-        Settings of the plant.
-    rng
-        Source of noise and losses.
-    wired
-        The host's end; default: one that knows linkage, servos and sensor of the plant.
-    build
-        Simulator and firmware; default: those that `simavr_build` finds.
-    disturbance
-        Disturbance of what the host writes.
-
-    Attributes
-    ----------
-    board
-        Firmware and plant; set `board.sensor` for a sensor fault.
-    plant
-        The mechanics.
-    wired
-        The host's end of the wire.
+    `settings`: Settings of the plant.
+    `rng`: Source of noise and losses.
+    `wired`: The host's end; default: one that knows linkage, servos and sensor of the plant.
+    `build`: Simulator and firmware; default: those that `simavr_build` finds.
+    `disturbance`: Disturbance of what the host writes.
+    `wired`: The host's end of the wire.
     """
 
     def __init__(
@@ -290,8 +239,8 @@ class SimulatedNano(Device):
         build: tuple[Path, Path] | None = None,
         disturbance: Disturbance | None = None,
     ) -> None:
-        self.board = Board(settings, rng, build=build)
-        self.plant = self.board.plant
+        self.board = Board(settings, rng, build=build)  # firmware and plant; set `board.sensor` for a sensor fault
+        self.plant = self.board.plant  # the mechanics
         self.wired = wired or WiredDevice(
             loading_calibration(settings.sensor), linkage=settings.linkage, servo=settings.servo
         )

@@ -18,11 +18,8 @@ from hapticnet.runtime.timer import Repeating, Ticker, until
 MOST_CATCH_UP_US: Final = 50_000
 """Longest stall [µs] that is made up for; the rest of a longer one is skipped, also for the firmware."""
 
-TERMINALS: Final = "/dev/pts/"
-"""Directory of pseudo-terminals: pts(4)."""
-
-MOST_BYTES: Final = 4096
-"""Largest number of bytes read at a time: the capacity of a pseudo-terminal."""
+TERMINALS: Final = "/dev/pts/"  # directory of pseudo-terminals: pts(4)
+MOST_BYTES: Final = 4096  # largest number of bytes read at a time: the capacity of a pseudo-terminal
 
 
 class NanoPty:
@@ -31,34 +28,15 @@ class NanoPty:
     As with a real port, output of the firmware is lost while the port is closed. Unlike a real port, opening it does
     not reset the controller.
 
-    Parameters
-    ----------
-    board
-        Firmware and plant.
-    link
-        Symbolic link to make to the pseudo-terminal, for a name that stays the same.
-
-    Attributes
-    ----------
-    path
-        The pseudo-terminal to open.
-    visited
-        Whether a program has it open.
-    lost_us
-        Real time [µs] skipped after stalls.
-
-    Raises
-    ------
-    UnavailableError
-        If no pseudo-terminal can be created.
-    FileError
-        If the link cannot be made; an existing file that is not a link is not touched.
+    `link`: Symbolic link to make to the pseudo-terminal, for a name that stays the same.
+    Raises UnavailableError if no pseudo-terminal can be created; FileError if the link cannot be made; an existing file
+    that is not a link is not touched.
     """
 
     def __init__(self, board: Board, *, link: Path | None = None) -> None:
-        self.board = board
-        self.visited = False
-        self.lost_us = 0
+        self.board = board  # firmware and plant
+        self.visited = False  # whether a program has it open
+        self.lost_us = 0  # real time [µs] skipped after stalls
         self._link: Path | None = None
         self._simulated_us = 0
         self._reached_us: int | None = None
@@ -67,7 +45,7 @@ class NanoPty:
         except OSError as error:
             raise UnavailableError(f"cannot create a pseudo-terminal: {error.strerror}") from error
         try:
-            self.path = os.ttyname(visitor)
+            self.path = os.ttyname(visitor)  # the pseudo-terminal to open
             tty.setraw(visitor)  # remains in force as long as this end is open
             os.set_blocking(self._master, False)
             if link is not None:

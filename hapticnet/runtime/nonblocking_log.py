@@ -33,37 +33,28 @@ class Level(Enum):
 class Form(Enum):
     """How a line is written."""
 
-    PLAIN = "plain"
-    """``master: link stale``, for commands that a person waits for."""
+    PLAIN = "plain"  # ``master: link stale``, for commands that a person waits for
 
     STAMPED = "stamped"
     """``2026-11-22T08:17:50.123Z warning master: link stale``, for processes that run until they are stopped."""
 
-    JSON = "json"
-    """One JSON object per line, for log collectors."""
-
-    JOURNAL = "journal"
-    """``<4>master: link stale``: the journal adds the time itself (sd-daemon(3))."""
+    JSON = "json"  # one JSON object per line, for log collectors
+    JOURNAL = "journal"  # ``<4>master: link stale``: the journal adds the time itself (sd-daemon(3))
 
 
-PRIORITIES: Final = {Level.INFO: 6, Level.WARNING: 4, Level.ERROR: 3}
-"""The levels of syslog(3)."""
+PRIORITIES: Final = {Level.INFO: 6, Level.WARNING: 4, Level.ERROR: 3}  # the levels of syslog(3)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogLine:
     """A message to whoever watches a process."""
 
-    time_s: float
-    """Unix time [s] at which it was said, which may be long before it is written."""
+    time_s: float  # Unix time [s] at which it was said, which may be long before it is written
     level: Level
-    who: str
-    """Part of the program that says it."""
+    who: str  # part of the program that says it
     text: str
-    event: str | None = None
-    """Name of the event that it tells, for programs; None if it tells none."""
-    fields: Mapping[str, Any] | None = None
-    """What the event is about, for programs: master, address, codec."""
+    event: str | None = None  # Name of the event that it tells, for programs; None if it tells none.
+    fields: Mapping[str, Any] | None = None  # what the event is about, for programs: master, address, codec
 
     def write(self, form: Form) -> str:
         """Return the line, with its line end."""
@@ -110,20 +101,11 @@ LINES_PER_S: Final = 20.0
 MOST_AT_ONCE: Final = 100
 """Limits of the lines of a process; further ones are left out. A hundred masters may join at the same time."""
 
-MOST_WAITING: Final = 1000
-"""Most lines that wait for the reader; further ones are left out."""
-
-SUMMARY_EVERY_S: Final = 1.0
-"""Time [s] between two lines that tell how many were left out."""
-
-PARTING_S: Final = 0.5
-"""Time [s] that a process waits at its end for the reader of its last lines."""
-
-CHUNK_BYTES: Final = 4096
-"""Bytes handed over at once when progress is watched; a pipe takes this many or none."""
-
-_ERASE: Final = "\r\x1b[2K"
-"""Return to the start of the line and erase it (ECMA-48 EL)."""
+MOST_WAITING: Final = 1000  # most lines that wait for the reader; further ones are left out
+SUMMARY_EVERY_S: Final = 1.0  # time [s] between two lines that tell how many were left out
+PARTING_S: Final = 0.5  # time [s] that a process waits at its end for the reader of its last lines
+CHUNK_BYTES: Final = 4096  # bytes handed over at once when progress is watched; a pipe takes this many or none
+_ERASE: Final = "\r\x1b[2K"  # return to the start of the line and erase it (ECMA-48 EL)
 
 
 class NonblockingLog:
@@ -132,22 +114,12 @@ class NonblockingLog:
     Until `start` is called each line is written at once, and a reader who pauses is waited for. From then on a thread
     writes them, and their rate is limited.
 
-    Parameters
-    ----------
-    stream
-        Returns the stream, or None if the process has none.
-
-    Attributes
-    ----------
-    left_out
-        Lines that were not written: too many a second, or the reader paused for too long.
-    form
-        How lines are written.
+    `stream`: Returns the stream, or None if the process has none.
     """
 
     def __init__(self, stream: Callable[[], TextIO | None]) -> None:
-        self.left_out = 0
-        self.form = Form.PLAIN
+        self.left_out = 0  # lines that were not written: too many a second, or the reader paused for too long
+        self.form = Form.PLAIN  # how lines are written
         self._stream = stream
         self._queue: SimpleQueue[Callable[[], None]] | None = None
         self._bucket = TokenBucket(LINES_PER_S, MOST_AT_ONCE)
@@ -256,8 +228,7 @@ class NonblockingLog:
             pass
 
 
-STDERR: Final = NonblockingLog(lambda: sys.stderr)
-"""All messages of this process."""
+STDERR: Final = NonblockingLog(lambda: sys.stderr)  # all messages of this process
 
 
 class _LogHandler(logging.Handler):

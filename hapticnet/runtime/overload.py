@@ -9,39 +9,25 @@ from hapticnet.runtime.system import OTHER, policy
 from hapticnet.runtime.timer import Ticker
 from hapticnet.runtime.udp import UdpPort
 
-WINDOW_US: Final = 900_000
-"""Least time [µs] over which ages and missed ticks are judged."""
+WINDOW_US: Final = 900_000  # least time [µs] over which ages and missed ticks are judged
 
 LARGEST_QUEUE_AGE_US: Final = 5_000
 """Age [µs] of queued datagrams, 99th percentile, above which the user is told: five samples of 1 kHz."""
 
-LARGEST_MISSED_SHARE: Final = 0.01
-"""Share of missed ticks above which the user is told."""
-
-TELL_EVERY_US: Final = 10_000_000
-"""Time [µs] between two lines about the same sign."""
+LARGEST_MISSED_SHARE: Final = 0.01  # share of missed ticks above which the user is told
+TELL_EVERY_US: Final = 10_000_000  # time [µs] between two lines about the same sign
 
 
 class Overload:
     """Watch a socket and a ticker.
 
-    Parameters
-    ----------
-    scheduling
-        The scheduling that was granted, as `prefer_realtime` describes it.
-    say
-        Called with each warning for the user.
-
-    Attributes
-    ----------
-    scheduling
-        As given.
-    port, ticker
-        What is watched; None before `attach`, and if there is no ticker.
+    `say`: Called with each warning for the user.
+    `scheduling`: As given.
+    `port`, `ticker`: What is watched; None before `attach`, and if there is no ticker.
     """
 
     def __init__(self, scheduling: str, say: Callable[[str], None]) -> None:
-        self.scheduling = scheduling
+        self.scheduling = scheduling  # the scheduling that was granted, as `prefer_realtime` describes it
         self._say = say
         self.port: UdpPort | None = None
         self.ticker: Ticker | None = None

@@ -40,11 +40,8 @@ def safe_path() -> Iterator[None]:
             os.environ[SAFE_PATH] = before
 
 
-PIPE_BYTES: Final = 2**20
-"""Capacity [B] of the pipe to a side process. Linux permits this much without privileges."""
-
-MOST_AT_ONCE: Final = 256 * 1024
-"""Most bytes that are written in one call: less than 0.1 ms."""
+PIPE_BYTES: Final = 2**20  # Capacity [B] of the pipe to a side process. Linux permits this much without privileges.
+MOST_AT_ONCE: Final = 256 * 1024  # most bytes that are written in one call: less than 0.1 ms
 
 POLL_S: Final = 0.01
 
@@ -54,27 +51,14 @@ class SideProcess:
 
     It ends when its input is closed, thus also when this process is killed. A Ctrl-C on the terminal does not reach it.
 
-    Parameters
-    ----------
-    module
-        The module that is run.
-    arguments
-        Its arguments.
-    descriptors
-        File descriptors that it gets.
-
-    Attributes
-    ----------
-    pid
-        Its number.
-    waiting_bytes
-        Bytes that the pipe has not taken yet.
-
+    `module`: The module that is run.
+    `arguments`: Its arguments.
+    `descriptors`: File descriptors that it gets.
     Raises UnavailableError if it cannot be started.
     """
 
     def __init__(self, module: str, *arguments: str, descriptors: Sequence[int] = ()) -> None:
-        self.waiting_bytes = 0
+        self.waiting_bytes = 0  # bytes that the pipe has not taken yet
         self._waiting: deque[memoryview] = deque()
         self._partial = b""
         try:
@@ -93,7 +77,7 @@ class SideProcess:
         assert self._process.stdin is not None  # noqa: S101 - for the type checker: both are pipes
         assert self._process.stdout is not None  # noqa: S101
         self._stdin, self._stdout = self._process.stdin, self._process.stdout
-        self.pid = self._process.pid
+        self.pid = self._process.pid  # its number
         for pipe in (self._stdin, self._stdout):
             os.set_blocking(pipe.fileno(), False)
         with suppress(AttributeError, OSError):  # not on Linux, or the user's limit of pipes is reached
@@ -181,19 +165,15 @@ KEY_VARIABLES: Final = ("HAPTICNET_KEY", "HAPTICNET_PEER_KEY", "HAPTICNET_MASTER
 OPTION_VARIABLES: Final = ("HAPTICNET_CONFIG", "HAPTICNET_MASTER_", "HAPTICNET_SLAVE_", "HAPTICNET_CHANNEL_")
 """Starts of environment variables that set options of what the user starts; children get theirs as arguments."""
 
-PR_SET_PDEATHSIG: Final = 1
-"""Option of prctl(2) on Linux: receive a signal when the parent dies, for whatever reason."""
+PR_SET_PDEATHSIG: Final = 1  # option of prctl(2) on Linux: receive a signal when the parent dies, for whatever reason
 
 
 class Child:
     """A ``hapticnet`` process with its stderr on a pipe. It ends when this process ends, even if that is killed.
 
-    Parameters
-    ----------
-    arguments
-        Command line after ``hapticnet``.
-    environment
-        Its environment variables; None for those of this process without `KEY_VARIABLES` and `OPTION_VARIABLES`.
+    `arguments`: Command line after ``hapticnet``.
+    `environment`: Its environment variables; None for those of this process without `KEY_VARIABLES` and
+      `OPTION_VARIABLES`.
     """
 
     def __init__(self, arguments: Sequence[str], *, environment: Mapping[str, str] | None = None) -> None:

@@ -19,17 +19,13 @@ from hapticnet.runtime.writer import DONE, FAILED, STOPPED
 if TYPE_CHECKING:
     from array import array
 
-FILE_LIMIT: Final = 1000
-"""Most files and folders that the recordings of a run may be."""
-
-RECORD_LIMIT_BYTES: Final = 2 * 2**30
-"""Disk space [B] that recordings may take unless another limit is given."""
+FILE_LIMIT: Final = 1000  # most files and folders that the recordings of a run may be
+RECORD_LIMIT_BYTES: Final = 2 * 2**30  # disk space [B] that recordings may take unless another limit is given
 
 MOST_WAITING_BYTES: Final = 64 * 2**20
 """Most bytes that wait for the writer: 10 minutes of one session of 1 kHz, 10 s of 64."""
 
-FINISH_WITHIN_S: Final = 60.0
-"""Longest time that the end of a run waits for the writer."""
+FINISH_WITHIN_S: Final = 60.0  # longest time that the end of a run waits for the writer
 
 
 class Recorder:
@@ -38,28 +34,16 @@ class Recorder:
     `start`, then `open` each, give it `rows`, `end` each, and `finish` the run; `pump` again and again. Only `finish`
     waits. A disk that is full, slow or gone ends the recording, not the run.
 
-    Parameters
-    ----------
-    tell
-        Called with a line for the user when something is not recorded.
-    limit_bytes
-        Bound of the disk space taken.
-    about
-        Configuration, seed and versions, for every file.
-
-    Attributes
-    ----------
-    process
-        The writer; None before `start`.
-    stopped
-        Why nothing more is recorded; None while something is.
+    `tell`: Called with a line for the user when something is not recorded.
+    `limit_bytes`: Bound of the disk space taken.
+    `about`: Configuration, seed and versions, for every file.
     """
 
     def __init__(
         self, tell: Callable[[str], None], *, limit_bytes: int, about: Mapping[str, Any] | None = None
     ) -> None:
-        self.process: SideProcess | None = None
-        self.stopped: str | None = None
+        self.process: SideProcess | None = None  # The writer; None before `start`.
+        self.stopped: str | None = None  # Why nothing more is recorded; None while something is.
         self._fault: str | None = None  # the first thing that was not recorded as it should
         self._tell = tell
         self._limit_bytes = limit_bytes
@@ -85,12 +69,8 @@ class Recorder:
     ) -> int | None:
         """Begin a recording and return its number; None if there are too many.
 
-        Parameters
-        ----------
-        tables
-            The main one first.
-        unix_offset_us
-            Add it to the rows' `t_us` for µs since 1970.
+        `tables`: The main one first.
+        `unix_offset_us`: Add it to the rows' `t_us` for µs since 1970.
         """
         most, complete = MOST_FILES[path.suffix.lower()]
         if self._files + most > FILE_LIMIT:

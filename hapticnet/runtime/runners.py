@@ -21,11 +21,8 @@ from hapticnet.runtime.timer import Alarm, Repeating, Ticker, either, until
 from hapticnet.runtime.udp import IncomingChannel, OutgoingChannel, SocketAddress, UdpPort
 from hapticnet.runtime.watching import Event, Watcher, Watchers
 
-PARTING_S: Final = 1.0
-"""Longest time [s] that a process waits for its last datagrams to leave its emulated channel."""
-
-POLL_S: Final = 0.1
-"""Time [s] between two looks whether the last master has left."""
+PARTING_S: Final = 1.0  # longest time [s] that a process waits for its last datagrams to leave its emulated channel
+POLL_S: Final = 0.1  # time [s] between two looks whether the last master has left
 
 
 class _Runner(Generic[Event]):
@@ -74,23 +71,11 @@ class MasterRun:
 class MasterRunner(_Runner[NodeEvent]):
     """A master node at work on the running event loop. It leaves signals alone.
 
-    Parameters
-    ----------
-    slave
-        Address of the slave.
-    wire
-        The serial line of a wired device, or None.
-    channel, channel_in
-        Emulated networks for outgoing and for arriving datagrams, or None.
-    tell
-        Called with a line for the user if a watcher fails.
-    stop
-        Set from elsewhere to end the run; set here when the session has ended.
-
-    Attributes
-    ----------
-    connected
-        Set when there has been a session.
+    `slave`: Address of the slave.
+    `wire`: The serial line of a wired device, or None.
+    `channel`, `channel_in`: Emulated networks for outgoing and for arriving datagrams, or None.
+    `tell`: Called with a line for the user if a watcher fails.
+    `stop`: Set from elsewhere to end the run; set here when the session has ended.
     """
 
     def __init__(
@@ -109,7 +94,7 @@ class MasterRunner(_Runner[NodeEvent]):
     ) -> None:
         super().__init__(sock, channel, watchers, overload, tell)
         self.node = node
-        self.connected = asyncio.Event()
+        self.connected = asyncio.Event()  # set when there has been a session
         self._ended = asyncio.Event()
         self._stop = stop
         self._slave = slave

@@ -21,17 +21,10 @@ from hapticnet.recordings.session.frames import Table
 from hapticnet.runtime.recorder import Recorder, unix_offset_us
 from hapticnet.runtime.watching import Event, Watcher
 
-BATCH_S: Final = 0.05
-"""Rows are handed to the writer this often. A node that is killed loses what is younger."""
-
-CATCH_UP_S: Final = 0.005
-"""The same while bytes wait, or sessions are due."""
-
-MOST_EARLY_EVENTS: Final = 1000
-"""Most events that are kept until there is a first row."""
-
-MOST_AT_ONCE: Final = 16
-"""Most sessions of a slave that are collected in one call, in about 0.1 ms."""
+BATCH_S: Final = 0.05  # Rows are handed to the writer this often. A node that is killed loses what is younger.
+CATCH_UP_S: Final = 0.005  # the same while bytes wait, or sessions are due
+MOST_EARLY_EVENTS: Final = 1000  # most events that are kept until there is a first row
+MOST_AT_ONCE: Final = 16  # most sessions of a slave that are collected in one call, in about 0.1 ms
 
 WIRE_VERSIONS: Final = {"open": OPEN, "sealed": SEALED}
 
@@ -141,10 +134,7 @@ class _Recording(Watcher[Event], Generic[Event]):
 class MasterRecording(_Recording[NodeEvent]):
     """Record every tick of a master in a file; its settings must ask the node for that.
 
-    Parameters
-    ----------
-    about
-        Configuration, seed and versions, for the file.
+    `about`: Configuration, seed and versions, for the file.
     """
 
     def __init__(
@@ -171,14 +161,9 @@ class MasterRecording(_Recording[NodeEvent]):
 class SlaveRecording(_Recording[SlaveEvent]):
     """Record every session of a slave in FOLDER/NAME-SESSION and a suffix; the node's settings must ask for that.
 
-    Parameters
-    ----------
-    suffix
-        .mcap, .csv or .npz.
-    channel_out
-        The network emulated for the answers, as written for ``--channel-out``; None: none.
-    about
-        Configuration, seed and versions, for each file.
+    `suffix`: .mcap, .csv or .npz.
+    `channel_out`: The network emulated for the answers, as written for ``--channel-out``; None: none.
+    `about`: Configuration, seed and versions, for each file.
     """
 
     def __init__(

@@ -20,14 +20,9 @@ if TYPE_CHECKING:
     from types import FrameType
 
 
-PATIENCE_S: Final = 2.0
-"""Time [s] in which a loop that runs reacts."""
-
-TRIES: Final = 3
-"""How often code that does not return is interrupted, before the process ends without it."""
-
-CONCLUDE_S: Final = 10.0
-"""Time [s] that what comes after the loop may take, such as ``close()`` of a user's object."""
+PATIENCE_S: Final = 2.0  # time [s] in which a loop that runs reacts
+TRIES: Final = 3  # how often code that does not return is interrupted, before the process ends without it
+CONCLUDE_S: Final = 10.0  # time [s] that what comes after the loop may take, such as ``close()`` of a user's object
 
 _NOT_THE_USERS: Final = (str(Path(__file__).parents[1]) + os.sep, sysconfig.get_path("stdlib") + os.sep, "<frozen")
 
@@ -40,19 +35,11 @@ class Rescue:
     after `TRIES`, or that waits in C, is left: the report is delivered without it. Code in C that does not give up the
     lock of the interpreter can only be killed.
 
-    Parameters
-    ----------
-    deliver
-        Delivers the report; called in the thread, with what is wrong.
-
-    Attributes
-    ----------
-    faults
-        What did not return, in words.
+    `deliver`: Delivers the report; called in the thread, with what is wrong.
     """
 
     def __init__(self, deliver: Callable[[], None] = lambda: None) -> None:
-        self.faults: list[str] = []
+        self.faults: list[str] = []  # what did not return, in words
         self._deliver = deliver
         self._thread: threading.Thread | None = None
         self._interrupts = False

@@ -17,14 +17,9 @@ class Notifier(Watcher[Event], Generic[Event]):
 
     A unit with ``Type=notify`` and ``WatchdogSec=`` thus notices a loop that is stuck, too.
 
-    Parameters
-    ----------
-    path
-        The socket of systemd, from the variable NOTIFY_SOCKET; ``@`` at its start stands for an abstract one.
-    status
-        Returns a line for ``systemctl status``.
-    stopping
-        Returns whether the process was told to end and waits for others; systemd then waits for it, too.
+    `path`: The socket of systemd, from the variable NOTIFY_SOCKET; ``@`` at its start stands for an abstract one.
+    `status`: Returns a line for ``systemctl status``.
+    `stopping`: Returns whether the process was told to end and waits for others; systemd then waits for it, too.
     """
 
     name = "systemd"

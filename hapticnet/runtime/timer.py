@@ -65,24 +65,14 @@ class _Timer:
 
 
 class Ticker(_Timer):
-    """Call a function at a fixed rate and record how late the calls are.
-
-    Attributes
-    ----------
-    lateness
-        Time [µs] from when a tick was due to its call.
-    missed
-        Number of ticks skipped because the next was already due.
-    period_us
-        Time between two ticks [µs].
-    """
+    """Call a function at a fixed rate and record how late the calls are."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, period_us: int, callback: Callable[[int], None]) -> None:
-        self.lateness = Distribution()
-        self.missed = 0
+        self.lateness = Distribution()  # time [µs] from when a tick was due to its call
+        self.missed = 0  # number of ticks skipped because the next was already due
         self._callback = callback
         super().__init__(loop)
-        self.period_us = period_us
+        self.period_us = period_us  # time between two ticks [µs]
         self._due_us = now_us()
         self._set_timer(self._due_us + period_us, period_us)
 

@@ -20,19 +20,12 @@ from hapticnet.scene.sources import SceneSource, find_source
 class Guests:
     """The masters that a slave with a key admits, each with its scene.
 
-    Parameters
-    ----------
-    file
-        The list of masters.
-    key_file
-        The slave's key.
-
     Raises FileError, SettingsError if the list cannot be used.
     """
 
     def __init__(self, file: Path, key_file: Path) -> None:
-        self.file = file
-        self.key_file = key_file
+        self.file = file  # the list of masters
+        self.key_file = key_file  # the slave's key
         self.own = load_key(key_file)
         self.roster = Roster()
         self._scenes: dict[str, SceneSource] = {}
@@ -79,10 +72,8 @@ def read_guests(file: Path, own: bytes | None) -> tuple[Roster, dict[str, SceneS
 class SlaveTrust:
     """Whom a slave serves."""
 
-    guests: Guests | None
-    """The masters with keys; None if there are no sealed sessions."""
-    serves_open: bool
-    """Whether open sessions are served."""
+    guests: Guests | None  # The masters with keys; None if there are no sealed sessions.
+    serves_open: bool  # whether open sessions are served
     unused_key: Path | None = None
     """This host's key, if it is there and sessions are open because the slave listens on loopback; else None."""
 
@@ -138,12 +129,8 @@ def slave_trust(
 ) -> SlaveTrust:  # fmt: skip
     """Return whom a slave serves at `address`.
 
-    `called` returns what messages call a parameter.
-
-    Raises
-    ------
-    FileError, SettingsError
-        If keys are needed and cannot be used; the message says what to do.
+    `called` returns what messages call a parameter. Raises FileError, SettingsError if keys are needed and cannot be
+    used; the message says what to do.
     """
     if key is None and masters is None and (loopback or insecure):
         unused = None if insecure or is_missing(default_key()) else default_key()
@@ -164,12 +151,8 @@ def master_key(
 ) -> MasterKey | None:  # fmt: skip
     """Return the keys for sessions with the slave at `address`; None for open sessions.
 
-    `called` returns what messages call a parameter.
-
-    Raises
-    ------
-    FileError, SettingsError
-        If keys are needed and cannot be used; the message says what to do.
+    `called` returns what messages call a parameter. Raises FileError, SettingsError if keys are needed and cannot be
+    used; the message says what to do.
     """
     if peer_key is None and (loopback or insecure):  # HAPTICNET_KEY may name a key that is for other slaves
         return None

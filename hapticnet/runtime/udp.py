@@ -20,8 +20,7 @@ from hapticnet.protocol.wire import MAX_DATAGRAM_BYTES
 from hapticnet.runtime.system import now_us
 from hapticnet.runtime.timer import Alarm
 
-AGES_KEPT: Final = 1000
-"""Ages kept until they are taken: those of a second, even of a port that reads continuously."""
+AGES_KEPT: Final = 1000  # ages kept until they are taken: those of a second, even of a port that reads continuously
 
 TOLERANCE_US: Final = 1000.0
 """What two clocks of the system may differ by between two samples, and in when they are read [µs]."""
@@ -37,10 +36,7 @@ _MEMINFO_DROPS: Final = 8
 class ReceiveQueue:
     """The queue of a socket of datagrams.
 
-    Attributes
-    ----------
-    age
-        Time [µs] from the arrival of a datagram at this machine until it was read; a sample of all.
+    `age`: Time [µs] from the arrival of a datagram at this machine until it was read; a sample of all.
     """
 
     def __init__(self, sock: socket.socket) -> None:
@@ -56,12 +52,8 @@ class ReceiveQueue:
         """Look at the oldest datagram of the queue, and leave it there. Costs 1.6 µs.
 
         The system stamps datagrams with its wall clock. If that was set since, the age may be impossible: below 0, or
-        such that an earlier sample would have found this datagram. Such a sample does not count.
-
-        Raises
-        ------
-        OSError
-            As receiving does; BlockingIOError if the queue is empty.
+        such that an earlier sample would have found this datagram. Such a sample does not count. Raises OSError as
+        receiving does; BlockingIOError if the queue is empty.
         """
         now_us = time.monotonic_ns() / 1000
         try:
@@ -95,8 +87,7 @@ class ReceiveQueue:
         return self._drops
 
 
-SocketAddress: TypeAlias = Any
-"""What the socket module uses: (host, port), or four values for IPv6."""
+SocketAddress: TypeAlias = Any  # what the socket module uses: (host, port), or four values for IPv6
 
 OutgoingChannel: TypeAlias = Emulator[tuple[bytes, SocketAddress]]
 """A channel for outgoing datagrams, each with its destination."""
@@ -106,11 +97,8 @@ IncomingChannel: TypeAlias = Emulator[tuple[bytes, SocketAddress]]
 
 Receive: TypeAlias = Callable[[list[tuple[bytes, SocketAddress]], int], None]
 
-READ_BYTES: Final = MAX_DATAGRAM_BYTES + 1
-"""One more than is allowed, so that oversized datagrams can be recognised."""
-
-DRAIN_AT_MOST: Final = 256
-"""Largest number of datagrams read in a row."""
+READ_BYTES: Final = MAX_DATAGRAM_BYTES + 1  # one more than is allowed, so that oversized datagrams can be recognised
+DRAIN_AT_MOST: Final = 256  # largest number of datagrams read in a row
 
 DRAIN_US: Final = 300
 """Longest time [µs] for which a master takes in datagrams in a row, so that a flood does not delay its tick by more.
@@ -231,26 +219,12 @@ def is_loopback(address: SocketAddress) -> bool:
 class UdpPort:
     """A socket on an event loop: receives datagrams, and sends directly or through an emulated channel.
 
-    Parameters
-    ----------
-    receive
-        Called with the datagrams that have queued up, each with its source, and the time [µs]; None: this port only
-        sends.
-    at_once
-        Hand each datagram over by itself, as soon as it is read, and let others have the loop after `DRAIN_US`.
-    peer
-        The only address whose datagrams are accepted; None: all are.
-    channel, channel_in
-        Channels that outgoing datagrams pass first, and that arriving ones pass before they are handed over; or None.
-
-    Attributes
-    ----------
-    unknown_peers
-        Datagrams dropped because their source is not the peer.
-    send_errors
-        Datagrams that the system did not accept; they count as lost.
-    queue
-        How long datagrams wait until they are read, and how many are dropped.
+    `receive`: Called with the datagrams that have queued up, each with its source, and the time [µs]; None: this port
+      only sends.
+    `at_once`: Hand each datagram over by itself, as soon as it is read, and let others have the loop after `DRAIN_US`.
+    `peer`: The only address whose datagrams are accepted; None: all are.
+    `channel`, `channel_in`: Channels that outgoing datagrams pass first, and that arriving ones pass before they are
+      handed over; or None.
     """
 
     def __init__(
@@ -264,9 +238,9 @@ class UdpPort:
         channel: OutgoingChannel | None = None,
         channel_in: IncomingChannel | None = None,
     ) -> None:
-        self.unknown_peers = 0
-        self.send_errors = 0
-        self.queue = ReceiveQueue(sock)
+        self.unknown_peers = 0  # datagrams dropped because their source is not the peer
+        self.send_errors = 0  # datagrams that the system did not accept; they count as lost
+        self.queue = ReceiveQueue(sock)  # how long datagrams wait until they are read, and how many are dropped
         self._drains = 0
         self._backlog = False
         self._loop = loop

@@ -16,8 +16,7 @@ class Watcher(Generic[Event]):
     the run goes on without it. Only an error in `start` ends the run, before it has begun.
     """
 
-    name = "watcher"
-    """What messages call it."""
+    name = "watcher"  # what messages call it
 
     async def start(self) -> None:
         """Begin, before the first tick. What it raises ends the run."""
@@ -41,10 +40,7 @@ class Watcher(Generic[Event]):
 class Closing(Watcher[Any]):
     """Call ``close()`` of a user's object after the last tick, if it has that method.
 
-    Parameters
-    ----------
-    what
-        What messages call the object.
+    `what`: What messages call the object.
     """
 
     def __init__(self, made: object, what: str, say: Callable[[str], None]) -> None:
@@ -62,22 +58,14 @@ class Closing(Watcher[Any]):
 class Watchers(Generic[Event]):
     """The watchers of a run.
 
-    Parameters
-    ----------
-    tell
-        Called with a line for the user if a watcher fails.
-
-    Attributes
-    ----------
-    observers
-        The `observe` of those watchers that have one.
+    `tell`: Called with a line for the user if a watcher fails.
     """
 
     def __init__(self, watchers: Sequence[Watcher[Event]], tell: Callable[[str], None]) -> None:
         self._watchers = list(watchers)
         self._started: list[Watcher[Event]] = []
         self._tell = tell
-        self.observers: list[Callable[[int], None]] = []
+        self.observers: list[Callable[[int], None]] = []  # the `observe` of those watchers that have one
 
     async def start(self) -> None:
         """Start them all; if one cannot start, stop the others and raise its error."""

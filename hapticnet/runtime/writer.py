@@ -16,8 +16,7 @@ from hapticnet.errors import in_words
 from hapticnet.recordings.session.archive import Archive
 from hapticnet.recordings.session.frames import FrameReader
 
-FLUSH_S: Final = 0.12
-"""Rows reach the file at the latest this long [s] after the pipe."""
+FLUSH_S: Final = 0.12  # rows reach the file at the latest this long [s] after the pipe
 
 PIPE_BYTES: Final = 1 << 20
 STOPPED: Final = "stopped"
