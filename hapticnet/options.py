@@ -15,49 +15,27 @@ from hapticnet.errors import SettingsError
 from hapticnet.files import MAX_BYTES, parse_bytes
 
 Owner = TypeVar("Owner")
-
 MAX_SIZE: Final = MAX_BYTES
 RECORD_LIMIT: Final = 2 * 2**30
 INSERTIONS: Final = 5
 POSITION_SHARE: Final = 0.25
-AUTO: Final = "auto"
-"""Address of the page where none is written."""
+AUTO: Final = "auto"  # address of the page where none is written
 
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """What is said of an option wherever a person meets it.
+    """What is said of an option wherever a person meets it."""
 
-    Attributes
-    ----------
-    help
-        What it does, for the help of the command line and for the API's page.
-    metavar
-        What the help calls its value.
-    flags
-        Its names on the command line, where they do not follow from the parameter's.
-    variable
-        The environment variable that all verbs share.
-    least, most, unit
-        The range of its values, and their unit.
-    parser
-        What makes a value of text.
-    show_default
-        Whether the help prints the default.
-    argument
-        Whether it has no name on the command line, only a place.
-    """
-
-    help: str
-    metavar: str | None = None
-    flags: tuple[str, ...] = ()
-    variable: str | None = None
+    help: str  # what it does, for the help of the command line and for the API's page
+    metavar: str | None = None  # what the help calls its value
+    flags: tuple[str, ...] = ()  # its names on the command line, where they do not follow from the parameter's
+    variable: str | None = None  # the environment variable that all verbs share
     least: float | None = None
     most: float | None = None
-    unit: str = ""
-    parser: Callable[[Any], Any] | None = None
-    show_default: bool = True
-    argument: bool = False
+    unit: str = ""  # of its values
+    parser: Callable[[Any], Any] | None = None  # what makes a value of text
+    show_default: bool = True  # whether the help prints the default
+    argument: bool = False  # whether it has no name on the command line, only a place
 
     def check(self, name: str, value: Any) -> None:
         """Raise SettingsError if the value is out of range; `name` is what its user calls the setting."""
@@ -77,10 +55,7 @@ def option_of(annotation: Any) -> Option | None:
 def check_options(owner: Any) -> None:
     """Check every field of a dataclass that declares a setting.
 
-    Raises
-    ------
-    SettingsError
-        If a value is out of range, or none of the choices.
+    Raise SettingsError if a value is out of range, or none of the choices.
     """
     for name, field in owner.__dataclass_fields__.items():
         if (option := option_of(field.type)) is None:

@@ -30,23 +30,17 @@ from hapticnet.interrupts import ignore_further
 from hapticnet.options import AUTO
 from hapticnet.runtime.nonblocking_log import STDERR, Form, abandon
 
-INTERNAL: Final = 70
-"""Exit code of a fault in hapticnet itself (EX_SOFTWARE of sysexits.h)."""
+INTERNAL: Final = 70  # exit code of a fault in hapticnet itself (EX_SOFTWARE of sysexits.h)
+INTERRUPTED: Final = 130  # that of a program which SIGINT ended, as shells count it
+READER_GONE: Final = 141  # and SIGPIPE
+SHOW_TRACEBACK: Final = "HAPTICNET_TRACEBACK"  # environment variable that shows where an internal error comes from
 
-INTERRUPTED: Final = 130
-READER_GONE: Final = 141
-"""Exit codes of a program that SIGINT or SIGPIPE ended, as shells count them."""
-
-SHOW_TRACEBACK: Final = "HAPTICNET_TRACEBACK"
-"""Environment variable that shows where an internal error comes from."""
-
-WRONG: Final = {
+WRONG: Final = {  # what is wrong with a value, by pydantic's type of error
     "int_parsing": "is not a whole number",
     "float_parsing": "is not a number",
     "greater_than_equal": "is too small; it must be at least {ge:g}",
     "less_than_equal": "is too large; it must be at most {le:g}",
 }
-"""What is wrong with a value, by pydantic's type of error."""
 
 app = typer.Typer(
     add_completion=True,

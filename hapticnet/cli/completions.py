@@ -53,7 +53,7 @@ def _starting(incomplete: str, names: Iterable[str]) -> list[str]:
     return sorted(name for name in names if name.startswith(incomplete))
 
 
-COMPLETIONS: Final[dict[str, Callable[[str], list[str]]]] = {
+COMPLETIONS: Final[dict[str, Callable[[str], list[str]]]] = {  # completions by the name of the parameter
     "codec": codec_names,
     "scene": scene_names,
     "device": device_names,
@@ -62,4 +62,3 @@ COMPLETIONS: Final[dict[str, Callable[[str], list[str]]]] = {
     "channel_out": channel_names,
     "channel_in": channel_names,
 }
-"""Completions by the name of the parameter."""

@@ -8,9 +8,7 @@ import typer
 from hapticnet import options
 from hapticnet.files import user_path
 
-DEFAULT: Final = "default"
-"""The source of a value that nobody set."""
-
+DEFAULT: Final = "default"  # the source of a value that nobody set
 SETTINGS: Final = {"allow_interspersed_args": False, "ignore_unknown_options": True}
 """Leaves what follows the verb to the verb."""
 

@@ -13,41 +13,23 @@ from hapticnet.errors import FileError, SettingsError, visible
 from hapticnet.files import check_replaceable, replacing, takes_a_stream
 from hapticnet.runtime.nonblocking_log import STDERR, Form, Level, abandon, log_line, never_block, write_watched
 
-STALL_S: Final = 3.0
-"""Time [s] that a process in real time waits for a reader of its report who has stopped reading."""
-
-PROGRESS_S: Final = 5.0
-"""Time [s] between two lines that say how far a run is, where there is no status line."""
-
-LONGEST_ERROR: Final = 4000
-"""Characters of an error that are printed; the middle of a longer one is left out."""
-
-MOST_ENTRIES: Final = 20
-"""Entries shown of a list in a report for a person."""
+STALL_S: Final = 3.0  # time [s] that a process in real time waits for a reader of its report who has stopped reading
+PROGRESS_S: Final = 5.0  # time [s] between two lines that say how far a run is, where there is no status line
+LONGEST_ERROR: Final = 4000  # characters of an error that are printed; the middle of a longer one is left out
+MOST_ENTRIES: Final = 20  # entries shown of a list in a report for a person
 
 
 class Console:
     """Messages of a process to the person who watches it.
 
-    Parameters
-    ----------
-    name
-        Prefix of each line.
-    quiet
-        Whether to print only errors.
-    real_time
-        Whether this process must never wait for the reader of its messages. Their rate is then limited.
-
-    Attributes
-    ----------
-    faults
-        What has failed while the run went on.
+    `name`: prefix of each line. `quiet`: whether to print only errors. `real_time`: whether this process must never
+    wait for the reader of its messages. Their rate is then limited.
     """
 
     def __init__(self, name: str, *, quiet: bool = False, real_time: bool = False) -> None:
         self._name = name
         self._quiet = quiet
-        self.faults: list[str] = []
+        self.faults: list[str] = []  # what has failed while the run went on
         in_words = STDERR.form in (Form.PLAIN, Form.STAMPED)
         self._live = in_words and not quiet and sys.stderr is not None and sys.stderr.isatty()
         self._next_progress_s = time.monotonic() + PROGRESS_S
@@ -82,10 +64,7 @@ class Console:
     def warn_of_unused(self, unused: Mapping[str, tuple[bool, str]]) -> None:
         """Warn of options that were given and have no effect.
 
-        Parameters
-        ----------
-        unused
-            By option: whether that is so, and why.
+        `unused`: by option: whether that is so, and why.
         """
         for option, (is_unused, why) in unused.items():
             if is_unused:
@@ -130,17 +109,10 @@ def deliver(
 
     The JSON also has the provenance: version, date, machine and command.
 
-    Parameters
-    ----------
-    real_time
-        Whether to give up when stdout is not read for `STALL_S`; otherwise its reader may take any time.
-    shown
-        What a person is shown instead of `report`.
+    `real_time`: whether to give up when stdout is not read for `STALL_S`; otherwise its reader may take any time.
+    `shown`: what a person is shown instead of `report`.
 
-    Raises
-    ------
-    FileError
-        If the file or stdout cannot be written; the other one is still written.
+    Raise FileError if the file or stdout cannot be written; the other one is still written.
     """
     from hapticnet.experiment.provenance import provenance
 
@@ -186,12 +158,7 @@ def write_text(path: Path, text: str, *, follow: bool = True) -> None:
 def check_outputs(*outputs: Path | None, inputs: Iterable[Path | None] = ()) -> None:
     """Check before a run that its results can be written; make missing directories.
 
-    Raises
-    ------
-    SettingsError
-        If two outputs are the same file, or an output is an input.
-    FileError
-        If one cannot be written.
+    Raise SettingsError if two outputs are the same file, or an output is an input; FileError if one cannot be written.
     """
     taken = {os.path.realpath(path): "is an input and would be overwritten" for path in inputs if path is not None}
     for path in outputs:

@@ -28,8 +28,7 @@ if TYPE_CHECKING:
     from hapticnet.protocol.keys import MasterKey
     from hapticnet.protocol.messages import Code, Grant
 
-ADVISE_AFTER: Final = 6
-"""Status intervals without a session after which the operator is told what to check: 3 s."""
+ADVISE_AFTER: Final = 6  # status intervals without a session after which the operator is told what to check: 3 s
 
 
 DISTURBANCES: Final = (
@@ -42,23 +41,13 @@ DISTURBANCES: Final = (
 class MasterMessages(Watcher[NodeEvent]):
     """Messages about events, advice while there is no session, and the status line.
 
-    Parameters
-    ----------
-    address
-        The slave's address as written.
-    keys
-        The keys of a sealed session; None for an open one.
-
-    Attributes
-    ----------
-    refusal
-        Why the slave refused the first session, if it did.
+    `address`: the slave's address as written. `keys`: the keys of a sealed session; None for an open one.
     """
 
     name = "messages"
 
     def __init__(self, console: "Console", node: MasterNode, address: str, keys: "MasterKey | None") -> None:
-        self.refusal: Code | None = None
+        self.refusal: Code | None = None  # why the slave refused the first session, if it did
         self._console = console
         self._node = node
         self._address = address

@@ -22,16 +22,10 @@ OPERATORS: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Hand:
-    """An operator, and what must run beside it.
-
-    Attributes
-    ----------
-    file
-        The file that it is read from, or None.
-    """
+    """An operator, and what must run beside it."""
 
     operator: "Operator"
-    file: Path | None = None
+    file: Path | None = None  # the file that it is read from, or None
     watchers: "list[Watcher[NodeEvent]]" = field(default_factory=list)
 
     def report(self) -> dict[str, Any] | None:
@@ -46,14 +40,8 @@ def make_operator(
 ) -> Hand:
     """Return the operator written as `spec`; `say` is called with notes about it, `warn` with warnings.
 
-    Raises
-    ------
-    SettingsError
-        If there is no such operator, or a class of the user's cannot be used.
-    FileError
-        If its file cannot be used.
-    UnavailableError
-        If its socket cannot be opened.
+    Raise SettingsError if there is no such operator, or a class of the user's cannot be used; FileError if its file
+    cannot be used; UnavailableError if its socket cannot be opened.
     """
     import numpy as np
 
@@ -91,10 +79,7 @@ def check_operator(spec: str) -> "UserClass | None":
 
     Files and sockets are not opened.
 
-    Raises
-    ------
-    SettingsError
-        If there is no such operator, or a class of the user's cannot be imported.
+    Raise SettingsError if there is no such operator, or a class of the user's cannot be imported.
     """
     from hapticnet.checks import meant
     from hapticnet.errors import SettingsError

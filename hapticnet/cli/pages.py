@@ -27,9 +27,7 @@ if TYPE_CHECKING:
     from hapticnet.web.access import Access
     from hapticnet.web.messages import View
 
-PAGE: Final = "live page: "
-"""Start of the message with the page's address."""
-
+PAGE: Final = "live page: "  # start of the message with the page's address
 _FILE: Final = re.compile(r"open (file://\S+\.html) in a browser; it holds the token for \S+")
 _LINK: Final = '<!doctype html><meta http-equiv="refresh" content="0; url={url}"><a href="{url}">hapticnet</a>\n'
 
@@ -37,10 +35,7 @@ _LINK: Final = '<!doctype html><meta http-equiv="refresh" content="0; url={url}"
 class ServedPage:
     """The socket on which pages will be served, opened early so that a wrong address is told at once.
 
-    Parameters
-    ----------
-    access
-        How to reach it.
+    `access`: how to reach it.
     """
 
     def __init__(self, sock: socket.socket, access: "Access", console: "Console") -> None:
@@ -89,12 +84,8 @@ class ServedPage:
 def choose_operator(operator: str | None, page: str | None, console: "Console") -> tuple[str, ServedPage | None]:
     """Return where the positions come from, and what serves the page, if there is one.
 
-    Raises
-    ------
-    UnavailableError
-        If the extra is not installed or the address cannot be used.
-    SettingsError
-        If the address is malformed.
+    Raise UnavailableError if the extra is not installed or the address cannot be used; SettingsError if the address is
+    malformed.
     """
     if page is None and operator != "page":
         return operator or "scripted", None
@@ -108,12 +99,8 @@ def listen_for(
 ) -> "tuple[socket.socket, Access]":
     """Return the socket on which views will be served, and how to reach them; if possible, as `before`.
 
-    Raises
-    ------
-    UnavailableError
-        If the extra is not installed or the address cannot be used.
-    SettingsError
-        If the address is malformed.
+    Raise UnavailableError if the extra is not installed or the address cannot be used; SettingsError if the address is
+    malformed.
     """
     try:
         from hapticnet.web.access import listen_for_pages
@@ -144,10 +131,7 @@ def say_addresses(views: "Mapping[str, View]", access: "Access", console: "Conso
     The tokens in them are for a person at a terminal. What is no terminal may be a log that others read: it gets the
     names of files in a folder of this user, each of which leads a browser to a view.
 
-    Raises
-    ------
-    UnavailableError
-        If the files cannot be written.
+    Raise UnavailableError if the files cannot be written.
     """
     addresses = {text: access.url(view) for text, view in views.items()}
     if not _on_terminal():

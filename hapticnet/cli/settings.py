@@ -10,42 +10,27 @@ import typer
 from hapticnet.checks import meant
 from hapticnet.errors import SettingsError
 
-PREFIX: Final = "HAPTICNET_"
-"""Start of the names of environment variables."""
-
-CONFIG_VARIABLE: Final = "HAPTICNET_CONFIG"
-"""Environment variable that names the configuration file."""
-
+PREFIX: Final = "HAPTICNET_"  # start of the names of environment variables
+CONFIG_VARIABLE: Final = "HAPTICNET_CONFIG"  # environment variable that names the configuration file
 OTHER_VARIABLES: Final = {CONFIG_VARIABLE, "HAPTICNET_TRACEBACK", "HAPTICNET_FIRMWARE"}
 """Environment variables that set no option: `cli.SHOW_TRACEBACK` and `runtime.nano.BUILD_VARIABLE` are the others."""
 
-UNSETTABLE: Final = {"help", "config"}
-"""Options that are given on the command line only."""
+UNSETTABLE: Final = {"help", "config"}  # options that are given on the command line only
 
-FLAGS: Final = {
+FLAGS: Final = {  # what the environment may set a flag to
     **dict.fromkeys(("1", "true", "yes", "on"), True),
     **dict.fromkeys(("0", "false", "no", "off"), False),
 }
-"""What the environment may set a flag to."""
 
-Verb: TypeAlias = tuple[str, ...]
-"""The words of a verb, such as ("device", "step")."""
+Verb: TypeAlias = tuple[str, ...]  # the words of a verb, such as ("device", "step")
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """The value of an option that was not given on the command line.
+    """The value of an option that was not given on the command line."""
 
-    Attributes
-    ----------
-    value
-        The value as the option would take it on the command line; True or False for a flag.
-    source
-        Where it was found, for people: a file and its table, or an environment variable.
-    """
-
-    value: str | bool | list[str]
-    source: str
+    value: str | bool | list[str]  # the value as the option would take it on the command line; True or False for a flag
+    source: str  # where it was found, for people: a file and its table, or an environment variable
 
 
 def leaves(command: Any, verb: Verb = ()) -> Iterator[tuple[Verb, Any]]:
@@ -77,10 +62,7 @@ def variable(verb: Verb, key: str) -> str:
 def from_environment(verb: Verb, command: Any, environment: Mapping[str, str]) -> dict[str, Found]:
     """Return what the environment sets, by the parameters' names; empty variables set nothing.
 
-    Raises
-    ------
-    SettingsError
-        If the value of a flag is neither true nor false.
+    Raise SettingsError if the value of a flag is neither true nor false.
     """
     found = {}
     for key, option in settable(command).items():
@@ -129,12 +111,8 @@ def unknown_to_all(root: Any, environment: Mapping[str, str]) -> Iterator[str]:
 def from_file(path: Path, root: Any) -> dict[Verb, dict[str, Found]]:
     """Return what a configuration file sets, for each verb, by the parameters' names.
 
-    Raises
-    ------
-    FileError
-        If the file cannot be read or is not TOML.
-    SettingsError
-        If a table or key is unknown, or a value has the wrong type.
+    Raise FileError if the file cannot be read or is not TOML; SettingsError if a table or key is unknown, or a value
+    has the wrong type.
     """
     from hapticnet.documents import parse_tables, read_document
 
@@ -205,10 +183,7 @@ def _guess(name: str, known: Iterable[str]) -> str:
 def load_found(ctx: typer.Context, path: Path | None, environment: Mapping[str, str]) -> dict[str, Found]:
     """Return what file and environment set for the verb of a context; the environment takes precedence.
 
-    Raises
-    ------
-    FileError, SettingsError
-        If the file or a variable cannot be used.
+    Raise FileError, SettingsError if the file or a variable cannot be used.
     """
     verb = verb_of(ctx)
     found = {} if path is None else from_file(path, ctx.find_root().command)[verb]

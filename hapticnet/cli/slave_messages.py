@@ -16,20 +16,14 @@ if TYPE_CHECKING:
     from hapticnet.runtime.trust import Guests
 
 
-MOST_UNREAD: Final = 10
-"""Reasons for which HELLOs were dropped that are told, each once: strangers choose them."""
-
-MOST_FAILURES: Final = 10
-"""Different failures of scenes and codecs that the report and the last line of the run name."""
+MOST_UNREAD: Final = 10  # reasons for which HELLOs were dropped that are told, each once: strangers choose them
+MOST_FAILURES: Final = 10  # different failures of scenes and codecs that the report and the last line of the run name
 
 
 class SlaveMessages(Watcher[SlaveEvent]):
     """Messages about masters that come and go, and the status line.
 
-    Parameters
-    ----------
-    guests
-        The masters with keys; None if there are no sealed sessions.
+    `guests`: the masters with keys; None if there are no sealed sessions.
     """
 
     name = "messages"

@@ -84,7 +84,7 @@ def scheduler(text: str) -> None:
     address(place)
 
 
-CHECKS: Final[dict[str, Callable[[Any], None]]] = {
+CHECKS: Final[dict[str, Callable[[Any], None]]] = {  # checks by the name of the parameter
     "connect": address,
     "listen": own_address,
     "metrics": own_address,
@@ -99,16 +99,12 @@ CHECKS: Final[dict[str, Callable[[Any], None]]] = {
     "operator": operator,
     "scheduler": scheduler,
 }
-"""Checks by the name of the parameter."""
 
 
 def check_values(ctx: typer.Context, options: Mapping[str, Any]) -> None:
     """Check what was given of the options of a verb.
 
-    Raises
-    ------
-    typer.BadParameter
-        If a value cannot be used; it names the option.
+    Raise typer.BadParameter if a value cannot be used; it names the option.
     """
     parameters: list[Any] = list(ctx.command.params)
     for parameter in parameters:

@@ -33,20 +33,18 @@ from hapticnet.runtime.nonblocking_log import STDERR, Form, Level, keep_log, log
 LOGGING: Final = {("master",), ("slave",), ("replay",)}
 """Verbs that run until they are stopped: their lines on stderr have time and level."""
 
-UNITS: Final = {
+UNITS: Final = {  # what the help calls the values of these parameters, wherever they have no name of their own
     "duration": "SECONDS",
     "sampling_rate": "HZ",
     "floor": "NEWTONS",
     "rate": "HZ",
     "weber": "FRACTION",
 }
-"""What the help calls the values of these parameters, wherever they have no name of their own."""
 
 VALUES: Final = {bool: None, int: "N", float: "NUMBER", Path: "FILE", str: "TEXT"}
 """What it calls the values of other parameters, by type."""
 
-FOUND: Final = "hapticnet.found"
-"""Where a context keeps what file and environment set."""
+FOUND: Final = "hapticnet.found"  # where a context keeps what file and environment set
 
 
 def equip(app: typer.Typer) -> None:

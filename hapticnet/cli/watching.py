@@ -18,12 +18,8 @@ def watch_master(
 ) -> "list[Watcher[NodeEvent]]":
     """Return what looks on at a master for other programs.
 
-    Raises
-    ------
-    SettingsError
-        If an address is invalid.
-    UnavailableError
-        If an extra is not installed, or an address is not available.
+    Raise SettingsError if an address is invalid; UnavailableError if an extra is not installed, or an address is not
+    available.
     """
     from hapticnet.cli.master_messages import status
     from hapticnet.runtime.metrics import MasterMetrics

@@ -10,12 +10,9 @@ FORCE_LOOP_HZ: Final = 1000.0
 class Reading(NamedTuple):
     """The newest reading of the force sensor."""
 
-    t_us: int
-    """Time [µs] of the reading, on the master's clock."""
-    adc: float
-    """Output of the converter [counts]; averages may have a fraction."""
-    force_n: float
-    """Calibrated force [N]; 0 below the sensor's threshold."""
+    t_us: int  # time [µs] of the reading, on the master's clock
+    adc: float  # output of the converter [counts]; averages may have a fraction
+    force_n: float  # calibrated force [N]; 0 below the sensor's threshold
     displacement_m: float
     """Estimated position [m above retracted] of the platform, from the pulses its servos took. The estimate includes
     their lag but not their backlash."""
@@ -24,14 +21,10 @@ class Reading(NamedTuple):
 class Device(Protocol):
     """A platform that presses a fingertip."""
 
-    travel_m: float
-    """Largest displacement [m] of the platform toward the finger; 0 is fully retracted."""
-    max_force_n: float
-    """Largest target force [N] of the device."""
-    description: str
-    """One line that identifies the device to a person."""
-    status: str
-    """The word "ready", or the reason why there are no readings."""
+    travel_m: float  # largest displacement [m] of the platform toward the finger; 0 is fully retracted
+    max_force_n: float  # largest target force [N] of the device
+    description: str  # one line that identifies the device to a person
+    status: str  # the word "ready", or the reason why there are no readings
     delay_us: int = 0
     """Time [µs] from the call that sets a displacement to the servos' taking it, beyond the wait for their frame."""
     least_rate_hz: float = FORCE_LOOP_HZ

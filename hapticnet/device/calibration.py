@@ -15,10 +15,7 @@ from hapticnet.errors import SettingsError
 from hapticnet.hardware import SENSOR_THRESHOLD_N
 
 Numbers: TypeAlias = NDArray[np.float64]
-
-LARGEST: Final = 1e6
-"""Largest counts and newtons in a table, beyond any sensor."""
-
+LARGEST: Final = 1e6  # largest counts and newtons in a table, beyond any sensor
 MOST_KNOTS: Final = 8
 """Most knots of a fitted table: follows a sensor with conductance linear in force within 3 % from 0.2 to 10 N."""
 
@@ -50,10 +47,8 @@ class Calibration:
     1.5
     """
 
-    counts: tuple[float, ...]
-    """Converter counts, positive and strictly increasing."""
-    forces_n: tuple[float, ...]
-    """The force [N] at each count, positive and strictly increasing."""
+    counts: tuple[float, ...]  # converter counts, positive and strictly increasing
+    forces_n: tuple[float, ...]  # the force [N] at each count, positive and strictly increasing
 
     def __post_init__(self) -> None:
         if len(self.counts) != len(self.forces_n) or len(self.counts) < 2:
@@ -85,27 +80,16 @@ class Calibration:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit:
-    """A fitted calibration and its errors.
+    """A fitted calibration and its errors."""
 
-    Attributes
-    ----------
-    calibration
-        The fitted table.
-    residuals_n
-        Force of the table at each pair's counts less the pair's force [N], in the given order; None where the
-        converter was saturated.
-    rms_n, max_n
-        Root mean square and largest magnitude [N] of the residuals.
-    hysteresis
-        Relative excess of the sensed force during unloading: the mean relative residual of the pairs with a lower
-        force than the pair before, less that of the pairs with a higher force. None if there are not pairs of both
-        kinds.
-    """
-
-    calibration: Calibration
+    calibration: Calibration  # the fitted table
+    # Force of the table at each pair's counts less the pair's force [N], in the given order; None where the converter
+    # was saturated
     residuals_n: tuple[float | None, ...]
-    rms_n: float
+    rms_n: float  # root mean square and largest magnitude [N] of the residuals
     max_n: float
+    # Relative excess of the sensed force during unloading: the mean relative residual of the pairs with a lower force
+    # than the pair before, less that of the pairs with a higher force. None if there are not pairs of both kinds
     hysteresis: float | None
 
 
@@ -118,17 +102,10 @@ def fit_calibration(adc_counts: Sequence[float], forces_n: Sequence[float], *, k
     Pairs may be noisy, repeated, in any order, and taken during loading and unloading. Pairs at 0 counts do not affect
     the table, in which 0 counts are always 0 N; they still have a residual. Saturated pairs are ignored.
 
-    Parameters
-    ----------
-    adc_counts
-        Converter counts, 0 to 1023; means may have a fraction.
-    forces_n
-        The force [N] applied at each of them.
-    knots
-        Largest number of knots, 2 to 8; limited by the number of different forces.
+    `adc_counts`: converter counts, 0 to 1023; means may have a fraction. `forces_n`: the force [N] applied at each of
+    them. `knots`: largest number of knots, 2 to 8; limited by the number of different forces.
 
-    Raises SettingsError if a value is invalid, too few pairs are usable, or the force does not increase with the
-    counts.
+    Raise SettingsError if a value is invalid, too few pairs are usable, or the force does not increase with the counts.
 
     Examples
     --------

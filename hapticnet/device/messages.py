@@ -6,20 +6,11 @@ from typing import Final, NamedTuple, TypeAlias
 
 from hapticnet.errors import PeerError, RefusedError, SettingsError
 
-PROTOCOL_MAJOR: Final = 1
-"""A device with another major version is refused, because layouts or meanings differ."""
-
-PROTOCOL_MINOR: Final = 0
-"""Incremented for additions that an older peer may ignore."""
-
-TICKS_PER_US: Final = 2
-"""Timer ticks per µs of a pulse: Timer1 of the ATmega328P at 16 MHz / 8 has ticks of 0.5 µs."""
-
-ADC_FRACTION: Final = 64
-"""An averaged reading is in 1/64 count, the finest unit in which 1023 counts fit in 16 bits."""
-
+PROTOCOL_MAJOR: Final = 1  # a device with another major version is refused, because layouts or meanings differ
+PROTOCOL_MINOR: Final = 0  # incremented for additions that an older peer may ignore
+TICKS_PER_US: Final = 2  # Timer ticks per µs of a pulse: Timer1 of the ATmega328P at 16 MHz / 8 has ticks of 0.5 µs
+ADC_FRACTION: Final = 64  # an averaged reading is in 1/64 count, the finest unit in which 1023 counts fit in 16 bits
 FLASH_COMMAND: Final = "make -C firmware flash PORT=/dev/ttyUSB0"
-
 RESET_CAUSES: Final = {1: "power-on", 2: "reset button or port opened", 4: "brown-out", 8: "watchdog"}
 """Bits of MCUSR, ATmega328P data sheet."""
 
@@ -27,12 +18,10 @@ RESET_CAUSES: Final = {1: "power-on", 2: "reset button or port opened", 4: "brow
 class Flag:
     """Bits of `SensorReading.flags`."""
 
-    GREETED: Final = 1
-    """A HELLO of this protocol was received since the reset; setpoints are accepted."""
+    GREETED: Final = 1  # a HELLO of this protocol was received since the reset; setpoints are accepted
     RETRACTED: Final = 2
     """No setpoint is in force, because none was received yet or the host is silent. The servos are retracted."""
-    STEP_LIMITED: Final = 4
-    """At the last servo frame, the step limit kept a servo from reaching its setpoint."""
+    STEP_LIMITED: Final = 4  # at the last servo frame, the step limit kept a servo from reaching its setpoint
 
 
 class Hello(NamedTuple):
@@ -123,7 +112,7 @@ class StreamAck(NamedTuple):
 
 Message: TypeAlias = Hello | Setpoint | Stream | Identity | SensorReading | StreamAck
 
-LAYOUTS: Final[dict[int, tuple[type[Message], struct.Struct]]] = {
+LAYOUTS: Final[dict[int, tuple[type[Message], struct.Struct]]] = {  # message class and layout of each kind
     0x01: (Hello, struct.Struct("<BB")),
     0x02: (Setpoint, struct.Struct("<H3H")),
     0x03: (Stream, struct.Struct("<B")),
@@ -131,7 +120,6 @@ LAYOUTS: Final[dict[int, tuple[type[Message], struct.Struct]]] = {
     0x82: (SensorReading, struct.Struct("<HIHHBHBBB")),
     0x83: (StreamAck, struct.Struct("<BB")),
 }
-"""Message class and layout of each kind."""
 
 _BY_CLASS: Final = {message: (bytes((kind,)), layout) for kind, (message, layout) in LAYOUTS.items()}
 
@@ -160,10 +148,7 @@ def decode(body: bytes) -> Message:
 def check_version(identity: Identity) -> None:
     """Check that a device speaks this protocol.
 
-    Raises
-    ------
-    RefusedError
-        If the major versions differ; the message says how to flash the matching firmware.
+    Raise RefusedError if the major versions differ; the message says how to flash the matching firmware.
     """
     if identity.protocol_major != PROTOCOL_MAJOR:
         raise RefusedError(
@@ -172,9 +157,7 @@ def check_version(identity: Identity) -> None:
         )
 
 
-LONGEST_BODY: Final = 48
-"""Longest message [bytes], including its kind; the size of the firmware's buffers."""
-
+LONGEST_BODY: Final = 48  # longest message [bytes], including its kind; the size of the firmware's buffers
 LONGEST_FRAME: Final = LONGEST_BODY + 3
 """Longest frame [bytes] without its delimiter: adds 2 bytes of CRC and 1 byte of COBS."""
 
@@ -206,21 +189,14 @@ def _unstuffed(stuffed: bytes) -> bytes | None:
 
 
 class Deframer:
-    """Extract messages from a stream of bytes that may start anywhere and contain anything.
-
-    Attributes
-    ----------
-    received
-        Number of messages with a correct CRC.
-    damaged
-        Number of frames dropped because their COBS, CRC or length was wrong, including an incomplete frame before the
-        first delimiter.
-    """
+    """Extract messages from a stream of bytes that may start anywhere and contain anything."""
 
     __slots__ = ("_oversize", "_partial", "damaged", "received")
 
     def __init__(self) -> None:
-        self.received = 0
+        self.received = 0  # number of messages with a correct CRC
+        # Number of frames dropped because their COBS, CRC or length was wrong, including an incomplete frame before the
+        # first delimiter
         self.damaged = 0
         self._partial = b""
         self._oversize = False

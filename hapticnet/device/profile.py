@@ -34,7 +34,6 @@ from hapticnet.documents import STRICT, parse_document, read_document, text_of
 from hapticnet.errors import SettingsError
 
 LONGEST_SERIAL: Final = 200
-
 GENERIC_FORCES_N: Final = (0.2, 0.4, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0, 14.0, 20.0)
 """Forces [N] of the generic curve's knots: the range of the FSR 400 series, denser where it is curved."""
 
@@ -45,13 +44,12 @@ GENERIC_CALIBRATION: Final = Calibration(
 
 _FROZEN: Final = ConfigDict(**STRICT, frozen=True)
 
-_Day: TypeAlias = Annotated[
+_Day: TypeAlias = Annotated[  # a day, as YYYY-MM-DD
     str,
     # TOML reads an unquoted day as a date.
     BeforeValidator(lambda day: day.isoformat() if hasattr(day, "isoformat") else day),
     text_of(r"[0-9]{4}-(0[1-9]|1[0-2])-(0[1-9]|[12][0-9]|3[01])", "a date such as 2026-05-04"),
 ]
-"""A day, as YYYY-MM-DD."""
 
 
 class MeasuredCalibration(BaseModel):
@@ -60,10 +58,8 @@ class MeasuredCalibration(BaseModel):
     model_config = _FROZEN
 
     date: _Day
-    residual_rms_n: float
-    """Root mean square [N] of the residuals of the measured pairs."""
-    pairs: int
-    """Number of measured pairs."""
+    residual_rms_n: float  # root mean square [N] of the residuals of the measured pairs
+    pairs: int  # number of measured pairs
     counts: list[float]
     forces_n: list[float]
 
@@ -85,10 +81,8 @@ class MeasuredFinger(BaseModel):
 
     model_config = _FROZEN
 
-    stiffness_n_m: float
-    """Tangent stiffness [N/m] at 1 N."""
-    contact_m: float
-    """Platform displacement [m] at which it touches the finger."""
+    stiffness_n_m: float  # tangent stiffness [N/m] at 1 N
+    contact_m: float  # platform displacement [m] at which it touches the finger
     date: _Day
 
     @model_validator(mode="after")
@@ -103,14 +97,10 @@ class Profile(BaseModel):
 
     model_config = _FROZEN
 
-    serial: str = ""
-    """Serial number of its USB adapter or another identifier; may be empty."""
-    servo_lag_s: float | None = None
-    """Time constant [s] of its servos, if identified."""
-    calibration: MeasuredCalibration | None = None
-    """Its own calibration; None if it has only the generic one."""
-    finger: MeasuredFinger | None = None
-    """The finger it was tuned on; None before tuning."""
+    serial: str = ""  # serial number of its USB adapter or another identifier; may be empty
+    servo_lag_s: float | None = None  # time constant [s] of its servos, if identified
+    calibration: MeasuredCalibration | None = None  # its own calibration; None if it has only the generic one
+    finger: MeasuredFinger | None = None  # the finger it was tuned on; None before tuning
 
     @model_validator(mode="after")
     def _check(self) -> "Profile":

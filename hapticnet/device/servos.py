@@ -9,7 +9,6 @@ from hapticnet.errors import SettingsError
 from hapticnet.hardware import SERVO_DEADBAND_US, SERVO_FRAME_US, SERVO_LAG_S
 
 Pulses: TypeAlias = tuple[float, float, float]
-
 ROUNDING: Final = 0.53
 """Smallest error of the mean, as a share of a deadband, at which one servo moves by a whole deadband.
 
@@ -24,20 +23,16 @@ class Linkage:
     Raises SettingsError if a value is not finite or the pulses are not in order.
     """
 
-    arm_m: float = 0.012
-    """Length of a servo's arm [m]; 12 mm in the paper's device."""
+    arm_m: float = 0.012  # length of a servo's arm [m]; 12 mm in the paper's device
     us_per_degree: float = 10.0
     """Pulse [µs] per degree of rotation; 10 is typical of the HS-55 (600 to 2400 µs over 180°)."""
-    level_us: float = 1500.0
-    """Pulse [µs] at which the arms are perpendicular to the motion of the platform."""
+    level_us: float = 1500.0  # pulse [µs] at which the arms are perpendicular to the motion of the platform
     retracted_us: float = 1200.0
     """Pulse [µs] at displacement 0. An assumption: 30° below level leaves room to insert a finger."""
     extended_us: float = 2000.0
     """Pulse [µs] at full travel. An assumption: any hobby servo reaches 50° above level safely."""
-    timer_step_us: float = 0.5
-    """Resolution of a pulse [µs]: Timer1 of the ATmega328P at 16 MHz / 8."""
-    deadband_us: float = SERVO_DEADBAND_US
-    """Change of pulse [µs] below which a servo does not move."""
+    timer_step_us: float = 0.5  # resolution of a pulse [µs]: Timer1 of the ATmega328P at 16 MHz / 8
+    deadband_us: float = SERVO_DEADBAND_US  # change of pulse [µs] below which a servo does not move
 
     def __post_init__(self) -> None:
         check_parameter("arm length", self.arm_m, 1e-3, 0.1, "m")
@@ -88,12 +83,8 @@ class Linkage:
         The error of the mean pulse is below a quarter of a deadband, and the servos stay within two deadbands of each
         other: 1.6° of arm, or 0.3 mm across the platform.
 
-        Parameters
-        ----------
-        displacement_m
-            Displacement [m]; clamped to the travel, retracted if it is not finite.
-        held_us
-            Pulses [µs] the servos took at their last frame.
+        `displacement_m`: displacement [m]; clamped to the travel, retracted if it is not finite. `held_us`: pulses [µs]
+        the servos took at their last frame.
         """
         step_us = self.timer_step_us
         deadband_us = max(self.deadband_us, step_us)
@@ -119,26 +110,19 @@ class Linkage:
         return [(each + (i < left_over)) * self.timer_step_us for i in range(servos)]
 
 
-AT_REST_US: Final = 0.01
-"""Distance from the goal [µs of pulse] at which a servo counts as arrived: 0.2 µm of platform."""
+AT_REST_US: Final = 0.01  # distance from the goal [µs of pulse] at which a servo counts as arrived: 0.2 µm of platform
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Servo:
     """An HS-55 hobby servo."""
 
-    frame_us: int = SERVO_FRAME_US
-    """Period [µs] at which it takes a new pulse."""
-    deadband_us: float = SERVO_DEADBAND_US
-    """Change of pulse [µs] below which it does not move."""
-    lag_s: float = SERVO_LAG_S
-    """Time constant [s] of its first-order lag."""
-    rate_deg_s: float = 353.0
-    """Largest speed [deg/s]: 60° in 0.17 s at 4.8 V, HS-55 data sheet."""
-    backlash_deg: float = 0.5
-    """Play of the gears [deg] at the arm; 0.5 is typical of plastic gears."""
-    stall_nm: float = 0.108
-    """Stall torque [N·m]; 0.108 at 4.8 V is typical."""
+    frame_us: int = SERVO_FRAME_US  # period [µs] at which it takes a new pulse
+    deadband_us: float = SERVO_DEADBAND_US  # change of pulse [µs] below which it does not move
+    lag_s: float = SERVO_LAG_S  # time constant [s] of its first-order lag
+    rate_deg_s: float = 353.0  # largest speed [deg/s]: 60° in 0.17 s at 4.8 V, HS-55 data sheet
+    backlash_deg: float = 0.5  # play of the gears [deg] at the arm; 0.5 is typical of plastic gears
+    stall_nm: float = 0.108  # stall torque [N·m]; 0.108 at 4.8 V is typical
 
     def __post_init__(self) -> None:
         check_parameter("servo frame", self.frame_us, 1_000, 100_000, "µs")
@@ -159,12 +143,7 @@ class Servos:
     Backlash is a play operator, as if friction held the arm. This is pessimistic, because a pressed finger loads the
     gears to one side. Without backlash, the model is the best estimate a host can make of an unobserved platform.
 
-    Attributes
-    ----------
-    taken_us
-        The pulses [µs] the servos received last.
-    displacement_m
-        Mean height [m] of the three arms above retracted.
+    Attributes: `displacement_m`, mean height [m] of the three arms above retracted.
     """
 
     __slots__ = (
@@ -186,7 +165,7 @@ class Servos:
         self._decay_us = 0.0
         self._decay = 1.0
         pulse_us = linkage.retracted_us
-        self.taken_us: Pulses = (pulse_us, pulse_us, pulse_us)
+        self.taken_us: Pulses = (pulse_us, pulse_us, pulse_us)  # the pulses [µs] the servos received last
         self._servos_us = [pulse_us] * 3
         self._goals_us = [pulse_us] * 3
         self._arms_us = [pulse_us] * 3

@@ -31,12 +31,10 @@ class Finger:
     stiffness ``k0 + b · force`` the value `stiffness_n_m` at 1 N.
     """
 
-    stiffness_n_m: float = STIFFNESS_N_M
-    """Tangent stiffness [N/m] at 1 N."""
+    stiffness_n_m: float = STIFFNESS_N_M  # tangent stiffness [N/m] at 1 N
     stiffening: float = STIFFENING
     """Share of that stiffness which comes from the force (dimensionless, 0 to 0.9); 0 is a linear spring."""
-    contact_m: float = CONTACT_M
-    """Platform displacement [m] at which it touches the finger."""
+    contact_m: float = CONTACT_M  # platform displacement [m] at which it touches the finger
 
     def __post_init__(self) -> None:
         check_parameter("finger stiffness", self.stiffness_n_m, 1.0, 1e5, "N/m")
@@ -63,18 +61,13 @@ class Sensor:
     open resistance above 10 MΩ (here: no conductance). Drift (under 5 % per decade of time) is not modelled.
     """
 
-    threshold_n: float = SENSOR_THRESHOLD_N
-    """Force [N] below which it does not conduct."""
-    ohm_at_1_n: float = 9500.0
-    """Resistance [Ω] at 1 N; about 9.5 kΩ is typical."""
-    exponent: float = 1.0
-    """Exponent of the conductance (dimensionless); 0.9 to 1.1 is typical."""
+    threshold_n: float = SENSOR_THRESHOLD_N  # force [N] below which it does not conduct
+    ohm_at_1_n: float = 9500.0  # resistance [Ω] at 1 N; about 9.5 kΩ is typical
+    exponent: float = 1.0  # exponent of the conductance (dimensionless); 0.9 to 1.1 is typical
     hysteresis: float = 0.1
     """Relative decrease of the resistance at the same force during unloading; 10 % on average, data sheet."""
-    divider_ohm: float = 10_000.0
-    """Resistance of the divider [Ω]."""
-    adc_bits: int = 10
-    """Resolution of the converter."""
+    divider_ohm: float = 10_000.0  # resistance of the divider [Ω]
+    adc_bits: int = 10  # resolution of the converter
     noise_counts: float = 1.0
     """Standard deviation [counts] of the noise of a reading; about one count is typical of this converter."""
 
@@ -100,9 +93,7 @@ class Sensor:
         return (1 << self.adc_bits) * ratio / (1.0 + ratio)
 
 
-NEVER_US: Final = 1 << 62
-"""Later than any time stamp, so that the first call only sets the clock."""
-
+NEVER_US: Final = 1 << 62  # later than any time stamp, so that the first call only sets the clock
 NOISE_BLOCK: Final = 1024
 
 
@@ -110,23 +101,16 @@ NOISE_BLOCK: Final = 1024
 class PlantSettings:
     """Settings of the simulated mechanics."""
 
-    linkage: Linkage = field(default_factory=Linkage)
-    """Arms and pulses."""
-    servo: Servo = field(default_factory=Servo)
-    """The three servos."""
-    finger: Finger = field(default_factory=Finger)
-    """The fingertip being pressed."""
-    sensor: Sensor = field(default_factory=Sensor)
-    """The force sensor and its converter."""
+    linkage: Linkage = field(default_factory=Linkage)  # arms and pulses
+    servo: Servo = field(default_factory=Servo)  # the three servos
+    finger: Finger = field(default_factory=Finger)  # the fingertip being pressed
+    sensor: Sensor = field(default_factory=Sensor)  # the force sensor and its converter
 
 
 class Plant:
     """Three servos that press a fingertip, and the sensor between. The finger is a massless spring.
 
-    Attributes
-    ----------
-    contact_force_n
-        True force [N] between platform and finger.
+    Attributes: `contact_force_n`, true force [N] between platform and finger.
     """
 
     __slots__ = (
@@ -221,15 +205,10 @@ class SimulatedDevice(Device):
 
     Pulses wait for the next servo frame, at multiples of the frame period on the caller's clock. The frame takes the
     newest pulses set before it begins, or those of a call at the same time.
-
-    Attributes
-    ----------
-    plant
-        The simulated mechanics, for instance to replace the finger.
     """
 
     def __init__(self, settings: PlantSettings, rng: np.random.Generator) -> None:
-        self.plant = Plant(settings, rng)
+        self.plant = Plant(settings, rng)  # the simulated mechanics, for instance to replace the finger
         self.travel_m = settings.linkage.travel_m
         self.max_force_n = MAX_FORCE_N
         self.description = (

@@ -15,12 +15,8 @@ from hapticnet.user_code import attribute_of, failure, method_of, raised, short
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-TRAVEL_M: Final = 0.005
-"""Travel [m] of a device that declares none."""
-
-LONGEST_TEXT: Final = 200
-"""Most characters of a description or status."""
-
+TRAVEL_M: Final = 0.005  # travel [m] of a device that declares none
+LONGEST_TEXT: Final = 200  # most characters of a description or status
 LARGEST_TRAVEL_M: Final = 1.0
 LARGEST_FORCE_N: Final = 1000.0
 
@@ -44,17 +40,12 @@ class HasApply(Protocol):
 class UserDevice(Device):
     """An object of the user's that moves a platform, with its results checked.
 
-    Parameters
-    ----------
-    made
-        Its ``exchange(displacement_m, now_us)`` sets the displacement of the platform toward the finger [m] (0:
-        retracted) and returns the force that its sensor reads [N], a `Reading`, or None while there is no reading.
-        Optional: ``travel_m`` (default 5 mm), ``max_force_n`` (default 5 N), ``description``, ``status``, and
-        ``report()``, which returns a dictionary.
-    what
-        What messages call the object, such as "device own.py:Mine".
+    `made`: its ``exchange(displacement_m, now_us)`` sets the displacement of the platform toward the finger [m] (0:
+    retracted) and returns the force that its sensor reads [N], a `Reading`, or None while there is no reading.
+    Optional: ``travel_m`` (default 5 mm), ``max_force_n`` (default 5 N), ``description``, ``status``, and ``report()``,
+    which returns a dictionary. `what`: what messages call the object, such as "device own.py:Mine".
 
-    Raises SettingsError if ``exchange`` is missing or cannot be called this way, or an attribute cannot be used.
+    Raise SettingsError if ``exchange`` is missing or cannot be called this way, or an attribute cannot be used.
     """
 
     def __init__(self, made: HasExchange, what: str = "the device") -> None:
@@ -105,15 +96,11 @@ class UserDevice(Device):
 class UserActuator:
     """An object of the user's that renders a force by itself, with its results checked.
 
-    Parameters
-    ----------
-    made
-        Its ``apply(force_n, now_us)`` renders a force [N], 0 or more, and returns the force that is sensed, or None if
-        it senses none. Optional: ``max_force_n`` (default 5 N), ``description``, ``status`` and ``report()``.
-    what
-        What messages call the object.
+    `made`: its ``apply(force_n, now_us)`` renders a force [N], 0 or more, and returns the force that is sensed, or None
+    if it senses none. Optional: ``max_force_n`` (default 5 N), ``description``, ``status`` and ``report()``. `what`:
+    what messages call the object.
 
-    Raises SettingsError if ``apply`` cannot be called this way, or an attribute cannot be used.
+    Raise SettingsError if ``apply`` cannot be called this way, or an attribute cannot be used.
     """
 
     def __init__(self, made: HasApply, what: str = "the device") -> None:

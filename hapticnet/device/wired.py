@@ -64,11 +64,6 @@ class Setpoints:
 
     The device chose a setpoint up to one reading period before the first reading that reports it, so the estimate is
     late by half a period on average.
-
-    Attributes
-    ----------
-    held_us
-        The pulses [µs] of the device's last reported frame.
     """
 
     def __init__(self, linkage: Linkage, servo: Servo) -> None:
@@ -76,6 +71,7 @@ class Setpoints:
         self._estimate = Servos(linkage, replace(servo, backlash_deg=0.0))
         retracted_us = linkage.retracted_us
         self._retracted_us: Pulses = (retracted_us, retracted_us, retracted_us)
+        # The pulses [µs] of the device's last reported frame
         self.held_us = self._sent_us = self._planned_us = self._retracted_us
         self._limits: list[tuple[int, int]] = []  # shortest and longest pulse of each servo [ticks]
         self._largest_step = 0  # [ticks]
@@ -180,16 +176,12 @@ class Setpoints:
         return (one, two, three)
 
 
-ASK_AGAIN_US: Final = 100_000
-"""Time [µs] to wait for an answer to HELLO or STREAM before asking again."""
-
+ASK_AGAIN_US: Final = 100_000  # time [µs] to wait for an answer to HELLO or STREAM before asking again
 PATIENCE_US: Final = 3_000_000
 """Time [µs] to wait for an answer to HELLO. Opening the port resets a Nano, whose bootloader then discards input for
 one to two seconds, typically."""
 
-SILENCE_US: Final = 50_000
-"""Time [µs] without a reading after which a streaming device counts as lost."""
-
+SILENCE_US: Final = 50_000  # time [µs] without a reading after which a streaming device counts as lost
 LONGEST_STEP_US: Final = 10_000
 """Largest contribution [µs] of one step to the silence, because a stalled host could not have received anything."""
 
@@ -197,8 +189,7 @@ STREAM_PERIOD_MS: Final = 2
 """Requested period of readings [ms]: what a line of 115200 baud can carry, and five per control period. At 500 kbaud,
 1 ms would be possible but would only cost time on both sides."""
 
-READY: Final = "ready"
-"""`WiredDevice.status` while there are readings."""
+READY: Final = "ready"  # `WiredDevice.status` while there are readings
 
 
 class _State(Enum):
@@ -226,25 +217,8 @@ class WiredDevice(Device):
     The owner moves the bytes: `opened` and `closed` report the state of the port, `receive` takes what was read, and
     after each `exchange` and `receive`, `bytes_to_send` returns what to write. No input can make it raise.
 
-    Parameters
-    ----------
-    calibration
-        Calibration of the sensor; its last force limits the target.
-    linkage
-        Geometry and pulses of the servos.
-    servo
-        Model of the servos, to estimate their position.
-
-    Attributes
-    ----------
-    identity
-        Answer to HELLO since the port was opened.
-    refusal
-        Reason why the device is not used, and the remedy; it is not tried again until the port is reopened.
-    wants_reopening
-        Whether to close and reopen the port, which resets a Nano, because there is no answer.
-    stream_period_ms
-        Period of readings granted by the device [ms]; 0 before.
+    `calibration`: calibration of the sensor; its last force limits the target. `linkage`: geometry and pulses of the
+    servos. `servo`: model of the servos, to estimate their position.
     """
 
     def __init__(
@@ -263,10 +237,12 @@ class WiredDevice(Device):
         self.max_force_n = min(MAX_FORCE_N, calibration.forces_n[-1])
         self.description = "device on a serial line"
         self.status = "the port is not open"
-        self.identity: Identity | None = None
+        self.identity: Identity | None = None  # answer to HELLO since the port was opened
+        # Reason why the device is not used, and the remedy; it is not tried again until the port is reopened
         self.refusal: str | None = None
+        # Whether to close and reopen the port, which resets a Nano, because there is no answer
         self.wants_reopening = False
-        self.stream_period_ms = 0
+        self.stream_period_ms = 0  # period of readings granted by the device [ms]; 0 before
         self._state = _State.ABSENT
         self._deframer = Deframer()
         self._request = b""  # HELLO or STREAM; a newer one replaces it, as for setpoints

@@ -11,26 +11,17 @@ from hapticnet.errors import UnavailableError
 from hapticnet.runtime.udp import HostPort
 from hapticnet.web.messages import VIEWS, View
 
-DEFAULT: Final = HostPort("127.0.0.1", 47880)
-"""Where the page is served unless another address is named."""
-
+DEFAULT: Final = HostPort("127.0.0.1", 47880)  # where the page is served unless another address is named
 BACKLOG: Final = 32
 
 
 @dataclass(frozen=True, slots=True)
 class Access:
-    """Where the page is, and the tokens that open its views.
+    """Where the page is, and the tokens that open its views."""
 
-    Attributes
-    ----------
-    host, port
-        What a browser calls this server.
-    tokens
-        The token of each view, drawn at random.
-    """
-
-    host: str
+    host: str  # what a browser calls this server
     port: int
+    # The token of each view, drawn at random
     tokens: dict[View, str] = field(default_factory=lambda: new_tokens(VIEWS))
 
     def url(self, view: View) -> str:
@@ -72,16 +63,10 @@ def listen_for_pages(
 
     Without an `address`, `DEFAULT` is used, or another port of that host if this one is taken.
 
-    Parameters
-    ----------
-    before
-        How the pages were reached in an earlier run. Its tokens open them again, and its port is taken if it is free
-        and no other one is named.
+    `before`: how the pages were reached in an earlier run. Its tokens open them again, and its port is taken if it is
+    free and no other one is named.
 
-    Raises
-    ------
-    UnavailableError
-        If the address cannot be used.
+    Raise UnavailableError if the address cannot be used.
     """
     wanted = address or DEFAULT
     if before is not None and (address is None or address.port == 0):

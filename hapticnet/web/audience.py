@@ -17,7 +17,6 @@ from hapticnet.web.requests import Hand, MistakeError, PageMessage, Release, Tak
 from hapticnet.web.seat import Seat
 
 MOST_PAGES: Final = 16
-
 INTERVAL_S: Final = 1 / messages.MESSAGES_PER_S
 
 
@@ -27,31 +26,17 @@ class Audience(Watcher[NodeEvent], ABC):
     Everything but `_take_down` is done 60 times a second, right after a tick, so that it is over before the next one;
     no page is waited for.
 
-    Parameters
-    ----------
-    hand
-        The hand that a page may take; None if the positions come from elsewhere.
-    say
-        Called with a line for the person at the terminal.
-
-    Attributes
-    ----------
-    views
-        The views that are served.
-    clients
-        The pages that are connected.
-    seat
-        Who has the hand.
+    `hand`: the hand that a page may take; None if the positions come from elsewhere. `say`: called with a line for the
+    person at the terminal.
     """
 
     name = "page"
-    views: tuple[View, ...] = messages.VIEWS
-    farewell = "the master has ended"
-    """What pages are told at the end."""
+    views: tuple[View, ...] = messages.VIEWS  # the views that are served
+    farewell = "the master has ended"  # what pages are told at the end
 
     def __init__(self, hand: LiveHand | None, say: Callable[[str], None]) -> None:
-        self.clients: list[Client] = []
-        self.seat = Seat(hand)
+        self.clients: list[Client] = []  # the pages that are connected
+        self.seat = Seat(hand)  # who has the hand
         self._say = say
         self._frames = 0
         self._told: dict[Client, tuple[str, HandState]] = {}

@@ -18,38 +18,21 @@ LARGEST_BACKLOG: Final = 1 << 18
 LONGEST_QUEUE: Final = 256
 """Messages that wait for a page, above which it is disconnected; left out are only those that the next one replaces."""
 
-PARTING_S: Final = 0.5
-"""Longest time [s] that a page has to hear why it is disconnected."""
-
-MOST_MESSAGES_PER_S: Final = 600
-"""Messages a second from one page, above which it is disconnected; a hand sends 250."""
+PARTING_S: Final = 0.5  # longest time [s] that a page has to hear why it is disconnected
+MOST_MESSAGES_PER_S: Final = 600  # messages a second from one page, above which it is disconnected; a hand sends 250
 
 
 class Client:
     """A page and its socket.
 
-    Parameters
-    ----------
-    socket, transport
-        Its WebSocket, and the connection below.
-
-    Attributes
-    ----------
-    view
-        What it may see and do.
-    left_out
-        Messages that it did not get because it reads too slowly.
-    mistakes
-        Messages from it that were not of the specification.
-    heard
-        Its newest HAND message.
+    `socket`, `transport`: its WebSocket, and the connection below.
     """
 
     def __init__(self, view: View, socket: web.WebSocketResponse, transport: asyncio.WriteTransport) -> None:
-        self.view = view
-        self.left_out = 0
-        self.mistakes = 0
-        self.heard: Hand | None = None
+        self.view = view  # what it may see and do
+        self.left_out = 0  # messages that it did not get because it reads too slowly
+        self.mistakes = 0  # messages from it that were not of the specification
+        self.heard: Hand | None = None  # its newest HAND message
         self._socket = socket
         self._transport = transport
         self._queue: deque[str | bytes] = deque()

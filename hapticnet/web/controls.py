@@ -16,26 +16,14 @@ if TYPE_CHECKING:
     from hapticnet.perception import WeberLaw
 
 CHANNEL_KEYS: Final = ("delay_ms", "loss_percent")
-
-ASK_EVERY_US: Final = 200_000
-"""Shortest time [µs] between two sessions that are asked for because of a change."""
+ASK_EVERY_US: Final = 200_000  # shortest time [µs] between two sessions that are asked for because of a change
 
 
 class Controls:
     """Apply changes to a running master.
 
-    Parameters
-    ----------
-    channels
-        The emulated channels at the master's end, each with its settings: feedback, then forward; none: delay and loss
-        cannot be changed.
-    is_fixed
-        Whether nothing can be changed.
-
-    Attributes
-    ----------
-    adjustable
-        Names of the settings that can be changed.
+    `channels`: the emulated channels at the master's end, each with its settings: feedback, then forward; none: delay
+    and loss cannot be changed. `is_fixed`: whether nothing can be changed.
     """
 
     def __init__(
@@ -52,6 +40,7 @@ class Controls:
         changeable = ["multiplier", "codec", *(CHANNEL_KEYS if channels else ())]
         # Docstrings are read for it, which takes too long between two ticks.
         self._codecs = [{"name": codec["name"], "summary": codec["summary"]} for codec in describe_codecs()]
+        # Names of the settings that can be changed
         self.adjustable: tuple[str, ...] = () if is_fixed else tuple(changeable)
 
     def codecs(self) -> list[dict[str, str]]:
@@ -75,10 +64,7 @@ class Controls:
     def apply(self, change: Change) -> None:
         """Change what is named, or nothing.
 
-        Raises
-        ------
-        PeerError
-            If something cannot be changed, or there is no such codec.
+        Raise PeerError if something cannot be changed, or there is no such codec.
         """
         for key in Change.__dataclass_fields__:
             if getattr(change, key) is not None and key not in self.adjustable:

@@ -18,16 +18,10 @@ if TYPE_CHECKING:
 
 
 class Description:
-    """The run and its scene.
-
-    Attributes
-    ----------
-    mirror
-        The copy of the slave's scene; None while it is not known.
-    """
+    """The run and its scene."""
 
     def __init__(self, node: MasterNode, controls: Controls, settings: "PageSettings") -> None:
-        self.mirror: Mirror | None = None
+        self.mirror: Mirror | None = None  # the copy of the slave's scene; None while it is not known
         self._node = node
         self._controls = controls
         self._settings = settings
@@ -96,12 +90,7 @@ class Description:
 def hello(view: View, source: str, hand: LiveHand | None) -> dict[str, Any]:
     """Return what the first message to any page tells.
 
-    Parameters
-    ----------
-    source
-        Where the positions come from, in a word.
-    hand
-        The hand that a page may take, or None.
+    `source`: where the positions come from, in a word. `hand`: the hand that a page may take, or None.
     """
     settings = None if hand is None else hand.settings
     return {

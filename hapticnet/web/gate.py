@@ -10,9 +10,7 @@ from collections import OrderedDict
 from collections.abc import Callable
 from typing import Any, Final
 
-PASS_S: Final = 0.001
-"""Time [s] between two portions."""
-
+PASS_S: Final = 0.001  # time [s] between two portions
 PORTION_BYTES: Final = 256
 """Largest portion [B] that is passed on at once; a page with the hand sends 6 in a millisecond."""
 
@@ -27,10 +25,7 @@ MOST_CONNECTIONS: Final = 128
 class Gate:
     """Pass on what arrives on the connections of a server.
 
-    Parameters
-    ----------
-    make_protocol
-        Returns the server's protocol for a new connection.
+    `make_protocol`: returns the server's protocol for a new connection.
     """
 
     def __init__(self, make_protocol: Callable[[], asyncio.Protocol]) -> None:

@@ -212,27 +212,19 @@ from hapticnet.arrays import FloatArray
 from hapticnet.operator.live import HandState
 
 VERSION: Final = 1
-
 View: TypeAlias = Literal["operator", "watch"]
 VIEWS: Final[tuple[View, ...]] = get_args(View)
-
 MESSAGES_PER_S: Final = 60
 STATES_PER_S: Final = 5
 HISTORY_S: Final = 5.0
 EVENTS_KEPT: Final = 20
-
 HANDS_PER_S: Final = 250
 REPEAT_MS: Final = 100
-
-
 COLUMNS: Final = ("t", "position", "true", "received", "held", "target", "sensed", "platform", "packets")
-
 FRAME: Final = 1
 SAMPLES: Final = 2
-
 _FRAME_HEAD: Final = struct.Struct("<BBHIdf")
 _SAMPLES_HEAD: Final = struct.Struct("<BBHId")
-
 MOST_ROWS: Final = 0xFFFF
 
 

@@ -15,9 +15,7 @@ from hapticnet.scene.presets import find_scene, scene_file
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.tissue import SceneSettings
 
-AHEAD_M: Final = 0.02
-"""Free space [m] in front of the first surface."""
-
+AHEAD_M: Final = 0.02  # free space [m] in front of the first surface
 BEHIND_M: Final = 0.03
 """Space [m] behind the last surface. It does not depend on how deep that is indented before it breaks, which a person
 in a trial must not know, except where it breaks deeper than this."""
@@ -40,13 +38,8 @@ def scene_called(name: str, given: SceneSettings | None = None) -> SceneSettings
 class Mirror:
     """A scene and a needle.
 
-    Parameters
-    ----------
-    settings
-        The scene.
-    is_new
-        Whether the slave's scene begins with all tissues intact. Otherwise the force is not known until the needle has
-        been in front of them.
+    `settings`: the scene. `is_new`: whether the slave's scene begins with all tissues intact. Otherwise the force is
+    not known until the needle has been in front of them.
     """
 
     def __init__(self, settings: SceneSettings, *, is_new: bool) -> None:

@@ -31,33 +31,15 @@ FRAMES_PER_STATE: Final = messages.MESSAGES_PER_S // messages.STATES_PER_S
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageSettings:
-    """What a page is about.
+    """What a page is about."""
 
-    Attributes
-    ----------
-    source
-        Where the positions come from, in a word: page, scripted, trace, ….
-    device
-        What renders the force, in a word; None without a device.
-    hand
-        The hand that a page may take; None if the positions come from elsewhere.
-    scene
-        The slave's scene, if it is known and may be none of the built-in ones.
-    operator_url
-        Address of the operator view.
-    in_words
-        Returns an event in words.
-    say
-        Called with a line for the person at the terminal.
-    """
-
-    source: str
-    device: str | None = None
-    hand: LiveHand | None = None
-    scene: SceneSettings | None = None
-    operator_url: str | None = None
-    in_words: Callable[[NodeEvent], str]
-    say: Callable[[str], None]
+    source: str  # where the positions come from, in a word: page, scripted, trace, ….
+    device: str | None = None  # what renders the force, in a word; None without a device
+    hand: LiveHand | None = None  # the hand that a page may take; None if the positions come from elsewhere
+    scene: SceneSettings | None = None  # the slave's scene, if it is known and may be none of the built-in ones
+    operator_url: str | None = None  # address of the operator view
+    in_words: Callable[[NodeEvent], str]  # returns an event in words
+    say: Callable[[str], None]  # called with a line for the person at the terminal
 
 
 class Page(Audience):

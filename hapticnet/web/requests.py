@@ -10,13 +10,9 @@ from hapticnet.errors import PeerError
 from hapticnet.samples import LARGEST_COMPONENT
 
 MOST_MISTAKES: Final = 20
-LARGEST_MESSAGE: Final = 4096
-"""Limit of a message from a page [B]."""
-
+LARGEST_MESSAGE: Final = 4096  # limit of a message from a page [B]
 HAND: Final = 1
-
 _HAND: Final = struct.Struct("<BBHfd")
-
 HAND_BYTES: Final = _HAND.size
 
 
@@ -88,13 +84,7 @@ _ORDERS: Final[dict[str, PageMessage]] = {"take": Take(), "release": Release(), 
 
 
 def parse_binary(data: bytes) -> Hand:
-    """Return the HAND message in `data`.
-
-    Raises
-    ------
-    MistakeError
-        If it is none, or its numbers are not finite.
-    """
+    """Return the HAND message in `data`; raise MistakeError if it is none, or its numbers are not finite."""
     if len(data) != HAND_BYTES or data[0] != HAND:
         kind = data[0] if data else "none"
         raise MistakeError(
@@ -109,10 +99,7 @@ def parse_binary(data: bytes) -> Hand:
 def parse_text(data: str) -> PageMessage:
     """Return the JSON message in `data`.
 
-    Raises
-    ------
-    MistakeError
-        If it is not JSON, not of a known type, or a value is out of range.
+    Raise MistakeError if it is not JSON, not of a known type, or a value is out of range.
     """
     try:
         content = json.loads(data)

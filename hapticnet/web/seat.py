@@ -9,19 +9,11 @@ from hapticnet.web.requests import Hand
 class Seat:
     """The hand and the page that has it.
 
-    Parameters
-    ----------
-    hand
-        The hand; None if the positions come from elsewhere.
-
-    Attributes
-    ----------
-    holder
-        The page that has it, or None.
+    `hand`: the hand; None if the positions come from elsewhere.
     """
 
     def __init__(self, hand: LiveHand | None) -> None:
-        self.holder: Client | None = None
+        self.holder: Client | None = None  # the page that has it, or None
         self._hand = hand
 
     @property

@@ -25,8 +25,7 @@ from hapticnet.web.gate import Gate
 from hapticnet.web.messages import CloseCode, View
 from hapticnet.web.requests import LARGEST_MESSAGE
 
-HEARTBEAT_S: Final = 5.0
-"""Time [s] between two pings, which find pages that have gone without a word."""
+HEARTBEAT_S: Final = 5.0  # time [s] between two pings, which find pages that have gone without a word
 
 HEADERS: Final = {
     "Content-Security-Policy": (

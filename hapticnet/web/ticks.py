@@ -11,23 +11,15 @@ from hapticnet.protocol.wire import Kind
 from hapticnet.web import messages
 from hapticnet.web.mirror import Mirror
 
-MOST_KEPT: Final = 20_000
-"""Limit of the rows kept for a page that opens."""
-
+MOST_KEPT: Final = 20_000  # limit of the rows kept for a page that opens
 _FORCE: Final = int(Kind.FORCE)
 
 
 class Ticks:
-    """Rows of a master's ticks, the newest `messages.HISTORY_S` of which are kept for pages that open later.
-
-    Attributes
-    ----------
-    rows
-        Number of rows so far.
-    """
+    """Rows of a master's ticks, the newest `messages.HISTORY_S` of which are kept for pages that open later."""
 
     def __init__(self, node: MasterNode, start_us: int) -> None:
-        self.rows = 0
+        self.rows = 0  # number of rows so far
         self._node = node
         self._start_us = start_us
         self._rows: list[tuple[float, ...]] = []

@@ -12,7 +12,6 @@ from hapticnet.protocol.stats import Distribution
 from hapticnet.protocol.wire import UDP_IPV4_HEADER_BYTES, Kind, force_datagram_bytes
 
 WINDOW_S: Final = 1.0
-
 _Counts = tuple[float, ...]  # packets, wire bytes, and both if every sample were sent raw; feedback, then forward
 _KEYS: Final = ("packets", "bytes", "raw_packets", "raw_bytes")
 
@@ -43,15 +42,10 @@ class TrafficMeter:
     """Rates over the last second, and totals since the settings last changed.
 
     The totals count only while a force is felt: a needle that rests outside would make any codec look good.
-
-    Attributes
-    ----------
-    since_s
-        When the totals began [s].
     """
 
     def __init__(self, node: MasterNode) -> None:
-        self.since_s = 0.0
+        self.since_s = 0.0  # when the totals began [s]
         self._node = node
         self._raw_positions = 0
         self._raw_bytes = 0
@@ -82,10 +76,7 @@ class TrafficMeter:
     def report(self, now_s: float, *, felt: bool) -> dict[str, dict[str, float]]:
         """Return the two directions for the state message; call this a few times a second.
 
-        Parameters
-        ----------
-        felt
-            Whether a force was felt since the last call.
+        `felt`: whether a force was felt since the last call.
         """
         counts = self._count()
         if felt:

@@ -16,8 +16,7 @@ if TYPE_CHECKING:
 WINDOW_US: Final = 500_000
 """Time [µs] over which the readings of one force are averaged, to remove noise and the tremor of a hand."""
 
-Pairs: TypeAlias = list[tuple[float, float]]
-"""Pairs of a force [N] and its counts."""
+Pairs: TypeAlias = list[tuple[float, float]]  # pairs of a force [N] and its counts
 
 
 def calibrate(
@@ -79,21 +78,13 @@ def calibrate(
 
 
 class CalibrationSession:
-    """A guided calibration: takes typed lines and sensor readings, and returns messages for the person.
-
-    Attributes
-    ----------
-    pairs
-        Pairs measured so far.
-    finished
-        Whether the person has ended the session.
-    """
+    """A guided calibration: takes typed lines and sensor readings, and returns messages for the person."""
 
     PROMPT: Final = "apply a force, hold it, type its value in N and press Enter (empty line: end): "
 
     def __init__(self) -> None:
-        self.pairs: Pairs = []
-        self.finished = False
+        self.pairs: Pairs = []  # pairs measured so far
+        self.finished = False  # whether the person has ended the session
         self._ending = False
         self._force_n: float | None = None
         self._started_us = 0

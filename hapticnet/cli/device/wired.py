@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from hapticnet.runtime.serial_port import SerialSpec
 
 SHOW_EVERY_US = 100_000
-
 Port: TypeAlias = Annotated[str, typer.Argument(metavar="DEVICE", help="serial:PORT[@BAUD] or serial:auto.")]
 
 
