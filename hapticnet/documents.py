@@ -102,6 +102,8 @@ def parse_document(text: str, source: str, model: type[Document], *, context: ob
         return model.model_validate(content, context=context)
     except ValidationError as error:
         raise SettingsError(f"{source}: {_first_mistake(error, model)}") from error
+    except SettingsError as error:  # from the model's own checks
+        raise SettingsError(f"{source}: {error}") from error
 
 
 def _check_keys(text: str, source: str) -> None:

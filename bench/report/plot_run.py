@@ -35,8 +35,8 @@ def main() -> None:
         feedback=Emulator(parse_channel("perfect"), rng),
     )
     link.run(duration_us=operator.duration_us)
-    (station,) = link.slave.stations
-    tables = station.recording.table(), link.master.recording.table()
+    (context,) = link.slave.contexts
+    tables = context.recording.table(), link.master.recording.table()
     draw_run(*tables, parser.parse_args().file, codec="deadband, 1 JND")
 
 

@@ -138,10 +138,7 @@ def load_profile(path: Path) -> Profile:
 
 def parse_profile(text: str, source: str) -> Profile:
     """Return the profile described by `text`; messages name `source` as its origin. Raises what `load_profile` does."""
-    try:
-        return parse_document(text, source, Profile)
-    except SettingsError as error:
-        raise SettingsError(f"{source}: {str(error).removeprefix(f'{source}: ')}") from error
+    return parse_document(text, source, Profile)
 
 
 def dump_profile(profile: Profile) -> str:

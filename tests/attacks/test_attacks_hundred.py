@@ -43,7 +43,7 @@ def test_a_hundred_sessions_that_lose_repeat_reorder_and_roam_keep_their_scenes(
         network.run(round(seconds * SECOND))
         while event := network.slave.next_event():
             if isinstance(event, MasterJoined):
-                scenes[event.station.session.request.name].add(event.station.scene)
+                scenes[event.context.session.request.name].add(event.context.scene)
         for line in network.lines:
             while event := line.master.next_event():
                 lost += isinstance(event, SessionLost)
@@ -63,11 +63,11 @@ def test_a_hundred_sessions_that_lose_repeat_reorder_and_roam_keep_their_scenes(
     assert lost == 0
     assert len(scenes) == MASTERS
     assert {len(each) for each in scenes.values()} == {1}
-    stations = {station.session.number: station for station in network.slave.stations if station.steps}
-    assert len(stations) == MASTERS
+    contexts = {context.session.number: context for context in network.slave.contexts if context.steps}
+    assert len(contexts) == MASTERS
     for line in network.lines:
-        station = stations[line.master.session.number]
-        true_n = station.scene.force_n
+        context = contexts[line.master.session.number]
+        true_n = context.scene.force_n
         held_n = line.master.held_force_n(network.now_us)[0]
         # 40 ms of delay at up to 1.5 N/s, and a deadband of 10 % or 0.1 N.
         assert held_n == pytest.approx(true_n, rel=0.12, abs=0.2)

@@ -122,15 +122,15 @@ def test_the_force_applied_is_one_the_slave_sent_fresh_and_in_order_or_decays_as
 def test_when_the_attacker_stops_the_session_recovers_and_the_scene_is_as_it_was(monkeypatch, sealed, seed):
     network, line, injector = attacked(sealed=sealed, forges=sealed, seed=seed)
     network.run(6 * SECOND)
-    scenes = {station.scene for station in network.slave.stations if station.steps}
+    scenes = {context.scene for context in network.slave.contexts if context.steps}
     injector.quiet = True
     network.run(5 * SECOND)
     witness = watch(monkeypatch, network)
     run_watched(network, line, witness, 2 * SECOND)
     assert witness.applied > 100
-    (station,) = [each for each in network.slave.stations if each.session.number == line.master.session.number]
-    assert not scenes or station.scene in scenes
-    true_n = station.scene.force_n
+    (context,) = [each for each in network.slave.contexts if each.session.number == line.master.session.number]
+    assert not scenes or context.scene in scenes
+    true_n = context.scene.force_n
     assert (
-        abs(line.master.held_force_n(network.now_us)[0] - true_n) <= 1.05 * station.codec.law.threshold_n(true_n) + 0.05
+        abs(line.master.held_force_n(network.now_us)[0] - true_n) <= 1.05 * context.codec.law.threshold_n(true_n) + 0.05
     )

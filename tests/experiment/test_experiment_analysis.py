@@ -68,7 +68,7 @@ def test_every_condition_of_the_paper_penetrates_three_tissues_and_costs_less_th
         law = WeberLaw(multiplier=condition.multiplier)
         link = loopback(1, settings=MasterSettings(codec=condition.codec, law=law, record=True))
         link.run(5_000_000)
-        report = bytes_per_penetration(link.slave.stations[0].recording.table())
+        report = bytes_per_penetration(link.slave.contexts[0].recording.table())
         assert len(report.each) == 3
         assert report.by_tissue(paper_scene(1).tissues) == [[spent] for spent in report.each]
         means.append(report.mean)
@@ -82,7 +82,7 @@ def test_what_is_felt_lags_by_the_round_trip_and_matches_across_the_wrap(loopbac
     reports = []
     for link in (quick, slow):
         link.run(4_000_000)
-        slave, master = link.slave.stations[0].recording.table(), link.master.recording.table()
+        slave, master = link.slave.contexts[0].recording.table(), link.master.recording.table()
         assert len(matched(slave, master)[0]) == len(slave["t_us"])
         reports.append(felt_error(WeberLaw(), slave, master))
     # Over a perfect channel what is felt is one tick old; the slow one adds forty.
@@ -100,7 +100,7 @@ def both_sides(request, loopback):
     for _ in range(4000):
         link._next_tick_us += int(rng.integers(-200, 200))
         link.run(1000)
-    return link.slave.stations[0].recording.table(), link.master.recording.table()
+    return link.slave.contexts[0].recording.table(), link.master.recording.table()
 
 
 def test_each_row_of_a_slave_has_its_tick_however_few_positions_are_sent(both_sides):

@@ -72,7 +72,7 @@ def test_a_run_is_drawn_even_without_a_breach_and_always_the_same(tmp_path, loop
     files = [tmp_path / name for name in ("short.png", "run.png", "again.png")]
     for file, duration_us in zip(files, (500_000, 4_500_000, 0), strict=True):
         link.run(duration_us)
-        draw_run(link.slave.stations[0].recording.table(), link.master.recording.table(), file, codec="raw")
+        draw_run(link.slave.contexts[0].recording.table(), link.master.recording.table(), file, codec="raw")
     assert files[1].read_bytes() == files[2].read_bytes() != files[0].read_bytes()
 
 

@@ -47,8 +47,8 @@ def test_it_is_what_the_slave_records_over_a_perfect_channel():
         feedback=channels[1],
     )
     loopback.run(operator.duration_us)
-    (station,) = loopback.slave.stations
-    recorded = station.recording.table()
+    (context,) = loopback.slave.contexts
+    recorded = context.recording.table()
     assert recorded["t_us"].tolist() == expected.t_us.tolist()
     assert recorded["force_n"].tobytes() == np.ascontiguousarray(expected.force_n[:, 0]).tobytes()
     assert recorded["breaches"].tolist() == expected.breaches.tolist()

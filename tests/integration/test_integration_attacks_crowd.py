@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from tests.integration.unknown_peers import Client, Forger, now_us, parse, pump
 
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.protocol.master_session import MasterSession
@@ -19,6 +18,7 @@ from hapticnet.recordings.tables import read_csv
 from hapticnet.runtime.system import SystemEntropy
 from tests.integration.conftest import Process
 from tests.integration.on_path import OnPath, drop, late, pass_on
+from tests.integration.unknown_peers import Client, Forger, now_us, parse, pump
 
 FAST = ("--no-real-time",)
 ELSEWHERE = "127.0.0.66"
