@@ -1,13 +1,37 @@
-"""``hapticnet doctor``: whether this machine can do it."""
+"""``hapticnet doctor``: whether this machine can do it. Verdicts are words; colour only repeats them."""
 
-from typing import TYPE_CHECKING, Annotated
+import sys
+from itertools import groupby
+from textwrap import wrap
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
 from hapticnet import options
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hapticnet.runtime.doctor import Finding, Step
     from hapticnet.runtime.serial_port import SerialSpec
+
+WIDEST: Final = 100
+"""Characters of a line that still reads well."""
+
+INDENT: Final = 14
+"""Column of titles, and of all that is said below them."""
+
+COLOURS: Final = {"ok": "green", "warning": "bold yellow", "problem": "bold red", "not present": "dim"}
+
+SUBJECTS: Final = {
+    "timing": "Timer and scheduling",
+    "processor": "Processor",
+    "network": "Network",
+    "serial": "Fingertip device on a serial port",
+    "simulator": "Simulated device",
+    "measured": "Measured for 3 s: a slave and a master at 1 kHz on loopback",
+}
+"""Heading of each subject."""
 
 
 def doctor(
@@ -24,8 +48,8 @@ def doctor(
 ) -> None:
     """Say whether this machine can run a slave and a master, and what to do where it cannot.
 
-    Looks at timer, scheduling, clock, CPUs, packages, socket buffers, serial ports and the simulator. Measures round
-    trip and ticks with a slave and a master on loopback for 3 s.
+    Looks at timer, scheduling, CPUs, socket buffers and serial ports. Measures round trip and ticks with a slave and a
+    master on loopback for 3 s.
 
     Changes nothing on this machine, and opens no serial port. Each finding is ok, a warning (it works, but worse than
     it could), a problem (it will not work), or not present (needed for one use only).
@@ -33,11 +57,7 @@ def doctor(
     Exit code: 0 if there is no problem, 1 if there is one, 2 if the options are wrong.
     """
     from hapticnet.cli.console import Console, deliver
-    from hapticnet.cli.doctor_page import print_page
-    from hapticnet.experiment.provenance import provenance
-    from hapticnet.runtime.doctor.checks import examine, probes
-    from hapticnet.runtime.doctor.finding import Machine, Verdict, as_json
-    from hapticnet.runtime.doctor.trial import examine_trial
+    from hapticnet.runtime.doctor import Machine, Verdict, as_json, examine, examine_trial, probes
 
     serial = _serial(device)
     simavr = device is not None and device.startswith("simavr")
@@ -50,8 +70,8 @@ def doctor(
     console.finish()
     if json:
         deliver(as_json(findings), as_json=True, file=None)
-    else:
-        print_page(findings, provenance(), measured=not quick)
+    elif sys.stdout is not None:  # which the parent process may have closed
+        print_page(findings, measured=not quick)
     if any(finding.verdict is Verdict.PROBLEM for finding in findings):
         raise typer.Exit(1)
 
@@ -65,3 +85,70 @@ def _serial(device: str | None) -> "SerialSpec | None":
         return None
     check_device(device)
     return parse_serial(device) if device.startswith("serial") else None
+
+
+def print_page(findings: "Sequence[Finding]", *, measured: bool) -> None:
+    """Print the findings on stdout, with version and machine at the top and a summary at the end."""
+    from rich.console import Console
+    from rich.text import Text
+
+    from hapticnet.experiment.provenance import provenance
+
+    origin = provenance()
+    machine = origin["machine"]
+    console = Console(highlight=False, emoji=False, markup=False)
+    width = min(console.width, WIDEST)
+    head = f"hapticnet doctor {origin['version']}, {origin['date']}"
+    about = f"{machine['processor']}, {machine['system']}, {machine['python']}"
+    page = [Text(line, style=style) for text, style in ((head, "bold"), (about, "")) for line in wrap(text, width)]
+    for subject, group in groupby(findings, lambda finding: finding.subject):
+        page += [Text(), *(Text(line, style="bold") for line in wrap(SUBJECTS.get(subject, subject), width))]
+        said: tuple[Step, ...] = ()
+        for finding in group:
+            first, *lines = wrap(f"{finding.title:<20} {finding.value}", width - INDENT, subsequent_indent=" " * 21)
+            verdict = Text(f"  {finding.verdict:<{INDENT - 2}}", style=COLOURS[finding.verdict])
+            page += [verdict + Text(first), *(Text(" " * INDENT + line) for line in lines)]
+            for text in (finding.meaning, finding.scale):
+                page += [Text(" " * INDENT + line) for line in wrap(text, width - INDENT)]
+            for step in () if finding.to_do == said else finding.to_do:
+                page += [Text(" " * INDENT + line) for line in wrap(f"> {step.text}", width - INDENT)]
+                if step.command:  # in one piece, so that it can be copied
+                    page.append(Text(" " * (INDENT + 4) + step.command, style="bold"))
+            said = finding.to_do or said
+    page += [Text(), Text("-" * width, style="dim")]
+    page += [Text(line, style=style) for text, style in _summary(findings, measured) for line in wrap(text, width)]
+    with console.capture() as captured:
+        console.print(*page, sep="\n", soft_wrap=True)
+    sys.stdout.write(in_encoding(captured.get(), sys.stdout.encoding or "utf-8"))
+
+
+def in_encoding(text: str, encoding: str) -> str:
+    """Return a text as a terminal can show it that has no Unicode."""
+    plain = text if encoding.lower().startswith("utf") else text.translate({ord("µ"): "u", ord("…"): "..."})
+    return plain.encode(encoding, "replace").decode(encoding)
+
+
+def _summary(findings: "Sequence[Finding]", measured: bool) -> list[tuple[str, str]]:
+    """Return the paragraphs at the end, with their styles."""
+    from hapticnet.runtime.doctor import Verdict, count
+
+    problems, warnings = (
+        ", ".join(finding.title for finding in findings if finding.verdict is verdict)
+        for verdict in (Verdict.PROBLEM, Verdict.WARNING)
+    )
+    if problems:
+        answer = f"This machine is not ready. Solve first: {problems}.", COLOURS["problem"]
+    elif warnings:
+        answer = "This machine can run hapticnet; the warnings above say what would help.", COLOURS["warning"]
+    else:
+        answer = "This machine can run hapticnet.", COLOURS["ok"]
+    plural = {Verdict.WARNING: "warnings", Verdict.PROBLEM: "problems"}
+    counts = ", ".join(
+        f"{number} {verdict if number == 1 else plural.get(verdict, verdict)}"
+        for verdict, number in count(findings).items()
+    )
+    return [
+        answer,
+        *([(f"Warnings: {warnings}.", "")] if warnings else []),
+        (f"{counts}{'' if measured else '; nothing was measured (--quick)'}.", ""),
+    ]

@@ -128,4 +128,4 @@ def test_one_place_in_the_code_starts_python():
         for file in (ROOT / "hapticnet").rglob("*.py")
         if "sys.executable" in file.read_text()
     }
-    assert users == {"runtime/processes.py", "runtime/doctor/checks.py"}
+    assert users == {"runtime/processes.py", "runtime/doctor.py"}

@@ -1,0 +1,499 @@
+"""What ``hapticnet doctor`` finds: whether this machine can run a slave and a master, and what helps where it cannot.
+
+What the programs say by themselves when they start or run is left to them: keys, extras, dropped datagrams.
+"""
+
+import asyncio
+import grp
+import json
+import os
+import resource
+import shlex
+import socket
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, Final, NamedTuple, TypeAlias
+
+from hapticnet.errors import HapticnetError, UnavailableError
+from hapticnet.runtime.nano import simavr_build
+from hapticnet.runtime.overload import LARGEST_MISSED_SHARE
+from hapticnet.runtime.processes import Child
+from hapticnet.runtime.serial_port import FoundPort, SerialSpec, find_ports
+from hapticnet.runtime.system import FIFO_PRIORITY, loop_factory, policy
+from hapticnet.runtime.timer import Alarm
+from hapticnet.runtime.udp import RECEIVE_BUFFER_BYTES
+
+SCHEMA: Final = 2
+"""Version of the JSON report. It grows when a key or a verdict changes its meaning or goes away."""
+
+MOST_BYTES: Final = 256 * 1024  # of a file that is read
+
+GOVERNORS: Final = "/sys/devices/system/cpu/cpu*/cpufreq/scaling_governor"
+
+ENOUGH_CPUS: Final = 1.0
+FEWEST_CPUS: Final = 0.25
+"""CPUs that a control group must grant. A master takes 0.07 on average and three times that while it starts."""
+
+GRABBERS: Final = {
+    "brltty": ("It takes USB adapters for Braille displays, and their ports disappear.", "sudo apt-get remove brltty"),
+    "ModemManager": (
+        "It looks for modems on serial ports, and writes to them.",
+        "sudo systemctl disable --now ModemManager",
+    ),
+}
+"""Programs that take serial ports, what they do, and what stops them."""
+
+TRIAL_S: Final = 3.0
+
+LATE_US: Final = 250.0, 1000.0
+"""Good and acceptable lateness of ticks at the 99th percentile: a quarter of a tick, and a whole one.
+
+On two shared cores (bench/measure/real_time.py), ticks at 1 kHz are 50 µs late, 0.2 ms at the 99th percentile; a second
+busy thread makes that 1.5 ms. A round trip takes 0.1 to 0.2 ms, 0.4 ms at the 99th percentile.
+"""
+
+ROUND_TRIP_US: Final = 1000.0, 5000.0
+"""The same of the round trip: the force is there before the next position, and five ticks."""
+
+MISSED: Final = LARGEST_MISSED_SHARE, 0.05
+"""Share of missed ticks: what a master warns of, and where the operator's motion has gaps all the time."""
+
+
+class Verdict(StrEnum):
+    """How good a finding is."""
+
+    OK = "ok"
+    WARNING = "warning"
+    PROBLEM = "problem"
+    ABSENT = "not present"
+
+
+class Step(NamedTuple):
+    """Something to do: a sentence, and the exact command if there is one."""
+
+    text: str
+    command: str = ""
+
+
+class Finding(NamedTuple):
+    """One thing about this machine."""
+
+    id: str  # subject and name, such as timing.timer
+    title: str  # the same for a person
+    verdict: Verdict
+    value: str  # what was found
+    meaning: str = ""  # what follows from it; empty if nothing does
+    to_do: tuple[Step, ...] = ()  # the best remedy first
+    scale: str = ""  # what counts as good and as acceptable; empty if that is obvious
+
+    @property
+    def subject(self) -> str:
+        """The group of findings to which it belongs."""
+        return self.id.partition(".")[0]
+
+
+def count(findings: Iterable[Finding]) -> dict[Verdict, int]:
+    """Return the number of findings of each verdict."""
+    return dict.fromkeys(Verdict, 0) | Counter(finding.verdict for finding in findings)
+
+
+def as_json(findings: Sequence[Finding]) -> dict[str, Any]:
+    """Return all findings as a report for JSON; the keys of a finding are always the same."""
+    counts = count(findings)
+    return {
+        "schema": SCHEMA,
+        "ready": not counts[Verdict.PROBLEM],
+        "counts": counts,
+        "findings": [
+            finding._asdict()
+            | {"to_do": [{"text": step.text, "command": step.command or None} for step in finding.to_do]}
+            for finding in findings
+        ],
+    }
+
+
+def grade(value: float, good: float, acceptable: float) -> Verdict:
+    """Return the verdict on a value of which less is better."""
+    if value <= good:
+        return Verdict.OK
+    return Verdict.WARNING if value <= acceptable else Verdict.PROBLEM
+
+
+def duration(seconds: float) -> str:
+    """Return a duration [s] with three digits and its best unit."""
+    for unit, size in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
+        if abs(seconds) >= size:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds * 1e9:.3g} ns"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Machine:
+    """A machine, or a folder that stands for one. Nothing on it is changed."""
+
+    root: Path = Path("/")  # holds proc, sys, dev and so on
+    environ: Mapping[str, str] = field(default_factory=lambda: dict(os.environ))
+    access: Callable[[Path, int], bool] = os.access
+
+    def path(self, path: str) -> Path:
+        """Return where an absolute path is on this machine."""
+        return self.root / path.lstrip("/")
+
+    def text(self, path: str) -> str:
+        """Return the stripped text of a file; "" if it cannot be read."""
+        try:
+            with self.path(path).open("rb") as file:
+                return file.read(MOST_BYTES).decode("utf-8", "replace").strip()
+        except (OSError, ValueError):
+            return ""
+
+    def texts(self, pattern: str) -> list[str]:
+        """Return the texts of the files whose absolute path matches a pattern."""
+        return [self.text(f"/{path.relative_to(self.root)}") for path in self.root.glob(pattern.lstrip("/"))]
+
+    @property
+    def container(self) -> bool:
+        """Whether there is a sign that this process runs in a container."""
+        marks = any(self.path(path).exists() for path in ("/.dockerenv", "/run/.containerenv"))
+        return marks or bool({"container", "KUBERNETES_SERVICE_HOST"} & set(self.environ))
+
+
+FIND: Final = Step("Plug it in, and list the ports:", "hapticnet device find")
+
+Probe: TypeAlias = tuple[str, Callable[[], list[Finding]]]
+"""A subject, and what examines it."""
+
+
+def probes(machine: Machine, *, serial: SerialSpec | None = None, simavr: bool = False) -> list[Probe]:
+    """Return the probes in the order of the report.
+
+    Parameters
+    ----------
+    serial
+        The serial device that will be used; None: it is not known.
+    simavr
+        Whether the simulated device will be used.
+    """
+    found: list[Probe] = [
+        ("timing", lambda: [judge_timer(), judge_scheduling(machine, try_fifo())]),
+        ("processor", lambda: [_cpus(), judge_limit(machine), judge_governor(machine)]),
+        ("network", lambda: [judge_buffer(granted_bytes(), on_host=machine.container)]),
+        ("serial", lambda: judge_ports(machine, find_ports(), serial)),
+    ]
+    return [*found, ("simulator", lambda: [judge_simulator()])] if simavr else found
+
+
+def examine(chosen: Sequence[Probe], on_start: Callable[[str], None] = lambda _: None) -> Iterator[Finding]:
+    """Run probes and yield their findings; tell each subject to `on_start` before it is examined."""
+    for subject, probe in chosen:
+        on_start(subject)
+        try:
+            yield from probe()
+        except (HapticnetError, OSError, ValueError) as error:
+            value = f"could not be completed: {error}"
+            yield Finding(
+                f"{subject}.probe", "Check-up", Verdict.WARNING, value, "The rest of this subject is unknown."
+            )
+
+
+def judge_timer() -> Finding:
+    """Judge whether timers work."""
+
+    async def create() -> None:
+        Alarm(asyncio.get_running_loop(), lambda: None).stop()
+
+    named = "timing.timer", "Timer"
+    try:
+        with asyncio.Runner(loop_factory=loop_factory()) as runner:
+            runner.run(create())
+    except UnavailableError as error:
+        meaning = "Slave and master cannot run in real time here; virtual time and recordings still work."
+        return Finding(*named, Verdict.PROBLEM, str(error), meaning, (Step("Use a machine with Linux."),))
+    return Finding(*named, Verdict.OK, f"timerfd, resolution {duration(time.clock_getres(time.CLOCK_MONOTONIC))}")
+
+
+def try_fifo() -> str | None:
+    """Take SCHED_FIFO for this thread for an instant; return why it was refused, or None."""
+    if not sys.platform.startswith("linux"):
+        return "this system does not have it"
+    before, parameters = os.sched_getscheduler(0), os.sched_getparam(0)  # 0 is the calling thread
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIFO_PRIORITY))
+    except OSError as error:
+        return (error.strerror or str(error)).lower()
+    os.sched_setscheduler(0, before, parameters)
+    return None
+
+
+def judge_scheduling(
+    machine: Machine, refusal: str | None, priority_limits: tuple[float, float] | None = None
+) -> Finding:
+    """Judge the scheduling class.
+
+    Parameters
+    ----------
+    refusal
+        Why SCHED_FIFO is refused; None: it is granted.
+    priority_limits
+        Soft and hard limit of real-time priorities; None: those of this process.
+    """
+    named = "timing.scheduling", "Scheduling class"
+    if refusal is None:
+        return Finding(*named, Verdict.OK, f"SCHED_FIFO {FIFO_PRIORITY} is granted")
+    value = f"SCHED_FIFO is refused: {refusal}"
+    meaning = "Slave and master wait for other programs: on a busy machine, ticks are late or missed."
+    steps = _how_to_grant(machine, *(priority_limits or resource.getrlimit(resource.RLIMIT_RTPRIO)))
+    return Finding(*named, Verdict.WARNING, value, meaning, steps)
+
+
+def _how_to_grant(machine: Machine, soft: float, hard: float) -> tuple[Step, ...]:
+    if soft >= FIFO_PRIORITY or soft == resource.RLIM_INFINITY:
+        text = (
+            "This account may use SCHED_FIFO; a sandbox forbids it, or this kernel grants real time to control groups"
+            " only (CONFIG_RT_GROUP_SCHED): raise cpu.rt_runtime_us, or boot with rt_group_sched=0."
+        )
+        return (Step(text),)
+    if machine.container:
+        return (
+            Step("Start the container with the capability SYS_NICE:", "docker run --cap-add SYS_NICE …"),
+            Step("If it does not run as root, also:", f"docker run --ulimit rtprio={FIFO_PRIORITY} …"),
+        )
+    if hard >= FIFO_PRIORITY or hard == resource.RLIM_INFINITY:
+        return (Step("Raise the limit in the shell that starts hapticnet:", f"ulimit -r {FIFO_PRIORITY}"),)
+    permit = f'echo "$USER - rtprio {FIFO_PRIORITY}" | sudo tee /etc/security/limits.d/90-hapticnet.conf'
+    python = shlex.quote(os.path.realpath(sys.executable))
+    return (
+        Step("Permit it for your account, then log out and in again:", permit),
+        Step(f"In a systemd service instead: LimitRTPRIO={FIFO_PRIORITY}"),
+        Step("Or permit it for this Python, so for every script it runs:", f"sudo setcap cap_sys_nice+ep {python}"),
+    )
+
+
+def _cpus() -> Finding:
+    total = os.cpu_count() or 1
+    return judge_cpus(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else total, total)
+
+
+def judge_cpus(usable: int, total: int) -> Finding:
+    """Judge the number of CPUs this process may use, of those there are."""
+    named = "processor.count", "CPUs"
+    value = str(usable) if usable == total else f"{usable} of {total} may be used"
+    if usable > 1:
+        return Finding(*named, Verdict.OK, value)
+    step = Step("Give the machine or container two.")
+    if total > usable:
+        step = Step("Give hapticnet more CPUs:", f"taskset -c 0-{total - 1} hapticnet …")
+    return Finding(*named, Verdict.WARNING, value, "Ticks wait for whatever else runs on the only CPU.", (step,))
+
+
+def judge_limit(machine: Machine) -> Finding:
+    """Judge the CPU limit of this process's control group, or of the container's root."""
+    named = "processor.limit", "CPU limit"
+    groups = machine.text("/proc/self/cgroup").splitlines()
+    own = next((line.removeprefix("0::").rstrip("/") for line in groups if line.startswith("0::")), "")
+    limits = (machine.text(f"/sys/fs/cgroup{folder}/cpu.max") for folder in (own, ""))
+    fields = next((text.split() for text in limits if text), [])
+    if len(fields) != 2 or not all(each.isdigit() and int(each) for each in fields):
+        return Finding(*named, Verdict.OK, "none")
+    cpus = int(fields[0]) / int(fields[1])
+    if cpus >= ENOUGH_CPUS:
+        return Finding(*named, Verdict.OK, f"{cpus:.3g} CPUs")
+    verdict = Verdict.WARNING if cpus >= FEWEST_CPUS else Verdict.PROBLEM
+    meaning = "A process that has used up its share stands still for the rest of each period, up to 100 ms."
+    step = Step("Give it more: CPUQuota= of a systemd service, or", "docker run --cpus 2 …")
+    scale = f"good: at least {ENOUGH_CPUS:g} CPU; acceptable: {FEWEST_CPUS:g}"
+    return Finding(*named, verdict, f"{cpus:.3g} CPUs", meaning, (step,), scale)
+
+
+def judge_governor(machine: Machine) -> Finding:
+    """Judge how the CPUs choose their frequency."""
+    named, names = ("processor.governor", "Frequency governor"), Counter(machine.texts(GOVERNORS))
+    value = ", ".join(f"{name or 'unknown'} on {number}" for name, number in names.most_common())
+    if not names:
+        return Finding(*named, Verdict.ABSENT, "none; firmware or host chooses the frequency")
+    if set(names) == {"performance"}:
+        return Finding(*named, Verdict.OK, value)
+    meaning = "Between ticks the CPUs slow down, and each tick starts on a slow CPU."
+    step = Step("Keep them fast until the next boot:", f"echo performance | sudo tee {GOVERNORS}")
+    return Finding(*named, Verdict.WARNING, value, meaning, (step,))
+
+
+def granted_bytes() -> int:
+    """Return the receive buffer that a slave is granted [B]. The kernel says twice that, for its bookkeeping."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+        return sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2
+
+
+def judge_buffer(granted: int, *, on_host: bool = False) -> Finding:
+    """Judge the receive buffer by what was granted [B]; `on_host`: the limit is the host's of this container."""
+    named, asked = ("network.receive_buffer", "Receive buffer"), RECEIVE_BUFFER_BYTES
+    if granted >= asked:
+        return Finding(*named, Verdict.OK, f"{granted // 1024} KiB, as asked for")
+    value, setting = f"{granted // 1024} of the {asked // 1024} KiB asked for", f"net.core.rmem_max={asked}"
+    meaning = "A slave with many masters that stands still for a moment loses datagrams."
+    where = " on the host" if on_host else ""
+    steps = (
+        Step(f"Raise the limit{where} until the next boot:", f"sudo sysctl -w {setting}"),
+        Step("And for good:", f"echo {setting} | sudo tee /etc/sysctl.d/90-hapticnet.conf"),
+    )
+    return Finding(*named, Verdict.WARNING, value, meaning, steps)
+
+
+def judge_ports(machine: Machine, ports: Sequence[FoundPort], wanted: SerialSpec | None = None) -> list[Finding]:
+    """Judge the wanted port or those that may be the device, and programs that take ports. No port is opened."""
+    likely = [port for port in ports if port.likely]
+    path = None if wanted is None else wanted.path
+    if path is not None:
+        # A port that is not listed, such as a pseudo-terminal, may exist all the same.
+        names = [port.name for port in ports if path in (port.path, port.name)] or [path]
+    else:
+        names = [port.name for port in likely]
+    running = set(machine.texts("/proc/[0-9]*/comm"))
+    return [
+        _judge_choice(machine, ports, likely, wanted),
+        *(_judge_access(machine, name) for name in names),
+        *(
+            Finding(f"serial.grabber:{name}", name, Verdict.WARNING, "is running", deed, (Step("Stop it:", command),))
+            for name, (deed, command) in GRABBERS.items()
+            if name in running
+        ),
+    ]
+
+
+def _judge_choice(
+    machine: Machine, ports: Sequence[FoundPort], likely: Sequence[FoundPort], wanted: SerialSpec | None
+) -> Finding:
+    named = "serial.device", "Device"
+    if wanted is not None and wanted.path is not None:
+        return Finding(*named, Verdict.OK, f"{wanted}, as asked for")
+    if len(likely) == 1:
+        return Finding(*named, Verdict.OK, f"{likely[0].path} ({likely[0].likely})")
+    if likely:
+        verdict = Verdict.WARNING if wanted is None else Verdict.PROBLEM
+        steps = tuple(Step("Name one:", f"hapticnet master --device serial:{port.path} …") for port in likely)
+        return Finding(*named, verdict, f"{len(likely)} ports may be the device", "serial:auto cannot choose.", steps)
+    verdict = Verdict.ABSENT if wanted is None else Verdict.PROBLEM
+    other = Step("To do without one: --device sim")
+    if machine.container:
+        other = Step("Pass it on to the container:", "docker run --device /dev/ttyUSB0 …")
+    value = "no serial port looks like an Arduino Nano" if ports else "no serial port"
+    return Finding(*named, verdict, value, "", (FIND, other))
+
+
+def _judge_access(machine: Machine, name: str) -> Finding:
+    file, named = machine.path(name), (f"serial.access:{name}", f"Port {Path(name).name}")
+    try:
+        gid = file.stat().st_gid
+    except OSError as error:
+        return Finding(*named, Verdict.PROBLEM, error.strerror or str(error), "", (FIND,))
+    if machine.access(file, os.R_OK | os.W_OK):
+        return Finding(*named, Verdict.OK, "may be read and written")
+    try:
+        group = grp.getgrgid(gid).gr_name
+    except KeyError:
+        group = str(gid)
+    step = Step(f"Join the group {group}, then log out and in again:", f"sudo usermod -aG {group} $USER")
+    if machine.container:
+        command = f"docker run --device {name} --group-add {gid} …"
+        step = Step("Start the container with its device and group:", command)
+    value = f"permission denied; the port belongs to the group {group}"
+    return Finding(*named, Verdict.PROBLEM, value, "hapticnet cannot reach the device.", (step,))
+
+
+def judge_simulator() -> Finding:
+    """Judge whether the firmware and its simulator are built."""
+    named = "simulator.simulator", "Simulated device"
+    try:
+        simavr_build()
+    except UnavailableError as error:
+        return Finding(*named, Verdict.PROBLEM, str(error), "", (Step("In a checkout, build it:", "make simulator"),))
+    return Finding(*named, Verdict.OK, "built")
+
+
+def examine_trial() -> list[Finding]:
+    """Run the trial and return its findings. Call it in the main thread: the processes end with their parent thread."""
+    try:
+        return judge_trial(run_trial())
+    except (UnavailableError, OSError, ValueError, KeyError) as error:
+        return [judge_failure(str(error))]
+
+
+def run_trial(duration_s: float = TRIAL_S) -> dict[str, Any]:
+    """Run a slave and a master at 1 kHz on loopback, and return the master's report.
+
+    Raises
+    ------
+    UnavailableError
+        If a process fails.
+    OSError
+        If they cannot be started, or there is no folder for the report.
+    """
+    children: list[Child] = []
+    try:
+        with tempfile.TemporaryDirectory(prefix="hapticnet-doctor-") as folder:
+            children.append(Child(["slave", "--listen", "127.0.0.1:0"]))
+            arguments = ["master", "--connect", children[0].address(), "--name", "doctor", "--device", "none"]
+            arguments += ["--codec", "raw", "--duration", str(duration_s), "--connect-timeout", "5", "--quiet"]
+            children.append(Child([*arguments, "--report", f"{folder}/master.json"]))
+            children[1].finish()
+            report: dict[str, Any] = json.loads(Path(folder, "master.json").read_text(encoding="utf-8"))
+            return report
+    finally:
+        for child in children:
+            child.end()
+
+
+def judge_trial(report: Mapping[str, Any]) -> list[Finding]:
+    """Judge what the master's report says: round trip, ticks and missed ticks."""
+    round_trip, lateness, scheduling = report["round_trip"], report["lateness"], policy(report["scheduling"])
+    if round_trip["p99_us"] is None or lateness["p99_us"] is None:
+        return [judge_failure("the slave answered no position")]
+    missed = report["missed_ticks"]
+    due = report["ticks"] + missed
+    busy = Step("See what else is busy, and look again:", "ps -eo pcpu,pid,user,comm --sort=-pcpu | head")
+    permit = Step("Permit SCHED_FIFO, as said under scheduling class above: its ticks do not wait for others.")
+    steps = (busy,) if scheduling.startswith("SCHED_FIFO") else (permit, busy)
+
+    def finding(
+        name: str, title: str, measured: float, limits: tuple[float, float], value: str, meaning: str, scale: str
+    ) -> Finding:
+        found = Finding(f"measured.{name}", title, grade(measured, *limits), value, scale=f"good: {scale}")
+        return found if found.verdict is Verdict.OK else found._replace(meaning=meaning, to_do=steps)
+
+    return [
+        finding(
+            "round_trip", "Round trip", round_trip["p99_us"], ROUND_TRIP_US, _percentiles(round_trip),
+            "Even without a network, the force for a position comes after the next positions.",
+            "p99 up to 1 ms, before the next position; acceptable: 5 ms",
+        ),
+        finding(
+            "lateness", "Tick lateness", lateness["p99_us"], LATE_US, f"{_percentiles(lateness)}, {scheduling}",
+            "Positions are sampled late, and the force loop of the fingertip device runs unevenly.",
+            "p99 up to 250 µs, a quarter of a tick; acceptable: 1 ms",
+        ),
+        finding(
+            "missed_ticks", "Missed ticks", missed / max(due, 1), MISSED,
+            f"{missed} of {due} ({missed / max(due, 1):.2%})",
+            "In a missed tick no position is sent, and the platform at the finger does not move.",
+            "up to 1%; acceptable: 5%",
+        ),
+    ]  # fmt: skip
+
+
+def judge_failure(reason: str) -> Finding:
+    """Return the finding of a trial that gave no measurement."""
+    meaning = "Unless the reason lies in this trial, a session between two hosts fails in the same way."
+    step = Step("See what the slave says:", "hapticnet slave --listen 127.0.0.1:0 --duration 5")
+    value = f"no session over loopback: {reason}"
+    return Finding("measured.trial", "Slave and master", Verdict.PROBLEM, value, meaning, (step,))
+
+
+def _percentiles(measured: Mapping[str, float]) -> str:
+    return f"p50 {duration(measured['p50_us'] / 1e6)}, p99 {duration(measured['p99_us'] / 1e6)}"

@@ -1,0 +1,327 @@
+"""What the doctor says of a machine, on folders that stand for /proc, /sys and /dev; and of a trial, by its report."""
+
+import grp
+import json
+import os
+import socket
+
+import pytest
+
+from hapticnet.errors import UnavailableError
+from hapticnet.runtime import doctor
+from hapticnet.runtime.doctor import (
+    SCHEMA,
+    Finding,
+    Machine,
+    Step,
+    Verdict,
+    as_json,
+    duration,
+    examine,
+    grade,
+    granted_bytes,
+    judge_buffer,
+    judge_cpus,
+    judge_governor,
+    judge_limit,
+    judge_ports,
+    judge_scheduling,
+    judge_simulator,
+    judge_trial,
+    run_trial,
+    try_fifo,
+)
+from hapticnet.runtime.nano import BUILD_VARIABLE
+from hapticnet.runtime.serial_port import FoundPort, find_ports, parse_serial
+from hapticnet.runtime.udp import RECEIVE_BUFFER_BYTES, listen, parse_host_port
+
+OK, WARNING, PROBLEM, ABSENT = Verdict.OK, Verdict.WARNING, Verdict.PROBLEM, Verdict.ABSENT
+FINE = Finding("timing.timer", "Timer", OK, "fine")
+GOVERNOR = "sys/devices/system/cpu/cpu{}/cpufreq/scaling_governor"
+AUTO = parse_serial("serial:auto")
+
+
+@pytest.fixture
+def machine(tmp_path):
+    """Return a maker of machines with two serial ports and the given files."""
+    (tmp_path / "dev").mkdir()
+    for number in range(2):
+        (tmp_path / f"dev/ttyUSB{number}").touch()
+
+    def make(files=(), *, accessible=True, **environ):
+        for path, text in dict(files).items():
+            (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
+            (tmp_path / path).write_text(text)
+        return Machine(root=tmp_path, environ=environ, access=lambda *_: accessible)
+
+    return make
+
+
+def commands(finding):
+    return [step.command for step in finding.to_do if step.command]
+
+
+def test_a_probe_that_fails_becomes_a_finding_and_the_others_go_on():
+    def fails():
+        raise OSError("no such thing")
+
+    announced = []
+    failed, fine = examine([("serial", fails), ("network", lambda: [FINE])], announced.append)
+    assert (failed.verdict, failed.subject) == (WARNING, "serial")
+    assert failed.value == "could not be completed: no such thing"
+    assert fine is FINE
+    assert announced == ["serial", "network"]
+
+
+def test_the_report_for_programs_keeps_its_form():
+    steps = (Step("Wait."), Step("Or:", "true"))
+    slow = Finding("timing.clock", "Clock", WARNING, "so so", "Slow.", steps, "good: 1")
+    report = json.loads(json.dumps(as_json([FINE, slow, FINE._replace(verdict=ABSENT)])))
+    assert SCHEMA == 2
+    assert {key: report[key] for key in ("schema", "ready", "counts")} == {
+        "schema": 2,
+        "ready": True,
+        "counts": {"ok": 1, "warning": 1, "problem": 0, "not present": 1},
+    }
+    assert report["findings"][1] == {
+        "id": "timing.clock",
+        "title": "Clock",
+        "verdict": "warning",
+        "value": "so so",
+        "meaning": "Slow.",
+        "to_do": [{"text": "Wait.", "command": None}, {"text": "Or:", "command": "true"}],
+        "scale": "good: 1",
+    }
+    assert not as_json([FINE._replace(verdict=PROBLEM)])["ready"]
+
+
+def test_grades_and_units():
+    assert [grade(value, 1.0, 5.0) for value in (1.0, 1.1, 5.0, 5.1)] == [OK, WARNING, WARNING, PROBLEM]
+    shown = [duration(seconds) for seconds in (0, 1e-9, 1.5e-6, 0.25, 60)]
+    assert shown == ["0 ns", "1 ns", "1.5 µs", "250 ms", "60 s"]
+
+
+@pytest.mark.parametrize("text", [None, "", "nonsense", "\xff\x00", "1 2 3", "0::/\n", "x" * 1_000_000])
+def test_files_that_are_missing_or_odd_are_no_error(machine, text):
+    names = "proc/self/cgroup", "sys/fs/cgroup/cpu.max", "proc/1/comm", GOVERNOR.format(0)
+    odd = machine({} if text is None else dict.fromkeys(names, text))
+    for finding in (judge_limit(odd), judge_governor(odd), *judge_ports(odd, [])):
+        assert isinstance(finding.verdict, Verdict)
+        assert finding.value
+    assert len(odd.text("/proc/self/cgroup")) < 300_000
+
+
+@pytest.mark.parametrize(
+    ("files", "limits", "expected"),
+    [
+        ({}, (0, 0), "rtprio 10"),
+        ({}, (0, 0), "setcap cap_sys_nice+ep"),
+        ({}, (0, 99), "ulimit -r 10"),
+        ({".dockerenv": ""}, (0, 0), "--cap-add SYS_NICE"),
+    ],
+)
+def test_refused_real_time_scheduling_names_what_grants_it_here(machine, files, limits, expected):
+    finding = judge_scheduling(machine(files), "operation not permitted", limits)
+    assert finding.verdict is WARNING
+    assert "operation not permitted" in finding.value
+    assert any(expected in command for command in commands(finding))
+
+
+def test_where_the_account_may_and_the_kernel_refuses_no_right_is_advised(machine):
+    finding = judge_scheduling(machine(), "operation not permitted", (99, 99))
+    assert not commands(finding)
+    assert "CONFIG_RT_GROUP_SCHED" in finding.to_do[0].text
+
+
+def test_trying_real_time_scheduling_leaves_no_trace(machine):
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    assert judge_scheduling(machine(), try_fifo()).verdict in (OK, WARNING)
+    assert (os.sched_getscheduler(0), os.sched_getparam(0)) == before
+
+
+def test_one_cpu_is_too_few():
+    assert judge_cpus(2, 8).verdict is OK
+    assert commands(judge_cpus(1, 8)) == ["taskset -c 0-7 hapticnet …"]
+    assert judge_cpus(1, 1).verdict is WARNING
+
+
+def test_governors_are_counted(machine):
+    mixed = judge_governor(machine({GOVERNOR.format(n): "performance\n" if n else "powersave\n" for n in range(3)}))
+    assert (mixed.verdict, mixed.value) == (WARNING, "performance on 2, powersave on 1")
+    assert commands(mixed) == ["echo performance | sudo tee /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor"]
+    assert judge_governor(machine({GOVERNOR.format(0): "performance\n"})).verdict is OK
+
+
+@pytest.mark.parametrize(
+    ("files", "cpu", "verdict"),
+    [
+        ({"sys/fs/cgroup/user.slice/app/cpu.max": "max 100000\n"}, "none", OK),
+        ({"sys/fs/cgroup/user.slice/app/cpu.max": "200000 100000\n"}, "2 CPUs", OK),
+        ({"sys/fs/cgroup/user.slice/app/cpu.max": "50000 100000\n"}, "0.5 CPUs", WARNING),
+        # In a container the path is that on the host: only the root of the mount is there.
+        ({"sys/fs/cgroup/cpu.max": "10000 100000\n"}, "0.1 CPUs", PROBLEM),
+    ],
+)
+def test_the_cpu_limit_of_the_control_group_counts(machine, files, cpu, verdict):
+    limit = judge_limit(machine({"proc/self/cgroup": "0::/user.slice/app\n", **files}))
+    assert (limit.value, limit.verdict) == (cpu, verdict)
+
+
+@pytest.mark.parametrize(
+    ("files", "environ", "expected"),
+    [
+        ({".dockerenv": ""}, {}, True),
+        ({"run/.containerenv": ""}, {}, True),
+        ({}, {"container": "lxc"}, True),
+        ({}, {"KUBERNETES_SERVICE_HOST": "10.0.0.1"}, True),
+        ({}, {}, False),
+    ],
+)
+def test_containers_are_recognised(machine, files, environ, expected):
+    assert machine(files, **environ).container is expected
+
+
+def test_a_small_receive_buffer_is_named_with_the_command_that_raises_it():
+    assert judge_buffer(RECEIVE_BUFFER_BYTES).verdict is OK
+    finding = judge_buffer(212_992)
+    assert (finding.verdict, finding.value) == (WARNING, "208 of the 4096 KiB asked for")
+    assert commands(finding)[0] == f"sudo sysctl -w net.core.rmem_max={RECEIVE_BUFFER_BYTES}"
+    assert "on the host" in judge_buffer(212_992, on_host=True).to_do[0].text
+
+
+def test_the_receive_buffer_that_is_tested_is_the_one_that_a_slave_asks_for(monkeypatch):
+    asked = []
+    monkeypatch.setattr(socket.socket, "setsockopt", lambda _, _level, option, value: asked.append((option, value)))
+    granted_bytes()
+    listen(parse_host_port("127.0.0.1:0", lowest_port=0)).close()
+    sizes = [value for option, value in asked if option == socket.SO_RCVBUF]
+    assert sizes == [RECEIVE_BUFFER_BYTES, RECEIVE_BUFFER_BYTES]
+
+
+def test_a_missing_simulator_comes_with_the_command_that_builds_it(monkeypatch, tmp_path):
+    monkeypatch.setenv(BUILD_VARIABLE, str(tmp_path))
+    assert (judge_simulator().verdict, commands(judge_simulator())) == (PROBLEM, ["make simulator"])
+
+
+def port(number=0, likely="FTDI chip"):
+    path = f"/dev/serial/by-id/nano-{number}"
+    return FoundPort(path=path, name=f"/dev/ttyUSB{number}", description="", serial_number=None, likely=likely)
+
+
+def serial_findings(*arguments):
+    return {finding.id.partition(".")[2]: finding for finding in judge_ports(*arguments)}
+
+
+def test_no_port_is_a_problem_only_for_who_asks_for_one(machine):
+    assert [each.verdict for each in judge_ports(machine(), [])] == [ABSENT]
+    assert [each.verdict for each in judge_ports(machine(), [], AUTO)] == [PROBLEM]
+    (finding,) = judge_ports(machine(), [port(likely=None)])
+    assert (finding.verdict, finding.value) == (ABSENT, "no serial port looks like an Arduino Nano")
+
+
+def test_a_port_that_may_be_used_is_fine(machine):
+    found = serial_findings(machine(), [port()])
+    assert found["device"].value == "/dev/serial/by-id/nano-0 (FTDI chip)"
+    assert {each.verdict for each in found.values()} == {OK}
+
+
+def test_two_likely_ports_must_be_told_apart(machine):
+    found = serial_findings(machine(), [port(0), port(1)])
+    assert found["device"].verdict is WARNING
+    assert commands(found["device"])[0] == "hapticnet master --device serial:/dev/serial/by-id/nano-0 …"
+    assert serial_findings(machine(), [port(0), port(1)], AUTO)["device"].verdict is PROBLEM
+    assert {"access:/dev/ttyUSB0", "access:/dev/ttyUSB1"} < set(found)
+
+
+def test_a_named_port_is_found_by_its_path_or_its_link(machine):
+    missing = serial_findings(machine(), [port()], parse_serial("serial:/dev/ttyACM9"))
+    assert missing["access:/dev/ttyACM9"].verdict is PROBLEM
+    assert missing["access:/dev/ttyACM9"].value == "No such file or directory"
+    assert "access:/dev/ttyUSB0" not in missing
+    linked = parse_serial("serial:/dev/serial/by-id/nano-1")
+    assert "access:/dev/ttyUSB1" in serial_findings(machine(), [port(0), port(1)], linked)
+
+
+def test_denied_permission_names_the_group_to_join_or_what_gives_a_container_the_port(machine):
+    denied = serial_findings(machine(accessible=False), [port()])["access:/dev/ttyUSB0"]
+    group = grp.getgrgid((machine().root / "dev/ttyUSB0").stat().st_gid).gr_name
+    assert (denied.verdict, commands(denied)) == (PROBLEM, [f"sudo usermod -aG {group} $USER"])
+    contained = serial_findings(machine(accessible=False, container="docker"), [port()])["access:/dev/ttyUSB0"]
+    assert commands(contained)[0].startswith("docker run --device /dev/ttyUSB0 --group-add ")
+
+
+def test_programs_that_take_ports_are_named(machine):
+    found = serial_findings(machine({"proc/1/comm": "brltty\n", "proc/2/comm": "ModemManager\n"}), [])
+    assert commands(found["grabber:brltty"]) == ["sudo apt-get remove brltty"]
+    assert found["grabber:ModemManager"].verdict is WARNING
+
+
+def test_no_port_is_opened(machine, monkeypatch):
+    opened = []
+    monkeypatch.setattr("serial.Serial", lambda *arguments, **_: opened.append(arguments))
+    fifo = machine().root / "dev/ttyUSB0"
+    fifo.unlink()
+    os.mkfifo(fifo)  # to open it would block
+    assert serial_findings(machine(), [port()])["access:/dev/ttyUSB0"].verdict is OK
+    assert judge_ports(Machine(), find_ports())
+    assert not opened
+
+
+def report(round_trip_us=370.0, late_us=120.0, missed=1, scheduling="SCHED_FIFO 10"):
+    return {
+        "round_trip": {"p50_us": 180.0, "p99_us": round_trip_us},
+        "lateness": {"p50_us": 40.0, "p99_us": late_us},
+        "ticks": 3000 - missed,
+        "missed_ticks": missed,
+        "scheduling": scheduling,
+    }
+
+
+@pytest.mark.parametrize(
+    ("changes", "verdicts"),
+    [
+        ({}, ["ok", "ok", "ok"]),
+        ({"round_trip_us": 1500.0}, ["warning", "ok", "ok"]),
+        ({"round_trip_us": 9000.0}, ["problem", "ok", "ok"]),
+        ({"late_us": 600.0}, ["ok", "warning", "ok"]),
+        ({"late_us": 1500.0}, ["ok", "problem", "ok"]),
+        ({"missed": 100}, ["ok", "ok", "warning"]),
+        ({"missed": 1000}, ["ok", "ok", "problem"]),
+    ],
+)
+def test_a_trial_is_judged_by_round_trip_lateness_and_missed_ticks(changes, verdicts):
+    findings = judge_trial(report(**changes))
+    assert [finding.verdict.value for finding in findings] == verdicts
+    assert all(finding.scale for finding in findings)
+    assert all(bool(finding.to_do and finding.meaning) is (finding.verdict is not OK) for finding in findings)
+
+
+def test_bad_ticks_without_real_time_scheduling_ask_for_it_first():
+    _, lateness, _ = judge_trial(report(late_us=2000.0, scheduling="SCHED_OTHER (SCHED_FIFO refused: it needs root)"))
+    assert lateness.to_do[0].text.startswith("Permit SCHED_FIFO")
+    assert lateness.value.endswith("SCHED_OTHER")
+
+
+def test_a_slave_that_never_answers_is_a_problem():
+    (finding,) = judge_trial(report(round_trip_us=None))
+    assert finding.verdict is PROBLEM
+    assert "the slave answered no position" in finding.value
+
+
+@pytest.mark.parametrize("error", [OSError("no room"), UnavailableError("the slave ended"), KeyError("round_trip")])
+def test_a_trial_that_fails_is_a_finding(monkeypatch, error):
+    def fail():
+        raise error
+
+    monkeypatch.setattr(doctor, "run_trial", fail)
+    (finding,) = doctor.examine_trial()
+    assert finding.verdict is PROBLEM
+    assert "no session over loopback" in finding.value
+
+
+def test_a_trial_measures_whatever_keys_and_options_the_environment_names(monkeypatch):
+    for name in ("KEY", "MASTERS", "PEER_KEY", "MASTER_CODEC"):
+        monkeypatch.setenv(f"HAPTICNET_{name}", "/nowhere")
+    measured = run_trial(0.2)
+    assert measured["ticks"] + measured["missed_ticks"] > 50
+    assert len(judge_trial(measured)) == 3
