@@ -30,7 +30,7 @@ COMPILED: Final = (
 """What is compiled: the way of a force sample. What is pickled for other processes, such as laws, is not."""
 
 PLAIN: Final = {
-    "base.py": "protocols of user objects, which mypyc cannot check at run time",
+    "base.py": "protocols of user objects, which mypyc cannot check at run time, and what wraps such objects",
     "user.py": "wraps objects of users",
     "settings.py": "frozen settings that are pickled and replaced",
     "__init__.py": "nothing to gain",
@@ -39,16 +39,12 @@ PLAIN: Final = {
 
 PLAIN_FILES: Final = {
     "hapticnet/channel/emulator.py": "others derive from it",
-    "hapticnet/channel/jitter.py": "settings that users make",
-    "hapticnet/channel/loss.py": "settings that users make",
     "hapticnet/codec/plugins.py": "reads classes of users",
     "hapticnet/device/profile.py": "models of pydantic",
     "hapticnet/device/simulated.py": "settings that users make, and others derive from it",
     "hapticnet/node/offline.py": "derives from a plain class with slots",
     "hapticnet/protocol/key_files.py": "models of pydantic",
-    "hapticnet/scene/body.py": "models of pydantic",
-    "hapticnet/scene/config.py": "models of pydantic",
-    "hapticnet/scene/presets.py": "models of pydantic",
+    "hapticnet/scene/sources.py": "models of pydantic",
     "hapticnet/codec/recording.py": "numba compiles what it calls",
 }
 EXTENSIONS: Final = ("*__mypyc*.so", "hapticnet/**/*.so")

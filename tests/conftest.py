@@ -28,8 +28,8 @@ from hapticnet.protocol.handshake import SealedDoor
 from hapticnet.protocol.keys import MasterEntry, Roster
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.wire import SEALED
-from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
+from hapticnet.scene.sources import paper_scene
 from tests.peers import ENTRY, KEY, OTHER_ENTRY, SLAVE
 
 IN_CI = bool(os.environ.get("CI"))

@@ -4,8 +4,8 @@ import json
 import re
 import tomllib
 
-from hapticnet.channel.presets import PRESETS
-from hapticnet.scene.config import parse_scene
+from hapticnet.channel.spec import PRESETS
+from hapticnet.scene.sources import parse_scene
 from tests.ready import ROOT, hapticnet
 
 README = (ROOT / "README.md").read_text()

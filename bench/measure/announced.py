@@ -33,8 +33,8 @@ from hapticnet.samples import ForceSample, PositionSample
 from hapticnet.scene.ahead import REACH_M, LayerAhead
 from hapticnet.scene.base import Touchable
 from hapticnet.scene.measured import MeasuredScene
-from hapticnet.scene.presets import find_scene
 from hapticnet.scene.scene import Scene
+from hapticnet.scene.sources import find_scene
 
 Row = dict[str, Any]
 

@@ -27,8 +27,8 @@ from hapticnet.protocol.seal import EPOCH_BITS
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.wire import OPEN, SEALED
 from hapticnet.samples import PositionSample
-from hapticnet.scene.presets import find_scene
 from hapticnet.scene.scene import Scene
+from hapticnet.scene.sources import find_scene
 
 SECOND: Final = 1_000_000
 CYCLE_US: Final = 4 * SECOND

@@ -15,9 +15,7 @@ import numpy as np
 import record
 from felt_signals import KINDS, signals
 
-from hapticnet.channel.jitter import Jitter
-from hapticnet.channel.loss import BernoulliLoss
-from hapticnet.channel.settings import ChannelSettings
+from hapticnet.channel.settings import BernoulliLoss, ChannelSettings, Jitter
 from hapticnet.codec.registry import every_codec, make_codec
 from hapticnet.experiment.comparison import REPAIR_US
 from hapticnet.experiment.trial import Trial
@@ -47,7 +45,7 @@ something else drives the tool, or position and force were measured at different
 
 FIGURES: Final = ("exceed_jnd_fraction", "rmse_n", "created_share", "active_share", "packets_per_s")
 CONTROLLED: Final = ("raw", "deadband", "adaptive-predictive", "motion-predictive")
-"""Codecs that are tried with passivity control at the master, too; see `hapticnet.control.passivity`."""
+"""Codecs that are tried with passivity control at the master, too; see `hapticnet.control.hold`."""
 
 
 def measure(arguments: argparse.Namespace) -> Row:

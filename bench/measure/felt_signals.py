@@ -13,12 +13,9 @@ from rate_distortion_signals import recorded_signals
 
 from hapticnet.experiment.scene_force import scene_trial
 from hapticnet.experiment.trial import Trial
-from hapticnet.operator.palpation import PalpatingOperator, PalpationSettings
-from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
-from hapticnet.scene.body import BodySceneSettings
-from hapticnet.scene.presets import find_scene, paper_scene
-from hapticnet.scene.sources import make_scene
-from hapticnet.scene.tissue import SceneSettings, Tissue
+from hapticnet.operator.scripted import InsertionSettings, PalpatingOperator, PalpationSettings, ScriptedOperator
+from hapticnet.scene.settings import BodySceneSettings, SceneSettings, Tissue
+from hapticnet.scene.sources import find_scene, make_scene, paper_scene
 
 HAND: Final = InsertionSettings(insertions=2)
 THRUST: Final = InsertionSettings(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.control.force_settings import ForceControlSettings
-from hapticnet.control.limits import ForceLimiter, LimitSettings
+from hapticnet.control.hold import ForceLimiter, LimitSettings
 from hapticnet.device.base import Device, Reading
 from hapticnet.device.simulated import Finger, PlantSettings
 from hapticnet.experiment.paper_force import paper_recording
@@ -22,8 +22,8 @@ from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
-from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
+from hapticnet.scene.sources import paper_scene
 
 Numbers = NDArray[np.float64]
 

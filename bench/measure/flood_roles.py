@@ -30,8 +30,8 @@ from hapticnet.runtime.runners import run_master, run_slave
 from hapticnet.runtime.system import SystemEntropy, now_us, prefer_realtime, run
 from hapticnet.runtime.udp import HostPort, bound_address, host_of, listen
 from hapticnet.runtime.watching import Watcher
-from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
+from hapticnet.scene.sources import paper_scene
 
 SLAVE_KEY: Final = PrivateKey(bytes(range(32)))
 MASTER_KEY: Final = PrivateKey(bytes(range(1, 33)))

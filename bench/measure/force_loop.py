@@ -20,7 +20,7 @@ from force_scenarios import FROM_N, SEED_SHIFT_US, TICK_US, TO_N, Row, largest_r
 
 from hapticnet.control.finger import compressed
 from hapticnet.control.force_settings import ForceControlSettings
-from hapticnet.control.limits import LimitSettings
+from hapticnet.control.hold import LimitSettings
 from hapticnet.device.base import Device, Reading
 from hapticnet.device.servos import ROUNDING, Linkage
 from hapticnet.device.simulated import Finger, PlantSettings

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from hapticnet.control.force_settings import ForceControlSettings
-from hapticnet.control.limits import LimitSettings
+from hapticnet.control.hold import LimitSettings
 from hapticnet.device.base import Reading
 from hapticnet.device.simulated import Finger, PlantSettings, SimulatedDevice, loading_calibration
 from hapticnet.hardware import MAX_FORCE_N

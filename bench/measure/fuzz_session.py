@@ -21,8 +21,8 @@ from hapticnet.protocol.mac import hello_mac
 from hapticnet.protocol.messages import COOKIE_BYTES, TICKET_BYTES, unpack_cookie
 from hapticnet.protocol.noise import Initiator
 from hapticnet.protocol.wire import OPEN, SEALED, Kind, pack, pack_body, unpack, unpack_nonce
-from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
+from hapticnet.scene.sources import paper_scene
 
 Source = tuple[str, int]
 

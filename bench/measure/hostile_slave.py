@@ -29,7 +29,7 @@ from force_loop import FINGERS_N_M
 from force_scenarios import SEED_SHIFT_US, TICK_US, Simulated, started
 
 from hapticnet.control.force_settings import ForceControlSettings
-from hapticnet.control.limits import LimitSettings
+from hapticnet.control.hold import LimitSettings
 from hapticnet.device.simulated import Finger, PlantSettings
 from hapticnet.hardware import MAX_FORCE_N
 from hapticnet.node.fingertip import Fingertip

@@ -31,8 +31,8 @@ from hapticnet.runtime.timer import Ticker
 from hapticnet.runtime.udp import HostPort, open_toward
 from hapticnet.runtime.watching import Watcher
 from hapticnet.samples import PositionSample
-from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
+from hapticnet.scene.sources import paper_scene
 
 SCENE_SEED: Final = 1
 PERIOD_US: Final = 1000

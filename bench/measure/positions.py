@@ -22,9 +22,9 @@ from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.wire import Kind
 from hapticnet.samples import PositionSample
-from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
-from hapticnet.scene.tissue import Tissue
+from hapticnet.scene.settings import Tissue
+from hapticnet.scene.sources import paper_scene
 from hapticnet.vectors import single
 
 Row = dict[str, Any]

@@ -9,9 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from hapticnet.channel.emulator import Emulator
-from hapticnet.channel.jitter import Jitter
-from hapticnet.channel.loss import GilbertElliottLoss
-from hapticnet.channel.settings import ChannelSettings
+from hapticnet.channel.settings import ChannelSettings, GilbertElliottLoss, Jitter
 from hapticnet.codec.schemes.raw import Raw
 from hapticnet.measure.metrics import error_report
 from hapticnet.node.loopback import Loopback
@@ -27,8 +25,8 @@ from hapticnet.protocol.repair import RepairSettings
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.wire import UDP_IPV4_HEADER_BYTES, Kind, unpack
 from hapticnet.samples import ForceSample, PositionSample
-from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
+from hapticnet.scene.sources import paper_scene
 
 WAYS: Final = {
     "no repair": RepairSettings(replaces=False, repeats=False, paces=False),

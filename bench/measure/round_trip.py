@@ -28,8 +28,8 @@ from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.runtime.runners import run_master, run_slave
 from hapticnet.runtime.system import SystemEntropy, prefer_realtime, run
 from hapticnet.runtime.udp import HostPort, bound_address, host_of, listen, open_toward
-from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
+from hapticnet.scene.sources import paper_scene
 
 SETTLED_S = 0.5
 """Time after the first position that is not measured."""

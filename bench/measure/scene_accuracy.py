@@ -16,9 +16,9 @@ import numpy.typing as npt
 import record
 
 from hapticnet.samples import PositionSample
-from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
-from hapticnet.scene.tissue import Tissue
+from hapticnet.scene.settings import Tissue
+from hapticnet.scene.sources import paper_scene
 
 Array = npt.NDArray[np.float64]
 Row = dict[str, Any]

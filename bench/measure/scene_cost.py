@@ -11,10 +11,9 @@ import record
 
 from hapticnet.samples import PositionSample, Vector
 from hapticnet.scene.bodies import BodyScene
-from hapticnet.scene.body import BodySceneSettings
-from hapticnet.scene.presets import find_scene, paper_scene
 from hapticnet.scene.scene import Scene
-from hapticnet.scene.tissue import Tissue
+from hapticnet.scene.settings import BodySceneSettings, Tissue
+from hapticnet.scene.sources import find_scene, paper_scene
 
 LAYERS = (3, 10, 100, 1_000, 10_000)
 FEATURES: dict[str, dict[str, float]] = {

@@ -15,8 +15,7 @@ import numpy as np
 import record
 
 from hapticnet.channel.emulator import Emulator
-from hapticnet.channel.loss import BernoulliLoss
-from hapticnet.channel.settings import ChannelSettings
+from hapticnet.channel.settings import BernoulliLoss, ChannelSettings
 from hapticnet.measure.energy import energy_report
 from hapticnet.measure.metrics import error_report
 from hapticnet.node.loopback import Loopback
@@ -27,8 +26,8 @@ from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import PositionSample
-from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
+from hapticnet.scene.sources import paper_scene
 
 Row = dict[str, Any]
 

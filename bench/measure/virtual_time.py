@@ -17,9 +17,9 @@ from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
-from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
-from hapticnet.scene.tissue import Tissue
+from hapticnet.scene.settings import Tissue
+from hapticnet.scene.sources import paper_scene
 
 CASES = {
     "no device": ("perfect", False),

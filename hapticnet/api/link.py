@@ -23,12 +23,12 @@ from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings, Positions
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_settings import SlaveSettings
-from hapticnet.operator.hands import scripted_hand
-from hapticnet.operator.user import HasSample, UserOperator
+from hapticnet.operator.base import HasSample, UserOperator
+from hapticnet.operator.scripted import scripted_hand
+from hapticnet.scene.base import HasStep
 from hapticnet.scene.bodies import BodyScene
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.sources import as_touchable, find_source
-from hapticnet.scene.user import HasStep
 
 if TYPE_CHECKING:
     from hapticnet.operator.base import Operator

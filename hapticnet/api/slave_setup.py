@@ -18,9 +18,8 @@ from hapticnet.protocol.settings import SessionSettings
 from hapticnet.runtime.system import SystemEntropy, now_us
 from hapticnet.runtime.trust import SlaveTrust, slave_trust
 from hapticnet.runtime.udp import HostPort, SocketAddress, bound_address, host_of, is_loopback, listen, parse_host_port
-from hapticnet.scene.base import Touchable
+from hapticnet.scene.base import HasStep, Touchable
 from hapticnet.scene.sources import as_touchable, find_source
-from hapticnet.scene.user import HasStep
 
 if TYPE_CHECKING:
     import socket

@@ -8,8 +8,7 @@ from typing import Final, Generic, TypeVar
 
 import numpy as np
 
-from hapticnet.channel.loss import BernoulliLoss
-from hapticnet.channel.settings import ChannelSettings
+from hapticnet.channel.settings import BernoulliLoss, ChannelSettings
 
 T = TypeVar("T")
 

@@ -1,18 +1,344 @@
-"""Settings of one direction of an emulated network."""
+"""Settings of one direction of an emulated network, each with the text in which a channel specification gives it."""
 
+import itertools
+import math
+import re
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal, TypeAlias, get_args
 
-from hapticnet.channel.jitter import Jitter
-from hapticnet.channel.loss import Loss
-from hapticnet.channel.quantities import (
-    FASTEST_BIT_PER_S,
-    LONGEST_US,
-    format_rate,
-    format_share,
-    format_time,
-)
-from hapticnet.checks import check_parameter
+import numpy as np
+
+from hapticnet.checks import check_above, check_parameter
+from hapticnet.errors import SettingsError
+
+LONGEST_US: Final = 3_600_000_000
+"""Longest time [µs] in a channel's settings: one hour, far beyond any link that carries touch."""
+
+FASTEST_BIT_PER_S: Final = 10**12
+"""Fastest bottleneck [bit/s]: 1 Tbit/s, where a packet takes less than a nanosecond."""
+
+_TIME_UNITS: Final = {"us": 1, "µs": 1, "ms": 1_000, "s": 1_000_000}
+_RATE_UNITS: Final = {"bit/s": 1, "kbit/s": 10**3, "mbit/s": 10**6, "gbit/s": 10**9}
+_QUANTITY: Final = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)\s*(\D*)", re.ASCII | re.IGNORECASE)
+
+
+def parse_time_us(text: str) -> int:
+    """Return a time such as 20ms in whole microseconds."""
+    return _whole(
+        text, _TIME_UNITS, LONGEST_US, f"a time such as 20ms, in us, ms or s, up to {format_time(LONGEST_US)}"
+    )
+
+
+def parse_rate_bit_per_s(text: str) -> int:
+    """Return a rate such as 1Mbit/s in whole bits per second."""
+    expected = f"a rate such as 1Mbit/s, in bit/s, kbit/s, Mbit/s or Gbit/s, up to {format_rate(FASTEST_BIT_PER_S)}"
+    return _whole(text, _RATE_UNITS, FASTEST_BIT_PER_S, expected)
+
+
+def parse_share(text: str) -> float:
+    """Return a share such as 2% or 0.02 as a fraction of 1."""
+    number, unit = _number_and_unit(text)
+    # float("7") / 100 is the double nearest to 0.07; 7 * 0.01 is not.
+    share = number / 100.0 if unit == "%" else number
+    if unit not in ("", "%") or not 0.0 <= share <= 1.0:
+        raise SettingsError(f'"{text[:60]}" is not a share such as 2% or 0.02, from 0% to 100%')
+    return share
+
+
+def parse_number(text: str) -> float:
+    """Return a bare number."""
+    number, unit = _number_and_unit(text)
+    if unit:
+        raise SettingsError(f'"{text[:60]}" is not a bare number such as 3')
+    return number
+
+
+def format_time(time_us: int) -> str:
+    """Return a time as a whole number in the largest possible unit."""
+    return _in_largest_unit(time_us, {"s": 1_000_000, "ms": 1_000, "us": 1})
+
+
+def time_in_words(time_us: int) -> str:
+    """Return a time as `format_time` does, with a space before the unit, for sentences."""
+    return re.sub(r"(?<=\d)(?=[a-z])", " ", format_time(time_us))
+
+
+def format_rate(rate_bit_per_s: int) -> str:
+    """Return a rate as a whole number in the largest possible unit."""
+    return _in_largest_unit(rate_bit_per_s, {"Gbit/s": 10**9, "Mbit/s": 10**6, "kbit/s": 10**3, "bit/s": 1})
+
+
+def format_share(share: float) -> str:
+    """Return a share in percent if that reads back as the same number, else as a fraction of 1."""
+    percent = f"{share * 100.0:.12g}"
+    return f"{percent}%" if float(percent) / 100.0 == share else repr(share)
+
+
+def _number_and_unit(text: str) -> tuple[float, str]:
+    match = _QUANTITY.fullmatch(text.strip())
+    return (float(match[1]), match[2].strip().lower()) if match else (float("nan"), "")
+
+
+def _whole(text: str, units: Mapping[str, int], largest: int, expected: str) -> int:
+    number, unit = _number_and_unit(text)
+    value = number * units.get(unit, float("nan"))
+    # NaN compares false with everything, so this form rejects it too.
+    if not 0.0 <= value <= largest:
+        raise SettingsError(f'"{text[:60]}" is not {expected}')
+    return round(value)
+
+
+def _in_largest_unit(value: int, units: Mapping[str, int]) -> str:
+    unit = next(unit for unit, size in units.items() if value % size == 0)
+    return f"{value // units[unit]}{unit}"
+
+
+BLOCK: Final = 1024
+"""Random numbers drawn at a time; drawing one at a time would dominate the cost of a packet."""
+
+LONGEST_PATTERN: Final = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class BernoulliLoss:
+    """Each packet is lost independently with the same probability.
+
+    Attributes
+    ----------
+    probability
+        Probability that a packet is lost, 0 to 1.
+
+    Raises
+    ------
+    SettingsError
+        If the probability is not between 0 and 1.
+    """
+
+    probability: float
+
+    def __post_init__(self) -> None:
+        check_parameter("loss probability", self.probability, 0, 1)
+
+    @property
+    def mean(self) -> float:
+        """Long-term share of lost packets."""
+        return self.probability
+
+    def describe(self) -> str:
+        """Return the text that `parse_loss` reads."""
+        return format_share(self.probability)
+
+    def fates(self, rng: np.random.Generator) -> Iterator[bool]:
+        """Yield whether each packet in turn is lost."""
+        while True:
+            yield from (rng.random(BLOCK) < self.probability).tolist()
+
+
+@dataclass(frozen=True, slots=True)
+class GilbertElliottLoss:
+    """Losses in bursts: a Markov chain with a good and a bad state that takes one step per packet.
+
+    Gilbert, "Capacity of a burst-noise channel", Bell System Technical Journal 39 (1960) 1253–1265, with k = 1;
+    Elliott, "Estimates of error rates for codes on burst-noise channels", same journal 42 (1963) 1977–1997, with
+    k below 1. The chain is in the bad state for a share p / (p + r) of the packets, so the stationary loss rate is
+    ``(1 − h)·p/(p + r) + (1 − k)·r/(p + r)``; a burst in the bad state lasts 1/r packets on average. The chain starts
+    in its stationary distribution.
+
+    Attributes
+    ----------
+    p
+        Probability of a transition from the good to the bad state.
+    r
+        Probability of a transition from the bad to the good state.
+    h
+        Probability that a packet is delivered in the bad state; 0 by default.
+    k
+        Probability that a packet is delivered in the good state; 1 by default.
+
+    Raises
+    ------
+    SettingsError
+        If a probability is not between 0 and 1, or p and r are both 0, which has no stationary state.
+    """
+
+    p: float
+    r: float
+    h: float = 0.0
+    k: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name, share in (("p", self.p), ("r", self.r), ("h", self.h), ("k", self.k)):
+            check_parameter(f"loss gilbert: {name}", share, 0, 1)
+        if self.p + self.r == 0.0:
+            raise SettingsError("loss gilbert: p and r are both 0; the state would never change")
+
+    @property
+    def mean(self) -> float:
+        """Long-term share of lost packets."""
+        bad = self.p / (self.p + self.r)
+        return (1.0 - self.h) * bad + (1.0 - self.k) * (1.0 - bad)
+
+    def describe(self) -> str:
+        """Return the text that `parse_loss` reads."""
+        return "gilbert:" + ",".join(format_share(share) for share in (self.p, self.r, self.h, self.k))
+
+    def fates(self, rng: np.random.Generator) -> Iterator[bool]:
+        """Yield whether each packet in turn is lost."""
+        to_bad, stay_bad, loss_good, loss_bad = self.p, 1.0 - self.r, 1.0 - self.k, 1.0 - self.h
+        bad = bool(rng.random() < self.p / (self.p + self.r))
+        while True:
+            for loss_draw, state_draw in rng.random((BLOCK, 2)).tolist():
+                yield loss_draw < (loss_bad if bad else loss_good)
+                bad = state_draw < (stay_bad if bad else to_bad)
+
+
+@dataclass(frozen=True, slots=True)
+class PatternLoss:
+    """Losses by an explicit pattern, repeated forever.
+
+    Attributes
+    ----------
+    pattern
+        One character per packet: 1 is lost, 0 is delivered.
+
+    Raises
+    ------
+    SettingsError
+        If the pattern is empty, too long or contains characters other than 0 and 1.
+    """
+
+    pattern: str
+
+    def __post_init__(self) -> None:
+        if not 1 <= len(self.pattern) <= LONGEST_PATTERN or set(self.pattern) - {"0", "1"}:
+            raise SettingsError(
+                f'loss pattern is "{self.pattern[:40]}"; it must be 1 to {LONGEST_PATTERN} characters 0 '
+                "(delivered) or 1 (lost), such as 0010110"
+            )
+
+    @property
+    def mean(self) -> float:
+        """Long-term share of lost packets."""
+        return self.pattern.count("1") / len(self.pattern)
+
+    def describe(self) -> str:
+        """Return the text that `parse_loss` reads."""
+        return f"pattern:{self.pattern}"
+
+    def fates(self, _rng: np.random.Generator) -> Iterator[bool]:
+        """Yield whether each packet in turn is lost; the generator is not used."""
+        return itertools.cycle([mark == "1" for mark in self.pattern])
+
+
+Loss: TypeAlias = BernoulliLoss | GilbertElliottLoss | PatternLoss
+
+
+def parse_loss(text: str) -> Loss:
+    """Return the loss written as ``2%``, ``gilbert:p,r[,h[,k]]`` or ``pattern:0010110``.
+
+    Raises
+    ------
+    SettingsError
+        If it has another form.
+    """
+    model, colon, arguments = text.partition(":")
+    if not colon:
+        return BernoulliLoss(parse_share(text))
+    if model == "pattern":
+        return PatternLoss(arguments)
+    shares = arguments.split(",")
+    if model == "gilbert" and 2 <= len(shares) <= 4:
+        return GilbertElliottLoss(*(parse_share(share) for share in shares))
+    raise SettingsError(f'"{text[:60]}" is not a loss such as 2%, gilbert:p,r[,h[,k]] or pattern:0010110')
+
+
+Distribution: TypeAlias = Literal["normal", "uniform", "pareto"]
+
+DISTRIBUTIONS: Final = get_args(Distribution)
+DEFAULT_SHAPE: Final = 3.0
+LARGEST_SHAPE: Final = 1000.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Jitter:
+    """A random delay, never negative, added to the constant one.
+
+    Queues and retransmissions only add to the propagation time, so each distribution starts at 0. All are scaled to the
+    same standard deviation σ, so one can replace another:
+
+    ========== ==================================================================== ===================
+    uniform    from 0 to σ·√12                                                      mean 1.732 σ
+    normal     half-normal, ``|N(0, s)|`` with s = σ/√(1 − 2/π)                     mean 1.324 σ
+    pareto     Lomax (Pareto II): survival ``(1 + x/λ)^−α`` of the delay x, with    mean σ·√((α − 2)/α)
+               λ = σ·(α − 1)·√((α − 2)/α)
+    ========== ==================================================================== ===================
+
+    Attributes
+    ----------
+    distribution
+        One of normal, uniform, pareto.
+    deviation_us
+        Standard deviation σ [µs].
+    shape
+        α of the Pareto distribution, above 2; smaller values give a heavier tail. Not used by the other two.
+    keeps_order
+        Whether a packet waits for earlier ones (a queue) or may overtake them (multiple paths).
+
+    Raises
+    ------
+    SettingsError
+        If a value is unknown or out of range.
+    """
+
+    distribution: Distribution
+    deviation_us: int
+    shape: float = DEFAULT_SHAPE
+    keeps_order: bool = True
+
+    def __post_init__(self) -> None:
+        if self.distribution not in DISTRIBUTIONS:
+            raise SettingsError(f'jitter is "{self.distribution}"; it must be one of {", ".join(DISTRIBUTIONS)}')
+        check_parameter("jitter deviation", self.deviation_us, 0, LONGEST_US, "µs")
+        if self.distribution != "pareto" and self.shape != DEFAULT_SHAPE:
+            raise SettingsError(f"jitter shape is {self.shape}; only pareto has a shape")
+        # At 2 and below, a Pareto distribution has no standard deviation.
+        check_above("jitter shape", self.shape, 2, LARGEST_SHAPE)
+
+    def describe(self) -> str:
+        """Return the text that `parse_jitter` reads."""
+        shape = f":{self.shape!r}" if self.distribution == "pareto" else ""
+        return f"{self.distribution}:{format_time(self.deviation_us)}{shape}"
+
+    def delays_us(self, rng: np.random.Generator) -> Iterator[int]:
+        """Yield the delay [µs] of each packet in turn."""
+        alpha = self.shape
+        while True:
+            match self.distribution:
+                case "uniform":
+                    block = rng.random(BLOCK) * math.sqrt(12.0)
+                case "normal":
+                    block = np.abs(rng.standard_normal(BLOCK)) / math.sqrt(1.0 - 2.0 / math.pi)
+                case "pareto":
+                    block = rng.pareto(alpha, BLOCK) * ((alpha - 1.0) * math.sqrt((alpha - 2.0) / alpha))
+            yield from np.rint(block * self.deviation_us).astype(np.int64).tolist()
+
+
+def parse_jitter(text: str) -> Jitter:
+    """Return the jitter written as ``normal:5ms``, ``uniform:5ms`` or ``pareto:5ms[:shape]``.
+
+    Raises
+    ------
+    SettingsError
+        If it has another form.
+    """
+    match text.split(":"):
+        case [("normal" | "uniform" | "pareto") as distribution, deviation]:
+            return Jitter(distribution=distribution, deviation_us=parse_time_us(deviation))
+        case ["pareto", deviation, shape]:
+            return Jitter(distribution="pareto", deviation_us=parse_time_us(deviation), shape=parse_number(shape))
+    raise SettingsError(f'"{text[:60]}" is not a jitter such as normal:5ms, uniform:5ms or pareto:5ms[:3]')
+
 
 DEFAULT_HOLD_BACK_US: Final = 10_000
 """Time [µs] a reordered packet is held back: ten packets of a 1 kHz stream overtake it."""

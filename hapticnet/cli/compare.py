@@ -75,7 +75,7 @@ def compare(
     import json as json_module
     import os
 
-    from hapticnet.channel.quantities import parse_time_us
+    from hapticnet.channel.settings import parse_time_us
     from hapticnet.cli.compare_trials import recorded_trials, scene_trials
     from hapticnet.cli.console import Console, check_needed, check_new, check_outputs, write_text
     from hapticnet.codec.registry import all_codecs, register_installed_codecs
@@ -169,7 +169,7 @@ def _account(trials: "list[Trial]", rows: "list[Row]") -> dict[str, Any]:
 
 def _grid(texts: list[str], multipliers: str, weber: float, floor: float, loss: str) -> dict[str, list[float]]:
     """Return the values of the law, the loss and the codecs' parameters; a grid takes the place of an option."""
-    from hapticnet.channel.quantities import parse_share
+    from hapticnet.channel.settings import parse_share
     from hapticnet.errors import SettingsError
     from hapticnet.experiment.grid import parse_grid
 

@@ -38,7 +38,7 @@ def scene_trials(
     import numpy as np
 
     from hapticnet.experiment.scene_force import placed, scene_trial
-    from hapticnet.operator.hands import scripted_hand
+    from hapticnet.operator.scripted import scripted_hand
     from hapticnet.operator.trace import TraceOperator
     from hapticnet.recordings.recording import load_motion
     from hapticnet.scene.sources import find_source

@@ -14,14 +14,14 @@ def codec_names(incomplete: str) -> list[str]:
 
 def scene_names(incomplete: str) -> list[str]:
     """Return the built-in scenes; for anything else, the shell completes files."""
-    from hapticnet.scene.presets import scene_names as presets
+    from hapticnet.scene.sources import scene_names as presets
 
     return _starting(incomplete, ["paper", *presets()])
 
 
 def channel_names(incomplete: str) -> list[str]:
     """Return the presets of the emulated network."""
-    from hapticnet.channel.presets import PRESETS
+    from hapticnet.channel.spec import PRESETS
 
     return _starting(incomplete, PRESETS)
 

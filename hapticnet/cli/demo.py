@@ -66,8 +66,8 @@ def demo(
     from hapticnet.perception import WeberLaw
     from hapticnet.runtime.devices import check_device
     from hapticnet.runtime.nano import simavr_build
-    from hapticnet.scene.body import BodySceneSettings
-    from hapticnet.scene.presets import find_scene
+    from hapticnet.scene.settings import BodySceneSettings
+    from hapticnet.scene.sources import find_scene
 
     name, parameters = parse_codec(codec)
     make_codec(name, WeberLaw(), parameters)  # refuse it before anything is played

@@ -45,10 +45,10 @@ def make_operator(
     """
     import numpy as np
 
+    from hapticnet.operator.base import UserOperator
     from hapticnet.operator.live import LiveHand
     from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
     from hapticnet.operator.trace import load_trace
-    from hapticnet.operator.user import UserOperator
     from hapticnet.runtime.watching import Closing
 
     found = check_operator(spec)
@@ -61,7 +61,7 @@ def make_operator(
     if spec == "scripted":
         return Hand(ScriptedOperator(InsertionSettings(insertions=insertions), np.random.default_rng([seed, 3])))
     if kind == "palpation":
-        from hapticnet.operator.palpation import PalpatingOperator, PalpationSettings
+        from hapticnet.operator.scripted import PalpatingOperator, PalpationSettings
 
         motion = PalpationSettings(palpations=insertions, axes=2 if rest == "axes=2" else 3)
         return Hand(PalpatingOperator(motion, np.random.default_rng([seed, 3])))

@@ -20,9 +20,8 @@ def show(scene: Spec = "paper:0", json: options.Json = False, report: options.Re
     from dataclasses import asdict
 
     from hapticnet.cli.console import check_outputs, deliver
-    from hapticnet.scene.body import BodySceneSettings
-    from hapticnet.scene.presets import find_scene, scene_names
-    from hapticnet.scene.sources import UserSource, find_source
+    from hapticnet.scene.settings import BodySceneSettings
+    from hapticnet.scene.sources import UserSource, find_scene, find_source, scene_names
 
     source = find_source(scene)
     check_outputs(report, inputs=[source.file])

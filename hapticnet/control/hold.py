@@ -1,13 +1,90 @@
-"""Zero-order hold with an age limit: the force between two packets and after the last one."""
+"""What stands between a decoded force and the controller: passivity, hold with an age limit, clamp and slew limit."""
 
 import math
 from dataclasses import dataclass
 from typing import Final
 
 from hapticnet.checks import axes_of, check_above, check_parameter
-from hapticnet.control.limits import LONGEST_STEP_US, SLEW_N_PER_S
 from hapticnet.errors import SampleError, SettingsError
+from hapticnet.hardware import MAX_FORCE_N
 from hapticnet.samples import MAX_AXES, Vector
+from hapticnet.vectors import along, dot, magnitude, minus, plus
+
+SLEW_N_PER_S: Final = 50.0
+"""Largest rate of rise [N/s] of the target, and of the held force after the link recovers (``hold.py``). An assumption:
+0 to 5 N in 100 ms is two thirds of what the HS-55 can do with a 12 mm arm against a 1 N/mm finger (74 mm/s), so correct
+stimuli are not delayed and a wrong one does not strike."""
+
+LONGEST_STEP_US: Final = 20_000
+"""Longest time [µs] between two calls that lets a force rise: one servo frame. A process that was paused does not make
+up for the pause in one step: the force then rises by at most 1 N at the default slew limit. Calls at less than 50 Hz
+make a force rise more slowly than the limit."""
+
+PAUSE_US: Final = 150_000
+"""Time [µs] without a call after which the target restarts from 0. The firmware retracts 190 ms after the last
+setpoint, so the platform may be anywhere by then, and a target still held would be reached at the servos' speed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LimitSettings:
+    """Limits of the target force.
+
+    Attributes
+    ----------
+    max_force_n
+        Largest target force [N].
+    slew_n_per_s
+        Largest rate of rise [N/s].
+
+    Raises
+    ------
+    SettingsError
+        If a limit is not finite and positive, or exceeds the limit of the device.
+    """
+
+    max_force_n: float = MAX_FORCE_N
+    slew_n_per_s: float = SLEW_N_PER_S
+
+    def __post_init__(self) -> None:
+        check_above("largest force", self.max_force_n, 0, MAX_FORCE_N, "N")
+        check_above("slew limit", self.slew_n_per_s, 0, 1e6, "N/s")
+
+
+class ForceLimiter:
+    """Clamp and slew limit for a device that can only press.
+
+    The target lies between 0 and the largest force and never rises faster than the slew limit. It falls without a
+    limit: the platform then moves away from the finger, and a delay would only prolong an unwanted force. A force that
+    is not finite and positive sets the target to 0, and so does a pause of `PAUSE_US` between two calls.
+    """
+
+    __slots__ = ("_force_n", "_max_force_n", "_now_us", "_slew_n_per_us")
+
+    def __init__(self, settings: LimitSettings) -> None:
+        self._max_force_n = settings.max_force_n
+        self._slew_n_per_us = settings.slew_n_per_s * 1e-6
+        self._force_n = 0.0
+        self._now_us: int | None = None
+
+    def limit(self, force_n: float, now_us: int) -> float:
+        """Return the force [N] nearest to `force_n` that the limits allow; the first call returns 0."""
+        before_us = self._now_us
+        self._now_us = now_us
+        # NaN compares false with everything, so this form rejects it too.
+        if not 0.0 < force_n < math.inf:
+            self._force_n = 0.0
+            return 0.0
+        elapsed_us = now_us - before_us if before_us is not None and now_us > before_us else 0
+        if elapsed_us >= PAUSE_US:
+            self._force_n, elapsed_us = 0.0, 0
+        if elapsed_us > LONGEST_STEP_US:
+            elapsed_us = LONGEST_STEP_US
+        highest_n = self._force_n + self._slew_n_per_us * elapsed_us
+        if self._max_force_n < highest_n:
+            highest_n = self._max_force_n
+        self._force_n = highest_n if highest_n < force_n else force_n
+        return self._force_n
+
 
 LONGEST_US: Final = 10_000_000
 """Longest age limit or decay [µs]; no application needs to hold a stimulus longer than ten seconds."""
@@ -58,7 +135,7 @@ class Hold:
     The force is a share (0 to 1) of the stimulus. The share decays while the link is stale. When the link recovers, at
     the first stimulus, and at the first one after `restart`, the share rises so that the magnitude of the force grows
     by at most `rise_n_per_s`, until it is whole again. A stimulus of which the whole is applied may change at any rate;
-    the limits at the device (``limits.py``) follow.
+    the limits at the device (``hold.py``) follow.
 
     Age is the sum of the forward differences of the time stamps, so a clock that jumps backward never makes a stimulus
     younger, and one that jumps forward makes it stale.
@@ -187,3 +264,72 @@ class Hold:
         self._whole = wanted_n <= highest_n
         self._share = 1.0 if self._whole else highest_n / wanted_n
         self._applied_n = min(wanted_n, highest_n)
+
+
+SMALLEST_SQUARE_M2: Final = 1e-18
+"""Squared movement [m²] between two ticks below which nothing is done: a nanometre."""
+
+
+class PassivityController:
+    """Observer and controller of one port.
+
+    Every contact has an account of its own, which begins at zero: else the energy that a breach takes up would pay for
+    what is created later.
+
+    Parameters
+    ----------
+    axes
+        Number of axes.
+    contact_n
+        Force [N] above which there is contact.
+
+    Attributes
+    ----------
+    energy_j
+        Work of the hand in this contact so far [J], less what it got back.
+    damped_j
+        Energy [J] that damping has taken, in all contacts.
+    """
+
+    __slots__ = ("_applied_n", "_position_m", "_zero_n", "contact_n", "damped_j", "energy_j")
+
+    def __init__(self, axes: int, contact_n: float) -> None:
+        self.energy_j = 0.0
+        self.damped_j = 0.0
+        self.contact_n = contact_n
+        self._zero_n: Vector = (0.0,) * axes
+        self._applied_n = self._zero_n
+        self._position_m: Vector | None = None
+
+    def limit(self, force_n: Vector, position_m: Vector) -> Vector:
+        """Return the force [N] to apply until the next tick.
+
+        It is `force_n`, plus damping along the motion if the account would become negative with another movement like
+        the last one. Damping never exceeds the force: it neither turns it round nor more than doubles it.
+
+        Parameters
+        ----------
+        force_n
+            Force [N], positive when it pushes the tool out.
+        position_m
+            Position of the tool [m], which grows inward.
+        """
+        before_m, self._position_m = self._position_m, position_m
+        if before_m is None:
+            self._applied_n = force_n
+            return force_n
+        move_m = minus(position_m, before_m)
+        # The mean of both ends, so that a spring gives back what it took. A force that is held from tick to tick gives
+        # back a little more; that is so without a network, too, and much less than a person can tell.
+        self.energy_j += 0.5 * dot(plus(self._applied_n, force_n), move_m)
+        size_n = magnitude(force_n)
+        if size_n <= self.contact_n and magnitude(self._applied_n) <= self.contact_n:
+            self.energy_j = 0.0
+        square_m2 = dot(move_m, move_m)
+        expected_j = self.energy_j + 0.5 * dot(force_n, move_m)
+        if expected_j < 0.0 and square_m2 > SMALLEST_SQUARE_M2:
+            share = min(-2.0 * expected_j / square_m2, size_n / math.sqrt(square_m2))
+            self.damped_j += share * square_m2
+            force_n = along(force_n, share, move_m)
+        self._applied_n = force_n
+        return force_n

@@ -14,7 +14,7 @@ from hapticnet.node.recording import axis_columns
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.wire import UDP_IPV4_HEADER_BYTES
 from hapticnet.samples import MAX_AXES
-from hapticnet.scene.tissue import Tissue
+from hapticnet.scene.settings import Tissue
 
 Columns = Mapping[str, FloatArray]
 """A recording: columns by name, shape (n,) each; see `node.recording`."""

@@ -11,9 +11,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from hapticnet.channel.loss import BernoulliLoss
-from hapticnet.channel.quantities import LONGEST_US
-from hapticnet.channel.settings import ChannelSettings
+from hapticnet.channel.settings import LONGEST_US, BernoulliLoss, ChannelSettings
 from hapticnet.checks import check_parameter
 from hapticnet.codec.base import Codec, Encoding
 from hapticnet.codec.recording import encode_array, encode_lossy, encode_streamed

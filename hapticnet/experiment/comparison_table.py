@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
-from hapticnet.channel.quantities import format_share, time_in_words
+from hapticnet.channel.settings import format_share, time_in_words
 from hapticnet.experiment.comparison import REPAIR_US, Row
 from hapticnet.experiment.latex import PACKAGES, escaped, row, table
 from hapticnet.experiment.summary import METHOD, Block, Line, blocks, means

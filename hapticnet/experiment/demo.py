@@ -23,7 +23,7 @@ from hapticnet.recordings.tables import read_csv
 from hapticnet.runtime.overload import signs
 from hapticnet.runtime.processes import Child
 from hapticnet.runtime.system import OTHER
-from hapticnet.scene.tissue import Tissue
+from hapticnet.scene.settings import Tissue
 
 POLL_S: Final = 0.1
 CONNECT_TIMEOUT_S: Final = 10.0

@@ -10,8 +10,8 @@ from hapticnet.arrays import FloatArray
 from hapticnet.checks import check_above
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.samples import PositionSample
-from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
+from hapticnet.scene.sources import paper_scene
 
 DEFAULT_MOTION: Final = InsertionSettings()
 

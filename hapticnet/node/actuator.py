@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
-from hapticnet.control.limits import ForceLimiter, LimitSettings
+from hapticnet.control.hold import ForceLimiter, LimitSettings
 from hapticnet.device.base import Reading
 from hapticnet.device.user import UserActuator
 from hapticnet.node.fingertip import DeviceFound, FingertipEvent

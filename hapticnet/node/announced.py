@@ -10,8 +10,7 @@ from hapticnet.codec.base import Decoder
 from hapticnet.errors import PeerError
 from hapticnet.node.model_wire import OF_CODEC, unpack_model
 from hapticnet.samples import Vector
-from hapticnet.scene.ahead import LayerAhead
-from hapticnet.scene.contact_model import ContactModel
+from hapticnet.scene.ahead import ContactModel, LayerAhead
 
 MOST_REMEMBERED: Final = 1024
 """Positions that are remembered: those of a second at 1 kHz. The oldest force that is applied is as old."""

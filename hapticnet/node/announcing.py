@@ -15,9 +15,8 @@ from hapticnet.node.announced import AnnouncedDecoder
 from hapticnet.node.model_wire import OF_CODEC, pack_model, unpack_model
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector
-from hapticnet.scene.ahead import MOST_LAYERS, LayerAhead, LookAhead, stiffest_at, too_stiff
+from hapticnet.scene.ahead import MOST_LAYERS, ContactModel, LayerAhead, LookAhead, stiffest_at, too_stiff
 from hapticnet.scene.base import Touchable, look_ahead_of
-from hapticnet.scene.contact_model import ContactModel
 from hapticnet.vectors import distance, magnitude
 
 LOOK_EVERY_US: Final = 5_000

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from hapticnet.codec.base import Codec, Decoder, Predictive
-from hapticnet.codec.positions.sending import Difference
+from hapticnet.codec.positions import Difference
 from hapticnet.control.hold import Hold, HoldSettings
 from hapticnet.node.announced import Allowance, AnnouncedDecoder
 from hapticnet.node.bounded import BoundedDecoder, receiver

@@ -13,7 +13,7 @@ from hapticnet.arrays import FloatArray, IntArray
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.settings import ChannelSettings
 from hapticnet.codec.base import Codec
-from hapticnet.control.passivity import PassivityController
+from hapticnet.control.hold import PassivityController
 from hapticnet.errors import PeerError
 from hapticnet.node.bounded import receiver
 from hapticnet.samples import Vector

@@ -2,8 +2,7 @@
 
 from typing import Final
 
-from hapticnet.codec.positions.bounds import pack_bound, rounded_bound
-from hapticnet.codec.positions.lines import PromisedLine
+from hapticnet.codec.positions import PromisedLine, pack_bound, rounded_bound
 from hapticnet.samples import PositionSample, Vector
 from hapticnet.stiffness_bound import LONGEST_SILENCE_US, StiffnessBound
 

@@ -6,7 +6,7 @@ from typing import Any, TypeAlias
 
 from hapticnet.control.force import ForceController
 from hapticnet.control.force_settings import ForceControlSettings
-from hapticnet.control.limits import ForceLimiter, LimitSettings
+from hapticnet.control.hold import ForceLimiter, LimitSettings
 from hapticnet.device.base import Device, Reading
 
 

@@ -3,8 +3,7 @@
 from dataclasses import asdict
 from typing import Any
 
-from hapticnet.codec.positions.bounds import unpack_bound
-from hapticnet.codec.positions.sending import Difference, PositionSender
+from hapticnet.codec.positions import Difference, PositionSender, unpack_bound
 from hapticnet.codec.schemes.raw import Raw
 from hapticnet.errors import PeerError
 from hapticnet.node.idle import master_idle_below_n

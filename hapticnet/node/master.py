@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from hapticnet.checks import axes_of
 from hapticnet.codec.base import Codec
 from hapticnet.codec.registry import codec_parameters, make_codec, with_share
-from hapticnet.control.passivity import PassivityController
+from hapticnet.control.hold import PassivityController
 from hapticnet.device.base import Device
 from hapticnet.device.user import UserActuator
 from hapticnet.errors import PeerError, SampleError, in_words

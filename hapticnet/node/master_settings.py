@@ -4,8 +4,7 @@ from dataclasses import dataclass, field
 from typing import Final, Literal, TypeAlias
 
 from hapticnet.control.force_settings import ForceControlSettings
-from hapticnet.control.hold import HoldSettings
-from hapticnet.control.limits import LimitSettings
+from hapticnet.control.hold import HoldSettings, LimitSettings
 from hapticnet.errors import SettingsError
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.keys import MasterKey, check_name

@@ -5,7 +5,7 @@ from dataclasses import asdict
 from typing import Any, Final, TypeAlias
 
 from hapticnet.codec.base import Codec
-from hapticnet.codec.positions.lines import PromisedLine, unpack_line
+from hapticnet.codec.positions import PromisedLine, unpack_line
 from hapticnet.codec.registry import codec_parameters
 from hapticnet.codec.schemes.raw import Raw
 from hapticnet.errors import SampleError, in_words

@@ -1,8 +1,11 @@
-"""The interface of an operator."""
+"""What moves the tool: the interface of an operator, and objects of users behind it."""
 
-from typing import Protocol
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
 
+from hapticnet.checks import check_integer
 from hapticnet.samples import PositionSample, Vector
+from hapticnet.user_code import attribute_of, axes_of, failure, method_of, vector_from
 
 
 class Operator(Protocol):
@@ -33,3 +36,74 @@ class FeelingOperator(Operator, Protocol):
     def feel(self, t_us: int, force_n: Vector) -> None:
         """Take the force [N] that is held at `t_us` [µs] from the start of the motion."""
         ...
+
+
+class HasSample(Protocol):
+    """What a user's object must have to move the tool; see `UserOperator` for what it may have besides."""
+
+    def sample(self, t_us: int, /) -> PositionSample | float | Sequence[float]:
+        """Return the position [m] of the tool at a time [µs] since the start. It must not wait."""
+        ...
+
+
+class UserOperator:
+    """An object of the user's, with its results checked. Satisfies `operator.base.Operator`.
+
+    Parameters
+    ----------
+    hand
+        Its ``sample(t_us)`` returns the position [m] at a time [µs] since the start: a `PositionSample`, a number, or
+        a sequence of numbers, one for each axis. Optional: ``feel(t_us, force_n)``, called in every tick with the force
+        held [N], a tuple; ``axes`` (1 to 3; default 1); ``duration_us``, after which the run ends.
+    what
+        What messages call the object, such as "operator own.py:Mine".
+
+    Raises
+    ------
+    SettingsError
+        If ``sample`` is missing, a method cannot be called this way, or an attribute cannot be used.
+    """
+
+    __slots__ = ("_feel", "_hand_feel", "_hand_sample", "_sample", "axes", "duration_us", "hand", "what")
+
+    def __init__(self, hand: HasSample, what: str = "the operator") -> None:
+        self.hand = hand
+        self.what = what
+        kind = type(hand).__name__
+        self._sample, self._feel = f"{kind}.sample", f"{kind}.feel"
+        self._hand_sample: Callable[[int], Any] = method_of(hand, "sample(t_us)", what)
+        self._hand_feel: Callable[[int, Vector], Any] | None = None
+        if attribute_of(hand, "feel", None, what) is not None:
+            self._hand_feel = method_of(hand, "feel(t_us, force_n)", what)
+        self.axes = axes_of(hand, what)
+        duration_us: int | None = attribute_of(hand, "duration_us", None, what)
+        if duration_us is not None:
+            check_integer(f"{what}: duration_us", duration_us, 1, 2**62, "µs")
+            duration_us = int(duration_us)
+        self.duration_us = duration_us
+
+    def sample(self, t_us: int) -> PositionSample:
+        """Return the position of the tool at `t_us` [µs].
+
+        Raises
+        ------
+        UserCodeError
+            If the object raises, or returns something else than a position of as many axes as it declares.
+        """
+        try:
+            result = self._hand_sample(t_us)
+            if type(result) is PositionSample:
+                result = result.position_m
+            position_m = vector_from(result, self.axes, self._sample, "m")
+        except BaseException as error:
+            raise failure(self._sample, error) from error
+        return PositionSample(t_us, position_m)
+
+    def feel(self, t_us: int, force_n: Vector) -> None:
+        """Tell the object the force held at `t_us` [µs]; raise UserCodeError if the object raises."""
+        if self._hand_feel is None:
+            return
+        try:
+            self._hand_feel(t_us, force_n)
+        except BaseException as error:
+            raise failure(self._feel, error) from error

@@ -1,4 +1,4 @@
-"""Repeated needle insertions with tremor, generated from a seed."""
+"""Scripted hands, generated from a seed: needle insertions on one axis, palpation on two or three, with tremor."""
 
 import math
 from bisect import bisect_right
@@ -8,8 +8,9 @@ from typing import Final
 
 import numpy as np
 
-from hapticnet.checks import check_parameter
-from hapticnet.samples import PositionSample
+from hapticnet.arrays import FloatArray
+from hapticnet.checks import check_integer, check_parameter
+from hapticnet.samples import PositionSample, Vector
 
 TREMOR_BAND_HZ = (8.0, 12.0)
 """Band of the peak of physiological tremor, from the title of Novak and Newell, Neuroscience Letters (2017)."""
@@ -189,3 +190,175 @@ def tremor_waves(rng: np.random.Generator) -> tuple[tuple[float, float], ...]:
     frequencies_hz = low_hz + part_hz * (np.arange(TREMOR_SINUSOIDS) + rng.random(TREMOR_SINUSOIDS))
     phases_rad = rng.uniform(0.0, 2.0 * math.pi, TREMOR_SINUSOIDS)
     return tuple(zip((frequencies_hz * (2e-6 * math.pi)).tolist(), phases_rad.tolist(), strict=True))
+
+
+PHANTOM_SURFACE_M = (0.020, 0.0, 0.0)
+PHANTOM_INWARD = (0.95, 0.25, -0.15)
+"""The surface of the scene ``phantom``, which the default motion is made for."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PalpationSettings:
+    """Motion of the palpations. Lengths are in m, times in seconds.
+
+    The finger comes from outside to a point above the surface, presses, slides along the surface in several strokes,
+    with a pause at each turn, and lifts. Press, strokes and directions differ from palpation to palpation. On two axes
+    the first two coordinates count. The durations are assumptions.
+
+    Attributes
+    ----------
+    axes
+        2 or 3.
+    surface_m
+        A point of the surface; the palpations are around it.
+    inward
+        Direction into the body; any length.
+    hover_m
+        Height above the surface at which the finger starts and ends.
+    press_m
+        Depth of the press.
+    stroke_m
+        Length of a stroke along the surface; its middle is above `surface_m`.
+    strokes
+        Number of strokes of a palpation, each in another direction.
+    press_s, stroke_s, pause_s, rest_s
+        Duration of a press or a lift, of a stroke, of a pause after each, and of the rest before the next palpation.
+    palpations
+        Number of palpations.
+    variation
+        Depth, speed and pauses of each palpation are scaled by factors drawn uniformly from 1 ± variation.
+    tremor_rms_m
+        Root mean square of the tremor added on each axis.
+
+    Raises
+    ------
+    SettingsError
+        If a value is out of range.
+    """
+
+    axes: int = 3
+    surface_m: Vector = PHANTOM_SURFACE_M
+    inward: Vector = PHANTOM_INWARD
+    hover_m: float = 0.006
+    press_m: float = 0.006
+    stroke_m: float = 0.024
+    strokes: int = 3
+    press_s: float = 0.5
+    stroke_s: float = 0.8
+    pause_s: float = 0.2
+    rest_s: float = 0.4
+    palpations: int = 2
+    variation: float = 0.2
+    tremor_rms_m: float = TYPICAL_TREMOR_RMS_M
+
+    def __post_init__(self) -> None:
+        check_integer("axes of the palpation", self.axes, 2, 3)
+        for name, values in (("surface_m", self.surface_m), ("inward", self.inward)):
+            check_integer(f"coordinates of palpation {name}", len(values), self.axes, 3)
+            for value in values:
+                check_parameter(f"palpation {name}", value, -LARGEST_POSITION_M, LARGEST_POSITION_M)
+        check_parameter("length of palpation inward", math.hypot(*self.inward[: self.axes]), 1e-9, 100.0)
+        for name in ("hover_m", "press_m", "stroke_m"):
+            check_parameter(f"palpation {name}", getattr(self, name), 0.0, LARGEST_POSITION_M)
+        for name in ("press_s", "stroke_s"):
+            check_parameter(f"palpation {name}", getattr(self, name), 0.001, LONGEST_PHASE_S)
+        for name in ("pause_s", "rest_s"):
+            check_parameter(f"palpation {name}", getattr(self, name), 0.0, LONGEST_PHASE_S)
+        check_integer("palpation strokes", self.strokes, 1, 100)
+        check_integer("number of palpations", self.palpations, 1, MOST_INSERTIONS)
+        check_parameter("palpation variation", self.variation, 0.0, 0.5)
+        check_parameter("palpation tremor_rms_m", self.tremor_rms_m, 0.0, 0.01)
+
+
+class PalpatingOperator:
+    """Scripted palpation: minimum-jerk movements, pauses and tremor, as `operator.scripted.ScriptedOperator` has.
+
+    Parameters
+    ----------
+    settings
+        Motion of the palpations.
+    rng
+        Source of directions, variation and tremor.
+
+    Attributes
+    ----------
+    axes
+        2 or 3.
+    duration_us
+        Duration of the script [µs]; before and after it the hand rests at the start, without tremor.
+    """
+
+    __slots__ = ("_amplitude_m", "_ends_us", "_phases", "_rest", "_waves", "axes", "duration_us")
+
+    def __init__(self, settings: PalpationSettings, rng: np.random.Generator) -> None:
+        self.axes = settings.axes
+        waves = [tremor_waves(rng) for _ in range(self.axes)]
+        self._waves = waves if settings.tremor_rms_m else []
+        self._amplitude_m = settings.tremor_rms_m * math.sqrt(2.0 / TREMOR_SINUSOIDS)
+        # A phase is (start [µs], 1/duration [1/µs], from [m], by [m]).
+        self._phases: list[tuple[int, float, Vector, Vector]] = []
+        self._ends_us: list[int] = []
+        inward = np.array(settings.inward[: self.axes]) / math.hypot(*settings.inward[: self.axes])
+        at_m = start_m = np.array(settings.surface_m[: self.axes]) - settings.hover_m * inward
+        self._rest: Vector = tuple(start_m.tolist())
+        t_us = 0
+        for _ in range(settings.palpations):
+            for duration_s, to_m in _palpation(settings, inward, start_m, rng):
+                duration_us = round(duration_s * 1e6)
+                if duration_us:
+                    self._phases.append((t_us, 1.0 / duration_us, tuple(at_m.tolist()), tuple((to_m - at_m).tolist())))
+                    t_us += duration_us
+                    self._ends_us.append(t_us)
+                at_m = to_m
+        self.duration_us = t_us
+
+    def sample(self, t_us: int) -> PositionSample:
+        """Return the position of the finger at `t_us` [µs] from the start of the script."""
+        if not 0 <= t_us < self.duration_us:
+            return PositionSample(t_us, self._rest)
+        start_us, per_us, from_m, by_m = self._phases[bisect_right(self._ends_us, t_us)]
+        tau = (t_us - start_us) * per_us
+        share = tau * tau * tau * (10.0 + tau * (6.0 * tau - 15.0))
+        position_m = [a + share * b for a, b in zip(from_m, by_m, strict=True)]
+        for axis, waves in enumerate(self._waves):
+            tremor = 0.0
+            for rad_per_us, phase_rad in waves:
+                tremor += math.sin(rad_per_us * t_us + phase_rad)
+            position_m[axis] += self._amplitude_m * tremor
+        return PositionSample(t_us, tuple(position_m))
+
+
+def _palpation(
+    settings: PalpationSettings, inward: FloatArray, start_m: FloatArray, rng: np.random.Generator
+) -> list[tuple[float, FloatArray]]:
+    """Return the phases of one palpation as (duration [s], to [m])."""
+    least, most = 1.0 - settings.variation, 1.0 + settings.variation
+    slowness, deep, *pauses = rng.uniform(least, most, settings.strokes + 4).tolist()
+    ways = [_along_surface(inward, rng) * 0.5 * settings.stroke_m for _ in range(settings.strokes)]
+    below_m = (settings.hover_m + settings.press_m * deep) * inward
+    down_m = start_m - ways[0]
+    phases = [(settings.press_s * slowness, down_m), (settings.press_s * slowness, down_m + below_m)]
+    phases.append((settings.pause_s * pauses[0], phases[-1][1]))
+    for way, pause in zip(ways, pauses[1:], strict=False):
+        # To the beginning of the stroke if it is elsewhere, and through it.
+        for stop_m in (start_m - way + below_m, start_m + way + below_m):
+            if not np.array_equal(stop_m, phases[-1][1]):
+                phases.append((settings.stroke_s * slowness, stop_m))
+        phases.append((settings.pause_s * pause, phases[-1][1]))
+    lifted_m = phases[-1][1] - below_m
+    phases += [(settings.press_s * slowness, lifted_m), (settings.press_s * slowness, start_m)]
+    return [*phases, (settings.rest_s * pauses[-1], start_m)]
+
+
+def _along_surface(inward: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Return a random unit vector along the surface."""
+    drawn = rng.normal(size=len(inward))
+    along: FloatArray = drawn - (drawn @ inward) * inward
+    return along / np.linalg.norm(along)
+
+
+def scripted_hand(axes: int, times: int, rng: np.random.Generator) -> ScriptedOperator | PalpatingOperator:
+    """Return a hand with the default motion that inserts or palpates so many times."""
+    if axes == 1:
+        return ScriptedOperator(InsertionSettings(insertions=times), rng)
+    return PalpatingOperator(PalpationSettings(axes=axes, palpations=times), rng)

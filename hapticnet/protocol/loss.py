@@ -29,7 +29,7 @@ MOST_DATAGRAMS: Final = 200
 
 
 class Loss(NamedTuple):
-    """A chain of two states that steps with each datagram (Gilbert 1960, see `channel.loss`).
+    """A chain of two states that steps with each datagram (Gilbert 1960, see `channel.settings`).
 
     Attributes
     ----------

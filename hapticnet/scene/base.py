@@ -1,11 +1,13 @@
-"""The interface of what a master touches: a virtual scene, a robot, an engine, a recording."""
+"""What a master touches: the interface of a virtual scene, a robot, an engine or a recording, and objects of users."""
 
-from collections.abc import Callable
-from typing import Protocol
+from collections.abc import Callable, Sequence
+from typing import Any, Final, Protocol
 
+from hapticnet.errors import SettingsError
 from hapticnet.samples import ForceSample, PositionSample
 from hapticnet.scene.ahead import LookAhead
 from hapticnet.stiffness_bound import StiffnessBound
+from hapticnet.user_code import attribute_of, axes_of, failure, method_of, raised, short, vector_from
 
 
 class Touchable(Protocol):
@@ -56,3 +58,103 @@ def bound_method(scene: Touchable) -> Callable[[], StiffnessBound | None] | None
 def breaches_of(scene: Touchable) -> int:
     """Return how many surfaces were breached so far; 0 if the scene does not know."""
     return int(getattr(scene, "breaches", 0))
+
+
+LONGEST_NAME: Final = 64
+"""Most bytes of a scene's name, which travels to the master."""
+
+
+class HasStep(Protocol):
+    """What a user's object must have to be touched; see `UserScene` for what it may have besides."""
+
+    def step(self, sample: PositionSample, /) -> ForceSample | float | Sequence[float]:
+        """Return the force [N] at a position, positive when it pushes the tool out. It must not wait."""
+        ...
+
+
+class UserScene:
+    """An object of the user's, with its results checked. Satisfies `scene.base.Touchable`.
+
+    Parameters
+    ----------
+    touched
+        Its ``step(sample)`` is called with a `PositionSample` and returns a `ForceSample`, a number, or a sequence of
+        numbers, one for each axis [N]. Optional attributes: ``axes`` (1 to 3; default 1), ``name`` and ``breaches``;
+        optional methods: ``welcome(master)``, ``ahead()`` and ``stiffness_bound()`` (`scene.base.Touchable`).
+    what
+        What messages call the object, such as "scene own.py:Mine".
+
+    Attributes
+    ----------
+    ahead, stiffness_bound
+        The object's methods of these names; None if it has none.
+
+    Raises
+    ------
+    SettingsError
+        If ``step`` is missing or cannot be called with one argument, or an attribute cannot be used.
+    """
+
+    __slots__ = ("__weakref__", "_method", "_step", "ahead", "axes", "name", "stiffness_bound", "touched", "what")
+
+    def __init__(self, touched: HasStep, what: str = "the scene") -> None:
+        self.touched = touched
+        self.what = what
+        self._step: Callable[[PositionSample], Any] = method_of(touched, "step(sample)", what)
+        self._method = f"{type(touched).__name__}.step"
+        self.axes = axes_of(touched, what)
+        name = attribute_of(touched, "name", type(touched).__name__, what)
+        if not isinstance(name, str) or not name.isprintable() or not 0 < len(name.encode()) <= LONGEST_NAME:
+            raise SettingsError(f"{what}: name is {short(name)}; it must be text, 1 to {LONGEST_NAME} printable bytes")
+        self.name = name
+        self.ahead: LookAhead | None = self._optional("ahead")
+        self.stiffness_bound: Callable[[], StiffnessBound | None] | None = self._optional("stiffness_bound")
+
+    @property
+    def breaches(self) -> int:
+        """Number of breaches that the object counts; 0 if it does not."""
+        try:
+            return int(getattr(self.touched, "breaches", 0))
+        except BaseException as error:  # it is for reports only
+            raised(error)
+            return 0
+
+    def welcome(self, master: str) -> None:
+        """Tell the object the name of its master, if it has a method ``welcome``."""
+        welcome: Callable[[str], Any] | None = getattr(self.touched, "welcome", None)
+        if welcome is not None:
+            try:
+                welcome(master)
+            except BaseException as error:
+                raise failure(f"{type(self.touched).__name__}.welcome", error) from error
+
+    def step(self, sample: PositionSample) -> ForceSample:
+        """Return the force at a position.
+
+        Raises
+        ------
+        UserCodeError
+            If the object raises, or returns something else than a force of as many axes as it declares.
+        """
+        try:
+            result = self._step(sample)
+            if type(result) is ForceSample:
+                result = result.force_n
+            force_n = vector_from(result, self.axes, self._method, "N")
+        except BaseException as error:
+            raise failure(self._method, error) from error
+        return ForceSample(sample.t_us, force_n)
+
+    def _optional(self, name: str) -> Callable[[], Any] | None:
+        """Return a method that the object may have; whatever it raises becomes a UserCodeError."""
+        method = attribute_of(self.touched, name, None, self.what)
+        if method is None:
+            return None
+
+        def call() -> Any:
+            try:
+                return method()
+            except BaseException as error:
+                raise failure(f"{type(self.touched).__name__}.{name}", error) from error
+
+        return call

@@ -27,10 +27,8 @@ from hapticnet.checks import axes_of
 from hapticnet.errors import SampleError
 from hapticnet.samples import LARGEST_COMPONENT, ForceSample, PositionSample, checked_vector
 from hapticnet.scene.ahead import REACH_M, LayerAhead
-from hapticnet.scene.bounds import bound_of
-from hapticnet.scene.layer import Layer
-from hapticnet.scene.needle import Needle
-from hapticnet.scene.tissue import Contact, Tissue, front_to_back
+from hapticnet.scene.layer import Layer, Needle, bound_of
+from hapticnet.scene.settings import Contact, Tissue, front_to_back
 from hapticnet.stiffness_bound import StiffnessBound
 
 _rest_m = attrgetter("rest_m")

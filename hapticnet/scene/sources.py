@@ -1,24 +1,156 @@
-"""Where the scenes of a slave come from, as ``--scene`` names them: tissues, bodies, recordings, or a user's class."""
+"""Where the scenes of a slave come from, as ``--scene`` names them.
 
+A scene file is TOML. It has a ``name`` and either a ``[[tissue]]`` table for each tissue, or ``[[plane]]`` and
+``[[sphere]]`` tables for bodies on two or three axes. The keys of a table are the attributes of `Tissue`, `Plane` or
+`Sphere`.
+"""
+
+import dataclasses
+import re
 import weakref
+from functools import cache
+from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
+
+from hapticnet.checks import meant
 from hapticnet.errors import SettingsError
 from hapticnet.files import user_path
+from hapticnet.samples import Vector
+from hapticnet.scene.base import UserScene
 from hapticnet.scene.bodies import BodyScene
-from hapticnet.scene.body import BodySceneSettings
-from hapticnet.scene.presets import find_scene, scene_file, scene_names
 from hapticnet.scene.recorded import RecordedForce
 from hapticnet.scene.scene import Scene
-from hapticnet.scene.user import UserScene
+from hapticnet.scene.settings import AnySceneSettings, BodySceneSettings, Plane, SceneSettings, Sphere, Tissue
 from hapticnet.user_code import close_user_object, find_user_class
 
 if TYPE_CHECKING:
-    from hapticnet.scene.base import Touchable
-    from hapticnet.scene.config import AnySceneSettings
-    from hapticnet.scene.user import HasStep
+    from hapticnet.scene.base import HasStep, Touchable
     from hapticnet.user_code import UserClass
+
+PAPER_BREACH_FORCES_N: Final = (2.0, 3.5, 5.0)
+"""Breach forces [N] of the three tissues of "Cutaneous haptic deadband compression"."""
+
+PAPER_GAP_M: Final = 20e-3
+"""Distance [m] between surfaces, and in front of the first. The paper states none: an assumption."""
+
+_PRESETS: Final = files("hapticnet.scene") / "presets"
+
+
+def paper_scene(seed: int) -> SceneSettings:
+    """Return the paper's three tissues, with their breach forces in an order drawn from `seed` (0 or above).
+
+    Each is breached at half the distance to the next surface (the last at the same depth), which gives stiffnesses of
+    200, 350 and 500 N/m.
+    """
+    if seed < 0:
+        raise SettingsError(f"the seed of the paper's scene is {seed}; it must be a whole number, 0 or greater")
+    breach_forces_n = np.random.default_rng(seed).permutation(PAPER_BREACH_FORCES_N).tolist()
+    tissues = [
+        Tissue(
+            name=f"tissue {number}",
+            rest_position_m=number * PAPER_GAP_M,
+            stiffness_n_per_m=breach_force_n / (PAPER_GAP_M / 2.0),
+            breach_force_n=breach_force_n,
+        )
+        for number, breach_force_n in enumerate(breach_forces_n, start=1)
+    ]
+    return SceneSettings(name=f"paper:{seed}", tissues=tuple(tissues))
+
+
+def scene_names() -> list[str]:
+    """Return the names of the scenes stored as TOML files."""
+    return sorted(entry.name.removesuffix(".toml") for entry in _PRESETS.iterdir() if entry.name.endswith(".toml"))
+
+
+def scene_file(spec: str) -> Path | None:
+    """Return the path of the file that `spec` names; None for a built-in scene."""
+    path = user_path(spec)
+    return path if path.suffix == ".toml" and spec not in scene_names() else None
+
+
+def find_scene(spec: str, folder: Path = Path()) -> AnySceneSettings:
+    """Return the scene named by ``paper``, ``paper:SEED``, a preset's name or the path of a TOML file.
+
+    ``paper`` alone is ``paper:0``. A path is relative to `folder`.
+
+    Raises
+    ------
+    SettingsError
+        If there is no such scene, or a value is invalid.
+    FileError
+        If the file is missing, unreadable or malformed.
+    """
+    if spec == "paper" or spec.startswith("paper:"):
+        seed = spec.removeprefix("paper").removeprefix(":") if spec != "paper" else "0"
+        if not re.fullmatch("[0-9]{1,18}", seed):
+            raise SettingsError(f"scene {spec!r}: expected a whole number (0 or greater) as the seed after 'paper:'")
+        return paper_scene(int(seed))
+    if spec in scene_names():
+        return parse_scene((_PRESETS / f"{spec}.toml").read_text(encoding="utf-8"), spec)
+    path = scene_file(spec)
+    if path is None:
+        raise SettingsError(
+            f"unknown scene {spec!r}{meant(spec, ['paper', *scene_names()])}; choose from paper, paper:SEED,"
+            f" {', '.join(scene_names())}, the path of a .toml file, recording:FILE, FILE.py:CLASS or"
+            " package.module:CLASS"
+        )
+    from hapticnet.documents import read_document
+
+    return parse_scene(read_document(folder / path), str(folder / path))
+
+
+def parse_scene(text: str, source: str) -> AnySceneSettings:
+    """Return the scene described by `text`; messages name `source` as its origin.
+
+    Raises
+    ------
+    FileError
+        If the text is not TOML; the message has the line and column.
+    SettingsError
+        If a key is unknown or missing, or a value is invalid.
+    """
+    from hapticnet.documents import parse_document
+
+    scene = parse_document(text, source, _scene_table())
+    bodies = len(scene.plane) + len(scene.sphere)
+    if scene.tissue and bodies:
+        raise SettingsError(
+            f"{source}: {len(scene.tissue)} tissues and {bodies} bodies; a scene has either tissues, which a needle"
+            " pierces on one axis, or planes and spheres"
+        )
+    try:
+        if bodies:
+            planes = [Plane(**plane.model_dump()) for plane in scene.plane]
+            spheres = [Sphere(**sphere.model_dump()) for sphere in scene.sphere]
+            return BodySceneSettings(name=scene.name, bodies=(*planes, *spheres))
+        return SceneSettings(name=scene.name, tissues=tuple(Tissue(**tissue.model_dump()) for tissue in scene.tissue))
+    except SettingsError as error:
+        raise SettingsError(f"{source}: {error}") from error
+
+
+@cache
+def _scene_table() -> Any:
+    """Return the model of a scene file, whose tables have the fields of the settings as keys."""
+    from pydantic import create_model  # here, because it is slow to import, and the paper's scene does not need it
+
+    from hapticnet.documents import STRICT
+
+    tables: dict[str, Any] = {}
+    for of in Tissue, Plane, Sphere:
+        keys: dict[str, Any] = {
+            field.name: (
+                list[float] if field.type == Vector else field.type,  # TOML has lists
+                ... if field.default is dataclasses.MISSING else field.default,
+            )
+            for field in dataclasses.fields(of)
+        }
+        table: Any = create_model(of.__name__, __config__=STRICT, **keys)
+        tables[of.__name__.lower()] = (list[table], [])
+    return create_model("Scene", __config__=STRICT, name=(str, ...), **tables)
+
 
 SCENES: Final = "paper, paper:SEED, a preset, FILE.toml, recording:FILE, FILE.py:CLASS or package.module:CLASS"
 """What ``--scene`` may be."""

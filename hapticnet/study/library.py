@@ -10,7 +10,7 @@ import numpy as np
 
 from hapticnet.arrays import FloatArray
 from hapticnet.control.force_settings import ForceControlSettings
-from hapticnet.control.limits import LimitSettings
+from hapticnet.control.hold import LimitSettings
 from hapticnet.device.simulated import PlantSettings, SimulatedDevice
 from hapticnet.errors import UnavailableError
 from hapticnet.experiment.workers import workers

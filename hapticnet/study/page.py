@@ -18,7 +18,7 @@ from hapticnet.operator.live import LiveHand
 from hapticnet.protocol.events import Connected
 from hapticnet.runtime.system import now_us
 from hapticnet.samples import PositionSample
-from hapticnet.scene.tissue import SceneSettings
+from hapticnet.scene.settings import SceneSettings
 from hapticnet.study import screens
 from hapticnet.study.flow import Flow
 from hapticnet.study.fronts import KeyFront, Stop

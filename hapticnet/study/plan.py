@@ -16,7 +16,7 @@ from hapticnet.errors import HapticnetError, SettingsError
 from hapticnet.files import user_path
 from hapticnet.hardware import MAX_FORCE_N
 from hapticnet.perception import JND_REFERENCE_FORCES_N, PAPER_FLOOR_N, PAPER_WEBER_FRACTION, WeberLaw
-from hapticnet.scene.presets import PAPER_BREACH_FORCES_N, PAPER_GAP_M
+from hapticnet.scene.sources import PAPER_BREACH_FORCES_N, PAPER_GAP_M
 from hapticnet.study.texts import Texts, english, find_texts
 
 REACHABLE_BREACH_FORCES_N: Final = (1.8, 3.15, 4.5)

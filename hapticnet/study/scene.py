@@ -15,7 +15,7 @@ from typing import Final
 from hapticnet.errors import SettingsError
 from hapticnet.samples import ForceSample, PositionSample
 from hapticnet.scene.scene import Scene
-from hapticnet.scene.tissue import Tissue
+from hapticnet.scene.settings import Tissue
 
 SCENE_SPEC: Final = "hapticnet.study.scene:NamedTissues"
 

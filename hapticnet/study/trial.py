@@ -18,7 +18,7 @@ from hapticnet.perception import WeberLaw
 from hapticnet.protocol.wire import UDP_IPV4_HEADER_BYTES, Kind
 from hapticnet.samples import PositionSample
 from hapticnet.scene.scene import Scene
-from hapticnet.scene.tissue import Tissue
+from hapticnet.scene.settings import Tissue
 from hapticnet.study.plan import ConditionPlan, Plan
 from hapticnet.study.scene import master_name, tissues
 

@@ -6,9 +6,7 @@ from typing import Annotated, Any, Final, TypeAlias, TypeVar
 
 from pydantic import AfterValidator, BeforeValidator
 
-from hapticnet.channel.jitter import parse_jitter
-from hapticnet.channel.loss import BernoulliLoss, parse_loss
-from hapticnet.channel.quantities import format_time, parse_time_us
+from hapticnet.channel.settings import BernoulliLoss, format_time, parse_jitter, parse_loss, parse_time_us
 from hapticnet.channel.spec import parse_channel
 from hapticnet.errors import HapticnetError
 

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from hapticnet.scene.presets import PAPER_BREACH_FORCES_N, PAPER_GAP_M
+from hapticnet.scene.sources import PAPER_BREACH_FORCES_N, PAPER_GAP_M
 from hapticnet.study.library import play_trial
 from hapticnet.study.observers import Look, Observer, ObserverSettings, contacts
 from hapticnet.study.trial import Played, Stimulus

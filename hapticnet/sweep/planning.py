@@ -7,7 +7,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
-from hapticnet.channel.quantities import parse_time_us
+from hapticnet.channel.settings import parse_time_us
 from hapticnet.checks import check_integer
 from hapticnet.documents import LARGEST_DOCUMENT
 from hapticnet.errors import SettingsError

@@ -12,11 +12,9 @@ from hapticnet.errors import FileError, SettingsError
 from hapticnet.experiment.scene_force import scene_trial
 from hapticnet.experiment.trial import Trial
 from hapticnet.files import MAX_BYTES
-from hapticnet.operator.palpation import PalpatingOperator, PalpationSettings
-from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
+from hapticnet.operator.scripted import InsertionSettings, PalpatingOperator, PalpationSettings, ScriptedOperator
 from hapticnet.recordings.recording import load_recording
-from hapticnet.scene.presets import find_scene
-from hapticnet.scene.sources import make_scene
+from hapticnet.scene.sources import find_scene, make_scene
 from hapticnet.sweep.link import Columns, Row
 from hapticnet.sweep.study import Reading
 
@@ -35,7 +33,7 @@ class Touched:
     Attributes
     ----------
     scene
-        Settings of a scene of tissues or bodies; see `scene.presets.find_scene`.
+        Settings of a scene of tissues or bodies; see `scene.sources.find_scene`.
     hand
         The hand as the study writes it.
     """

@@ -5,8 +5,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 from hapticnet.channel.emulator import Emulator
-from hapticnet.channel.loss import BernoulliLoss
-from hapticnet.channel.settings import ChannelSettings
+from hapticnet.channel.settings import BernoulliLoss, ChannelSettings
 from hapticnet.codec.registry import codec_parameters, describe_codecs, make_codec
 from hapticnet.errors import PeerError, SettingsError
 from hapticnet.node.master import MasterNode

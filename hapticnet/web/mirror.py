@@ -11,9 +11,9 @@ from typing import Final
 
 from hapticnet.errors import HapticnetError
 from hapticnet.samples import PositionSample
-from hapticnet.scene.presets import find_scene, scene_file
 from hapticnet.scene.scene import Scene
-from hapticnet.scene.tissue import SceneSettings
+from hapticnet.scene.settings import SceneSettings
+from hapticnet.scene.sources import find_scene, scene_file
 
 AHEAD_M: Final = 0.02  # free space [m] in front of the first surface
 BEHIND_M: Final = 0.03

@@ -11,7 +11,7 @@ from hapticnet.node.master_events import NodeEvent
 from hapticnet.operator.live import LiveHand
 from hapticnet.protocol.events import Connected
 from hapticnet.runtime.system import now_us
-from hapticnet.scene.tissue import SceneSettings
+from hapticnet.scene.settings import SceneSettings
 from hapticnet.web import messages
 from hapticnet.web.audience import Audience
 from hapticnet.web.controls import Controls

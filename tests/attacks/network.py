@@ -16,7 +16,7 @@ from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.wire import OPEN, SEALED
 from hapticnet.samples import PositionSample
 from hapticnet.scene.scene import Scene
-from hapticnet.scene.tissue import Tissue
+from hapticnet.scene.settings import Tissue
 
 Address: TypeAlias = tuple[str, int]
 

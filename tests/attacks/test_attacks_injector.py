@@ -6,8 +6,7 @@ from typing import Any
 
 import pytest
 
-from hapticnet.control.hold import HoldSettings
-from hapticnet.control.limits import SLEW_N_PER_S
+from hapticnet.control.hold import SLEW_N_PER_S, HoldSettings
 from hapticnet.node.master import MasterNode
 from hapticnet.protocol.events import ForceArrived, HoldConfirmed
 from hapticnet.protocol.settings import SessionSettings

@@ -6,8 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from hapticnet.channel.jitter import Jitter
-from hapticnet.channel.loss import BernoulliLoss, GilbertElliottLoss, PatternLoss
+from hapticnet.channel.settings import BernoulliLoss, GilbertElliottLoss, Jitter, PatternLoss
 
 PACKETS = 200_000
 

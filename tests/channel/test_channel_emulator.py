@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 from hapticnet.channel import emulator as emulator_module
 from hapticnet.channel.emulator import HEADER_BYTES, Emulator
-from hapticnet.channel.presets import PRESETS
-from hapticnet.channel.spec import parse_channel
+from hapticnet.channel.spec import PRESETS, parse_channel
 
 EVERYTHING = (
     "delay=3ms,jitter=pareto:2ms,order=free,loss=gilbert:5%,30%,20%,99%,reorder=5%:4ms,duplicate=5%,"

@@ -4,18 +4,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.channel.jitter import Jitter
-from hapticnet.channel.loss import BernoulliLoss, GilbertElliottLoss, PatternLoss
-from hapticnet.channel.presets import (
+from hapticnet.channel.settings import (
+    LONGEST_US,
+    BernoulliLoss,
+    ChannelSettings,
+    GilbertElliottLoss,
+    Jitter,
+    PatternLoss,
+)
+from hapticnet.channel.spec import (
     FIBRE_FLOOR_MS,
     HORIZON_HOP_MS,
     LONDON_NEW_YORK_KM,
     OVERHEAD_HOP_MS,
     PRESETS,
+    parse_channel,
 )
-from hapticnet.channel.quantities import LONGEST_US
-from hapticnet.channel.settings import ChannelSettings
-from hapticnet.channel.spec import parse_channel
 from hapticnet.errors import SettingsError
 
 shares = st.floats(0.0, 1.0)

@@ -7,8 +7,8 @@ from hapticnet.cli.slave_messages import MOST_UNREAD, SlaveMessages
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.protocol.wire import Kind, pack
-from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
+from hapticnet.scene.sources import paper_scene
 
 
 class Console:

@@ -12,8 +12,8 @@ import pytest
 from hapticnet.cli.operators import make_operator
 from hapticnet.device.profile import Profile
 from hapticnet.errors import RunError, SettingsError, UnavailableError
+from hapticnet.operator.base import UserOperator
 from hapticnet.operator.remote import RemoteOperator
-from hapticnet.operator.user import UserOperator
 from hapticnet.runtime import devices
 from tests.ready import hapticnet
 

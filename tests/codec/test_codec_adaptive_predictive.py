@@ -8,9 +8,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from hapticnet.codec.base import Encoding
-from hapticnet.codec.payload.curves import LARGEST_TRAVEL
 from hapticnet.codec.recording import encode_array
-from hapticnet.codec.schemes.adaptive_predictive import AdaptivePredictive
+from hapticnet.codec.schemes.adaptive_predictive import LARGEST_TRAVEL, AdaptivePredictive
 from hapticnet.codec.schemes.deadband import Deadband
 from hapticnet.errors import PeerError, SampleError, SettingsError
 from hapticnet.perception import WeberLaw

@@ -7,9 +7,15 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from hapticnet.codec.payload.lines import line_at, line_from
 from hapticnet.codec.recording import encode_array
-from hapticnet.codec.schemes.linear_predictive import LinearPredictive, Sender, is_silent, least_squares_slope
+from hapticnet.codec.schemes.linear_predictive import (
+    LinearPredictive,
+    Sender,
+    is_silent,
+    least_squares_slope,
+    line_at,
+    line_from,
+)
 from hapticnet.codec.steps import Past
 from hapticnet.codec.streams import table_of_rows
 from hapticnet.errors import PeerError, SampleError, SettingsError

@@ -7,18 +7,18 @@ from codec_cases import assert_within_threshold, laws, timed
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from hapticnet.codec.payload.motion import COUPLED, CURVE, HOLD, SURFACE, MotionForm
 from hapticnet.codec.recording import encode_array, encode_streamed
 from hapticnet.codec.schemes.adaptive_predictive import AdaptivePredictive
 from hapticnet.codec.schemes.contact import local_stiffness
 from hapticnet.codec.schemes.deadband import Deadband
+from hapticnet.codec.schemes.motion import COUPLED, CURVE, HOLD, SURFACE, MotionForm
 from hapticnet.codec.schemes.motion_predictive import MotionPredictive
 from hapticnet.errors import PeerError, SampleError, SettingsError
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import PositionSample
-from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
+from hapticnet.scene.sources import paper_scene
 
 LAW = WeberLaw(weber_fraction=0.05, floor_n=0.025)
 TICK_US = 1000

@@ -271,8 +271,8 @@ def test_master_and_slave_speak_a_codec_of_a_user():
     from hapticnet.node.slave import SlaveNode
     from hapticnet.node.slave_settings import SlaveSettings
     from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
-    from hapticnet.scene.presets import paper_scene
     from hapticnet.scene.scene import Scene
+    from hapticnet.scene.sources import paper_scene
 
     load(GOOD)
     rng = np.random.default_rng(1)

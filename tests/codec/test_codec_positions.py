@@ -8,9 +8,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.codec.positions.bounds import pack_bound, rounded_bound, unpack_bound
-from hapticnet.codec.positions.lines import FASTEST_M_PER_S, PromisedLine, pack_line, unpack_line
-from hapticnet.codec.positions.sending import PositionSender
+from hapticnet.codec.positions import (
+    FASTEST_M_PER_S,
+    PositionSender,
+    PromisedLine,
+    pack_bound,
+    pack_line,
+    rounded_bound,
+    unpack_bound,
+    unpack_line,
+)
 from hapticnet.errors import PeerError, SampleError
 from hapticnet.perception import WeberLaw
 from hapticnet.stiffness_bound import LONGEST_SILENCE_US, StiffnessBound

@@ -8,9 +8,9 @@ from codec_cases import anything, haptic, laws, steps
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.codec.payload.values import ValueForm, ValueRule, law_numbers, rounded
 from hapticnet.codec.schemes.deadband import Deadband
 from hapticnet.codec.schemes.raw import Raw
+from hapticnet.codec.values import ValueForm, ValueRule, law_numbers, rounded
 from hapticnet.errors import PeerError, SampleError, SettingsError
 from hapticnet.perception import WeberLaw
 from hapticnet.vectors import distance, magnitude

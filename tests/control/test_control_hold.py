@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.control.hold import Hold, HoldSettings
-from hapticnet.control.limits import LONGEST_STEP_US, SLEW_N_PER_S, LimitSettings
+from hapticnet.control.hold import LONGEST_STEP_US, SLEW_N_PER_S, Hold, HoldSettings, LimitSettings
 from hapticnet.errors import SampleError, SettingsError
 
 SETTINGS = HoldSettings()

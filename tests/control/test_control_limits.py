@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.control.limits import LONGEST_STEP_US, PAUSE_US, ForceLimiter, LimitSettings
+from hapticnet.control.hold import LONGEST_STEP_US, PAUSE_US, ForceLimiter, LimitSettings
 from hapticnet.errors import SettingsError
 
 SETTINGS = LimitSettings()

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.control.passivity import PassivityController
+from hapticnet.control.hold import PassivityController
 from hapticnet.measure.energy import energy_report
 from hapticnet.perception import WeberLaw
 

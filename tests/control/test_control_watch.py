@@ -2,7 +2,7 @@
 
 import pytest
 
-from hapticnet.control.watch import ANSWER_N, JUMP_N, SensorWatch
+from hapticnet.control.force import ANSWER_N, JUMP_N, SensorWatch
 
 PERIODS = 200
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hapticnet.control.force_settings import ForceControlSettings
-from hapticnet.control.limits import LimitSettings
+from hapticnet.control.hold import LimitSettings
 from hapticnet.device.base import Reading
 from hapticnet.device.user import UserActuator, UserDevice, as_user_device
 from hapticnet.errors import SettingsError, UserCodeError

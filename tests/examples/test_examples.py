@@ -14,10 +14,10 @@ import pytest
 
 import hapticnet as hn
 from hapticnet.control.force_settings import ForceControlSettings
-from hapticnet.control.limits import LimitSettings
+from hapticnet.control.hold import LimitSettings
 from hapticnet.device.user import UserDevice
 from hapticnet.node.fingertip import Fingertip
-from hapticnet.operator.user import UserOperator
+from hapticnet.operator.base import UserOperator
 from hapticnet.user_code import find_user_class, load_user_code
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -20,9 +20,9 @@ from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_settings import SlaveSettings
-from hapticnet.operator.user import UserOperator
+from hapticnet.operator.base import UserOperator
 from hapticnet.scene.scene import Scene
-from hapticnet.scene.tissue import Tissue
+from hapticnet.scene.settings import Tissue
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 NETWORKS = [

@@ -8,7 +8,7 @@ from hapticnet.experiment.conditions import CONDITIONS
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.perception import WeberLaw
 from hapticnet.recordings.tables import write_csv
-from hapticnet.scene.presets import paper_scene
+from hapticnet.scene.sources import paper_scene
 
 
 def columns(force_n, breaches, datagram_bytes, position_m=None):

@@ -7,7 +7,7 @@ from hapticnet.cli.demo_table import print_table
 from hapticnet.experiment.conditions import CONDITIONS
 from hapticnet.experiment.demo import FROM_MASTER, FROM_SLAVE, Played, results
 from hapticnet.experiment.figures import draw_bytes_per_penetration, draw_run
-from hapticnet.scene.presets import paper_scene
+from hapticnet.scene.sources import paper_scene
 
 DELAYS = {"p50_us": 1.0, "p99_us": 1.0, "p99_9_us": 1.0}
 

@@ -11,8 +11,8 @@ from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
-from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
+from hapticnet.scene.sources import paper_scene
 
 ONCE = InsertionSettings(insertions=1)
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from hapticnet.control.force_settings import ForceControlSettings
-from hapticnet.control.limits import LimitSettings
+from hapticnet.control.hold import LimitSettings
 from hapticnet.node.fingertip import Fingertip, FingertipEvent
 from hapticnet.runtime.nano import Simavr, SimulatedNano
 

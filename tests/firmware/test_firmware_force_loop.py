@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hapticnet.control.force_settings import ForceControlSettings
-from hapticnet.control.limits import LimitSettings
+from hapticnet.control.hold import LimitSettings
 from hapticnet.device.simulated import Finger, PlantSettings
 from hapticnet.experiment.step_response import StepFigures, step_figures
 from hapticnet.node.fingertip import DeviceFound, DeviceLost, Fingertip

@@ -26,10 +26,9 @@ from hapticnet.perception import WeberLaw
 from hapticnet.protocol.wire import Kind, unpack
 from hapticnet.samples import ForceSample, PositionSample
 from hapticnet.scene.ahead import LayerAhead
-from hapticnet.scene.presets import find_scene
 from hapticnet.scene.scene import Scene
-from hapticnet.scene.sources import as_touchable
-from hapticnet.scene.tissue import Tissue
+from hapticnet.scene.settings import Tissue
+from hapticnet.scene.sources import as_touchable, find_scene
 from tests.conftest import KEY
 
 CODECS = every_codec()

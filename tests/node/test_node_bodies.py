@@ -6,7 +6,7 @@ import pytest
 import hapticnet as hn
 from hapticnet.experiment.analysis import vectors
 from hapticnet.scene.bodies import BodyScene
-from hapticnet.scene.body import Plane
+from hapticnet.scene.settings import Plane
 
 
 def slope(axes):

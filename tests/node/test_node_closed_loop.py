@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from hapticnet.channel.loss import BernoulliLoss
-from hapticnet.channel.settings import ChannelSettings
+from hapticnet.channel.settings import BernoulliLoss, ChannelSettings
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.registry import every_codec, make_codec
 from hapticnet.codec.schemes.deadband import Deadband

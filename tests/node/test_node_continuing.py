@@ -11,9 +11,8 @@ from hapticnet.protocol.events import Connected, SessionLost
 from hapticnet.protocol.master_session import MasterSession
 from hapticnet.protocol.messages import Request
 from hapticnet.protocol.settings import SessionSettings
-from hapticnet.scene.presets import find_scene
 from hapticnet.scene.scene import Scene
-from hapticnet.scene.sources import find_source
+from hapticnet.scene.sources import find_scene, find_source
 
 
 class Laboratory:

@@ -16,8 +16,8 @@ from hapticnet.protocol.keys import Roster
 from hapticnet.protocol.messages import Code
 from hapticnet.protocol.states import MasterState, SlaveState
 from hapticnet.samples import PositionSample
-from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
+from hapticnet.scene.sources import paper_scene
 from tests.peers import ENTRY, KEY, SLAVE
 
 MS = 1000

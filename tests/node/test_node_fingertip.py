@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hapticnet.control.force_settings import ForceControlSettings, for_known_finger
-from hapticnet.control.limits import LimitSettings
+from hapticnet.control.hold import LimitSettings
 from hapticnet.device.base import Reading
 from hapticnet.device.servos import Servo
 from hapticnet.device.simulated import Finger, PlantSettings, SimulatedDevice

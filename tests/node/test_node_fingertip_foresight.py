@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticnet.control.force_settings import ForceControlSettings
-from hapticnet.control.limits import SLEW_N_PER_S, LimitSettings
+from hapticnet.control.hold import SLEW_N_PER_S, LimitSettings
 from hapticnet.device.servos import Servo
 from hapticnet.device.simulated import Finger, PlantSettings, Sensor, SimulatedDevice
 from hapticnet.node.fingertip import Fingertip

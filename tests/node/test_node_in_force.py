@@ -2,7 +2,7 @@
 
 import pytest
 
-from hapticnet.control.passivity import PassivityController
+from hapticnet.control.hold import PassivityController
 from hapticnet.node.in_force import CHANGES_KEPT, SettingsInForce
 from hapticnet.node.master_settings import MasterSettings
 from hapticnet.perception import WeberLaw

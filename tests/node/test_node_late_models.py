@@ -14,8 +14,7 @@ from hapticnet.perception import WeberLaw
 from hapticnet.protocol.messages import Force, unpack_hello, unpack_position
 from hapticnet.protocol.wire import Kind
 from hapticnet.samples import PositionSample
-from hapticnet.scene.ahead import MOST_LAYERS, LayerAhead
-from hapticnet.scene.contact_model import ContactModel
+from hapticnet.scene.ahead import MOST_LAYERS, ContactModel, LayerAhead
 from tests.peers import GRANT, SESSION, HandSlave
 
 ANNOUNCED = GRANT._replace(announced=True)

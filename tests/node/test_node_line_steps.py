@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from hapticnet.codec.positions.lines import PromisedLine, pack_line
+from hapticnet.codec.positions import PromisedLine, pack_line
 from hapticnet.node.line_steps import ALL_HZ, EACH_HZ, MOST_AT_ONCE
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.protocol.messages import Close
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.wire import Kind
-from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
+from hapticnet.scene.sources import paper_scene
 from tests.peers import HandMaster
 
 SECOND = 1_000_000

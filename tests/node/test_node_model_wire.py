@@ -14,8 +14,7 @@ from hapticnet.errors import PeerError
 from hapticnet.node import announced
 from hapticnet.node.announced import MOST_PLAYED, AnnouncedDecoder
 from hapticnet.node.model_wire import OF_CODEC, pack_model, read_state, unpack_model, with_state
-from hapticnet.scene.ahead import MOST_LAYERS, LayerAhead
-from hapticnet.scene.contact_model import ContactModel
+from hapticnet.scene.ahead import MOST_LAYERS, ContactModel, LayerAhead
 from tests.vectors import make_models
 
 VECTORS = json.loads((Path(__file__).parents[1] / "vectors" / "models.json").read_text())

@@ -5,7 +5,7 @@ import pytest
 
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
-from hapticnet.codec.positions.lines import PromisedLine
+from hapticnet.codec.positions import PromisedLine
 from hapticnet.errors import SampleError, SettingsError
 from hapticnet.node.dead_reckoning import DeadReckoning
 from hapticnet.node.loopback import Loopback
@@ -20,10 +20,10 @@ from hapticnet.protocol.keys import Roster
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.states import MasterState
 from hapticnet.samples import ForceSample, PositionSample
-from hapticnet.scene.presets import paper_scene
+from hapticnet.scene.base import UserScene
 from hapticnet.scene.scene import Scene
-from hapticnet.scene.tissue import Tissue
-from hapticnet.scene.user import UserScene
+from hapticnet.scene.settings import Tissue
+from hapticnet.scene.sources import paper_scene
 from hapticnet.stiffness_bound import StiffnessBound
 from hapticnet.vectors import single
 from tests.peers import ENTRY, KEY, SLAVE

@@ -15,7 +15,7 @@ from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import PositionSample
 from hapticnet.scene.scene import Scene
-from hapticnet.scene.tissue import Tissue
+from hapticnet.scene.settings import Tissue
 from hapticnet.vectors import single
 
 TICK_US = 1_000

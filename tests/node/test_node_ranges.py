@@ -23,8 +23,8 @@ from hapticnet.protocol.keys import Roster
 from hapticnet.protocol.messages import Code
 from hapticnet.protocol.states import MasterState
 from hapticnet.protocol.wire import Kind, pack_body
-from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
+from hapticnet.scene.sources import paper_scene
 from tests.node.undisturbed import seal_or_pack
 from tests.peers import ENTRY, GRANT, KEY, SLAVE, HandMaster, HandSlave
 

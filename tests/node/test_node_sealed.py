@@ -19,8 +19,8 @@ from hapticnet.protocol.handshake import SealedDoor
 from hapticnet.protocol.keys import NO_PSK, MasterEntry, MasterKey, PrivateKey, Roster
 from hapticnet.protocol.messages import Code
 from hapticnet.protocol.wire import SEALED, Kind, unpack
-from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
+from hapticnet.scene.sources import paper_scene
 from tests.protocol.sealed_peer import CLOSE, COOKIE, FORCE, HELLO, KEEPALIVE, POSITION, WELCOME, Master, Slave
 
 MASTER = PrivateKey(bytes(range(32)))

@@ -8,9 +8,9 @@ import pytest
 
 from hapticnet.node.master import MasterNode
 from hapticnet.node.master_settings import MasterSettings
-from hapticnet.operator.user import UserOperator
+from hapticnet.operator.base import UserOperator
 from hapticnet.protocol.messages import unpack_position
-from hapticnet.scene.tissue import Tissue
+from hapticnet.scene.settings import Tissue
 from tests.node.undisturbed import HERE, SESSION, make_slave
 from tests.peers import GRANT, HandMaster, HandSlave
 from tests.vectors import make_traces

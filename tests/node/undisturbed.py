@@ -14,8 +14,8 @@ from hapticnet.protocol.handshake import OpenDoor, SealedDoor
 from hapticnet.protocol.keys import Roster
 from hapticnet.protocol.messages import Force, Keepalive
 from hapticnet.protocol.wire import Kind, pack, pack_body
-from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
+from hapticnet.scene.sources import paper_scene
 from tests.peers import ENTRY, GRANT, KEY, SLAVE, HandMaster, HandSlave
 
 SESSION = 0xDEADBEEF

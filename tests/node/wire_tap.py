@@ -13,8 +13,8 @@ from hapticnet.protocol.master_session import MasterSession
 from hapticnet.protocol.messages import Request
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.wire import SEALED
-from hapticnet.scene.presets import find_scene
 from hapticnet.scene.scene import Scene
+from hapticnet.scene.sources import find_scene
 
 SURGEON, STUDENT, SLAVE = (PrivateKey(bytes([number] * 32)) for number in (1, 2, 3))
 ENTRIES = (

@@ -2,10 +2,8 @@ import numpy as np
 import pytest
 
 from hapticnet.errors import SettingsError
-from hapticnet.operator.hands import scripted_hand
-from hapticnet.operator.palpation import PalpatingOperator, PalpationSettings
-from hapticnet.scene.presets import find_scene
-from hapticnet.scene.sources import make_scene
+from hapticnet.operator.scripted import PalpatingOperator, PalpationSettings, scripted_hand
+from hapticnet.scene.sources import find_scene, make_scene
 
 
 def make(seed=1, **settings):

@@ -7,13 +7,16 @@ import numpy as np
 import pytest
 
 from hapticnet.errors import PeerError
-from hapticnet.operator.remote import APPROACH_M_S, HOLD_AFTER_US, WITHDRAW_AFTER_US, RemoteOperator
-from hapticnet.operator.remote_messages import (
+from hapticnet.operator.remote import (
+    APPROACH_M_S,
     ARRAY,
+    HOLD_AFTER_US,
     JSON_ARRAY,
     JSON_OBJECT,
     MAP,
     MOST_BYTES,
+    WITHDRAW_AFTER_US,
+    RemoteOperator,
     read_position,
     write_force,
 )

@@ -3,7 +3,7 @@
 import pytest
 
 from hapticnet.errors import SettingsError, UserCodeError
-from hapticnet.operator.user import UserOperator
+from hapticnet.operator.base import UserOperator
 from hapticnet.samples import PositionSample
 
 

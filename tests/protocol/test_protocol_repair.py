@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from hapticnet.channel.loss import GilbertElliottLoss
+from hapticnet.channel.settings import GilbertElliottLoss
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.loss import MEMORY, NO_LOSS, Loss, LossEstimate, datagrams_needed
 from hapticnet.protocol.repair import (

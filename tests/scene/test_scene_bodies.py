@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 from hapticnet.errors import SampleError, SettingsError
 from hapticnet.samples import PositionSample, Vector
 from hapticnet.scene.bodies import LARGEST_FORCE_N, BodyScene
-from hapticnet.scene.body import AnyBody, BodySceneSettings, Plane, Sphere
-from hapticnet.scene.presets import find_scene
-from hapticnet.scene.tissue import Contact
+from hapticnet.scene.settings import AnyBody, BodySceneSettings, Contact, Plane, Sphere
+from hapticnet.scene.sources import find_scene
 
 K = 500.0
 

@@ -2,7 +2,7 @@
 
 from hapticnet.samples import PositionSample
 from hapticnet.scene.scene import Scene
-from hapticnet.scene.tissue import Tissue
+from hapticnet.scene.settings import Tissue
 
 SKIN = Tissue(name="skin", rest_position_m=0.01, stiffness_n_per_m=100.0, breach_force_n=1.0)
 OUTSIDE, PRESSED, BEYOND = (PositionSample(0, (x_m,)) for x_m in (0.005, 0.015, 0.025))

@@ -4,9 +4,8 @@ from pathlib import Path
 import pytest
 
 from hapticnet.errors import FileError, SettingsError
-from hapticnet.scene.body import BodySceneSettings, Plane, Sphere
-from hapticnet.scene.config import load_scene, parse_scene
-from hapticnet.scene.tissue import SceneSettings, Tissue
+from hapticnet.scene.settings import BodySceneSettings, Plane, SceneSettings, Sphere, Tissue
+from hapticnet.scene.sources import find_scene, parse_scene
 
 SCENE = """\
 name = "two"
@@ -146,7 +145,7 @@ def test_tissues_and_bodies_in_one_scene_are_refused() -> None:
 def test_a_file_is_loaded_from_its_path(tmp_path: Path) -> None:
     path = tmp_path / "two.toml"
     path.write_text(SCENE)
-    assert load_scene(path) == parse_scene(SCENE, "two.toml")
+    assert find_scene(str(path)) == parse_scene(SCENE, "two.toml")
 
 
 @pytest.mark.parametrize("content", [None, b'name = "\xff"'])
@@ -155,9 +154,10 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path: Path, content: bytes | No
     if content is not None:
         path.write_bytes(content)
     with pytest.raises(FileError, match=r"odd\.toml: "):
-        load_scene(path)
+        find_scene(str(path))
 
 
 def test_a_directory_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "folder.toml").mkdir()
     with pytest.raises(FileError, match="directory"):
-        load_scene(tmp_path)
+        find_scene(f"{tmp_path}/folder.toml")

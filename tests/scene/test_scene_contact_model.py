@@ -9,13 +9,19 @@ from hypothesis import strategies as st
 
 from hapticnet.errors import SampleError
 from hapticnet.samples import PositionSample
-from hapticnet.scene.ahead import LARGEST_FORCE_N, MOST_LAYERS, REACH_M, LayerAhead, check_layers, stiffest_at
+from hapticnet.scene.ahead import (
+    LARGEST_FORCE_N,
+    MOST_LAYERS,
+    REACH_M,
+    ContactModel,
+    LayerAhead,
+    check_layers,
+    stiffest_at,
+)
 from hapticnet.scene.bodies import BodyScene
-from hapticnet.scene.body import Plane, Sphere
-from hapticnet.scene.contact_model import ContactModel
-from hapticnet.scene.presets import find_scene
 from hapticnet.scene.scene import Scene
-from hapticnet.scene.tissue import Tissue
+from hapticnet.scene.settings import Plane, Sphere, Tissue
+from hapticnet.scene.sources import find_scene
 
 SPRING = LayerAhead(0.02, 500.0, 2.0)
 

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from hapticnet.errors import SampleError
 from hapticnet.samples import PositionSample
-from hapticnet.scene.presets import find_scene, paper_scene
 from hapticnet.scene.scene import Scene
-from hapticnet.scene.tissue import Contact, Tissue
+from hapticnet.scene.settings import Contact, Tissue
+from hapticnet.scene.sources import find_scene, paper_scene
 
 SECOND_US = 1_000_000
 

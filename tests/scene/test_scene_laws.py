@@ -4,9 +4,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapticnet.scene.laws import RecoveringSurface, Shaft, contact_law
-from hapticnet.scene.needle import Needle
-from hapticnet.scene.tissue import Tissue
+from hapticnet.scene.layer import Needle, RecoveringSurface, Shaft, contact_law
+from hapticnet.scene.settings import Tissue
 
 FRICTION_N = 0.3
 PRESLIDING_M = 1e-3

@@ -7,8 +7,8 @@ import pytest
 
 from hapticnet.samples import ForceSample, PositionSample
 from hapticnet.scene.measured import LineFit, MeasuredScene
-from hapticnet.scene.presets import find_scene
 from hapticnet.scene.scene import Scene
+from hapticnet.scene.sources import find_scene
 
 
 class Hidden:

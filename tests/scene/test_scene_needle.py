@@ -1,6 +1,7 @@
 import pytest
 
-from hapticnet.scene.needle import LARGEST_SPEED_M_PER_S, LONGEST_STEP_US, Needle
+from hapticnet.scene.layer import LONGEST_STEP_US, Needle
+from hapticnet.scene.settings import LARGEST_SPEED_M_PER_S
 
 
 def moved(*samples: tuple[int, float]) -> Needle:

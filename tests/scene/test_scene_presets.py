@@ -6,9 +6,7 @@ import pytest
 
 from hapticnet.errors import FileError, SettingsError
 from hapticnet.samples import PositionSample
-from hapticnet.scene.config import parse_scene
-from hapticnet.scene.presets import find_scene, paper_scene, scene_names
-from hapticnet.scene.sources import make_scene
+from hapticnet.scene.sources import find_scene, make_scene, paper_scene, parse_scene, scene_names
 
 
 def test_the_papers_scene_has_its_three_breach_forces_in_the_order_of_the_seed() -> None:
@@ -76,5 +74,5 @@ def test_a_missing_file_is_named() -> None:
 
 
 def test_the_papers_scene_does_not_import_pydantic() -> None:
-    code = "import hapticnet.scene.presets as p, sys; p.find_scene('paper'); print('pydantic' in sys.modules)"
+    code = "import hapticnet.scene.sources as p, sys; p.find_scene('paper'); print('pydantic' in sys.modules)"
     assert run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from hapticnet.samples import PositionSample
 from hapticnet.scene.scene import Scene
-from hapticnet.scene.tissue import Contact, Tissue, front_to_back
+from hapticnet.scene.settings import Contact, Tissue, front_to_back
 
 
 @dataclass

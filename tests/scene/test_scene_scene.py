@@ -5,9 +5,9 @@ import pytest
 
 from hapticnet.errors import SettingsError
 from hapticnet.samples import ForceSample, PositionSample
-from hapticnet.scene.presets import paper_scene
 from hapticnet.scene.scene import Scene
-from hapticnet.scene.tissue import Contact, Tissue
+from hapticnet.scene.settings import Contact, Tissue
+from hapticnet.scene.sources import paper_scene
 
 NONE, CONTACT, PENETRATED = Contact
 SECOND_US = 1_000_000

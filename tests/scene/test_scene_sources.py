@@ -6,10 +6,9 @@ import pytest
 
 from hapticnet.errors import FileError, SettingsError
 from hapticnet.samples import PositionSample
-from hapticnet.scene.presets import find_scene
+from hapticnet.scene.base import UserScene
 from hapticnet.scene.scene import Scene
-from hapticnet.scene.sources import as_touchable, find_source
-from hapticnet.scene.user import UserScene
+from hapticnet.scene.sources import as_touchable, find_scene, find_source
 
 RIG = """
 made = []

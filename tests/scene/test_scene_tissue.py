@@ -3,7 +3,7 @@ import math
 import pytest
 
 from hapticnet.errors import SettingsError
-from hapticnet.scene.tissue import SceneSettings, Tissue, front_to_back
+from hapticnet.scene.settings import SceneSettings, Tissue, front_to_back
 
 PLAIN = {"name": "skin", "rest_position_m": 0.02, "stiffness_n_per_m": 200.0, "breach_force_n": 2.0}
 POSITIVE = ("stiffness_n_per_m", "breach_force_n", "shaft_presliding_m")

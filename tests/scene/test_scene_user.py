@@ -4,7 +4,7 @@ import pytest
 
 from hapticnet.errors import SampleError, SettingsError, UserCodeError
 from hapticnet.samples import ForceSample, PositionSample
-from hapticnet.scene.user import UserScene
+from hapticnet.scene.base import UserScene
 
 
 class Spring:

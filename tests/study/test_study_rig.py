@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hapticnet.control.force_settings import ForceControlSettings
-from hapticnet.control.limits import LimitSettings
+from hapticnet.control.hold import LimitSettings
 from hapticnet.device.simulated import PlantSettings, SimulatedDevice
 from hapticnet.errors import FileError
 from hapticnet.node.fingertip import Fingertip

@@ -9,7 +9,7 @@ from textwrap import fill
 import pytest
 
 from hapticnet.control.force_settings import ForceControlSettings
-from hapticnet.control.limits import LimitSettings
+from hapticnet.control.hold import LimitSettings
 from hapticnet.errors import HapticnetError
 from hapticnet.study.fronts import TerminalFront, in_lines
 from hapticnet.study.plan import Plan, find_plan

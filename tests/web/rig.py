@@ -25,9 +25,9 @@ from hapticnet.protocol.wire import OPEN
 from hapticnet.runtime.runners import run_master, run_slave
 from hapticnet.runtime.system import SystemEntropy
 from hapticnet.runtime.udp import HostPort, bound_address, host_of, listen, open_toward
-from hapticnet.scene.presets import find_scene
 from hapticnet.scene.scene import Scene
-from hapticnet.scene.tissue import SceneSettings
+from hapticnet.scene.settings import SceneSettings
+from hapticnet.scene.sources import find_scene
 from hapticnet.web import messages, requests
 from hapticnet.web.access import Access, listen_for_pages
 from hapticnet.web.controls import Controls

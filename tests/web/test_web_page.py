@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
-from hapticnet.scene.tissue import SceneSettings, Tissue
+from hapticnet.scene.settings import SceneSettings, Tissue
 from hapticnet.web import messages, requests
 from hapticnet.web.messages import CloseCode
 from tests.web.rig import Client, Rig, play, rig, until

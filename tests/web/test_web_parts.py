@@ -13,9 +13,9 @@ from hapticnet.protocol.stats import Distribution
 from hapticnet.protocol.wire import Kind
 from hapticnet.runtime.udp import HostPort
 from hapticnet.samples import PositionSample
-from hapticnet.scene.presets import find_scene
 from hapticnet.scene.scene import Scene
-from hapticnet.scene.tissue import SceneSettings, Tissue
+from hapticnet.scene.settings import SceneSettings, Tissue
+from hapticnet.scene.sources import find_scene
 from hapticnet.web import messages
 from hapticnet.web.access import DEFAULT, Access, listen_for_pages
 from hapticnet.web.client import LARGEST_BACKLOG, LONGEST_QUEUE, MOST_MESSAGES_PER_S, Client

@@ -12,17 +12,25 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple
 
 from hapticnet.checks import check_integer, check_parameter
-from hapticnet.codec.payload.lines import Line, line_at, line_from, rounded_line
-from hapticnet.codec.payload.values import (
+from hapticnet.codec.schemes.linear_predictive import (
+    IMPACT_THRESHOLDS,
+    Line,
+    is_impact,
+    least_squares_slope,
+    line_at,
+    line_from,
+    rounded_line,
+    slope_count,
+)
+from hapticnet.codec.steps import MakeTable, Past, Steps, Table
+from hapticnet.codec.streams import Scheme
+from hapticnet.codec.values import (
     check_step,
     counted,
     is_within,
     law_numbers,
     threshold_around,
 )
-from hapticnet.codec.schemes.linear_predictive import IMPACT_THRESHOLDS, is_impact, least_squares_slope, slope_count
-from hapticnet.codec.steps import MakeTable, Past, Steps, Table
-from hapticnet.codec.streams import Scheme
 from hapticnet.errors import PeerError
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import LARGEST_COMPONENT, Vector

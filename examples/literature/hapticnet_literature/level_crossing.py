@@ -12,10 +12,10 @@ from functools import lru_cache
 from typing import Any, ClassVar, Final, NamedTuple
 
 from hapticnet.checks import check_parameter
-from hapticnet.codec.payload.values import law_numbers, rounded, threshold_around
 from hapticnet.codec.schemes.deadband import Deadband, DeadZone
 from hapticnet.codec.steps import MakeTable, Steps
 from hapticnet.codec.streams import Scheme
+from hapticnet.codec.values import law_numbers, rounded, threshold_around
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import LARGEST_COMPONENT, Vector
 from hapticnet.vectors import distance, largest_component

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Final
 
-from hapticnet.codec.payload.values import COUNT, COUNT_BYTES, ValueForm
+from hapticnet.codec.values import COUNT, COUNT_BYTES, ValueForm
 from hapticnet.errors import PeerError
 from hapticnet.samples import Vector
 

@@ -11,11 +11,11 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple
 
 from hapticnet.checks import check_parameter
-from hapticnet.codec.payload.values import check_step, law_numbers, value_bytes
 from hapticnet.codec.schemes.deadband import DeadZone, ValueScheme, emptied, empty_zone
 from hapticnet.codec.schemes.deadband import is_silent as is_in_dead_zone
 from hapticnet.codec.schemes.deadband import send as send_value
 from hapticnet.codec.steps import ZERO_ORDER_HOLD, MakeTable, Steps
+from hapticnet.codec.values import check_step, law_numbers, value_bytes
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector
 from hapticnet.vectors import in_range

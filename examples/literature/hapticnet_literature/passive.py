@@ -32,14 +32,14 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Final, NamedTuple
 
 from hapticnet.checks import check_parameter
-from hapticnet.codec.payload.values import (
+from hapticnet.codec.schemes.deadband import Deadband, ValueScheme
+from hapticnet.codec.steps import MakeTable, Steps, not_mirrored
+from hapticnet.codec.values import (
     LawNumbers,
     check_step,
     law_numbers,
     threshold_around,
 )
-from hapticnet.codec.schemes.deadband import Deadband, ValueScheme
-from hapticnet.codec.steps import MakeTable, Steps, not_mirrored
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector
 from hapticnet.vectors import along, dot, largest_component, magnitude, minus, over

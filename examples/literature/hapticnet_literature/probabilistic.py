@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Final, NamedTuple
 
 from hapticnet.checks import check_parameter
-from hapticnet.codec.payload.values import check_step, law_numbers, rounded, value_bytes
 from hapticnet.codec.schemes.deadband import ValueScheme
 from hapticnet.codec.steps import ZERO_ORDER_HOLD, MakeTable, Steps, Table
+from hapticnet.codec.values import check_step, law_numbers, rounded, value_bytes
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector
 from hapticnet.vectors import distance, put, row

@@ -6,8 +6,8 @@ residual names the update that it builds on.
 
 from typing import Any, Final, NamedTuple
 
-from hapticnet.codec.payload.lines import LineForm, LineMessage
-from hapticnet.codec.payload.values import COUNT_BYTES, SINGLE_BYTES
+from hapticnet.codec.schemes.linear_predictive import LineForm, LineMessage
+from hapticnet.codec.values import COUNT_BYTES, SINGLE_BYTES
 from hapticnet.errors import PeerError
 from hapticnet.samples import Vector
 from hapticnet_literature.golomb_rice import bits_of, pack_integers, unpack_integers

@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple
 
 from hapticnet.checks import check_parameter
-from hapticnet.codec.motion import Motion, moved_on, unknown_motion
-from hapticnet.codec.payload.values import check_step, law_numbers, rounded, value_bytes
 from hapticnet.codec.schemes.deadband import ValueScheme
+from hapticnet.codec.schemes.motion import Motion, moved_on, unknown_motion
 from hapticnet.codec.steps import ZERO_ORDER_HOLD, MakeTable, Steps
+from hapticnet.codec.values import check_step, law_numbers, rounded, value_bytes
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector
 from hapticnet.vectors import distance, magnitude

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.codec.payload.values import SINGLE_BYTES
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.schemes.linear_predictive import LinearPredictive
 from hapticnet.codec.streams import table_of_rows
+from hapticnet.codec.values import SINGLE_BYTES
 from hapticnet.errors import PeerError, SettingsError
 from hapticnet.perception import WeberLaw
 from hapticnet_literature.least_squares import (

@@ -36,7 +36,7 @@ def tune(
     from hapticnet.cli.console import deliver, write_text
     from hapticnet.cli.profiles import profile_to_write
     from hapticnet.control.force_settings import ForceControlSettings
-    from hapticnet.control.limits import LimitSettings
+    from hapticnet.control.hold import LimitSettings
     from hapticnet.control.margins import Actuator, loop_margins
     from hapticnet.device.profile import MeasuredFinger, dump_profile
     from hapticnet.node.fingertip import Fingertip
@@ -102,7 +102,7 @@ def step(
     import numpy as np
 
     from hapticnet.cli.console import Console, check_new, check_outputs, deliver
-    from hapticnet.control.limits import LimitSettings
+    from hapticnet.control.hold import LimitSettings
     from hapticnet.errors import UnavailableError
     from hapticnet.experiment.step_response import averaged, plot_step, step_figures
     from hapticnet.experiment.style import check_format, pyplot

@@ -431,7 +431,7 @@ def _show_schedules(schedules: "Sequence[Schedule]", asked: Asked, as_json: bool
 def _real_fingertip(device: str, known: "Profile", seed: int) -> Iterator["tuple[Fingertip, Wire | None]"]:
     """Yield a device with its force loop for real time, and its wire."""
     from hapticnet.cli.console import complain
-    from hapticnet.control.limits import LimitSettings
+    from hapticnet.control.hold import LimitSettings
     from hapticnet.device.user import UserActuator
     from hapticnet.errors import SettingsError
     from hapticnet.node.fingertip import Fingertip
@@ -615,7 +615,7 @@ def _conduct_in_virtual_time(
 @contextmanager
 def _virtual_fingertip(device: str, known: "Profile", seed: int) -> Iterator["Fingertip"]:
     """Yield a simulated device with its force loop; raise SettingsError for a real one."""
-    from hapticnet.control.limits import LimitSettings
+    from hapticnet.control.hold import LimitSettings
     from hapticnet.errors import SettingsError
     from hapticnet.node.fingertip import Fingertip
     from hapticnet.runtime import devices

@@ -2,7 +2,7 @@
 
 from typing import Final, NamedTuple
 
-from hapticnet.codec.motion import Motion
+from hapticnet.codec.schemes.motion import Motion
 from hapticnet.codec.steps import Table
 from hapticnet.samples import Vector
 from hapticnet.vectors import dot, magnitude, minus, over, row

@@ -7,7 +7,9 @@ radius follows the norm of the last transmitted stimulus (isotropic dead zone).
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Final, NamedTuple
 
-from hapticnet.codec.payload.values import (
+from hapticnet.codec.steps import ZERO_ORDER_HOLD, MakeTable, Steps
+from hapticnet.codec.streams import Scheme
+from hapticnet.codec.values import (
     ValueForm,
     ValueNumbers,
     ValueRule,
@@ -16,8 +18,6 @@ from hapticnet.codec.payload.values import (
     rounded,
     value_bytes,
 )
-from hapticnet.codec.steps import ZERO_ORDER_HOLD, MakeTable, Steps
-from hapticnet.codec.streams import Scheme
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector
 from hapticnet.vectors import distance

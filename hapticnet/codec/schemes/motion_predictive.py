@@ -14,19 +14,21 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Final, NamedTuple, TypeAlias
 
 from hapticnet.checks import check_parameter
-from hapticnet.codec.motion import Motion, moved_on, unknown_motion, unseen
-from hapticnet.codec.payload.motion import (
+from hapticnet.codec.schemes.contact import Coupling, is_due, no_coupling, observed
+from hapticnet.codec.schemes.motion import (
     LARGEST_STIFFNESS,
     Line,
     Message,
+    Motion,
     MotionForm,
     line_at,
     line_of,
     message_bytes,
+    moved_on,
     no_line,
+    unknown_motion,
+    unseen,
 )
-from hapticnet.codec.payload.values import law_numbers, threshold_around
-from hapticnet.codec.schemes.contact import Coupling, is_due, no_coupling, observed
 from hapticnet.codec.schemes.predictors import (
     KEPT,
     MotionRule,
@@ -44,6 +46,7 @@ from hapticnet.codec.schemes.predictors import (
 from hapticnet.codec.schemes.trend import MOST_SAMPLES, NOTHING_LEARNED, Trend
 from hapticnet.codec.steps import MakeTable, Steps
 from hapticnet.codec.streams import Scheme
+from hapticnet.codec.values import law_numbers, threshold_around
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector
 
@@ -241,10 +244,10 @@ class MotionPredictive(Scheme):
     Rule: send when ``|x - p| > threshold(|p|)``, strictly, where p is what the receiver applies at its position and
     velocity. The first stimulus is always sent. A payload is complete and one of four: hold a value; a curve in time;
     a surface, ``offset + κ (κ·position)``, which does not pull; or a coupling, ``offset + K·position + B·velocity``
-    and a curve in time (`payload.motion`). The sender runs a predictor for each like a separate codec, and sends with
+    and a curve in time (`schemes.motion`). The sender runs a predictor for each like a separate codec, and sends with
     the one that has needed the fewest packets recently.
 
-    Velocity: as in `codec.motion`, with a time constant of 5 ms, from the positions that each side knows. The rule
+    Velocity: as in `schemes.motion`, with a time constant of 5 ms, from the positions that each side knows. The rule
     takes the sender's for the receiver's. A receiver that is elsewhere, because the network is slow or positions are
     coded, applies the same function at its own position. Without positions, it is the better of `adaptive_predictive`
     and the deadband.

@@ -3,9 +3,10 @@
 import math
 from typing import Any, Final, NamedTuple
 
-from hapticnet.codec.motion import Motion
-from hapticnet.codec.payload.curves import ends_in_range, in_halves, share_at
-from hapticnet.codec.payload.motion import (
+from hapticnet.codec.schemes.adaptive_predictive import BAND, LARGEST_OFFSET, ends_in_range, in_halves, share_at
+from hapticnet.codec.schemes.contact import Coupling, local_stiffness
+from hapticnet.codec.schemes.linear_predictive import is_impact
+from hapticnet.codec.schemes.motion import (
     COUPLED,
     CURVE,
     HOLD,
@@ -14,15 +15,12 @@ from hapticnet.codec.payload.motion import (
     UNSENT,
     Line,
     Message,
+    Motion,
     line_at,
     line_of,
     line_on_one_axis,
     pressed,
 )
-from hapticnet.codec.payload.values import is_within, threshold_around
-from hapticnet.codec.schemes.adaptive_predictive import BAND, LARGEST_OFFSET
-from hapticnet.codec.schemes.contact import Coupling, local_stiffness
-from hapticnet.codec.schemes.linear_predictive import is_impact
 from hapticnet.codec.schemes.trend import (
     MOST_SAMPLES,
     Regression,
@@ -33,6 +31,7 @@ from hapticnet.codec.schemes.trend import (
     window_begin,
 )
 from hapticnet.codec.steps import Past
+from hapticnet.codec.values import is_within, threshold_around
 from hapticnet.rounding import as_half
 from hapticnet.samples import LARGEST_COMPONENT, Vector
 from hapticnet.vectors import along, dot, in_range, limited, minus, moved, put, row, single, times

@@ -3,7 +3,9 @@
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
-from hapticnet.codec.payload.values import (
+from hapticnet.codec.steps import ZERO_ORDER_HOLD, MakeTable, Steps
+from hapticnet.codec.streams import Scheme
+from hapticnet.codec.values import (
     COUNT_BYTES,
     SINGLE_BYTES,
     ValueForm,
@@ -13,8 +15,6 @@ from hapticnet.codec.payload.values import (
     counted,
     value_bytes,
 )
-from hapticnet.codec.steps import ZERO_ORDER_HOLD, MakeTable, Steps
-from hapticnet.codec.streams import Scheme
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector
 from hapticnet.vectors import single

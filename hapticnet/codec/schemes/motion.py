@@ -1,4 +1,4 @@
-"""A stimulus as a function of time and of the receiver's own motion.
+"""The motion of the tool, and stimuli as functions of time and of that motion.
 
 The payload begins with a byte: the kind of the message, plus `WIDE` if its value is float64 instead of float32. Then,
 big-endian, for n axes:
@@ -18,14 +18,65 @@ receiver whose position differs from the one that the sender knew therefore appl
 
 import struct
 from collections.abc import Mapping
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol, TypeAlias
 
-from hapticnet.codec.payload.curves import LARGEST_TRAVEL, CurveNumbers, ends_in_range, share_at
-from hapticnet.codec.payload.values import DOUBLE, SINGLE, threshold_around
+from hapticnet.codec.schemes.adaptive_predictive import LARGEST_TRAVEL, CurveNumbers, ends_in_range, share_at
+from hapticnet.codec.values import DOUBLE, SINGLE, threshold_around
 from hapticnet.errors import PeerError
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import LARGEST_COMPONENT, MAX_AXES, Vector
-from hapticnet.vectors import along, dot, in_range, largest_component, limited, magnitude, minus, plus, times
+from hapticnet.vectors import along, dot, in_range, largest_component, limited, magnitude, minus, over, plus, times
+
+Motion: TypeAlias = tuple[bool, int, int, Vector, Vector]
+"""``(is_known, samples, t_us, position, velocity)`` of the tool.
+
+A plain tuple, because there is a new one at every sample, and a named tuple takes ten times as long to make.
+
+is_known
+    Whether there has been a position at all.
+samples
+    Number of positions in a row up to the present sample; 0 if that of the present one is not known.
+t_us, position, velocity
+    Time [µs], position [m] and velocity [m/s] of the newest one.
+"""
+
+
+def unknown_motion(axes: int) -> Motion:
+    """Return the motion before the first position."""
+    zeros = (0.0,) * axes
+    return False, 0, 0, zeros, zeros
+
+
+def moved_on(motion: Motion, t_us: int, position: Vector, lag_s: float) -> Motion:
+    """Return the motion after a position.
+
+    The velocity is the low-passed difference quotient: ``v ← (τ·v + p - p_before) / (τ + dt)``, backward Euler of
+    ``τ·dv/dt = dp/dt - v``, per axis. The tool counts as at rest after the first position, and after one whose time
+    stamp goes back. A repeated time stamp is ignored.
+
+    Parameters
+    ----------
+    lag_s
+        The time constant τ [s].
+    """
+    is_known, samples, before_us, before, velocity = motion
+    if not (is_known and t_us >= before_us):
+        return True, samples + 1, t_us, position, minus(position, position)
+    if t_us == before_us:
+        return motion
+    elapsed_s = (t_us - before_us) * 1e-6
+    if len(position) == 1:  # as below without three calls, because this runs at every sample
+        velocity = ((position[0] - before[0] + lag_s * velocity[0]) / (lag_s + elapsed_s),)
+    else:
+        velocity = over(along(minus(position, before), lag_s, velocity), lag_s + elapsed_s)
+    return True, samples + 1, t_us, position, velocity
+
+
+def unseen(motion: Motion) -> Motion:
+    """Return the motion at a sample whose position is not known: as before, because the receiver knows no better."""
+    is_known, _, t_us, position, velocity = motion
+    return is_known, 0, t_us, position, velocity
+
 
 UNSENT: Final = -1
 HOLD: Final = 0

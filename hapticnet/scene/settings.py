@@ -1,13 +1,160 @@
-"""Bodies that a tool touches and slides on, on two or three axes: shape, stiffness and friction."""
+"""What scenes are made of: layers of tissue on one axis, or bodies with friction on two or three."""
 
+import enum
+import itertools
 import math
+import reprlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, TypeAlias
 
 from hapticnet.checks import axes_of, check_parameter
 from hapticnet.errors import SettingsError
 from hapticnet.samples import MAX_AXES, Vector
-from hapticnet.scene.tissue import LARGEST_VALUE, SMALLEST_VALUE, check_names
+
+SMALLEST_VALUE: Final = 1e-9
+"""Smallest nonzero value [SI units] of a property; below it, floating-point precision runs out."""
+
+LARGEST_VALUE: Final = 1e6
+"""Largest value [SI units] of a property. A stiffness of 1e6 N/m is bone or steel, not tissue."""
+
+LARGEST_SPEED_M_PER_S: Final = 10.0
+"""Limit of the tip's speed [m/s]; two samples with nearly equal time stamps would give an unbounded one.
+
+An assumption: several times the speed of a hand that inserts a needle.
+"""
+
+LARGEST_EXPONENT: Final = 700.0
+"""`math.expm1` overflows above 709; at this exponent the force exceeds any breach force."""
+
+LONGEST_NAME: Final = 64
+"""Largest size [bytes of UTF-8] of a name, limited by the protocol's WELCOME message."""
+
+
+class Contact(enum.IntEnum):
+    """Contact of the needle with one tissue."""
+
+    NONE = 0
+    CONTACT = 1
+    PENETRATED = 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tissue:
+    """One layer of tissue, described by its surface.
+
+    The first four properties describe the tissue of "Cutaneous haptic deadband compression": a spring that breaks.
+    Each of the others has no effect, and no cost, while it is zero.
+
+    Attributes
+    ----------
+    name
+        Name of the tissue.
+    rest_position_m
+        Position [m] of the undisturbed surface; it increases into the body.
+    stiffness_n_per_m
+        Force per indentation [N/m]; the stiffness at the surface if the tissue stiffens.
+    breach_force_n
+        Elastic force [N] above which the needle pierces the surface.
+    viscosity_n_s_per_m
+        Force per speed [N·s/m] while the surface is indented.
+    shaft_friction_n
+        Friction [N] of the pierced tissue on the needle's shaft.
+    shaft_presliding_m
+        Distance [m] over which the tissue is dragged along before the shaft slides; used with `shaft_friction_n`.
+        The default is an assumption.
+    stiffening_per_m
+        Relative growth of stiffness with indentation [1/m].
+    recovery_time_s
+        Time constant [s] with which a pierced surface returns to its rest position; zero: it returns at once.
+
+    Raises
+    ------
+    SettingsError
+        If a value is not finite or out of range.
+    """
+
+    name: str
+    rest_position_m: float
+    stiffness_n_per_m: float
+    breach_force_n: float
+    viscosity_n_s_per_m: float = 0.0
+    shaft_friction_n: float = 0.0
+    shaft_presliding_m: float = 0.5e-3
+    stiffening_per_m: float = 0.0
+    recovery_time_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        where = f"tissue {self.name!r}:"
+        check_parameter(f"{where} rest_position_m", self.rest_position_m, -LARGEST_VALUE, LARGEST_VALUE)
+        for key in ("stiffness_n_per_m", "breach_force_n", "shaft_presliding_m"):
+            check_parameter(f"{where} {key}", getattr(self, key), SMALLEST_VALUE, LARGEST_VALUE)
+        for key in ("viscosity_n_s_per_m", "shaft_friction_n", "stiffening_per_m", "recovery_time_s"):
+            check_parameter(f"{where} {key}", getattr(self, key), SMALLEST_VALUE, LARGEST_VALUE, zero_allowed=True)
+
+    @property
+    def breach_depth_m(self) -> float:
+        """Indentation [m] at which the elastic force reaches the breach force."""
+        depth_m = self.breach_force_n / self.stiffness_n_per_m
+        if self.stiffening_per_m:
+            return math.log1p(self.stiffening_per_m * depth_m) / self.stiffening_per_m
+        return depth_m
+
+    @property
+    def depends_on_time(self) -> bool:
+        """Whether the force depends on the time of the motion, not only on the position."""
+        return self.viscosity_n_s_per_m > 0.0 or self.recovery_time_s > 0.0
+
+
+def front_to_back(tissues: Sequence[Tissue]) -> tuple[Tissue, ...]:
+    """Return the tissues in the order in which a needle meets them.
+
+    Raises
+    ------
+    SettingsError
+        If there is no tissue, or if two share a rest position.
+    """
+    if not tissues:
+        raise SettingsError("the scene has no tissue; it must have at least one")
+    ordered = sorted(tissues, key=lambda tissue: tissue.rest_position_m)
+    for front, back in itertools.pairwise(ordered):
+        if front.rest_position_m == back.rest_position_m:
+            raise SettingsError(
+                f"tissues {front.name!r} and {back.name!r} both rest at {front.rest_position_m} m; "
+                "there must be a gap between two tissues"
+            )
+    return tuple(ordered)
+
+
+def check_names(scene: str, names: Sequence[str], what: str) -> None:
+    """Check the names of a scene and its parts; raise SettingsError if one is not unique or does not fit a message."""
+    for name in (scene, *names):
+        if not name.isprintable() or not 0 < len(name.encode()) <= LONGEST_NAME:
+            raise SettingsError(
+                f"name {reprlib.repr(name)} has {len(name.encode())} bytes; names are 1 to {LONGEST_NAME} bytes of"
+                " printable characters"
+            )
+        if names.count(name) > 1:
+            raise SettingsError(f"{names.count(name)} {what} are called {name!r}; names must be unique")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SceneSettings:
+    """A scene's name and its tissues, sorted from front to back.
+
+    Raises
+    ------
+    SettingsError
+        If there is no tissue, two share a rest position or a name, or a name does not fit a WELCOME message.
+    """
+
+    name: str
+    tissues: tuple[Tissue, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "tissues", front_to_back(self.tissues))
+        check_names(self.name, [tissue.name for tissue in self.tissues], "tissues")
+
 
 LARGEST_PLACE_M: Final = 10.0
 """Largest coordinate [m] of a body, and largest radius. Farther away, rounding would be felt on stiff bodies."""
@@ -169,3 +316,6 @@ def _place(name: str, values: object) -> Vector:
     for value in values:
         check_parameter(name, value, -LARGEST_PLACE_M, LARGEST_PLACE_M)
     return tuple(map(float, values))
+
+
+AnySceneSettings: TypeAlias = SceneSettings | BodySceneSettings

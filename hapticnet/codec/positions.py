@@ -1,31 +1,173 @@
-"""When the master sends a position: dead reckoning with a tolerance that is a share of the JND.
+"""Positions sent only when they matter: dead reckoning with a tolerance that is a share of the JND.
 
-The slave follows the line that it was promised, within the box of its scene's bound. The master knows the line, the
-bound and its true position, and sends the next position
+The slave follows the line that it was promised, within the box of its scene's stiffness bound. The master knows the
+line, the bound and its true position, and sends the next position
 
 - if the force of the scene may differ between the two by more than the share of the JND that positions are granted,
 - if the true position leaves the box, because there is a surface or a breach behind its sides,
 - after `LONGEST_SILENCE_US`,
 - at every tick while the scene cannot tell how its force will change.
 
-Dead reckoning with a threshold is the method of distributed simulation (IEEE 1278.1).
+Dead reckoning with a threshold is the method of distributed simulation (IEEE 1278.1). docs/refer/payloads.md describes
+the payloads of lines and bounds.
 """
 
+import math
+import struct
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Final, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
-from hapticnet.codec.positions.lines import (
-    FASTEST_M_PER_S,
-    PromisedLine,
-    as_velocity,
-    pack_line,
-)
+import numpy as np
+
+from hapticnet.codec.values import SINGLE
+from hapticnet.errors import PeerError
 from hapticnet.perception import WeberLaw
-from hapticnet.samples import Vector, checked_vector
+from hapticnet.rounding import as_half
+from hapticnet.samples import LARGEST_COMPONENT, MAX_AXES, Vector, checked_vector
 from hapticnet.stiffness_bound import LONGEST_SILENCE_US, StiffnessBound
-from hapticnet.vectors import distance, magnitude, minus, over, single, times
+from hapticnet.vectors import along, distance, in_range, limited, magnitude, minus, over, single, times
+
+HALF: Final[Mapping[int, struct.Struct]] = {axes: struct.Struct(f">{axes}e") for axes in range(1, MAX_AXES + 1)}
+
+FASTEST_M_PER_S: Final = 10.0
+"""Largest velocity of a line on an axis: several times that of a hand (as in `scene.settings`)."""
+
+
+class PromisedLine(NamedTuple):
+    """Where the master says that its tool is: at a position, moving on at a velocity.
+
+    Attributes
+    ----------
+    t_us
+        Time of the position [µs].
+    position_m, velocity_m_per_s
+        As both sides know them, rounded for the wire.
+    """
+
+    t_us: int
+    position_m: Vector
+    velocity_m_per_s: Vector
+
+    def at(self, t_us: int) -> Vector:
+        """Return the position on the line at a time [m]: level before it starts and after `LONGEST_SILENCE_US`."""
+        elapsed_us = min(t_us - self.t_us, LONGEST_SILENCE_US)
+        if elapsed_us <= 0:
+            return self.position_m
+        return limited(along(self.position_m, 1e-6 * elapsed_us, self.velocity_m_per_s), LARGEST_COMPONENT)
+
+
+def as_velocity(velocity_m_per_s: Vector) -> Vector:
+    """Return a velocity as it is rounded for the wire, limited to ± `FASTEST_M_PER_S` on each axis."""
+    return tuple(as_half(component) + 0.0 for component in limited(velocity_m_per_s, FASTEST_M_PER_S))
+
+
+def pack_line(line: PromisedLine) -> bytes:
+    """Return the payload of a line."""
+    position_m, velocity_m_per_s = line.position_m, line.velocity_m_per_s
+    payload = SINGLE[len(position_m)].pack(*position_m)
+    if any(velocity_m_per_s):
+        payload += HALF[len(velocity_m_per_s)].pack(*velocity_m_per_s)
+    return payload
+
+
+def unpack_line(t_us: int, payload: bytes, axes: int) -> PromisedLine:
+    """Return the line in the payload of a POSITION.
+
+    Raises
+    ------
+    PeerError
+        If the length fits no form, or a component is not finite or out of range.
+    """
+    size = 4 * axes
+    if len(payload) not in (size, 6 * axes):
+        raise PeerError(f"payload of {len(payload)} bytes; a line of {axes} axes has {size} or {6 * axes}")
+    position_m: Vector = SINGLE[axes].unpack(payload[:size])
+    velocity_m_per_s: Vector = HALF[axes].unpack(payload[size:]) if len(payload) > size else (0.0,) * axes
+    if not in_range(position_m):
+        raise PeerError(f"payload holds the position {position_m} m; it must be within ±{LARGEST_COMPONENT:g}")
+    if not all(math.isfinite(speed) and abs(speed) <= FASTEST_M_PER_S for speed in velocity_m_per_s):
+        raise PeerError(f"payload holds a velocity of {velocity_m_per_s} m/s; it must be within ±{FASTEST_M_PER_S:g}")
+    return PromisedLine(t_us, position_m, velocity_m_per_s)
+
+
+LAYOUT: Final[Mapping[int, struct.Struct]] = {
+    axes: struct.Struct(f">{2 + 2 * axes}f") for axes in range(1, MAX_AXES + 1)
+}
+
+STIFFEST: Final = 1e9
+"""Largest stiffness [N/m] and damping [N·s/m]. Anything above is as good as no bound."""
+
+
+def rounded_bound(bound: StiffnessBound | None) -> StiffnessBound | None:
+    """Return a stiffness bound as the master reads it; None if there is none, or its numbers cannot be used."""
+    if bound is None:
+        return None
+    stiffness, damping, low_m, high_m = bound
+    rounded = StiffnessBound(
+        _rounded(stiffness, np.inf),
+        _rounded(damping, np.inf),
+        tuple(_rounded(component, np.inf) for component in low_m),
+        tuple(_rounded(component, -np.inf) for component in high_m),
+    )
+    return rounded if _is_good(rounded) else None
+
+
+def pack_bound(bound: StiffnessBound | None) -> bytes:
+    """Return the payload of a stiffness bound that is rounded."""
+    if bound is None:
+        return b""
+    stiffness, damping, low_m, high_m = bound
+    return LAYOUT[len(low_m)].pack(stiffness, damping, *low_m, *high_m)
+
+
+def unpack_bound(payload: bytes, axes: int) -> StiffnessBound | None:
+    """Return the bound in a payload; None if the scene cannot tell.
+
+    Raises
+    ------
+    PeerError
+        If the length is wrong, or a number is not finite or out of range.
+    """
+    if not payload:
+        return None
+    layout = LAYOUT[axes]
+    if len(payload) != layout.size:
+        raise PeerError(f"bound of {len(payload)} bytes; one of {axes} axes has {layout.size}")
+    stiffness, damping, *sides = layout.unpack(payload)
+    bound = StiffnessBound(stiffness, damping, tuple(sides[:axes]), tuple(sides[axes:]))
+    if not _is_good(bound):
+        raise PeerError(f"bound {tuple(bound)} is not what the protocol allows")
+    return bound
+
+
+def _is_good(bound: StiffnessBound) -> bool:
+    stiffness, damping, low_m, high_m = bound
+    return (
+        0.0 <= stiffness <= STIFFEST
+        and 0.0 <= damping <= STIFFEST
+        and all(_is_side(low) and _is_side(high) and low <= high for low, high in zip(low_m, high_m, strict=True))
+    )
+
+
+def _is_side(component: float) -> bool:
+    return abs(component) <= 2.0 * LARGEST_COMPONENT
+
+
+def _rounded(x: float, toward: float) -> float:
+    """Return the float32 nearest to a number that is not further from `toward`."""
+    with np.errstate(over="ignore"):
+        single = np.float32(x)
+    if float(single) < x if toward > 0.0 else float(single) > x:  # numpy would compare them as float32
+        single = np.nextafter(single, np.float32(toward))
+    return float(single)
+
+
+def box_around(position_m: Vector, radius_m: float) -> tuple[Vector, Vector]:
+    """Return the sides of a box that reaches as far from a position on each axis [m]."""
+    return tuple(x - radius_m for x in position_m), tuple(x + radius_m for x in position_m)
+
 
 WINDOW_US: Final = 12_000
 """The velocity of a line is that of the newest samples, this long [µs]."""
