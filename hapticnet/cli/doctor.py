@@ -119,7 +119,8 @@ def print_page(findings: "Sequence[Finding]", *, measured: bool) -> None:
     page += [Text(line, style=style) for text, style in _summary(findings, measured) for line in wrap(text, width)]
     with console.capture() as captured:
         console.print(*page, sep="\n", soft_wrap=True)
-    sys.stdout.write(in_encoding(captured.get(), sys.stdout.encoding or "utf-8"))
+    text = "".join(f"{line.rstrip()}\n" for line in captured.get().splitlines())
+    sys.stdout.write(in_encoding(text, sys.stdout.encoding or "utf-8"))
 
 
 def in_encoding(text: str, encoding: str) -> str:
