@@ -20,9 +20,8 @@ from hapticnet.channel.spec import parse_channel
 from hapticnet.device.simulated import PlantSettings, SimulatedDevice
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.protocol.handshake import SealedDoor
 from hapticnet.protocol.keys import MasterEntry, Roster

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from hapticnet.protocol.events import ForceArrived
-from hapticnet.protocol.handshake import OpenAttempt, OpenDoor, SealedAttempt, SealedDoor
+from hapticnet.protocol.handshake import Attempt, Door, SealedAttempt, SealedDoor
 from hapticnet.protocol.keys import MasterEntry, MasterKey, PrivateKey, Roster
 from hapticnet.protocol.messages import (
     Cookie,
@@ -19,6 +18,7 @@ from hapticnet.protocol.messages import (
     unpack_request,
     unpack_welcome,
 )
+from hapticnet.protocol.states import ForceArrived
 from hapticnet.protocol.wire import OPEN, SEALED, Kind, pack, pack_body, unpack
 
 SESSION = 0xABCDEF01
@@ -59,7 +59,7 @@ class HandSlave:
         self.session = 0
         self.request = None
         rng = np.random.default_rng(77)
-        self._door = SealedDoor(SLAVE.private, Roster([entry]), rng) if sealed else OpenDoor()
+        self._door = SealedDoor(SLAVE.private, Roster([entry]), rng) if sealed else Door()
 
     def said(self):
         """Return what the master has sent since the last call, opened."""
@@ -140,9 +140,7 @@ class HandMaster:
         asked = REQUEST._replace(**request)
         rng = np.random.default_rng(nonce)
         self.attempt = (
-            SealedAttempt(asked, nonce, first_sequence, key, rng)
-            if sealed
-            else OpenAttempt(asked, nonce, first_sequence)
+            SealedAttempt(asked, nonce, first_sequence, key, rng) if sealed else Attempt(asked, nonce, first_sequence)
         )
         self.cookie = b""
         self.grant = self.refusal = self.seal = None

@@ -13,10 +13,8 @@ import pytest
 import hapticnet as hn
 from hapticnet.codec.registry import codec_parameters
 from hapticnet.device.simulated import PlantSettings, SimulatedDevice
-from hapticnet.node.in_force import SettingsInForce
-from hapticnet.node.master_events import Failed, Paused
-from hapticnet.node.slave_events import MasterJoined, MasterLeft, ScenePaused, SceneResumed
-from hapticnet.protocol.events import Connected, Ended, LinkRecovered, LinkStale
+from hapticnet.node.events import Failed, MasterJoined, MasterLeft, Paused, ScenePaused, SceneResumed, SettingsInForce
+from hapticnet.protocol.states import Connected, Ended, LinkRecovered, LinkStale
 from hapticnet.recordings.session.in_force import in_force
 from hapticnet.recordings.session.reading import read_session
 from hapticnet.runtime.udp import DRAIN_US

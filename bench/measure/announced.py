@@ -23,9 +23,8 @@ from hapticnet.measure.metrics import error_report
 from hapticnet.measure.quality import created_energy_j
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.wire import Kind

@@ -18,10 +18,9 @@ from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_settings import SlaveSettings
-from hapticnet.protocol.handshake import Door, OpenDoor, SealedDoor
+from hapticnet.protocol.handshake import Door, SealedDoor
 from hapticnet.protocol.keys import MasterEntry, MasterKey, PrivateKey, Roster
 from hapticnet.protocol.seal import EPOCH_BITS
 from hapticnet.protocol.settings import SessionSettings
@@ -59,7 +58,7 @@ def session(seed: int, *, sealed: bool, rate_hz: float, start_us: int, first_seq
     preset = find_scene("example-viscous")
     settings = SessionSettings(first_sequence=first_sequence)
     roster = Roster([MasterEntry(name="long", public=MASTER_KEY.public)])
-    doors: dict[int, Door] = {OPEN: OpenDoor()}
+    doors: dict[int, Door] = {OPEN: Door()}
     if sealed:
         doors = {SEALED: SealedDoor(SLAVE_KEY.private, roster, sessions)}
     slave = SlaveNode(

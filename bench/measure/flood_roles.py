@@ -15,15 +15,14 @@ from typing import Any, Final
 
 import numpy as np
 
+from hapticnet.node.events import NodeEvent
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_events import NodeEvent
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
-from hapticnet.protocol.events import Connected
-from hapticnet.protocol.handshake import Door, OpenDoor, SealedDoor
+from hapticnet.protocol.handshake import Door, SealedDoor
 from hapticnet.protocol.keys import MasterEntry, MasterKey, PrivateKey, Roster
+from hapticnet.protocol.states import Connected
 from hapticnet.protocol.stats import Distribution
 from hapticnet.protocol.wire import OPEN, SEALED
 from hapticnet.runtime.runners import run_master, run_slave
@@ -47,7 +46,7 @@ async def slave(*, sealed: bool) -> None:
     sock = listen(HostPort("127.0.0.1", 0))
     rng = SystemEntropy()
     roster = Roster([MasterEntry(name="work", public=MASTER_KEY.public)])
-    doors: dict[int, Door] = {SEALED: SealedDoor(SLAVE_KEY.private, roster, rng)} if sealed else {OPEN: OpenDoor()}
+    doors: dict[int, Door] = {SEALED: SealedDoor(SLAVE_KEY.private, roster, rng)} if sealed else {OPEN: Door()}
     scene = paper_scene(1)
     node = SlaveNode(
         lambda _: Scene(scene.tissues, name=scene.name), SlaveSettings(), rng, doors=doors, host_of=host_of

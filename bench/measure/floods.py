@@ -23,8 +23,7 @@ import record
 from flood_roles import MASTER_KEY, SLAVE_KEY
 from real_time import fifo_is_granted
 
-from hapticnet.protocol.handshake import prologue
-from hapticnet.protocol.mac import MAC_BYTES, hello_mac
+from hapticnet.protocol.handshake import MAC_BYTES, hello_mac, prologue
 from hapticnet.protocol.messages import COOKIE_BYTES, Hello, Request, pack_hello
 from hapticnet.protocol.noise import MESSAGE_1_BYTES, Initiator
 from hapticnet.protocol.wire import OPEN, SEALED, pack_body

@@ -7,19 +7,16 @@ from typing import Any, Final
 import numpy as np
 from fuzz_datagrams import Fuzz
 
+from hapticnet.node.events import Failed, MasterLeft
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_events import Failed
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_events import MasterLeft
-from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
-from hapticnet.protocol.events import Connected
-from hapticnet.protocol.handshake import Door, OpenDoor, SealedDoor, prologue
+from hapticnet.protocol.handshake import Door, SealedDoor, hello_mac, prologue
 from hapticnet.protocol.keys import MasterEntry, MasterKey, PrivateKey, Roster, new_key
-from hapticnet.protocol.mac import hello_mac
 from hapticnet.protocol.messages import COOKIE_BYTES, TICKET_BYTES, unpack_cookie
 from hapticnet.protocol.noise import Initiator
+from hapticnet.protocol.states import Connected
 from hapticnet.protocol.wire import OPEN, SEALED, Kind, pack, pack_body, unpack, unpack_nonce
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.sources import paper_scene
@@ -75,7 +72,7 @@ class Session:
         public = self._keys[0].public
         self._key = MasterKey(self._keys[1], public) if sealed else None
         entry = MasterEntry(name="fuzz", public=self._keys[1].public)
-        door: Door = SealedDoor(self._keys[0].private, Roster([entry]), self._rng) if sealed else OpenDoor()
+        door: Door = SealedDoor(self._keys[0].private, Roster([entry]), self._rng) if sealed else Door()
         scene = paper_scene(seed)
         given = lambda _: Scene(scene.tissues, name=scene.name), SlaveSettings(), self._rng
         others: dict[str, Any] = {

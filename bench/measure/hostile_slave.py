@@ -32,10 +32,10 @@ from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.control.hold import LimitSettings
 from hapticnet.device.simulated import Finger, PlantSettings
 from hapticnet.hardware import MAX_FORCE_N
+from hapticnet.node.decoders import OF_CODEC, pack_model
 from hapticnet.node.fingertip import Fingertip
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_settings import MasterSettings
-from hapticnet.node.model_wire import OF_CODEC, pack_model
+from hapticnet.node.settings import MasterSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.protocol.messages import (
     COOKIE_BYTES,

@@ -24,7 +24,7 @@ from hapticnet.experiment.analysis import Columns, bytes_per_penetration
 from hapticnet.experiment.conditions import CONDITIONS, Condition
 from hapticnet.experiment.paper_force import paper_recording
 from hapticnet.measure.metrics import error_report
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.perception import PAPER_FLOOR_N, WeberLaw
 from hapticnet.protocol.wire import Kind, force_datagram_bytes

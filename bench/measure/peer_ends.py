@@ -19,9 +19,9 @@ import numpy as np
 from flood_roles import MASTER_KEY, SLAVE_KEY
 from stacks import MESSAGE, PORT, STACKS
 
+from hapticnet.node.events import NodeEvent
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_events import NodeEvent
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.protocol.keys import MasterKey
 from hapticnet.protocol.stats import Distribution

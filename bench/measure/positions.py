@@ -17,7 +17,7 @@ from virtual_time import both_nodes
 
 from hapticnet.measure.metrics import error_report
 from hapticnet.node.loopback import Loopback
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.wire import Kind

@@ -14,15 +14,13 @@ from hapticnet.codec.schemes.raw import Raw
 from hapticnet.measure.metrics import error_report
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.base import Operator
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.perception import WeberLaw
-from hapticnet.protocol.events import LinkStale
-from hapticnet.protocol.repair import RepairSettings
-from hapticnet.protocol.settings import SessionSettings
+from hapticnet.protocol.settings import RepairSettings, SessionSettings
+from hapticnet.protocol.states import LinkStale
 from hapticnet.protocol.wire import UDP_IPV4_HEADER_BYTES, Kind, unpack
 from hapticnet.samples import ForceSample, PositionSample
 from hapticnet.scene.scene import Scene

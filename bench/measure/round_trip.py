@@ -21,9 +21,8 @@ import record
 
 from hapticnet.arrays import IntArray
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.runtime.runners import run_master, run_slave
 from hapticnet.runtime.system import SystemEntropy, prefer_realtime, run

@@ -20,9 +20,8 @@ from hapticnet.measure.energy import energy_report
 from hapticnet.measure.metrics import error_report
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import PositionSample

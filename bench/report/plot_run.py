@@ -11,9 +11,8 @@ from hapticnet.device.simulated import PlantSettings, SimulatedDevice
 from hapticnet.experiment.figures import draw_run
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.sources import paper_scene

@@ -20,9 +20,8 @@ from hapticnet.experiment.analysis import felt_error
 from hapticnet.measure.metrics import ErrorReport
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_settings import MasterSettings, Positions
+from hapticnet.node.settings import MasterSettings, Positions, SlaveSettings
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.base import HasSample, UserOperator
 from hapticnet.operator.scripted import scripted_hand
 from hapticnet.scene.base import HasStep

@@ -13,9 +13,9 @@ from hapticnet.api.threads import LoopThread
 from hapticnet.api.ticked import TickedSocket
 from hapticnet.api.views import MasterView
 from hapticnet.errors import SettingsError, UnavailableError
+from hapticnet.node.events import NodeEvent
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_events import NodeEvent
-from hapticnet.protocol.events import Ended
+from hapticnet.protocol.states import Ended
 from hapticnet.protocol.stats import Distribution
 from hapticnet.runtime.overload import Overload
 from hapticnet.runtime.runners import MasterRun, MasterRunner, master_report

@@ -19,7 +19,7 @@ from hapticnet.errors import SampleError
 from hapticnet.experiment.provenance import provenance
 from hapticnet.files import user_path
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_settings import MasterSettings, OnError
+from hapticnet.node.settings import MasterSettings, OnError
 from hapticnet.operator.base import HasSample, Operator, UserOperator
 from hapticnet.options import Option, check_options, described
 from hapticnet.protocol.settings import SessionSettings

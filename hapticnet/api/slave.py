@@ -11,8 +11,8 @@ from hapticnet.api.slave_setup import SlaveSetup, address_of
 from hapticnet.api.threads import LoopThread
 from hapticnet.api.ticked import TickedSocket
 from hapticnet.api.views import SlaveView
+from hapticnet.node.events import SlaveEvent
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_events import SlaveEvent
 from hapticnet.runtime.overload import Overload
 from hapticnet.runtime.runners import SlaveRunner, slave_report
 from hapticnet.runtime.system import now_us, scheduling, waited_us

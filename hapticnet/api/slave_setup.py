@@ -10,9 +10,8 @@ from hapticnet.codec import registry
 from hapticnet.codec.plugins import checked_class
 from hapticnet.errors import SettingsError
 from hapticnet.files import user_path
-from hapticnet.node.master_settings import OnError
+from hapticnet.node.settings import OnError, SlaveSettings
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.options import Option, check_options, described
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.runtime.system import SystemEntropy, now_us

@@ -3,12 +3,11 @@
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Final
 
+from hapticnet.node.events import Failed, NodeEvent, Paused, Resumed, SettingsInForce
 from hapticnet.node.fingertip import DeviceFound, DeviceLost, FingerMet, FingerNotMet, ForceFault
-from hapticnet.node.in_force import SettingsInForce
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_events import Failed, NodeEvent, Paused, Resumed
 from hapticnet.node.step_times import StepsTooSlow
-from hapticnet.protocol.events import (
+from hapticnet.protocol.states import (
     ChangeRefused,
     Connected,
     Ended,

@@ -16,7 +16,7 @@ from hapticnet.codec.registry import parse_codec
 from hapticnet.errors import RefusedError, RunError, UnavailableError
 from hapticnet.experiment.provenance import provenance
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings
 from hapticnet.options import INSERTIONS, POSITION_SHARE, RECORD_LIMIT
 from hapticnet.protocol.key_files import default_key
 from hapticnet.protocol.settings import SessionSettings
@@ -34,7 +34,7 @@ from hapticnet.runtime.udp import is_loopback, open_toward, parse_host_port
 
 if TYPE_CHECKING:
     from hapticnet.cli.master import MasterOptions
-    from hapticnet.node.master_events import NodeEvent
+    from hapticnet.node.events import NodeEvent
     from hapticnet.runtime.watching import Watcher
 
 

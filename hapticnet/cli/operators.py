@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 from hapticnet.files import user_path
 
 if TYPE_CHECKING:
-    from hapticnet.node.master_events import NodeEvent
+    from hapticnet.node.events import NodeEvent
     from hapticnet.operator.base import Operator
     from hapticnet.runtime.udp import HostPort
     from hapticnet.runtime.watching import Watcher

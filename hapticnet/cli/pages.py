@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from hapticnet.channel.emulator import Emulator
     from hapticnet.channel.settings import ChannelSettings
     from hapticnet.cli.console import Console
+    from hapticnet.node.events import NodeEvent
     from hapticnet.node.master import MasterNode
-    from hapticnet.node.master_events import NodeEvent
     from hapticnet.operator.base import Operator
     from hapticnet.runtime.udp import HostPort
     from hapticnet.runtime.watching import Watcher

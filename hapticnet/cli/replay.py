@@ -91,7 +91,7 @@ def _rate_hz(t_us: list[int]) -> float:
     from itertools import pairwise
     from statistics import median
 
-    from hapticnet.protocol.ranges import RATE_HZ
+    from hapticnet.protocol.messages import RATE_HZ
 
     steps = [after - before for before, after in pairwise(t_us) if after > before]
     if not steps:

@@ -3,8 +3,8 @@
 from typing import TYPE_CHECKING, Any, Final
 
 from hapticnet.api.slave_setup import place
+from hapticnet.node.events import MasterJoined, MasterLeft, MasterRefused, ScenePaused, SceneResumed, SlaveEvent
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_events import MasterJoined, MasterLeft, MasterRefused, ScenePaused, SceneResumed, SlaveEvent
 from hapticnet.node.step_times import StepsTooSlow
 from hapticnet.protocol.keys import format_key
 from hapticnet.protocol.messages import Code

@@ -17,8 +17,8 @@ from hapticnet.codec.registry import parse_codec, register_installed_codecs
 from hapticnet.errors import FileError, RunError, SettingsError
 from hapticnet.experiment.provenance import provenance
 from hapticnet.files import check_folder
+from hapticnet.node.settings import SlaveSettings
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.options import RECORD_LIMIT
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.recordings.session.archive import check_format
@@ -35,7 +35,7 @@ from hapticnet.scene.sources import SceneSource, find_source
 if TYPE_CHECKING:
     from hapticnet.channel.settings import ChannelSettings
     from hapticnet.cli.slave import SlaveOptions
-    from hapticnet.node.slave_events import SlaveEvent
+    from hapticnet.node.events import SlaveEvent
     from hapticnet.runtime.watching import Watcher
 
 NOT_RECORDED: Final = "it needs --record-dir"

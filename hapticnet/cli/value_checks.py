@@ -47,7 +47,7 @@ def codec(text: str) -> None:
 
 def rate(value: float) -> None:
     """Check the positions a second."""
-    from hapticnet.protocol.ranges import RATE_HZ
+    from hapticnet.protocol.messages import RATE_HZ
 
     RATE_HZ.check(value)
 

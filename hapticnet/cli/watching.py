@@ -5,10 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from hapticnet.cli.console import Console
+    from hapticnet.node.events import NodeEvent, SlaveEvent
     from hapticnet.node.master import MasterNode
-    from hapticnet.node.master_events import NodeEvent
     from hapticnet.node.slave import SlaveNode
-    from hapticnet.node.slave_events import SlaveEvent
     from hapticnet.runtime.overload import Overload
     from hapticnet.runtime.watching import Watcher
 

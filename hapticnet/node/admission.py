@@ -7,13 +7,13 @@ from hapticnet.checks import axes_of
 from hapticnet.codec.base import Codec
 from hapticnet.codec.registry import all_codecs, make_codec, with_share
 from hapticnet.errors import HapticnetError, SampleError, SettingsError
-from hapticnet.node.hello_filter import Address
 from hapticnet.node.session_table import NoSeatError, SessionTable
+from hapticnet.node.settings import SlaveSettings
 from hapticnet.node.slave_context import SlaveContext
-from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.node.step_times import StepTimes
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.handshake import Visitor
+from hapticnet.protocol.hello_filter import Address
 from hapticnet.protocol.keys import MasterEntry
 from hapticnet.protocol.messages import (
     REASON_BYTES,

@@ -9,13 +9,11 @@ from typing import Any, NamedTuple
 from hapticnet.codec.base import Codec, Decoder, Predictive
 from hapticnet.codec.positions import Difference
 from hapticnet.control.hold import Hold, HoldSettings
-from hapticnet.node.announced import Allowance, AnnouncedDecoder
-from hapticnet.node.bounded import BoundedDecoder, receiver
+from hapticnet.node.decoders import Allowance, AnnouncedDecoder, BoundedDecoder, LineDecoder, receiver
 from hapticnet.node.force_predictor import ForcePredictor
-from hapticnet.node.line_decoder import LineDecoder
-from hapticnet.protocol.events import ForceArrived, HoldConfirmed
-from hapticnet.protocol.serial_number import distance
+from hapticnet.protocol.states import ForceArrived, HoldConfirmed
 from hapticnet.protocol.stats import Distribution
+from hapticnet.protocol.wire import distance
 from hapticnet.samples import Vector
 
 

@@ -15,7 +15,7 @@ from hapticnet.channel.settings import ChannelSettings
 from hapticnet.codec.base import Codec
 from hapticnet.control.hold import PassivityController
 from hapticnet.errors import PeerError
-from hapticnet.node.bounded import receiver
+from hapticnet.node.decoders import receiver
 from hapticnet.samples import Vector
 
 POSITION_BYTES: Final = 20

@@ -1,13 +1,17 @@
-"""The fingertip: limits, force loop and device, in the order in which a force passes them."""
+"""How a force reaches its device: the part of it that is rendered, limits, force loop if there is one, and device."""
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 from hapticnet.control.force import ForceController
 from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.control.hold import ForceLimiter, LimitSettings
 from hapticnet.device.base import Device, Reading
+from hapticnet.device.user import UserActuator
+from hapticnet.measure.metrics import RunningError
+from hapticnet.node.settings import MasterSettings, device_axis
+from hapticnet.samples import Vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,3 +175,129 @@ class Fingertip:
             self._fault = self.controller.fault
             if self._fault is not None:
                 self._events.append(ForceFault(self._fault))
+
+
+class Actuator:
+    """An actuator and the limits of what is asked of it. Takes the place of a `Fingertip`.
+
+    Attributes
+    ----------
+    device
+        The actuator.
+    target_n
+        Force [N] requested of the device, after the limits.
+    displacement_m
+        0: an actuator has no platform.
+    reading
+        The newest force that it sensed; None if it senses none.
+    """
+
+    __slots__ = ("_events", "_limiter", "device", "displacement_m", "reading", "target_n")
+
+    def __init__(self, device: UserActuator, limits: LimitSettings) -> None:
+        self.device = device
+        self.target_n = self.displacement_m = 0.0
+        self.reading: Reading | None = None
+        self._limiter = ForceLimiter(replace(limits, max_force_n=min(limits.max_force_n, device.max_force_n)))
+        self._events: list[FingertipEvent] = [DeviceFound(device.description)]
+
+    @property
+    def sensed_n(self) -> float:
+        """Newest sensed force [N]; the requested one if the device senses none."""
+        return self.reading.force_n if self.reading is not None else self.target_n
+
+    @property
+    def status(self) -> str:
+        """What the device says of itself."""
+        return self.device.status
+
+    def press(self, force_n: float, now_us: int, ahead_n: float | None = None) -> None:  # noqa: ARG002
+        """Ask the device for a force [N]; called every tick. What it does about its own delay is its own matter."""
+        self.target_n = self._limiter.limit(force_n, now_us)
+        sensed_n = self.device.apply(self.target_n, now_us)
+        self.reading = None if sensed_n is None else Reading(now_us, 0.0, sensed_n, 0.0)
+
+    def report(self) -> dict[str, Any]:
+        """Return the account of this device for JSON."""
+        return {"description": self.device.description, "status": self.status, "line": self.device.report()}
+
+    def next_event(self) -> FingertipEvent | None:
+        """Return the next event, or None."""
+        return self._events.pop(0) if self._events else None
+
+
+class Felt(NamedTuple):
+    """Force [N] requested of the device and sensed by it, and the displacement [m] of its platform."""
+
+    target_n: float
+    sensed_n: float
+    displacement_m: float
+
+
+class Rendering:
+    """A device with its limits and, if it takes positions, its force loop; or none.
+
+    Attributes
+    ----------
+    fingertip
+        What renders the force; None without a device.
+    with_loop
+        The same if there is a force loop.
+    """
+
+    def __init__(self, device: Device | UserActuator | Fingertip | None, settings: MasterSettings, axes: int) -> None:
+        self.fingertip: Fingertip | Actuator | None
+        if isinstance(device, UserActuator):
+            self.fingertip = Actuator(device, settings.limits)
+        elif device is None or isinstance(device, Fingertip):
+            self.fingertip = device
+        else:
+            self.fingertip = Fingertip(device, settings.limits, settings.control)
+        self.with_loop = self.fingertip if isinstance(self.fingertip, Fingertip) else None
+        self._axis = device_axis(settings.device_takes, axes) if device is not None else None
+        self._tracking = RunningError(settings.law)
+
+    @property
+    def what(self) -> str:
+        """What messages call the device."""
+        return getattr(self.fingertip and self.fingertip.device, "what", "the device and its force loop")
+
+    @property
+    def least_rate_hz(self) -> float:
+        """Rate [Hz] below which the device's force loop must not run."""
+        return self.with_loop.device.least_rate_hz if self.with_loop is not None else 0.0
+
+    def press(self, held_n: Vector, ahead_n: Vector, now_us: int, *, counts: bool) -> Felt:
+        """Render a force [N]; what drives a device may raise anything.
+
+        Parameters
+        ----------
+        ahead_n
+            The force expected by the time the device will have moved.
+        counts
+            Whether the error of the device counts for the report.
+        """
+        fingertip = self.fingertip
+        assert fingertip is not None, "there is a device"  # noqa: S101 - the caller's fault
+        rendered_n = self._part(held_n)
+        fingertip.press(rendered_n, now_us, rendered_n if ahead_n is held_n else self._part(ahead_n))
+        if counts and fingertip.reading is not None:
+            self._tracking.add((fingertip.target_n,), (fingertip.sensed_n,))
+        return Felt(fingertip.target_n, fingertip.sensed_n, fingertip.displacement_m)
+
+    def next_event(self) -> FingertipEvent | None:
+        """Return the next event, or None."""
+        return None if self.fingertip is None else self.fingertip.next_event()
+
+    def report(self) -> dict[str, Any]:
+        """Return the account for JSON."""
+        tracking = self._tracking.report() if self._tracking.samples else None
+        return {
+            "device": self.fingertip.report() if self.fingertip else None,
+            "tracking_rmse_n": tracking.rmse_n if tracking else None,
+            "tracking_max_n": tracking.max_error_n if tracking else None,
+        }
+
+    def _part(self, force_n: Vector) -> float:
+        """Return the part of a force [N] that the device renders."""
+        return math.hypot(*force_n) if self._axis is None else force_n[self._axis]

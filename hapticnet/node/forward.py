@@ -6,10 +6,10 @@ from typing import Any
 from hapticnet.codec.positions import Difference, PositionSender, unpack_bound
 from hapticnet.codec.schemes.raw import Raw
 from hapticnet.errors import PeerError
-from hapticnet.node.idle import master_idle_below_n
-from hapticnet.node.model_wire import with_state
+from hapticnet.node.decoders import with_state
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.master_session import MasterSession
+from hapticnet.protocol.settings import master_idle_below_n
 from hapticnet.samples import Vector
 from hapticnet.vectors import magnitude
 

@@ -12,18 +12,19 @@ from hapticnet.device.base import Device
 from hapticnet.device.user import UserActuator
 from hapticnet.errors import PeerError, SampleError, in_words
 from hapticnet.node.applied import Applied, AppliedForce
-from hapticnet.node.fingertip import Fingertip
-from hapticnet.node.first_touch import FirstTouch
+from hapticnet.node.events import Failed, InForce, NodeEvent, Paused, Resumed, SettingsInForce
+from hapticnet.node.fingertip import Fingertip, Rendering
 from hapticnet.node.forward import Forward
-from hapticnet.node.in_force import InForce, SettingsInForce
-from hapticnet.node.master_events import Failed, NodeEvent, Paused, Resumed
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.procedures import FirstTouch
 from hapticnet.node.recording import DATAGRAM_COLUMNS, IN, OUT, Recording, frame_kind, master_columns
-from hapticnet.node.rendering import Rendering
+from hapticnet.node.settings import MasterSettings
 from hapticnet.node.step_times import Clock, StepTimes, no_wait
 from hapticnet.operator.base import Operator
 from hapticnet.perception import WeberLaw
-from hapticnet.protocol.events import (
+from hapticnet.protocol.master_session import MasterSession
+from hapticnet.protocol.messages import Code, Request
+from hapticnet.protocol.settings import Entropy
+from hapticnet.protocol.states import (
     BoundArrived,
     ChangeRefused,
     Connected,
@@ -31,12 +32,9 @@ from hapticnet.protocol.events import (
     ForceArrived,
     HoldConfirmed,
     MasterEvent,
+    MasterState,
     Noticed,
 )
-from hapticnet.protocol.master_session import MasterSession
-from hapticnet.protocol.messages import Code, Request
-from hapticnet.protocol.settings import Entropy
-from hapticnet.protocol.states import MasterState
 from hapticnet.protocol.stats import Distribution
 from hapticnet.samples import Vector, checked_vector
 from hapticnet.scene.ahead import stiffest_at

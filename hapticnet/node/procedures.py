@@ -17,6 +17,7 @@ from hapticnet.node.recording import Recording
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+from hapticnet.node.fingertip import FingerMet, FingerNotMet
 
 STEP_COLUMNS: Final = ("t_us", "target_n", "sensed_n", "true_n", "stood_m", "sent_m")
 
@@ -270,3 +271,36 @@ class Tuning(Procedure):
             forces_n=tuple(forces_n.tolist()),
             displacements_m=tuple(displacements_m.tolist()),
         )
+
+
+FIRST_TOUCH_N: Final = 1.0
+FIRST_TOUCH_US: Final = 500_000
+"""Force [N] and duration [µs] of the first touch. The stiffness shows in how the force rises: less force would leave it
+uncertain. A fifth of the largest force, and half of what a finger is tuned with."""
+
+
+class FirstTouch:
+    """Meet the finger, and tell how.
+
+    Attributes
+    ----------
+    outcome
+        What came of it; None while it goes on.
+    """
+
+    def __init__(self, fingertip: Fingertip) -> None:
+        self.outcome: FingerMet | FingerNotMet | None = None
+        self._fingertip = fingertip
+        force_n = min(FIRST_TOUCH_N, fingertip.largest_n)
+        self._meeting = Meeting(fingertip, force_n=force_n, press_us=FIRST_TOUCH_US)
+
+    def tick(self, now_us: int) -> FingerMet | FingerNotMet | None:
+        """Press one step; return the outcome once it is over. The device may raise anything."""
+        try:
+            if self._meeting.tick(now_us):
+                met = self._meeting.result()
+                stiffness_n_m = 1.0 / self._fingertip.controller.finger.compliance_m_n
+                self.outcome = FingerMet(met.contact_m, stiffness_n_m)
+        except UnavailableError as error:
+            self.outcome = FingerNotMet(str(error))
+        return self.outcome

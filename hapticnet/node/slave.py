@@ -6,15 +6,15 @@ from typing import Any, Final
 
 from hapticnet.errors import PeerError
 from hapticnet.node.admission import Admission, MakeScene, RefusalError
+from hapticnet.node.events import MasterJoined, MasterLeft, MasterRefused, ScenePaused, SceneResumed, SlaveEvent
 from hapticnet.node.feedback import SceneFailedError
-from hapticnet.node.hello_filter import Address, HelloFilter
 from hapticnet.node.line_steps import LineSteps
 from hapticnet.node.session_table import NoSeatError, SessionTable
+from hapticnet.node.settings import SlaveSettings
 from hapticnet.node.slave_context import SlaveContext
-from hapticnet.node.slave_events import MasterJoined, MasterLeft, MasterRefused, ScenePaused, SceneResumed, SlaveEvent
-from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.node.step_times import Clock, StepTimes, no_wait
-from hapticnet.protocol.handshake import Door, OpenDoor, SealedDoor
+from hapticnet.protocol.handshake import Door, SealedDoor
+from hapticnet.protocol.hello_filter import Address, HelloFilter
 from hapticnet.protocol.keys import Roster
 from hapticnet.protocol.messages import REASON_BYTES, Code, Hello, clipped
 from hapticnet.protocol.settings import Entropy
@@ -74,7 +74,7 @@ class SlaveNode:
         self.unknown_peers = Traffic()
         self.to_unknown_peers = Traffic()
         self._settings = settings
-        self._doors = {OPEN: OpenDoor()} if doors is None else doors
+        self._doors = {OPEN: Door()} if doors is None else doors
         self._hello_filter = HelloFilter(self._doors, rng)
         self.times = StepTimes(clock)
         self._admission = Admission(make_scene, settings, rng, self.times)
@@ -371,8 +371,7 @@ class SlaveNode:
         self._welcomes[context.greeting] = context, welcome
         self._seats.add(context)
         if context.continues is not None:
-            context.continues.add_heir(context)
-            self._seats.note_tickets(context.continues)
+            context.continues.add_successor(context)
         return context, welcome
 
     def _receive_stray(self, datagram: Datagram, size: int, address: Address) -> None:

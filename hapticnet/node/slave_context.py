@@ -11,10 +11,10 @@ from hapticnet.codec.schemes.raw import Raw
 from hapticnet.errors import SampleError, in_words
 from hapticnet.measure.metrics import RunningError
 from hapticnet.node.dead_reckoning import VELOCITY_STEP_US, DeadReckoning
+from hapticnet.node.decoders import read_state
 from hapticnet.node.feedback import Feedback, SceneFailedError
-from hapticnet.node.model_wire import read_state
 from hapticnet.node.recording import DATAGRAM_COLUMNS, IN, OUT, Recording, frame_kind, slave_columns
-from hapticnet.node.slave_settings import SlaveSettings
+from hapticnet.node.settings import SlaveSettings
 from hapticnet.node.step_times import StepTime, StepTimes
 from hapticnet.protocol.messages import Grant
 from hapticnet.protocol.slave_session import SlaveSession
@@ -23,7 +23,7 @@ from hapticnet.samples import PositionSample, Vector
 from hapticnet.scene.base import Touchable, bound_method, breaches_of
 from hapticnet.vectors import along
 
-MOST_HEIRS: Final = 16
+MOST_SUCCESSORS: Final = 16
 """Sessions that are to continue one that are remembered: a master whose link is bad may need several tries."""
 
 
@@ -85,7 +85,7 @@ class SlaveContext:
         self.codec = codec
         self.continues = continues
         self.same_clock = same_clock
-        self._heirs: dict[bytes, bool] = {}
+        self._successors: dict[bytes, bool] = {}
         self._continued = continues.session.number if continues is not None else None
         self.seated = False
         self.steps = 0
@@ -129,24 +129,19 @@ class SlaveContext:
         Tickets of sessions that were to continue this one count, too: their masters may have got the WELCOME, although
         no position of theirs arrived here.
         """
-        return True if ticket == self.grant.ticket else self._heirs.get(ticket)
+        return True if ticket == self.grant.ticket else self._successors.get(ticket)
 
-    @property
-    def tickets(self) -> tuple[bytes, ...]:
-        """The tickets that `is_own` knows."""
-        return self.grant.ticket, *self._heirs
-
-    def add_heir(self, heir: "SlaveContext") -> None:
+    def add_successor(self, other: "SlaveContext") -> None:
         """Note a session that is to continue this one, when its first position arrives."""
-        self._heirs[heir.grant.ticket] = heir.same_clock
-        if len(self._heirs) > MOST_HEIRS:
-            del self._heirs[next(iter(self._heirs))]
+        self._successors[other.grant.ticket] = other.same_clock
+        if len(self._successors) > MOST_SUCCESSORS:
+            del self._successors[next(iter(self._successors))]
 
     def inherit(self, old: "SlaveContext") -> None:
         """Take over the successors of the session that this one continues."""
-        own = {ticket: is_own and self.same_clock for ticket, is_own in old._heirs.items()}
-        self._heirs = own | self._heirs
-        self._heirs.pop(self.grant.ticket, None)
+        own = {ticket: is_own and self.same_clock for ticket, is_own in old._successors.items()}
+        self._successors = own | self._successors
+        self._successors.pop(self.grant.ticket, None)
 
     def receive(self, datagram: Datagram, data: bytes, address: Hashable, now_us: int) -> bool:
         """Process a datagram of this session; return whether there is now a position to `answer`.

@@ -1,92 +1,101 @@
 """How a session begins: open ones (version 1) and sealed ones (version 2).
 
-The master makes an `Attempt` for each session it asks for; the slave has a `Door` for each version it serves. Both
-sides do the same with either: an open attempt sends its request as it is, a sealed one in the first message of a Noise
-handshake, and the answer comes back in the second.
+The master makes an `Attempt` for each session it asks for; the slave has a `Door` for each version it serves. An open
+attempt sends its request as it is, a sealed one in the first message of a Noise handshake, and the answer comes back in
+the second. `Asking` repeats the HELLO of an attempt, with the cookie and ever more slowly, until there is an answer.
 """
 
-from dataclasses import dataclass
-from typing import Protocol
+import functools
+import hashlib
+import hmac
+import math
+import struct
+from typing import Final, NamedTuple
 
 from hapticnet.errors import PeerError
 from hapticnet.protocol.keys import NO_PSK, MasterEntry, MasterKey, Roster
-from hapticnet.protocol.mac import hello_mac, is_hello_mac
 from hapticnet.protocol.messages import (
     Grant,
     Hello,
     Refusal,
     Request,
     pack_hello,
+    unpack_cookie,
     unpack_grant,
     unpack_grant_or_refusal,
+    unpack_refuse,
     unpack_request,
+    unpack_welcome,
 )
-from hapticnet.protocol.noise import Initiator, Responder, TransportKeys, public_key
+from hapticnet.protocol.noise import Initiator, Responder, public_key
 from hapticnet.protocol.seal import Seal
-from hapticnet.protocol.settings import Entropy
-from hapticnet.protocol.wire import OPEN, SEALED, pack_body
+from hapticnet.protocol.settings import Entropy, SessionSettings
+from hapticnet.protocol.states import Hinted
+from hapticnet.protocol.wire import MODULUS, OPEN, SEALED, Datagram, Kind, pack_body
+
+MAC_BYTES: Final = 16
+
+_LABEL = b"hapticnet mac1"
+_numbers = struct.Struct(">II").pack
 
 
-class Attempt(Protocol):
-    """A master's attempt to get a session.
+def hello_mac(slave_public: bytes, nonce: int, sequence: int, noise1: bytes) -> bytes:
+    """Return the code of a sealed HELLO: `MAC_BYTES` bytes of keyed BLAKE2s (RFC 7693).
 
-    Attributes
-    ----------
-    nonce
-        Tells the answers to this attempt from all others.
-    version
-        Protocol version of the session asked for.
+    It shows that the sender knows the slave's public key. Checking it takes one hash, computing a shared secret over a
+    hundred times as long. A slave therefore drops a HELLO of the wrong code before anything else, and does not answer
+    those who scan for it.
     """
+    key = _mac_key(slave_public)
+    return hashlib.blake2s(_numbers(nonce, sequence) + noise1, key=key, digest_size=MAC_BYTES).digest()
 
-    nonce: int
-    version: int
+
+def is_hello_mac(mac: bytes, slave_public: bytes, nonce: int, sequence: int, noise1: bytes) -> bool:
+    """Return whether `mac` is the code of a HELLO, in a time that does not depend on the difference."""
+    return hmac.compare_digest(mac, hello_mac(slave_public, nonce, sequence, noise1))
+
+
+@functools.lru_cache(maxsize=8)
+def _mac_key(slave_public: bytes) -> bytes:
+    return hashlib.blake2s(_LABEL + slave_public).digest()
+
+
+def prologue(nonce: int, sequence: int) -> bytes:
+    """Return what both sides must agree on before the key exchange: the readable parts of the HELLO."""
+    return b"hapticnet 2" + nonce.to_bytes(4, "big") + sequence.to_bytes(4, "big")
+
+
+class Attempt:
+    """A master's attempt to get an open session. `nonce` tells the answers to this attempt from all others."""
+
+    def __init__(self, request: Request, nonce: int, sequence: int) -> None:
+        self.version = OPEN
+        self.nonce = nonce
+        self._sequence = sequence
+        self._request = pack_body(request)
+        self._mac = b""
 
     def hello(self, cookie: bytes) -> bytes:
         """Return the HELLO datagram."""
-        ...
+        return pack_hello(Hello(self.nonce, cookie, self._request, self._mac), self._sequence, self.version)
 
     def read(self, grant: bytes) -> tuple[Grant | Refusal, Seal | None]:
         """Return what a WELCOME grants, and the seal of the session; raise PeerError if it is not proved."""
-        ...
-
-
-class OpenAttempt:
-    """An attempt to get an open session."""
-
-    version = OPEN
-
-    def __init__(self, request: Request, nonce: int, sequence: int) -> None:
-        self.nonce = nonce
-        self._request = pack_body(request)
-        self._sequence = sequence
-
-    def hello(self, cookie: bytes) -> bytes:
-        """Return the HELLO datagram."""
-        return pack_hello(Hello(self.nonce, cookie, self._request), self._sequence)
-
-    def read(self, grant: bytes) -> tuple[Grant, None]:
-        """Return what a WELCOME grants; raise PeerError if it is invalid."""
         return unpack_grant(grant), None
 
 
-class SealedAttempt:
-    """An attempt to get a sealed session."""
-
-    version = SEALED
+class SealedAttempt(Attempt):
+    """A master's attempt to get a sealed session."""
 
     def __init__(self, request: Request, nonce: int, sequence: int, key: MasterKey, rng: Entropy) -> None:
-        self.nonce = nonce
-        self._sequence = sequence
+        super().__init__(request, nonce, sequence)
+        self.version = SEALED
         self._has_psk = key.own.psk != NO_PSK
         self._initiator = Initiator(key.own.private, key.peer, key.own.psk, prologue(nonce, sequence), rng)
-        self._noise1 = self._initiator.write(pack_body(request))
-        self._mac = hello_mac(key.peer, nonce, sequence, self._noise1)
+        self._request = self._initiator.write(self._request)
+        self._mac = hello_mac(key.peer, nonce, sequence, self._request)
 
-    def hello(self, cookie: bytes) -> bytes:
-        """Return the HELLO datagram."""
-        return pack_hello(Hello(self.nonce, cookie, self._noise1, self._mac), self._sequence, SEALED)
-
-    def read(self, grant: bytes) -> tuple[Grant | Refusal, Seal]:
+    def read(self, grant: bytes) -> tuple[Grant | Refusal, Seal | None]:
         """Return what a WELCOME grants, and the seal; raise PeerError unless the slave's key made it."""
         try:
             payload, keys = self._initiator.read(grant)
@@ -102,71 +111,37 @@ class SealedAttempt:
         return answer, Seal(keys.to_responder, keys.to_initiator)
 
 
-@dataclass(frozen=True, slots=True)
-class Visitor:
-    """A master whose HELLO was read.
-
-    Attributes
-    ----------
-    request
-        The session it asks for.
-    public
-        Its public key, whether it is in the list of masters or not; None for an open session.
-    entry
-        Who it is, according to the list of masters; None if it is not in the list, or the session is open.
-    responder
-        The key exchange under way; None for an open session.
-    """
+class Visitor(NamedTuple):
+    """A master whose HELLO was read."""
 
     request: Request
-    public: bytes | None
-    entry: MasterEntry | None
-    responder: Responder | None
+    public: bytes | None  # its public key, in the list of masters or not; None: open session
+    entry: MasterEntry | None  # who it is, according to the list of masters; None: not listed, or open session
+    responder: Responder | None  # the key exchange under way; None: open session
 
     def answer(self, payload: Grant | Refusal) -> tuple[bytes, Seal | None]:
         """Return a grant or refusal as a WELCOME carries it, and the seal of the session."""
         packed = pack_body(payload)
         if self.responder is None:
             return packed, None
-        psk = NO_PSK if self.entry is None else self.entry.psk
-        noise2, keys = self.responder.write(packed, psk)
-        return noise2, _slave_seal(keys)
+        noise2, keys = self.responder.write(packed, NO_PSK if self.entry is None else self.entry.psk)
+        return noise2, Seal(keys.to_initiator, keys.to_responder)
 
 
-class Door(Protocol):
-    """How a slave reads the HELLOs of one version."""
-
-    def is_for_us(self, hello: Hello, sequence: int) -> bool:
-        """Return whether the sender knows this slave's public key, if one is needed. Cheap enough for every HELLO."""
-        ...
-
-    def read(self, hello: Hello, sequence: int) -> Visitor:
-        """Read the request; PeerError if it is invalid. Costly: only for senders that have proved their address."""
-        ...
-
-
-class OpenDoor:
-    """Serve open sessions."""
+class Door:
+    """How a slave reads the HELLOs of open sessions."""
 
     def is_for_us(self, hello: Hello, sequence: int) -> bool:  # noqa: ARG002 - no key is needed
-        """Return True."""
+        """Return whether the sender knows this slave's public key, if one is needed. Cheap enough for every HELLO."""
         return True
 
     def read(self, hello: Hello, sequence: int) -> Visitor:  # noqa: ARG002 - nothing is bound to it
-        """Read the request; PeerError if it is invalid."""
+        """Read the request; PeerError if it is invalid. Costly: only for senders that have proved their address."""
         return Visitor(unpack_request(hello.request), None, None, None)
 
 
-class SealedDoor:
-    """Serve sealed sessions to the masters of a list.
-
-    Parameters
-    ----------
-    private
-        The slave's private key, 32 bytes.
-    roster
-        The masters that are served. Assign another one to change the list.
-    """
+class SealedDoor(Door):
+    """How a slave reads the HELLOs of sealed sessions. Assign another `roster` to change whom it serves."""
 
     def __init__(self, private: bytes, roster: Roster, rng: Entropy) -> None:
         self.roster = roster
@@ -185,10 +160,158 @@ class SealedDoor:
         return Visitor(unpack_request(payload), public, self.roster.find(public), responder)
 
 
-def prologue(nonce: int, sequence: int) -> bytes:
-    """Return what both sides must agree on before the key exchange: the readable parts of the HELLO."""
-    return b"hapticnet 2" + nonce.to_bytes(4, "big") + sequence.to_bytes(4, "big")
+GROWTH: Final = 1.25
+"""By how much each interval is longer than the last while HELLOs back off."""
+
+FRESH_AFTER_US: Final = 4_000_000
+"""Time [µs] after the first cookie of an attempt after which an unanswered attempt is replaced by a new one. The slave
+reads each request once, so repeating one does not help if the slave has forgotten the session."""
 
 
-def _slave_seal(keys: TransportKeys) -> Seal:
-    return Seal(keys.to_initiator, keys.to_responder)
+class Granted(NamedTuple):
+    """A session: the grant, the seal (None if it is open), and the sequence number that the slave counts from."""
+
+    grant: Grant
+    seal: Seal | None
+    sequence: int
+
+
+class Asking:
+    """Ask for a session, one attempt at a time. `under_way` tells whether one is being asked for."""
+
+    def __init__(self, request: Request, settings: SessionSettings, rng: Entropy, key: MasterKey | None) -> None:
+        self.under_way = False
+        self._request = request
+        self._settings = settings
+        self._rng = rng
+        self._key = key
+        self._attempt: Attempt | None = None
+        self._cookie = b""
+        self._cookie_us = 0
+        self._hinted = False
+        self._tries = 0
+        self._tried_us: int | None = None
+        self._interval_us = settings.hello_interval_us
+        self._wait_us = settings.refused_retry_us
+
+    def begin(self, ticket: bytes | None) -> None:
+        """Ask for a session that goes on with the scene of `ticket`; does nothing if one is being asked for."""
+        if self.under_way:
+            return
+        self.under_way = True
+        self._request = self._request._replace(ticket=ticket)
+        self._tries = 0
+        self._interval_us = self._settings.hello_interval_us
+
+    def ask_for(self, request: Request) -> Request:
+        """Ask for another session from now on; return what was asked for before. Answers to earlier HELLOs are void."""
+        before, self._request = self._request, request._replace(ticket=self._request.ticket)
+        self._attempt = None
+        self._tried_us = None
+        return before
+
+    def stop(self) -> None:
+        """Stop asking."""
+        self.under_way = False
+        self._attempt = None
+
+    def tick(self, now_us: int) -> bytes | None:
+        """Return the HELLO to send now, if it is time for one."""
+        if not self.under_way or not self._is_time(now_us):
+            return None
+        attempt = self._attempt
+        if attempt is None or (self._cookie and now_us - self._cookie_us > FRESH_AFTER_US):
+            attempt = self._attempt = self._new_attempt(now_us)
+            self._cookie = b""
+            self._hinted = False
+            if not self._tries:
+                self._interval_us = self._settings.hello_interval_us
+        self._tries += 1
+        if self._tries > self._settings.quick_hellos:
+            self._interval_us = min(round(self._interval_us * GROWTH), self._settings.slowest_hello_us)
+        self._tried_us = now_us
+        return attempt.hello(self._cookie)
+
+    def receive(self, datagram: Datagram, now_us: int) -> Granted | Refusal | Hinted | bytes | None:
+        """Process a COOKIE, WELCOME or REFUSE.
+
+        Return a session, a refusal, a hint (a refusal that should be sealed and is not), the HELLO to send now, or None
+        if the answer is to another HELLO or changes nothing.
+
+        Raises
+        ------
+        PeerError
+            If it is malformed, or its seal is not the slave's.
+        """
+        if datagram.kind is Kind.COOKIE:
+            cookie = unpack_cookie(datagram.body)
+            attempt = self._attempt_of(cookie.nonce)
+            return self._take_cookie(attempt, cookie.cookie, now_us) if attempt is not None else None
+        if datagram.kind is Kind.WELCOME:
+            welcome = unpack_welcome(datagram.body)
+            attempt = self._attempt_of(welcome.nonce)
+            if attempt is None or attempt.version != datagram.version:
+                return None
+            grant, seal = attempt.read(welcome.grant)
+            # The seal does not cover the frame of a WELCOME: a forged sequence would make true datagrams late.
+            sequence = datagram.sequence if seal is None else 0
+            if isinstance(grant, Grant):
+                self._check(grant)
+            return Granted(grant, seal, sequence) if isinstance(grant, Grant) else grant
+        refuse = unpack_refuse(datagram.body)
+        attempt = self._attempt_of(refuse.nonce)
+        if attempt is None:
+            return None
+        if attempt.version == OPEN:
+            return Refusal(0, refuse.reason, refuse.code)
+        if self._hinted:
+            return None
+        self._hinted = True  # report one per attempt: a thousand are as easy to forge
+        return Hinted(refuse.reason)
+
+    def _check(self, grant: Grant) -> None:
+        """Raise PeerError if a grant holds what was not asked for: raw positions, for instance, are a choice."""
+        if grant.announced and not self._request.announced:
+            raise PeerError("the grant announces the contact ahead, which was not asked for")
+        share, asked = grant.position_share, self._request.position_share
+        if share and not math.isclose(share, asked, rel_tol=1e-6):  # a peer may compute with float32
+            raise PeerError(f"the grant gives positions a share of {share:g} of the JND; {asked:g} was asked for")
+
+    def granted(self) -> None:
+        """Note that there is a session."""
+        self.stop()
+        self._wait_us = self._settings.refused_retry_us
+
+    def refused(self, now_us: int) -> int:
+        """Note a refusal; return how long [µs] until the next try."""
+        self._attempt = None
+        wait_us = self._wait_us
+        self._wait_us = min(2 * wait_us, self._settings.slowest_retry_us)
+        self._interval_us = wait_us
+        self._tries = 0
+        self._tried_us = now_us
+        return wait_us
+
+    def _is_time(self, now_us: int) -> bool:
+        # A clock that went back does not tell how long it has been.
+        return self._tried_us is None or not 0 <= now_us - self._tried_us < self._interval_us
+
+    def _new_attempt(self, now_us: int) -> Attempt:
+        nonce = int(self._rng.integers(0, MODULUS))
+        sequence = self._settings.first_sequence
+        request = self._request._replace(clock_us=now_us)
+        if self._key is None:
+            return Attempt(request, nonce, sequence)
+        return SealedAttempt(request, nonce, sequence, self._key, self._rng)
+
+    def _attempt_of(self, nonce: int) -> Attempt | None:
+        return self._attempt if self._attempt is not None and self._attempt.nonce == nonce else None
+
+    def _take_cookie(self, attempt: Attempt, cookie: bytes, now_us: int) -> bytes | None:
+        """Take a cookie; only the first one of an attempt is answered at once."""
+        is_first = not self._cookie
+        self._cookie = cookie
+        if not is_first:
+            return None
+        self._cookie_us = self._tried_us = now_us
+        return attempt.hello(cookie)

@@ -18,8 +18,7 @@ from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305
 
 from hapticnet.checks import check_integer
 from hapticnet.errors import SettingsError, UnavailableError
-from hapticnet.protocol.messages import NAME_BYTES
-from hapticnet.protocol.ranges import RATE_HZ
+from hapticnet.protocol.messages import NAME_BYTES, RATE_HZ
 from hapticnet.protocol.settings import Entropy
 
 KEY_BYTES: Final = 32

@@ -4,26 +4,9 @@ from collections import deque
 from typing import Final
 
 from hapticnet.errors import PeerError
-from hapticnet.protocol.arrivals import Arrival
-from hapticnet.protocol.asking import Asking, Granted
-from hapticnet.protocol.events import (
-    BoundArrived,
-    ChangeRefused,
-    Connected,
-    Ended,
-    ForceArrived,
-    Hinted,
-    HoldConfirmed,
-    LinkRecovered,
-    LinkStale,
-    MasterEvent,
-    Noticed,
-    Refused,
-    SessionLost,
-)
-from hapticnet.protocol.freshness import Freshness, Pace
+from hapticnet.protocol.handshake import Asking, Granted
 from hapticnet.protocol.keys import MasterKey
-from hapticnet.protocol.master_stream import MasterStream
+from hapticnet.protocol.master_stream import Freshness, MasterStream, Pace
 from hapticnet.protocol.messages import (
     REASON_BYTES,
     Close,
@@ -37,11 +20,27 @@ from hapticnet.protocol.messages import (
     unpack_keepalive,
     unpack_notice,
 )
-from hapticnet.protocol.serial_number import wrap
 from hapticnet.protocol.settings import IDLE_KEEPALIVES, SPARSE_KEEPALIVES, Entropy, SessionSettings
-from hapticnet.protocol.states import MASTER_TRANSITIONS, MasterState, Trigger
-from hapticnet.protocol.stats import Distribution, Traffic
-from hapticnet.protocol.wire import OPEN, SEALED, Datagram, Kind, pack_body, unpack
+from hapticnet.protocol.states import (
+    MASTER_TRANSITIONS,
+    BoundArrived,
+    ChangeRefused,
+    Connected,
+    Ended,
+    ForceArrived,
+    Hinted,
+    HoldConfirmed,
+    LinkRecovered,
+    LinkStale,
+    MasterEvent,
+    MasterState,
+    Noticed,
+    Refused,
+    SessionLost,
+    Trigger,
+)
+from hapticnet.protocol.stats import Arrival, Distribution, Traffic
+from hapticnet.protocol.wire import OPEN, SEALED, Datagram, Kind, pack_body, unpack, wrap
 from hapticnet.stiffness_bound import LONGEST_SILENCE_US
 
 DOUBT_MARGIN_US: Final = 10_000

@@ -4,12 +4,48 @@ import enum
 import math
 from typing import Any, Final, NamedTuple
 
+from hapticnet.checks import check_parameter
 from hapticnet.errors import PeerError
-from hapticnet.protocol import ranges
-from hapticnet.protocol.loss import REPORT_STEPS, Loss
-from hapticnet.protocol.members import new_tuple
-from hapticnet.protocol.serial_number import MODULUS
-from hapticnet.protocol.wire import OPEN, Kind, is_uint32, pack, pack_body, unpack_body
+from hapticnet.protocol.stats import REPORT_STEPS, Loss
+from hapticnet.protocol.wire import MODULUS, OPEN, Kind, is_uint32, new_tuple, pack, pack_body, unpack_body
+
+
+class Range(NamedTuple):
+    """A closed range of numbers, and 0 where `zero_allowed`."""
+
+    name: str
+    smallest: float
+    largest: float
+    unit: str = ""
+    zero_allowed: bool = False
+
+    def has(self, value: float) -> bool:
+        """Return whether a number is in the range; NaN is not."""
+        return self.smallest <= value <= self.largest or (self.zero_allowed and value == 0)
+
+    def check(self, value: float) -> None:
+        """Raise SettingsError if a number is not in the range."""
+        check_parameter(self.name, value, self.smallest, self.largest, self.unit, zero_allowed=self.zero_allowed)
+
+
+RATE_HZ: Final = Range("rate", 20.0, 100_000.0, "Hz")
+"""Positions per second. A slave sends only when it receives: at 20 Hz, four times per age limit of 200 ms."""
+
+POSITION_SHARE: Final = Range("share of positions", 0.01, 0.9, zero_allowed=True)
+"""Share of the JND that positions may use; 0: every position is sent."""
+
+KEEPALIVE_US: Final = Range("keepalive interval", 1_000, 50_000, "µs")
+"""Longest silence without loss: at most a quarter of the age limit of 200 ms."""
+
+CLOCK_US: Final = Range("clock", 0, (1 << 53) - 1, "µs")
+"""The master's clock: 285 years, which recordings hold as float64 without rounding."""
+
+HELLO_SEQUENCE: Final = Range("sequence of a sealed HELLO", 0, (1 << 20) - 1)
+"""The first epoch of keys (`protocol.seal`): a session that began later could not open its datagrams."""
+
+PERCENT: Final = Range("loss", 0, 100, "%")
+"""Shares in the report of loss."""
+
 
 HELLO_BYTES: Final = 400
 """Smallest HELLO datagram [B]. The padding makes every answer to a stranger smaller than the question, so that a slave
@@ -86,8 +122,8 @@ class Request(NamedTuple):
 
     def check(self) -> None:
         """Raise SettingsError if a number is out of its range; codec and perception check theirs."""
-        ranges.RATE_HZ.check(self.rate_hz)
-        ranges.POSITION_SHARE.check(self.position_share)
+        RATE_HZ.check(self.rate_hz)
+        POSITION_SHARE.check(self.position_share)
 
 
 class Cookie(NamedTuple):
@@ -240,7 +276,7 @@ def unpack_request(packed: bytes) -> Request:
     _require(type(axes) is int and 1 <= axes <= 3, "axes", axes)
     _require(_is_text(name, NAME_BYTES), "name", name)
     _require(ticket is None or _is_bytes(ticket, TICKET_BYTES), "ticket", ticket)
-    _require(type(clock_us) is int and ranges.CLOCK_US.has(clock_us), "clock", clock_us)
+    _require(type(clock_us) is int and CLOCK_US.has(clock_us), "clock", clock_us)
     _require(type(announced) is bool, "announced", announced)
     _require(_is_number(share), "share of positions", share)
     numbers = {key: float(value) for key, value in parameters.items()}
@@ -269,13 +305,13 @@ def unpack_grant(packed: bytes) -> Grant:
     """Return the grant of a WELCOME; raise PeerError if it is invalid."""
     session, rate_hz, keepalive_us, scene, ticket, resumed, announced, share = unpack_body(packed, 8)
     _require(is_uint32(session) and session > 0, "session", session)
-    _require(_is_number(rate_hz) and ranges.RATE_HZ.has(rate_hz), "rate", rate_hz)
-    _require(type(keepalive_us) is int and ranges.KEEPALIVE_US.has(keepalive_us), "keepalive interval", keepalive_us)
+    _require(_is_number(rate_hz) and RATE_HZ.has(rate_hz), "rate", rate_hz)
+    _require(type(keepalive_us) is int and KEEPALIVE_US.has(keepalive_us), "keepalive interval", keepalive_us)
     _require(_is_text(scene, NAME_BYTES), "scene", scene)
     _require(_is_bytes(ticket, TICKET_BYTES), "ticket", ticket)
     _require(type(resumed) is bool, "resumed", resumed)
     _require(type(announced) is bool, "announced", announced)
-    _require(_is_number(share) and ranges.POSITION_SHARE.has(share), "share of positions", share)
+    _require(_is_number(share) and POSITION_SHARE.has(share), "share of positions", share)
     return Grant(session, float(rate_hz), keepalive_us, scene, ticket, resumed, announced, float(share))
 
 
@@ -323,7 +359,7 @@ def unpack_position(body: bytes) -> Position:
         return new_tuple(Position, (t_us, newest, payload, None))
     share, again = fields[3:]
     for percent in share, again:
-        _require(type(percent) is int and ranges.PERCENT.has(percent), "loss in per cent", percent)
+        _require(type(percent) is int and PERCENT.has(percent), "loss in per cent", percent)
     return Position(t_us, newest, payload, Loss(share / REPORT_STEPS, again / REPORT_STEPS))
 
 

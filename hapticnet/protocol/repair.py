@@ -14,12 +14,12 @@ Without reported loss only the first is active, and costs nothing unless an upda
 
 import math
 from collections import deque
-from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from hapticnet.perception import WeberLaw
-from hapticnet.protocol.loss import NO_LOSS, Loss, datagrams_needed
-from hapticnet.protocol.serial_number import distance
+from hapticnet.protocol.settings import RepairSettings
+from hapticnet.protocol.stats import NO_LOSS, Loss, datagrams_needed
+from hapticnet.protocol.wire import distance
 from hapticnet.samples import Vector
 from hapticnet.vectors import distance as apart
 from hapticnet.vectors import magnitude
@@ -44,41 +44,6 @@ MOST_CREDIT: Final = 24.0
 PACE_STEP_US: Final = 500
 SCHEDULING_US: Final = 5_000
 """Part of the master's age limit that is left for the spacing of positions and ticks."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RepairSettings:
-    """What the slave does against loss. The defaults come from bench/measure/repair.py (docs/build/decisions.md, 0010).
-
-    Attributes
-    ----------
-    replaces, repeats, paces
-        Whether each of the three ways is used.
-    doubt_limit
-        Probability that the master holds a stimulus more than a JND from the present one, above which it is repeated.
-    shortest_wait_us, longest_wait_us
-        Time [µs] from a datagram to its repetition. A miss of m JNDs is repeated after the longest time over m: large
-        changes first. A wait lets short bursts pass.
-    repeats_per_position
-        Repeats for each position that arrives, at most; bounds the bytes.
-    shortest_keepalive_us
-        Shortest longest silence [µs].
-    silences_per_s
-        How often losses may make the master believe that the link is dead: once in a quarter of an hour.
-    complete_above
-        Share of lost datagrams above which no update builds on earlier ones.
-    """
-
-    replaces: bool = True
-    repeats: bool = True
-    paces: bool = True
-    doubt_limit: float = 0.02
-    shortest_wait_us: int = 2_000
-    longest_wait_us: int = 6_000
-    repeats_per_position: float = 0.12
-    shortest_keepalive_us: int = 2_000
-    silences_per_s: float = 1.0 / 900.0
-    complete_above: float = 0.005
 
 
 class Sent(NamedTuple):

@@ -15,8 +15,7 @@ from cryptography.exceptions import InvalidTag
 from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305
 
 from hapticnet.errors import PeerError
-from hapticnet.protocol.serial_number import MODULUS
-from hapticnet.protocol.wire import MAX_DATAGRAM_BYTES, SEALED, Datagram
+from hapticnet.protocol.wire import MAX_DATAGRAM_BYTES, MODULUS, SEALED, Datagram
 
 TAG_BYTES: Final = 16
 """What a seal adds to a body."""

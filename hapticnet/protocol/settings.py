@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 from typing import Any, Final, Protocol
 
 from hapticnet.errors import SettingsError
-from hapticnet.protocol.ranges import KEEPALIVE_US
-from hapticnet.protocol.repair import RepairSettings
+from hapticnet.perception import PAPER_FLOOR_N, WeberLaw
+from hapticnet.protocol.messages import KEEPALIVE_US
 
 SPARSE_KEEPALIVES: Final = 2
 IDLE_KEEPALIVES: Final = 10
@@ -26,6 +26,41 @@ class Entropy(Protocol):
 def random_bytes(rng: Entropy, count: int) -> bytes:
     """Return `count` bytes (a multiple of four) that a stranger cannot guess."""
     return b"".join(int(rng.integers(0, 1 << 32)).to_bytes(4, "big") for _ in range(count // 4))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RepairSettings:
+    """What the slave does against loss. The defaults come from bench/measure/repair.py (docs/build/decisions.md, 0010).
+
+    Attributes
+    ----------
+    replaces, repeats, paces
+        Whether each of the three ways is used.
+    doubt_limit
+        Probability that the master holds a stimulus more than a JND from the present one, above which it is repeated.
+    shortest_wait_us, longest_wait_us
+        Time [µs] from a datagram to its repetition. A miss of m JNDs is repeated after the longest time over m: large
+        changes first. A wait lets short bursts pass.
+    repeats_per_position
+        Repeats for each position that arrives, at most; bounds the bytes.
+    shortest_keepalive_us
+        Shortest longest silence [µs].
+    silences_per_s
+        How often losses may make the master believe that the link is dead: once in a quarter of an hour.
+    complete_above
+        Share of lost datagrams above which no update builds on earlier ones.
+    """
+
+    replaces: bool = True
+    repeats: bool = True
+    paces: bool = True
+    doubt_limit: float = 0.02
+    shortest_wait_us: int = 2_000
+    longest_wait_us: int = 6_000
+    repeats_per_position: float = 0.12
+    shortest_keepalive_us: int = 2_000
+    silences_per_s: float = 1.0 / 900.0
+    complete_above: float = 0.005
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,3 +145,23 @@ class SessionSettings:
                 f"keepalive interval is {self.keepalive_us} µs; it must be at most a quarter of the age limit of"
                 f" {self.stale_after_us} µs, or silence would pass for a dead link"
             )
+
+
+LARGEST_N: Final = PAPER_FLOOR_N
+"""Largest threshold [N] that is used here: 0.025 N, the smallest force difference that the paper's subjects could tell.
+A large JND would otherwise let a force that presses a finger stay on it for the length of that silence."""
+
+SLAVES_SHARE: Final = 0.25
+MASTERS_SHARE: Final = 2.0
+"""Below these shares of the threshold at 0 N the slave and the master are idle: the master below 0.05 N, 1 % of the
+largest force at the device, and about what the force loop leaves as an error (0.03 N)."""
+
+
+def slave_idle_below_n(law: WeberLaw) -> float:
+    """Return below which force [N], true and held, the slave sends keepalives more rarely."""
+    return SLAVES_SHARE * min(law.threshold_n(0.0), LARGEST_N)
+
+
+def master_idle_below_n(law: WeberLaw) -> float:
+    """Return below which applied force [N] the master waits longer for a sign of life."""
+    return MASTERS_SHARE * min(law.threshold_n(0.0), LARGEST_N)

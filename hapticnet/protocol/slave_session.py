@@ -4,8 +4,7 @@ from collections.abc import Callable
 from typing import Final, TypeVar
 
 from hapticnet.perception import WeberLaw
-from hapticnet.protocol.arrivals import Arrival
-from hapticnet.protocol.buckets import TokenBucket
+from hapticnet.protocol.hello_filter import TokenBucket
 from hapticnet.protocol.messages import (
     REASON_BYTES,
     Close,
@@ -22,11 +21,10 @@ from hapticnet.protocol.messages import (
 )
 from hapticnet.protocol.repair import Repair
 from hapticnet.protocol.seal import LAST_SEQUENCE, Seal
-from hapticnet.protocol.serial_number import distance, unwrap, wrap
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.states import SLAVE_TRANSITIONS, SlaveState, Trigger
-from hapticnet.protocol.stats import Traffic
-from hapticnet.protocol.wire import OPEN, SEALED, Datagram, Kind, pack, pack_body
+from hapticnet.protocol.stats import Arrival, Traffic
+from hapticnet.protocol.wire import OPEN, SEALED, Datagram, Kind, distance, pack, pack_body, unwrap, wrap
 from hapticnet.samples import Vector
 
 Place = TypeVar("Place")

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Final
 
-from hapticnet.node.master_events import NodeEvent
+from hapticnet.node.events import NodeEvent
 from hapticnet.operator.remote import RemoteOperator
 from hapticnet.runtime.system import now_us
 from hapticnet.runtime.udp import READ_BYTES

@@ -10,11 +10,10 @@ from importlib.util import find_spec
 from typing import Final, Generic, TypeAlias
 
 from hapticnet.errors import UnavailableError
+from hapticnet.node.events import MasterLeft, NodeEvent, SlaveEvent
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_events import NodeEvent
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_context import SlaveContext
-from hapticnet.node.slave_events import MasterLeft, SlaveEvent
 from hapticnet.protocol.stats import Distribution, Traffic
 from hapticnet.protocol.wire import Kind
 from hapticnet.runtime.nonblocking_log import STDERR

@@ -8,10 +8,9 @@ from socket import socket
 from typing import Any, Final, Generic
 
 from hapticnet.channel.emulator import Emulator
+from hapticnet.node.events import NodeEvent, SlaveEvent
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_events import NodeEvent
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_events import SlaveEvent
 from hapticnet.runtime.overload import Overload
 from hapticnet.runtime.recorder import Recorder
 from hapticnet.runtime.serial_port import Wire, open_wire

@@ -7,14 +7,12 @@ from pathlib import Path
 from typing import Any, Final, Generic
 
 from hapticnet.errors import in_words
-from hapticnet.node.in_force import SettingsInForce
+from hapticnet.node.events import MasterJoined, MasterLeft, MasterRefused, NodeEvent, SettingsInForce, SlaveEvent
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_events import NodeEvent
-from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.recording import Recording
+from hapticnet.node.settings import MasterSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_context import SlaveContext
-from hapticnet.node.slave_events import MasterJoined, MasterLeft, MasterRefused, SlaveEvent
 from hapticnet.node.step_times import StepsTooSlow
 from hapticnet.protocol.wire import OPEN, SEALED
 from hapticnet.recordings.session.frames import Table

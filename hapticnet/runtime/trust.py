@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hapticnet.errors import FileError, SettingsError
-from hapticnet.protocol.handshake import Door, OpenDoor, SealedDoor
+from hapticnet.protocol.handshake import Door, SealedDoor
 from hapticnet.protocol.key_files import default_key, default_masters, is_missing, load_key, load_roster
 from hapticnet.protocol.keys import NO_PSK, MasterEntry, MasterKey, Roster, format_key, parse_key
 from hapticnet.protocol.messages import Code
@@ -88,7 +88,7 @@ class SlaveTrust:
 
     def doors(self, entropy: Entropy) -> dict[int, Door]:
         """Return what lets masters in, by the version of the wire format."""
-        doors: dict[int, Door] = {OPEN: OpenDoor()} if self.serves_open else {}
+        doors: dict[int, Door] = {OPEN: Door()} if self.serves_open else {}
         if self.guests is not None:
             doors[SEALED] = SealedDoor(self.guests.own.private, self.guests.roster, entropy)
         return doors

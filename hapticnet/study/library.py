@@ -15,7 +15,7 @@ from hapticnet.device.simulated import PlantSettings, SimulatedDevice
 from hapticnet.errors import UnavailableError
 from hapticnet.experiment.workers import workers
 from hapticnet.node.fingertip import Fingertip
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings
 from hapticnet.perception import WeberLaw
 from hapticnet.study.hand import scripted_hand
 from hapticnet.study.observers import CUE_FIELDS, Cue, Look, contacts

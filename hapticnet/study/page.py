@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any, Final
 from aiohttp import WSCloseCode
 
 from hapticnet.errors import PeerError
-from hapticnet.node.master_events import NodeEvent
+from hapticnet.node.events import NodeEvent
 from hapticnet.operator.base import Operator
 from hapticnet.operator.live import LiveHand
-from hapticnet.protocol.events import Connected
+from hapticnet.protocol.states import Connected
 from hapticnet.runtime.system import now_us
 from hapticnet.samples import PositionSample
 from hapticnet.scene.settings import SceneSettings

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Self
 
 from hapticnet.errors import HapticnetError, UnavailableError
+from hapticnet.node.events import NodeEvent
 from hapticnet.node.fingertip import DeviceLost, Fingertip, ForceFault
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_events import NodeEvent
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings
 from hapticnet.operator.base import Operator
 from hapticnet.runtime.recorder import unix_offset_us
 from hapticnet.runtime.runners import MasterRunner

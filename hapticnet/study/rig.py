@@ -15,16 +15,15 @@ from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.control.hold import Hold, HoldSettings
 from hapticnet.errors import UnavailableError
+from hapticnet.node.events import Failed, NodeEvent
 from hapticnet.node.fingertip import DeviceLost, Fingertip, ForceFault
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_events import Failed, NodeEvent
-from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.procedures import Meeting, Met, Procedure
+from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.base import Operator
-from hapticnet.protocol.events import Ended, LinkStale, Refused, SessionLost
+from hapticnet.protocol.states import Ended, LinkStale, Refused, SessionLost
 from hapticnet.scene.base import Touchable
 from hapticnet.study.hand import scripted_hand
 from hapticnet.study.scene import NamedTissues

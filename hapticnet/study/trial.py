@@ -10,10 +10,10 @@ import numpy.typing as npt
 from hapticnet.arrays import FloatArray
 from hapticnet.codec.registry import parse_codec
 from hapticnet.experiment.analysis import spent_until
-from hapticnet.node.in_force import SettingsInForce
+from hapticnet.node.events import SettingsInForce
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.recording import IN
+from hapticnet.node.settings import MasterSettings
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.wire import UDP_IPV4_HEADER_BYTES, Kind
 from hapticnet.samples import PositionSample

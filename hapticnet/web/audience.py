@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Final
 
 from hapticnet.errors import PeerError
-from hapticnet.node.master_events import NodeEvent
+from hapticnet.node.events import NodeEvent
 from hapticnet.operator.live import HandState, LiveHand
 from hapticnet.runtime.watching import Watcher
 from hapticnet.web import messages, requests

@@ -5,11 +5,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from hapticnet.node.in_force import SettingsInForce
+from hapticnet.node.events import NodeEvent, SettingsInForce
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_events import NodeEvent
 from hapticnet.operator.live import LiveHand
-from hapticnet.protocol.events import Connected
+from hapticnet.protocol.states import Connected
 from hapticnet.runtime.system import now_us
 from hapticnet.scene.settings import SceneSettings
 from hapticnet.web import messages

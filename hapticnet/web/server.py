@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 
 from aiohttp import WSMsgType, web
 
-from hapticnet.node.master_events import NodeEvent
+from hapticnet.node.events import NodeEvent
 from hapticnet.runtime.watching import Watcher
 from hapticnet.web.access import Access
 from hapticnet.web.audience import Audience

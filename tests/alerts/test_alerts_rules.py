@@ -9,7 +9,7 @@ from typing import get_args
 import pytest
 import yaml
 
-from hapticnet.node import master_events, slave_events
+from hapticnet.node import events
 from hapticnet.runtime.metrics_server import TABLES
 
 ROOT = Path(__file__).parents[2]
@@ -22,7 +22,7 @@ METRICS = {
     for metric in table
     for suffix in SUFFIXES[metric.kind]
 }
-EVENTS = {event.__name__ for union in (slave_events.SlaveEvent, master_events.NodeEvent) for event in get_args(union)}
+EVENTS = {event.__name__ for union in (events.SlaveEvent, events.NodeEvent) for event in get_args(union)}
 
 
 @pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule["alert"])

@@ -7,10 +7,9 @@ from typing import Protocol, TypeAlias
 import numpy as np
 
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_settings import SlaveSettings
-from hapticnet.protocol.handshake import Door, OpenDoor, SealedDoor
+from hapticnet.protocol.handshake import Door, SealedDoor
 from hapticnet.protocol.keys import MasterEntry, MasterKey, PrivateKey, Roster
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.wire import OPEN, SEALED
@@ -72,7 +71,7 @@ def make_slave(
     """Return a slave that serves open sessions, or sealed ones to the masters of the first numbers."""
     rng = np.random.default_rng([seed, 20])
     roster = Roster(MasterEntry(name=f"m{n}", public=master_key(n).public) for n in range(masters))
-    doors: dict[int, Door] = {SEALED: SealedDoor(SLAVE_KEY.private, roster, rng)} if sealed else {OPEN: OpenDoor()}
+    doors: dict[int, Door] = {SEALED: SealedDoor(SLAVE_KEY.private, roster, rng)} if sealed else {OPEN: Door()}
     settings = SlaveSettings(session=session or SessionSettings())
     return SlaveNode(lambda _: make_scene(), settings, rng, doors=doors, host_of=host_of)
 

@@ -7,9 +7,9 @@ import pytest
 
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
-from hapticnet.node.slave_events import MasterJoined
-from hapticnet.protocol.events import SessionLost
+from hapticnet.node.events import MasterJoined
 from hapticnet.protocol.settings import SessionSettings
+from hapticnet.protocol.states import SessionLost
 from tests.attacks.network import SECOND, Hand, Network, make_master, make_slave
 
 MASTERS = 100

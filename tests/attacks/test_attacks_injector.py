@@ -8,9 +8,9 @@ import pytest
 
 from hapticnet.control.hold import SLEW_N_PER_S, HoldSettings
 from hapticnet.node.master import MasterNode
-from hapticnet.protocol.events import ForceArrived, HoldConfirmed
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.slave_session import SlaveSession
+from hapticnet.protocol.states import ForceArrived, HoldConfirmed
 from tests.attacks.injector import Injector
 from tests.attacks.network import SECOND, Hand, Line, Network, make_master, make_slave
 

@@ -4,8 +4,8 @@ import msgpack
 import numpy as np
 
 from hapticnet.cli.slave_messages import MOST_UNREAD, SlaveMessages
+from hapticnet.node.settings import SlaveSettings
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.protocol.wire import Kind, pack
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.sources import paper_scene

@@ -267,9 +267,8 @@ def test_master_and_slave_speak_a_codec_of_a_user():
     from hapticnet.channel.emulator import Emulator
     from hapticnet.channel.spec import parse_channel
     from hapticnet.node.master import MasterNode
-    from hapticnet.node.master_settings import MasterSettings
+    from hapticnet.node.settings import MasterSettings, SlaveSettings
     from hapticnet.node.slave import SlaveNode
-    from hapticnet.node.slave_settings import SlaveSettings
     from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
     from hapticnet.scene.scene import Scene
     from hapticnet.scene.sources import paper_scene

@@ -11,8 +11,7 @@ from hapticnet.control.hold import LimitSettings
 from hapticnet.device.base import Reading
 from hapticnet.device.user import UserActuator, UserDevice, as_user_device
 from hapticnet.errors import SettingsError, UserCodeError
-from hapticnet.node.actuator import Actuator
-from hapticnet.node.fingertip import DeviceFound, DeviceLost, Fingertip
+from hapticnet.node.fingertip import Actuator, DeviceFound, DeviceLost, Fingertip
 
 
 class Platform:

@@ -17,9 +17,8 @@ import hapticnet as hn
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.base import UserOperator
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.settings import Tissue

@@ -5,7 +5,7 @@ import pytest
 
 from hapticnet.experiment.analysis import bytes_per_penetration, felt_error, matched
 from hapticnet.experiment.conditions import CONDITIONS
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings
 from hapticnet.perception import WeberLaw
 from hapticnet.recordings.tables import write_csv
 from hapticnet.scene.sources import paper_scene

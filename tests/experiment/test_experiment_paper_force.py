@@ -7,9 +7,8 @@ from hapticnet.errors import SettingsError
 from hapticnet.experiment.paper_force import paper_recording
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.sources import paper_scene

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings
 from hapticnet.protocol.master_session import MasterSession
 from hapticnet.protocol.messages import Hello, Request, pack_hello
 from hapticnet.protocol.settings import SessionSettings

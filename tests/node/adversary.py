@@ -5,8 +5,8 @@ from collections import deque
 import msgpack
 import numpy as np
 
-from hapticnet.protocol.loss import Loss
 from hapticnet.protocol.messages import Close, Position, pack_position
+from hapticnet.protocol.stats import Loss
 from hapticnet.protocol.wire import OPEN, Kind, pack, pack_body, unpack
 
 NUMBERS = (0, 1, 127, 128, 255, 256, 65_535, 65_536, 2**31, 2**32 - 1)

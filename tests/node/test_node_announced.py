@@ -15,12 +15,11 @@ from hapticnet.channel.spec import parse_channel
 from hapticnet.codec.registry import every_codec
 from hapticnet.device.user import UserActuator
 from hapticnet.measure.metrics import error_report
-from hapticnet.node.announcing import announcing
+from hapticnet.node.feedback import announcing
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.wire import Kind, unpack

@@ -12,9 +12,9 @@ from hapticnet.channel.settings import ChannelSettings
 from hapticnet.codec.base import Predictive
 from hapticnet.codec.registry import every_codec, make_codec
 from hapticnet.errors import PeerError
-from hapticnet.node import bounded
-from hapticnet.node.bounded import GROWTH, LATELY_US, MARGIN_N, receiver
+from hapticnet.node import decoders
 from hapticnet.node.closed_loop import simulate_link
+from hapticnet.node.decoders import GROWTH, LATELY_US, MARGIN_N, receiver
 from hapticnet.perception import WeberLaw
 
 CODECS = every_codec()
@@ -50,7 +50,7 @@ def largest_applied_n(delay_us: int) -> tuple[float, float]:
 def test_a_stiffness_learned_a_round_trip_ago_does_not_strike(monkeypatch):
     applied_n, true_n = largest_applied_n(25_000)
     assert applied_n <= GROWTH * true_n + MARGIN_N + LAW.threshold_n(GROWTH * true_n)
-    monkeypatch.setattr(bounded, "MARGIN_N", 1e9)
+    monkeypatch.setattr(decoders, "MARGIN_N", 1e9)
     without_n, _ = largest_applied_n(25_000)
     assert without_n > 3.0 * true_n, "the case tests the bound"
 
@@ -72,7 +72,7 @@ def bytes_of_positions():
 
 def test_the_bound_costs_no_positions(monkeypatch):
     within_bound = bytes_of_positions()
-    monkeypatch.setattr(bounded, "MARGIN_N", 1e9)
+    monkeypatch.setattr(decoders, "MARGIN_N", 1e9)
     assert within_bound <= 1.05 * bytes_of_positions()
 
 
@@ -136,7 +136,7 @@ def test_forces_of_more_than_a_second_ago_do_not_count():
 def test_only_codecs_that_follow_positions_are_bounded(name):
     codec = make_codec(name, LAW)
     decoder = receiver(codec, 1)
-    assert isinstance(decoder, bounded.BoundedDecoder) == codec.needs_position
+    assert isinstance(decoder, decoders.BoundedDecoder) == codec.needs_position
     assert isinstance(decoder, Predictive) == isinstance(codec.decoder(1), Predictive)
     with pytest.raises(PeerError):
         decoder.decode(0, b"\xff" * 200)

@@ -3,13 +3,13 @@
 import pytest
 
 from hapticnet.errors import SettingsError
-from hapticnet.node.in_force import SettingsInForce
+from hapticnet.node.events import SettingsInForce
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings
 from hapticnet.perception import WeberLaw
-from hapticnet.protocol.events import ChangeRefused, Connected, LinkStale
 from hapticnet.protocol.messages import Code
 from hapticnet.protocol.settings import SessionSettings
+from hapticnet.protocol.states import ChangeRefused, Connected, LinkStale
 from hapticnet.protocol.wire import unpack
 from hapticnet.samples import PositionSample
 

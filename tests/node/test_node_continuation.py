@@ -6,7 +6,7 @@ from weakref import WeakSet
 import numpy as np
 import pytest
 
-from hapticnet.node.slave_events import MasterJoined, MasterLeft
+from hapticnet.node.events import MasterJoined, MasterLeft
 from hapticnet.protocol.messages import TICKET_BYTES, Close
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.states import SlaveState

@@ -5,12 +5,12 @@ import struct
 import numpy as np
 import pytest
 
+from hapticnet.node.settings import SlaveSettings
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_settings import SlaveSettings
-from hapticnet.protocol.events import Connected, SessionLost
 from hapticnet.protocol.master_session import MasterSession
 from hapticnet.protocol.messages import Request
 from hapticnet.protocol.settings import SessionSettings
+from hapticnet.protocol.states import Connected, SessionLost
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.sources import find_scene, find_source
 

@@ -7,14 +7,12 @@ from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.settings import ChannelSettings
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import NOTICES_AT_ONCE, SlaveNode
-from hapticnet.node.slave_settings import SlaveSettings
-from hapticnet.protocol.events import Connected, Ended, Noticed, Refused, SessionLost
-from hapticnet.protocol.handshake import OpenDoor, SealedDoor
+from hapticnet.protocol.handshake import Door, SealedDoor
 from hapticnet.protocol.keys import Roster
 from hapticnet.protocol.messages import Code
-from hapticnet.protocol.states import MasterState, SlaveState
+from hapticnet.protocol.states import Connected, Ended, MasterState, Noticed, Refused, SessionLost, SlaveState
 from hapticnet.samples import PositionSample
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.sources import paper_scene
@@ -34,7 +32,7 @@ class Hand:
 
 def make_slave():
     rng = np.random.default_rng(1)
-    doors = {1: OpenDoor(), 2: SealedDoor(SLAVE.private, Roster([ENTRY]), rng)}
+    doors = {1: Door(), 2: SealedDoor(SLAVE.private, Roster([ENTRY]), rng)}
     return SlaveNode(lambda _: Scene(paper_scene(1).tissues), SlaveSettings(), rng, doors=doors)
 
 

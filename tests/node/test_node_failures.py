@@ -5,10 +5,9 @@ import pytest
 
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
-from hapticnet.node.master_events import Failed
-from hapticnet.node.slave_events import MasterLeft
-from hapticnet.protocol.events import Ended, SessionLost
+from hapticnet.node.events import Failed, MasterLeft
 from hapticnet.protocol.messages import Code
+from hapticnet.protocol.states import Ended, SessionLost
 from hapticnet.samples import ForceSample, PositionSample
 
 SECOND = 1_000_000

@@ -11,7 +11,7 @@ from hapticnet.control.hold import FRESH_US, HoldSettings
 from hapticnet.node.applied import AppliedForce
 from hapticnet.node.force_predictor import STIFFEST_N_M, ForcePredictor
 from hapticnet.perception import WeberLaw
-from hapticnet.protocol.events import ForceArrived, HoldConfirmed
+from hapticnet.protocol.states import ForceArrived, HoldConfirmed
 from hapticnet.vectors import magnitude
 
 TICK_US = 1_000

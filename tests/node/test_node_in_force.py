@@ -3,10 +3,10 @@
 import pytest
 
 from hapticnet.control.hold import PassivityController
-from hapticnet.node.in_force import CHANGES_KEPT, SettingsInForce
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.events import CHANGES_KEPT, SettingsInForce
+from hapticnet.node.settings import MasterSettings
 from hapticnet.perception import WeberLaw
-from hapticnet.protocol.events import Connected
+from hapticnet.protocol.states import Connected
 
 SECOND = 1_000_000
 WAY_US = 60_000

@@ -5,9 +5,8 @@ import struct
 import msgpack
 import pytest
 
-from hapticnet.protocol.events import Connected, ForceArrived, HoldConfirmed
 from hapticnet.protocol.messages import Cookie, Grant, Welcome
-from hapticnet.protocol.states import MasterState, SlaveState
+from hapticnet.protocol.states import Connected, ForceArrived, HoldConfirmed, MasterState, SlaveState
 from hapticnet.protocol.wire import OPEN, Kind, pack, pack_body, unpack
 from tests.node.wire_tap import REQUEST, SLAVE, SURGEON, Tap
 

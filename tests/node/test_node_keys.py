@@ -4,13 +4,11 @@ import pytest
 
 from hapticnet.errors import PeerError
 from hapticnet.protocol import noise
-from hapticnet.protocol.events import Connected, Ended, Refused, SessionLost
-from hapticnet.protocol.handshake import SealedAttempt, prologue
+from hapticnet.protocol.handshake import SealedAttempt, hello_mac, prologue
 from hapticnet.protocol.keys import NO_PSK, MasterEntry, MasterKey, Roster
-from hapticnet.protocol.mac import hello_mac
 from hapticnet.protocol.messages import Code, unpack_cookie, unpack_welcome
 from hapticnet.protocol.seal import Seal
-from hapticnet.protocol.states import SlaveState
+from hapticnet.protocol.states import Connected, Ended, Refused, SessionLost, SlaveState
 from hapticnet.protocol.wire import Kind, pack_body, unpack
 from tests.node.wire_tap import ENTRIES, REQUEST, SLAVE, STUDENT, SURGEON, Tap
 
@@ -84,8 +82,8 @@ def test_a_thief_of_the_slaves_key_forges_a_request_but_can_prove_no_session(tap
     nonce = 7
     attempt = SealedAttempt(REQUEST, nonce, 0, MasterKey(STUDENT, SLAVE.public), tap.rng)
     attempt._initiator = Thief(nonce, tap.rng)
-    attempt._noise1 = attempt._initiator.write(pack_body(REQUEST))
-    attempt._mac = hello_mac(SLAVE.public, nonce, 0, attempt._noise1)
+    attempt._request = attempt._initiator.write(pack_body(REQUEST))
+    attempt._mac = hello_mac(SLAVE.public, nonce, 0, attempt._request)
     ((cookie, _),) = tap.to_slave(attempt.hello(b""), THERE)
     ((welcome, _),) = tap.to_slave(attempt.hello(unpack_cookie(unpack(cookie).body).cookie), THERE)
     (context,) = tap.slave.contexts

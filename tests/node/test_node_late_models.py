@@ -5,10 +5,9 @@ import struct
 import numpy as np
 import pytest
 
-from hapticnet.node.announced import MOST_PLAYED
+from hapticnet.node.decoders import MOST_PLAYED, OF_CODEC, pack_model, read_state
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_settings import MasterSettings
-from hapticnet.node.model_wire import OF_CODEC, pack_model, read_state
+from hapticnet.node.settings import MasterSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.messages import Force, unpack_hello, unpack_position

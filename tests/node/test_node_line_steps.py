@@ -5,8 +5,8 @@ import pytest
 
 from hapticnet.codec.positions import PromisedLine, pack_line
 from hapticnet.node.line_steps import ALL_HZ, EACH_HZ, MOST_AT_ONCE
+from hapticnet.node.settings import SlaveSettings
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.protocol.messages import Close
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.wire import Kind

@@ -10,7 +10,7 @@ from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.errors import SettingsError
 from hapticnet.node import admission
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.states import SlaveState
 from hapticnet.protocol.wire import Kind, unpack

@@ -10,7 +10,7 @@ from hapticnet.codec.registry import every_codec, make_codec
 from hapticnet.device.simulated import PlantSettings, SimulatedDevice
 from hapticnet.errors import SettingsError
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.messages import Close, Force, Keepalive

@@ -11,9 +11,16 @@ from hypothesis import strategies as st
 
 from hapticnet.codec.schemes.deadband import Deadband
 from hapticnet.errors import PeerError
-from hapticnet.node import announced
-from hapticnet.node.announced import MOST_PLAYED, AnnouncedDecoder
-from hapticnet.node.model_wire import OF_CODEC, pack_model, read_state, unpack_model, with_state
+from hapticnet.node import decoders
+from hapticnet.node.decoders import (
+    MOST_PLAYED,
+    OF_CODEC,
+    AnnouncedDecoder,
+    pack_model,
+    read_state,
+    unpack_model,
+    with_state,
+)
 from hapticnet.scene.ahead import MOST_LAYERS, ContactModel, LayerAhead
 from tests.vectors import make_models
 
@@ -161,7 +168,7 @@ def test_a_model_that_is_caught_up_later_renders_what_it_would_have_rendered_at_
     for index in range(1000, 1036):
         late.move(1000 * index, (0.01 * math.sin(0.05 * index),))
     assert late.on_model
-    monkeypatch.setattr(announced, "MOST_PLAYED", 1 << 20)
+    monkeypatch.setattr(decoders, "MOST_PLAYED", 1 << 20)
     at_once = passed(1036)
     at_once.decode(100_000, payload)
     assert late.state == at_once.state

@@ -7,8 +7,8 @@ import pytest
 
 from hapticnet.codec.recording import encode_array
 from hapticnet.codec.registry import every_codec, make_codec
-from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.offline import cost_report
+from hapticnet.node.settings import MasterSettings
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.messages import Welcome
 from hapticnet.protocol.wire import UDP_IPV4_HEADER_BYTES, Kind, pack, pack_body

@@ -6,13 +6,11 @@ import pytest
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.settings import ChannelSettings
 from hapticnet.device.simulated import PlantSettings, SimulatedDevice
+from hapticnet.node.events import Paused, ScenePaused
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_events import Paused
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_events import ScenePaused
-from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.samples import ForceSample, PositionSample
 
 SECOND = 1_000_000

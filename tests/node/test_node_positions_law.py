@@ -9,9 +9,8 @@ from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import PositionSample
 from hapticnet.scene.scene import Scene

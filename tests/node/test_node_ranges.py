@@ -13,12 +13,11 @@ import pytest
 from hapticnet.codec.registry import every_codec
 from hapticnet.device.simulated import PlantSettings, SimulatedDevice
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
-from hapticnet.protocol import ranges
-from hapticnet.protocol.handshake import OpenDoor, SealedDoor
+from hapticnet.protocol import messages as ranges
+from hapticnet.protocol.handshake import Door, SealedDoor
 from hapticnet.protocol.keys import Roster
 from hapticnet.protocol.messages import Code
 from hapticnet.protocol.states import MasterState
@@ -44,7 +43,7 @@ def slave_node():
     rng = np.random.default_rng(1)
     scene = paper_scene(1)
     make_scene = lambda _: Scene(scene.tissues, name=scene.name)  # noqa: E731
-    doors = {1: OpenDoor(), 2: SealedDoor(SLAVE.private, Roster([ENTRY]), rng)}
+    doors = {1: Door(), 2: SealedDoor(SLAVE.private, Roster([ENTRY]), rng)}
     return SlaveNode(make_scene, SlaveSettings(), rng, doors=doors)
 
 

@@ -7,7 +7,7 @@ import msgpack
 import pytest
 
 from hapticnet.errors import PeerError
-from hapticnet.protocol.mac import hello_mac
+from hapticnet.protocol.handshake import hello_mac
 from hapticnet.protocol.messages import unpack_hello, unpack_position
 from hapticnet.protocol.wire import OPEN, Kind, pack, pack_body, unpack
 from tests.node.undisturbed import HERE, SESSION, Masters, Slaves, make_master, make_slave
@@ -93,8 +93,8 @@ def give(attempt, request):
     if attempt.version == OPEN:
         attempt._request = request
     else:
-        attempt._noise1 = attempt._initiator.write(request)
-        attempt._mac = hello_mac(SLAVE.public, attempt.nonce, 0, attempt._noise1)
+        attempt._request = attempt._initiator.write(request)
+        attempt._mac = hello_mac(SLAVE.public, attempt.nonce, 0, attempt._request)
 
 
 @pytest.mark.plain

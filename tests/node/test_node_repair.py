@@ -8,12 +8,10 @@ from hapticnet.channel.spec import parse_channel
 from hapticnet.codec.registry import every_codec
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_settings import SlaveSettings
-from hapticnet.protocol.events import LinkStale
-from hapticnet.protocol.repair import RepairSettings
-from hapticnet.protocol.settings import SessionSettings
+from hapticnet.protocol.settings import RepairSettings, SessionSettings
+from hapticnet.protocol.states import LinkStale
 from hapticnet.protocol.wire import Kind, unpack
 from hapticnet.samples import ForceSample, PositionSample
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from hapticnet.node.slave_events import MasterJoined, MasterLeft
-from hapticnet.protocol.arrivals import BEHIND_IN_A_ROW, MISORDER
+from hapticnet.node.events import MasterJoined, MasterLeft
 from hapticnet.protocol.messages import Close, Position
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.slave_session import POLICED_BURST_S, POLICED_SHARE
 from hapticnet.protocol.states import SlaveState
+from hapticnet.protocol.stats import BEHIND_IN_A_ROW, MISORDER
 from hapticnet.protocol.wire import Kind
 from tests.conftest import make_slave
 from tests.peers import HandMaster, events_of

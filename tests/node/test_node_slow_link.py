@@ -2,8 +2,8 @@
 
 import pytest
 
-from hapticnet.node.in_force import SettingsInForce
-from hapticnet.protocol.events import Connected, LinkRecovered, LinkStale
+from hapticnet.node.events import SettingsInForce
+from hapticnet.protocol.states import Connected, LinkRecovered, LinkStale
 from hapticnet.protocol.wire import Kind, unpack
 
 SECOND = 1_000_000

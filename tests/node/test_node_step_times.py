@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.node.step_times import StepsTooSlow, StepTimes
-from hapticnet.protocol.events import Noticed
 from hapticnet.protocol.messages import Code
+from hapticnet.protocol.states import Noticed
 from hapticnet.samples import ForceSample, PositionSample
 
 MS = 1000

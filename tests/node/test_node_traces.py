@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings
 from hapticnet.operator.base import UserOperator
 from hapticnet.protocol.messages import unpack_position
 from hapticnet.scene.settings import Tissue

@@ -6,11 +6,10 @@ import numpy as np
 
 from hapticnet.node.admission import SMALLEST_SESSION
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
-from hapticnet.protocol.handshake import OpenDoor, SealedDoor
+from hapticnet.protocol.handshake import Door, SealedDoor
 from hapticnet.protocol.keys import Roster
 from hapticnet.protocol.messages import Force, Keepalive
 from hapticnet.protocol.wire import Kind, pack, pack_body
@@ -43,7 +42,7 @@ class Fixed:
 
 def make_slave(scene=None):
     rng = Fixed(1)
-    doors = {1: OpenDoor(), 2: SealedDoor(SLAVE.private, Roster([ENTRY]), rng)}
+    doors = {1: Door(), 2: SealedDoor(SLAVE.private, Roster([ENTRY]), rng)}
     tissues = scene or paper_scene(1).tissues
     return SlaveNode(lambda _: Scene(tissues), SlaveSettings(), rng, doors=doors)
 

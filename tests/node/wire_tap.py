@@ -4,14 +4,14 @@ import struct
 
 import numpy as np
 
+from hapticnet.node.settings import SlaveSettings
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_settings import SlaveSettings
-from hapticnet.protocol.events import ForceArrived
 from hapticnet.protocol.handshake import SealedDoor
 from hapticnet.protocol.keys import MasterEntry, MasterKey, PrivateKey, Roster
 from hapticnet.protocol.master_session import MasterSession
 from hapticnet.protocol.messages import Request
 from hapticnet.protocol.settings import SessionSettings
+from hapticnet.protocol.states import ForceArrived
 from hapticnet.protocol.wire import SEALED
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.sources import find_scene

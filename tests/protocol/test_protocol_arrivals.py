@@ -3,8 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.protocol.arrivals import BEHIND_IN_A_ROW, LEAP, MISORDER, WINDOW, Arrival, ArrivalWindow
-from hapticnet.protocol.serial_number import HALF, distance, unwrap, wrap
+from hapticnet.protocol.stats import BEHIND_IN_A_ROW, LEAP, MISORDER, WINDOW, Arrival, ArrivalWindow
+from hapticnet.protocol.wire import HALF, distance, unwrap, wrap
 
 numbers = st.integers(0, (1 << 32) - 1)
 

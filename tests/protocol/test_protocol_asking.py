@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from hapticnet.protocol.asking import FRESH_AFTER_US
-from hapticnet.protocol.events import Connected, Ended, Refused, SessionLost
+from hapticnet.protocol.handshake import FRESH_AFTER_US
 from hapticnet.protocol.keys import MasterKey, PrivateKey
 from hapticnet.protocol.messages import Close, Code, Welcome, unpack_hello
-from hapticnet.protocol.states import MasterState
+from hapticnet.protocol.states import Connected, Ended, MasterState, Refused, SessionLost
 from hapticnet.protocol.wire import Kind, pack, pack_body
 from tests.peers import COOKIE, GRANT, KEY, MASTER, PSK, SESSION, SLAVE, TICKET, HandSlave, events_of
 from tests.protocol.test_protocol_master_session import connected, new_session

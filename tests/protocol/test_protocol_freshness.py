@@ -4,12 +4,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.protocol.events import ForceArrived, HoldConfirmed, LinkRecovered, LinkStale
-from hapticnet.protocol.freshness import Freshness
+from hapticnet.protocol.master_stream import Freshness
 from hapticnet.protocol.messages import Force, Keepalive
-from hapticnet.protocol.serial_number import wrap
-from hapticnet.protocol.states import MasterState
-from hapticnet.protocol.wire import Kind
+from hapticnet.protocol.states import ForceArrived, HoldConfirmed, LinkRecovered, LinkStale, MasterState
+from hapticnet.protocol.wire import Kind, wrap
 from tests.peers import apply_forces, events_of
 from tests.protocol.test_protocol_master_session import connected, send_position
 

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from hapticnet.protocol.events import Connected, Hinted, LinkStale, Refused
 from hapticnet.protocol.messages import Close, Code, Cookie, Keepalive, Refuse, Welcome, unpack_hello
-from hapticnet.protocol.states import MasterState
+from hapticnet.protocol.states import Connected, Hinted, LinkStale, MasterState, Refused
 from hapticnet.protocol.wire import OPEN, SEALED, Kind, pack, pack_body
 from tests.peers import GRANT, SESSION, TICKET, HandSlave, events_of
 from tests.protocol.test_protocol_master_session import connected, new_session, send_position

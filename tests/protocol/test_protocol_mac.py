@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.protocol.mac import MAC_BYTES, hello_mac, is_hello_mac
+from hapticnet.protocol.handshake import MAC_BYTES, hello_mac, is_hello_mac
 
 SLAVE = bytes(range(32))
 uint32 = st.integers(0, 2**32 - 1)

@@ -4,20 +4,23 @@ import numpy as np
 import pytest
 
 from hapticnet.protocol import master_stream
-from hapticnet.protocol.arrivals import BEHIND_IN_A_ROW, MISORDER
-from hapticnet.protocol.events import (
+from hapticnet.protocol.master_session import MasterSession
+from hapticnet.protocol.messages import Close, Code, Force, Keepalive, unpack_position
+from hapticnet.protocol.settings import SessionSettings
+from hapticnet.protocol.states import (
+    MASTER_TRANSITIONS,
+    SLAVE_TRANSITIONS,
     Connected,
     Ended,
     ForceArrived,
     HoldConfirmed,
     LinkRecovered,
     LinkStale,
+    MasterState,
     SessionLost,
+    SlaveState,
 )
-from hapticnet.protocol.master_session import MasterSession
-from hapticnet.protocol.messages import Close, Code, Force, Keepalive, unpack_position
-from hapticnet.protocol.settings import SessionSettings
-from hapticnet.protocol.states import MASTER_TRANSITIONS, SLAVE_TRANSITIONS, MasterState, SlaveState
+from hapticnet.protocol.stats import BEHIND_IN_A_ROW, MISORDER
 from hapticnet.protocol.wire import Kind, pack, pack_body, unpack
 from tests.peers import GRANT, KEY, REQUEST, SESSION, TICKET, HandSlave, apply_forces, events_of
 

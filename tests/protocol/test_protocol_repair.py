@@ -7,7 +7,6 @@ import pytest
 
 from hapticnet.channel.settings import GilbertElliottLoss
 from hapticnet.perception import WeberLaw
-from hapticnet.protocol.loss import MEMORY, NO_LOSS, Loss, LossEstimate, datagrams_needed
 from hapticnet.protocol.repair import (
     INITIAL_TIMEOUT_US,
     LONGEST_TIMEOUT_US,
@@ -17,7 +16,8 @@ from hapticnet.protocol.repair import (
     Repair,
     RepairSettings,
 )
-from hapticnet.protocol.serial_number import wrap
+from hapticnet.protocol.stats import MEMORY, NO_LOSS, Loss, LossEstimate, datagrams_needed
+from hapticnet.protocol.wire import wrap
 
 HELD = (1.0,)
 JND_N = WeberLaw().jnd_n(1.0)

@@ -7,7 +7,7 @@ import msgpack
 import pytest
 from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305
 
-from hapticnet.protocol.mac import hello_mac
+from hapticnet.protocol.handshake import hello_mac
 from hapticnet.protocol.messages import HELLO_BYTES
 from hapticnet.protocol.noise import Initiator, Responder, public_key
 from hapticnet.protocol.seal import EPOCH_BITS, Seal

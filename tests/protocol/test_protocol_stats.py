@@ -3,8 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.protocol.arrivals import Arrival
-from hapticnet.protocol.stats import Distribution, Traffic
+from hapticnet.protocol.stats import Arrival, Distribution, Traffic
 from hapticnet.protocol.wire import Kind
 
 

@@ -16,8 +16,8 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from hapticnet.cli.master_messages import DISTURBANCES as MASTER_DISTURBANCES
 from hapticnet.errors import FileError, UnavailableError
+from hapticnet.node.events import ScenePaused
 from hapticnet.node.recording import DATAGRAM_COLUMNS, master_columns
-from hapticnet.node.slave_events import ScenePaused
 from hapticnet.recordings.recording import load_motion, load_recording
 from hapticnet.recordings.session import mcap_reader
 from hapticnet.recordings.session import session as session_module

@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.procedures import Met
+from hapticnet.node.settings import MasterSettings
 from hapticnet.study import screens
 from hapticnet.study.plan import ConditionPlan, LimitsPlan, OrderPlan, Plan
 from hapticnet.study.rig import Meet, Play, Present, Presented

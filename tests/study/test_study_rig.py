@@ -11,8 +11,8 @@ from hapticnet.control.hold import LimitSettings
 from hapticnet.device.simulated import PlantSettings, SimulatedDevice
 from hapticnet.errors import FileError
 from hapticnet.node.fingertip import Fingertip
-from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.procedures import Met
+from hapticnet.node.settings import MasterSettings
 from hapticnet.operator.trace import TraceOperator
 from hapticnet.perception import WeberLaw
 from hapticnet.recordings.session.in_force import in_force

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import aiohttp
 
-from hapticnet.node.master_settings import MasterSettings
 from hapticnet.node.procedures import Met
+from hapticnet.node.settings import MasterSettings
 from hapticnet.operator.live import LiveHand
-from hapticnet.protocol.events import Connected
+from hapticnet.protocol.states import Connected
 from hapticnet.runtime.system import now_us
 from hapticnet.runtime.udp import HostPort
 from hapticnet.study.page import PageFront, ParticipantPage, SeenHand

@@ -15,12 +15,11 @@ import uvloop
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.settings import ChannelSettings
 from hapticnet.node.master import MasterNode
-from hapticnet.node.master_settings import MasterSettings
+from hapticnet.node.settings import MasterSettings, SlaveSettings
 from hapticnet.node.slave import SlaveNode
-from hapticnet.node.slave_settings import SlaveSettings
 from hapticnet.operator.base import Operator
 from hapticnet.operator.live import LiveHand
-from hapticnet.protocol.handshake import OpenDoor
+from hapticnet.protocol.handshake import Door
 from hapticnet.protocol.wire import OPEN
 from hapticnet.runtime.runners import run_master, run_slave
 from hapticnet.runtime.system import SystemEntropy
@@ -168,7 +167,7 @@ async def rig(
         lambda _: Scene(tissues.tissues, name=tissues.name),
         SlaveSettings(),
         SystemEntropy(),
-        doors={OPEN: OpenDoor()},
+        doors={OPEN: Door()},
         host_of=host_of,
     )
     slave_sock = listen(HostPort("127.0.0.1", 0))

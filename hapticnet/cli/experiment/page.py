@@ -13,7 +13,7 @@ import typer
 
 if TYPE_CHECKING:
     from hapticnet.cli.console import Console
-    from hapticnet.node.master_events import NodeEvent
+    from hapticnet.node.events import NodeEvent
     from hapticnet.operator.base import Operator
     from hapticnet.runtime.watching import Watcher
     from hapticnet.study.page import PageFront, ParticipantPage

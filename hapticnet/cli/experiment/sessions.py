@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from hapticnet.cli.console import Console
     from hapticnet.device.profile import Profile
     from hapticnet.node.fingertip import Fingertip
-    from hapticnet.node.master_settings import MasterSettings
+    from hapticnet.node.settings import MasterSettings
     from hapticnet.runtime.serial_port import Wire
     from hapticnet.runtime.udp import HostPort
     from hapticnet.study.flow import Flow
@@ -132,7 +132,7 @@ def _limits_in_real_time(
     opened: pages.OpenedPage | None,
     say: Any,
 ) -> dict[str, Any]:
-    from hapticnet.node.master_settings import MasterSettings
+    from hapticnet.node.settings import MasterSettings
     from hapticnet.runtime.system import now_us
     from hapticnet.study.real_rig import Body, RealRig
     from hapticnet.study.session import limits_session
@@ -324,7 +324,7 @@ def _order_in_real_time(
 @contextmanager
 def _slave(place: Place) -> "Iterator[tuple[HostPort, MasterSettings]]":
     """Yield the address of the slave and the settings of masters; start a slave if none is named."""
-    from hapticnet.node.master_settings import MasterSettings
+    from hapticnet.node.settings import MasterSettings
     from hapticnet.runtime.processes import Child
     from hapticnet.runtime.trust import master_key
     from hapticnet.runtime.udp import is_loopback, open_toward, parse_host_port
@@ -591,7 +591,7 @@ def _conduct_in_virtual_time(
     """
     import asyncio
 
-    from hapticnet.node.master_settings import MasterSettings
+    from hapticnet.node.settings import MasterSettings
     from hapticnet.study.fronts import SimulatedFront
     from hapticnet.study.rig import VirtualRig
     from hapticnet.study.runner import conduct

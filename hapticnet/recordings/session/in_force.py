@@ -1,4 +1,4 @@
-"""What was in force during a recording, told by its events ``SettingsInForce`` (`node.in_force`)."""
+"""What was in force during a recording, told by its events ``SettingsInForce`` (`node.events`)."""
 
 import sys
 from collections.abc import Iterable, Mapping

@@ -1,16 +1,131 @@
-"""The checks that a HELLO must pass before the slave keeps or computes anything for its sender."""
+"""The checks that a HELLO must pass before the slave keeps or computes anything for its sender.
 
+A cookie proves, without any state, that the sender receives what is sent to its address (as in DTLS, RFC 9147, section
+5.1): it is a keyed hash of the address and the HELLO's nonce, so that only the slave can make one, and one made for
+another address or HELLO is worth nothing. Token buckets limit how often requests are read.
+"""
+
+import hmac
+import math
+from collections import OrderedDict
 from collections.abc import Hashable, Mapping
+from hashlib import blake2s
 from typing import Final, TypeAlias
 
 from hapticnet.errors import PeerError
-from hapticnet.protocol.buckets import Buckets, TokenBucket
-from hapticnet.protocol.cookies import CookieJar
 from hapticnet.protocol.handshake import Door, Visitor
-from hapticnet.protocol.messages import HELLO_BYTES, Code, Cookie, Hello, Refuse, unpack_hello
-from hapticnet.protocol.ranges import HELLO_SEQUENCE
-from hapticnet.protocol.settings import Entropy
+from hapticnet.protocol.messages import (
+    COOKIE_BYTES,
+    HELLO_BYTES,
+    HELLO_SEQUENCE,
+    Code,
+    Cookie,
+    Hello,
+    Refuse,
+    unpack_hello,
+)
+from hapticnet.protocol.settings import Entropy, random_bytes
 from hapticnet.protocol.wire import OPEN, SEALED, Datagram, Kind, pack, pack_body, unpack_nonce
+
+GENERATION_US: Final = 120_000_000
+"""How long [µs] one secret makes cookies. Those of the previous secret are still accepted."""
+
+
+class CookieJar:
+    """Make cookies and recognise them.
+
+    Attributes
+    ----------
+    generation
+        Number of the present secret; it changes every `GENERATION_US`.
+    """
+
+    __slots__ = ("_previous", "_rng", "_secret", "generation")
+
+    def __init__(self, rng: Entropy) -> None:
+        self._rng = rng
+        self.generation: int | None = None
+        self._secret = self._previous = b""
+
+    def make(self, address: bytes, nonce: int, now_us: int) -> bytes:
+        """Return the cookie for a HELLO with `nonce` from `address`."""
+        self.renew(now_us)
+        return _cookie(self._secret, address, nonce)
+
+    def accepts(self, cookie: bytes, address: bytes, nonce: int, now_us: int) -> bool:
+        """Return whether a cookie was made for that address and nonce within the last two generations."""
+        if len(cookie) != COOKIE_BYTES:
+            return False
+        self.renew(now_us)
+        return any(
+            hmac.compare_digest(cookie, _cookie(secret, address, nonce)) for secret in (self._secret, self._previous)
+        )
+
+    def renew(self, now_us: int) -> None:
+        """Change the secret if its time is over."""
+        generation = now_us // GENERATION_US
+        if generation == self.generation:
+            return
+        follows = self.generation is not None and generation == self.generation + 1
+        self._previous = self._secret if follows else random_bytes(self._rng, 32)
+        self._secret = random_bytes(self._rng, 32)
+        self.generation = generation
+
+
+def _cookie(secret: bytes, address: bytes, nonce: int) -> bytes:
+    return blake2s(nonce.to_bytes(4, "big") + address, key=secret, digest_size=COOKIE_BYTES).digest()
+
+
+MOST_KEYS: Final = 4096
+"""Keys remembered at once; the one unused for longest is forgotten."""
+
+
+class TokenBucket:
+    """A bucket of `depth` tokens that fills at `per_second`; each event takes one.
+
+    The bucket is full at first.
+    """
+
+    __slots__ = ("_each_us", "_empty_us", "_full_us")
+
+    def __init__(self, per_second: float, depth: float) -> None:
+        self._each_us = 1e6 / per_second
+        self._empty_us = depth * self._each_us
+        self._full_us = -math.inf  # when the bucket is full again
+
+    def take(self, now_us: int) -> bool:
+        """Take a token; return whether there was one."""
+        full_us = (self._full_us if self._full_us > now_us else now_us) + self._each_us
+        if full_us - now_us > self._empty_us:
+            if full_us - now_us > self._empty_us + self._each_us + 1.0:  # the clock went back: begin again, empty
+                self._full_us = now_us + self._empty_us
+            return False
+        self._full_us = full_us
+        return True
+
+
+class Buckets:
+    """One token bucket for each key, such as the host of an address. Memory is bounded."""
+
+    __slots__ = ("_buckets", "_depth", "_most_keys", "_per_second")
+
+    def __init__(self, per_second: float, depth: float, most_keys: int = MOST_KEYS) -> None:
+        self._per_second = per_second
+        self._depth = depth
+        self._most_keys = most_keys
+        self._buckets: OrderedDict[Hashable, TokenBucket] = OrderedDict()
+
+    def take(self, key: Hashable, now_us: int) -> bool:
+        """Take a token from the bucket of `key`; return whether there was one."""
+        bucket = self._buckets.get(key)
+        if bucket is None:
+            bucket = self._buckets[key] = TokenBucket(self._per_second, self._depth)
+            if len(self._buckets) > self._most_keys:
+                self._buckets.popitem(last=False)
+        else:
+            self._buckets.move_to_end(key)
+        return bucket.take(now_us)
+
 
 Address: TypeAlias = Hashable
 """Source or destination of a datagram. Opaque here; the runtime uses what the socket module does."""

@@ -1,10 +1,25 @@
-"""What is in force at a master: codec, JND, rate and emulated networks, and since when."""
+"""What master and slave report to the program that runs them, and which settings are in force at a master."""
 
 from collections import deque
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
-from hapticnet.protocol.messages import Grant, Request
+from hapticnet.node.fingertip import FingertipEvent
+from hapticnet.node.slave_context import SlaveContext
+from hapticnet.node.step_times import StepsTooSlow
+from hapticnet.protocol.hello_filter import Address
+from hapticnet.protocol.messages import Code, Grant, Request
+from hapticnet.protocol.states import (
+    ChangeRefused,
+    Connected,
+    Ended,
+    Hinted,
+    LinkRecovered,
+    LinkStale,
+    Noticed,
+    Refused,
+    SessionLost,
+)
 
 CHANGES_KEPT: Final = 1000
 """Changes that a node keeps; of more, the oldest are dropped. A slider on the page makes dozens a second."""
@@ -86,3 +101,88 @@ class InForce:
     def report(self) -> list[dict[str, Any]]:
         """Return the history for JSON; `t_s` counts from the first session."""
         return [{"t_s": (t_us - self.history[0][0]) / 1e6, **asdict(each)} for t_us, each in self.history]
+
+
+@dataclass(frozen=True, slots=True)
+class Failed:
+    """Operator, codec or device raised an exception: the force goes to zero and the session is closed."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Paused:
+    """The operator raised an exception: the force goes to zero and the operator is not asked until `resume`."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Resumed:
+    """The operator is asked again after `Paused`."""
+
+
+NodeEvent: TypeAlias = (
+    Connected
+    | SettingsInForce
+    | LinkStale
+    | LinkRecovered
+    | SessionLost
+    | Refused
+    | ChangeRefused
+    | Hinted
+    | Noticed
+    | StepsTooSlow
+    | Paused
+    | Resumed
+    | Failed
+    | Ended
+    | FingertipEvent
+)
+"""Events that a master reports; forces and confirmations stay inside."""
+
+
+@dataclass(frozen=True, slots=True)
+class MasterJoined:
+    """A master has a session."""
+
+    context: SlaveContext
+
+
+@dataclass(frozen=True, slots=True)
+class MasterLeft:
+    """A master's session has ended; `context` holds its final account."""
+
+    context: SlaveContext
+
+
+@dataclass(frozen=True, slots=True)
+class ScenePaused:
+    """The scene of a session raised an exception; its master feels nothing until `SlaveNode.resume`."""
+
+    context: SlaveContext
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class SceneResumed:
+    """The scene of a session is stepped again after `ScenePaused`."""
+
+    context: SlaveContext
+
+
+@dataclass(frozen=True, slots=True)
+class MasterRefused:
+    """A master that has proved its address was refused a session, for `reason`.
+
+    `public` is the public key it proved to have; None for an open session.
+    """
+
+    name: str
+    address: Address
+    public: bytes | None
+    code: Code
+    reason: str
+
+
+SlaveEvent: TypeAlias = MasterJoined | MasterLeft | MasterRefused | ScenePaused | SceneResumed | StepsTooSlow

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from hapticnet.codec.registry import every_codec
-from hapticnet.node import hello_filter
-from hapticnet.node.hello_filter import ALL_REQUESTS_AT_ONCE, REQUESTS_AT_ONCE
-from hapticnet.protocol.cookies import GENERATION_US
+from hapticnet.protocol import hello_filter
+from hapticnet.protocol.hello_filter import ALL_REQUESTS_AT_ONCE, GENERATION_US, REQUESTS_AT_ONCE
 from hapticnet.protocol.keys import MasterEntry, MasterKey, PrivateKey
 from hapticnet.protocol.messages import HELLO_BYTES, REASON_BYTES, Code, clipped, unpack_hello
 from hapticnet.protocol.settings import SessionSettings

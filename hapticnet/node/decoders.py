@@ -1,0 +1,450 @@
+"""Decoders of a master beside the codec's own: models of the contact ahead, the slave's view, and a bound on forces.
+
+The payload of a FORCE in a session with announcements is a byte, and after it a payload of the codec or a model of the
+contact ahead. That of a POSITION is a byte that says which layers of the model are pierced, and the position. A model
+is the number of its layers in a byte, and for each layer a byte of flags and the values that it has as float32,
+big-endian, in the order of `_FIELDS`.
+"""
+
+import math
+import struct
+from bisect import bisect_right
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import islice
+from typing import Final, cast
+
+from hapticnet.codec.base import Codec, Decoder, Predictive
+from hapticnet.errors import PeerError, SampleError
+from hapticnet.samples import Vector
+from hapticnet.scene.ahead import MOST_LAYERS, ContactModel, LayerAhead, check_layers
+from hapticnet.vectors import magnitude, minus, times
+
+OF_CODEC: Final = b"\x00"
+OF_MODEL: Final = b"\x01"
+
+PIERCED: Final = 1
+BREACHES: Final = 2
+VISCOUS: Final = 4
+STIFFENS: Final = 8
+RUBS: Final = 16
+RECOVERS: Final = 32
+
+_FIELDS: Final = (
+    (0, ("surface_m", "stiffness_n_per_m")),
+    (BREACHES, ("breach_force_n",)),
+    (VISCOUS, ("viscosity_n_s_per_m",)),
+    (STIFFENS, ("stiffening_per_m",)),
+    (RUBS, ("friction_n", "presliding_m", "shaft_n")),
+    (RECOVERS, ("recovery_s", "raised_m")),
+)
+"""The flag of each group of values, and their names. The normal follows, unless there is one axis."""
+
+
+def pack_model(layers: Sequence[LayerAhead], axes: int) -> bytes:
+    """Return the payload that announces `layers`.
+
+    Raises
+    ------
+    SampleError
+        If a value does not fit a float32.
+    """
+    parts = [OF_MODEL, bytes([len(layers)])]
+    for layer in layers:
+        flags = (
+            PIERCED * layer.pierced
+            | BREACHES * (layer.breach_force_n < math.inf)
+            | VISCOUS * (layer.viscosity_n_s_per_m > 0.0)
+            | STIFFENS * (layer.stiffening_per_m > 0.0)
+            | RUBS * (layer.friction_n > 0.0)
+            | RECOVERS * (layer.recovery_s > 0.0)
+        )
+        values = [getattr(layer, name) for flag, names in _FIELDS if flag & flags == flag for name in names]
+        if axes > 1:
+            values += layer.normal
+        try:
+            parts.append(struct.pack(f">B{len(values)}f", flags, *values))
+        except OverflowError as error:
+            raise SampleError(f"a layer ahead does not fit a float32: {layer}") from error
+    return b"".join(parts)
+
+
+def unpack_model(payload: bytes, axes: int, stiffest_n_per_m: float) -> tuple[LayerAhead, ...]:
+    """Return the layers that a payload announces.
+
+    Raises
+    ------
+    PeerError
+        If it is malformed, or says what is not allowed.
+    """
+    try:
+        if payload[:1] != OF_MODEL or payload[1] > MOST_LAYERS:
+            raise PeerError(f"payload {payload[:2].hex()}…: no model of at most {MOST_LAYERS} layers")
+        layers, at = [], 2
+        for _ in range(payload[1]):
+            layer, at = _unpack_layer(payload, at, axes)
+            layers.append(layer)
+        if at != len(payload):
+            raise PeerError(f"a model of {at} bytes in a payload of {len(payload)}")
+        check_layers(layers, axes, stiffest_n_per_m)
+    except (IndexError, struct.error) as error:
+        raise PeerError(f"a model that ends after {len(payload)} bytes") from error
+    except SampleError as error:
+        raise PeerError(str(error)) from error
+    return tuple(layers)
+
+
+def _unpack_layer(payload: bytes, at: int, axes: int) -> tuple[LayerAhead, int]:
+    flags = payload[at]
+    if flags >= 2 * RECOVERS:
+        raise PeerError(f"a layer with unknown flags {flags:#x}")
+    names = [name for flag, names in _FIELDS if flag & flags == flag for name in names]
+    count = len(names) + (axes if axes > 1 else 0)
+    values = struct.unpack_from(f">{count}f", payload, at + 1)
+    normal = values[len(names) :] or (1.0,)
+    layer = LayerAhead(**dict(zip(names, values, strict=False)), normal=normal, pierced=bool(flags & PIERCED))
+    return layer, at + 1 + 4 * count
+
+
+def with_state(state: int, payload: bytes) -> bytes:
+    """Return the payload of a POSITION behind which layers of the model are pierced there."""
+    return bytes([state]) + payload
+
+
+def read_state(payload: bytes) -> tuple[int, bytes]:
+    """Return which layers are pierced and the payload of the position; PeerError if there is nothing."""
+    if not payload:
+        raise PeerError("a position without a state")
+    return payload[0], payload[1:]
+
+
+MOST_REMEMBERED: Final = 1024
+"""Positions that are remembered: those of a second at 1 kHz. The oldest force that is applied is as old."""
+
+MOST_PLAYED: Final = 256
+"""Largest cost of the past that is played to models between two positions: up to 0.35 ms of CPU time. It is that of 64
+positions for three layers: at 1 kHz, a model that is a round trip of 100 ms old is applied one position late."""
+
+COST_OF_BEGINNING: Final = 5
+"""To begin a model costs as much as to step it through so many positions."""
+
+
+class Allowance:
+    """What may still be played of the past before the next position. The decoders of a master share one.
+
+    A position costs 1, and 1 for each layer.
+    """
+
+    __slots__ = ("_t_us", "left")
+
+    def __init__(self) -> None:
+        self.left = MOST_PLAYED
+        self._t_us: int | None = None
+
+    def renew(self, t_us: int) -> None:
+        """Allow as much again from the position of a time on; without effect for the same time."""
+        if t_us != self._t_us:
+            self._t_us, self.left = t_us, MOST_PLAYED
+
+
+@dataclass(slots=True)
+class _Late:
+    """A model that is still to be played positions of the past, and its number."""
+
+    number: int
+    model: ContactModel
+    cost: int
+    to_play: deque[tuple[int, Vector]]
+
+
+class AnnouncedDecoder:
+    """A codec's decoder, and the model that replaces it while it is the newest update. Satisfies `Decoder`.
+
+    A model belongs to a position that is a round trip old. The positions since are played to it before it is applied,
+    so that a surface that was breached meanwhile is. If they cost more than the allowance, the rest is played at the
+    next positions, and what was applied before goes on. A model that arrives meanwhile waits, and replaces one that
+    waits already.
+
+    Parameters
+    ----------
+    inner
+        The codec's decoder.
+    stiffest_n_per_m
+        Limit of `check_layers`.
+    allowance
+        One that is shared with other decoders, which are moved at the same times; None: its own.
+
+    Attributes
+    ----------
+    taken
+        Models taken in. Each has the number that this was then.
+    settled
+        Number of the newest model that was applied or replaced by a payload of the codec.
+    """
+
+    __slots__ = (
+        "_allowance", "_axes", "_inner", "_late", "_model", "_stiffest", "_trail", "_waiting", "settled", "taken",
+    )  # fmt: skip
+
+    def __init__(self, inner: Decoder, axes: int, stiffest_n_per_m: float, allowance: Allowance | None = None) -> None:
+        self.taken = self.settled = 0
+        self._inner = inner
+        self._axes = axes
+        self._stiffest = stiffest_n_per_m
+        self._allowance = allowance or Allowance()
+        self._model: ContactModel | None = None
+        self._late: _Late | None = None
+        self._waiting: tuple[int, tuple[LayerAhead, ...]] | None = None  # the newest model, not begun yet
+        self._trail: deque[tuple[int, Vector]] = deque(maxlen=MOST_REMEMBERED)
+
+    @property
+    def on_model(self) -> bool:
+        """Whether a model is applied."""
+        return self._model is not None
+
+    @property
+    def rendering(self) -> Decoder:
+        """What the applied force comes from: this decoder on a model, else that of the codec."""
+        return self._inner if self._model is None else self
+
+    @property
+    def state(self) -> int:
+        """Which layers of the model are pierced (`ContactModel.state`); 0 without a model."""
+        return 0 if self._model is None else self._model.state
+
+    def move(self, t_us: int, position: Vector, state: int | None = None) -> None:
+        """Move the tool: to be called for each position, in order of time.
+
+        `state` tells which layers are pierced there, where somebody knows better.
+        """
+        if self._trail and (t_us < self._trail[-1][0] or self._trail[-1] == (t_us, position)):
+            return
+        self._trail.append((t_us, position))
+        self._allowance.renew(t_us)
+        if self._model is not None:
+            self._model.step(t_us, position)
+            if state is not None:
+                self._model.adopt(state)
+        if self._late is not None:
+            self._late.to_play.append((t_us, position))
+        if self.settled != self.taken:
+            self._catch_up()
+
+    def decode(self, t_us: int, payload: bytes) -> None:
+        """Take in a payload. See `Decoder.decode`."""
+        if payload[:1] == OF_CODEC:
+            self._inner.decode(t_us, payload[1:])
+            self._model = self._late = self._waiting = None
+            self.settled = self.taken
+            return
+        layers = unpack_model(payload, self._axes, self._stiffest)
+        if not self._trail:
+            raise PeerError("a model before any position")
+        self.taken += 1
+        self._waiting = t_us, layers
+        self._catch_up()
+
+    def _catch_up(self) -> None:
+        """Play the past to what was taken in, as far as it is allowed; apply a model that has caught up."""
+        allowance = self._allowance
+        while allowance.left > 0:
+            late = self._late
+            if late is None:
+                if self._waiting is None:
+                    return
+                late = self._late = self._begin(*self._waiting)
+                self._waiting = None
+            while late.to_play and allowance.left > 0:
+                late.model.step(*late.to_play.popleft())
+                allowance.left -= late.cost
+            if not late.to_play:
+                self._model, self.settled, self._late = late.model, late.number, None
+
+    def _begin(self, t_us: int, layers: tuple[LayerAhead, ...]) -> _Late:
+        """Return a model at the remembered position of a time, with the one before for the speed."""
+        trail, cost = self._trail, 1 + len(layers)
+        first = max(bisect_right(trail, t_us, key=lambda remembered: remembered[0]) - 1, 0)
+        model = ContactModel(layers, *trail[first], trail[first - 1] if first else None)
+        self._allowance.left -= COST_OF_BEGINNING * cost
+        return _Late(self.taken, model, cost, deque(islice(trail, first + 1, None)))
+
+    def reconstruct(self, t_us: int, position: Vector | None = None, position_us: int | None = None) -> Vector:
+        """Return the stimulus to apply: the model's at the newest position, else the codec's at `t_us`."""
+        if self._model is not None:
+            return self._model.force_n
+        return self._inner.reconstruct(t_us, position, position_us)
+
+    def predict(self, t_us: int, position: Vector, position_us: int) -> Vector:
+        """Return the force of the model at a position and time to come. See `Predictive`; asked only on a model."""
+        return self.reconstruct(t_us) if self._model is None else self._model.predict(position_us, position)
+
+
+class LineDecoder:
+    """A second decoder of a session, which is where the slave takes the tool to be.
+
+    Parameters
+    ----------
+    stiffest_n_per_m
+        Limit of models of the contact ahead [N/m]; None if nothing is announced.
+    allowance
+        That of the master's own decoder, which may therefore apply a model some positions earlier.
+    """
+
+    __slots__ = ("_announced", "_decoder")
+
+    def __init__(self, codec: Codec, axes: int, stiffest_n_per_m: float | None, allowance: Allowance) -> None:
+        self._announced: AnnouncedDecoder | None = None
+        # A decoder that does not know the position applies the same everywhere.
+        self._decoder: Decoder | None = codec.decoder(axes) if codec.needs_position else None
+        if stiffest_n_per_m is not None:
+            inner = self._decoder or codec.decoder(axes)
+            self._decoder = self._announced = AnnouncedDecoder(inner, axes, stiffest_n_per_m, allowance)
+
+    def decode(self, t_us: int, payload: bytes) -> None:
+        """Take in a payload that the master's own decoder has taken in."""
+        if self._decoder is None:
+            return
+        try:
+            self._decoder.decode(t_us, payload)
+        except PeerError:  # a model, but this decoder has not been anywhere yet
+            return
+
+    def move(self, t_us: int, place_m: Vector, place_us: int) -> None:
+        """Note where the slave takes the tool to be: to be called at each tick."""
+        if self._announced is not None:
+            self._announced.move(place_us, place_m)
+        if self._decoder is not None:
+            self._decoder.reconstruct(t_us, place_m, place_us)
+
+    def difference(self, here_n: Vector, t_us: int, place_m: Vector, place_us: int) -> Vector | None:
+        """Return by how much `here_n` differs from the force at a place [N]; None if that cannot be."""
+        decoder = self._decoder if self._announced is None else self._announced.rendering
+        if not isinstance(decoder, Predictive):
+            return None
+        return minus(here_n, decoder.predict(t_us, place_m, place_us))
+
+
+GROWTH: Final = 1.3
+MARGIN_N: Final = 0.5
+"""The bound is this factor times the largest force that was answered lately, plus this force [N]: what a hand can add
+within a round trip. bench/measure/felt.py compares values."""
+
+LATELY_US: Final = 1_000_000
+"""How far back [µs] answered forces count, and positions are remembered."""
+
+
+WAY: Final = 50
+"""Positions from which a velocity follows: ten time constants at 1 kHz."""
+
+
+class Answered:
+    """Positions and answered forces of the last second.
+
+    Attributes
+    ----------
+    bound_n
+        Largest magnitude [N] that may be applied now.
+    """
+
+    __slots__ = ("_forces", "_positions_m", "_times_us", "bound_n")
+
+    def __init__(self) -> None:
+        self.bound_n = MARGIN_N
+        self._times_us: list[int] = []
+        self._positions_m: list[Vector] = []
+        self._forces: deque[tuple[int, float]] = deque()  # each is larger than those after it
+
+    def move(self, t_us: int, position_m: Vector) -> None:
+        """Note where the tool is."""
+        if self._times_us and t_us <= self._times_us[-1]:
+            return
+        self._times_us.append(t_us)
+        self._positions_m.append(position_m)
+        if self._times_us[0] < t_us - 2 * LATELY_US:
+            old = bisect_right(self._times_us, t_us - LATELY_US)
+            del self._times_us[:old], self._positions_m[:old]
+
+    def position_m(self, t_us: int) -> Vector:
+        """Return where the tool was [m]."""
+        return self._positions_m[max(bisect_right(self._times_us, t_us) - 1, 0)]
+
+    def way(self, t_us: int) -> list[tuple[int, Vector]]:
+        """Return the last positions until a time, which tell the velocity there."""
+        end = bisect_right(self._times_us, t_us)
+        start = max(end - WAY, 0)
+        return list(zip(self._times_us[start:end], self._positions_m[start:end], strict=True))
+
+    def note(self, force_n: Vector, now_us: int) -> None:
+        """Note the force [N] at an answered position."""
+        size_n, forces = magnitude(force_n), self._forces
+        while forces and forces[-1][1] <= size_n:
+            forces.pop()
+        forces.append((now_us, size_n))
+        while forces[0][0] < now_us - LATELY_US:
+            forces.popleft()
+        self.bound_n = GROWTH * forces[0][1] + MARGIN_N
+
+
+class BoundedDecoder:
+    """A decoder within the bound. Satisfies `Decoder`.
+
+    A second decoder, which is told the same updates, is where the newest answered position was: at the time that the
+    first is asked for (`Decoder.reconstruct`).
+
+    Attributes
+    ----------
+    inner
+        The decoder whose forces are bounded.
+    """
+
+    __slots__ = ("_answered", "_answered_us", "_behind", "inner")
+
+    def __init__(self, codec: Codec, axes: int) -> None:
+        self.inner, self._behind = codec.decoder(axes), codec.decoder(axes)
+        self._answered = Answered()
+        self._answered_us: int | None = None
+
+    def decode(self, t_us: int, payload: bytes) -> None:
+        """Take in a payload. See `Decoder.decode`."""
+        self.inner.decode(t_us, payload)
+        if self._answered_us is None:
+            for at_us, position in self._answered.way(t_us):
+                self._behind.reconstruct(at_us, position, at_us)
+            self._answered_us = t_us
+        self._behind.decode(t_us, payload)
+
+    def reconstruct(self, t_us: int, position: Vector | None = None, position_us: int | None = None) -> Vector:
+        """Return the stimulus to apply. See `Decoder.reconstruct`."""
+        force_n = self.inner.reconstruct(t_us, position, position_us)
+        if position is None:
+            return force_n
+        now_us = t_us if position_us is None else position_us
+        answered = self._answered
+        answered.move(now_us, position)
+        if self._answered_us is not None and t_us >= self._answered_us:  # jitter may take the time back
+            self._answered_us = t_us
+            answered.note(self._behind.reconstruct(t_us, answered.position_m(t_us), t_us), now_us)
+        return self._limited(force_n)
+
+    def _limited(self, force_n: Vector) -> Vector:
+        size_n, bound_n = magnitude(force_n), self._answered.bound_n
+        return force_n if size_n <= bound_n else times(force_n, bound_n / size_n)
+
+
+class BoundedPredictingDecoder(BoundedDecoder):
+    """A bounded decoder that can be asked for the future. Satisfies `Predictive`."""
+
+    __slots__ = ()
+
+    def predict(self, t_us: int, position: Vector, position_us: int) -> Vector:
+        """Return the stimulus of a time to come. See `Predictive`."""
+        return self._limited(cast("Predictive", self.inner).predict(t_us, position, position_us))
+
+
+def receiver(codec: Codec, axes: int) -> Decoder:
+    """Return a decoder for what is applied: a bounded one if the codec follows the receiver's own position."""
+    if not codec.needs_position:
+        return codec.decoder(axes)
+    predicts = isinstance(codec.decoder(axes), Predictive)
+    return BoundedPredictingDecoder(codec, axes) if predicts else BoundedDecoder(codec, axes)
