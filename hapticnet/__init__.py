@@ -29,7 +29,7 @@ if TYPE_CHECKING:
         UnavailableError,
     )
     from hapticnet.perception import WeberLaw
-    from hapticnet.recordings.recording import Recording, load_recording
+    from hapticnet.recordings.loading import Recording, load_recording
     from hapticnet.samples import ForceSample, PositionSample
 
 __version__ = "0.1.0"
@@ -47,7 +47,7 @@ _HOMES: Final = {
         "FileError", "HapticnetError", "PeerError", "RefusedError", "SampleError", "SettingsError", "UnavailableError",
     ),
     "hapticnet.perception": ("WeberLaw",),
-    "hapticnet.recordings.recording": ("Recording", "load_recording"),
+    "hapticnet.recordings.loading": ("Recording", "load_recording"),
     "hapticnet.samples": ("ForceSample", "PositionSample"),
 }  # fmt: skip
 

@@ -305,12 +305,12 @@ MaxSize: TypeAlias = Annotated[
 
 # Recording, monitoring, output and running.
 Record: TypeAlias = Annotated[
-    Path | None, Option("Record every tick, datagram and event in FILE: .mcap, .csv or .npz.", "FILE")
+    Path | None, Option("Record every tick, datagram and event in FILE: .mcap or .csv.", "FILE")
 ]
 RecordDir: TypeAlias = Annotated[
     Path | None, Option("Record each session in DIR/NAME-SESSION and the format's suffix.", "DIR")
 ]
-RecordFormat: TypeAlias = Annotated[Literal["csv", "mcap", "npz"], Option("Format of the recordings.")]
+RecordFormat: TypeAlias = Annotated[Literal["csv", "mcap"], Option("Format of the recordings.")]
 RecordLimit: TypeAlias = Annotated[
     int,
     Option(

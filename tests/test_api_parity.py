@@ -152,7 +152,7 @@ def test_the_report_of_a_master_has_the_fields_that_the_command_prints(by_comman
 def test_the_report_of_a_recording_master_has_the_account_of_the_recording(tmp_path):
     with (
         hn.ThreadedSlave("paper:1", listen=ANY_PORT) as slave,
-        hn.ThreadedMaster(slave.address, record=tmp_path / "run.npz") as master,
+        hn.ThreadedMaster(slave.address, record=tmp_path / "run.csv") as master,
     ):
         master.exchange(0.0)
     assert master.report()["recording"]["stopped"] is None

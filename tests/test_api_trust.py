@@ -116,10 +116,10 @@ def test_a_tilde_is_the_home_folder_in_python(home):
     assert len(hn.load_recording("~/force.csv").force) == 2
     with (
         hn.ThreadedSlave("~/spring.py:Spring", listen=OPEN) as slave,
-        hn.ThreadedMaster(slave.address, record="~/run.npz") as master,
+        hn.ThreadedMaster(slave.address, record="~/run.csv") as master,
     ):
         master.exchange(0.0)
-    assert read_session(home / "run.npz").complete
+    assert read_session(home / "run.csv").complete
     with hn.ThreadedSlave("recording:~/force.csv", listen=OPEN):
         pass
     assert str(home / "none.toml") in said_in_python(hn.ThreadedSlave, "~/none.toml", listen=OPEN)

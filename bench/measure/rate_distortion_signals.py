@@ -15,7 +15,7 @@ import numpy.typing as npt
 from hapticnet.errors import SettingsError
 from hapticnet.experiment.paper_force import paper_recording
 from hapticnet.experiment.trial import Trial
-from hapticnet.recordings.recording import load_recording
+from hapticnet.recordings.loading import load_recording
 
 Array = npt.NDArray[np.float64]
 Made = Callable[[np.random.Generator, int], tuple[Array, Array]]

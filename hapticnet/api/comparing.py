@@ -15,7 +15,7 @@ from hapticnet.experiment import comparison
 from hapticnet.experiment.comparison import Row
 from hapticnet.experiment.grid import grid_codecs
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION
-from hapticnet.recordings.recording import Recording
+from hapticnet.recordings.loading import Recording
 
 if TYPE_CHECKING:
     import pandas

@@ -14,7 +14,7 @@ from hapticnet.codec.plugins import checked_class, rehearse
 from hapticnet.errors import SampleError, SettingsError
 from hapticnet.experiment.trial import Trial
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION, WeberLaw
-from hapticnet.recordings.recording import Recording
+from hapticnet.recordings.loading import Recording
 
 DEFAULT_RATE_HZ: Final = 1000.0
 

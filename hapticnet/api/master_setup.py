@@ -116,7 +116,7 @@ class MasterSetup:
         ),
     ] = "end"
     record: Annotated[
-        str | Path | None, Option("Record every tick in this file, .mcap, .csv or .npz (docs/use/recordings.md).")
+        str | Path | None, Option("Record every tick in this file, .mcap or .csv (docs/use/recordings.md).")
     ] = None
     record_limit_bytes: Annotated[int, Option("Stop recording before it takes more disk space than this [B].")] = (
         options.RECORD_LIMIT

@@ -9,13 +9,13 @@ from hapticnet.errors import SettingsError
 
 if TYPE_CHECKING:
     from hapticnet.experiment.trial import Trial
-    from hapticnet.recordings.recording import Motion, Recording
+    from hapticnet.recordings.loading import Motion, Recording
 
 
 def recorded_trials(files: Sequence[Path], say: Callable[[str], None], **reading: Any) -> "list[Trial]":
     """Return the forces and positions of files; `reading` says how to read them, as for `load_recording`."""
     from hapticnet.experiment.trial import Trial
-    from hapticnet.recordings.recording import load_recording
+    from hapticnet.recordings.loading import load_recording
 
     return [
         Trial(name=name, t_us=found.t_us, stimuli=found.force, positions=found.position)
@@ -40,7 +40,7 @@ def scene_trials(
     from hapticnet.experiment.scene_force import placed, scene_trial
     from hapticnet.operator.scripted import scripted_hand
     from hapticnet.operator.trace import TraceOperator
-    from hapticnet.recordings.recording import load_motion
+    from hapticnet.recordings.loading import load_motion
     from hapticnet.scene.sources import find_source
 
     source = find_source(scene)

@@ -40,8 +40,8 @@ def encode(
     from hapticnet.codec.registry import make_codec, parse_codec
     from hapticnet.errors import FileError, SampleError
     from hapticnet.perception import WeberLaw
-    from hapticnet.recordings.recording import load_recording
-    from hapticnet.recordings.tables import write_csv
+    from hapticnet.recordings.loading import load_recording
+    from hapticnet.recordings.text import write_csv
 
     check_outputs(csv, report, inputs=[file])
     name, parameters = parse_codec(codec)

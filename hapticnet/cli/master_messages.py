@@ -18,7 +18,7 @@ from hapticnet.protocol.states import (
     Refused,
     SessionLost,
 )
-from hapticnet.recordings.session.in_force import settings_line
+from hapticnet.recordings.session.session import settings_line
 from hapticnet.runtime.trust import silence_advice
 from hapticnet.runtime.watching import Watcher
 

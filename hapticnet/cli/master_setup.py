@@ -21,8 +21,8 @@ from hapticnet.options import INSERTIONS, POSITION_SHARE, RECORD_LIMIT
 from hapticnet.protocol.key_files import default_key
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.recordings.session.archive import check_format
-from hapticnet.recordings.session.in_force import settings_line
 from hapticnet.recordings.session.recovery import refuse_if_recorded
+from hapticnet.recordings.session.session import settings_line
 from hapticnet.runtime import devices
 from hapticnet.runtime.overload import Overload, signs
 from hapticnet.runtime.runners import MasterRun, master_report, run_master

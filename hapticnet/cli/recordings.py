@@ -78,7 +78,7 @@ def export(
     from hapticnet.errors import SettingsError
     from hapticnet.recordings.session.export import export as write
     from hapticnet.recordings.session.export import exported_files
-    from hapticnet.recordings.session.reading import check_session, read_session
+    from hapticnet.recordings.session.reading import read_session
 
     chosen = form or ("" if out is None else out.suffix.lower().removeprefix("."))
     if chosen not in get_args(options.ExportFormat):
@@ -86,11 +86,10 @@ def export(
     target = out or file.with_suffix(f".{chosen}")
     if target.suffix.lower() != f".{chosen}":
         raise SettingsError(f"{target}: expected a name that ends in .{chosen}")
-    check_session(file, max_bytes=max_size)  # first: else its name might be blamed
+    session = read_session(file, max_bytes=max_size)  # first: else its name might be blamed
     files = exported_files(target)
     check_outputs(*files, inputs=[file])
     check_new(*files, overwrite=overwrite)
-    session = read_session(file, max_bytes=max_size)
     write(session, target)
     console = Console("export")
     if not session.complete:
@@ -104,8 +103,8 @@ def _account(file: Path, session: "Session") -> dict[str, Any]:
     """Return what is known about a recording, for JSON."""
     from datetime import UTC, datetime, timedelta
 
-    from hapticnet.recordings.notes import time_notes
-    from hapticnet.recordings.session.in_force import change_notes, in_force
+    from hapticnet.recordings.loading import time_notes
+    from hapticnet.recordings.session.session import change_notes, in_force
 
     t_us = session.main["t_us"].astype("int64")
     account: dict[str, Any] = {
@@ -140,8 +139,7 @@ def _account(file: Path, session: "Session") -> dict[str, Any]:
 
 def _overview(account: dict[str, Any]) -> dict[str, Any]:
     """Return the part of an account that a person is shown: a line for each event, and the most important settings."""
-    from hapticnet.recordings.session.in_force import EVENT, settings_line
-    from hapticnet.recordings.session.session import INCOMPLETE
+    from hapticnet.recordings.session.session import IN_FORCE, INCOMPLETE, settings_line
 
     about = {key: value for key, value in account["about"].items() if key not in (*LEFT_OUT, INCOMPLETE)}
     return {
@@ -152,7 +150,7 @@ def _overview(account: dict[str, Any]) -> dict[str, Any]:
         "events": [
             _line(each["t_s"], each["event"] if each["text"] == "{}" else f"{each['event']}  {each['text']}")
             for each in account["events"]
-            if each["event"] != EVENT
+            if each["event"] != IN_FORCE
         ],
         "about": about,
     }

@@ -12,7 +12,7 @@ from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from hapticnet.recordings.recording import Motion
+    from hapticnet.recordings.loading import Motion
 
 FASTEST_HZ: Final = 10_000.0
 """Highest rate at which recordings are replayed: what a slave grants if it was not told otherwise."""
@@ -46,7 +46,7 @@ class ReplayOptions:
     )
     page: options.Page = None
     seed: options.Seed = 0
-    record: Annotated[Path | None, Option("Record the replay in FILE: .mcap, .csv or .npz.", "FILE")] = None
+    record: Annotated[Path | None, Option("Record the replay in FILE: .mcap or .csv.", "FILE")] = None
     real_time: options.RealTime = True
     json: options.Json = False
     report: options.Report = None
@@ -63,7 +63,7 @@ def replay(given: ReplayOptions) -> None:
     from hapticnet.cli.console import check_outputs
     from hapticnet.cli.master import MasterOptions, master
     from hapticnet.errors import SettingsError
-    from hapticnet.recordings.recording import load_motion
+    from hapticnet.recordings.loading import load_motion
 
     file, column = given.file, given.position_column
     check_outputs(given.record, given.report, inputs=[file])

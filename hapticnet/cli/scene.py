@@ -71,8 +71,8 @@ def run_scene(
     from hapticnet.errors import SettingsError
     from hapticnet.experiment.scene_force import placed
     from hapticnet.node.recording import axis_columns
-    from hapticnet.recordings.recording import load_motion
-    from hapticnet.recordings.tables import write_csv
+    from hapticnet.recordings.loading import load_motion
+    from hapticnet.recordings.text import write_csv
     from hapticnet.samples import PositionSample
     from hapticnet.scene.base import breaches_of
     from hapticnet.scene.bodies import BodyScene

@@ -19,7 +19,7 @@ from hapticnet.experiment.conditions import Condition, conditions_with
 from hapticnet.experiment.trial import Trial
 from hapticnet.measure.metrics import ErrorReport
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION, WeberLaw
-from hapticnet.recordings.tables import read_csv
+from hapticnet.recordings.text import read_csv
 from hapticnet.runtime.overload import signs
 from hapticnet.runtime.processes import Child
 from hapticnet.runtime.system import OTHER

@@ -7,7 +7,7 @@ import numpy as np
 
 from hapticnet.arrays import FloatArray, IntArray
 from hapticnet.errors import FileError, SampleError
-from hapticnet.recordings.recording import Columns, load_motion
+from hapticnet.recordings.loading import Columns, load_motion
 from hapticnet.samples import LARGEST_COMPONENT, MAX_AXES, PositionSample, Vector
 
 
@@ -84,7 +84,7 @@ def load_trace(
     Parameters
     ----------
     path
-        Any file that `recordings.recording.load_motion` reads, hapticnet's own recordings included.
+        Any file that `recordings.loading.load_motion` reads, hapticnet's own recordings included.
     position
         One to three position columns; None: those called position, or the only column that is not time.
     loop

@@ -1,19 +1,17 @@
 """Arrays from NumPy, MATLAB and Parquet files as columns."""
 
+import zipfile
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import IO, Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from hapticnet.arrays import FloatArray, IntArray
 from hapticnet.errors import FileError, UnavailableError
-from hapticnet.recordings.columns import printable
-from hapticnet.recordings.numpy_files import check_columns, load_npy, load_npz
-from hapticnet.recordings.session.in_force import change_notes
-from hapticnet.recordings.session.reading import npz_events
+from hapticnet.recordings.columns import check_columns, printable
 
 Arrays = Mapping[str, npt.NDArray[Any]]
 
@@ -21,8 +19,7 @@ _MAT_HEADER_BYTES: Final = 128
 _MAT_COMPRESSED: Final = 15
 _PIECE_BYTES: Final = 2**20
 
-_SESSION = {"about", "events"}
-"""Arrays that a recording of hapticnet has beside its tables; see `session.npz_writer`."""
+_FLOAT_BYTES: Final = 8
 
 
 class ArraySource:
@@ -89,6 +86,58 @@ class ArraySource:
         return columns
 
 
+def load_npy(path: Path, file: IO[bytes], max_bytes: int) -> npt.NDArray[Any]:
+    """Return the array in a .npy file, after checking the shape that its header claims.
+
+    Raises
+    ------
+    FileError
+        If the array, or the same in float64, takes more than `max_bytes`, or it has too many columns.
+    ValueError
+        If it is damaged, or holds Python objects.
+    """
+    version = np.lib.format.read_magic(file)
+    header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, _, dtype = header(file)
+    each = max(dtype.itemsize, _FLOAT_BYTES * len(dtype.names or (0,)))
+    claimed = int(np.prod(shape, dtype=object)) * each
+    if claimed > max_bytes:
+        raise FileError(f"{path}: an array of {claimed} bytes; the limit is {max_bytes}")
+    if len(shape) > 1:  # the longer side has the samples: an array may be either way round
+        check_columns(path, min(shape))
+    file.seek(0)
+    array: npt.NDArray[Any] = np.lib.format.read_array(file, allow_pickle=False)
+    return array
+
+
+def load_npz(path: Path, max_bytes: int) -> dict[str, npt.NDArray[Any]]:
+    """Return the arrays in a .npz file by their names.
+
+    Raises
+    ------
+    FileError
+        If they, or the same in float64, take more than `max_bytes` together, or there are too many.
+    Exception
+        Of many kinds, if the file is damaged.
+    """
+    arrays: dict[str, npt.NDArray[Any]] = {}
+    left = max_bytes
+    with zipfile.ZipFile(path) as archive:
+        members = [member for member in archive.infolist() if member.filename.endswith(".npy")]
+        check_columns(path, len(members))
+        unpacked = sum(member.file_size for member in members)
+        if unpacked > max_bytes:
+            raise FileError(f"{path}: unpacks to {unpacked} bytes; the limit is {max_bytes}")
+        for member in members:
+            with archive.open(member) as file:
+                array = load_npy(path, file, max_bytes)
+            left -= max(array.nbytes, _FLOAT_BYTES * array.size)
+            if left < 0:
+                raise FileError(f"{path}: unpacks to more than {max_bytes} bytes, which is the limit")
+            arrays[member.filename.removesuffix(".npy")] = array
+    return arrays
+
+
 def open_npy(path: Path, max_bytes: int) -> ArraySource:
     """Return the array in a .npy file, of shape (n,) or (n, columns) or structured, as columns."""
     with path.open("rb") as file:
@@ -103,14 +152,7 @@ def open_npy(path: Path, max_bytes: int) -> ArraySource:
 
 def open_npz(path: Path, max_bytes: int) -> ArraySource:
     """Return the arrays in a .npz file as columns."""
-    arrays = load_npz(path, max_bytes)
-    if _SESSION.issubset(arrays):  # a recording of hapticnet: the main table is what is meant
-        events = npz_events(path, str(arrays["events"]))
-        arrays = {name: array for name, array in arrays.items() if "." not in name and name not in _SESSION}
-        source = _named(path, arrays)
-        source.notes = change_notes(events)
-        return source
-    return _named(path, arrays)
+    return _named(path, load_npz(path, max_bytes))
 
 
 def open_mat(path: Path, max_bytes: int) -> ArraySource:

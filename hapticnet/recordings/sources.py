@@ -9,27 +9,26 @@ from hapticnet.arrays import FloatArray, IntArray
 from hapticnet.errors import FileError
 from hapticnet.files import check_readable, file_errors
 from hapticnet.recordings.arrays import ArraySource, open_mat, open_npy, open_npz, open_parquet
-from hapticnet.recordings.delimited import DelimitedSource
-from hapticnet.recordings.session.csv_writer import beside
-from hapticnet.recordings.session.in_force import change_notes
-from hapticnet.recordings.session.mcap_reader import read_mcap
-from hapticnet.recordings.session.reading import check_main, csv_events
+from hapticnet.recordings.session.reading import check_main, csv_events, read_session
+from hapticnet.recordings.session.session import change_notes
+from hapticnet.recordings.session.sink import beside
+from hapticnet.recordings.text import TextSource
 
 _READABLE: Final = "CSV, TSV, .npy, .npz, .mat, hapticnet's own .mcap and .parquet can be read"
 
 
-def open_mcap(path: Path, max_bytes: int) -> ArraySource:
-    """Return the main table of a recording that hapticnet wrote as MCAP, as columns."""
-    session = read_mcap(path, max_bytes)
+def open_session(path: Path, max_bytes: int) -> ArraySource:
+    """Return the main table of a recording of hapticnet as columns."""
+    session = read_session(path, max_bytes=max_bytes)
     columns = session.main
     source = ArraySource(path, list(columns), lambda names: [columns[name] for name in names], len(columns["t_us"]))
     source.notes = change_notes(session.events)
     return source
 
 
-def open_text(path: Path, _max_bytes: int) -> DelimitedSource:
+def open_text(path: Path, _max_bytes: int) -> TextSource:
     """Return a text table as columns; if hapticnet recorded it, its events are beside it."""
-    source = DelimitedSource(path)
+    source = TextSource(path)
     if beside(path, "about.json").exists() and source.names[0] == "t_us":
         source.notes = (*source.notes, *change_notes(csv_events(beside(path, "events.csv"))))
     return source
@@ -40,7 +39,8 @@ _READERS: Final[dict[str, Callable[[Path, int], "Source"]]] = {
     "a NumPy archive": open_npz,
     "a MATLAB file": open_mat,
     "a Parquet file": open_parquet,
-    "an MCAP file": open_mcap,
+    "an MCAP file": open_session,
+    "a recording": open_session,
     "a text table": open_text,
 }
 
@@ -158,6 +158,8 @@ def _kind_of_zip(path: Path) -> str:
             members = archive.namelist()
     except Exception as error:
         raise FileError(f"{path}: a damaged zip archive") from error
+    if {"about.npy", "events.npy"} <= set(members):
+        return "a recording"
     if any(member.endswith(".npy") for member in members):
         return "a NumPy archive"
     if any(member.startswith("xl/") for member in members):

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any, Final
 import msgpack
 
 from hapticnet.errors import FileError
-from hapticnet.recordings.session.archive import MOST_FILES
-from hapticnet.recordings.session.frames import FrameKind, Heading, Table, pack_begin, pack_frame, pack_rows_header
+from hapticnet.recordings.session.archive import FILES
+from hapticnet.recordings.session.frames import FrameKind, Heading, pack_begin, pack_frame, pack_rows_header
+from hapticnet.recordings.session.session import Table
 from hapticnet.runtime.processes import SideProcess
 from hapticnet.runtime.system import now_us
 from hapticnet.runtime.writer import DONE, FAILED, STOPPED
@@ -49,7 +50,6 @@ class Recorder:
         self._limit_bytes = limit_bytes
         self._about = dict(about or {})
         self._files = 0
-        self._open: dict[int, int] = {}  # what of these goes when a recording is complete
         self._begun = 0
         self._completed: int | None = None  # as the writer says
         self._not_recorded = 0
@@ -72,16 +72,15 @@ class Recorder:
         `tables`: The main one first.
         `unix_offset_us`: Add it to the rows' `t_us` for µs since 1970.
         """
-        most, complete = MOST_FILES[path.suffix.lower()]
-        if self._files + most > FILE_LIMIT:
+        files = FILES[path.suffix.lower()]
+        if self._files + files > FILE_LIMIT:
             if not self._not_recorded:
                 self._tell(f"the recordings have {FILE_LIMIT:,} files; a session that begins now is not recorded")
             self._not_recorded += 1
             return None
-        self._files += most
+        self._files += files
         self._path = None if self._begun else path.absolute()
         self._begun += 1
-        self._open[self._begun] = most - complete
         heading = Heading(
             path=path.absolute(),
             side=side,
@@ -107,7 +106,6 @@ class Recorder:
         """Complete a recording; `about` is what is known only now, such as the report."""
         self._put(pack_frame(FrameKind.ABOUT, number, msgpack.packb(dict(about), default=str)))
         self._put(pack_frame(FrameKind.END, number))
-        self._files -= self._open.pop(number)
 
     def pump(self) -> None:
         """Pass on what the writer takes now, and listen to it. Does not wait."""

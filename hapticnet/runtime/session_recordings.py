@@ -15,7 +15,7 @@ from hapticnet.node.slave import SlaveNode
 from hapticnet.node.slave_context import SlaveContext
 from hapticnet.node.step_times import StepsTooSlow
 from hapticnet.protocol.wire import OPEN, SEALED
-from hapticnet.recordings.session.frames import Table
+from hapticnet.recordings.session.session import Table
 from hapticnet.runtime.recorder import Recorder, unix_offset_us
 from hapticnet.runtime.watching import Event, Watcher
 
@@ -78,9 +78,9 @@ class _Track:
         self._begun = True
         if "answered_us" in columns:
             self._shift_us = round(numbers[columns.index("t_us")] - numbers[columns.index("answered_us")])
-        tables = [Table.of(self._names[0], columns)]
+        tables = [Table(self._names[0], columns)]
         if datagrams is not None:
-            tables.append(Table.of(self._names[1], datagrams.columns, shift_us=self._shift_us))
+            tables.append(Table(self._names[1], datagrams.columns, shift_us=self._shift_us))
         offset_us = unix_offset_us() - self._shift_us
         self._number = self._recorder.open(self._path, self._side, tables, offset_us, about)
         for at_us, event in self._early:
@@ -159,7 +159,7 @@ class MasterRecording(_Recording[NodeEvent]):
 class SlaveRecording(_Recording[SlaveEvent]):
     """Record every session of a slave in FOLDER/NAME-SESSION and a suffix; the node's settings must ask for that.
 
-    `suffix`: .mcap, .csv or .npz.
+    `suffix`: .mcap or .csv.
     `channel_out`: The network emulated for the answers, as written for ``--channel-out``; None: none.
     `about`: Configuration, seed and versions, for each file.
     """

@@ -7,7 +7,7 @@ import numpy as np
 
 from hapticnet.arrays import FloatArray, IntArray
 from hapticnet.errors import FileError
-from hapticnet.recordings.recording import Columns, load_recording
+from hapticnet.recordings.loading import Columns, load_recording
 from hapticnet.samples import LARGEST_COMPONENT, ForceSample, PositionSample, Vector
 
 

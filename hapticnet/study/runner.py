@@ -12,14 +12,12 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal, Protocol, TypeAlias
 
-import numpy as np
-
 from hapticnet.errors import FileError, UnavailableError
 from hapticnet.experiment.provenance import provenance
 from hapticnet.files import make_folder
-from hapticnet.recordings.session.archive import FORMATS, check_mcap
-from hapticnet.recordings.session.frames import Heading, Table
-from hapticnet.recordings.session.session import REPORT
+from hapticnet.recordings.session.archive import check_mcap
+from hapticnet.recordings.session.export import export
+from hapticnet.recordings.session.session import REPORT, Event, Session
 from hapticnet.runtime.recorder import event_text
 from hapticnet.runtime.session_recordings import about_master
 from hapticnet.runtime.system import start_background
@@ -177,25 +175,12 @@ def record_trials(
         kind = "practice" if getattr(row, "condition", None) == PRACTICE else "trial"
         path = _unused(folder, f"{kind}-{row.this_n or 0:03d}-{row.attempt or 0}", form)
         tables = {"tick": outcome.ticks, "datagram": outcome.datagrams}
-        heading = Heading(
-            path=path,
-            side="master",
-            tables=tuple(Table.of(name, tuple(columns)) for name, columns in tables.items()),
-            unix_offset_us=outcome.unix_offset_us,
-            about=about | about_master(outcome.settings) | {"trial": asdict(row)},
-        )
+        facts = about | about_master(outcome.settings) | {"trial": asdict(row), REPORT: {"outcome": row.event}}
+        events = tuple(Event(t_us, type(each).__name__, event_text(each)) for t_us, each in outcome.in_force)
         try:
-            writer = FORMATS[path.suffix](heading)
-            for t_us, settings_in_force in outcome.in_force:
-                writer.event(t_us, type(settings_in_force).__name__, event_text(settings_in_force))
-            for index, columns in enumerate(tables.values()):
-                rows = np.column_stack(list(columns.values()))
-                if len(rows):
-                    writer.rows(index, rows)
-            writer.finish({REPORT: {"outcome": row.event}})
-        except (OSError, UnavailableError) as error:
-            reason = getattr(error, "strerror", None) or error
-            raise FileError(f"{path}: the recording cannot be written: {reason}; its answer is safe") from error
+            export(Session("master", facts, outcome.unix_offset_us, tables, events), path)
+        except (FileError, UnavailableError) as error:
+            raise FileError(f"{error}; the answer to it is safe") from error
 
     return keep
 

@@ -13,7 +13,7 @@ from hapticnet.experiment.scene_force import scene_trial
 from hapticnet.experiment.trial import Trial
 from hapticnet.files import MAX_BYTES
 from hapticnet.operator.scripted import InsertionSettings, PalpatingOperator, PalpationSettings, ScriptedOperator
-from hapticnet.recordings.recording import load_recording
+from hapticnet.recordings.loading import load_recording
 from hapticnet.scene.sources import find_scene, make_scene
 from hapticnet.sweep.link import Columns, Row
 from hapticnet.sweep.study import Reading

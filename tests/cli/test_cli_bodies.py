@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from hapticnet.recordings.tables import read_csv
+from hapticnet.recordings.text import read_csv
 
 HAND = ("--position-column", "x,y,z", "--position-scale", "0.001", "--start", "0.018,0,0")
 

@@ -14,7 +14,7 @@ from hapticnet.experiment.comparison import compare
 from hapticnet.experiment.comparison_table import COLUMNS, latex
 from hapticnet.experiment.trial import Trial
 from hapticnet.perception import WeberLaw
-from hapticnet.recordings.tables import read_csv
+from hapticnet.recordings.text import read_csv
 from tests.ready import hapticnet
 
 CODECS = every_codec()

@@ -16,6 +16,7 @@ from hapticnet.recordings.session.sink import UNFINISHED
 from tests.recordings.session_cases import (
     ABOUT,
     EVENTS,
+    LIVE,
     SUFFIXES,
     give,
     give_rows,
@@ -65,11 +66,11 @@ def test_recover_completes_and_says_so(run, tmp_path):
     assert "there is nothing to recover" in run("recover", tmp_path / "copy.mcap").stderr
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", LIVE)
 def test_info_says_that_a_recovered_recording_lacks_its_end_and_export_keeps_that(run, tmp_path, suffix):
     write_session(tmp_path / f"run{suffix}", ticks=TICKS, finish=False)
     for file in sorted(tmp_path.glob(f"run*{UNFINISHED}")):  # of which nobody holds a lock
-        (shutil.copytree if file.is_dir() else shutil.copy)(file, tmp_path / file.name.replace("run", "copy"))
+        shutil.copy(file, tmp_path / file.name.replace("run", "copy"))
     assert run("recover", tmp_path / f"copy{suffix}").returncode == 0
     path = tmp_path / f"copy{suffix}"
     for _ in range(2):
@@ -221,7 +222,7 @@ def test_replay_refuses_what_does_not_fit(run, tmp_path):
 def test_nothing_in_a_file_speaks_to_the_terminal(run, tmp_path):
     """Such as the sequence that changes the title of its window."""
     evil = "\x1b]0;title\x07"
-    plain = heading(tmp_path / "a.npz")
+    plain = heading(tmp_path / "a.csv")
     archive = make_archive([])
     begins = pack_begin(1, replace(plain, side=evil, about={evil: evil, "settings": {"codec": evil}, "more": [evil]}))
     for frame in FrameReader().feed(begins):
@@ -231,7 +232,7 @@ def test_nothing_in_a_file_speaks_to_the_terminal(run, tmp_path):
     give_rows(archive, tick_rows(5))
     archive.finish()
     np.savez(tmp_path / "b.npz", **{evil: np.zeros((2, 2, 2))})
-    for file, code in (("a.npz", 0), ("b.npz", FileError.exit_code)):
+    for file, code in (("a.csv", 0), ("b.npz", FileError.exit_code)):
         done = run("info", tmp_path / file)
         assert done.returncode == code
         assert "?]0;title?" in done.stdout + done.stderr

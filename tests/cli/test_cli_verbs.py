@@ -10,7 +10,7 @@ import pytest
 
 import hapticnet as hn
 from hapticnet.codec.registry import codec_parameters, every_codec
-from hapticnet.recordings.tables import read_csv
+from hapticnet.recordings.text import read_csv
 from tests.ready import ROOT, hapticnet
 
 CODECS = every_codec()

@@ -7,7 +7,7 @@ from hapticnet.experiment.analysis import bytes_per_penetration, felt_error, mat
 from hapticnet.experiment.conditions import CONDITIONS
 from hapticnet.node.settings import MasterSettings
 from hapticnet.perception import WeberLaw
-from hapticnet.recordings.tables import write_csv
+from hapticnet.recordings.text import write_csv
 from hapticnet.scene.sources import paper_scene
 
 

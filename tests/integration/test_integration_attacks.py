@@ -11,7 +11,7 @@ import pytest
 
 from hapticnet.protocol.keys import PrivateKey, format_key
 from hapticnet.protocol.wire import Kind, pack, unpack
-from hapticnet.recordings.tables import read_csv
+from hapticnet.recordings.text import read_csv
 from tests.integration.conftest import Process
 from tests.integration.on_path import OnPath, drop, late, pass_on
 

@@ -14,7 +14,7 @@ from hapticnet.protocol.master_session import MasterSession
 from hapticnet.protocol.messages import Hello, Request, pack_hello
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.wire import pack_body
-from hapticnet.recordings.tables import read_csv
+from hapticnet.recordings.text import read_csv
 from hapticnet.runtime.system import SystemEntropy
 from tests.integration.conftest import Process
 from tests.integration.on_path import OnPath, drop, late, pass_on

@@ -77,7 +77,7 @@ def test_the_processes_beside_a_master_and_a_slave_do_their_work(hostile):
         try:
             address = line_with(r"listening on (\S+),", said)[1]
             metrics = line_with(r"http://\S+/metrics", said)[0]
-            play = ("--no-real-time", "--record", "run.npz", "--duration", "1")
+            play = ("--no-real-time", "--record", "run.csv", "--duration", "1")
             run("master", "--connect", address, *play)
             figures = ""
             deadline = time.monotonic() + PATIENCE_S
@@ -89,7 +89,7 @@ def test_the_processes_beside_a_master_and_a_slave_do_their_work(hostile):
             slave.terminate()
     assert slave.returncode == 0, said.read_text()
     assert TAKEN not in said.read_text()
-    assert len(read_session(hostile / "run.npz").main["t_us"]) > 100
+    assert len(read_session(hostile / "run.csv").main["t_us"]) > 100
     (recorded,) = (hostile / "slave").glob("*.mcap")
     assert len(read_session(recorded).main["t_us"]) > 100
 

@@ -59,7 +59,7 @@ def test_lines_about_masters_have_fields_for_programs(start):
 def test_options_without_effect_are_told_once(start, tmp_path):
     (tmp_path / "own.py").write_text("class Spring:\n    def step(self, sample):\n        return 1.0\n")
     scene = f"{tmp_path}/own.py:Spring"
-    server = start("slave", "--listen", "127.0.0.1:0", "--scene", scene, "--record-format", "npz", *FAST)
+    server = start("slave", "--listen", "127.0.0.1:0", "--scene", scene, "--record-format", "mcap", *FAST)
     address = server.wait_for(r"listening on ([\d.]+:\d+)").group(1)
     given = ("--announced", "--positions", "line", "--device", "none", "--first-touch", "--record-limit", "1000000")
     master = start("master", "--connect", address, *given, *FAST)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapticnet.recordings.tables import read_csv
+from hapticnet.recordings.text import read_csv
 from tests.cli.test_cli_errors import REFUSED, THE_ERROR, UNAVAILABLE
 
 FAST = ("--no-real-time",)

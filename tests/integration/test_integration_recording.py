@@ -13,7 +13,7 @@ import numpy as np
 from hapticnet.node.recording import master_columns, slave_columns
 from hapticnet.recordings.session.reading import read_session
 from hapticnet.recordings.session.sink import UNFINISHED
-from hapticnet.recordings.tables import read_csv
+from hapticnet.recordings.text import read_csv
 from tests.cli.test_cli_errors import THE_ERROR
 
 FAST = ("--no-real-time",)

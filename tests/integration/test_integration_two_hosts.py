@@ -10,7 +10,7 @@ import pytest
 
 from hapticnet.protocol.key_files import dump_master, write_key
 from hapticnet.protocol.keys import MasterEntry, format_key, new_key
-from hapticnet.recordings.tables import read_csv
+from hapticnet.recordings.text import read_csv
 from hapticnet.runtime.system import SystemEntropy
 
 SLAVE_IP, MASTER_IP, OTHER_MASTER_IP = "10.231.47.1", "10.231.47.2", "10.231.47.3"

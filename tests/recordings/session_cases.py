@@ -8,11 +8,14 @@ import numpy as np
 
 from hapticnet.node.recording import DATAGRAM_COLUMNS, master_columns
 from hapticnet.recordings.session.archive import Archive
-from hapticnet.recordings.session.frames import FrameKind, FrameReader, Heading, Table, pack_begin, pack_frame
+from hapticnet.recordings.session.export import export
+from hapticnet.recordings.session.frames import FrameKind, FrameReader, Heading, pack_begin, pack_frame
+from hapticnet.recordings.session.session import Event, Session, Table
 
 PLENTY = 2**30
 OFFSET_US = 1_790_000_000_000_000
-SUFFIXES = (".mcap", ".csv", ".npz")
+LIVE = (".mcap", ".csv")
+SUFFIXES = (*LIVE, ".npz")
 ABOUT = {"seed": 7, "asked_at_start": {"codec": "deadband"}}
 FIRST = {"codec": "deadband", "parameters": {}, "multiplier": 1.0, "weber_fraction": 0.05, "floor_n": 0.025,
          "rate_hz": 1000.0, "scene": "paper:1", "channel_in": "delay=5ms"}  # fmt: skip
@@ -26,7 +29,7 @@ EVENTS = [
 
 
 def heading(path: Path, *, axes: int = 1) -> Heading:
-    tables = (Table.of("tick", master_columns(axes)), Table.of("datagram", DATAGRAM_COLUMNS))
+    tables = (Table("tick", master_columns(axes)), Table("datagram", DATAGRAM_COLUMNS))
     return Heading(path=path, side="master", tables=tables, unix_offset_us=OFFSET_US, about=ABOUT)
 
 
@@ -65,11 +68,19 @@ def make_archive(said: list[str], limit_bytes: int = PLENTY) -> Archive:
 def write_session(
     path: Path, *, ticks: int = 2000, axes: int = 1, batch: int = 100, finish: bool = True
 ) -> dict[str, np.ndarray]:
-    """Write a recording with events and datagrams in batches, and return the rows of its tables."""
+    """Write a recording with events and datagrams, in batches if it is live, and return the rows of its tables."""
+    rows = {"tick": tick_rows(ticks, axes=axes), "datagram": datagram_rows(2 * ticks)}
+    if path.suffix == ".npz":
+        tables = {
+            table.name: dict(zip(table.columns, rows[table.name].T, strict=True))
+            for table in heading(path, axes=axes).tables
+        }
+        about = ABOUT | {"report": {"ticks": ticks}} if finish else ABOUT
+        export(Session("master", about, OFFSET_US, tables, tuple(Event(*each) for each in EVENTS)), path)
+        return rows
     said: list[str] = []
     archive = make_archive(said)
     begin(archive, path, axes=axes)
-    rows = {"tick": tick_rows(ticks, axes=axes), "datagram": datagram_rows(2 * ticks)}
     for event in EVENTS:
         give(archive, FrameKind.EVENT, msgpack.packb(event))
     for start in range(0, ticks, batch):

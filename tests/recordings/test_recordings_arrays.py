@@ -11,8 +11,8 @@ import pytest
 import scipy.io
 
 from hapticnet.errors import FileError, SettingsError, UnavailableError
-from hapticnet.recordings import numpy_files
-from hapticnet.recordings.recording import load_motion, load_recording
+from hapticnet.recordings import columns as columns_module
+from hapticnet.recordings.loading import load_motion, load_recording
 
 T_US = np.arange(6) * 1000
 FORCE = np.arange(18.0).reshape(6, 3)
@@ -270,7 +270,7 @@ def test_arrays_count_together_as_numbers(tmp_path):
 
 
 def test_more_columns_than_the_limit_are_refused_in_words(tmp_path, monkeypatch):
-    monkeypatch.setattr(numpy_files, "MOST_COLUMNS", 5)
+    monkeypatch.setattr(columns_module, "MOST_COLUMNS", 5)
     numbers = np.ones((10, 6))
     np.save(tmp_path / "wide.npy", numbers)
     np.savez(tmp_path / "wide.npz", force=numbers)

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticnet.errors import FileError, SettingsError
-from hapticnet.recordings.recording import load_motion, load_recording
+from hapticnet.recordings.loading import load_motion, load_recording
 
 
 @pytest.fixture

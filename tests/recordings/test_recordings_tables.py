@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticnet.errors import FileError
-from hapticnet.recordings.tables import read_csv, write_csv
+from hapticnet.recordings.text import read_csv, write_csv
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 

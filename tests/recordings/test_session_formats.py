@@ -18,16 +18,16 @@ from hapticnet.cli.master_messages import DISTURBANCES as MASTER_DISTURBANCES
 from hapticnet.errors import FileError, UnavailableError
 from hapticnet.node.events import ScenePaused
 from hapticnet.node.recording import DATAGRAM_COLUMNS, master_columns
-from hapticnet.recordings.recording import load_motion, load_recording
+from hapticnet.recordings.loading import load_motion, load_recording
 from hapticnet.recordings.session import mcap_reader
 from hapticnet.recordings.session import session as session_module
 from hapticnet.recordings.session.export import export
-from hapticnet.recordings.session.frames import as_type
 from hapticnet.recordings.session.mcap_reader import records
 from hapticnet.recordings.session.mcap_writer import DISTURBANCES
 from hapticnet.recordings.session.protobuf import LEVELS, log_descriptor, pack_log, row_descriptor, unpack_log, varint
 from hapticnet.recordings.session.reading import read_session
 from hapticnet.recordings.session.recovery import recover_file
+from hapticnet.recordings.session.session import as_type
 from tests.recordings.session_cases import (
     ABOUT,
     EVENTS,

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from hapticnet.errors import FileError
-from hapticnet.recordings.tables import write_csv
+from hapticnet.recordings.text import write_csv
 from hapticnet.samples import ForceSample, PositionSample
 from hapticnet.scene.recorded import RecordedForce, RecordedScene
 from hapticnet.scene.sources import find_source

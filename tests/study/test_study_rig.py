@@ -15,8 +15,8 @@ from hapticnet.node.procedures import Met
 from hapticnet.node.settings import MasterSettings
 from hapticnet.operator.trace import TraceOperator
 from hapticnet.perception import WeberLaw
-from hapticnet.recordings.session.in_force import in_force
 from hapticnet.recordings.session.reading import read_session
+from hapticnet.recordings.session.session import in_force
 from hapticnet.runtime.runners import MasterRunner
 from hapticnet.runtime.udp import HostPort
 from hapticnet.study import screens

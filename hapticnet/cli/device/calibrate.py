@@ -139,7 +139,7 @@ class CalibrationSession:
 
 
 def _read(file: Path) -> Pairs:
-    from hapticnet.recordings.tables import read_csv
+    from hapticnet.recordings.text import read_csv
 
     table = read_csv(file, ["force_n", "adc"])
     return list(zip(table["force_n"].tolist(), table["adc"].tolist(), strict=True))

@@ -108,7 +108,7 @@ def step(
     from hapticnet.experiment.style import check_format, pyplot
     from hapticnet.node.fingertip import Fingertip
     from hapticnet.node.procedures import StepTest
-    from hapticnet.recordings.tables import write_csv
+    from hapticnet.recordings.text import write_csv
     from hapticnet.runtime import devices
 
     known = devices.load(profile)

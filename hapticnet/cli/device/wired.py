@@ -90,7 +90,7 @@ def monitor(
     from hapticnet.cli.console import Console, check_outputs, deliver
     from hapticnet.device.base import Reading
     from hapticnet.device.wired import WiredDevice
-    from hapticnet.recordings.tables import write_csv
+    from hapticnet.recordings.text import write_csv
     from hapticnet.runtime import devices
     from hapticnet.runtime.serial_port import parse_serial
 

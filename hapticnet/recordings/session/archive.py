@@ -1,71 +1,143 @@
-"""The recordings that a writer process has in hand: what to do with each frame, within a limit of disk space."""
+"""What the writer process does with each frame: recordings as MCAP or CSV, within a limit of disk space."""
 
-from collections.abc import Callable, Mapping
+import csv
+import io
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import msgpack
 import numpy as np
 
 from hapticnet.arrays import FloatArray
-from hapticnet.errors import HapticnetError, SettingsError, in_words
-from hapticnet.recordings.session.csv_writer import CsvWriter
+from hapticnet.errors import HapticnetError, SettingsError, UnavailableError, in_words
+from hapticnet.files import written_beside
 from hapticnet.recordings.session.frames import Frame, FrameKind, Heading, unpack_heading
-from hapticnet.recordings.session.mcap_writer import McapWriter
-from hapticnet.recordings.session.npz_writer import NpzWriter
-from hapticnet.recordings.session.sink import Sink
+from hapticnet.recordings.session.mcap_writer import NEEDS_MCAP, McapWriter
+from hapticnet.recordings.session.session import as_type
+from hapticnet.recordings.session.sink import Sink, beside, free_suffix
+
+NUMBER_BYTES: Final = 25
+"""Longest text of a float64 with its separator: -1.2345678901234567e-100."""
+
+FIXED_BYTES: Final = 4096
+EVENT_COLUMNS: Final = ("t_us", "event", "text")
 
 
-class RecordingWriter(Protocol):
-    """Write one recording of one format. Every method raises OSError if the disk fails."""
+class CsvWriter:
+    """Write a recording as CSV; raise OSError if a file cannot be written.
+
+    The main table is FILE.csv, the others FILE.TABLE.csv, and FILE.events.csv; FILE.about.json has the configuration.
+    """
+
+    def __init__(self, heading: Heading) -> None:
+        self._heading = heading
+        self._about = dict(heading.about) | {"side": heading.side, "unix_offset_us": heading.unix_offset_us}
+        self._paths = [
+            heading.path,
+            *(beside(heading.path, f"{table.name}s.csv") for table in heading.tables[1:]),
+            beside(heading.path, "events.csv"),
+        ]
+        self._about_path = beside(heading.path, "about.json")
+        self._suffix = free_suffix(*self._paths, self._about_path)
+        self._sinks: dict[int, Sink] = {}
+        self._sink(0)
+        self._write_about()
 
     @property
     def files(self) -> tuple[Sink, ...]:
-        """The files being written."""
+        """The files being written, the main one first."""
+        return tuple(self._sinks.values())
 
     @property
     def size(self) -> int:
-        """At most how much disk space the recording takes if it is finished now [B]."""
+        """At most how large the files would be together if they were finished now [B]."""
+        return sum(sink.tell() for sink in self.files) + self._about_bytes + FIXED_BYTES
 
     def bound(self, table: int, rows: int) -> int:
         """Return at most how many bytes this many more rows take."""
+        return rows * NUMBER_BYTES * len(self._heading.tables[table].columns)
 
     def rows(self, table: int, rows: FloatArray) -> None:
         """Add rows, shape (n, columns)."""
+        columns = [
+            column.tolist() if kind == "f8" else _whole(column, kind)
+            for column, kind in zip(rows.T, self._heading.tables[table].types, strict=True)
+        ]
+        self._sink(table).write(_lines(list(zip(*columns, strict=True))))
 
     def event(self, t_us: int, name: str, text: str) -> None:
         """Add an event."""
+        self._sink(len(self._heading.tables)).write(_lines([(t_us, name, text)]))
 
     def flush(self) -> None:
-        """Pass everything to the operating system, such that it can be recovered."""
+        """Pass everything to the operating system."""
+        for sink in self.files:
+            sink.flush()
 
     def finish(self, about: Mapping[str, Any]) -> None:
-        """Complete the files."""
+        """Complete the files; `about` are further facts, such as the report."""
+        self.flush()
+        self._about |= about
+        self._write_about()
+        for path in self._paths[1:]:  # of an earlier recording of this name
+            path.unlink(missing_ok=True)
+        self._unfinished_about.replace(self._about_path)
+        for sink in reversed(self.files):  # the main one last
+            sink.finish()
+
+    @property
+    def _unfinished_about(self) -> Path:
+        return self._about_path.with_name(self._about_path.name + self._suffix)
+
+    def _write_about(self) -> None:
+        text = (json.dumps(self._about, indent=2, default=str) + "\n").encode()
+        self._about_bytes = len(text)
+        with written_beside(self._unfinished_about) as file:  # a full disk must not cost the one that is there
+            file.write(text)
+
+    def _sink(self, index: int) -> Sink:
+        """Return the file of a table, or of the events behind the tables; begin it if it is new."""
+        if index not in self._sinks:
+            tables = self._heading.tables
+            sink = self._sinks[index] = Sink(self._paths[index], suffix=self._suffix)
+            sink.write(_lines([tables[index].columns if index < len(tables) else EVENT_COLUMNS]))
+        return self._sinks[index]
 
 
-FORMATS: Final[dict[str, Callable[[Heading], RecordingWriter]]] = {
-    ".mcap": McapWriter,
-    ".csv": CsvWriter,
-    ".npz": NpzWriter,
-}
-"""Formats by the suffix of the file."""
+Writer = McapWriter | CsvWriter
 
-MOST_FILES: Final = {".mcap": (1, 1), ".csv": (5, 4), ".npz": (6, 1)}
-"""Most files and folders of a recording by the suffix: while it is written or unfinished, and when it is complete."""
+FORMATS: Final[dict[str, Callable[[Heading], Writer]]] = {".mcap": McapWriter, ".csv": CsvWriter}
+"""Formats in which sessions are recorded, by the suffix of the file."""
+
+FILES: Final = {".mcap": 1, ".csv": 4}
+"""Files of a recording by its suffix."""
 
 
 def check_format(path: Path) -> None:
     """Raise SettingsError if a recording cannot have this name, UnavailableError if its format needs an extra."""
-    if path.suffix.lower() not in FORMATS:
-        raise SettingsError(f"{path}: a recording is a .mcap, .csv or .npz file")
-    if path.suffix.lower() == ".mcap":
+    suffix = path.suffix.lower()
+    if suffix == ".npz":
+        raise SettingsError(
+            f"{path}: a session is recorded as .mcap or .csv; 'hapticnet export FILE --format npz' converts it"
+        )
+    if suffix not in FORMATS:
+        raise SettingsError(f"{path}: a recording is a .mcap or .csv file")
+    if suffix == ".mcap":
         check_mcap()
 
 
-class Archive:
-    """Carry out frames.
+def check_mcap() -> None:
+    """Raise UnavailableError if the extra ``record`` is not installed."""
+    if find_spec("mcap") is None:
+        raise UnavailableError(NEEDS_MCAP)
 
-    The first fault, or the limit, completes everything as it is, as far as the disk permits.
+
+class Archive:
+    """Carry out frames; the first fault, or the limit, completes everything as it is, as far as the disk permits.
 
     Parameters
     ----------
@@ -73,21 +145,16 @@ class Archive:
         Called once when nothing more is recorded: with the reason, and whether it is a fault rather than the limit.
     tell
         Called with what else the user should know.
-
-    Attributes
-    ----------
-    completed
-        Number of recordings that are complete.
     """
 
     def __init__(self, stop: Callable[[str, bool], None], tell: Callable[[str], None], *, limit_bytes: int) -> None:
         self.stopped = False
-        self.completed = 0
+        self.completed = 0  # recordings that are complete
         self._stop = stop
         self._tell = tell
         self._limit_bytes = limit_bytes
         self._saved_bytes = 0
-        self._open: dict[int, tuple[RecordingWriter, Heading, dict[str, Any]]] = {}
+        self._open: dict[int, tuple[Writer, Heading, dict[str, Any]]] = {}
 
     def take(self, frame: Frame) -> None:
         """Carry out a frame."""
@@ -126,19 +193,17 @@ class Archive:
             rows = np.frombuffer(frame.content[1:]).reshape(-1, len(heading.tables[table].columns))
             if shift_us := heading.tables[table].shift_us:
                 rows = np.concatenate([rows[:, :1] + shift_us, rows[:, 1:]], axis=1)
-            if self._size() + writer.bound(table, len(rows)) > self._limit_bytes:
+            size = self._saved_bytes + sum(writer.size for writer, _, _ in self._open.values())
+            if size + writer.bound(table, len(rows)) > self._limit_bytes:
                 self._end(f"the limit of {self._limit_bytes:,} bytes for recordings is reached", is_fault=False)
-                return
-            writer.rows(table, rows)
+            else:
+                writer.rows(table, rows)
         elif frame.kind is FrameKind.EVENT:
             writer.event(*msgpack.unpackb(frame.content))
         elif frame.kind is FrameKind.ABOUT:
             about |= msgpack.unpackb(frame.content)
         else:
             self._finish(number)
-
-    def _size(self) -> int:
-        return self._saved_bytes + sum(writer.size for writer, _, _ in self._open.values())
 
     def _finish(self, number: int) -> None:
         if number not in self._open:
@@ -160,12 +225,12 @@ class Archive:
             reason = f"{error.filename or ''}: {error.strerror}".removeprefix(": ")
         if number in self._open:
             writer, heading, _ = self._open.pop(number)
-            kept = [sink for sink in writer.files if sink.size]
+            kept = any(sink.size for sink in writer.files)
             for sink in writer.files:
                 sink.close()
             reason = f"{heading.path}: {getattr(error, 'strerror', None) or reason}"
             if kept:
-                reason += f"; what was written can be completed with 'hapticnet recover {_unfinished(writer)}'"
+                reason += f"; what was written can be completed with 'hapticnet recover {writer.files[0].file}'"
         if self.stopped:
             self._tell(reason)
         else:
@@ -177,16 +242,12 @@ class Archive:
         self.finish()
 
 
-def _unfinished(writer: RecordingWriter) -> Path:
-    return writer.folder if isinstance(writer, NpzWriter) else writer.files[0].file
+def _whole(column: FloatArray, kind: str) -> list[int | str]:
+    whole = as_type(column, kind).tolist()
+    return ["" if math.isnan(value) else number for value, number in zip(column.tolist(), whole, strict=True)]
 
 
-def check_mcap() -> None:
-    """Raise UnavailableError if the extra ``record`` is not installed."""
-    from importlib.util import find_spec
-
-    from hapticnet.errors import UnavailableError
-    from hapticnet.recordings.session.mcap_writer import NEEDS_MCAP
-
-    if find_spec("mcap") is None:
-        raise UnavailableError(NEEDS_MCAP)
+def _lines(rows: Sequence[Sequence[object]]) -> bytes:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue().encode()

@@ -2,6 +2,7 @@
 
 import json
 import struct
+import zipfile
 from pathlib import Path
 from typing import Any, Final
 
@@ -10,9 +11,17 @@ import numpy as np
 from hapticnet.errors import FileError, UnavailableError
 from hapticnet.files import written_beside
 from hapticnet.recordings.session.archive import FORMATS
-from hapticnet.recordings.session.csv_writer import beside
-from hapticnet.recordings.session.frames import Heading, Table
-from hapticnet.recordings.session.session import INCOMPLETE, REPORT, Session, SessionTable
+from hapticnet.recordings.session.frames import Heading
+from hapticnet.recordings.session.session import (
+    INCOMPLETE,
+    INTEGERS,
+    REPORT,
+    Session,
+    SessionTable,
+    Table,
+    as_type,
+)
+from hapticnet.recordings.session.sink import beside
 
 ROWS_AT_ONCE: Final = 10_000
 NEEDS_PYARROW: Final = "Parquet files need pyarrow (extra parquet): pip install pyarrow"
@@ -28,11 +37,16 @@ def export(session: Session, path: Path) -> None:
     UnavailableError
         If the format needs an extra.
     """
+    why = {} if session.is_whole else {INCOMPLETE: "the file from which it was exported was cut off or damaged"}
+    about: dict[str, Any] = {**session.about, **why}
+    known = {**about, "side": session.side, "unix_offset_us": session.unix_offset_us}
     try:
         if path.suffix.lower() == ".parquet":
-            _write_parquet(session, path)
+            _write_parquet(session, path, json.dumps(known, default=str))
+        elif path.suffix.lower() == ".npz":
+            _write_npz(session, path, json.dumps(known, default=str))
         else:
-            _write(session, path)
+            _write(session, path, about)
     except OSError as error:
         raise FileError(f"{path}: cannot be written: {error.strerror or error}") from error
     except struct.error as error:
@@ -49,11 +63,10 @@ def exported_files(path: Path) -> list[Path]:
     return [path]
 
 
-def _write(session: Session, path: Path) -> None:
-    tables = tuple(Table.of(name, tuple(columns)) for name, columns in session.tables.items())
-    about = {name: value for name, value in _about(session).items() if name != REPORT}
-    heading = Heading(path, session.side, tables, session.unix_offset_us, about)
-    writer = FORMATS[path.suffix.lower()](heading)
+def _write(session: Session, path: Path, about: dict[str, Any]) -> None:
+    tables = tuple(Table(name, tuple(columns)) for name, columns in session.tables.items())
+    report = {REPORT: about.pop(REPORT)} if REPORT in about else {}
+    writer = FORMATS[path.suffix.lower()](Heading(path, session.side, tables, session.unix_offset_us, about))
     for event in session.events:
         writer.event(*event)
     for index, columns in enumerate(session.tables.values()):
@@ -61,21 +74,27 @@ def _write(session: Session, path: Path) -> None:
         for start in range(0, len(rows), ROWS_AT_ONCE):
             writer.rows(index, rows[start : start + ROWS_AT_ONCE])
             writer.flush()
-    writer.finish({REPORT: session.about[REPORT]} if REPORT in session.about else {})
+    writer.finish(report)
 
 
-def _about(session: Session) -> dict[str, Any]:
-    why = {} if session.is_whole else {INCOMPLETE: "the file from which it was exported was cut off or damaged"}
-    return session.about | why
+def _write_npz(session: Session, path: Path, known: str) -> None:
+    """Write the main table's columns by their names, those of others as TABLE.COLUMN, and texts of JSON."""
+    arrays: dict[str, Any] = {"about": np.array(known), "events": np.array(json.dumps(session.events))}
+    for number, (table, columns) in enumerate(session.tables.items()):
+        for name, column in columns.items():
+            arrays[f"{table}.{name}" if number else name] = as_type(column, INTEGERS.get(name, "f8"))
+    with written_beside(path) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        for name, array in arrays.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                np.lib.format.write_array(member, array, allow_pickle=False)
 
 
-def _write_parquet(session: Session, path: Path) -> None:
+def _write_parquet(session: Session, path: Path, known: str) -> None:
     try:
         import pyarrow
         import pyarrow.parquet
     except ImportError as error:
         raise UnavailableError(NEEDS_PYARROW) from error
-    about: dict[str, Any] = {**_about(session), "side": session.side, "unix_offset_us": session.unix_offset_us}
     tables: dict[Path, SessionTable | dict[str, Any]] = {}
     for number, (name, columns) in enumerate(session.tables.items()):
         tables[beside(path, f"{name}s.parquet") if number else path] = columns
@@ -83,6 +102,6 @@ def _write_parquet(session: Session, path: Path) -> None:
         t_us, names, texts = zip(*session.events, strict=True)
         tables[beside(path, "events.parquet")] = {"t_us": t_us, "event": names, "text": texts}
     for file, columns in tables.items():
-        table = pyarrow.table(dict(columns)).replace_schema_metadata({"hapticnet": json.dumps(about)})
+        table = pyarrow.table(dict(columns)).replace_schema_metadata({"hapticnet": known})
         with written_beside(file) as stream:
             pyarrow.parquet.write_table(table, stream)

@@ -12,7 +12,7 @@ import numpy as np
 
 from hapticnet.errors import FileError, HapticnetError, UnavailableError
 from hapticnet.files import MAX_BYTES
-from hapticnet.recordings.numpy_files import check_columns
+from hapticnet.recordings.columns import check_columns
 from hapticnet.recordings.session.mcap_writer import ABOUT, CHUNK_BYTES, NEEDS_MCAP, REPORT
 from hapticnet.recordings.session.protobuf import row_dtype, unpack_log
 from hapticnet.recordings.session.session import (
@@ -231,51 +231,54 @@ def recover(source: Path, target: Path) -> tuple[int, bool]:
     UnavailableError
         If the extra ``record`` is not installed.
     """
-    count, damages, complete = 0, 0, False
-    schemas: dict[int, int] = {0: 0}
-    channels: dict[int, int] = {}
-    try:
-        from mcap.records import Attachment, Channel, Footer, Metadata, Schema
-        from mcap.writer import CompressionType, Writer
-    except ImportError as error:
-        raise UnavailableError(NEEDS_MCAP) from error
     try:
         sink = Sink(target)
         try:
-            writer: Any = Writer(sink, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)  # type: ignore[arg-type]
-            writer.start(profile="", library="hapticnet")
-            with source.open("rb") as file:
-                most = max(MAX_BYTES, MOST_PER_BYTE * source.stat().st_size)
-                for record in records(file, source, most):
-                    if isinstance(record, Messages):
-                        for channel, log_ns, publish_ns, sequence, data in record.each:
-                            if channel in channels:
-                                writer.add_message(channels[channel], log_ns, data, publish_ns, sequence)
-                                count += 1
-                        sink.flush()
-                    elif isinstance(record, Schema) and record.id not in schemas:
-                        schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
-                    elif isinstance(record, Channel):
-                        channels[record.id] = writer.register_channel(
-                            record.topic, record.message_encoding, schemas.get(record.schema_id, 0), record.metadata
-                        )
-                    elif isinstance(record, Metadata):
-                        writer.add_metadata(record.name, record.metadata)
-                    elif isinstance(record, Attachment):
-                        writer.add_attachment(
-                            record.create_time, record.log_time, record.name, record.media_type, record.data
-                        )
-                    damages += isinstance(record, Damage)
-                    complete = isinstance(record, Footer)
-            if damages or not complete:
-                writer.add_metadata(RECOVERED, {INCOMPLETE: "it was recovered from a file that was cut off or damaged"})
-            writer.finish()
+            done = _copy(source, sink)
             sink.finish()
         except BaseException:
             sink.discard()
             raise
     except OSError as error:
         raise FileError(f"{error.filename or target}: {error.strerror}") from error
+    return done
+
+
+def _copy(source: Path, sink: Sink) -> tuple[int, bool]:
+    try:
+        from mcap.writer import CompressionType, Writer
+    except ImportError as error:
+        raise UnavailableError(NEEDS_MCAP) from error
+    count, damages, complete = 0, 0, False
+    schemas: dict[int, int] = {0: 0}
+    channels: dict[int, int] = {}
+    writer: Any = Writer(sink, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)  # type: ignore[arg-type]
+    writer.start(profile="", library="hapticnet")
+    with source.open("rb") as file:
+        most = max(MAX_BYTES, MOST_PER_BYTE * source.stat().st_size)
+        for record in records(file, source, most):
+            kind = type(record).__name__
+            damages += kind == "Damage"
+            complete = kind == "Footer"
+            if isinstance(record, Messages):
+                for channel, log_ns, publish_ns, sequence, data in record.each:
+                    if channel in channels:
+                        writer.add_message(channels[channel], log_ns, data, publish_ns, sequence)
+                        count += 1
+                sink.flush()
+            elif kind == "Schema" and record.id not in schemas:
+                schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
+            elif kind == "Channel":
+                channels[record.id] = writer.register_channel(
+                    record.topic, record.message_encoding, schemas.get(record.schema_id, 0), record.metadata
+                )
+            elif kind == "Metadata":
+                writer.add_metadata(record.name, record.metadata)
+            elif kind == "Attachment":
+                writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, record.data)
+    if damages or not complete:
+        writer.add_metadata(RECOVERED, {INCOMPLETE: "it was recovered from a file that was cut off or damaged"})
+    writer.finish()
     return count, complete and not damages
 
 

@@ -32,21 +32,19 @@ DISTURBANCES: Final = frozenset(
 
 ABOUT: Final = "hapticnet"
 REPORT: Final = "hapticnet.report"
+NEEDS_MCAP: Final = ".mcap files need the package mcap (extra record): pip install mcap"
 
 
 class McapWriter:
-    """Write a recording; satisfies `archive.RecordingWriter`.
+    """Write a recording as MCAP; raise OSError if the file cannot be written.
 
     Each table is a topic ``/SIDE/TABLE`` of messages with a field for each column, and events are logs on
-    ``/SIDE/event``.
-    Times are in ns since 1970: `t_us` plus the recording's offset.
+    ``/SIDE/event``. Times are in ns since 1970: `t_us` plus the recording's offset.
 
     Raises
     ------
     UnavailableError
         If the extra ``record`` is not installed.
-    OSError
-        Here and in all methods, if the file cannot be written.
     """
 
     def __init__(self, heading: Heading) -> None:
@@ -61,15 +59,12 @@ class McapWriter:
         self._chunks = 0
         self._writer.start(profile="", library="hapticnet")
         self._writer.add_metadata(ABOUT, _texts({**heading.about, "unix_offset_us": heading.unix_offset_us}))
-        self._channels = [
-            self._channel(
-                table.name,
-                f"{PACKAGE}.{table.name.title()}",
-                row_descriptor(table.name.title(), table.columns, table.types),
-                {"columns": ",".join(table.columns), "types": ",".join(table.types)},
-            )
-            for table in heading.tables
-        ]
+        self._channels = []
+        for table in heading.tables:
+            message = table.name.title()
+            schema = row_descriptor(message, table.columns, table.types)
+            columns = {"columns": ",".join(table.columns), "types": ",".join(table.types)}
+            self._channels.append(self._channel(table.name, f"{PACKAGE}.{message}", schema, columns))
         self._events = self._channel("event", LOG, log_descriptor(), {})
         self._sink.flush()
 
@@ -124,9 +119,6 @@ class McapWriter:
         topic = f"/{self._heading.side}/{name}"
         channel: int = self._writer.register_channel(topic, "protobuf", number, columns)
         return channel
-
-
-NEEDS_MCAP: Final = ".mcap files need the package mcap (extra record): pip install mcap"
 
 
 def _texts(about: Mapping[str, Any]) -> dict[str, str]:

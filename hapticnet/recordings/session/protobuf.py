@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticnet.arrays import FloatArray
-from hapticnet.recordings.session.frames import as_type
+from hapticnet.recordings.session.session import as_type
 
 PACKAGE: Final = "hapticnet"
 
@@ -57,9 +57,8 @@ def pack_rows(rows: FloatArray, types: Sequence[str]) -> npt.NDArray[Any]:
     """Return rows of shape (n, columns) as n messages: a structured array of `row_dtype`."""
     packed = np.empty(len(rows), dtype=row_dtype(types))
     for index, kind in enumerate(types):
-        values = rows[:, index]
         packed[f"t{index}"] = _tag(index, kind)
-        packed[f"v{index}"] = as_type(values, kind)
+        packed[f"v{index}"] = as_type(rows[:, index], kind)
     return packed
 
 

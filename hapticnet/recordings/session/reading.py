@@ -1,29 +1,28 @@
 """Recordings of hapticnet read back, whatever their format."""
 
+import csv
 import re
-import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 from hapticnet.errors import FileError
 from hapticnet.files import MAX_BYTES, check_readable, file_errors, read_text
-from hapticnet.recordings.delimited import DelimitedSource
-from hapticnet.recordings.numpy_files import load_npz
-from hapticnet.recordings.session.csv_writer import beside
-from hapticnet.recordings.session.frames import INTEGERS, as_type
+from hapticnet.recordings.arrays import load_npz
 from hapticnet.recordings.session.mcap_reader import read_mcap
-from hapticnet.recordings.session.npz_writer import ABOUT, EVENTS
 from hapticnet.recordings.session.session import (
+    INTEGERS,
     LARGEST_JSON,
     Event,
     Session,
     SessionTable,
+    as_type,
     check_events,
     parse_json,
 )
-from hapticnet.recordings.session.sink import UNFINISHED
+from hapticnet.recordings.session.sink import UNFINISHED, beside
+from hapticnet.recordings.text import TextSource
 
 LATEST_US: Final = 100_000_000_000_000_000
 """Largest plausible time [µs], on any clock: 3,000 years."""
@@ -49,25 +48,20 @@ def read_session(path: Path, *, max_bytes: int = MAX_BYTES) -> Session:
     UnavailableError
         If its format needs an extra.
     """
-    read = _reader(path, max_bytes)
+    unfinished = path.parent / (path.name + UNFINISHED)
+    if not path.exists() and unfinished.exists():
+        raise FileError(f"{path} is not complete: run 'hapticnet recover {unfinished}'")
+    check_readable(path, max_bytes)
     with file_errors(path):
-        return _checked(path, read(path, max_bytes))
+        return _checked(path, _reader(path)(path, max_bytes))
 
 
-def check_session(path: Path, *, max_bytes: int = MAX_BYTES) -> None:
-    """Raise FileError if a file is not a recording, as far as its first bytes and the files beside it tell."""
-    _reader(path, max_bytes)
-
-
-def _reader(path: Path, max_bytes: int) -> Callable[[Path, int], Session]:
-    """Return what reads a recording; raise FileError if it is none."""
-    check_readable_file(path, max_bytes)
-    with file_errors(path), path.open("rb") as file:
+def _reader(path: Path) -> Callable[[Path, int], Session]:
+    with path.open("rb") as file:
         magic = file.read(8)
     if magic.startswith(_MCAP_MAGIC):
         return read_mcap
     if magic.startswith(_ZIP_MAGIC):
-        _check_npz(path)
         return _read_npz
     check_main(path)
     sidecar = beside(path, "about.json")
@@ -84,27 +78,6 @@ def check_main(path: Path) -> None:
         main = path.with_name(f"{path.name.removesuffix(end)}.csv")
         if path.name.endswith(end) and main.exists() and beside(main, "about.json").exists():
             raise FileError(f"{path}: a part of a recording; name its main file, {main}")
-
-
-def _check_npz(path: Path) -> None:
-    """Raise FileError if a NumPy archive is not a recording."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            names = [name.removesuffix(".npy") for name in archive.namelist()]
-    except Exception:  # damaged, which reading it will tell
-        return
-    if not {ABOUT, EVENTS} <= set(names):
-        raise FileError(f"{path}: {_NO_RECORDING}; its arrays are {', '.join(names[:20])}")
-
-
-def check_readable_file(path: Path, max_bytes: int) -> None:
-    """Raise FileError if there is no file to read; name the unfinished one if there is one."""
-    unfinished = path.parent / (path.name + UNFINISHED)
-    if not path.exists() and unfinished.exists():
-        raise FileError(f"{path} is not complete: run 'hapticnet recover {unfinished}'")
-    if path.is_dir() and UNFINISHED in path.name:
-        raise FileError(f"{path} is not complete: run 'hapticnet recover {path}'")
-    check_readable(path, max_bytes)
 
 
 def _checked(path: Path, session: Session) -> Session:
@@ -128,15 +101,12 @@ def _checked(path: Path, session: Session) -> Session:
 
 
 def _read_npz(path: Path, max_bytes: int) -> Session:
+    columns = load_npz(path, max_bytes)
     try:
-        columns = load_npz(path, max_bytes)
-    except FileError:
-        raise
-    except Exception as error:  # zlib.error, TokenError, NotImplementedError, and what else damage leads to
-        raise FileError(f"{path}: a damaged NumPy archive") from error
-    try:
-        about = parse_json(str(columns.pop(ABOUT)))
-        events = npz_events(path, str(columns.pop(EVENTS)))
+        about = parse_json(str(columns.pop("about")))
+        listed = parse_json(str(columns.pop("events")))
+        check_events(path, len(listed))
+        events = tuple(Event(int(t_us), str(name), str(text)) for t_us, name, text in listed)
         side, offset_us = str(about.pop("side")), int(about.pop("unix_offset_us"))
     except KeyError as error:
         raise FileError(f"{path}: {_NO_RECORDING}; its arrays are {', '.join(list(columns)[:20])}") from error
@@ -146,22 +116,7 @@ def _read_npz(path: Path, max_bytes: int) -> Session:
     for name, column in columns.items():
         table, _, short = name.rpartition(".")
         tables.setdefault(table or _main_name(side), {})[short] = column
-    return Session(side, about, offset_us, dict(tables), events, is_whole=True)
-
-
-def npz_events(path: Path, text: str) -> tuple[Event, ...]:
-    """Return the events of a NumPy recording, which are JSON.
-
-    Raises
-    ------
-    FileError
-        If there are too many.
-    ValueError, TypeError, OverflowError
-        If they are damaged.
-    """
-    events = parse_json(text)
-    check_events(path, len(events))
-    return tuple(Event(int(t_us), str(name), str(text)) for t_us, name, text in events)
+    return Session(side, about, offset_us, dict(tables), events)
 
 
 def _read_csv(path: Path, max_bytes: int) -> Session:
@@ -176,20 +131,18 @@ def _read_csv(path: Path, max_bytes: int) -> Session:
         other = beside(path, f"{name}s.csv")
         if other.exists():
             tables[name] = _csv_table(other, max_bytes)
-    return Session(side, about, offset_us, tables, csv_events(beside(path, "events.csv")), is_whole=True)
+    return Session(side, about, offset_us, tables, csv_events(beside(path, "events.csv")))
 
 
 def _csv_table(path: Path, max_bytes: int) -> SessionTable:
     check_readable(path, max_bytes)
-    source = DelimitedSource(path)
+    source = TextSource(path)
     values = source.numbers(range(len(source.names)))
     return {name: as_type(values[:, index], INTEGERS.get(name, "f8")) for index, name in enumerate(source.names)}
 
 
 def csv_events(path: Path) -> tuple[Event, ...]:
     """Return the events of a CSV recording, none if there is no such file; raise FileError if they are damaged."""
-    import csv
-
     if not path.exists():
         return ()
     rows = list(csv.reader(read_text(path, LARGEST_JSON).splitlines()))[1:]
@@ -202,14 +155,3 @@ def csv_events(path: Path) -> tuple[Event, ...]:
 
 def _main_name(side: str) -> str:
     return "tick" if side == "master" else "step"
-
-
-def about_lines(about: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return nested facts as one level, with names joined by dots."""
-    flat: dict[str, Any] = {}
-    for name, value in about.items():
-        if isinstance(value, dict):
-            flat |= about_lines(value, f"{prefix}{name}.")
-        else:
-            flat[f"{prefix}{name}"] = value
-    return flat

@@ -11,31 +11,19 @@ from typing import Final
 
 from hapticnet.errors import FileError, HapticnetError
 from hapticnet.files import check_readable, check_replaceable, open_in_place, open_regular
-from hapticnet.recordings.session.csv_writer import beside
 from hapticnet.recordings.session.mcap_reader import recover
-from hapticnet.recordings.session.npz_writer import pack_folder
-from hapticnet.recordings.session.sink import UNFINISHED, named
+from hapticnet.recordings.session.sink import UNFINISHED, beside, named
 
 _BLOCK: Final = 1 << 16
 
 
 @dataclass(frozen=True, slots=True)
 class Recovered:
-    """What was recovered.
+    """What was recovered."""
 
-    Attributes
-    ----------
-    path
-        The complete file.
-    count
-        Messages of an .mcap file, rows of the main table of other formats.
-    was_complete
-        Whether the file was complete already; nothing was written then.
-    """
-
-    path: Path
-    count: int
-    was_complete: bool
+    path: Path  # the complete file
+    count: int  # messages of an .mcap file, rows of the main table of a .csv file
+    was_complete: bool  # the file was complete already; nothing was written then
 
 
 def recover_file(path: Path, out: Path | None = None) -> Recovered:
@@ -60,8 +48,7 @@ def recover_file(path: Path, out: Path | None = None) -> Recovered:
         path = unfinished
     if not path.exists():
         raise FileError(f"{path}: no such file")
-    if not path.is_dir():
-        check_readable(path, max_bytes=sys.maxsize)
+    check_readable(path, max_bytes=sys.maxsize)
     try:
         if UNFINISHED not in path.name:  # this one is only read; the others are changed and deleted
             return _mend(path, out or path.with_name(f"{path.stem}-recovered{path.suffix}"))
@@ -71,17 +58,12 @@ def recover_file(path: Path, out: Path | None = None) -> Recovered:
         target = out or named(path)
         _refuse_existing(target)
         kind = named(path).suffix.lower()
-        if kind not in (".mcap", ".npz", ".csv"):
-            raise FileError(f"{path}: not an unfinished recording; expected .mcap, .npz or .csv before {UNFINISHED}")
-        if path.is_dir() != (kind == ".npz"):
-            raise FileError(f"{path}: cannot be recovered: expected a {'folder' if kind == '.npz' else 'file'}")
-        if kind == ".mcap":
-            count, _ = recover(path, target)
-            path.unlink()
-        elif kind == ".npz":
-            count = pack_folder(path, target)
-        else:
-            count = _complete_csv(path, target)
+        if kind not in (".mcap", ".csv"):
+            raise FileError(f"{path}: not an unfinished recording; expected .mcap or .csv before {UNFINISHED}")
+        if kind == ".csv":
+            return Recovered(target, _complete_csv(path, target), was_complete=False)
+        count, _ = recover(path, target)
+        path.unlink()
         return Recovered(target, count, was_complete=False)
     except HapticnetError:
         raise
@@ -91,18 +73,15 @@ def recover_file(path: Path, out: Path | None = None) -> Recovered:
 
 
 def _mend(path: Path, target: Path) -> Recovered:
-    if path.is_dir() or path.suffix.lower() != ".mcap":
+    if path.suffix.lower() != ".mcap":
         raise FileError(f"{path}: only .mcap files and *{UNFINISHED} can be recovered")
-    with path.open("rb") as file:
-        file.seek(0, 2)
-        if file.tell() < 8:
-            raise FileError(f"{path}: not an MCAP file")
+    if path.stat().st_size < 8:
+        raise FileError(f"{path}: not an MCAP file")
     _refuse_existing(target)
     count, was_complete = recover(path, target)
     if was_complete:
         target.unlink()
-        return Recovered(path, count, was_complete=True)
-    return Recovered(target, count, was_complete=False)
+    return Recovered(path if was_complete else target, count, was_complete)
 
 
 def _refuse_existing(target: Path) -> None:
@@ -119,22 +98,24 @@ def refuse_if_recorded(path: Path) -> None:
 
 def _refuse_if_written(path: Path) -> None:
     """Raise FileError if a writer still has the file open."""
-    files = [path] if path.is_file() else sorted(path.glob("*.rows"))
-    for each in [file for file in files if file.is_file() and not file.is_symlink()][:1]:  # a writer has no others
-        with open_regular(each, sys.maxsize, follow=False) as file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-            except BlockingIOError as error:
-                raise FileError(f"{path} is still being written") from error
+    if not path.is_file() or path.is_symlink():  # a writer has no others
+        return
+    with open_regular(path, sys.maxsize, follow=False) as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise FileError(f"{path} is still being written") from error
 
 
 def _complete_csv(path: Path, target: Path) -> int:
     """Cut off the row that was not written completely, and rename the file and those beside it."""
     original = named(path)
-    others = {what: beside(original, what) for what in ("datagrams.csv", "events.csv", "about.json")}
     suffix = path.name.removeprefix(original.name)
-    moves = {file.with_name(file.name + suffix): beside(target, what) for what, file in others.items()}
-    moves = {file: place for file, place in moves.items() if os.path.lexists(file)} | {path: target}
+    moves = {
+        file: beside(target, what)
+        for what in ("datagrams.csv", "events.csv", "about.json")
+        if os.path.lexists(file := beside(original, f"{what}{suffix}"))
+    } | {path: target}
     for file in moves:  # before anything is changed
         open_regular(file, sys.maxsize, follow=False).close()
     rows = 0

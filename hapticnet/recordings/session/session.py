@@ -1,8 +1,9 @@
-"""A recorded session, whatever its format."""
+"""A recorded session in any format: its tables, events and facts, and what was in force when."""
 
 import json
 import re
-from collections.abc import Mapping
+import sys
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeAlias
@@ -12,9 +13,8 @@ import numpy.typing as npt
 
 from hapticnet.errors import FileError
 
-SessionTable: TypeAlias = Mapping[str, npt.NDArray[np.float64 | np.int64 | np.int32]]
-"""Columns by name, shape (n,) each."""
-
+SessionTable: TypeAlias = Mapping[str, npt.NDArray[Any]]
+"""Columns of float64, int64 or int32 by name, shape (n,) each."""
 
 REPORT: Final = "report"
 """Fact that a node adds when its session ends."""
@@ -31,8 +31,47 @@ MOST_VALUES: Final = 3_000_000
 MOST_EVENTS: Final = 300_000
 """Most events that are read: 12 hours at 7 a second."""
 
+IN_FORCE: Final = "SettingsInForce"
+"""Name of the events that state what is in force from their time on (`node.events`)."""
 
 _SURROGATE: Final = re.compile(r"[\ud800-\udfff]|\\u[dD][89a-fA-F]")
+
+INTEGERS: Final = {
+    "t_us": "i8",
+    "answered_us": "i8",
+    "transmitted": "i4",
+    "datagram_bytes": "i4",
+    "breaches": "i4",
+    "direction": "i4",
+    "kind": "i4",
+}
+"""Columns that hold whole numbers, and their types; all others are float64."""
+
+
+def as_type(values: npt.NDArray[Any], kind: str) -> npt.NDArray[Any]:
+    """Return values in the type of their column. Whole numbers have -1 for NaN, and end at what the type can hold."""
+    dtype = np.dtype(kind)
+    if dtype.kind == "f":
+        return values.astype(dtype)
+    least, most = float(np.iinfo(dtype).min), float(np.iinfo(dtype).max)
+    if int(most) > np.iinfo(dtype).max:  # float64 has no 2**63 - 1
+        most = float(np.nextafter(most, 0.0))
+    whole: npt.NDArray[Any] = np.clip(np.nan_to_num(values, nan=-1.0, posinf=most, neginf=least), least, most)
+    return whole.astype(dtype)
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table of a recording: float64, except for the columns in `INTEGERS`."""
+
+    name: str  # tick, step or datagram; the topic is /SIDE/NAME
+    columns: tuple[str, ...]  # with units; the first is t_us
+    shift_us: int = 0  # added to t_us when a row is written, so that all tables have the master's clock
+
+    @property
+    def types(self) -> tuple[str, ...]:
+        """NumPy's name of each column's type."""
+        return tuple(INTEGERS.get(column, "f8") for column in self.columns)
 
 
 class Event(NamedTuple):
@@ -45,30 +84,14 @@ class Event(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """A recording of hapticnet.
+    """A recording of hapticnet."""
 
-    Attributes
-    ----------
-    side
-        ``master`` or ``slave``.
-    about
-        Configuration, seed, versions, and the report if the session ended before the recording.
-    unix_offset_us
-        Add it to `t_us` for µs since 1970.
-    tables
-        The first is the main one: a row for each tick or step.
-    events
-        In order of time.
-    is_whole
-        Whether the file is neither cut off nor damaged.
-    """
-
-    side: str
-    about: dict[str, Any]
-    unix_offset_us: int
-    tables: dict[str, SessionTable]
-    events: tuple[Event, ...]
-    is_whole: bool
+    side: str  # master or slave
+    about: dict[str, Any]  # configuration, seed, versions, and the report if the session ended before the recording
+    unix_offset_us: int  # add it to t_us for µs since 1970
+    tables: Mapping[str, SessionTable]  # the first is the main one: a row for each tick or step
+    events: tuple[Event, ...]  # in order of time
+    is_whole: bool = True  # the file is neither cut off nor damaged
 
     @property
     def complete(self) -> bool:
@@ -101,3 +124,58 @@ def parse_json(text: str) -> Any:
         return value
     except RecursionError as error:
         raise ValueError("JSON that is nested too deeply") from error
+
+
+def in_force(events: Iterable[Event]) -> list[tuple[int, dict[str, Any]]]:
+    """Return the times [µs] from which settings were in force, and the settings.
+
+    Each holds until the next, the last until the end. Before the first there was no session. Events whose text is
+    damaged are left out.
+    """
+    found: list[tuple[int, dict[str, Any]]] = []
+    for event in events:
+        if event.name == IN_FORCE:
+            try:
+                settings = parse_json(event.text)
+            except ValueError:
+                continue
+            if isinstance(settings, dict):
+                found.append((event.t_us, settings))
+    return found
+
+
+def settings_line(settings: Mapping[str, Any]) -> str:
+    """Return settings in force as a line for a person."""
+
+    def number(name: str) -> str:
+        value = settings.get(name)
+        return f"{value:g}" if isinstance(value, (int, float)) and abs(value) < sys.float_info.max else "?"
+
+    parameters = settings.get("parameters")
+    texts = [f"{name}={value}" for name, value in parameters.items()] if isinstance(parameters, dict) else []
+    codec = f"{settings.get('codec')}{':' * bool(texts)}{','.join(texts)}"
+    law = f"{number('multiplier')} JND (weber {number('weber_fraction')}, floor {number('floor_n')} N)"
+    line = f"{codec} at {law}, {number('rate_hz')} Hz, scene {settings.get('scene')}"
+    if settings.get("position_share"):
+        line += f", positions on a line with {number('position_share')} of the JND"
+    if settings.get("announced"):
+        line += ", announced"
+    for way in ("channel_out", "channel_in"):
+        if settings.get(way):
+            line += f", {way.replace('_', ' ')} {settings[way]}"
+    return line
+
+
+def change_notes(events: Iterable[Event]) -> tuple[str, ...]:
+    """Return a note that what was in force changed, for a person who computes with one codec, JND or delay."""
+    spans = in_force(events)
+    if len(spans) < 2:
+        return ()
+    changed = {name for _, settings in spans for name in settings if settings.get(name) != spans[0][1].get(name)}
+    times = ", ".join(str(t_us) for t_us, _ in spans[1:6])
+    more = f" and {len(spans) - 6} times more" if len(spans) > 6 else ""
+    note = (
+        f"{', '.join(sorted(changed))} changed during this recording, at t_us {times}{more}: none of them holds for all"
+        " of it; 'hapticnet info' lists what was in force when"
+    )
+    return (note,)

@@ -13,15 +13,10 @@ UNFINISHED: Final = ".unfinished"
 
 
 class Sink:
-    """Write to ``FILE.unfinished``, and rename it to FILE at the end.
+    """Write to ``FILE.unfinished``, and rename it to FILE at the end; raise OSError if it cannot be written.
 
     Only whole calls of `flush` reach the file: if the disk is full, the file is cut back to the last one. An existing
     ``.unfinished`` file is kept; the new one then gets a number.
-
-    Raises
-    ------
-    OSError
-        Here and in all methods, if the file cannot be written.
     """
 
     def __init__(self, path: Path, *, suffix: str | None = None) -> None:
@@ -92,3 +87,8 @@ def named(path: Path) -> Path:
     if not mark or (number and not number.removeprefix("-").isdecimal()):
         raise FileError(f"{path}: not an unfinished recording; its name does not end in {UNFINISHED}")
     return path.with_name(name)
+
+
+def beside(path: Path, what: str) -> Path:
+    """Return the name of a file that belongs to FILE.csv or FILE.parquet."""
+    return path.with_name(f"{path.stem}.{what}")
