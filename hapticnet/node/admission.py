@@ -59,14 +59,9 @@ class RefusalError(HapticnetError):
 class Admission:
     """Decide on requests.
 
-    Parameters
-    ----------
-    make_scene
-        Called for each new scene, because every master touches its own.
-    rng
-        Source of session numbers and tickets.
-    times
-        Where the steps of scenes and codecs are timed.
+    `make_scene`: called for each new scene, because every master touches its own.
+    `rng`: source of session numbers and tickets.
+    `times`: where the steps of scenes and codecs are timed.
     """
 
     def __init__(self, make_scene: MakeScene, settings: SlaveSettings, rng: Entropy, times: StepTimes) -> None:
@@ -82,12 +77,7 @@ class Admission:
         """Return a context for a master whose HELLO had the number `sequence`.
 
         Nothing has changed for the present sessions then: the new one takes a seat, and the scene of another, when its
-        first position arrives.
-
-        Raises
-        ------
-        RefusalError
-            If the slave cannot serve what the master asks for.
+        first position arrives. Raise RefusalError if the slave cannot serve what the master asks for.
         """
         request, entry = visitor.request, visitor.entry
         if visitor.responder is not None and entry is None:

@@ -18,15 +18,7 @@ from hapticnet.samples import Vector
 
 
 class _Stream:
-    """The forces of one session, on their way from a payload to a force.
-
-    Attributes
-    ----------
-    heard_us, heard_t_us
-        When the newest force arrived, on the master's clock, and its time stamp [µs]; None before the first.
-    """
-
-    __slots__ = ("_asked", "_late", "_predicts", "announced", "decoder", "heard_t_us", "heard_us", "line_decoder")
+    """The forces of one session, on their way from a payload to a force."""
 
     def __init__(
         self, codec: Codec, axes: int, stiffest_n_per_m: float | None, allowance: Allowance, *, on_a_line: bool
@@ -36,6 +28,7 @@ class _Stream:
         if stiffest_n_per_m is not None:
             self.decoder = self.announced = AnnouncedDecoder(self.decoder, axes, stiffest_n_per_m, allowance)
         self.line_decoder = LineDecoder(codec, axes, stiffest_n_per_m, allowance) if on_a_line else None
+        # when the newest force arrived, on the master's clock, and its time stamp [µs]; None before the first
         self.heard_us: int | None = None
         self.heard_t_us = 0
         self._late: list[tuple[int, ForceArrived]] = []  # models taken in and not applied yet, with their numbers
@@ -107,24 +100,12 @@ class Applied(NamedTuple):
 
 
 class AppliedForce:
-    """The force that is applied: that of the newest session of which one has arrived, and the hold behind it.
-
-    Attributes
-    ----------
-    received_n
-        Force [N] of all axes as the decoder reconstructs it.
-    age
-        Age [µs] of the force that is applied, in each tick.
-    value
-        Returns the force being held [N] at a time [µs], decayed where the link is stale.
-    ticks_on_model
-        Ticks in which the force was that of an announced model.
-    """
+    """The force that is applied: that of the newest session of which one has arrived, and the hold behind it."""
 
     def __init__(self, codec: Codec, settings: HoldSettings, axes: int) -> None:
-        self.received_n: Vector = (0.0,) * axes
-        self.age = Distribution()
-        self.ticks_on_model = 0
+        self.received_n: Vector = (0.0,) * axes  # force [N] of all axes as the decoder reconstructs it
+        self.age = Distribution()  # age [µs] of the force that is applied, in each tick
+        self.ticks_on_model = 0  # ticks in which the force was that of an announced model
         self._axes = axes
         self._allowance = Allowance()
         self._stream = _Stream(codec, axes, None, self._allowance, on_a_line=False)
@@ -134,6 +115,7 @@ class AppliedForce:
         self._position_m: Vector | None = None  # of the newest tick, and its time
         self._position_us = 0
         self._at_us = 0  # time for which the decoder was asked last
+        # returns the force being held [N] at a time [µs], decayed where the link is stale
         self.value = self._hold.value  # without another call, because every tick takes it
         self._valid_t_us = 0  # time of the newest position for which what is applied is known to be right
 
@@ -180,10 +162,7 @@ class AppliedForce:
     def receive(self, event: ForceArrived, now_us: int) -> Applied | None:
         """Apply a force that has arrived; return None if it is one whose model must catch up first.
 
-        Raises
-        ------
-        PeerError
-            If its payload is malformed. A user's codec may raise anything.
+        Raise PeerError if its payload is malformed. A user's codec may raise anything.
         """
         stream = self._stream if self._next is None or event.is_parting else self._next
         return self._apply(stream, event, now_us) if stream.decode(event) else None

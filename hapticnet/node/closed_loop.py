@@ -23,17 +23,10 @@ POSITION_BYTES: Final = 20
 
 
 class Felt(NamedTuple):
-    """What was sent and applied over a network.
+    """What was sent and applied over a network."""
 
-    Attributes
-    ----------
-    applied
-        Stimulus [N] applied at each tick, after all that has arrived by then, shape (n, a).
-    sent, received
-        Number of updates sent, and of those that the decoder took in.
-    """
-
-    applied: FloatArray
+    applied: FloatArray  # stimulus [N] applied at each tick, after all that has arrived by then, shape (n, a)
+    # number of updates sent, and of those that the decoder took in
     sent: int
     received: int
 
@@ -59,28 +52,15 @@ def simulate_link(
 ) -> Felt:
     """Play a recorded hand over a network: a master with a tick at each sample, and a slave that answers on arrival.
 
-    Parameters
-    ----------
-    t_us
-        Times of the ticks [µs], not decreasing, shape (n,).
-    stimuli
-        True stimulus at each tick [N], shape (n, a).
-    positions
-        Position of the tool at each tick [m], shape (n, a), if known.
-    forward, feedback
-        The channels from master to slave and back.
-    repair_us
-        Time [µs] after which the slave knows that an update was lost. It then sends the next stimulus, unless a later
-        update got through.
-    rng
-        Random generator of both channels.
-    passive
-        Whether the master damps a force that would return more energy than the hand put in.
-
-    Raises
-    ------
-    SampleError
-        If the codec refuses a sample.
+    `t_us`: times of the ticks [µs], not decreasing, shape (n,).
+    `stimuli`: true stimulus at each tick [N], shape (n, a).
+    `positions`: position of the tool at each tick [m], shape (n, a), if known.
+    `forward`, `feedback`: the channels from master to slave and back.
+    `repair_us`: time [µs] after which the slave knows that an update was lost. It then sends the next stimulus, unless
+    a later update got through.
+    `rng`: random generator of both channels.
+    `passive`: whether the master damps a force that would return more energy than the hand put in.
+    Raise SampleError if the codec refuses a sample.
     """
     link = _Link(codec, t_us, stimuli, positions, forward, feedback, repair_us, rng)
     applied = np.array([link.tick(index) for index in range(len(t_us))], dtype=np.float64).reshape(stimuli.shape)

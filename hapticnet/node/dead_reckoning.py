@@ -19,24 +19,13 @@ VELOCITY_STEP_US: Final = 1
 
 
 class DeadReckoning:
-    """The slave's view of one hand.
-
-    Attributes
-    ----------
-    line
-        The newest line.
-    bound
-        The box in which the line is followed, as the master knows it or will be told; None: it is not followed.
-    every
-        The scene is stepped along the line each so many periods.
-    """
-
-    __slots__ = ("_answered_us", "_heard_us", "_offset_us", "_period_us", "bound", "every", "line")
+    """The slave's view of one hand."""
 
     def __init__(self, period_us: int) -> None:
-        self.line: PromisedLine | None = None
+        self.line: PromisedLine | None = None  # the newest line
+        # the box in which the line is followed, as the master knows it or will be told; None: it is not followed
         self.bound: StiffnessBound | None = None
-        self.every = 1
+        self.every = 1  # the scene is stepped along the line each so many periods
         self._period_us = period_us
         self._answered_us = 0  # newest time on the master's clock for which there is a force
         self._offset_us = 0  # when a position without delay arrives, minus its time

@@ -43,13 +43,7 @@ _FIELDS: Final = (
 
 
 def pack_model(layers: Sequence[LayerAhead], axes: int) -> bytes:
-    """Return the payload that announces `layers`.
-
-    Raises
-    ------
-    SampleError
-        If a value does not fit a float32.
-    """
+    """Return the payload that announces `layers`. Raise SampleError if a value does not fit a float32."""
     parts = [OF_MODEL, bytes([len(layers)])]
     for layer in layers:
         flags = (
@@ -71,13 +65,7 @@ def pack_model(layers: Sequence[LayerAhead], axes: int) -> bytes:
 
 
 def unpack_model(payload: bytes, axes: int, stiffest_n_per_m: float) -> tuple[LayerAhead, ...]:
-    """Return the layers that a payload announces.
-
-    Raises
-    ------
-    PeerError
-        If it is malformed, or says what is not allowed.
-    """
+    """Return the layers that a payload announces. Raise PeerError if it is malformed, or says what is not allowed."""
     try:
         if payload[:1] != OF_MODEL or payload[1] > MOST_LAYERS:
             raise PeerError(f"payload {payload[:2].hex()}…: no model of at most {MOST_LAYERS} layers")
@@ -136,8 +124,6 @@ class Allowance:
     A position costs 1, and 1 for each layer.
     """
 
-    __slots__ = ("_t_us", "left")
-
     def __init__(self) -> None:
         self.left = MOST_PLAYED
         self._t_us: int | None = None
@@ -166,29 +152,14 @@ class AnnouncedDecoder:
     next positions, and what was applied before goes on. A model that arrives meanwhile waits, and replaces one that
     waits already.
 
-    Parameters
-    ----------
-    inner
-        The codec's decoder.
-    stiffest_n_per_m
-        Limit of `check_layers`.
-    allowance
-        One that is shared with other decoders, which are moved at the same times; None: its own.
-
-    Attributes
-    ----------
-    taken
-        Models taken in. Each has the number that this was then.
-    settled
-        Number of the newest model that was applied or replaced by a payload of the codec.
+    `inner`: the codec's decoder.
+    `stiffest_n_per_m`: limit of `check_layers`.
+    `allowance`: one that is shared with other decoders, which are moved at the same times; None: its own.
     """
 
-    __slots__ = (
-        "_allowance", "_axes", "_inner", "_late", "_model", "_stiffest", "_trail", "_waiting", "settled", "taken",
-    )  # fmt: skip
-
     def __init__(self, inner: Decoder, axes: int, stiffest_n_per_m: float, allowance: Allowance | None = None) -> None:
-        self.taken = self.settled = 0
+        # number of the newest model that was applied or replaced by a payload of the codec
+        self.taken = self.settled = 0  # models taken in. Each has the number that this was then.
         self._inner = inner
         self._axes = axes
         self._stiffest = stiffest_n_per_m
@@ -283,15 +254,9 @@ class AnnouncedDecoder:
 class LineDecoder:
     """A second decoder of a session, which is where the slave takes the tool to be.
 
-    Parameters
-    ----------
-    stiffest_n_per_m
-        Limit of models of the contact ahead [N/m]; None if nothing is announced.
-    allowance
-        That of the master's own decoder, which may therefore apply a model some positions earlier.
+    `stiffest_n_per_m`: limit of models of the contact ahead [N/m]; None if nothing is announced.
+    `allowance`: that of the master's own decoder, which may therefore apply a model some positions earlier.
     """
-
-    __slots__ = ("_announced", "_decoder")
 
     def __init__(self, codec: Codec, axes: int, stiffest_n_per_m: float | None, allowance: Allowance) -> None:
         self._announced: AnnouncedDecoder | None = None
@@ -339,18 +304,10 @@ WAY: Final = 50
 
 
 class Answered:
-    """Positions and answered forces of the last second.
-
-    Attributes
-    ----------
-    bound_n
-        Largest magnitude [N] that may be applied now.
-    """
-
-    __slots__ = ("_forces", "_positions_m", "_times_us", "bound_n")
+    """Positions and answered forces of the last second."""
 
     def __init__(self) -> None:
-        self.bound_n = MARGIN_N
+        self.bound_n = MARGIN_N  # largest magnitude [N] that may be applied now
         self._times_us: list[int] = []
         self._positions_m: list[Vector] = []
         self._forces: deque[tuple[int, float]] = deque()  # each is larger than those after it
@@ -392,13 +349,8 @@ class BoundedDecoder:
     A second decoder, which is told the same updates, is where the newest answered position was: at the time that the
     first is asked for (`Decoder.reconstruct`).
 
-    Attributes
-    ----------
-    inner
-        The decoder whose forces are bounded.
+    `inner`: the decoder whose forces are bounded.
     """
-
-    __slots__ = ("_answered", "_answered_us", "_behind", "inner")
 
     def __init__(self, codec: Codec, axes: int) -> None:
         self.inner, self._behind = codec.decoder(axes), codec.decoder(axes)
@@ -434,8 +386,6 @@ class BoundedDecoder:
 
 class BoundedPredictingDecoder(BoundedDecoder):
     """A bounded decoder that can be asked for the future. Satisfies `Predictive`."""
-
-    __slots__ = ()
 
     def predict(self, t_us: int, position: Vector, position_us: int) -> Vector:
         """Return the stimulus of a time to come. See `Predictive`."""

@@ -31,26 +31,20 @@ class SettingsInForce:
 
     A change of the session counts from its first force that is applied; until then the forces of the session before
     are held.
-
-    Attributes
-    ----------
-    codec, parameters, weber_fraction, floor_n, multiplier
-        The feedback codec and the JND. With a `position_share` the codec has the rest of the JND.
-    rate_hz, position_share, announced, scene
-        As the slave has granted them.
-    channel_out, channel_in
-        Networks that are emulated at this end, as written for ``--channel-out``; None: none.
     """
 
+    # the feedback codec and the JND. With a `position_share` the codec has the rest of the JND.
     codec: str
     parameters: dict[str, float]
     weber_fraction: float
     floor_n: float
     multiplier: float
+    # as the slave has granted them
     rate_hz: float
     position_share: float
     announced: bool
     scene: str
+    # networks that are emulated at this end, as written for ``--channel-out``; None: none
     channel_out: str | None = None
     channel_in: str | None = None
 
@@ -71,15 +65,10 @@ class SettingsInForce:
 
 
 class InForce:
-    """Keep what is in force, and what was.
-
-    Attributes
-    ----------
-    history
-        When each came into force, on the master's clock [µs], and what; the newest last.
-    """
+    """Keep what is in force, and what was."""
 
     def __init__(self) -> None:
+        # when each came into force, on the master's clock [µs], and what; the newest last
         self.history: deque[tuple[int, SettingsInForce]] = deque(maxlen=CHANGES_KEPT)
         self._session: SettingsInForce | None = None
         self._channels: tuple[str | None, str | None] = (None, None)

@@ -46,30 +46,15 @@ TRUSTED_AFTER: Final = 50
 
 @dataclass(slots=True)
 class AnnouncingAccount:
-    """What became of the announcements.
+    """What became of the announcements."""
 
-    Attributes
-    ----------
-    models
-        Models sent.
-    corrections
-        Updates sent because a model was wrong: other models, or payloads of the codec.
-    unusable
-        Announcements of the scene that break the limits.
-    left_out
-        Layers that were left out of announcements because they are too stiff together with those before them.
-    on_model
-        Samples at which a model was applied.
-    fault
-        What was wrong with the newest announcement that was not usable as a whole.
-    """
-
-    models: int = 0
-    corrections: int = 0
-    unusable: int = 0
+    models: int = 0  # models sent
+    corrections: int = 0  # updates sent because a model was wrong: other models, or payloads of the codec
+    unusable: int = 0  # announcements of the scene that break the limits
+    # layers that were left out of announcements because they are too stiff together with those before them
     left_out: int = 0
-    on_model: int = 0
-    fault: str | None = None
+    on_model: int = 0  # samples at which a model was applied
+    fault: str | None = None  # what was wrong with the newest announcement that was not usable as a whole
 
     def report(self) -> dict[str, Any]:
         """Return the account for JSON."""
@@ -79,22 +64,11 @@ class AnnouncingAccount:
 class AnnouncingEncoder:
     """A codec's encoder, and the models of a scene. Satisfies `Encoder`.
 
-    Parameters
-    ----------
-    inner
-        The codec's encoder.
-    law
-        The threshold of the person at the master.
-    look_ahead
-        Asked for the layers ahead after each step of the scene.
-    stiffest_n_per_m
-        Limit of `check_layers`.
+    `inner`: the codec's encoder.
+    `law`: the threshold of the person at the master.
+    `look_ahead`: asked for the layers ahead after each step of the scene.
+    `stiffest_n_per_m`: limit of `check_layers`.
     """
-
-    __slots__ = (
-        "_axes", "_before", "_doubt_us", "_doubted_until_us", "_inner", "_law", "_look_ahead", "_looked_us", "_model",
-        "_now", "_refresh", "_renews", "_repeats", "_right", "_sent_us", "_stiffest", "_was_right", "account",
-    )  # fmt: skip
 
     def __init__(
         self, inner: Encoder, law: WeberLaw, axes: int, look_ahead: LookAhead, stiffest_n_per_m: float
@@ -309,40 +283,16 @@ class SceneFailedError(HapticnetError):
 class Feedback:
     """What is sent for each force, and what the master holds then.
 
-    Parameters
-    ----------
-    announced, rate_hz
-        Whether the contact ahead is announced, and the rate that was granted.
-
-    Attributes
-    ----------
-    encoder, mirror
-        The encoder, and a decoder of what is sent: it holds what the master holds if nothing is lost.
-    held_n
-        That force [N] at the newest position that was settled.
+    `announced`, `rate_hz`: whether the contact ahead is announced, and the rate that was granted.
     """
-
-    __slots__ = (
-        "_announcing",
-        "_builds_on_earlier",
-        "_codec",
-        "_idle_below_n",
-        "_longest_us",
-        "_missed",
-        "_renewed_us",
-        "_session",
-        "_t_us",
-        "encoder",
-        "held_n",
-        "mirror",
-    )
 
     def __init__(
         self, session: SlaveSession, codec: Codec, scene: Touchable, *, announced: bool, rate_hz: float
     ) -> None:
+        # the encoder, and a decoder of what is sent: it holds what the master holds if nothing is lost
         self.encoder: Encoder = codec.encoder(scene.axes)
         self.mirror: Decoder = codec.decoder(scene.axes)
-        self.held_n: Vector = (0.0,) * scene.axes
+        self.held_n: Vector = (0.0,) * scene.axes  # that force [N] at the newest position that was settled
         self._session = session
         self._codec = codec
         self._idle_below_n = slave_idle_below_n(codec.law)
@@ -375,10 +325,7 @@ class Feedback:
     def answer(self, sample: PositionSample, force_n: Vector, now_us: int) -> tuple[bytes | None, bytes | None]:
         """Return the payload of the update that a force takes, and the datagram to send; None where there is none.
 
-        Raises
-        ------
-        SceneFailedError
-            If the force is not finite, or a user's codec fails.
+        Raise SceneFailedError if the force is not finite, or a user's codec fails.
         """
         session = self._session
         try:
@@ -407,10 +354,7 @@ class Feedback:
     def account_sent(self, sample: PositionSample, payload: bytes | None) -> None:
         """Let the mirror take in what was sent for a position.
 
-        Raises
-        ------
-        SceneFailedError
-            If the codec cannot read what it wrote.
+        Raise SceneFailedError if the codec cannot read what it wrote.
         """
         try:
             if payload is not None:

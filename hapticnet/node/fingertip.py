@@ -57,34 +57,13 @@ class Fingertip:
     """A device and the force loop that drives it.
 
     A device that returns after a loss is treated as a new one: it starts retracted and searches for the finger slowly.
-
-    Attributes
-    ----------
-    device
-        The device.
-    controller
-        The force loop.
-    largest_n
-        Largest force [N] that is requested, so that the overshoot of the loop stays within the device's limit.
-    lead_us
-        How far ahead [µs] the force is to be predicted, so that the servos reach it in time.
-    target_n
-        Force [N] requested of the device, after the limits.
-    displacement_m
-        Platform displacement last requested [m].
-    reading
-        The newest reading; None while the device is lost.
     """
 
-    __slots__ = (
-        "_events", "_fault", "_found", "_limiter", "_rise_n", "_times_lost", "controller", "device", "displacement_m",
-        "largest_n", "lead_us", "reading", "target_n",
-    )  # fmt: skip
-
     def __init__(self, device: Device, limits: LimitSettings, control: ForceControlSettings) -> None:
-        self.device = device
+        self.device = device  # the device
         max_force_n = min(control.max_force_n, device.max_force_n)
         headroom_n = min(control.headroom_n, 0.5 * max_force_n)
+        # largest force [N] that is requested, so that the overshoot of the loop stays within the device's limit
         self.largest_n = max_force_n - headroom_n
         within_device = replace(
             control,
@@ -94,10 +73,11 @@ class Fingertip:
             search_n=min(control.search_n, 0.5 * max_force_n),
             yield_n=min(control.yield_n, 0.5 * max_force_n),
         )
-        self.controller = ForceController(within_device)
-        self.target_n = 0.0
-        self.displacement_m = 0.0
-        self.reading: Reading | None = None
+        self.controller = ForceController(within_device)  # the force loop
+        self.target_n = 0.0  # force [N] requested of the device, after the limits
+        self.displacement_m = 0.0  # platform displacement last requested [m]
+        self.reading: Reading | None = None  # the newest reading; None while the device is lost
+        # how far ahead [µs] the force is to be predicted, so that the servos reach it in time
         self.lead_us = round(1e6 * within_device.foresight_s) + device.delay_us
         self._rise_n = 1e-6 * limits.slew_n_per_s * self.lead_us
         self._limiter = ForceLimiter(replace(limits, max_force_n=min(limits.max_force_n, self.largest_n)))
@@ -119,15 +99,10 @@ class Fingertip:
     def press(self, force_n: float, now_us: int, ahead_n: float | None = None) -> None:
         """Move the device one step toward a force [N]; called every tick.
 
-        Parameters
-        ----------
-        force_n
-            Force [N] that is to be felt now.
-        now_us
-            Current time [µs].
-        ahead_n
-            Force [N] expected `lead_us` from now; None if nobody says. It rises no further above the target than the
-            target can within that time.
+        `force_n`: force [N] that is to be felt now.
+        `now_us`: current time [µs].
+        `ahead_n`: force [N] expected `lead_us` from now; None if nobody says. It rises no further above the target than
+        the target can within that time.
         """
         reading = self.reading
         if reading is None:
@@ -178,26 +153,13 @@ class Fingertip:
 
 
 class Actuator:
-    """An actuator and the limits of what is asked of it. Takes the place of a `Fingertip`.
-
-    Attributes
-    ----------
-    device
-        The actuator.
-    target_n
-        Force [N] requested of the device, after the limits.
-    displacement_m
-        0: an actuator has no platform.
-    reading
-        The newest force that it sensed; None if it senses none.
-    """
-
-    __slots__ = ("_events", "_limiter", "device", "displacement_m", "reading", "target_n")
+    """An actuator and the limits of what is asked of it. Takes the place of a `Fingertip`."""
 
     def __init__(self, device: UserActuator, limits: LimitSettings) -> None:
-        self.device = device
-        self.target_n = self.displacement_m = 0.0
-        self.reading: Reading | None = None
+        self.device = device  # the actuator
+        # 0: an actuator has no platform
+        self.target_n = self.displacement_m = 0.0  # force [N] requested of the device, after the limits
+        self.reading: Reading | None = None  # the newest force that it sensed; None if it senses none
         self._limiter = ForceLimiter(replace(limits, max_force_n=min(limits.max_force_n, device.max_force_n)))
         self._events: list[FingertipEvent] = [DeviceFound(device.description)]
 
@@ -235,24 +197,17 @@ class Felt(NamedTuple):
 
 
 class Rendering:
-    """A device with its limits and, if it takes positions, its force loop; or none.
-
-    Attributes
-    ----------
-    fingertip
-        What renders the force; None without a device.
-    with_loop
-        The same if there is a force loop.
-    """
+    """A device with its limits and, if it takes positions, its force loop; or none."""
 
     def __init__(self, device: Device | UserActuator | Fingertip | None, settings: MasterSettings, axes: int) -> None:
-        self.fingertip: Fingertip | Actuator | None
+        self.fingertip: Fingertip | Actuator | None  # what renders the force; None without a device
         if isinstance(device, UserActuator):
             self.fingertip = Actuator(device, settings.limits)
         elif device is None or isinstance(device, Fingertip):
             self.fingertip = device
         else:
             self.fingertip = Fingertip(device, settings.limits, settings.control)
+        # the same if there is a force loop
         self.with_loop = self.fingertip if isinstance(self.fingertip, Fingertip) else None
         self._axis = device_axis(settings.device_takes, axes) if device is not None else None
         self._tracking = RunningError(settings.law)
@@ -270,12 +225,8 @@ class Rendering:
     def press(self, held_n: Vector, ahead_n: Vector, now_us: int, *, counts: bool) -> Felt:
         """Render a force [N]; what drives a device may raise anything.
 
-        Parameters
-        ----------
-        ahead_n
-            The force expected by the time the device will have moved.
-        counts
-            Whether the error of the device counts for the report.
+        `ahead_n`: the force expected by the time the device will have moved.
+        `counts`: whether the error of the device counts for the report.
         """
         fingertip = self.fingertip
         assert fingertip is not None, "there is a device"  # noqa: S101 - the caller's fault

@@ -44,23 +44,14 @@ SCORE_MEMORY_US: Final = 250_000
 
 
 class ForcePredictor:
-    """Forecasts of one session's force. A new session begins with a new one.
-
-    Attributes
-    ----------
-    gradient_n_m
-        Change of the applied force with the position [N/m] in the directions in which the hand has moved: one row per
-        axis of the force.
-    errors_n2
-        Mean squared errors [N²] of the three forecasts so far: hold, codec, stiffness.
-    """
-
-    __slots__ = ("_axes", "_elapsed_us", "_force_n", "_forecasts", "_learned_m", "_moved_m", "_positions_m",
-                 "_scored_us", "_speed_of_us", "_times_us", "errors_n2", "gradient_n_m")  # fmt: skip
+    """Forecasts of one session's force. A new session begins with a new one."""
 
     def __init__(self, axes: int) -> None:
         self._axes = axes
+        # change of the applied force with the position [N/m] in the directions in which the hand has moved: one row per
+        # axis of the force
         self.gradient_n_m: tuple[Vector, ...] = ((0.0,) * axes,) * axes
+        # mean squared errors [N²] of the three forecasts so far: hold, codec, stiffness
         self.errors_n2 = [0.0, 0.0, 0.0]
         self._times_us: list[int] = []
         self._positions_m: list[Vector] = []
@@ -106,18 +97,11 @@ class ForcePredictor:
     def expected(self, now_us: int, at_us: int, lead_us: int, force_n: Vector, predict: Predict | None) -> Vector:
         """Return the force [N] expected `lead_us` from now; called once a tick, after `move`.
 
-        Parameters
-        ----------
-        now_us
-            Time of the tick [µs].
-        at_us
-            Time [µs] of the position whose force is applied now; earlier than now on a link with a delay.
-        lead_us
-            How far ahead [µs].
-        force_n
-            Force [N] applied now.
-        predict
-            The decoder's forecast; None if it has none.
+        `now_us`: time of the tick [µs].
+        `at_us`: time [µs] of the position whose force is applied now; earlier than now on a link with a delay.
+        `lead_us`: how far ahead [µs].
+        `force_n`: force [N] applied now.
+        `predict`: the decoder's forecast; None if it has none.
         """
         if not self._times_us:
             return force_n

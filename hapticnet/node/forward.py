@@ -17,10 +17,7 @@ from hapticnet.vectors import magnitude
 class Forward:
     """The positions of one master.
 
-    Parameters
-    ----------
-    law
-        The whole JND of the person, of which a session grants positions a share.
+    `law`: the whole JND of the person, of which a session grants positions a share.
     """
 
     def __init__(self, session: MasterSession, law: WeberLaw, axes: int) -> None:
@@ -79,14 +76,9 @@ class Forward:
 
         Return where the slave takes the tool to be if nothing is lost; None if it does not follow a line.
 
-        Parameters
-        ----------
-        applied_n
-            The newest force [N] as the decoder reconstructs it.
-        state
-            What the slave must know of the model that is rendered; None: there is none.
-        difference
-            See `PositionSender.payload`.
+        `applied_n`: the newest force [N] as the decoder reconstructs it.
+        `state`: what the slave must know of the model that is rendered; None: there is none.
+        `difference`: see `PositionSender.payload`.
         """
         self._ticks += 1
         sender = self._sender

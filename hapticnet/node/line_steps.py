@@ -26,10 +26,7 @@ class Alarms(Generic[T]):
     A heap holds a time for each item that is never later than its true time. A time that moves later is corrected only
     when it comes to the top; one that moves earlier must be noted.
 
-    Parameters
-    ----------
-    when
-        Returns the present true time of an item [µs]; None if it has none.
+    `when`: returns the present true time of an item [µs]; None if it has none.
     """
 
     def __init__(self, when: Callable[[T], int | None]) -> None:

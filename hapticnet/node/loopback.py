@@ -12,12 +12,8 @@ MASTER_ADDRESS: Final = "loopback"
 class Loopback:
     """Run both nodes; every datagram is built, carried by a channel, and parsed.
 
-    Parameters
-    ----------
-    forward, feedback
-        The channels from master to slave and from slave to master.
-    start_us
-        Virtual time at the start [µs].
+    `forward`, `feedback`: the channels from master to slave and from slave to master.
+    `start_us`: virtual time at the start [µs].
     """
 
     def __init__(

@@ -46,41 +46,10 @@ if TYPE_CHECKING:
 class MasterNode:
     """One operator, one session, one device.
 
-    Parameters
-    ----------
-    device
-        The fingertip device, or None to run without one. A `Fingertip` goes on with what it knows of the finger; it is
-        only passed on.
-    rng
-        Source of nonces.
-    clock
-        Times the steps of operator, device and a user's codec; None: they are not timed.
-
-    Attributes
-    ----------
-    period_us, position_period_us
-        Time [µs] between two ticks, and between two positions that are sent, as the slave has granted it. A position is
-        sent in the tick nearest to the time it is due.
-    positions_due
-        Number of ticks so far in which a position was due.
-    position_m
-        Position [m] of the newest tick; None before there is a session.
-    held_n
-        Force [N] of all axes as it is held: decayed where the link is stale, zero after a failure.
-    target_n, sensed_n, displacement_m
-        Force [N] requested of the device and sensed by it, and the displacement [m] of its platform.
-    scene_name
-        What the slave calls the scene; None before there is a session.
-    paused
-        Why the operator is not asked for positions; None if it is.
-    in_force
-        Which settings are in force, and were.
-    notices
-        What slaves told about the sessions, the newest of each code.
-    times
-        The times of steps of operator, device and a user's codec.
-    recording, datagrams
-        Rows of every tick and of every datagram, if they are recorded.
+    `device`: the fingertip device, or None to run without one. A `Fingertip` goes on with what it knows of the finger;
+    it is only passed on.
+    `rng`: source of nonces.
+    `clock`: times the steps of operator, device and a user's codec; None: they are not timed.
     """
 
     def __init__(
@@ -92,15 +61,16 @@ class MasterNode:
         clock: Clock | None = None,
     ) -> None:
         self.settings = settings
-        self.times = StepTimes(clock)
-        self.notices: dict[Code, str] = {}
+        self.times = StepTimes(clock)  # the times of steps of operator, device and a user's codec
+        self.notices: dict[Code, str] = {}  # what slaves told about the sessions, the newest of each code
         self.position_period_us = round(1e6 / settings.rate_hz)
         self.ticks = 0
-        self.positions_due = 0
+        self.positions_due = 0  # number of ticks so far in which a position was due
         self.end_reason: str | None = None
         self.refused = False
         self.failure: str | None = None
-        self.paused: str | None = None
+        self.paused: str | None = None  # why the operator is not asked for positions; None if it is
+        # rows of every tick and of every datagram, if they are recorded
         self.recording = Recording(master_columns(operator.axes)) if settings.record else None
         self.datagrams = Recording(DATAGRAM_COLUMNS) if settings.record_datagrams else None
         self._operator = operator
@@ -113,6 +83,8 @@ class MasterNode:
         self._port = PassivityController(operator.axes, settings.law.floor_n) if settings.passive else None
         self._rendering = Rendering(device, settings, operator.axes)
         # No slave may slow the force loop down: its limits hold for the rate of the device.
+        # period_us, position_period_us: time [µs] between two ticks, and between two positions that are sent, as the
+        # slave has granted it. A position is sent in the tick nearest to the time it is due.
         self.period_us = round(1e6 / max(settings.rate_hz, self._rendering.least_rate_hz))
         self._operator_time = self.times.of(getattr(operator, "what", "the operator"))
         self._device_time = self.times.of(self._rendering.what)
@@ -121,13 +93,15 @@ class MasterNode:
         self._lead_us = fingertip.lead_us if fingertip is not None and self._port is None else None
         self._first_touch = FirstTouch(fingertip) if settings.first_touch and fingertip is not None else None
         self._script_start_us: int | None = None
-        self.position_m: Vector | None = None
+        self.position_m: Vector | None = None  # position [m] of the newest tick; None before there is a session
         self._zero_n: Vector = (0.0,) * operator.axes
+        # force [N] of all axes as it is held: decayed where the link is stale, zero after a failure
         self.held_n = self._ahead_n = self._zero_n
+        # force [N] requested of the device and sensed by it, and the displacement [m] of its platform
         self.target_n = self.sensed_n = self.displacement_m = 0.0
         self._connections = 0
-        self.scene_name: str | None = None
-        self.in_force = InForce()
+        self.scene_name: str | None = None  # what the slave calls the scene; None before there is a session
+        self.in_force = InForce()  # which settings are in force, and were
         self._granted: SettingsInForce | None = None
         self._events: deque[NodeEvent] = deque()
         self._ticked_us = 0
@@ -317,12 +291,8 @@ class MasterNode:
         """Ask for a session with another codec or JND; the present one goes on until the slave grants it.
 
         The new session goes on with the scene. `Connected` or `ChangeRefused` follows. What is not given stays, but
-        another codec starts from its own default parameters.
-
-        Raises
-        ------
-        SettingsError
-            If there is no such codec, or a parameter is invalid.
+        another codec starts from its own default parameters. Raise SettingsError if there is no such codec, or a
+        parameter is invalid.
         """
         now = self._next_codec
         if parameters is None:

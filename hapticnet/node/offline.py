@@ -14,33 +14,20 @@ from hapticnet.protocol.wire import UDP_IPV4_HEADER_BYTES, force_datagram_bytes,
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CostReport(ErrorReport):
-    """Cost and error of a codec on one recording: the fields of `ErrorReport`, and those below.
+    """Cost and error of a codec on one recording: the fields of `ErrorReport`, and those below."""
 
-    Attributes
-    ----------
-    samples, sent
-        Samples of the recording, and samples transmitted.
-    packet_rate_reduction
-        ``1 - sent / samples``.
-    payload_bytes, wire_bytes
-        Bytes of the FORCE datagrams in a session; the same with 28 B of UDP and IPv4 headers each.
-    keepalives, session_wire_bytes
-        KEEPALIVEs that the slave would send; wire bytes including them.
-    wire_byte_reduction
-        ``1 - wire_bytes / (wire bytes when every sample is sent raw)``.
-    worst_100ms_packets
-        Most packets in any 100 ms.
-    """
-
+    # samples of the recording, and samples transmitted
     samples: int
     sent: int
-    packet_rate_reduction: float
+    packet_rate_reduction: float  # ``1 - sent / samples``
+    # bytes of the FORCE datagrams in a session; the same with 28 B of UDP and IPv4 headers each
     payload_bytes: int
     wire_bytes: int
+    # KEEPALIVEs that the slave would send; wire bytes including them
     keepalives: int
     session_wire_bytes: int
-    wire_byte_reduction: float
-    worst_100ms_packets: int
+    wire_byte_reduction: float  # ``1 - wire_bytes / (wire bytes when every sample is sent raw)``
+    worst_100ms_packets: int  # most packets in any 100 ms
 
 
 def cost_report(codec: Codec, t_us: IntArray, stimuli: FloatArray, encoding: Encoding) -> CostReport:

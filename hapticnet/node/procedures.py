@@ -58,10 +58,7 @@ class Procedure:
     def _elapsed_us(self, now_us: int) -> int | None:
         """Return the time since the first reading; None before it.
 
-        Raises
-        ------
-        UnavailableError
-            If the device gives no readings for too long, or the force loop has given up.
+        Raise UnavailableError if the device gives no readings for too long, or the force loop has given up.
         """
         fingertip = self.fingertip
         if fingertip.controller.fault is not None:
@@ -80,19 +77,8 @@ class Procedure:
 class StepTest(Procedure):
     """A step of the target, recorded tick by tick. The loss of the device ends it, as it would distort the figures.
 
-    Parameters
-    ----------
-    from_n, to_n
-        Target [N] before and after.
-    before_us, after_us
-        Time [µs] for which each is held; the finger must be found within the first.
-
-    Attributes
-    ----------
-    step_us
-        Time of the step on the clock of the recording; None before it.
-    recording
-        Time, target, sensed force, true force (NaN if unknown), and measured and requested platform displacement.
+    `from_n`, `to_n`: target [N] before and after.
+    `before_us`, `after_us`: time [µs] for which each is held; the finger must be found within the first.
     """
 
     def __init__(
@@ -104,8 +90,9 @@ class StepTest(Procedure):
         check_parameter("end of the step", to_n, 0, largest_n, "N")
         if from_n == to_n:
             raise SettingsError(f"the step starts and ends at {from_n} N; the two forces must differ")
+        # time, target, sensed force, true force (NaN if unknown), and measured and requested platform displacement
         self.recording = Recording(STEP_COLUMNS)
-        self.step_us: int | None = None
+        self.step_us: int | None = None  # time of the step on the clock of the recording; None before it
         self._from_n = from_n
         self._to_n = to_n
         self._before_us = before_us
@@ -144,12 +131,8 @@ class Meeting(Procedure):
     A platform that was never pressed against its finger is retracted and searches at 10 mm/s, so a first contact that
     lasts less than about 0.2 s would not be felt at all.
 
-    Parameters
-    ----------
-    force_n
-        Force of the press [N].
-    press_us
-        Its duration [µs], once the finger is felt.
+    `force_n`: force of the press [N].
+    `press_us`: its duration [µs], once the finger is felt.
     """
 
     def __init__(self, fingertip: Fingertip, *, force_n: float = MEETING_N, press_us: int = MEETING_US) -> None:
@@ -191,23 +174,12 @@ class Meeting(Procedure):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tuned:
-    """Properties of a finger.
+    """Properties of a finger."""
 
-    Attributes
-    ----------
-    stiffness_n_m
-        Tangent stiffness at 1 N [N/m].
-    contact_m
-        Platform displacement at which it touches the finger [m].
-    residual_m
-        Root mean square distance [m] of the points from the fitted fingertip law.
-    forces_n, displacements_m
-        The points: sensed force [N] and platform displacement [m].
-    """
-
-    stiffness_n_m: float
-    contact_m: float
-    residual_m: float
+    stiffness_n_m: float  # tangent stiffness at 1 N [N/m]
+    contact_m: float  # platform displacement at which it touches the finger [m]
+    residual_m: float  # root mean square distance [m] of the points from the fitted fingertip law
+    # the points: sensed force [N] and platform displacement [m]
     forces_n: tuple[float, ...]
     displacements_m: tuple[float, ...]
 
@@ -280,16 +252,10 @@ uncertain. A fifth of the largest force, and half of what a finger is tuned with
 
 
 class FirstTouch:
-    """Meet the finger, and tell how.
-
-    Attributes
-    ----------
-    outcome
-        What came of it; None while it goes on.
-    """
+    """Meet the finger, and tell how."""
 
     def __init__(self, fingertip: Fingertip) -> None:
-        self.outcome: FingerMet | FingerNotMet | None = None
+        self.outcome: FingerMet | FingerNotMet | None = None  # what came of it; None while it goes on
         self._fingertip = fingertip
         force_n = min(FIRST_TOUCH_N, fingertip.largest_n)
         self._meeting = Meeting(fingertip, force_n=force_n, press_us=FIRST_TOUCH_US)

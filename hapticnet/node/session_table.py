@@ -96,12 +96,8 @@ class SessionTable:
         of these the one that has been silent for longest. So an identity with many places cannot shut out the others.
         Raise NoSeatError if no session may be ended.
 
-        Parameters
-        ----------
-        most
-            Places that this identity may hold.
-        besides
-            Sessions of this identity that hold no place.
+        `most`: places that this identity may hold.
+        `besides`: sessions of this identity that hold no place.
         """
         self.see(now_us)
         taken = [each for each in self.by_number.values() if each.seated and each not in besides]

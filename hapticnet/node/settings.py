@@ -25,54 +25,29 @@ older than the time that it is for, so that with a shorter limit no answer would
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MasterSettings:
-    """What a master asks for, and how it applies the forces it receives.
+    """What a master asks for, and how it applies the forces it receives."""
 
-    Attributes
-    ----------
-    codec, parameters, law
-        The feedback codec, its own parameters, and the JND of the person at this master.
-    rate_hz
-        Positions per second to ask for; the slave may grant less.
-    positions
-        What to send of them: "raw", every one; "line", those that matter, each with a velocity. A slave whose scene
-        cannot be stepped in between grants "raw".
-    position_share
-        With "line": the share of the JND that is spent on positions, 0.01 to 0.9. The codec gets the rest.
-    name
-        Name of this master in the slave's report.
-    key
-        This master's key and the slave's public key; None for an open session.
-    record
-        Whether every tick is recorded.
-    record_datagrams
-        Whether every datagram is recorded.
-    on_error
-        What an exception of the operator does: end the session, or pause until `MasterNode.resume`. The force goes to
-        zero in either case. An exception of the codec or the device always ends the session.
-    device_takes
-        The axis of the force that the device renders, or its norm.
-    passive
-        Whether passivity control damps a force that would return more energy than the hand put in.
-    announced
-        Whether to ask for models of the contact ahead, and to render them at the own position.
-    first_touch
-        Whether the finger is found and pressed lightly before a session is asked for (`FirstTouch`).
-    """
-
+    # the feedback codec, its own parameters, and the JND of the person at this master
     codec: str = "deadband"
     parameters: dict[str, float] = field(default_factory=dict)
     law: WeberLaw = field(default_factory=WeberLaw)
-    rate_hz: float = 1000.0
+    rate_hz: float = 1000.0  # positions per second to ask for; the slave may grant less
+    # what to send of them: "raw", every one; "line", those that matter, each with a velocity. A slave whose scene
+    # cannot be stepped in between grants "raw".
     positions: Positions = "raw"
+    # with "line": the share of the JND that is spent on positions, 0.01 to 0.9. The codec gets the rest.
     position_share: float = 0.25
-    name: str = "master"
-    key: MasterKey | None = None
-    record: bool = False
-    record_datagrams: bool = False
+    name: str = "master"  # name of this master in the slave's report
+    key: MasterKey | None = None  # this master's key and the slave's public key; None for an open session
+    record: bool = False  # whether every tick is recorded
+    record_datagrams: bool = False  # whether every datagram is recorded
+    # what an exception of the operator does: end the session, or pause until `MasterNode.resume`. The force goes to
+    # zero in either case. An exception of the codec or the device always ends the session.
     on_error: OnError = "end"
-    device_takes: DeviceTakes = "x"
-    announced: bool = False
-    passive: bool = False
+    device_takes: DeviceTakes = "x"  # the axis of the force that the device renders, or its norm
+    announced: bool = False  # whether to ask for models of the contact ahead, and to render them at the own position
+    passive: bool = False  # whether passivity control damps a force that would return more energy than the hand put in
+    # whether the finger is found and pressed lightly before a session is asked for (`FirstTouch`)
     first_touch: bool = False
     session: SessionSettings = field(default_factory=SessionSettings)
     hold: HoldSettings = field(default_factory=HoldSettings)
@@ -108,28 +83,16 @@ Announces: TypeAlias = Literal["declared", "measured", "nothing"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SlaveSettings:
-    """What a slave grants, and how it keeps each of its sessions.
+    """What a slave grants, and how it keeps each of its sessions."""
 
-    Attributes
-    ----------
-    record
-        Whether every sample is recorded.
-    record_datagrams
-        Whether every datagram is recorded.
-    on_error
-        What an exception of the scene does: end the session, or answer with zero force until `resume`.
-    announces
-        What masters that ask for it are told of the contact ahead: what the scene declares, what `MeasuredScene`
-        learns of it, or nothing.
-    fastest_rate_hz
-        Highest sample rate granted to a master [Hz].
-    """
-
-    record: bool = False
-    record_datagrams: bool = False
+    record: bool = False  # whether every sample is recorded
+    record_datagrams: bool = False  # whether every datagram is recorded
+    # what an exception of the scene does: end the session, or answer with zero force until `resume`
     on_error: Literal["end", "pause"] = "end"
+    # what masters that ask for it are told of the contact ahead: what the scene declares, what `MeasuredScene` learns
+    # of it, or nothing
     announces: Announces = "declared"
-    fastest_rate_hz: float = 10_000.0
+    fastest_rate_hz: float = 10_000.0  # highest sample rate granted to a master [Hz]
     session: SessionSettings = field(default_factory=SessionSettings)
 
     def __post_init__(self) -> None:

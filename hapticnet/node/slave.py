@@ -35,27 +35,12 @@ REPORTS_KEPT: Final = 1000
 class SlaveNode:
     """Serve any number of masters, each with its own scene, codec and account.
 
-    Parameters
-    ----------
-    make_scene
-        Called for each new scene, because every master touches its own.
-    rng
-        Source of session numbers, cookies and tickets.
-    doors
-        How to read the HELLOs of each version that is served; open sessions by default.
-    write_address
-        Returns an address as text for the report.
-    host_of
-        Returns the host of an address: whom open sessions count for, and whose requests are limited.
-    clock
-        Times the steps of scenes and of users' codecs; None: they are not timed.
-
-    Attributes
-    ----------
-    unread_hello
-        Why the newest malformed HELLO was dropped, and where it came from; None if there was none.
-    times
-        The times of these steps.
+    `make_scene`: called for each new scene, because every master touches its own.
+    `rng`: source of session numbers, cookies and tickets.
+    `doors`: how to read the HELLOs of each version that is served; open sessions by default.
+    `write_address`: returns an address as text for the report.
+    `host_of`: returns the host of an address: whom open sessions count for, and whose requests are limited.
+    `clock`: times the steps of scenes and of users' codecs; None: they are not timed.
     """
 
     def __init__(
@@ -76,7 +61,7 @@ class SlaveNode:
         self._settings = settings
         self._doors = {OPEN: Door()} if doors is None else doors
         self._hello_filter = HelloFilter(self._doors, rng)
-        self.times = StepTimes(clock)
+        self.times = StepTimes(clock)  # the times of these steps
         self._admission = Admission(make_scene, settings, rng, self.times)
         self._seats = SessionTable(settings.session)
         self._stations = self._seats.by_number
@@ -87,6 +72,7 @@ class SlaveNode:
         self._to_answer: list[SlaveContext] = []
         self._to_settle: list[SlaveContext] = []
         self.never_used = 0
+        # why the newest malformed HELLO was dropped, and where it came from; None if there was none
         self.unread_hello: tuple[str, Address] | None = None
         self._ended: deque[dict[str, Any]] = deque(maxlen=REPORTS_KEPT)
         self._outbox: list[tuple[bytes, Address]] = []

@@ -34,27 +34,13 @@ _Answered: TypeAlias = tuple[PositionSample, Vector, bytes | None, bytes | None,
 class SlaveContext:
     """Pass a position through decoder, scene and encoder.
 
-    Parameters
-    ----------
-    grant
-        What the master was granted.
-    identity
-        Whom the session counts for: a public key, or the host of an open session.
-    seats
-        Sessions that this identity may have.
-    listed
-        What the list of masters calls it; None for an open session.
-    continues
-        The context whose scene this one goes on with. A restarted master has another clock; `same_clock` tells whether
-        this one's time stamps go on from the old ones.
-    times
-        Where the steps of scene and codec are timed.
-
-    Attributes
-    ----------
-    newest
-        The newest position that was answered: its time [µs] on the master's clock, position [m], true force [N], force
-        that the master holds if nothing is lost [N], and whether a force was transmitted. None before the first.
+    `grant`: what the master was granted.
+    `identity`: whom the session counts for: a public key, or the host of an open session.
+    `seats`: sessions that this identity may have.
+    `listed`: what the list of masters calls it; None for an open session.
+    `continues`: the context whose scene this one goes on with. A restarted master has another clock; `same_clock` tells
+    whether this one's time stamps go on from the old ones.
+    `times`: where the steps of scene and codec are timed.
     """
 
     def __init__(
@@ -92,6 +78,9 @@ class SlaveContext:
         self.superseded = 0
         self.paused: str | None = None
         self.failure: str | None = None  # why this side closed the session, if its code failed
+        # the newest position that was answered: its time [µs] on the master's clock, position [m], true force [N],
+        # force that the master holds if nothing is lost [N], and whether a force was transmitted. None before the
+        # first.
         self.newest: tuple[int, Vector, Vector, Vector, bool] | None = None
         self.recording = Recording(slave_columns(scene.axes)) if settings.record else None
         self.datagrams = Recording(DATAGRAM_COLUMNS) if settings.record_datagrams else None
@@ -146,12 +135,8 @@ class SlaveContext:
     def receive(self, datagram: Datagram, data: bytes, address: Hashable, now_us: int) -> bool:
         """Process a datagram of this session; return whether there is now a position to `answer`.
 
-        Only the newest position is answered. A slave that was stopped thus does not work off what has queued up.
-
-        Raises
-        ------
-        PeerError
-            If it cannot be opened or is malformed; the caller counts it.
+        Only the newest position is answered. A slave that was stopped thus does not work off what has queued up. Raise
+        PeerError if it cannot be opened or is malformed; the caller counts it.
         """
         if self.datagrams is not None:
             self.datagrams.add((now_us, IN, frame_kind(data), len(data)))
@@ -174,10 +159,7 @@ class SlaveContext:
     def _read(self, payload: bytes) -> tuple[int | None, Vector, Vector]:
         """Return what the payload of a position says: the state of the master's model, a place [m], a velocity [m/s].
 
-        Raises
-        ------
-        PeerError
-            If it is malformed.
+        Raise PeerError if it is malformed.
         """
         told = None
         if self.grant.announced:
@@ -196,10 +178,7 @@ class SlaveContext:
     def answer(self, now_us: int) -> bytes | None:
         """Move the scene to the newest position; return the datagram that answers it, if any.
 
-        Raises
-        ------
-        SceneFailedError
-            If the scene or the codec raises.
+        Raise SceneFailedError if the scene or the codec raises.
         """
         sample, self._pending = self._pending, None
         if sample is None:
@@ -220,10 +199,7 @@ class SlaveContext:
     def step_between(self, now_us: int) -> bytes | None:
         """Step the scene along the line that the master promised; return the datagram that this takes, if any.
 
-        Raises
-        ------
-        SceneFailedError
-            If the scene or the codec raises.
+        Raise SceneFailedError if the scene or the codec raises.
         """
         sample = self.reckoning.due(now_us) if self.reckoning is not None else None
         if sample is None:
@@ -286,10 +262,7 @@ class SlaveContext:
     def account_sent(self) -> None:
         """Account for the last answer, once it is on its way: nobody waits for that.
 
-        Raises
-        ------
-        SceneFailedError
-            If the codec cannot read what it wrote.
+        Raise SceneFailedError if the codec cannot read what it wrote.
         """
         answered, self._answered = self._answered, None
         if answered is None:

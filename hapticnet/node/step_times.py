@@ -30,22 +30,14 @@ def no_wait() -> int:
 
 @dataclass(frozen=True, slots=True)
 class StepsTooSlow:
-    """The steps of some code take so long that positions go unanswered or ticks are missed; told once of each.
+    """The steps of some code take so long that positions go unanswered or ticks are missed; told once of each."""
 
-    Attributes
-    ----------
-    what
-        The code, such as "scene own.py:Mine".
-    mean_us, longest_us, period_us
-        Time [µs] of a step, on average and at most, and what its rate leaves; of the newest window.
-    positions, unanswered
-        Positions that arrived in that window, and those of them that were not answered; 0 at a master.
-    """
-
-    what: str
+    what: str  # the code, such as "scene own.py:Mine"
+    # time [µs] of a step, on average and at most, and what its rate leaves; of the newest window
     mean_us: float
     longest_us: float
     period_us: float
+    # positions that arrived in that window, and those of them that were not answered; 0 at a master
     positions: int
     unanswered: int
 
@@ -59,41 +51,17 @@ class StepsTooSlow:
 class StepTime:
     """The time of the steps of one piece of code: call `begin` before and `end` after each.
 
-    Attributes
-    ----------
-    took
-        Time of each step [µs].
-    unanswered
-        Positions of this window that were not answered; the owner counts them.
-    is_slow
-        Whether the steps have been too slow for some time, until now.
-    warning
-        What was told; None if the steps never were too slow.
+    `is_slow`: whether the steps have been too slow for some time, until now.
     """
-
-    __slots__ = (
-        "_bad_windows",
-        "_began_us",
-        "_clock",
-        "count",
-        "longest_us",
-        "over_us",
-        "period_us",
-        "took",
-        "total_us",
-        "unanswered",
-        "warning",
-        "what",
-    )
 
     def __init__(self, what: str, clock: Clock) -> None:
         self.what = what
-        self.took = Distribution()
-        self.warning: StepsTooSlow | None = None
+        self.took = Distribution()  # time of each step [µs]
+        self.warning: StepsTooSlow | None = None  # what was told; None if the steps never were too slow
         self._clock = clock
         self._began_us = 0
         self._bad_windows = 0
-        self.count = self.unanswered = 0
+        self.count = self.unanswered = 0  # positions of this window that were not answered; the owner counts them
         self.total_us = self.over_us = self.longest_us = self.period_us = 0.0
 
     def begin(self) -> None:
@@ -139,8 +107,6 @@ class StepTime:
 class _Untimed(StepTime):
     """Steps that are not timed."""
 
-    __slots__ = ()
-
     def begin(self) -> None:
         """Do nothing."""
 
@@ -154,10 +120,7 @@ NOT_TIMED: Final = _Untimed("", lambda: 0)
 class StepTimes:
     """The times of all code that a node steps.
 
-    Parameters
-    ----------
-    clock
-        The clock; None: steps are not timed, as in virtual time.
+    `clock`: the clock; None: steps are not timed, as in virtual time.
     """
 
     def __init__(self, clock: Clock | None) -> None:

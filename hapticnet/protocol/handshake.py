@@ -236,12 +236,8 @@ class Asking:
         """Process a COOKIE, WELCOME or REFUSE.
 
         Return a session, a refusal, a hint (a refusal that should be sealed and is not), the HELLO to send now, or None
-        if the answer is to another HELLO or changes nothing.
-
-        Raises
-        ------
-        PeerError
-            If it is malformed, or its seal is not the slave's.
+        if the answer is to another HELLO or changes nothing. Raise PeerError if it is malformed, or its seal is not the
+        slave's.
         """
         if datagram.kind is Kind.COOKIE:
             cookie = unpack_cookie(datagram.body)

@@ -32,19 +32,11 @@ GENERATION_US: Final = 120_000_000
 
 
 class CookieJar:
-    """Make cookies and recognise them.
-
-    Attributes
-    ----------
-    generation
-        Number of the present secret; it changes every `GENERATION_US`.
-    """
-
-    __slots__ = ("_previous", "_rng", "_secret", "generation")
+    """Make cookies and recognise them."""
 
     def __init__(self, rng: Entropy) -> None:
         self._rng = rng
-        self.generation: int | None = None
+        self.generation: int | None = None  # number of the present secret; it changes every `GENERATION_US`
         self._secret = self._previous = b""
 
     def make(self, address: bytes, nonce: int, now_us: int) -> bytes:
@@ -86,8 +78,6 @@ class TokenBucket:
     The bucket is full at first.
     """
 
-    __slots__ = ("_each_us", "_empty_us", "_full_us")
-
     def __init__(self, per_second: float, depth: float) -> None:
         self._each_us = 1e6 / per_second
         self._empty_us = depth * self._each_us
@@ -106,8 +96,6 @@ class TokenBucket:
 
 class Buckets:
     """One token bucket for each key, such as the host of an address. Memory is bounded."""
-
-    __slots__ = ("_buckets", "_depth", "_most_keys", "_per_second")
 
     def __init__(self, per_second: float, depth: float, most_keys: int = MOST_KEYS) -> None:
         self._per_second = per_second
@@ -145,22 +133,12 @@ class HelloFilter:
     Before the cookie nothing is kept, and the costliest step is a hash. Requests of proved addresses are read only so
     often, for each host and for all together.
 
-    Parameters
-    ----------
-    doors
-        How to read the HELLOs of each version that is served.
-
-    Attributes
-    ----------
-    throttled
-        Requests not read because they came too often.
-    unkeyed
-        HELLOs of senders that do not know this slave's public key.
+    `doors`: how to read the HELLOs of each version that is served.
     """
 
     def __init__(self, doors: Mapping[int, Door], rng: Entropy) -> None:
-        self.throttled = 0
-        self.unkeyed = 0
+        self.throttled = 0  # requests not read because they came too often
+        self.unkeyed = 0  # HELLOs of senders that do not know this slave's public key
         self._doors = doors
         self._jar = CookieJar(rng)
         self._hosts = Buckets(REQUESTS_PER_S, REQUESTS_AT_ONCE)
@@ -172,10 +150,7 @@ class HelloFilter:
     def greet(self, datagram: Datagram, size: int, address: Address, now_us: int) -> Hello | bytes | None:
         """Return the HELLO if its sender has proved its address, the answer if it has to, or None for no answer.
 
-        Raises
-        ------
-        PeerError
-            If the HELLO is malformed; the caller counts it.
+        Raise PeerError if the HELLO is malformed; the caller counts it.
         """
         if size < HELLO_BYTES:
             raise PeerError(f"HELLO of {size} bytes; pad it to at least {HELLO_BYTES}")
@@ -197,10 +172,7 @@ class HelloFilter:
     def read(self, datagram: Datagram, hello: Hello, address: Address, host: Hashable, now_us: int) -> Visitor | None:
         """Read the request of a proved address; None if it was read before or comes too often.
 
-        Raises
-        ------
-        PeerError
-            If it is malformed; the caller counts it.
+        Raise PeerError if it is malformed; the caller counts it.
         """
         if self._is_spent(address, hello.nonce, now_us):
             return None

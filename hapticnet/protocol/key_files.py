@@ -87,13 +87,8 @@ def default_masters(key: Path) -> Path:
 def load_key(path: Path) -> PrivateKey:
     """Return the key in a key file.
 
-    Raises
-    ------
-    FileError
-        If the file is missing, unreadable, accessible to group or others, another account's, in a folder that all
-        accounts can change, or not TOML.
-    SettingsError
-        If a key is unknown or missing, or is not a key.
+    Raise FileError if the file is missing, unreadable, accessible to group or others, another account's, in a folder
+    that all accounts can change, or not TOML. Raise SettingsError if a key is unknown or missing, or is not a key.
     """
     if is_missing(path):
         raise FileError(f"{path} does not exist; make it with: hapticnet key new {shlex.quote(str(path))}")
@@ -110,13 +105,9 @@ def load_key(path: Path) -> PrivateKey:
 def load_roster(path: Path) -> Roster:
     """Return the masters in a slave's list.
 
-    Raises
-    ------
-    FileError
-        If the file is missing, unreadable or not TOML; if group or others may write it, it is another account's, or all
-        accounts can change its folder; or if it holds a pre-shared key and is accessible to group or others.
-    SettingsError
-        If a key is unknown or missing, a value is invalid, or a master is listed twice.
+    Raise FileError if the file is missing, unreadable or not TOML; if group or others may write it, it is another
+    account's, or all accounts can change its folder; or if it holds a pre-shared key and is accessible to group or
+    others. Raise SettingsError if a key is unknown or missing, a value is invalid, or a master is listed twice.
     """
     if is_missing(path):
         raise FileError(
@@ -157,10 +148,7 @@ def is_missing(path: Path) -> bool:
 def write_key(path: Path, key: PrivateKey) -> None:
     """Write a new key file that only its owner can read. Create missing folders.
 
-    Raises
-    ------
-    FileError
-        If the file exists or cannot be written. An existing file is never changed.
+    Raise FileError if the file exists or cannot be written. An existing file is never changed.
     """
     content = {"private": format_key(key.private)}
     if key.psk != NO_PSK:

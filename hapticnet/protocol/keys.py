@@ -34,26 +34,14 @@ MOST_SESSIONS: Final = 100_000
 class PrivateKey:
     """The key of one host. Neither secret appears in its representation.
 
-    Attributes
-    ----------
-    private
-        X25519 private key, 32 bytes.
-    psk
-        Pre-shared key of a master and its slave, 32 bytes; `NO_PSK` if there is none.
-    public
-        Public key of `private`, 32 bytes.
-
-    Raises
-    ------
-    SettingsError
-        If a key has another length.
-    UnavailableError
-        If OpenSSL has not the algorithms of sealed sessions.
+    Raise SettingsError if a key has another length. Raise UnavailableError if OpenSSL has not the algorithms of sealed
+    sessions.
     """
 
-    private: bytes = field(repr=False)
+    private: bytes = field(repr=False)  # X25519 private key, 32 bytes
+    # pre-shared key of a master and its slave, 32 bytes; `NO_PSK` if there is none
     psk: bytes = field(default=NO_PSK, repr=False)
-    public: bytes = field(init=False)
+    public: bytes = field(init=False)  # public key of `private`, 32 bytes
 
     def __post_init__(self) -> None:
         _check_length("private", self.private)
@@ -67,10 +55,7 @@ class PrivateKey:
 class MasterKey:
     """What a master needs for a sealed session: its own key and the public key of its slave.
 
-    Raises
-    ------
-    SettingsError
-        If `peer` is not a public key, or is the master's own.
+    Raise SettingsError if `peer` is not a public key, or is the master's own.
     """
 
     own: PrivateKey
@@ -87,35 +72,14 @@ class MasterKey:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MasterEntry:
-    """One master that a slave admits, and its limits.
+    """One master that a slave admits, and its limits. Raise SettingsError if a value is invalid."""
 
-    Attributes
-    ----------
-    name
-        What the slave's console and report call it; at most 64 bytes.
-    public
-        The master's public key, 32 bytes.
-    psk
-        Pre-shared key, 32 bytes; `NO_PSK` if there is none.
-    scene
-        Scene this master touches, as `scene.sources.find_source` reads it; None for the slave's.
-    fastest_rate_hz
-        Highest sample rate granted to this master [Hz]; None for the slave's.
-    most_sessions
-        Most sessions of this master at once; None for the slave's.
-
-    Raises
-    ------
-    SettingsError
-        If a value is invalid.
-    """
-
-    name: str
-    public: bytes
-    psk: bytes = field(default=NO_PSK, repr=False)
-    scene: str | None = None
-    fastest_rate_hz: float | None = None
-    most_sessions: int | None = None
+    name: str  # what the slave's console and report call it; at most 64 bytes
+    public: bytes  # the master's public key, 32 bytes
+    psk: bytes = field(default=NO_PSK, repr=False)  # pre-shared key, 32 bytes; `NO_PSK` if there is none
+    scene: str | None = None  # scene this master touches, as `scene.sources.find_source` reads it; None for the slave's
+    fastest_rate_hz: float | None = None  # highest sample rate granted to this master [Hz]; None for the slave's
+    most_sessions: int | None = None  # most sessions of this master at once; None for the slave's
 
     def __post_init__(self) -> None:
         check_name(self.name)
@@ -132,10 +96,7 @@ class MasterEntry:
 class Roster:
     """The masters that a slave admits, found by public key.
 
-    Raises
-    ------
-    SettingsError
-        If two masters have the same public key or the same name.
+    Raise SettingsError if two masters have the same public key or the same name.
     """
 
     def __init__(self, masters: Iterable[MasterEntry] = ()) -> None:
@@ -176,19 +137,10 @@ def format_key(key: bytes) -> str:
 def parse_key(text: str, name: str, *, secret: bool = False) -> bytes:
     """Return the 32 bytes of a key written in base64; space around it is ignored.
 
-    Parameters
-    ----------
-    text
-        44 characters of base64.
-    name
-        What the key is called in messages.
-    secret
-        Whether messages must not show the text.
-
-    Raises
-    ------
-    SettingsError
-        If the text is not a key.
+    `text`: 44 characters of base64.
+    `name`: what the key is called in messages.
+    `secret`: whether messages must not show the text.
+    Raise SettingsError if the text is not a key.
     """
     text = text.strip()
     try:
@@ -207,14 +159,9 @@ def parse_key(text: str, name: str, *, secret: bool = False) -> bytes:
 def check_public(name: str, public: bytes) -> None:
     """Check that X25519 gives a secret with this public key.
 
-    With a point of small order the result would be known to everybody (RFC 7748 §6.1).
-
-    Raises
-    ------
-    SettingsError
-        If the length is wrong or the point is of small order; the all-zero key is one.
-    UnavailableError
-        If OpenSSL has not the algorithms of sealed sessions.
+    With a point of small order the result would be known to everybody (RFC 7748 §6.1). Raise SettingsError if the
+    length is wrong or the point is of small order; the all-zero key is one. Raise UnavailableError if OpenSSL has not
+    the algorithms of sealed sessions.
     """
     _check_length(name, public)
     any_private = check_algorithms()
@@ -228,10 +175,7 @@ def check_public(name: str, public: bytes) -> None:
 def check_algorithms() -> X25519PrivateKey:
     """Check that OpenSSL has what sealed sessions need, and return a private key that nobody uses.
 
-    Raises
-    ------
-    UnavailableError
-        If it has not: on a machine in FIPS mode.
+    Raise UnavailableError if it has not: on a machine in FIPS mode.
     """
     try:
         ChaCha20Poly1305(bytes(KEY_BYTES)).encrypt(bytes(12), b"", None)

@@ -55,17 +55,7 @@ class MasterSession:
     positions that were sent before the change, which may be a second ago. The owner sets `idle` while next to no
     force is applied in a session with few positions: silences may then be longer.
 
-    Parameters
-    ----------
-    key
-        This master's key and the slave's public key, for sealed sessions; None for open ones.
-
-    Attributes
-    ----------
-    events
-        What has happened since the owner took the last event out, oldest first.
-    position_share
-        Share of the JND that positions may use in this session; 0: every position is to be sent.
+    `key`: this master's key and the slave's public key, for sealed sessions; None for open ones.
     """
 
     def __init__(self, request: Request, settings: SessionSettings, rng: Entropy, key: MasterKey | None = None) -> None:
@@ -79,6 +69,7 @@ class MasterSession:
         self._asking = Asking(request, settings, rng, key)
         self._asking.begin(None)
         self._grant: Grant | None = None
+        # share of the JND that positions may use in this session; 0: every position is to be sent
         self.position_share = 0.0
         self._replaced: Request | None = None  # what was asked for before a change that is not granted yet
         self._stream: MasterStream | None = None
@@ -93,6 +84,7 @@ class MasterSession:
         self._tries_left = settings.close_tries
         self._close_reason = ""
         self._outbox: list[bytes] = []
+        # what has happened since the owner took the last event out, oldest first
         self.events: deque[MasterEvent] = deque()
 
     @property

@@ -17,30 +17,16 @@ class Freshness:
 
     The slave echoes time stamps of the master, so no clock but the master's counts. An answer is fresh if its position
     is at most `max_age_us` old and was sent at all.
-
-    Attributes
-    ----------
-    newest_t_us
-        Time [µs] of the newest position that was sent.
-    ahead_us
-        How long [µs] after a position the slave may answer for: it goes on along a line.
-    heard_us
-        When the last fresh answer arrived that is newer than all before it.
-    too_old_us
-        Age of the least old answer since then that was too old; None if there was none.
-    too_old_at_us
-        When the last such answer arrived.
     """
 
-    __slots__ = ("_max_age_us", "ahead_us", "heard_us", "newest_t_us", "too_old_at_us", "too_old_us")
-
     def __init__(self, max_age_us: int) -> None:
-        self.heard_us = 0
+        self.heard_us = 0  # when the last fresh answer arrived that is newer than all before it
+        # age of the least old answer since then that was too old; None if there was none
         self.too_old_us: int | None = None
-        self.too_old_at_us: int | None = None
+        self.too_old_at_us: int | None = None  # when the last such answer arrived
         self._max_age_us = max_age_us
-        self.newest_t_us = 0
-        self.ahead_us = 0
+        self.newest_t_us = 0  # time [µs] of the newest position that was sent
+        self.ahead_us = 0  # how long [µs] after a position the slave may answer for: it goes on along a line
 
     def fresh_t_us(self, echoed_t_us: int, now_us: int, *, is_new: bool) -> int | None:
         """Return the unwrapped time [µs] of the position that is answered; None if the answer is not fresh.
@@ -81,8 +67,6 @@ STALE_GROWTH: Final = 1.25
 class Pace:
     """Positions ever less often while the link is stale, from 1 ms apart to `slowest_us`, so that it can recover."""
 
-    __slots__ = ("_interval_us", "_next_us", "_slowest_us")
-
     def __init__(self, slowest_us: int) -> None:
         self._slowest_us = slowest_us
         self._interval_us = 0.0
@@ -110,44 +94,21 @@ before its last number."""
 class MasterStream:
     """Number and seal what is sent, and keep account of the forces that are applied.
 
-    Parameters
-    ----------
-    number
-        Number of the session, never 0.
-    seal
-        Of a sealed session; None for an open one.
-    sequence
-        Sequence number of the first datagram to send.
-    welcome
-        Sequence number of the WELCOME, which those of the slave's datagrams follow.
-    reports_loss
-        Whether each position reports loss, if there is any: positions are few.
-
-    Attributes
-    ----------
-    sequence
-        Sequence number of the next datagram to send.
-    newest_force
-        Sequence number of the newest FORCE applied; None before the first.
-    confirmed
-        That number, or that of a KEEPALIVE since which confirmed it.
-    window
-        Sorts the slave's datagrams; None before it is opened.
+    `number`: number of the session, never 0.
+    `seal`: of a sealed session; None for an open one.
+    `sequence`: sequence number of the first datagram to send.
+    `welcome`: sequence number of the WELCOME, which those of the slave's datagrams follow.
+    `reports_loss`: whether each position reports loss, if there is any: positions are few.
     """
-
-    __slots__ = (
-        "_positions", "_reports_loss", "_since_us", "confirmed", "loss", "newest_force", "number", "seal", "sequence",
-        "window",
-    )  # fmt: skip
 
     def __init__(self, number: int, seal: Seal | None, *, sequence: int, welcome: int, reports_loss: bool) -> None:
         self.number = number
         self.seal = seal
-        self.sequence = sequence
-        self.newest_force: int | None = None
-        self.confirmed: int | None = None
+        self.sequence = sequence  # sequence number of the next datagram to send
+        self.newest_force: int | None = None  # sequence number of the newest FORCE applied; None before the first
+        self.confirmed: int | None = None  # that number, or that of a KEEPALIVE since which confirmed it
         self.loss = LossEstimate(welcome)
-        self.window: ArrivalWindow | None = None
+        self.window: ArrivalWindow | None = None  # sorts the slave's datagrams; None before it is opened
         self._reports_loss = reports_loss
         self._positions = 0
         self._since_us: int | None = None  # since when something waits to be acknowledged

@@ -78,24 +78,12 @@ class Code(enum.IntEnum):
 
 
 class Hello(NamedTuple):
-    """Master to slave: asks for a session.
+    """Master to slave: asks for a session."""
 
-    Attributes
-    ----------
-    nonce
-        Fresh for each session asked for; comes back in every answer.
-    cookie
-        What the slave's COOKIE said for this nonce; empty at first.
-    request
-        A packed `Request`; in version 2 the first Noise message, whose payload that is.
-    mac
-        Shows that the sender knows the slave's public key (version 2); empty in version 1.
-    """
-
-    nonce: int
-    cookie: bytes
-    request: bytes
-    mac: bytes = b""
+    nonce: int  # fresh for each session asked for; comes back in every answer
+    cookie: bytes  # what the slave's COOKIE said for this nonce; empty at first
+    request: bytes  # a packed `Request`; in version 2 the first Noise message, whose payload that is
+    mac: bytes = b""  # shows that the sender knows the slave's public key (version 2); empty in version 1
 
 
 class Request(NamedTuple):
@@ -141,36 +129,17 @@ class Welcome(NamedTuple):
 
 
 class Grant(NamedTuple):
-    """The session that a slave grants.
+    """The session that a slave grants."""
 
-    Attributes
-    ----------
-    session
-        Its number.
-    rate_hz
-        Positions per second that are served.
-    keepalive_us
-        Longest silence while positions arrive.
-    scene
-        Name of the scene.
-    ticket
-        With it, a later session goes on with this one's scene.
-    resumed
-        Whether this session goes on with the scene of an earlier one.
-    announced
-        Whether the contact ahead is announced: payloads then begin with a byte (docs/refer/payloads.md).
-    position_share
-        As in the request; 0 if the master must send every position.
-    """
-
-    session: int
-    rate_hz: float
-    keepalive_us: int
-    scene: str
-    ticket: bytes
-    resumed: bool
+    session: int  # its number
+    rate_hz: float  # positions per second that are served
+    keepalive_us: int  # longest silence while positions arrive
+    scene: str  # name of the scene
+    ticket: bytes  # with it, a later session goes on with this one's scene
+    resumed: bool  # whether this session goes on with the scene of an earlier one
+    # whether the contact ahead is announced: payloads then begin with a byte (docs/refer/payloads.md)
     announced: bool = False
-    position_share: float = 0.0
+    position_share: float = 0.0  # as in the request; 0 if the master must send every position
 
     def __repr__(self) -> str:
         """Return the fields without the ticket, which is not for logs."""
@@ -195,24 +164,13 @@ class Refusal(NamedTuple):
 
 
 class Position(NamedTuple):
-    """Master to slave: where the tool tip is.
+    """Master to slave: where the tool tip is."""
 
-    Attributes
-    ----------
-    t_us
-        Time of the position on the master's clock.
-    newest
-        Sequence of the newest FORCE applied, or of the newest KEEPALIVE after it that confirmed it; None: none yet.
-    payload
-        The position.
-    loss
-        How many of the slave's datagrams the master misses; None: not reported.
-    """
-
-    t_us: int
+    t_us: int  # time of the position on the master's clock
+    # sequence of the newest FORCE applied, or of the newest KEEPALIVE after it that confirmed it; None: none yet
     newest: int | None
-    payload: bytes
-    loss: Loss | None = None
+    payload: bytes  # the position
+    loss: Loss | None = None  # how many of the slave's datagrams the master misses; None: not reported
 
 
 class Force(NamedTuple):

@@ -58,26 +58,14 @@ def public_key(private: bytes) -> bytes:
 class Initiator:
     """The master's side of a handshake.
 
-    Parameters
-    ----------
-    static
-        The master's private key, 32 bytes.
-    peer
-        The slave's public key, 32 bytes.
-    psk
-        The key shared beforehand, 32 bytes; `keys.NO_PSK` where there is none.
-    prologue
-        What both ends know already. The handshake fails unless theirs are equal (§6).
-    rng
-        Source of the ephemeral key.
-
-    Raises
-    ------
-    SettingsError
-        If a key is not 32 bytes, or if `peer` is a point of low order, with which every shared secret is zero.
+    `static`: the master's private key, 32 bytes.
+    `peer`: the slave's public key, 32 bytes.
+    `psk`: the key shared beforehand, 32 bytes; `keys.NO_PSK` where there is none.
+    `prologue`: what both ends know already. The handshake fails unless theirs are equal (§6).
+    `rng`: source of the ephemeral key.
+    Raise SettingsError if a key is not 32 bytes, or if `peer` is a point of low order, with which every shared secret
+    is zero.
     """
-
-    __slots__ = ("_ephemeral", "_peer", "_psk", "_rng", "_start", "_static", "_static_shared", "_written")
 
     def __init__(self, static: bytes, peer: bytes, psk: bytes, prologue: bytes, rng: Entropy) -> None:
         _check_length(peer, "public key")
@@ -112,13 +100,9 @@ class Initiator:
     def read(self, message: bytes, psk: bytes | None = None) -> tuple[bytes, TransportKeys]:
         """Return the payload of the second message, and the session's keys; `psk` stands in for this side's own.
 
-        A message that is refused changes nothing: the true answer can still be read.
-
-        Raises
-        ------
-        PeerError
-            If the message is too short, changed, or not from the holder of the peer's private key and of `psk` in
-            answer to the last message written.
+        A message that is refused changes nothing: the true answer can still be read. Raise PeerError if the message is
+        too short, changed, or not from the holder of the peer's private key and of `psk` in answer to the last message
+        written.
         """
         if self._ephemeral is None:
             raise RuntimeError("write the first message before reading the second")
@@ -136,22 +120,11 @@ class Initiator:
 class Responder:
     """The slave's side of a handshake.
 
-    Parameters
-    ----------
-    static
-        The slave's private key, 32 bytes.
-    prologue
-        What both ends know already; see `Initiator`.
-    rng
-        Source of the ephemeral key.
-
-    Raises
-    ------
-    SettingsError
-        If `static` is not 32 bytes.
+    `static`: the slave's private key, 32 bytes.
+    `prologue`: what both ends know already; see `Initiator`.
+    `rng`: source of the ephemeral key.
+    Raise SettingsError if `static` is not 32 bytes.
     """
-
-    __slots__ = ("_accepted", "_rng", "_start", "_static")
 
     def __init__(self, static: bytes, prologue: bytes, rng: Entropy) -> None:
         self._static = _pair(static)
@@ -163,11 +136,7 @@ class Responder:
         """Return the initiator's static public key (32 bytes), which is authentic, and the payload.
 
         The message may be a replay of an earlier one (§7.7: payload security 1 of the source, 2 of the destination).
-
-        Raises
-        ------
-        PeerError
-            If the message is too short, changed, or written for another public key or prologue.
+        Raise PeerError if the message is too short, changed, or written for another public key or prologue.
         """
         _check_message(message, MESSAGE_1_BYTES)
         transcript = self._start.copy()
@@ -213,8 +182,6 @@ class _Transcript:
     In this pattern every key encrypts once, because a key is mixed in before every ciphertext. All nonces are therefore
     zero, and there is no counter.
     """
-
-    __slots__ = ("_chain", "_hash", "_key")
 
     def __init__(self, chain: bytes, hash_: bytes, key: bytes = b"") -> None:
         self._chain, self._hash, self._key = chain, hash_, key

@@ -66,48 +66,12 @@ class Repair:
     expire. The timeout is that of RFC 6298: smoothed round trip plus four mean deviations, doubled at each expiry,
     within bounds that suit a stream that is acknowledged a thousand times a second.
 
-    Parameters
-    ----------
-    law
-        The perceptual law of the person at the master.
-    age_limit_us, keepalive_us
-        Silence [µs] after which the master lets go, and the longest silence without loss.
-    idle_us
-        The longest silence without loss while no force is felt; None: `keepalive_us`.
-    ack_delay_us
-        How long [µs] a master waits for a position that is due anyway before it acknowledges.
-    now_us
-        The time at which the session begins.
-
-    Attributes
-    ----------
-    keepalive_us
-        The longest silence at present [µs].
+    `law`: the perceptual law of the person at the master.
+    `age_limit_us`, `keepalive_us`: silence [µs] after which the master lets go, and the longest silence without loss.
+    `idle_us`: the longest silence without loss while no force is felt; None: `keepalive_us`.
+    `ack_delay_us`: how long [µs] a master waits for a position that is due anyway before it acknowledges.
+    `now_us`: the time at which the session begins.
     """
-
-    __slots__ = (
-        "_ack_delay_us",
-        "_age_limit_us",
-        "_credit",
-        "_deviation_us",
-        "_expired_us",
-        "_idle_us",
-        "_late_us",
-        "_law",
-        "_longest_us",
-        "_loss",
-        "_needed",
-        "_overdue_us",
-        "_recovering",
-        "_reported_us",
-        "_sent",
-        "_settings",
-        "_since_us",
-        "_smoothed_us",
-        "_spoke_us",
-        "_timeout_us",
-        "keepalive_us",
-    )  # fmt: skip
 
     def __init__(
         self,
@@ -122,7 +86,7 @@ class Repair:
     ) -> None:
         self._idle_us = idle_us
         self._ack_delay_us = ack_delay_us
-        self.keepalive_us = keepalive_us
+        self.keepalive_us = keepalive_us  # the longest silence at present [µs]
         self._settings = settings
         self._law = law
         self._age_limit_us = age_limit_us

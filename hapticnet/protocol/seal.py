@@ -37,24 +37,9 @@ class Seal:
     Both directions start in epoch 0. A receiver opens datagrams of the newest epoch it has seen, the one before and the
     one after. Keys of earlier epochs are released.
 
-    Parameters
-    ----------
-    send_key
-        The key of the direction from here, 32 bytes.
-    receive_key
-        The key of the direction to here, 32 bytes.
+    `send_key`: the key of the direction from here, 32 bytes.
+    `receive_key`: the key of the direction to here, 32 bytes.
     """
-
-    __slots__ = (
-        "_ahead",
-        "_behind",
-        "_heads",
-        "_receive",
-        "_send",
-        "_sent",
-        "receive_epoch",
-        "send_epoch",
-    )
 
     def __init__(self, send_key: bytes, receive_key: bytes) -> None:
         self.send_epoch = 0
@@ -69,13 +54,9 @@ class Seal:
     def pack(self, kind: int, session: int, sequence: int, body: bytes) -> bytes:
         """Return a sealed datagram.
 
-        Parameters
-        ----------
-        kind, session, sequence
-            The first elements of the frame. `sequence` must be above that of every earlier datagram and below 2³²; it
-            is ValueError otherwise, because two datagrams under one nonce give both away.
-        body
-            The message's fields as a msgpack array.
+        `kind`, `session`, `sequence`: the first elements of the frame. `sequence` must be above that of every earlier
+        datagram and below 2³²; it is ValueError otherwise, because two datagrams under one nonce give both away.
+        `body`: the message's fields as a msgpack array.
         """
         if not self._sent < sequence < MODULUS:
             raise ValueError(f"sequence number {sequence} after {self._sent}; each is used once, up to {MODULUS - 1}")
@@ -91,17 +72,10 @@ class Seal:
     def open(self, data: bytes, datagram: Datagram) -> bytes:
         """Return the body of a sealed datagram, opened.
 
-        Parameters
-        ----------
-        data
-            The datagram as it arrived.
-        datagram
-            Its frame, as `wire.unpack` read it from `data`.
-
-        Raises
-        ------
-        PeerError
-            If it was not sealed with this direction's key, was changed, or is two epochs away. It changes nothing.
+        `data`: the datagram as it arrived.
+        `datagram`: its frame, as `wire.unpack` read it from `data`.
+        Raise PeerError if it was not sealed with this direction's key, was changed, or is two epochs away. It changes
+        nothing.
         """
         sequence = datagram.sequence
         body = datagram.body

@@ -30,99 +30,60 @@ def random_bytes(rng: Entropy, count: int) -> bytes:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RepairSettings:
-    """What the slave does against loss. The defaults come from bench/measure/repair.py (docs/build/decisions.md, 0010).
+    """What the slave does against loss. Defaults from bench/measure/repair.py (docs/build/decisions.md, 0010)."""
 
-    Attributes
-    ----------
-    replaces, repeats, paces
-        Whether each of the three ways is used.
-    doubt_limit
-        Probability that the master holds a stimulus more than a JND from the present one, above which it is repeated.
-    shortest_wait_us, longest_wait_us
-        Time [µs] from a datagram to its repetition. A miss of m JNDs is repeated after the longest time over m: large
-        changes first. A wait lets short bursts pass.
-    repeats_per_position
-        Repeats for each position that arrives, at most; bounds the bytes.
-    shortest_keepalive_us
-        Shortest longest silence [µs].
-    silences_per_s
-        How often losses may make the master believe that the link is dead: once in a quarter of an hour.
-    complete_above
-        Share of lost datagrams above which no update builds on earlier ones.
-    """
-
+    # whether each of the three ways is used
     replaces: bool = True
     repeats: bool = True
     paces: bool = True
+    # probability that the master holds a stimulus more than a JND from the present one, above which it is repeated
     doubt_limit: float = 0.02
+    # time [µs] from a datagram to its repetition. A miss of m JNDs is repeated after the longest time over m: large
+    # changes first. A wait lets short bursts pass.
     shortest_wait_us: int = 2_000
     longest_wait_us: int = 6_000
-    repeats_per_position: float = 0.12
-    shortest_keepalive_us: int = 2_000
+    repeats_per_position: float = 0.12  # repeats for each position that arrives, at most; bounds the bytes
+    shortest_keepalive_us: int = 2_000  # shortest longest silence [µs]
+    # how often losses may make the master believe that the link is dead: once in a quarter of an hour
     silences_per_s: float = 1.0 / 900.0
-    complete_above: float = 0.005
+    complete_above: float = 0.005  # share of lost datagrams above which no update builds on earlier ones
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionSettings:
-    """Timings [µs] and limits of sessions.
+    """Timings [µs] and limits of sessions."""
 
-    Attributes
-    ----------
-    hello_interval_us, slowest_hello_us, quick_hellos
-        How often a master that asks for a session sends HELLO: this often at first, and after `quick_hellos` ever more
-        slowly, down to the slowest.
-    refused_retry_us, slowest_retry_us
-        How long a master that had a session waits after a refusal before it asks again; doubles up to the slowest.
-    stale_after_us
-        Silence after which a master declares the link stale; the age limit of a held force.
-    stale_interval_us
-        Longest time between two positions while the link is stale.
-    ask_again_us
-        How long a link is stale before its master asks for a new session, beside the old one.
-    max_age_us
-        Age of the position that a force answers, on the master's clock, beyond which the force is not applied.
-    keepalive_us
-        How long a slave sends nothing to a master while positions arrive and there is no loss; with loss, `repair`
-        shortens it. Three keepalives in a row may be lost; the fourth still comes before the link goes stale.
-    ack_delay_us
-        How long a master that sends positions only when they matter waits for one before it acknowledges with another.
-    close_interval_us, close_tries
-        How often, and how many times, a master sends CLOSE before it gives up.
-    keep_us
-        Silence after which a slave forgets an open session and its scene.
-    half_open_us
-        Silence after which a slave forgets a session whose master never sent a position.
-    gives_way_us
-        Silence after which an open session may have to give its place to a master of another identity.
-    most_sessions, most_per_identity
-        Sessions a slave holds at once, and of these for one key or, without keys, one host.
-    first_sequence
-        Sequence number of the first datagram of a session.
-    repair
-        What the slave does against loss.
-    """
-
+    # how often a master that asks for a session sends HELLO: this often at first, and after `quick_hellos` ever more
+    # slowly, down to the slowest
     hello_interval_us: int = 100_000
     slowest_hello_us: int = 1_000_000
     quick_hellos: int = 20
+    # how long a master that had a session waits after a refusal before it asks again; doubles up to the slowest
     refused_retry_us: int = 1_000_000
     slowest_retry_us: int = 16_000_000
-    stale_after_us: int = 200_000
-    stale_interval_us: int = 50_000
+    stale_after_us: int = 200_000  # silence after which a master declares the link stale; the age limit of a held force
+    stale_interval_us: int = 50_000  # longest time between two positions while the link is stale
+    # how long a link is stale before its master asks for a new session, beside the old one
     ask_again_us: int = 1_000_000
+    # age of the position that a force answers, on the master's clock, beyond which the force is not applied
     max_age_us: int = 1_000_000
+    # how long a slave sends nothing to a master while positions arrive and there is no loss; with loss, `repair`
+    # shortens it. Three keepalives in a row may be lost; the fourth still comes before the link goes stale.
     keepalive_us: int = 45_000
+    # how long a master that sends positions only when they matter waits for one before it acknowledges with another
     ack_delay_us: int = 20_000
+    # how often, and how many times, a master sends CLOSE before it gives up
     close_interval_us: int = 50_000
     close_tries: int = 5
-    keep_us: int = 30_000_000
-    half_open_us: int = 5_000_000
+    keep_us: int = 30_000_000  # silence after which a slave forgets an open session and its scene
+    half_open_us: int = 5_000_000  # silence after which a slave forgets a session whose master never sent a position
+    # silence after which an open session may have to give its place to a master of another identity
     gives_way_us: int = 1_000_000
+    # sessions a slave holds at once, and of these for one key or, without keys, one host
     most_sessions: int = 64
     most_per_identity: int = 16
-    first_sequence: int = 0
-    repair: RepairSettings = field(default_factory=RepairSettings)
+    first_sequence: int = 0  # sequence number of the first datagram of a session
+    repair: RepairSettings = field(default_factory=RepairSettings)  # what the slave does against loss
 
     @property
     def sparse_keepalive_us(self) -> int:

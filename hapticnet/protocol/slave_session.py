@@ -45,16 +45,10 @@ _HALF_OPEN: Final = SlaveState.HALF_OPEN
 class SlaveSession:
     """Sort a master's positions and number the forces that answer them.
 
-    Parameters
-    ----------
-    number
-        The session's number, never 0.
-    request, rate_hz
-        What the master asked for, and the rate it was granted.
-    first_sequence
-        The sequence number of its HELLO.
-    sparse
-        Whether positions are sent only when they matter, and acknowledgements with them.
+    `number`: the session's number, never 0.
+    `request`, `rate_hz`: what the master asked for, and the rate it was granted.
+    `first_sequence`: the sequence number of its HELLO.
+    `sparse`: whether positions are sent only when they matter, and acknowledgements with them.
     """
 
     def __init__(
@@ -111,13 +105,8 @@ class SlaveSession:
         """Process a datagram of this session; return the time and place of its position if that is the newest one.
 
         The time stamp [µs] comes back unwrapped, the place as `read` returns it for the payload. A CLOSE moves the
-        session to CLOSED.
-
-        Raises
-        ------
-        PeerError
-            If the body cannot be opened, or it or its payload is malformed; nothing has changed then, and the caller
-            counts it.
+        session to CLOSED. Raise PeerError if the body cannot be opened, or it or its payload is malformed; nothing has
+        changed then, and the caller counts it.
         """
         body = datagram.body
         received = self.received
@@ -181,12 +170,8 @@ class SlaveSession:
     def force(self, t_us: int, payload: bytes, now_us: int, *, before: Vector | None, repeated: bool = False) -> bytes:
         """Return a FORCE that answers the position of time `t_us`.
 
-        Parameters
-        ----------
-        before
-            What is held if it is lost; None if that is as right.
-        repeated
-            Whether a master that has the FORCE before needs this one not.
+        `before`: what is held if it is lost; None if that is as right.
+        `repeated`: whether a master that has the FORCE before needs this one not.
         """
         sequence = self._sequence
         if not repeated:

@@ -37,15 +37,9 @@ class Arrival(enum.Enum):
 class ArrivalWindow:
     """Sort arrivals by sequence number and count those that are missing.
 
-    Parameters
-    ----------
-    first
-        The sequence number of the datagram that opened the session; it counts as arrived.
-    authentic
-        Whether a seal proves each number. Every number is then believed at once.
+    `first`: the sequence number of the datagram that opened the session; it counts as arrived.
+    `authentic`: whether a seal proves each number. Every number is then believed at once.
     """
-
-    __slots__ = ("_after_leap", "_authentic", "_behind", "_behind_run", "_expected", "_newest", "_seen", "_unique")
 
     def __init__(self, first: int, *, authentic: bool = False) -> None:
         self._newest = first
@@ -144,18 +138,10 @@ MOST_DATAGRAMS: Final = 200
 
 
 class Loss(NamedTuple):
-    """A chain of two states that steps with each datagram (Gilbert 1960, see `channel.settings`).
+    """A chain of two states that steps with each datagram (Gilbert 1960, see `channel.settings`)."""
 
-    Attributes
-    ----------
-    share
-        Share of the datagrams that are lost, 0 to 1.
-    again
-        Share of the losses after which the next datagram is lost, too: 1 - 1 / (mean length of a burst).
-    """
-
-    share: float
-    again: float
+    share: float  # share of the datagrams that are lost, 0 to 1
+    again: float  # share of the losses after which the next datagram is lost, too: 1 - 1 / (mean length of a burst)
 
 
 NO_LOSS: Final = Loss(0.0, 0.0)
@@ -164,13 +150,8 @@ NO_LOSS: Final = Loss(0.0, 0.0)
 class LossEstimate:
     """The receiver's running estimate.
 
-    Parameters
-    ----------
-    first
-        Sequence number of the datagram that opened the session.
+    `first`: sequence number of the datagram that opened the session.
     """
-
-    __slots__ = ("_arrived", "_before_next", "_count", "_lost", "_lost_again", "_newest", "_was_lost")
 
     def __init__(self, first: int) -> None:
         self._newest = first
@@ -238,38 +219,22 @@ def datagrams_needed(loss: Loss, window_us: float, silences_per_s: float) -> int
 
 @dataclass(slots=True)
 class Traffic:
-    """Datagrams of one direction.
+    """Datagrams of one direction."""
 
-    Attributes
-    ----------
-    packets, payload_bytes
-        Datagrams and their bytes, UDP and IP headers not included.
-    by_kind
-        Datagrams of each kind, by the kind's number (hashing an enum costs more than the rest of the count).
-    late, duplicate
-        Older than the newest one seen; seen before. Both are dropped, except a FORCE that only KEEPALIVEs overtook.
-    malformed
-        Not of the protocol, or with invalid contents.
-    stray
-        Well formed, but of no present session, or with a sequence number that is not believed.
-    too_old
-        Forces and keepalives that answer a position beyond the largest age, or one that was never sent; not applied.
-    over_rate
-        Positions beyond the granted rate; not served.
-    lost_before
-        Datagrams lost in sessions that have ended.
-    """
-
+    # datagrams and their bytes, UDP and IP headers not included
     packets: int = 0
     payload_bytes: int = 0
+    # datagrams of each kind, by the kind's number (hashing an enum costs more than the rest of the count)
     by_kind: list[int] = field(default_factory=lambda: [0] * (max(Kind) + 1))
+    # older than the newest one seen; seen before. Both are dropped, except a FORCE that only KEEPALIVEs overtook.
     late: int = 0
     duplicate: int = 0
-    malformed: int = 0
-    stray: int = 0
+    malformed: int = 0  # not of the protocol, or with invalid contents
+    stray: int = 0  # well formed, but of no present session, or with a sequence number that is not believed
+    # forces and keepalives that answer a position beyond the largest age, or one that was never sent; not applied
     too_old: int = 0
-    over_rate: int = 0
-    lost_before: int = 0
+    over_rate: int = 0  # positions beyond the granted rate; not served
+    lost_before: int = 0  # datagrams lost in sessions that have ended
     window: ArrivalWindow | None = None
 
     def add(self, kind: Kind, size: int) -> None:
@@ -350,7 +315,6 @@ class Distribution:
     """Durations [µs] in buckets one per cent wide: percentiles in constant memory."""
 
     RATIO: Final = 1.01
-    __slots__ = ("_counts", "_scale", "count", "largest")
 
     def __init__(self) -> None:
         self._counts: dict[int, int] = {}

@@ -120,11 +120,8 @@ def pack(kind: int, session: int, sequence: int, body: bytes, version: int = OPE
 def unpack(data: bytes) -> Datagram:
     """Return the datagram in `data`.
 
-    Raises
-    ------
-    PeerError
-        If it is oversized, not msgpack, not an array of the right shape, or of a version not in `VERSIONS` and not one
-        of `ANY_VERSION`.
+    Raise PeerError if it is oversized, not msgpack, not an array of the right shape, or of a version not in `VERSIONS`
+    and not one of `ANY_VERSION`.
     """
     if len(data) > MAX_DATAGRAM_BYTES:
         raise PeerError(f"datagram of {len(data)} bytes; at most {MAX_DATAGRAM_BYTES} are read")
