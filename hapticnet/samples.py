@@ -48,11 +48,8 @@ class ForceSample(NamedTuple):
 def checked_vector(values: Iterable[float], what: str) -> Vector:
     """Return `values` as a vector, refusing anything that must not enter hapticnet.
 
-    Raises
-    ------
-    SampleError
-        When there are no or more than three components, or one of them is NaN, infinite or beyond
-        `LARGEST_COMPONENT`.
+    Raise SampleError if there are no or more than three components, or one of them is NaN, infinite or beyond
+    `LARGEST_COMPONENT`.
     """
     if type(values) is tuple and len(values) == 1:  # the common case, in a third of the time
         (x,) = values

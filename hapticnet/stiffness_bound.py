@@ -18,19 +18,11 @@ class StiffnessBound(NamedTuple):
     While the tool stays in the box, the forces at two positions that are d apart, at velocities that differ by w,
     differ by at most ``stiffness · d + damping · w``, and stepping the scene at any position in the box changes nothing
     that lasts. A surface, or the depth at which one breaks, is therefore a side of the box.
-
-    Attributes
-    ----------
-    stiffness_n_per_m
-        Largest change of the force per distance [N/m], 0 or above.
-    damping_n_s_per_m
-        Largest change of the force per velocity [N·s/m], 0 or above.
-    low_m, high_m
-        Sides of the box [m], one number per axis.
     """
 
-    stiffness_n_per_m: float
-    damping_n_s_per_m: float
+    stiffness_n_per_m: float  # largest change of the force per distance [N/m], 0 or above
+    damping_n_s_per_m: float  # largest change of the force per velocity [N·s/m], 0 or above
+    # Sides of the box [m], one number per axis
     low_m: Vector
     high_m: Vector
 

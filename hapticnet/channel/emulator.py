@@ -24,32 +24,16 @@ _NS_PER_S: Final = 1_000_000_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChannelCounters:
-    """Counters of packets: accepted + duplicated = delivered + lost + queue_dropped + in flight.
-
-    Attributes
-    ----------
-    accepted
-        Packets pushed.
-    delivered
-        Packets taken out, duplicates included.
-    lost
-        Packets dropped by the loss model.
-    queue_dropped
-        Packets dropped because the bottleneck's queue was full or `MAX_IN_FLIGHT` packets were in flight.
-    duplicated
-        Copies made.
-    reordered
-        Packets delivered after one that was pushed in later (RFC 4737, section 3).
-    accepted_bytes, delivered_bytes, lost_bytes, queue_dropped_bytes, duplicated_bytes
-        The same in bytes on the wire, UDP and IPv4 headers included.
-    """
+    """Counters of packets: accepted + duplicated = delivered + lost + queue_dropped + in flight."""
 
     accepted: int
-    delivered: int
-    lost: int
+    delivered: int  # packets taken out, duplicates included
+    lost: int  # packets dropped by the loss model
+    # Packets dropped because the bottleneck's queue was full or `MAX_IN_FLIGHT` packets were in flight
     queue_dropped: int
     duplicated: int
-    reordered: int
+    reordered: int  # packets delivered after one that was pushed in later (RFC 4737, section 3)
+    # The same in bytes on the wire, UDP and IPv4 headers included
     accepted_bytes: int
     delivered_bytes: int
     lost_bytes: int

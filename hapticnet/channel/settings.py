@@ -104,18 +104,10 @@ LONGEST_PATTERN: Final = 1_000_000
 class BernoulliLoss:
     """Each packet is lost independently with the same probability.
 
-    Attributes
-    ----------
-    probability
-        Probability that a packet is lost, 0 to 1.
-
-    Raises
-    ------
-    SettingsError
-        If the probability is not between 0 and 1.
+    Raise SettingsError if the probability is not between 0 and 1.
     """
 
-    probability: float
+    probability: float  # probability that a packet is lost, 0 to 1
 
     def __post_init__(self) -> None:
         check_parameter("loss probability", self.probability, 0, 1)
@@ -145,27 +137,13 @@ class GilbertElliottLoss:
     ``(1 − h)·p/(p + r) + (1 − k)·r/(p + r)``; a burst in the bad state lasts 1/r packets on average. The chain starts
     in its stationary distribution.
 
-    Attributes
-    ----------
-    p
-        Probability of a transition from the good to the bad state.
-    r
-        Probability of a transition from the bad to the good state.
-    h
-        Probability that a packet is delivered in the bad state; 0 by default.
-    k
-        Probability that a packet is delivered in the good state; 1 by default.
-
-    Raises
-    ------
-    SettingsError
-        If a probability is not between 0 and 1, or p and r are both 0, which has no stationary state.
+    Raise SettingsError if a probability is not between 0 and 1, or p and r are both 0, which has no stationary state.
     """
 
-    p: float
-    r: float
-    h: float = 0.0
-    k: float = 1.0
+    p: float  # probability of a transition from the good to the bad state
+    r: float  # probability of a transition from the bad to the good state
+    h: float = 0.0  # probability that a packet is delivered in the bad state; 0 by default
+    k: float = 1.0  # probability that a packet is delivered in the good state; 1 by default
 
     def __post_init__(self) -> None:
         for name, share in (("p", self.p), ("r", self.r), ("h", self.h), ("k", self.k)):
@@ -197,18 +175,10 @@ class GilbertElliottLoss:
 class PatternLoss:
     """Losses by an explicit pattern, repeated forever.
 
-    Attributes
-    ----------
-    pattern
-        One character per packet: 1 is lost, 0 is delivered.
-
-    Raises
-    ------
-    SettingsError
-        If the pattern is empty, too long or contains characters other than 0 and 1.
+    Raise SettingsError if the pattern is empty, too long or contains characters other than 0 and 1.
     """
 
-    pattern: str
+    pattern: str  # one character per packet: 1 is lost, 0 is delivered
 
     def __post_init__(self) -> None:
         if not 1 <= len(self.pattern) <= LONGEST_PATTERN or set(self.pattern) - {"0", "1"}:
@@ -237,10 +207,7 @@ Loss: TypeAlias = BernoulliLoss | GilbertElliottLoss | PatternLoss
 def parse_loss(text: str) -> Loss:
     """Return the loss written as ``2%``, ``gilbert:p,r[,h[,k]]`` or ``pattern:0010110``.
 
-    Raises
-    ------
-    SettingsError
-        If it has another form.
+    Raise SettingsError if it has another form.
     """
     model, colon, arguments = text.partition(":")
     if not colon:
@@ -274,27 +241,14 @@ class Jitter:
                λ = σ·(α − 1)·√((α − 2)/α)
     ========== ==================================================================== ===================
 
-    Attributes
-    ----------
-    distribution
-        One of normal, uniform, pareto.
-    deviation_us
-        Standard deviation σ [µs].
-    shape
-        α of the Pareto distribution, above 2; smaller values give a heavier tail. Not used by the other two.
-    keeps_order
-        Whether a packet waits for earlier ones (a queue) or may overtake them (multiple paths).
-
-    Raises
-    ------
-    SettingsError
-        If a value is unknown or out of range.
+    Raise SettingsError if a value is unknown or out of range.
     """
 
-    distribution: Distribution
-    deviation_us: int
+    distribution: Distribution  # one of normal, uniform, pareto
+    deviation_us: int  # standard deviation σ [µs]
+    # α of the Pareto distribution, above 2; smaller values give a heavier tail. Not used by the other two.
     shape: float = DEFAULT_SHAPE
-    keeps_order: bool = True
+    keeps_order: bool = True  # whether a packet waits for earlier ones (a queue) or may overtake them (multiple paths)
 
     def __post_init__(self) -> None:
         if self.distribution not in DISTRIBUTIONS:
@@ -327,10 +281,7 @@ class Jitter:
 def parse_jitter(text: str) -> Jitter:
     """Return the jitter written as ``normal:5ms``, ``uniform:5ms`` or ``pareto:5ms[:shape]``.
 
-    Raises
-    ------
-    SettingsError
-        If it has another form.
+    Raise SettingsError if it has another form.
     """
     match text.split(":"):
         case [("normal" | "uniform" | "pareto") as distribution, deviation]:
@@ -358,39 +309,19 @@ class ChannelSettings:
     Packets keep their order, with two exceptions: `reorder_probability` holds back single packets while later ones
     overtake, and a jitter with ``keeps_order=False`` reorders all.
 
-    Attributes
-    ----------
-    delay_us
-        Shortest time [µs] from sending to delivery.
-    jitter
-        Random delay added to it.
-    loss
-        Loss model.
-    reorder_probability
-        Probability that a packet is held back, 0 to 1.
-    hold_back_us
-        Additional delay [µs] of a packet that is held back.
-    duplicate_probability
-        Probability that a packet arrives twice, 0 to 1.
-    rate_bit_per_s
-        Rate of the bottleneck [bit/s], counting UDP and IPv4 headers; None: no bottleneck.
-    queue_us
-        Longest time [µs] a packet waits for the bottleneck; one that would wait longer is dropped. The limit is a time
-        because time is what a queue costs a haptic loop, at any packet size and rate.
-
-    Raises
-    ------
-    SettingsError
-        If a value is out of range.
+    Raise SettingsError if a value is out of range.
     """
 
-    delay_us: int = 0
-    jitter: Jitter | None = None
+    delay_us: int = 0  # shortest time [µs] from sending to delivery
+    jitter: Jitter | None = None  # random delay added to it
     loss: Loss | None = None
-    reorder_probability: float = 0.0
-    hold_back_us: int = DEFAULT_HOLD_BACK_US
-    duplicate_probability: float = 0.0
+    reorder_probability: float = 0.0  # probability that a packet is held back, 0 to 1
+    hold_back_us: int = DEFAULT_HOLD_BACK_US  # additional delay [µs] of a packet that is held back
+    duplicate_probability: float = 0.0  # probability that a packet arrives twice, 0 to 1
+    # Rate of the bottleneck [bit/s], counting UDP and IPv4 headers; None: no bottleneck
     rate_bit_per_s: int | None = None
+    # Longest time [µs] a packet waits for the bottleneck; one that would wait longer is dropped. The limit is a time
+    # because time is what a queue costs a haptic loop, at any packet size and rate.
     queue_us: int = DEFAULT_QUEUE_US
 
     def __post_init__(self) -> None:

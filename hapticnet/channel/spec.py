@@ -56,18 +56,10 @@ HORIZON_HOP_MS: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Preset:
-    """A named network.
-
-    Attributes
-    ----------
-    settings
-        Its effects, in one direction.
-    source
-        Source of its numbers.
-    """
+    """A named network."""
 
     settings: ChannelSettings
-    source: str
+    source: str  # source of its numbers
 
 
 PRESETS: Final[Mapping[str, Preset]] = MappingProxyType(
@@ -140,10 +132,7 @@ def parse_channel(spec: str) -> ChannelSettings:
     ``pattern:0010110``), ``reorder=1%[:10ms]``, ``duplicate=0.1%``, ``rate=1Mbit/s``, ``queue=100ms``. A part
     replaces that of the preset; ``none`` removes it. Case does not matter.
 
-    Raises
-    ------
-    SettingsError
-        If a part is invalid; the message names it and says what is valid.
+    Raise SettingsError if a part is invalid; the message names it and says what is valid.
     """
     parts = spec.lower().split(",")
     settings = ChannelSettings()

@@ -112,21 +112,11 @@ class Description(type):
 
 
 class Encoding(NamedTuple):
-    """What a codec does to a whole recording of n stimuli with a axes.
+    """What a codec does to a whole recording of n stimuli with a axes."""
 
-    Attributes
-    ----------
-    sent
-        Indices of the transmitted stimuli, shape (m,), int64.
-    decoded
-        What the receiver applies at every sample, in the unit of the input, shape (n, a).
-    payload_bytes
-        Size of each transmitted payload [B], shape (m,), uint16.
-    """
-
-    sent: npt.NDArray[np.int64]
-    decoded: FloatArray
-    payload_bytes: npt.NDArray[np.uint16]
+    sent: npt.NDArray[np.int64]  # indices of the transmitted stimuli, shape (m,), int64
+    decoded: FloatArray  # what the receiver applies at every sample, in the unit of the input, shape (n, a)
+    payload_bytes: npt.NDArray[np.uint16]  # size of each transmitted payload [B], shape (m,), uint16
 
 
 class Codec(Protocol):

@@ -30,10 +30,7 @@ _loaded: dict[tuple[str, int], type[Any]] = {}
 def user_class(source: str) -> type[Any]:
     """Return the codec class at ``FILE.py:Class`` or ``package.module:Class``, checked; reread if its file changed.
 
-    Raises
-    ------
-    SettingsError
-        If the file or module cannot be imported, or the class is missing or not a codec.
+    Raise SettingsError if the file or module cannot be imported, or the class is missing or not a codec.
     """
     file = user_path(source.rpartition(":")[0])
     key = source, file.stat().st_mtime_ns if file.is_file() else 0
@@ -53,17 +50,14 @@ def installed_codecs() -> dict[str, EntryPoint]:
 def checked_class(found: Any, source: str) -> type[Any]:
     """Test a user's codec class; return it with its exceptions turned into errors of hapticnet.
 
+    Raise SettingsError if the class is not a codec or fails the test; the message says why.
+
     Parameters
     ----------
     found
         The class; docs/refer/api.md lists what it must define.
     source
         Where it is defined, as ``FILE.py:Class`` or ``package.module:Class``.
-
-    Raises
-    ------
-    SettingsError
-        If the class is not a codec or fails the test; the message says why.
     """
     parameters = getattr(found, "__dataclass_params__", None)
     if parameters is None or not parameters.frozen:
@@ -99,10 +93,7 @@ def rehearse(codec: Codec, source: str) -> None:
 
     A codec may refuse two or three axes with a SampleError.
 
-    Raises
-    ------
-    SettingsError
-        If it raises or returns something other than what `codec.base` describes.
+    Raise SettingsError if it raises or returns something other than what `codec.base` describes.
     """
     for axes in range(1, MAX_AXES + 1):
         for moving in (False, True):

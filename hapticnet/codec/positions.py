@@ -36,17 +36,10 @@ FASTEST_M_PER_S: Final = 10.0
 
 
 class PromisedLine(NamedTuple):
-    """Where the master says that its tool is: at a position, moving on at a velocity.
-
-    Attributes
-    ----------
-    t_us
-        Time of the position [µs].
-    position_m, velocity_m_per_s
-        As both sides know them, rounded for the wire.
-    """
+    """Where the master says that its tool is: at a position, moving on at a velocity."""
 
     t_us: int
+    # As both sides know them, rounded for the wire
     position_m: Vector
     velocity_m_per_s: Vector
 
@@ -75,10 +68,7 @@ def pack_line(line: PromisedLine) -> bytes:
 def unpack_line(t_us: int, payload: bytes, axes: int) -> PromisedLine:
     """Return the line in the payload of a POSITION.
 
-    Raises
-    ------
-    PeerError
-        If the length fits no form, or a component is not finite or out of range.
+    Raise PeerError if the length fits no form, or a component is not finite or out of range.
     """
     size = 4 * axes
     if len(payload) not in (size, 6 * axes):
@@ -125,10 +115,7 @@ def pack_bound(bound: StiffnessBound | None) -> bytes:
 def unpack_bound(payload: bytes, axes: int) -> StiffnessBound | None:
     """Return the bound in a payload; None if the scene cannot tell.
 
-    Raises
-    ------
-    PeerError
-        If the length is wrong, or a number is not finite or out of range.
+    Raise PeerError if the length is wrong, or a number is not finite or out of range.
     """
     if not payload:
         return None
@@ -238,6 +225,8 @@ class PositionSender:
     ) -> bytes | None:
         """Return the payload of a position to send now; None if the slave's line is good enough.
 
+        Raise SampleError if the position is not finite or out of range.
+
         Parameters
         ----------
         t_us
@@ -248,11 +237,6 @@ class PositionSender:
             Whether to send in any case, for instance to acknowledge a force.
         difference
             For decoders that know the position: the slave judges what they apply at the places on the line.
-
-        Raises
-        ------
-        SampleError
-            If the position is not finite or out of range.
         """
         x = single(checked_vector(position_m, "position"))
         samples = self._samples

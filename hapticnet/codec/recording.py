@@ -43,6 +43,9 @@ LARGEST_TIME_US: Final = 2**61
 def encode_array(codec: Codec, t_us: IntArray, stimuli: FloatArray, positions: FloatArray | None = None) -> Encoding:
     """Encode and decode a recording as slave and master do if nothing is lost.
 
+    Raise SampleError if the shapes do not fit, or a stimulus, or a position that the codec uses, is not finite or out
+    of range.
+
     Parameters
     ----------
     codec
@@ -53,11 +56,6 @@ def encode_array(codec: Codec, t_us: IntArray, stimuli: FloatArray, positions: F
         Stimuli [N], shape (n, a) with 1 ≤ a ≤ 3, or (n,).
     positions
         Positions of the tool [m], same shape, if they are known.
-
-    Raises
-    ------
-    SampleError
-        If the shapes do not fit, or a stimulus, or a position that the codec uses, is not finite or out of range.
     """
     stimuli, t_us, positions = _checked(t_us, stimuli, positions)
     if is_made_of_steps(codec) and is_long(t_us):

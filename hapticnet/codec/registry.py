@@ -35,10 +35,7 @@ def make_codec(name: str, law: WeberLaw, parameters: Mapping[str, float] | None 
 
     Nothing is imported here: the name may come from the network.
 
-    Raises
-    ------
-    SettingsError
-        If no codec has that name or the codec has no such parameter; the message lists what there is.
+    Raise SettingsError if no codec has that name or the codec has no such parameter; the message lists what there is.
     """
     made = CODECS.get(name) or _user_codecs.get(name)
     if made is None:
@@ -72,10 +69,7 @@ def parse_codec(text: str) -> tuple[str, dict[str, float]]:
     CODEC is a name, ``FILE.py:Class`` or ``package.module:Class``. The last two, and names that installed packages
     offer as entry points, are imported and registered. Do not call it with text from the network.
 
-    Raises
-    ------
-    SettingsError
-        If a parameter does not have that form or occurs twice, or a user's codec cannot be used.
+    Raise SettingsError if a parameter does not have that form or occurs twice, or a user's codec cannot be used.
     """
     codec, rest = split_codec(text)
     if ":" in codec:
@@ -112,10 +106,7 @@ def split_codec(text: str) -> tuple[str, str]:
 def register_codec(made: type[Any]) -> str:
     """Make a class from `plugins.user_class` known under its name, and return that.
 
-    Raises
-    ------
-    SettingsError
-        If another codec has that name.
+    Raise SettingsError if another codec has that name.
     """
     name: str = made.name
     other = CODECS.get(name) or _user_codecs.get(name, made)

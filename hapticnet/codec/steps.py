@@ -24,18 +24,12 @@ MakeTable = Callable[[int, int], Any]
 
 
 class Past(NamedTuple):
-    """The newest samples, the present one included.
+    """The newest samples, the present one included."""
 
-    Attributes
-    ----------
-    times_us, samples
-        Sampling times [µs] and stimuli. Do not read indices above `newest`.
-    first, newest
-        Index of the first sample to use, and of the present one.
-    """
-
+    # Sampling times [µs] and stimuli. Do not read indices above `newest`.
     times_us: Sequence[float]
     samples: Sequence[Sequence[float]]
+    # Index of the first sample to use, and of the present one
     first: int
     newest: int
 
@@ -77,55 +71,34 @@ def no_interval(rule: Any, sender: Any) -> tuple[float, float]:
 
 
 class Steps(NamedTuple):
-    """The functions that define a scheme. `rule` holds its numbers.
+    """The functions that define a scheme. `rule` holds its numbers."""
 
-    Attributes
-    ----------
-    start_sender, start_receiver
-        ``(rule, axes) -> state``.
-    is_silent
-        ``(rule, sender, t_us, x) -> bool``: whether x need not be sent. False if x is not finite.
-    send
-        ``(rule, sender, t_us, x, past) -> (message, sender)``.
-    refreshed
-        ``(sender) -> sender``: a state that sends the next stimulus, after an update is believed lost. Never compiled.
-    receive
-        ``(rule, receiver, t_us, message) -> receiver``.
-    apply
-        ``(rule, receiver, t_us) -> x``.
-    payload_bytes
-        ``(rule, message) -> int``: size of the payload [B].
-    mirror
-        ``(sender) -> receiver``: the state of the receiver if nothing is lost. Omit it if that state depends on what
-        the sender does not know, such as the receiver's own positions.
-    watch, move
-        ``(rule, state, t_us, position) -> state``: take in a position; `watch` at the sender before `is_silent`, `move`
-        at the receiver before `apply`.
-    at_rest
-        ``(sender) -> sender``: what the sender does instead of `watch` if the position is not known. Never compiled.
-    learn
-        ``(rule, sender, t_us, x) -> sender``: take in every stimulus, before `is_silent` and after `watch`.
-    ends_past
-        ``(rule, sender, t_us, x) -> bool``: whether to forget the samples before x, for example at an impact.
-    silent_interval
-        ``(rule, sender) -> (low, high)``: a range of stimuli of one axis that are silent until the next message,
-        whenever they come. Only a shortcut for streams: it must agree with `is_silent`. Never compiled.
-    """
-
+    # ``(rule, axes) -> state``
     start_sender: Callable[..., Any]
+    # ``(rule, sender, t_us, x) -> bool``: whether x need not be sent. False if x is not finite.
     is_silent: Callable[..., bool]
-    send: Callable[..., tuple[Any, Any]]
+    send: Callable[..., tuple[Any, Any]]  # ``(rule, sender, t_us, x, past) -> (message, sender)``
+    # ``(sender) -> sender``: a state that sends the next stimulus, after an update is believed lost. Never compiled.
     refreshed: Callable[..., Any]
     start_receiver: Callable[..., Any]
-    receive: Callable[..., Any]
-    apply: Callable[..., Vector]
-    payload_bytes: Callable[..., int]
+    receive: Callable[..., Any]  # ``(rule, receiver, t_us, message) -> receiver``
+    apply: Callable[..., Vector]  # ``(rule, receiver, t_us) -> x``
+    payload_bytes: Callable[..., int]  # ``(rule, message) -> int``: size of the payload [B]
+    # ``(sender) -> receiver``: the state of the receiver if nothing is lost. Omit it if that state depends on what the
+    # sender does not know, such as the receiver's own positions.
     mirror: Callable[..., Any] = not_mirrored
+    # ``(rule, state, t_us, position) -> state``: take in a position; `watch` at the sender before `is_silent`, `move`
+    # at the receiver before `apply`
     watch: Callable[..., Any] = ignore_motion
     move: Callable[..., Any] = ignore_motion
+    # ``(sender) -> sender``: what the sender does instead of `watch` if the position is not known. Never compiled.
     at_rest: Callable[..., Any] = unchanged
+    # ``(rule, sender, t_us, x) -> sender``: take in every stimulus, before `is_silent` and after `watch`
     learn: Callable[..., Any] = learn_nothing
+    # ``(rule, sender, t_us, x) -> bool``: whether to forget the samples before x, for example at an impact
     ends_past: Callable[..., bool] = never
+    # ``(rule, sender) -> (low, high)``: a range of stimuli of one axis that are silent until the next message, whenever
+    # they come. Only a shortcut for streams: it must agree with `is_silent`. Never compiled.
     silent_interval: Callable[..., tuple[float, float]] = no_interval
 
 

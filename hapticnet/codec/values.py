@@ -162,10 +162,7 @@ class ValueForm:
     def unpack(self, payload: bytes, receiver: object = None) -> tuple[int, Vector]:  # noqa: ARG002
         """Return the message in a payload.
 
-        Raises
-        ------
-        PeerError
-            If the length fits no form, or a component is not finite or out of range.
+        Raise PeerError if the length fits no form, or a component is not finite or out of range.
         """
         form, read = self._readers.get(len(payload)) or self._refuse(payload)
         value: Vector = read(payload)

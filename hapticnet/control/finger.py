@@ -26,44 +26,21 @@ def compressed(force_n: float) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FingerSettings:
-    """Prior knowledge of a finger, and how fast it may change.
+    """Prior knowledge of a finger, and how fast it may change; raise SettingsError if a value is out of range."""
 
-    Attributes
-    ----------
-    stiffness_n_m
-        Tangent stiffness [N/m] at 1 N: the middle of the typical range, or the identified value.
-    uncertainty
-        Relative standard deviation of the compliance. The first touch is cautious by this amount.
-    largest_uncertainty
-        The same once the finger is known: limits the effect of later changes.
-    position_m
-        Standard deviation [m] of the finger's position at the first touch.
-    reseat_m
-        The same at a later touch. An assumption.
-    drift_m
-        Spontaneous motion [m] of a finger in one second. An assumption for a resting hand.
-    change_m_n
-        Spontaneous change [m/N] of the compliance in one second. An assumption.
-    platform_m
-        Standard deviation [m] of the estimated position of a resting platform: half the gears' play.
-    lag_s
-        Uncertainty [s] of the servos' lag; 20 to 40 ms is typical of the HS-55. While the platform moves, this is the
-        dominant uncertainty.
-
-    Raises
-    ------
-    SettingsError
-        If a value is out of range.
-    """
-
+    # Tangent stiffness [N/m] at 1 N: the middle of the typical range, or the identified value
     stiffness_n_m: float = STIFFNESS_N_M
+    # Relative standard deviation of the compliance. The first touch is cautious by this amount.
     uncertainty: float = 0.7
-    largest_uncertainty: float = 0.3
-    position_m: float = 1e-3
-    reseat_m: float = 0.5e-3
-    drift_m: float = 0.3e-3
-    change_m_n: float = 2e-4
+    largest_uncertainty: float = 0.3  # the same once the finger is known: limits the effect of later changes
+    position_m: float = 1e-3  # standard deviation [m] of the finger's position at the first touch
+    reseat_m: float = 0.5e-3  # the same at a later touch. An assumption.
+    drift_m: float = 0.3e-3  # spontaneous motion [m] of a finger in one second. An assumption for a resting hand.
+    change_m_n: float = 2e-4  # spontaneous change [m/N] of the compliance in one second. An assumption.
+    # Standard deviation [m] of the estimated position of a resting platform: half the gears' play
     platform_m: float = 0.05e-3
+    # Uncertainty [s] of the servos' lag; 20 to 40 ms is typical of the HS-55. While the platform moves, this is the
+    # dominant uncertainty.
     lag_s: float = 0.01
 
     def __post_init__(self) -> None:
@@ -79,17 +56,7 @@ class FingerSettings:
 
 
 class LearnedFinger:
-    """Estimate of the finger.
-
-    Attributes
-    ----------
-    contact_m
-        Platform displacement [m] at which it touches the finger.
-    compliance_m_n
-        Compliance [m/N] at 1 N.
-    felt
-        Whether the finger was ever touched.
-    """
+    """Estimate of the finger."""
 
     __slots__ = (
         "_covariance", "_earlier", "_position_var", "_settings", "_variance", "compliance_m_n", "contact_m", "felt",
@@ -102,9 +69,9 @@ class LearnedFinger:
     def forget(self) -> None:
         """Return to the prior."""
         settings = self._settings
-        self.felt = False
-        self.contact_m = 0.0
-        self.compliance_m_n = 1.0 / settings.stiffness_n_m
+        self.felt = False  # whether the finger was ever touched
+        self.contact_m = 0.0  # platform displacement [m] at which it touches the finger
+        self.compliance_m_n = 1.0 / settings.stiffness_n_m  # compliance [m/N] at 1 N
         self._position_var = settings.position_m**2
         self._covariance = 0.0
         self._variance = (settings.uncertainty * self.compliance_m_n) ** 2

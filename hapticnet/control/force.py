@@ -53,16 +53,7 @@ RECENT: Final = 10
 
 
 class SensorWatch:
-    """Monitor of the sensed force while the platform touches the finger.
-
-    Attributes
-    ----------
-    furthest_m
-        Largest displacement [m] that the responses of the sensor justify; infinite if there is no objection.
-    fallen
-        Whether the force has fallen by itself since the last release: readings must not be learned from, and the
-        platform must not go further than before.
-    """
+    """Monitor of the sensed force while the platform touches the finger."""
 
     __slots__ = ("_answered_m", "_compliance_m_n", "_fell_m", "_jump_n", "_newest_n", "_recent_m", "_reversals",
                  "_sensed_n", "_stood_m", "_watching")  # fmt: skip
@@ -162,15 +153,6 @@ class ForceController:
     finger. The platform retracts if the sensor is stuck at full scale (at once), stuck at another value (once the
     platform has moved further than the finger could without a change of force) or oscillates (within a few periods;
     see ``force.py``). The controller tries again after the target has been released.
-
-    Attributes
-    ----------
-    finger
-        Model of the finger.
-    displacement_m
-        Last displacement [m] of the platform that was commanded.
-    fault
-        Reason why the platform stays retracted, or None.
     """
 
     __slots__ = (
@@ -189,10 +171,10 @@ class ForceController:
 
     def reset(self) -> None:
         """Retract and forget the finger: after a device was lost, exchanged or taken off."""
-        self.fault: str | None = None
+        self.fault: str | None = None  # reason why the platform stays retracted, or None
         self.finger.forget()
         self._watch = SensorWatch()
-        self.displacement_m = 0.0
+        self.displacement_m = 0.0  # last displacement [m] of the platform that was commanded
         self._before_m = 0.0
         self._target_n = self._wanted_n = self._sensed_n = self._stood_m = self._lead = 0.0
         self._resting = self._touching = False

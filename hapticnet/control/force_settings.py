@@ -14,79 +14,47 @@ BEYOND_M: Final = 0.0011
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceControlSettings:
-    """Limits of the force loop, and prior knowledge of the finger.
+    """Limits of the force loop, and prior knowledge of the finger; raise SettingsError if a value is out of range."""
 
-    Attributes
-    ----------
-    finger
-        Prior knowledge of the finger and how fast it may change.
-    period_us
-        Control period [µs]; readings within it are averaged. bench/measure/force_loop.py compares periods.
-    travel_m
-        Largest displacement [m] of the platform.
-    max_force_n
-        Largest force [N] on the finger.
-    headroom_n
-        Margin [N] between that and the largest target, for overshoot and for one servo step on a 3 N/mm finger
-        (0.37 N with the serial device).
-    lead_s
-        Time [s] by which the platform leads a moving target, to compensate the servos' lag. Half the shortest lag
-        typical of the HS-55; a longer lead would make a 3 N/mm finger overshoot. Used where nothing predicts the
-        target.
-    foresight_s
-        Time [s] for which the target is to be predicted: the servos' lag. bench/measure/finger_limit.py compares times.
-    early_n
-        Change [N] of the wanted force that is not left to the next control period.
-    press_speed_m_s
-        Largest speed [m/s] toward the finger; the limit of the servos is 74 mm/s.
-    approach_speed_m_s
-        Largest speed [m/s] while searching for the finger. The sensor reports a touch about 60 ms late, after 0.6 mm:
-        about 2 N on a 3 N/mm finger.
-    touch_n
-        Smallest force [N] the sensor detects.
-    release_n
-        Target [N] below which the finger is released. An assumption: half the JND's floor.
-    clearance_m
-        Distance [m] from the finger at which the platform then waits. An assumption, several times the gears' play.
-    deadband_n, deadband_fraction
-        Largest error, as a force [N] or as a share of the target, at which the platform rests under a resting target.
-        Without this deadband, noise would slowly lower the platform through the sensor's hysteresis, where the reading
-        does not change. Several times the noise of an averaged reading; less than half a JND.
-    yield_n, yield_fraction
-        Excess of the sensed force over the target, as a force [N] and as a share of the target, at which the platform
-        retreats from its present position instead of waiting for the model.
-    search_m, search_n
-        Distance [m] past the last contact to search for the finger, or the compression of the known finger at this
-        force [N] if that is further. Up to that force the platform does not slow down.
-    reach_m
-        Largest displacement [m] in the search for a finger not yet felt. An assumption for a finger 2 mm from the
-        retracted platform: far enough to detect a 0.3 N/mm finger; below 5 N on a 3 N/mm finger if the sensor is dead.
-
-    Raises
-    ------
-    SettingsError
-        If a value is out of range.
-    """
-
+    # Prior knowledge of the finger and how fast it may change
     finger: FingerSettings = field(default_factory=FingerSettings)
+    # Control period [µs]; readings within it are averaged. bench/measure/force_loop.py compares periods.
     period_us: int = 10_000
-    travel_m: float = 0.015
-    max_force_n: float = MAX_FORCE_N
+    travel_m: float = 0.015  # largest displacement [m] of the platform
+    max_force_n: float = MAX_FORCE_N  # largest force [N] on the finger
+    # Margin [N] between that and the largest target, for overshoot and for one servo step on a 3 N/mm finger (0.37 N
+    # with the serial device)
     headroom_n: float = 0.4
+    # Time [s] by which the platform leads a moving target, to compensate the servos' lag. Half the shortest lag typical
+    # of the HS-55; a longer lead would make a 3 N/mm finger overshoot. Used where nothing predicts the target.
     lead_s: float = 0.01
+    # Time [s] for which the target is to be predicted: the servos' lag. bench/measure/finger_limit.py compares times.
     foresight_s: float = 0.03
-    early_n: float = 0.1
-    press_speed_m_s: float = 0.06
+    early_n: float = 0.1  # change [N] of the wanted force that is not left to the next control period
+    press_speed_m_s: float = 0.06  # largest speed [m/s] toward the finger; the limit of the servos is 74 mm/s
+    # Largest speed [m/s] while searching for the finger. The sensor reports a touch about 60 ms late, after 0.6 mm:
+    # about 2 N on a 3 N/mm finger.
     approach_speed_m_s: float = 0.01
-    touch_n: float = SENSOR_THRESHOLD_N
+    touch_n: float = SENSOR_THRESHOLD_N  # smallest force [N] the sensor detects
+    # Target [N] below which the finger is released. An assumption: half the JND's floor.
     release_n: float = 0.5 * PAPER_FLOOR_N
+    # Distance [m] from the finger at which the platform then waits. An assumption, several times the gears' play.
     clearance_m: float = 0.0005
+    # Largest error, as a force [N] or as a share of the target, at which the platform rests under a resting target.
+    # Without this deadband, noise would slowly lower the platform through the sensor's hysteresis, where the reading
+    # does not change. Several times the noise of an averaged reading; less than half a JND.
     deadband_n: float = 0.03
     deadband_fraction: float = 0.02
+    # Excess of the sensed force over the target, as a force [N] and as a share of the target, at which the platform
+    # retreats from its present position instead of waiting for the model
     yield_n: float = 0.3
     yield_fraction: float = 0.15
+    # Distance [m] past the last contact to search for the finger, or the compression of the known finger at this force
+    # [N] if that is further. Up to that force the platform does not slow down.
     search_m: float = 0.0005
     search_n: float = 1.0
+    # Largest displacement [m] in the search for a finger not yet felt. An assumption for a finger 2 mm from the
+    # retracted platform: far enough to detect a 0.3 N/mm finger; below 5 N on a 3 N/mm finger if the sensor is dead.
     reach_m: float = CONTACT_M + BEYOND_M
 
     def __post_init__(self) -> None:

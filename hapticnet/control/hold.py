@@ -29,21 +29,11 @@ setpoint, so the platform may be anywhere by then, and a target still held would
 class LimitSettings:
     """Limits of the target force.
 
-    Attributes
-    ----------
-    max_force_n
-        Largest target force [N].
-    slew_n_per_s
-        Largest rate of rise [N/s].
-
-    Raises
-    ------
-    SettingsError
-        If a limit is not finite and positive, or exceeds the limit of the device.
+    Raise SettingsError if a limit is not finite and positive, or exceeds the limit of the device.
     """
 
-    max_force_n: float = MAX_FORCE_N
-    slew_n_per_s: float = SLEW_N_PER_S
+    max_force_n: float = MAX_FORCE_N  # largest target force [N]
+    slew_n_per_s: float = SLEW_N_PER_S  # largest rate of rise [N/s]
 
     def __post_init__(self) -> None:
         check_above("largest force", self.max_force_n, 0, MAX_FORCE_N, "N")
@@ -97,26 +87,18 @@ FRESH_US: Final = 100_000
 class HoldSettings:
     """Timings of the hold.
 
-    Attributes
-    ----------
-    age_limit_us
-        Time [µs] a stimulus is held after the last sign of life from the link. An assumption: long enough to lose
-        several keepalives.
-    decay_us
-        Time [µs] in which a stale stimulus decays to zero. An assumption: short compared with the age limit, but not
-        abrupt.
-    rise_n_per_s
-        Largest rate [N/s] at which the magnitude of the held force rises when a link begins or recovers; by default
-        the slew limit.
-
-    Raises
-    ------
-    SettingsError
-        If a time is negative or above ten seconds, the age limit is zero, or the rate is not finite and positive.
+    Raise SettingsError if a time is negative or above ten seconds, the age limit is zero, or the rate is not finite and
+    positive.
     """
 
+    # Time [µs] a stimulus is held after the last sign of life from the link. An assumption: long enough to lose several
+    # keepalives.
     age_limit_us: int = 200_000
+    # Time [µs] in which a stale stimulus decays to zero. An assumption: short compared with the age limit, but not
+    # abrupt.
     decay_us: int = 100_000
+    # Largest rate [N/s] at which the magnitude of the held force rises when a link begins or recovers; by default the
+    # slew limit
     rise_n_per_s: float = SLEW_N_PER_S
 
     def __post_init__(self) -> None:
@@ -146,11 +128,6 @@ class Hold:
         Timings.
     axes
         Number of axes of a stimulus.
-
-    Attributes
-    ----------
-    kept
-        Whether the whole stimulus may stay however old it is, because it is small. It still grows older.
     """
 
     __slots__ = (
@@ -170,6 +147,7 @@ class Hold:
         self._force_n = self._zero_n
         self._age_us = settings.age_limit_us + settings.decay_us + 1
         self._now_us = 0
+        # Whether the whole stimulus may stay however old it is, because it is small. It still grows older.
         self.kept = False
         self._new = False
         self._whole = False
@@ -282,20 +260,13 @@ class PassivityController:
         Number of axes.
     contact_n
         Force [N] above which there is contact.
-
-    Attributes
-    ----------
-    energy_j
-        Work of the hand in this contact so far [J], less what it got back.
-    damped_j
-        Energy [J] that damping has taken, in all contacts.
     """
 
     __slots__ = ("_applied_n", "_position_m", "_zero_n", "contact_n", "damped_j", "energy_j")
 
     def __init__(self, axes: int, contact_n: float) -> None:
-        self.energy_j = 0.0
-        self.damped_j = 0.0
+        self.energy_j = 0.0  # work of the hand in this contact so far [J], less what it got back
+        self.damped_j = 0.0  # energy [J] that damping has taken, in all contacts
         self.contact_n = contact_n
         self._zero_n: Vector = (0.0,) * axes
         self._applied_n = self._zero_n

@@ -23,44 +23,26 @@ HELD_S = 2.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Actuator:
-    """Dynamics between the commanded displacement and the sensed force.
+    """Dynamics between the commanded displacement and the sensed force."""
 
-    Attributes
-    ----------
-    lag_s
-        Time constant of the servos' lag [s].
-    frame_s
-        Period of the servo frames [s].
-    transport_s
-        Transport delay [s]: setpoint to the device, its pulses, reading back. About 5 ms for the Nano.
-    unseen_s
-        Delay [s] of the reading that the host does not compensate, so that force and position do not match.
-    """
-
-    lag_s: float = SERVO_LAG_S
-    frame_s: float = SERVO_FRAME_US * 1e-6
+    lag_s: float = SERVO_LAG_S  # time constant of the servos' lag [s]
+    frame_s: float = SERVO_FRAME_US * 1e-6  # period of the servo frames [s]
+    # Transport delay [s]: setpoint to the device, its pulses, reading back. About 5 ms for the Nano.
     transport_s: float = 0.005
+    # Delay [s] of the reading that the host does not compensate, so that force and position do not match
     unseen_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Margins:
-    """Margins of the force loop.
+    """Margins of the force loop."""
 
-    Attributes
-    ----------
-    gain
-        Factor by which the finger may be stiffer than the model before the loop is unstable; infinite if it never is.
-    phase_deg
-        Distance [deg] of the phase from -180°, without sign, where the open loop's gain is one. Stability is decided by
-        `gain` alone: the loop is unstable if it is below one.
-    crossover_hz
-        Frequency [Hz] at which the open loop's gain is one.
-    """
-
+    # Factor by which the finger may be stiffer than the model before the loop is unstable; infinite if it never is
     gain: float
+    # Distance [deg] of the phase from -180°, without sign, where the open loop's gain is one. Stability is decided by
+    # `gain` alone: the loop is unstable if it is below one.
     phase_deg: float
-    crossover_hz: float
+    crossover_hz: float  # frequency [Hz] at which the open loop's gain is one
 
 
 def loop_margins(settings: ForceControlSettings, actuator: Actuator, *, force_n: float, stiffness: float) -> Margins:

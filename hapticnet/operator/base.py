@@ -49,6 +49,8 @@ class HasSample(Protocol):
 class UserOperator:
     """An object of the user's, with its results checked. Satisfies `operator.base.Operator`.
 
+    Raise SettingsError if ``sample`` is missing, a method cannot be called this way, or an attribute cannot be used.
+
     Parameters
     ----------
     hand
@@ -57,11 +59,6 @@ class UserOperator:
         held [N], a tuple; ``axes`` (1 to 3; default 1); ``duration_us``, after which the run ends.
     what
         What messages call the object, such as "operator own.py:Mine".
-
-    Raises
-    ------
-    SettingsError
-        If ``sample`` is missing, a method cannot be called this way, or an attribute cannot be used.
     """
 
     __slots__ = ("_feel", "_hand_feel", "_hand_sample", "_sample", "axes", "duration_us", "hand", "what")
@@ -85,10 +82,8 @@ class UserOperator:
     def sample(self, t_us: int) -> PositionSample:
         """Return the position of the tool at `t_us` [µs].
 
-        Raises
-        ------
-        UserCodeError
-            If the object raises, or returns something else than a position of as many axes as it declares.
+        Raise UserCodeError if the object raises, or returns something else than a position of as many axes as it
+        declares.
         """
         try:
             result = self._hand_sample(t_us)

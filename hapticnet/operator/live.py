@@ -37,35 +37,16 @@ class HandState(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveHandSettings:
-    """How the needle follows a hand.
+    """How the needle follows a hand; raise SettingsError if a value is out of range."""
 
-    Attributes
-    ----------
-    rest_m
-        Position [m] of the needle while nobody has the hand.
-    deepest_m
-        Largest position [m].
-    time_constant_us
-        τ of the follower [µs]; the needle is 2τ late. The default lets 1 % of a 60 Hz staircase through.
-    speed_m_per_s
-        Largest speed of the needle [m/s]. Faster, the platform of the fingertip device cannot follow the force.
-    hold_after_us
-        Silence [µs] after which the needle stops where it is.
-    withdraw_after_us
-        Silence [µs] after which it is withdrawn and the hand is free.
-
-    Raises
-    ------
-    SettingsError
-        If a value is out of range.
-    """
-
-    rest_m: float = 0.0
+    rest_m: float = 0.0  # position [m] of the needle while nobody has the hand
     deepest_m: float = 0.1
+    # τ of the follower [µs]; the needle is 2τ late. The default lets 1 % of a 60 Hz staircase through.
     time_constant_us: int = 25_000
+    # Largest speed of the needle [m/s]. Faster, the platform of the fingertip device cannot follow the force.
     speed_m_per_s: float = 0.06
-    hold_after_us: int = 300_000
-    withdraw_after_us: int = 1_000_000
+    hold_after_us: int = 300_000  # silence [µs] after which the needle stops where it is
+    withdraw_after_us: int = 1_000_000  # silence [µs] after which it is withdrawn and the hand is free
 
     def __post_init__(self) -> None:
         check_parameter("rest position of the hand", self.rest_m, -10.0, 10.0, "m")
@@ -88,19 +69,6 @@ class LiveHand:
 
     `take`, `move` and `release` may be called at any time between two samples; they need no clock, because the next
     sample tells the time.
-
-    Attributes
-    ----------
-    axes
-        1: the needle's axis.
-    duration_us
-        None: endless.
-    state
-        What the hand is doing.
-    position_m
-        Position of the needle [m] at the newest sample.
-    range_m
-        Smallest and largest position [m]; the smallest is the rest position.
     """
 
     __slots__ = (
@@ -110,11 +78,12 @@ class LiveHand:
 
     def __init__(self, settings: LiveHandSettings | None = None) -> None:
         self.settings = settings = settings or LiveHandSettings()
-        self.axes = 1
+        self.axes = 1  # 1: the needle's axis
         self.duration_us = None
         self.state = HandState.FREE
+        # Smallest and largest position [m]; the smallest is the rest position
         self.range_m = (settings.rest_m, settings.deepest_m)
-        self.position_m = settings.rest_m
+        self.position_m = settings.rest_m  # position of the needle [m] at the newest sample
         self._target_m = settings.rest_m
         self._velocity_m_per_s = 0.0
         self._now_us = 0
@@ -124,10 +93,7 @@ class LiveHand:
     def set_range(self, rest_m: float, deepest_m: float) -> None:
         """Set where the needle may be; it moves there no faster than at any other time.
 
-        Raises
-        ------
-        SettingsError
-            If the range is empty or not finite.
+        Raise SettingsError if the range is empty or not finite.
         """
         if not (math.isfinite(rest_m) and math.isfinite(deepest_m) and rest_m < deepest_m):
             raise SettingsError(f"the hand's range is {rest_m} to {deepest_m} m; it must not be empty")
@@ -158,10 +124,7 @@ class LiveHand:
     def move(self, position_m: float) -> None:
         """Set where the person's hand is [m], if somebody has taken it; limited to the range.
 
-        Raises
-        ------
-        SampleError
-            If the position is NaN.
+        Raise SampleError if the position is NaN.
         """
         if math.isnan(position_m):
             raise SampleError("the position of the hand is NaN; it must be a number")

@@ -42,10 +42,7 @@ JSON_OBJECT: Final = Form("JSON object", True, True)
 def read_position(data: bytes, axes: int) -> tuple[Form, Vector]:
     """Return form and position [m] of a datagram.
 
-    Raises
-    ------
-    PeerError
-        If it is not a position with `axes` coordinates; the message says why.
+    Raise PeerError if it is not a position with `axes` coordinates; the message says why.
     """
     if len(data) > MOST_BYTES:
         raise PeerError(f"a datagram of {len(data)} bytes; a position has at most {MOST_BYTES}")

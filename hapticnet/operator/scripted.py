@@ -40,52 +40,23 @@ class InsertionSettings:
     (pressing on the first tissue), 44 mm (first breached, pressing on the second), 59 mm (second breached) and 74 mm
     (all breached). The durations are an assumption, because the paper does not state its motion.
 
-    Attributes
-    ----------
-    start_m
-        Rest position of the hand, in front of the first surface.
-    approach_m
-        End of the approach and start of pushing, also in front of the first surface.
-    depth_m
-        End of the last push.
-    approach_s
-        Duration of the approach.
-    push_s
-        Total duration of pushing, without pauses.
-    push_steps
-        Number of equal pushing steps.
-    pause_s
-        Duration of the pause after each step.
-    withdraw_s
-        Duration of the withdrawal to the start.
-    rest_s
-        Duration of the rest before the next insertion.
-    insertions
-        Number of insertions.
-    variation
-        Variation between insertions: the speed of each insertion and the length of each pause and rest are scaled by a
-        factor drawn uniformly from 1 ± variation. An assumption.
-    tremor_rms_m
-        Root mean square of the tremor added to the motion.
-
-    Raises
-    ------
-    SettingsError
-        If a value is out of range or the positions are not in order.
+    Raise SettingsError if a value is out of range or the positions are not in order.
     """
 
-    start_m: float = 0.0
-    approach_m: float = 0.014
-    depth_m: float = 0.074
-    approach_s: float = 0.5
-    push_s: float = 2.8
-    push_steps: int = 4
-    pause_s: float = 0.2
-    withdraw_s: float = 0.7
-    rest_s: float = 0.4
+    start_m: float = 0.0  # rest position of the hand, in front of the first surface
+    approach_m: float = 0.014  # end of the approach and start of pushing, also in front of the first surface
+    depth_m: float = 0.074  # end of the last push
+    approach_s: float = 0.5  # duration of the approach
+    push_s: float = 2.8  # total duration of pushing, without pauses
+    push_steps: int = 4  # number of equal pushing steps
+    pause_s: float = 0.2  # duration of the pause after each step
+    withdraw_s: float = 0.7  # duration of the withdrawal to the start
+    rest_s: float = 0.4  # duration of the rest before the next insertion
     insertions: int = 5
+    # Variation between insertions: the speed of each insertion and the length of each pause and rest are scaled by a
+    # factor drawn uniformly from 1 ± variation. An assumption.
     variation: float = 0.1
-    tremor_rms_m: float = TYPICAL_TREMOR_RMS_M
+    tremor_rms_m: float = TYPICAL_TREMOR_RMS_M  # root mean square of the tremor added to the motion
 
     def __post_init__(self) -> None:
         check_parameter("insertion start_m", self.start_m, -LARGEST_POSITION_M, LARGEST_POSITION_M)
@@ -116,19 +87,12 @@ class ScriptedOperator:
         Motion of the insertions.
     rng
         Source of the variation between insertions and of the tremor.
-
-    Attributes
-    ----------
-    axes
-        1: the needle's axis.
-    duration_us
-        Duration of the script [µs]; before and after it the hand rests at the start, without tremor.
     """
 
     __slots__ = ("_amplitude_m", "_ends_us", "_phases", "_rest", "_waves", "axes", "duration_us")
 
     def __init__(self, settings: InsertionSettings, rng: np.random.Generator) -> None:
-        self.axes = 1
+        self.axes = 1  # 1: the needle's axis
         self._rest = (settings.start_m,)
         # Drawn first and always: a longer script starts like a shorter one, and tremor changes nothing else.
         waves = tremor_waves(rng)
@@ -145,6 +109,7 @@ class ScriptedOperator:
                     self._phases.append((t_us, 1.0 / duration_us, from_m, to_m - from_m))
                     t_us += duration_us
                     self._ends_us.append(t_us)
+        # Duration of the script [µs]; before and after it the hand rests at the start, without tremor
         self.duration_us = t_us
 
     def sample(self, t_us: int) -> PositionSample:
@@ -205,51 +170,25 @@ class PalpationSettings:
     with a pause at each turn, and lifts. Press, strokes and directions differ from palpation to palpation. On two axes
     the first two coordinates count. The durations are assumptions.
 
-    Attributes
-    ----------
-    axes
-        2 or 3.
-    surface_m
-        A point of the surface; the palpations are around it.
-    inward
-        Direction into the body; any length.
-    hover_m
-        Height above the surface at which the finger starts and ends.
-    press_m
-        Depth of the press.
-    stroke_m
-        Length of a stroke along the surface; its middle is above `surface_m`.
-    strokes
-        Number of strokes of a palpation, each in another direction.
-    press_s, stroke_s, pause_s, rest_s
-        Duration of a press or a lift, of a stroke, of a pause after each, and of the rest before the next palpation.
-    palpations
-        Number of palpations.
-    variation
-        Depth, speed and pauses of each palpation are scaled by factors drawn uniformly from 1 ± variation.
-    tremor_rms_m
-        Root mean square of the tremor added on each axis.
-
-    Raises
-    ------
-    SettingsError
-        If a value is out of range.
+    Raise SettingsError if a value is out of range.
     """
 
-    axes: int = 3
-    surface_m: Vector = PHANTOM_SURFACE_M
-    inward: Vector = PHANTOM_INWARD
-    hover_m: float = 0.006
-    press_m: float = 0.006
-    stroke_m: float = 0.024
-    strokes: int = 3
+    axes: int = 3  # 2 or 3
+    surface_m: Vector = PHANTOM_SURFACE_M  # A point of the surface; the palpations are around it
+    inward: Vector = PHANTOM_INWARD  # direction into the body; any length
+    hover_m: float = 0.006  # height above the surface at which the finger starts and ends
+    press_m: float = 0.006  # depth of the press
+    stroke_m: float = 0.024  # length of a stroke along the surface; its middle is above `surface_m`
+    strokes: int = 3  # number of strokes of a palpation, each in another direction
+    # Duration of a press or a lift, of a stroke, of a pause after each, and of the rest before the next palpation
     press_s: float = 0.5
     stroke_s: float = 0.8
     pause_s: float = 0.2
     rest_s: float = 0.4
     palpations: int = 2
+    # Depth, speed and pauses of each palpation are scaled by factors drawn uniformly from 1 ± variation
     variation: float = 0.2
-    tremor_rms_m: float = TYPICAL_TREMOR_RMS_M
+    tremor_rms_m: float = TYPICAL_TREMOR_RMS_M  # root mean square of the tremor added on each axis
 
     def __post_init__(self) -> None:
         check_integer("axes of the palpation", self.axes, 2, 3)
@@ -279,19 +218,12 @@ class PalpatingOperator:
         Motion of the palpations.
     rng
         Source of directions, variation and tremor.
-
-    Attributes
-    ----------
-    axes
-        2 or 3.
-    duration_us
-        Duration of the script [µs]; before and after it the hand rests at the start, without tremor.
     """
 
     __slots__ = ("_amplitude_m", "_ends_us", "_phases", "_rest", "_waves", "axes", "duration_us")
 
     def __init__(self, settings: PalpationSettings, rng: np.random.Generator) -> None:
-        self.axes = settings.axes
+        self.axes = settings.axes  # 2 or 3
         waves = [tremor_waves(rng) for _ in range(self.axes)]
         self._waves = waves if settings.tremor_rms_m else []
         self._amplitude_m = settings.tremor_rms_m * math.sqrt(2.0 / TREMOR_SINUSOIDS)
@@ -310,6 +242,7 @@ class PalpatingOperator:
                     t_us += duration_us
                     self._ends_us.append(t_us)
                 at_m = to_m
+        # Duration of the script [µs]; before and after it the hand rests at the start, without tremor
         self.duration_us = t_us
 
     def sample(self, t_us: int) -> PositionSample:

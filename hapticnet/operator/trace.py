@@ -14,6 +14,9 @@ from hapticnet.samples import LARGEST_COMPONENT, MAX_AXES, PositionSample, Vecto
 class TraceOperator:
     """A recorded motion, interpolated linearly between its samples.
 
+    Raise SampleError if there are fewer than two samples, a position is not finite or out of range, or time does not
+    increase.
+
     Parameters
     ----------
     t_us
@@ -22,18 +25,6 @@ class TraceOperator:
         Positions [m], shape (n, axes).
     loop
         Whether to repeat the trace; it jumps from its last to its first position. Otherwise the last position is held.
-
-    Attributes
-    ----------
-    axes
-        Number of axes of a position.
-    duration_us
-        Time from the first sample to the last [µs]; None for a loop.
-
-    Raises
-    ------
-    SampleError
-        If there are fewer than two samples, a position is not finite or out of range, or time does not increase.
     """
 
     __slots__ = ("_period_us", "_positions_m", "_times_us", "axes", "duration_us")
@@ -59,6 +50,7 @@ class TraceOperator:
         self._times_us: list[int] = (t_us - t_us[0]).tolist()
         self._positions_m: list[Vector] = list(zip(*position_m.T.tolist(), strict=True))
         self._period_us = self._times_us[-1] if loop else None
+        # Time from the first sample to the last [µs]; None for a loop
         self.duration_us = None if loop else self._times_us[-1]
 
     def sample(self, t_us: int) -> PositionSample:
@@ -81,6 +73,9 @@ def load_trace(
 ) -> tuple[TraceOperator, tuple[str, ...]]:
     """Return the motion recorded in a file, and notes for the user.
 
+    Raise FileError if the file cannot be read or its motion cannot be played, SettingsError if more than three
+    columns are chosen, and UnavailableError if the package that reads this kind of file is not installed.
+
     Parameters
     ----------
     path
@@ -89,15 +84,6 @@ def load_trace(
         One to three position columns; None: those called position, or the only column that is not time.
     loop
         Whether to repeat the trace.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read, or its motion cannot be played.
-    SettingsError
-        If more than three columns are chosen.
-    UnavailableError
-        If the package that reads this kind of file is not installed.
     """
     motion = load_motion(path, position=position)
     try:

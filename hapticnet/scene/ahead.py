@@ -43,45 +43,23 @@ class LayerAhead(NamedTuple):
     """A layer of tissue, a wall: its surface is a plane, at rest and untouched until the tool meets it.
 
     The defaults say that there is no such effect. The first nine values are properties, the others the state now.
-
-    Attributes
-    ----------
-    surface_m
-        Position [m] of the surface at rest along the normal: a tool at x is x·n − surface past it.
-    stiffness_n_per_m
-        Elastic force per indentation [N/m], at the surface if the layer stiffens.
-    breach_force_n
-        Elastic force [N] above which the tool pierces the layer; infinity: it never does.
-    viscosity_n_s_per_m
-        Force per speed along the normal [N·s/m] while the surface is indented.
-    stiffening_per_m
-        Relative growth of stiffness with indentation [1/m].
-    friction_n, presliding_m
-        Friction [N] of the pierced layer on the tool, and the distance [m] over which it sets in.
-    recovery_s
-        Time constant [s] with which a pierced surface returns to its rest position; 0: at once.
-    normal
-        Unit vector into the layer, one component an axis. The force is along it, positive where it pushes out.
-    pierced
-        Whether the tool has pierced the layer, and has not been withdrawn since.
-    raised_m
-        How far the surface, which is returning after a breach, is behind its rest position [m].
-    shaft_n
-        Friction [N] now.
     """
 
-    surface_m: float
-    stiffness_n_per_m: float
+    surface_m: float  # position [m] of the surface at rest along the normal: a tool at x is x·n − surface past it
+    stiffness_n_per_m: float  # elastic force per indentation [N/m], at the surface if the layer stiffens
+    # Elastic force [N] above which the tool pierces the layer; infinity: it never does
     breach_force_n: float = math.inf
-    viscosity_n_s_per_m: float = 0.0
-    stiffening_per_m: float = 0.0
+    viscosity_n_s_per_m: float = 0.0  # force per speed along the normal [N·s/m] while the surface is indented
+    stiffening_per_m: float = 0.0  # relative growth of stiffness with indentation [1/m]
+    # Friction [N] of the pierced layer on the tool, and the distance [m] over which it sets in
     friction_n: float = 0.0
     presliding_m: float = 0.5e-3
-    recovery_s: float = 0.0
+    recovery_s: float = 0.0  # time constant [s] with which a pierced surface returns to its rest position; 0: at once
+    # Unit vector into the layer, one component an axis. The force is along it, positive where it pushes out.
     normal: Vector = (1.0,)
-    pierced: bool = False
-    raised_m: float = 0.0
-    shaft_n: float = 0.0
+    pierced: bool = False  # whether the tool has pierced the layer, and has not been withdrawn since
+    raised_m: float = 0.0  # how far the surface, which is returning after a breach, is behind its rest position [m]
+    shaft_n: float = 0.0  # friction [N] now
 
     @property
     def stiffest_n_per_m(self) -> float:
@@ -105,10 +83,7 @@ def stiffest_at(rate_hz: float) -> float:
 def check_layers(layers: Sequence[LayerAhead], axes: int, stiffest_n_per_m: float) -> None:
     """Check what is announced.
 
-    Raises
-    ------
-    SampleError
-        If there are too many layers, or a value is not finite or out of range.
+    Raise SampleError if there are too many layers, or a value is not finite or out of range.
     """
     if len(layers) > MOST_LAYERS:
         raise SampleError(f"{len(layers)} layers ahead; at most {MOST_LAYERS} are announced")
@@ -162,11 +137,6 @@ class ContactModel:
         The first position [m] and its time [µs].
     before
         The position before it with its time, if any: the speed of the tool is the difference.
-
-    Attributes
-    ----------
-    force_n
-        The force at the newest position [N].
     """
 
     __slots__ = ("_layers", "_position_m", "_t_us", "_velocity_m_per_s", "_zero_n", "force_n")
@@ -178,7 +148,7 @@ class ContactModel:
         self._zero_n: Vector = (0.0,) * len(position_m)
         self._t_us, self._position_m = (t_us, position_m) if before is None else before
         self._move(t_us, position_m)
-        self.force_n = self._press()
+        self.force_n = self._press()  # the force at the newest position [N]
 
     def step(self, t_us: int, position_m: Vector) -> Vector:
         """Return the force [N] at the next position."""

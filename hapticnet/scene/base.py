@@ -75,6 +75,8 @@ class HasStep(Protocol):
 class UserScene:
     """An object of the user's, with its results checked. Satisfies `scene.base.Touchable`.
 
+    Raise SettingsError if ``step`` is missing or cannot be called with one argument, or an attribute cannot be used.
+
     Parameters
     ----------
     touched
@@ -83,16 +85,6 @@ class UserScene:
         optional methods: ``welcome(master)``, ``ahead()`` and ``stiffness_bound()`` (`scene.base.Touchable`).
     what
         What messages call the object, such as "scene own.py:Mine".
-
-    Attributes
-    ----------
-    ahead, stiffness_bound
-        The object's methods of these names; None if it has none.
-
-    Raises
-    ------
-    SettingsError
-        If ``step`` is missing or cannot be called with one argument, or an attribute cannot be used.
     """
 
     __slots__ = ("__weakref__", "_method", "_step", "ahead", "axes", "name", "stiffness_bound", "touched", "what")
@@ -107,6 +99,7 @@ class UserScene:
         if not isinstance(name, str) or not name.isprintable() or not 0 < len(name.encode()) <= LONGEST_NAME:
             raise SettingsError(f"{what}: name is {short(name)}; it must be text, 1 to {LONGEST_NAME} printable bytes")
         self.name = name
+        # The object's methods of these names; None if it has none
         self.ahead: LookAhead | None = self._optional("ahead")
         self.stiffness_bound: Callable[[], StiffnessBound | None] | None = self._optional("stiffness_bound")
 
@@ -131,10 +124,7 @@ class UserScene:
     def step(self, sample: PositionSample) -> ForceSample:
         """Return the force at a position.
 
-        Raises
-        ------
-        UserCodeError
-            If the object raises, or returns something else than a force of as many axes as it declares.
+        Raise UserCodeError if the object raises, or returns something else than a force of as many axes as it declares.
         """
         try:
             result = self._step(sample)

@@ -32,21 +32,11 @@ NEAR_M: Final = 1e-12
 
 
 class Tangent(NamedTuple):
-    """A body near a position, as a plane: the force is stiffness · max(0, inward · position − offset) · inward.
+    """A body near a position, as a plane: the force is stiffness · max(0, inward · position − offset) · inward."""
 
-    Attributes
-    ----------
-    inward
-        Unit normal into the body.
-    offset_m
-        Distance of the plane from the origin along the normal [m].
-    stiffness_n_per_m
-        Force per depth [N/m].
-    """
-
-    inward: Vector
-    offset_m: float
-    stiffness_n_per_m: float
+    inward: Vector  # unit normal into the body
+    offset_m: float  # distance of the plane from the origin along the normal [m]
+    stiffness_n_per_m: float  # force per depth [N/m]
 
 
 class FlatSurface:
@@ -175,21 +165,13 @@ LARGEST_FORCE_N: Final = 1e6
 
 
 class Touch:
-    """A body and what the tool holds of it.
-
-    Attributes
-    ----------
-    body
-        The body.
-    depth_m
-        How deep [m] the tool is; negative outside.
-    """
+    """A body and what the tool holds of it."""
 
     __slots__ = ("_held_m", "_in_time", "_static", "_surface", "body", "depth_m")
 
     def __init__(self, body: AnyBody) -> None:
         self.body = body
-        self.depth_m = -math.inf
+        self.depth_m = -math.inf  # how deep [m] the tool is; negative outside
         self._surface = surface_of(body)
         self._in_time = body.depends_on_time
         self._static = body.static_friction or body.friction
@@ -249,24 +231,14 @@ class BodyScene:
     Time is taken from the samples only if a body depends on it. A stamp that repeats or goes back adds no time; the
     velocity is then zero.
 
+    Raise SettingsError if there is no body, or bodies differ in their axes.
+
     Parameters
     ----------
     bodies
         Planes and spheres with as many axes.
     name
         Name of the scene.
-
-    Attributes
-    ----------
-    axes
-        Number of axes of positions and forces.
-    bodies
-        The bodies.
-
-    Raises
-    ------
-    SettingsError
-        If there is no body, or bodies differ in their axes.
     """
 
     def __init__(self, bodies: Sequence[AnyBody], *, name: str = "scene") -> None:
@@ -287,10 +259,7 @@ class BodyScene:
     def step(self, sample: PositionSample) -> ForceSample:
         """Return the force on a tool at `sample`.
 
-        Raises
-        ------
-        SampleError
-            If the position is not finite or has another number of axes; the scene does not change.
+        Raise SampleError if the position is not finite or has another number of axes; the scene does not change.
         """
         tool_m = checked_vector(sample.position_m, "position")
         if len(tool_m) != self.axes:

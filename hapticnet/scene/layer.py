@@ -22,23 +22,15 @@ class Needle:
 
     Time is the sum of the forward differences of the sample time stamps. A stamp that repeats or goes backwards adds
     no time, and the next difference is taken from it, so a clock that is set back does not stop the scene.
-
-    Attributes
-    ----------
-    tip_m
-        Position of the tip [m] at the newest sample.
-    velocity_m_per_s
-        Velocity [m/s] since the previous sample, positive into the tissue; zero if no time has passed.
-    now_us
-        Time [µs] that has passed since the first sample.
     """
 
     __slots__ = ("_stamp_us", "now_us", "tip_m", "velocity_m_per_s")
 
     def __init__(self) -> None:
-        self.tip_m = -LARGEST_COMPONENT
+        self.tip_m = -LARGEST_COMPONENT  # position of the tip [m] at the newest sample
+        # Velocity [m/s] since the previous sample, positive into the tissue; zero if no time has passed
         self.velocity_m_per_s = 0.0
-        self.now_us = 0
+        self.now_us = 0  # time [µs] that has passed since the first sample
         self._stamp_us: int | None = None
 
     def advance(self, t_us: int, tip_m: float) -> None:
@@ -229,12 +221,6 @@ class Layer:
 
     Attributes
     ----------
-    tissue
-        Its properties.
-    rest_m
-        Position [m] of the surface at rest.
-    surface
-        Position of the surface when the needle does not hold it.
     breached
         Whether the needle has pierced the layer.
     feel
@@ -247,7 +233,8 @@ class Layer:
 
     def __init__(self, tissue: Tissue, needle: Needle) -> None:
         self.tissue: Final = tissue
-        self.rest_m: Final = tissue.rest_position_m
+        self.rest_m: Final = tissue.rest_position_m  # position [m] of the surface at rest
+        # Position of the surface when the needle does not hold it
         self.surface: Final[Surface] = (
             RecoveringSurface(tissue, needle) if tissue.recovery_time_s else RestingSurface(tissue)
         )

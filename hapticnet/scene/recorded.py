@@ -47,21 +47,8 @@ class RecordedScene:
 class RecordedForce:
     """A recorded force that several masters may feel, each from its beginning.
 
-    Attributes
-    ----------
-    name
-        Name of the scenes.
-    notes
-        What the user should know about the file.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read, or its force is out of range.
-    SettingsError
-        If more than three columns are chosen.
-    UnavailableError
-        If the package that reads this kind of file is not installed.
+    Raise FileError if the file cannot be read or its force is out of range, SettingsError if more than three
+    columns are chosen, and UnavailableError if the package that reads this kind of file is not installed.
     """
 
     def __init__(self, path: Path, *, columns: Columns | None = None) -> None:
@@ -71,7 +58,7 @@ class RecordedForce:
                 f"{path}: sample {row} is {recording.force[row, axis]} N; it must be within ±{LARGEST_COMPONENT:g} N"
             )
         self.name = f"recording:{path.name}"[:64]
-        self.notes = recording.notes
+        self.notes = recording.notes  # what the user should know about the file
         self._t_us = recording.t_us
         self._force_n = recording.force
 

@@ -41,6 +41,8 @@ class Scene:
     a list; layers it has pierced wait in a heap, ordered by the position behind which they heal. While the tip stays
     between the nearest of both, the layers need not be searched.
 
+    Raise SettingsError if there is no tissue, or if two share a rest position.
+
     Parameters
     ----------
     tissues
@@ -49,20 +51,6 @@ class Scene:
         Name of the scene.
     reach_m
         How far from the tip [m] layers are announced (`ahead`).
-
-    Attributes
-    ----------
-    tissues
-        The tissues from front to back.
-    breaches
-        Number of breaches so far. `reset` does not set it back.
-    force_n
-        The newest force [N].
-
-    Raises
-    ------
-    SettingsError
-        If there is no tissue, or if two share a rest position.
     """
 
     axes: Final = 1
@@ -71,13 +59,13 @@ class Scene:
         self.name = name
         self.reach_m = reach_m
         self.tissues = front_to_back(tissues)
-        self.breaches = 0
+        self.breaches = 0  # number of breaches so far. `reset` does not set it back.
         self._depends_on_time = any(tissue.depends_on_time for tissue in self.tissues)
         self.reset()
 
     def reset(self) -> None:
         """Withdraw the needle and heal every tissue."""
-        self.force_n = 0.0
+        self.force_n = 0.0  # the newest force [N]
         self._bound: StiffnessBound | None = None
         self._needle = Needle()
         self._layers = [Layer(tissue, self._needle) for tissue in self.tissues]
@@ -90,10 +78,7 @@ class Scene:
     def step(self, sample: PositionSample) -> ForceSample:
         """Return the force on a needle whose tip is at `sample`.
 
-        Raises
-        ------
-        SampleError
-            If the position is not finite or has more than one axis; the scene does not change.
+        Raise SampleError if the position is not finite or has more than one axis; the scene does not change.
         """
         position_m = sample.position_m
         if len(position_m) != 1:

@@ -46,42 +46,20 @@ class Tissue:
     The first four properties describe the tissue of "Cutaneous haptic deadband compression": a spring that breaks.
     Each of the others has no effect, and no cost, while it is zero.
 
-    Attributes
-    ----------
-    name
-        Name of the tissue.
-    rest_position_m
-        Position [m] of the undisturbed surface; it increases into the body.
-    stiffness_n_per_m
-        Force per indentation [N/m]; the stiffness at the surface if the tissue stiffens.
-    breach_force_n
-        Elastic force [N] above which the needle pierces the surface.
-    viscosity_n_s_per_m
-        Force per speed [N·s/m] while the surface is indented.
-    shaft_friction_n
-        Friction [N] of the pierced tissue on the needle's shaft.
-    shaft_presliding_m
-        Distance [m] over which the tissue is dragged along before the shaft slides; used with `shaft_friction_n`.
-        The default is an assumption.
-    stiffening_per_m
-        Relative growth of stiffness with indentation [1/m].
-    recovery_time_s
-        Time constant [s] with which a pierced surface returns to its rest position; zero: it returns at once.
-
-    Raises
-    ------
-    SettingsError
-        If a value is not finite or out of range.
+    Raise SettingsError if a value is not finite or out of range.
     """
 
     name: str
-    rest_position_m: float
-    stiffness_n_per_m: float
-    breach_force_n: float
-    viscosity_n_s_per_m: float = 0.0
-    shaft_friction_n: float = 0.0
+    rest_position_m: float  # position [m] of the undisturbed surface; it increases into the body
+    stiffness_n_per_m: float  # force per indentation [N/m]; the stiffness at the surface if the tissue stiffens
+    breach_force_n: float  # elastic force [N] above which the needle pierces the surface
+    viscosity_n_s_per_m: float = 0.0  # force per speed [N·s/m] while the surface is indented
+    shaft_friction_n: float = 0.0  # friction [N] of the pierced tissue on the needle's shaft
+    # Distance [m] over which the tissue is dragged along before the shaft slides; used with `shaft_friction_n`. The
+    # default is an assumption.
     shaft_presliding_m: float = 0.5e-3
-    stiffening_per_m: float = 0.0
+    stiffening_per_m: float = 0.0  # relative growth of stiffness with indentation [1/m]
+    # Time constant [s] with which a pierced surface returns to its rest position; zero: it returns at once
     recovery_time_s: float = 0.0
 
     def __post_init__(self) -> None:
@@ -109,10 +87,7 @@ class Tissue:
 def front_to_back(tissues: Sequence[Tissue]) -> tuple[Tissue, ...]:
     """Return the tissues in the order in which a needle meets them.
 
-    Raises
-    ------
-    SettingsError
-        If there is no tissue, or if two share a rest position.
+    Raise SettingsError if there is no tissue, or if two share a rest position.
     """
     if not tissues:
         raise SettingsError("the scene has no tissue; it must have at least one")
@@ -142,10 +117,8 @@ def check_names(scene: str, names: Sequence[str], what: str) -> None:
 class SceneSettings:
     """A scene's name and its tissues, sorted from front to back.
 
-    Raises
-    ------
-    SettingsError
-        If there is no tissue, two share a rest position or a name, or a name does not fit a WELCOME message.
+    Raise SettingsError if there is no tissue, two share a rest position or a name, or a name does not fit a WELCOME
+    message.
     """
 
     name: str
@@ -169,34 +142,18 @@ LARGEST_FRICTION: Final = 10.0
 class Body:
     """What planes and spheres have in common. Each property but the stiffness has no effect, and no cost, at zero.
 
-    Attributes
-    ----------
-    name
-        Name of the body.
-    stiffness_n_per_m
-        Force per distance [N/m] between the tool and the surface point that it holds.
-    viscosity_n_s_per_m
-        Force per speed [N·s/m] along the normal during contact. It never makes the surface hold the tool back.
-    friction
-        Coulomb's coefficient of sliding friction (dimensionless).
-    static_friction
-        Coefficient that the ratio of tangential to normal force must exceed before the tool slides; 0: as `friction`.
-        A greater one lets a slow tool stick and slip.
-    sliding_viscosity_n_s_per_m
-        Force per speed [N·s/m] along the surface during contact.
-
-    Raises
-    ------
-    SettingsError
-        If a value is not finite or out of range.
+    Raise SettingsError if a value is not finite or out of range.
     """
 
     name: str
-    stiffness_n_per_m: float
+    stiffness_n_per_m: float  # force per distance [N/m] between the tool and the surface point that it holds
+    # Force per speed [N·s/m] along the normal during contact. It never makes the surface hold the tool back.
     viscosity_n_s_per_m: float = 0.0
-    friction: float = 0.0
+    friction: float = 0.0  # Coulomb's coefficient of sliding friction (dimensionless)
+    # Coefficient that the ratio of tangential to normal force must exceed before the tool slides; 0: as `friction`. A
+    # greater one lets a slow tool stick and slip.
     static_friction: float = 0.0
-    sliding_viscosity_n_s_per_m: float = 0.0
+    sliding_viscosity_n_s_per_m: float = 0.0  # force per speed [N·s/m] along the surface during contact
 
     def __post_init__(self) -> None:
         where = f"body {self.name!r}:"
@@ -216,18 +173,10 @@ class Body:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plane(Body):
-    """All that lies beyond a plane; on two axes, beyond a line.
+    """All that lies beyond a plane; on two axes, beyond a line."""
 
-    Attributes
-    ----------
-    point_m
-        A point [m] of the plane, one coordinate for each axis.
-    inward
-        Direction into the body; scaled to length 1.
-    """
-
-    point_m: Vector
-    inward: Vector
+    point_m: Vector  # A point [m] of the plane, one coordinate for each axis
+    inward: Vector  # direction into the body; scaled to length 1
 
     def __post_init__(self) -> None:
         super(Plane, self).__post_init__()
@@ -251,17 +200,9 @@ class Plane(Body):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sphere(Body):
-    """A sphere that is touched from outside; on two axes, a disc.
+    """A sphere that is touched from outside; on two axes, a disc."""
 
-    Attributes
-    ----------
-    centre_m
-        Its centre [m], one coordinate for each axis.
-    radius_m
-        Its radius [m].
-    """
-
-    centre_m: Vector
+    centre_m: Vector  # its centre [m], one coordinate for each axis
     radius_m: float
 
     def __post_init__(self) -> None:
@@ -282,10 +223,8 @@ AnyBody: TypeAlias = Plane | Sphere
 class BodySceneSettings:
     """A scene's name and its bodies.
 
-    Raises
-    ------
-    SettingsError
-        If there is no body, two have different numbers of axes, or a name is not unique or does not fit a message.
+    Raise SettingsError if there is no body, two have different numbers of axes, or a name is not unique or does not fit
+    a message.
     """
 
     name: str

@@ -76,12 +76,8 @@ def find_scene(spec: str, folder: Path = Path()) -> AnySceneSettings:
 
     ``paper`` alone is ``paper:0``. A path is relative to `folder`.
 
-    Raises
-    ------
-    SettingsError
-        If there is no such scene, or a value is invalid.
-    FileError
-        If the file is missing, unreadable or malformed.
+    Raise SettingsError if there is no such scene, or a value is invalid, and FileError if the file is missing,
+    unreadable or malformed.
     """
     if spec == "paper" or spec.startswith("paper:"):
         seed = spec.removeprefix("paper").removeprefix(":") if spec != "paper" else "0"
@@ -105,12 +101,8 @@ def find_scene(spec: str, folder: Path = Path()) -> AnySceneSettings:
 def parse_scene(text: str, source: str) -> AnySceneSettings:
     """Return the scene described by `text`; messages name `source` as its origin.
 
-    Raises
-    ------
-    FileError
-        If the text is not TOML; the message has the line and column.
-    SettingsError
-        If a key is unknown or missing, or a value is invalid.
+    Raise FileError if the text is not TOML; the message has the line and column, and SettingsError if a key is unknown
+    or missing, or a value is invalid.
     """
     from hapticnet.documents import parse_document
 
@@ -167,22 +159,12 @@ def make_scene(settings: "AnySceneSettings") -> Scene | BodyScene:
 
 
 class SceneSource:
-    """Makes a scene for each master. This one makes scenes of tissues or bodies.
-
-    Attributes
-    ----------
-    name
-        Name of the scenes.
-    file
-        File that the source is read from, or None.
-    notes
-        What the user should know about that file.
-    """
+    """Makes a scene for each master. This one makes scenes of tissues or bodies."""
 
     def __init__(self, settings: "AnySceneSettings", file: Path | None = None) -> None:
         self.name = settings.name
-        self.file = file
-        self.notes: tuple[str, ...] = ()
+        self.file = file  # file that the source is read from, or None
+        self.notes: tuple[str, ...] = ()  # what the user should know about that file
         self._settings = settings
 
     @property
@@ -276,12 +258,8 @@ def find_source(spec: str, folder: Path = Path()) -> SceneSource:
 
     A class of the user's is imported, so never call it with text from the network.
 
-    Raises
-    ------
-    SettingsError
-        If there is no such scene, or it cannot be used.
-    FileError
-        If its file is missing, unreadable or malformed.
+    Raise SettingsError if there is no such scene, or it cannot be used, and FileError if its file is missing,
+    unreadable or malformed.
     """
     if spec.startswith("recording:"):
         return RecordedSource(spec.removeprefix("recording:"), folder)

@@ -144,10 +144,7 @@ class CurveForm:
     def unpack(self, payload: bytes, receiver: object = None) -> CurveMessage:  # noqa: ARG002
         """Return the curve in a payload.
 
-        Raises
-        ------
-        PeerError
-            If the length fits no form, or where it starts or ends is not finite or out of range.
+        Raise PeerError if the length fits no form, or where it starts or ends is not finite or out of range.
         """
         form, value = self._values.unpack(payload[: -self._travel.size])
         thresholds: Vector = self._travel.unpack(payload[-self._travel.size :])
@@ -182,22 +179,11 @@ class CurveRule(NamedTuple):
 
 
 class Sender(NamedTuple):
-    """What the receiver follows, and what the sender has learned.
+    """What the receiver follows, and what the sender has learned."""
 
-    Attributes
-    ----------
-    is_known
-        Whether the receiver is known to follow the curve; False after a loss.
-    curve
-        The curve sent last.
-    sent, trend
-        The stimulus for which it was sent, and the trend at that time.
-    regression
-        What has been learned.
-    """
-
-    is_known: bool
+    is_known: bool  # whether the receiver is known to follow the curve; False after a loss
     curve: Curve
+    # The stimulus for which it was sent, and the trend at that time
     sent: Vector
     trend: Trend
     regression: Regression

@@ -38,25 +38,18 @@ SMALLEST_THRESHOLD_N: Final = 1e-100
 
 
 class Coupling(NamedTuple):
-    """Recursive least squares with forgetting: how far changes of a force follow those of position and velocity.
+    """Recursive least squares with forgetting: how far changes of a force follow those of position and velocity."""
 
-    Attributes
-    ----------
-    has_anchor, t_us, stimulus, position, velocity
-        The sample to which the next difference is taken.
-    normal, right
-        Normal equations, in thresholds: the upper triangle row by row, and the right-hand side.
-    stiffness, viscosity
-        Their solution [N/m, N·s/m], both not negative.
-    """
-
+    # The sample to which the next difference is taken
     has_anchor: bool
     t_us: int
     stimulus: Vector
     position: Vector
     velocity: Vector
+    # Normal equations, in thresholds: the upper triangle row by row, and the right-hand side
     normal: tuple[float, float, float]
     right: tuple[float, float]
+    # Their solution [N/m, N·s/m], both not negative
     stiffness: float
     viscosity: float
 

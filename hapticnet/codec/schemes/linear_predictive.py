@@ -56,22 +56,13 @@ class LineNumbers(ValueNumbers, Protocol):
 
 
 class Line(NamedTuple):
-    """A stimulus that changes at a constant rate until the horizon.
+    """A stimulus that changes at a constant rate until the horizon."""
 
-    Attributes
-    ----------
-    t_us, value
-        Where it starts [µs, N].
-    rate
-        How fast it changes [N/µs].
-    is_bounded
-        Whether it stays in range up to the horizon.
-    """
-
+    # Where it starts [µs, N]
     t_us: int
     value: Vector
-    rate: Vector
-    is_bounded: bool
+    rate: Vector  # how fast it changes [N/µs]
+    is_bounded: bool  # whether it stays in range up to the horizon
 
 
 class LineMessage(NamedTuple):
@@ -145,10 +136,7 @@ class LineForm:
     def unpack(self, payload: bytes, receiver: object = None) -> LineMessage:  # noqa: ARG002
         """Return the line in a payload.
 
-        Raises
-        ------
-        PeerError
-            If the length fits no form, or a component is not finite or out of range.
+        Raise PeerError if the length fits no form, or a component is not finite or out of range.
         """
         has_counts = len(payload) == 2 * COUNT_BYTES * self._axes
         form = COUNT[self._axes] if has_counts else SINGLE[self._axes]

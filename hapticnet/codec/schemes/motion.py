@@ -110,29 +110,14 @@ class MotionNumbers(CurveNumbers, Protocol):
 
 
 class Message(NamedTuple):
-    """What is transmitted. Fields that a kind does not have are zero.
+    """What is transmitted. Fields that a kind does not have are zero."""
 
-    Attributes
-    ----------
-    kind
-        `HOLD`, `CURVE`, `SURFACE` or `COUPLED`.
-    is_wide
-        Whether the value is sent as float64.
-    value
-        Stimulus at the start of a curve, or the offset of a line [N].
-    travel
-        In thresholds around the value for a curve, in newtons for a coupling.
-    normal
-        Direction of a surface, times the square root of its stiffness [N/m].
-    stiffness, viscosity
-        Of a coupling [N/m, N·s/m]; `stiffness` is also that across the normal of a surface.
-    """
-
-    kind: int
-    is_wide: bool
-    value: Vector
-    travel: Vector
-    normal: Vector
+    kind: int  # `HOLD`, `CURVE`, `SURFACE` or `COUPLED`
+    is_wide: bool  # whether the value is sent as float64
+    value: Vector  # stimulus at the start of a curve, or the offset of a line [N]
+    travel: Vector  # in thresholds around the value for a curve, in newtons for a coupling
+    normal: Vector  # direction of a surface, times the square root of its stiffness [N/m]
+    # Of a coupling [N/m, N·s/m]; `stiffness` is also that across the normal of a surface
     stiffness: float
     viscosity: float
 
@@ -269,10 +254,8 @@ class MotionForm:
     def unpack(self, payload: bytes, receiver: object = None) -> Message:  # noqa: ARG002
         """Return the message in a payload.
 
-        Raises
-        ------
-        PeerError
-            If its kind is unknown, its length is not that of its kind, or a number is not finite or out of range.
+        Raise PeerError if its kind is unknown, its length is not that of its kind, or a number is not finite or out of
+        range.
         """
         first = payload[0] if payload else -1
         kind, is_wide = first & ~WIDE, bool(first & WIDE)
