@@ -16,14 +16,13 @@ from hapticnet.cli import (
     encode,
     experiment,
     key,
-    master,
     recordings,
     replay,
     scene,
-    slave,
     sweep,
 )
 from hapticnet.cli.console import complain
+from hapticnet.cli.given import MasterOptions, SlaveOptions
 from hapticnet.cli.verbs import asks_for_json, equip, found_of
 from hapticnet.errors import FileError, HapticnetError, SettingsError, in_words
 from hapticnet.interrupts import ignore_further
@@ -51,8 +50,36 @@ app = typer.Typer(
     help="Haptic teleoperation with perceptual deadband compression.",
 )
 app.command(short_help="Play the paper's conditions with a slave and a master.")(demo.demo)
-app.command(short_help="Host the virtual tissues.")(slave.slave)
-app.command(short_help="Send the operator's motion, render the force that comes back.")(master.master)
+
+
+@app.command(short_help="Host the virtual tissues.")
+def slave(given: SlaveOptions) -> None:
+    """Host the virtual tissues: each master touches its own scene.
+
+    On loopback, anyone is served unless --key or --masters is given. Elsewhere, only the masters of the list are
+    served: --key and --masters, by default key.toml and masters.toml in ~/.config/hapticnet.
+
+    Ends on Ctrl-C, SIGTERM or after --duration, and then prints its report. A second signal ends --drain.
+    """
+    from hapticnet.cli.slave import serve
+
+    serve(given)
+
+
+@app.command(short_help="Send the operator's motion, render the force that comes back.")
+def master(given: MasterOptions) -> None:
+    """Stream the operator's position to a slave and drive the fingertip device with the force that comes back.
+
+    Sessions with other hosts need --peer-key, and --key or ~/.config/hapticnet/key.toml.
+
+    Waits for the slave when it is not there yet, and again when it goes away. Ends on Ctrl-C, SIGTERM or when the
+    operator is done, and then prints its report.
+    """
+    from hapticnet.cli.master import join
+
+    join(given)
+
+
 app.command(short_help="Run a codec over a recorded force.")(encode.encode)
 app.command(short_help="Compare every codec on recordings with the best possible.")(compare.compare)
 app.command(short_help="Print what a recording holds.")(recordings.info)

@@ -7,7 +7,7 @@ import shutil
 import socket
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import unquote, urlsplit
@@ -53,12 +53,11 @@ class ServedPage:
         hand: "Operator",
         source: str,
         device: str,
-        slave: str,
         channels: Mapping[str, "ChannelSettings"],
         emulators: "Mapping[str, Emulator[Any] | None]",
+        in_words: "Callable[[NodeEvent], str]",
     ) -> "list[Watcher[NodeEvent]]":
         """Return what serves the page of a master, in the order in which it is to be started."""
-        from hapticnet.cli.master_messages import in_words
         from hapticnet.operator.live import LiveHand
         from hapticnet.web.controls import Controls
         from hapticnet.web.page import Page, PageSettings
@@ -74,7 +73,7 @@ class ServedPage:
             device=None if device == "none" else device,
             hand=hand if isinstance(hand, LiveHand) else None,
             operator_url=self._access.url("operator"),
-            in_words=lambda event: in_words(event, node, slave),
+            in_words=in_words,
             say=self._console.warn,
         )
         page = Page(node, Controls(node, ways), settings)

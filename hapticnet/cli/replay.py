@@ -61,7 +61,8 @@ def replay(given: ReplayOptions) -> None:
     watch it on the page.
     """
     from hapticnet.cli.console import check_outputs
-    from hapticnet.cli.master import MasterOptions, master
+    from hapticnet.cli.given import MasterOptions
+    from hapticnet.cli.master import join
     from hapticnet.errors import SettingsError
     from hapticnet.recordings.loading import load_motion
 
@@ -72,7 +73,7 @@ def replay(given: ReplayOptions) -> None:
     motion = load_motion(file, position=column)
     shared = {each.name for each in fields(MasterOptions)} & {each.name for each in fields(ReplayOptions)}
     with _slave(given, motion) as address:
-        master(
+        join(
             MasterOptions(
                 **{name: getattr(given, name) for name in shared}
                 | {

@@ -3,7 +3,7 @@
 import msgpack
 import numpy as np
 
-from hapticnet.cli.slave_messages import MOST_UNREAD, SlaveMessages
+from hapticnet.cli.slave import MOST_UNREAD, SlaveMessages
 from hapticnet.node.settings import SlaveSettings
 from hapticnet.node.slave import SlaveNode
 from hapticnet.protocol.wire import Kind, pack

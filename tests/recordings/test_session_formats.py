@@ -14,16 +14,13 @@ from mcap.reader import make_reader
 from mcap.records import Chunk
 from mcap_protobuf.decoder import DecoderFactory
 
-from hapticnet.cli.master_messages import DISTURBANCES as MASTER_DISTURBANCES
 from hapticnet.errors import FileError, UnavailableError
-from hapticnet.node.events import ScenePaused
 from hapticnet.node.recording import DATAGRAM_COLUMNS, master_columns
 from hapticnet.recordings.loading import load_motion, load_recording
 from hapticnet.recordings.session import mcap_reader
 from hapticnet.recordings.session import session as session_module
 from hapticnet.recordings.session.export import export
 from hapticnet.recordings.session.mcap_reader import records
-from hapticnet.recordings.session.mcap_writer import DISTURBANCES
 from hapticnet.recordings.session.protobuf import LEVELS, log_descriptor, pack_log, row_descriptor, unpack_log, varint
 from hapticnet.recordings.session.reading import read_session
 from hapticnet.recordings.session.recovery import recover_file
@@ -136,10 +133,6 @@ def test_the_descriptor_of_a_log_is_that_of_foxglove():
 @pytest.mark.parametrize("time_ns", [0, 1, 1_790_000_000_123_456_000, -1_000, -1_000_000_001])
 def test_a_log_reads_back(time_ns):
     assert unpack_log(pack_log(time_ns, "WARNING", "LinkStale", "")) == (time_ns, "LinkStale", "")
-
-
-def test_what_a_person_is_warned_of_is_a_warning_in_the_file():
-    assert {kind.__name__ for kind in (*MASTER_DISTURBANCES, ScenePaused)} == DISTURBANCES
 
 
 @pytest.mark.parametrize("cut", range(len(pack_log(1, "INFO", "name", "text"))))
