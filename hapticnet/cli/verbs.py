@@ -1,78 +1,64 @@
-"""What every verb has besides its own options: ``--config``, environment variables, examples; a log for some."""
+"""What every verb has besides its own options: ``--config``, environment variables, groups and examples."""
 
 import dataclasses
 import functools
 import inspect
 import os
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, cast
 
 import typer
+from typer.core import TyperCommand
+from typer.models import ParameterInfo
 
-from hapticnet.cli.completions import COMPLETIONS
 from hapticnet.cli.examples import EXAMPLES
-from hapticnet.cli.groups import GroupedCommand
 from hapticnet.cli.settings import (
     CONFIG_VARIABLE,
     FLAGS,
     Found,
     Verb,
     load_found,
+    option_key,
     unknown_variables,
     variable,
     verb_of,
+    wanted,
 )
-from hapticnet.cli.value_checks import check_values
+from hapticnet.cli.values import COMPLETED, check_values, completer
 from hapticnet.errors import HapticnetError
 from hapticnet.files import user_path
-from hapticnet.options import Option, option_of
+from hapticnet.options import option_of
 from hapticnet.runtime.nonblocking_log import STDERR, Form, Level, keep_log, log_line
 
 LOGGING: Final = {("master",), ("slave",), ("replay",)}
 """Verbs that run until they are stopped: their lines on stderr have time and level."""
 
-UNITS: Final = {  # what the help calls the values of these parameters, wherever they have no name of their own
-    "duration": "SECONDS",
-    "sampling_rate": "HZ",
-    "floor": "NEWTONS",
-    "rate": "HZ",
-    "weber": "FRACTION",
-}
-
+UNITS: Final = {"duration": "SECONDS", "sampling_rate": "HZ", "floor": "NEWTONS", "rate": "HZ", "weber": "FRACTION"}
 VALUES: Final = {bool: None, int: "N", float: "NUMBER", Path: "FILE", str: "TEXT"}
-"""What it calls the values of other parameters, by type."""
+"""What the help calls the values of parameters that name none of their own: by parameter, else by type."""
 
 FOUND: Final = "hapticnet.found"  # where a context keeps what file and environment set
 
 
 def equip(app: typer.Typer) -> None:
     """Add to each verb of an application what all verbs have."""
-    for verb, info in _verbs(app, ()):
-        function = info.callback = _with_declared_options(info.callback)
-        _describe_values(function)
-        if "ctx" not in inspect.signature(function).parameters:  # config prints the options of other verbs
-            info.callback = _with_common_options(function, log=verb in LOGGING)
-        info.cls = GroupedCommand
-        info.epilog = _examples(verb)
     for verb, group in _groups(app, ()):
         group.info.epilog = _examples(verb)
+        for info in group.registered_commands:
+            function: Any = info.callback
+            words = (*verb, info.name or function.__name__.replace("_", "-"))
+            info.callback = _equipped(function, log=words in LOGGING)
+            info.cls = GroupedCommand
+            info.epilog = _examples(words)
 
 
 def found_of(ctx: typer.Context) -> dict[str, Found]:
     """Return what file and environment set, by the parameters' names."""
     found: dict[str, Found] = ctx.meta.get(FOUND, {})
     return found
-
-
-def _verbs(app: typer.Typer, verb: Verb) -> Iterator[tuple[Verb, Any]]:
-    for info in app.registered_commands:
-        function: Any = info.callback
-        yield (*verb, info.name or function.__name__.replace("_", "-")), info
-    for group in app.registered_groups:
-        if group.typer_instance is not None and group.name is not None:
-            yield from _verbs(group.typer_instance, (*verb, group.name))
 
 
 def _groups(app: typer.Typer, verb: Verb) -> Iterator[tuple[Verb, typer.Typer]]:
@@ -88,62 +74,71 @@ def _examples(verb: Verb) -> str | None:
     return None if lines is None else "\b\nExamples:\n" + "\n".join(f"  {line}" for line in lines)
 
 
-def _with_declared_options(function: Callable[..., None]) -> Callable[..., None]:
-    """Return a function with a parameter for each field, if its one parameter is a dataclass; typer reads the rest."""
+def _equipped(function: Callable[..., None], *, log: bool) -> Callable[..., None]:
+    """Return a verb as typer reads it: a parameter for each option, declared by a dataclass or one by one.
+
+    Before it begins, what it was given is checked.
+    """
     own = list(inspect.signature(function).parameters.values())
-    verb = function
-    given: Any = own[0].annotation if len(own) == 1 else None
-    if dataclasses.is_dataclass(given):
+    make: Any = own[0].annotation if len(own) == 1 and dataclasses.is_dataclass(own[0].annotation) else None
+    if make is not None:
+        defaults = ((each, each.default) for each in dataclasses.fields(make))
         own = [
-            inspect.Parameter(
-                each.name,
-                inspect.Parameter.KEYWORD_ONLY,
-                default=inspect.Parameter.empty if each.default is dataclasses.MISSING else each.default,
-                annotation=each.type,
-            )
-            for each in dataclasses.fields(given)
+            _parameter(each.name, each.type, inspect.Parameter.empty if value is dataclasses.MISSING else value)
+            for each, value in defaults
         ]
-        make: Any = given
+    own = [_parameter(each.name, _typed(each.name, each.annotation), each.default) for each in own]
+    if any(each.name == "ctx" for each in own):  # config prints the options of other verbs
+        return _with_signature(function, own)
 
-        @functools.wraps(function)
-        def verb(**options: Any) -> None:
+    @functools.wraps(function)
+    def verb(ctx: typer.Context, **options: Any) -> None:
+        options = {each.name: _with_home(options[each.name]) for each in own}
+        _warn_of_variables(ctx)
+        check_values(ctx, options)
+        for each in own:
+            if (option := option_of(each.annotation)) is not None:
+                option.check(f"--{each.name.replace('_', '-')}", options[each.name])
+        if make is not None:
             function(make(**options))
+        else:
+            function(**options)
 
-    own = [each.replace(annotation=_typed(each.annotation)) for each in own]
-    verb.__signature__ = inspect.Signature(own)  # type: ignore[attr-defined]
-    verb.__annotations__ = {each.name: each.annotation for each in own}
+    common = [_parameter("ctx", typer.Context), _parameter("config", Annotated[Path | None, CONFIG], None)]
+    if log:
+        common.append(_parameter("log_json", Annotated[bool, LOG_JSON], False))
+    return _with_signature(verb, [*own, *common])
+
+
+def _parameter(name: str, annotation: Any, default: Any = inspect.Parameter.empty) -> inspect.Parameter:
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+
+
+def _with_signature(function: Any, parameters: list[inspect.Parameter]) -> Callable[..., None]:
+    function.__signature__ = inspect.Signature(parameters)
+    function.__annotations__ = {each.name: each.annotation for each in parameters}
+    verb: Callable[..., None] = function
     return verb
 
 
-def _typed(annotation: Any) -> Any:
-    """Return an annotation with the option that it declares in typer's words, too."""
-    if (option := option_of(annotation)) is None:
-        return annotation
-    told: dict[str, Any] = {"metavar": option.metavar, "help": option.help, "parser": option.parser}
-    told |= {"show_default": option.show_default, "envvar": option.variable}
-    if option.most is None:
-        told["min"] = option.least
-    told = {name: value for name, value in told.items() if value is not None}
-    info = typer.Argument(**told) if option.argument else typer.Option(*option.flags, **told)
-    return Annotated[annotation.__origin__, info, option]
-
-
-def _describe_values(function: Callable[..., None]) -> None:
-    """Name the value of each parameter in the help, and let the shell complete those that `COMPLETIONS` names."""
-    for parameter in inspect.signature(function).parameters.values():
-        for info in getattr(parameter.annotation, "__metadata__", ()):
-            if isinstance(info, Option):
-                continue
-            if parameter.name in COMPLETIONS and info.autocompletion is None:
-                info.autocompletion = COMPLETIONS[parameter.name]
-            if info.metavar is None:
-                info.metavar = UNITS.get(parameter.name) or _value_of(parameter.annotation.__origin__)
-
-
-def _value_of(kind: Any) -> str | None:
-    """Return the name of a value of this type; None where the parser's is good: flags and choices."""
-    kinds = {kind, *getattr(kind, "__args__", ())}
-    return next((name for each, name in VALUES.items() if each in kinds), None)
+def _typed(name: str, annotation: Any) -> Any:
+    """Return the annotation of a parameter in typer's words, with what its value is called and what completes it."""
+    if (option := option_of(annotation)) is not None:
+        told: dict[str, Any] = {"metavar": option.metavar, "help": option.help, "parser": option.parser}
+        told |= {"show_default": option.show_default, "envvar": option.variable}
+        if option.most is None:
+            told["min"] = option.least
+        told = {key: value for key, value in told.items() if value is not None}
+        info = typer.Argument(**told) if option.argument else typer.Option(*option.flags, **told)
+        annotation = Annotated[annotation.__origin__, info, option]
+    for info in getattr(annotation, "__metadata__", ()):
+        if isinstance(info, ParameterInfo):
+            if name in COMPLETED and info.autocompletion is None:
+                info.autocompletion = completer(name)
+            kinds = {annotation.__origin__, *getattr(annotation.__origin__, "__args__", ())}
+            by_type = next((value for each, value in VALUES.items() if each in kinds), None)
+            info.metavar = info.metavar or UNITS.get(name) or by_type
+    return annotation
 
 
 def _configure(ctx: typer.Context, path: Path | None) -> Path | None:
@@ -156,7 +151,10 @@ def _configure(ctx: typer.Context, path: Path | None) -> Path | None:
 
 
 def asks_for_json(arguments: Sequence[str], environment: Mapping[str, str]) -> bool:
-    """Return whether command line, environment or configuration ask for log lines in JSON, before any is checked."""
+    """Return whether command line, environment or configuration ask for log lines in JSON, before any is checked.
+
+    What is wrong with the configuration is told when it is read for good.
+    """
     verb = tuple(arguments[:1])
     if "--log-json" in arguments:
         return True
@@ -164,11 +162,6 @@ def asks_for_json(arguments: Sequence[str], environment: Mapping[str, str]) -> b
         return False
     if text := environment.get(variable(verb, "log-json"), ""):
         return FLAGS.get(text.lower(), False)
-    return _file_asks_for_json(verb[0], arguments, environment)
-
-
-def _file_asks_for_json(verb: str, arguments: Sequence[str], environment: Mapping[str, str]) -> bool:
-    """Return whether the configuration asks for it; what is wrong with that file is told when it is read for good."""
     named = [after for word, after in pairwise(arguments) if word == "--config"]
     named += [word.partition("=")[2] for word in arguments if word.startswith("--config=")]
     path = named[-1] if named else environment.get(CONFIG_VARIABLE)
@@ -177,7 +170,7 @@ def _file_asks_for_json(verb: str, arguments: Sequence[str], environment: Mappin
     from hapticnet.documents import parse_tables, read_document
 
     try:
-        table = parse_tables(read_document(user_path(path)), path).get(verb)
+        table = parse_tables(read_document(user_path(path)), path).get(verb[0])
     except HapticnetError:
         return False
     return isinstance(table, dict) and table.get("log-json") is True
@@ -205,40 +198,6 @@ LOG_JSON: Final = typer.Option(
 )
 
 
-def _with_common_options(function: Callable[..., None], *, log: bool) -> Callable[..., None]:
-    """Return a function with the signature of another one and the options that all verbs have."""
-    added = [
-        inspect.Parameter("ctx", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context),
-        inspect.Parameter(
-            "config", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[Path | None, CONFIG]
-        ),
-    ]
-    if log:
-        added.append(
-            inspect.Parameter(
-                "log_json", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Annotated[bool, LOG_JSON]
-            )
-        )
-    own = inspect.signature(function)
-
-    @functools.wraps(function)
-    def verb(ctx: typer.Context, **options: Any) -> None:
-        for each in added[1:]:
-            del options[each.name]
-        options = {name: _with_home(value) for name, value in options.items()}
-        _warn_of_variables(ctx)
-        check_values(ctx, options)
-        for each in own.parameters.values():
-            if (option := option_of(each.annotation)) is not None:
-                option.check(f"--{each.name.replace('_', '-')}", options[each.name])
-        function(**options)
-
-    parameters = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in own.parameters.values()]
-    verb.__signature__ = own.replace(parameters=[*parameters, *added])  # type: ignore[attr-defined]
-    verb.__annotations__ = function.__annotations__ | {each.name: each.annotation for each in added}
-    return verb
-
-
 def _with_home(value: Any) -> Any:
     """Return the value of an option, a path with its ``~`` replaced: the shell leaves it in ``--key=~/key.toml``."""
     if isinstance(value, list):
@@ -250,3 +209,77 @@ def _warn_of_variables(ctx: typer.Context) -> None:
     verb = verb_of(ctx)
     for line in unknown_variables(verb, ctx.command, os.environ):
         STDERR.line(log_line(line, who=" ".join(verb), level=Level.WARNING))
+
+
+GROUPS: Final[dict[str, tuple[str, ...]]] = {
+    "Connection": (
+        "connect", "listen", "connect-timeout", "name", "scheduler", "most-sessions", "most-sessions-per-key", "keep",
+        "drain", "fastest-rate",
+    ),
+    "Keys": ("key", "peer-key", "masters", "insecure"),
+    "Operator and device": (
+        "operator", "insertions", "rate", "positions", "position-share", "device", "device-takes", "profile", "from",
+        "to", "stiffness", "link", "pairs",
+    ),
+    "Safety": ("passive", "max-age", "max-force", "first-touch"),
+    "Scene and contact": ("scene", "announce", "announced"),
+    "Codec and perception": (
+        "codec", "codecs", "add-codec", "multiplier", "multipliers", "weber", "floor", "law", "grid",
+    ),
+    "Emulated network": ("channel-out", "channel-in", "delay", "loss"),
+    "Reading of files": (
+        "trace", "force-column", "position-column", "time-column", "position-scale", "start", "sampling-rate",
+        "missing", "max-size",
+    ),
+    "Study": (
+        "participant", "session", "plan", "simulate", "wall-clock", "resume", "analyse", "shares", "participants",
+        "trials", "experiments", "margin", "motions", "repeats", "shard", "dry-run",
+    ),
+    "Recording": ("record", "record-dir", "record-format", "record-limit"),
+    "Page and monitoring": ("page", "metrics"),
+    "Tables and plots": (
+        "by", "of", "quantiles", "where", "csv", "latex", "plot", "plot-dir", "plot-format", "plots", "x", "y", "line",
+        "panel", "signal", "window",
+    ),
+    "Output": (
+        "out", "out-dir", "format", "bids", "title", "authors", "overwrite", "json", "report", "quiet",
+        "log-json",
+    ),
+    "Running": ("duration", "seed", "jobs", "real-time", "quick", "config", "help"),
+}  # fmt: skip
+"""Names of options, each in the one group that it has in the help of every verb."""
+
+
+class GroupedCommand(TyperCommand):
+    """A verb whose help shows its options in `GROUPS`, and that refuses empty values."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Refuse empty values, which mean nothing to any option: a variable of a script may be unset."""
+        given = {} if ctx.resilient_parsing else self.make_parser(ctx).parse_args(list(args))[0]
+        for each in cast("list[Any]", self.params):
+            value = given.get(each.name)
+            values = value if each.param_type_name == "option" and isinstance(value, list) else [value]
+            if any(isinstance(text, str) and not text.strip() for text in values):
+                raise typer.BadParameter(f"it is empty; {wanted(each)}", ctx=ctx, param=each)
+        return super().parse_args(ctx, args)
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write arguments, then each group that has an option of this verb."""
+        parameters = self.get_params(ctx)
+        options = {option_key(each): each for each in parameters if each.param_type_name == "option"}
+        sections = {"Arguments": [each.get_help_record(ctx) for each in parameters if each not in options.values()]}
+        for group, names in GROUPS.items():
+            sections[group] = [_record(options[name], ctx) for name in names if name in options]
+        for title, records in sections.items():
+            if records:
+                with formatter.section(title):
+                    formatter.write_dl(records)
+
+
+def _record(option: Any, ctx: Any) -> tuple[str, str]:
+    """Return an option and its help: a flag as ``--[no-]name``, with its default only if it is on."""
+    names, text = option.get_help_record(ctx)
+    if option.is_flag:
+        names = re.sub(r"--(\S+) / --no-\1", r"--[no-]\1", names)
+        text = re.sub(r"  \[default: no-\S+\]$", "", text)
+    return names, text

@@ -7,8 +7,8 @@ import pytest
 import typer
 
 from hapticnet.cli import app
-from hapticnet.cli.groups import GROUPS
 from hapticnet.cli.settings import leaves, option_key
+from hapticnet.cli.verbs import GROUPS
 
 ROOT = Path(__file__).parents[2]
 VERBS = dict(leaves(typer.main.get_command(app)))
