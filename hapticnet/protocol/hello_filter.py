@@ -6,13 +6,13 @@ another address or HELLO is worth nothing. Token buckets limit how often request
 """
 
 import hmac
-import math
 from collections import OrderedDict
 from collections.abc import Hashable, Mapping
 from hashlib import blake2s
 from typing import Final, TypeAlias
 
 from hapticnet.errors import PeerError
+from hapticnet.protocol.buckets import TokenBucket
 from hapticnet.protocol.handshake import Door, Visitor
 from hapticnet.protocol.messages import (
     COOKIE_BYTES,
@@ -70,28 +70,6 @@ def _cookie(secret: bytes, address: bytes, nonce: int) -> bytes:
 
 MOST_KEYS: Final = 4096
 """Keys remembered at once; the one unused for longest is forgotten."""
-
-
-class TokenBucket:
-    """A bucket of `depth` tokens that fills at `per_second`; each event takes one.
-
-    The bucket is full at first.
-    """
-
-    def __init__(self, per_second: float, depth: float) -> None:
-        self._each_us = 1e6 / per_second
-        self._empty_us = depth * self._each_us
-        self._full_us = -math.inf  # when the bucket is full again
-
-    def take(self, now_us: int) -> bool:
-        """Take a token; return whether there was one."""
-        full_us = (self._full_us if self._full_us > now_us else now_us) + self._each_us
-        if full_us - now_us > self._empty_us:
-            if full_us - now_us > self._empty_us + self._each_us + 1.0:  # the clock went back: begin again, empty
-                self._full_us = now_us + self._empty_us
-            return False
-        self._full_us = full_us
-        return True
 
 
 class Buckets:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Final, TypeVar
 
 from hapticnet.perception import WeberLaw
-from hapticnet.protocol.hello_filter import TokenBucket
+from hapticnet.protocol.buckets import TokenBucket
 from hapticnet.protocol.messages import (
     REASON_BYTES,
     Close,

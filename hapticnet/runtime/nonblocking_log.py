@@ -18,7 +18,7 @@ from queue import Empty, SimpleQueue
 from typing import Any, Final, TextIO
 
 from hapticnet.errors import FileError, visible
-from hapticnet.protocol.hello_filter import TokenBucket
+from hapticnet.protocol.buckets import TokenBucket
 from hapticnet.runtime.system import now_us, start_background
 
 

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.protocol.hello_filter import GENERATION_US, Buckets, CookieJar, TokenBucket
+from hapticnet.protocol.buckets import TokenBucket
+from hapticnet.protocol.hello_filter import GENERATION_US, Buckets, CookieJar
 from hapticnet.protocol.messages import COOKIE_BYTES
 
 SECOND = 1_000_000
