@@ -17,7 +17,9 @@ ROOT: Final = Path(__file__).parent
 COMPILED: Final = (
     "hapticnet/samples.py",
     "hapticnet/vectors.py",
+    "hapticnet/rounding.py",
     "hapticnet/stiffness_bound.py",
+    "hapticnet/measure/metrics.py",
     "hapticnet/scene/*.py",
     "hapticnet/codec/**/*.py",
     "hapticnet/protocol/*.py",
@@ -38,7 +40,6 @@ PLAIN: Final = {
 """Names of modules that stay plain Python wherever they stand, and why."""
 
 PLAIN_FILES: Final = {
-    "hapticnet/channel/emulator.py": "others derive from it",
     "hapticnet/codec/plugins.py": "reads classes of users",
     "hapticnet/device/profile.py": "models of pydantic",
     "hapticnet/device/simulated.py": "settings that users make, and others derive from it",

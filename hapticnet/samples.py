@@ -4,11 +4,14 @@ A vector is a tuple of floats, one per axis, because numpy costs tens of microse
 """
 
 from collections.abc import Iterable
-from typing import NamedTuple, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 from hapticnet.errors import SampleError
 
 Vector: TypeAlias = tuple[float, ...]
+
+new_tuple: Final = tuple.__new__
+"""Makes a named tuple from a tuple, in half the time of its own constructor: for what every sample passes."""
 
 MAX_AXES = 3
 LARGEST_COMPONENT = 1e15

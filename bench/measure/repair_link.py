@@ -72,7 +72,7 @@ class Case:
     seconds: float = 20.0
 
 
-class Lossy(Emulator[bytes]):
+class Lossy:
     """A channel that notes what was lost, and whose bursts can last a time instead of a number of datagrams."""
 
     def __init__(self, case: Case, rng: np.random.Generator) -> None:
@@ -81,7 +81,8 @@ class Lossy(Emulator[bytes]):
             delay_us=case.delay_us,
             jitter=Jitter(distribution="normal", deviation_us=case.jitter_us) if case.jitter_us else None,
         )
-        super().__init__(settings, rng.spawn(1)[0])
+        self._channel: Emulator[bytes] = Emulator(settings, rng.spawn(1)[0])
+        self.due, self.next_timer_us = self._channel.due, self._channel.next_timer_us
         self._fates = chain.fates(rng) if chain is not None else None
         self._timed = case.clock == "ms"
         self._chain_us = 0
@@ -99,7 +100,7 @@ class Lossy(Emulator[bytes]):
             if datagram.kind is Kind.FORCE:
                 self.lost_forces.append((datagram.sequence, now_us))
             return
-        super().push(item, size_bytes, now_us)
+        self._channel.push(item, size_bytes, now_us)
 
     def _is_lost(self, fates: Iterator[bool], now_us: int) -> bool:
         if not self._timed:

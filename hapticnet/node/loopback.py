@@ -1,12 +1,26 @@
 """Master, slave and two channels in virtual time: the effects of a network without sockets or waiting."""
 
-from typing import Final
+from typing import Final, Protocol
 
-from hapticnet.channel.emulator import Emulator
 from hapticnet.node.master import MasterNode
 from hapticnet.node.slave import SlaveNode
 
 MASTER_ADDRESS: Final = "loopback"
+
+
+class Channel(Protocol):
+    """What carries datagrams one way, such as an `Emulator`."""
+
+    def push(self, item: bytes, size_bytes: int, now_us: int) -> None:
+        """Send a datagram."""
+
+    def due(self, now_us: int) -> list[bytes]:
+        """Remove and return the datagrams that have arrived."""
+        ...
+
+    def next_timer_us(self) -> int | None:
+        """Return when the next datagram arrives [µs]; None if none is under way."""
+        ...
 
 
 class Loopback:
@@ -21,8 +35,8 @@ class Loopback:
         master: MasterNode,
         slave: SlaveNode,
         *,
-        forward: Emulator[bytes],
-        feedback: Emulator[bytes],
+        forward: Channel,
+        feedback: Channel,
         start_us: int = 0,
     ) -> None:
         self.master = master

@@ -19,7 +19,7 @@ from hapticnet.node.step_times import StepTime, StepTimes
 from hapticnet.protocol.messages import Grant
 from hapticnet.protocol.slave_session import SlaveSession
 from hapticnet.protocol.wire import Datagram, Kind
-from hapticnet.samples import PositionSample, Vector
+from hapticnet.samples import PositionSample, Vector, new_tuple
 from hapticnet.scene.base import Touchable, bound_method, breaches_of
 from hapticnet.vectors import along
 
@@ -152,7 +152,7 @@ class SlaveContext:
             self.superseded += 1
             self._scene_time.unanswered += 1
             self._codec_time.unanswered += 1
-        self._pending = PositionSample(t_us, position_m)
+        self._pending = new_tuple(PositionSample, (t_us, position_m))
         self._told = told if self.session.in_step else None
         return True
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from hapticnet.arrays import FloatArray
 from hapticnet.checks import check_integer, check_parameter
-from hapticnet.samples import PositionSample, Vector
+from hapticnet.samples import PositionSample, Vector, new_tuple
 
 TREMOR_BAND_HZ = (8.0, 12.0)
 """Band of the peak of physiological tremor, from the title of Novak and Newell, Neuroscience Letters (2017)."""
@@ -115,7 +115,7 @@ class ScriptedOperator:
     def sample(self, t_us: int) -> PositionSample:
         """Return the position of the needle at `t_us` [µs] from the start of the script."""
         if not 0 <= t_us < self.duration_us:
-            return PositionSample(t_us, self._rest)
+            return new_tuple(PositionSample, (t_us, self._rest))
         start_us, per_us, from_m, by_m = self._phases[bisect_right(self._ends_us, t_us)]
         tremor, sin = 0.0, math.sin
         for rad_per_us, phase_rad in self._waves:
@@ -124,7 +124,7 @@ class ScriptedOperator:
         if by_m:
             tau = (t_us - start_us) * per_us
             position_m += by_m * tau * tau * tau * (10.0 + tau * (6.0 * tau - 15.0))
-        return PositionSample(t_us, (position_m,))
+        return new_tuple(PositionSample, (t_us, (position_m,)))
 
 
 def _insertion(settings: InsertionSettings, rng: np.random.Generator) -> list[tuple[float, float, float]]:
@@ -248,7 +248,7 @@ class PalpatingOperator:
     def sample(self, t_us: int) -> PositionSample:
         """Return the position of the finger at `t_us` [µs] from the start of the script."""
         if not 0 <= t_us < self.duration_us:
-            return PositionSample(t_us, self._rest)
+            return new_tuple(PositionSample, (t_us, self._rest))
         start_us, per_us, from_m, by_m = self._phases[bisect_right(self._ends_us, t_us)]
         tau = (t_us - start_us) * per_us
         share = tau * tau * tau * (10.0 + tau * (6.0 * tau - 15.0))

@@ -7,7 +7,8 @@ from typing import Any, Final, NamedTuple
 from hapticnet.checks import check_parameter
 from hapticnet.errors import PeerError
 from hapticnet.protocol.stats import REPORT_STEPS, Loss
-from hapticnet.protocol.wire import MODULUS, OPEN, Kind, is_uint32, new_tuple, pack, pack_body, unpack_body
+from hapticnet.protocol.wire import MODULUS, OPEN, Kind, is_uint32, pack, pack_body, unpack_body
+from hapticnet.samples import new_tuple
 
 
 class Range(NamedTuple):

@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from hapticnet.arrays import IntArray
 from hapticnet.errors import PeerError
+from hapticnet.samples import new_tuple
 
 MODULUS: Final = 1 << 32
 HALF: Final = 1 << 31
@@ -40,9 +41,6 @@ def unwrap(number: int, near: int) -> int:
 
 
 E = TypeVar("E", bound=enum.Enum)
-
-new_tuple: Final = tuple.__new__
-"""Makes a named tuple of a tuple in a third of the time."""
 
 
 def plain_members(enumeration: type[E]) -> type[E]:

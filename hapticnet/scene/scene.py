@@ -25,7 +25,7 @@ from typing import Final
 
 from hapticnet.checks import axes_of
 from hapticnet.errors import SampleError
-from hapticnet.samples import LARGEST_COMPONENT, ForceSample, PositionSample, checked_vector
+from hapticnet.samples import LARGEST_COMPONENT, ForceSample, PositionSample, checked_vector, new_tuple
 from hapticnet.scene.ahead import REACH_M, LayerAhead
 from hapticnet.scene.layer import Layer, Needle, bound_of
 from hapticnet.scene.settings import Contact, Tissue, front_to_back
@@ -96,7 +96,7 @@ class Scene:
                 layer_n = self._breach(layer, tip_m)
             force_n += layer_n
         self.force_n = force_n
-        return ForceSample(sample.t_us, (force_n,))
+        return new_tuple(ForceSample, (sample.t_us, (force_n,)))
 
     def stiffness_bound(self) -> StiffnessBound | None:
         """Return how the force may change around the tip; None if a layer cannot tell.

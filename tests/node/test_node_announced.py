@@ -53,18 +53,19 @@ class Telling:
         return self.tell(self.scene.ahead())
 
 
-class Cut(Emulator):
+class Cut:
     """A channel that can be cut, and notes when it carried a FORCE."""
 
     def __init__(self, spec, seed):
-        super().__init__(parse_channel(spec), np.random.default_rng(seed))
+        self.channel = Emulator(parse_channel(spec), np.random.default_rng(seed))
+        self.due, self.next_timer_us = self.channel.due, self.channel.next_timer_us
         self.cut, self.forces_us = False, []
 
     def push(self, packet, size, now_us):
         if unpack(packet).kind is Kind.FORCE:
             self.forces_us.append(now_us)
         if not self.cut:
-            super().push(packet, size, now_us)
+            self.channel.push(packet, size, now_us)
 
 
 class Reach:

@@ -61,11 +61,15 @@ class Constant:
         return ForceSample(sample.t_us, (1.0,))
 
 
-class Losing(Emulator):
-    """A channel that also loses the FORCEs it is told to lose, and keeps all of them."""
+class Losing:
+    """A channel that also loses the FORCEs it is told to lose, and counts all of them."""
 
     lose_next = 0
     forces = 0
+
+    def __init__(self, settings, rng):
+        self.channel = Emulator(settings, rng)
+        self.due, self.next_timer_us = self.channel.due, self.channel.next_timer_us
 
     def push(self, packet, size, now_us):
         if unpack(packet).kind is Kind.FORCE:
@@ -73,7 +77,7 @@ class Losing(Emulator):
             if self.lose_next:
                 self.lose_next -= 1
                 return
-        super().push(packet, size, now_us)
+        self.channel.push(packet, size, now_us)
 
 
 def link_with(codec, feedback="", forward="", *, scene=Stepping, delay_us=DELAY_US, repair=None, seed=4, **parameters):
