@@ -11,8 +11,7 @@ Follow one force sample through the rooms in the order that data takes:
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
-    from hapticnet.api.comparing import Comparison, compare
-    from hapticnet.api.encoding import Encoded, Report, encode, make_codec
+    from hapticnet.api.encoding import Comparison, Encoded, Report, compare, encode, make_codec
     from hapticnet.api.link import LinkReport, VirtualLink, virtual_link
     from hapticnet.api.master import Master, ThreadedMaster, TickedMaster
     from hapticnet.api.measures import energy_report, error_report, fewest_holds, fewest_lines, quality_report
@@ -35,8 +34,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOMES: Final = {
-    "hapticnet.api.comparing": ("Comparison", "compare"),
-    "hapticnet.api.encoding": ("Encoded", "Report", "encode", "make_codec"),
+    "hapticnet.api.encoding": ("Comparison", "Encoded", "Report", "compare", "encode", "make_codec"),
     "hapticnet.api.link": ("LinkReport", "VirtualLink", "virtual_link"),
     "hapticnet.api.master": ("Master", "ThreadedMaster", "TickedMaster"),
     "hapticnet.api.measures": ("energy_report", "error_report", "fewest_holds", "fewest_lines", "quality_report"),
@@ -52,44 +50,13 @@ _HOMES: Final = {
 }  # fmt: skip
 
 __all__ = [
-    "CODECS",
-    "Codec",
-    "Comparison",
-    "Decoder",
-    "Encoded",
-    "Encoder",
-    "FileError",
-    "ForceSample",
-    "HapticnetError",
-    "LinkReport",
-    "Master",
-    "PeerError",
-    "PositionSample",
-    "Recording",
-    "RefusedError",
-    "Report",
-    "SampleError",
-    "SettingsError",
-    "Slave",
-    "ThreadedMaster",
-    "ThreadedSlave",
-    "TickedMaster",
-    "TickedSlave",
-    "UnavailableError",
-    "VirtualLink",
-    "WeberLaw",
-    "__version__",
-    "compare",
-    "encode",
-    "energy_report",
-    "error_report",
-    "fewest_holds",
-    "fewest_lines",
-    "load_recording",
-    "make_codec",
-    "quality_report",
-    "virtual_link",
-]
+    "CODECS", "Codec", "Comparison", "Decoder", "Encoded", "Encoder", "FileError", "ForceSample",
+    "HapticnetError", "LinkReport", "Master", "PeerError", "PositionSample", "Recording", "RefusedError",
+    "Report", "SampleError", "SettingsError", "Slave", "ThreadedMaster", "ThreadedSlave", "TickedMaster",
+    "TickedSlave", "UnavailableError", "VirtualLink", "WeberLaw", "__version__", "compare", "encode",
+    "energy_report", "error_report", "fewest_holds", "fewest_lines", "load_recording", "make_codec",
+    "quality_report", "virtual_link",
+]  # fmt: skip
 
 
 if not TYPE_CHECKING:  # a type checker then knows which names there are

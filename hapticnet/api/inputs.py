@@ -183,9 +183,7 @@ def as_codec(
     )
 
 
-def served(codec: Codec) -> Codec:
-    """Register a codec object's class, so that it can be asked for by name."""
-    kind = type(codec)
+def serve_class(kind: type[Any]) -> None:
+    """Register a codec's class, so that it can be asked for by name."""
     if kind not in registry.all_codecs().values():
         registry.register_codec(checked_class(kind, f"{kind.__module__}:{kind.__qualname__}"))
-    return codec

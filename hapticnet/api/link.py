@@ -6,15 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hapticnet.api.inputs import as_codec
-from hapticnet.api.tables import Table
+from hapticnet.api.encoding import Table
+from hapticnet.api.inputs import as_codec, serve_class
 from hapticnet.arrays import FloatArray
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.checks import check_integer, check_parameter
 from hapticnet.codec import registry
 from hapticnet.codec.base import Codec
-from hapticnet.codec.plugins import checked_class
 from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.experiment.analysis import felt_error
 from hapticnet.measure.metrics import ErrorReport
@@ -230,9 +229,7 @@ def virtual_link(
     chosen = as_codec(
         codec, weber_fraction=weber_fraction, floor_n=floor_n, multiplier=multiplier, parameters=parameters
     )
-    kind = type(chosen)
-    if kind not in registry.all_codecs().values():
-        registry.register_codec(checked_class(kind, f"{kind.__module__}:{kind.__qualname__}"))
+    serve_class(type(chosen))
     check_integer("seed", seed, 0, 2**63)
     for name, text in (("forward", forward), ("feedback", feedback)):
         if not isinstance(text, str):

@@ -2,17 +2,16 @@
 
 import asyncio
 from collections.abc import AsyncIterator
-from contextlib import ExitStack
+from contextlib import ExitStack, asynccontextmanager, closing
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
-from hapticnet.api.events import LOG, EventQueue
-from hapticnet.api.master_setup import MasterSetup, PositionLike
-from hapticnet.api.threads import LoopThread
-from hapticnet.api.ticked import TickedSocket
-from hapticnet.api.views import MasterView
-from hapticnet.errors import SettingsError, UnavailableError
+from hapticnet.api.inputs import as_codec, serve_class
+from hapticnet.api.live import LOG, EventQueue, InThread, NodeView, OnLoop, Ticked
+from hapticnet.api.master_setup import Hand, MasterSetup, PositionLike
+from hapticnet.codec import registry
+from hapticnet.codec.base import Codec
+from hapticnet.errors import RefusedError, SettingsError, UnavailableError
 from hapticnet.node.events import NodeEvent
 from hapticnet.node.master import MasterNode
 from hapticnet.protocol.states import Ended
@@ -31,26 +30,26 @@ class _Exchanges(Watcher[NodeEvent]):
 
     name = "exchanges"
 
-    def __init__(self, view: MasterView) -> None:
-        self._view = view
+    def __init__(self, node: MasterNode) -> None:
+        self._node = node
         self._waiting: list[tuple[int, asyncio.Future[Vector]]] = []
 
     def add(self) -> "asyncio.Future[Vector]":
         """Return the force in the next tick in which a position is due: it sends the one that was set."""
         future: asyncio.Future[Vector] = asyncio.get_running_loop().create_future()
-        self._waiting.append((self._view.node.positions_due + 1, future))
+        self._waiting.append((self._node.positions_due + 1, future))
         return future
 
     def observe(self, now_us: int) -> None:  # noqa: ARG002 - positions are counted
         """Answer those whose position is on its way."""
         if not self._waiting:
             return
-        node = self._view.node
-        due = [future for count, future in self._waiting if count <= node.positions_due]
-        self._waiting = [each for each in self._waiting if each[0] > node.positions_due]
+        sent = self._node.positions_due
+        due = [future for count, future in self._waiting if count <= sent]
+        self._waiting = [each for each in self._waiting if each[0] > sent]
         for future in due:
             if not future.done():
-                future.set_result(node.held_n)
+                future.set_result(self._node.held_n)
 
     def note(self, event: NodeEvent, now_us: int) -> None:  # noqa: ARG002 - only the end counts
         """Tell them that there will be no answer."""
@@ -65,8 +64,150 @@ class _Exchanges(Watcher[NodeEvent]):
         self._waiting.clear()
 
 
+class MasterView(NodeView[MasterNode, NodeEvent]):
+    """A master at work: where the tool is, what is felt, and how the session is."""
+
+    _hand: Hand | None = None
+
+    @property
+    def position(self) -> Vector | None:
+        """Position [m] of the newest tick, one value for each axis; None before there is a session. Assign to move.
+
+        Raises
+        ------
+        SampleError
+            On assignment of what is not finite or has another number of axes.
+        SettingsError
+            On assignment if an operator gives the positions.
+        """
+        return self._hand.position_m if self._hand is not None else self.node.position_m
+
+    @position.setter
+    def position(self, position: PositionLike) -> None:
+        if self._hand is None:
+            _ = self.node  # which must be running
+            raise SettingsError("an operator gives the positions of this master")
+        self._hand.move(position)
+
+    @property
+    def force_n(self) -> Vector:
+        """Force [N] that is held, one value for each axis; it decays to zero when the link goes stale."""
+        return self.node.held_n
+
+    @property
+    def connected(self) -> bool:
+        """Whether there is a session now, stale or not."""
+        return self.node.session.streaming
+
+    @property
+    def state(self) -> str:
+        """State of the session: connecting, established, stale, closing or closed."""
+        return self.node.session.state.value
+
+    @property
+    def scene(self) -> str | None:
+        """What the slave calls the scene; None before there is a session."""
+        return self.node.scene_name
+
+    @property
+    def ended(self) -> str | None:
+        """Why the session is over for good; None while it is not."""
+        return self.node.end_reason
+
+    @property
+    def paused(self) -> str | None:
+        """Why the operator is not asked for positions; None if it is."""
+        return self.node.paused
+
+    def change(
+        self,
+        *,
+        codec: str | Codec | None = None,
+        weber_fraction: float | None = None,
+        floor_n: float | None = None,
+        multiplier: float | None = None,
+    ) -> None:
+        """Ask for another codec or JND while the session runs. What is not given stays; the scene stays as it is.
+
+        `Connected` or `ChangeRefused` follows as an event.
+
+        Raises
+        ------
+        SettingsError
+            If there is no such codec, or a value is out of range.
+        """
+        now = self.node.codec
+        law = {"weber_fraction": weber_fraction, "floor_n": floor_n, "multiplier": multiplier}
+        if codec is None or isinstance(codec, str):
+            law = {name: getattr(now.law, name) if value is None else value for name, value in law.items()}
+        own = registry.codec_parameters(now) if codec is None or codec == now.name else {}
+        chosen = as_codec(now.name if codec is None else codec, **law, parameters=own)
+        serve_class(type(chosen))
+        self.node.change(codec=chosen.name, parameters=registry.codec_parameters(chosen), law=chosen.law)
+
+    def resume(self) -> None:
+        """Ask the operator for positions again after `Paused`; the force rises from zero."""
+        self.node.resume()
+
+    def _check_alive(self) -> None:
+        """Raise the error that ended the session, if it has ended."""
+        node = self.node
+        if node.refused:
+            raise RefusedError(f"the slave refused the session: {node.end_reason}")
+        if node.finished:
+            raise UnavailableError(f"the session has ended: {node.failure or node.end_reason}")
+
+
+class _LiveMaster(MasterSetup, MasterView):
+    """A master on an event loop."""
+
+    @asynccontextmanager
+    async def _live(self) -> AsyncIterator[None]:
+        with self.opened_device() as (device, wire):
+            node, self._hand, sock, address = self.make(device)
+            self._node = node
+            with closing(sock):
+                self._events = EventQueue[NodeEvent]()
+                self._exchanges = _Exchanges(node)
+                stop = asyncio.Event()
+                self._overload = Overload(scheduling(), LOG.warning)
+                self._recording = self.recording(node)
+                watchers: list[Watcher[NodeEvent]] = [self._events, self._exchanges]
+                watchers += [] if self._recording is None else [self._recording]
+                self._runner = MasterRunner(
+                    node, sock, address, stop=stop, wire=wire, watchers=watchers, overload=self._overload,
+                    tell=LOG.warning,
+                )  # fmt: skip
+                await self._runner.start()
+                reason = "the program gave up"
+                try:
+                    if not await either(self._runner.connected, stop, self.connect_timeout_s):
+                        raise UnavailableError(
+                            f"no session with {self.address} within {self.connect_timeout_s:g} s: is the slave running"
+                            " there?"
+                        )
+                    self._check_alive()
+                    reason = "done"
+                    yield
+                finally:
+                    try:  # the session is closed even if the program cancels this task
+                        await asyncio.shield(self._runner.finish(reason))
+                    finally:
+                        self._exchanges.give_up("the master was left")
+                        self._events.end()
+
+    async def _exchange(self, position: PositionLike) -> Vector:
+        self._check_alive()
+        self.position = position
+        return await self._exchanges.add()
+
+    def _report(self, node: MasterNode) -> dict[str, Any]:
+        recorder = None if self._recording is None else self._recording.recorder
+        return master_report(node, self._runner.account(node.end_reason), self._overload, recorder=recorder)
+
+
 @dataclass(eq=False)
-class Master(MasterSetup, MasterView):
+class Master(_LiveMaster, OnLoop[MasterNode, NodeEvent]):
     """A master on the program's own event loop (asyncio or uvloop). See `MasterSetup` for the parameters.
 
     ::
@@ -87,40 +228,6 @@ class Master(MasterSetup, MasterView):
         On entering, if the slave refuses the session.
     """
 
-    async def __aenter__(self) -> Self:
-        with ExitStack() as opening:
-            device, wire = opening.enter_context(self.opened_device())
-            self._node, self._hand, sock, address = self.make(device)
-            opening.callback(sock.close)
-            self._events = EventQueue[NodeEvent]()
-            self._exchanges = _Exchanges(self)
-            stop = asyncio.Event()
-            self._overload = Overload(scheduling(), LOG.warning)
-            self._recording = self.recording(self._node)
-            watchers: list[Watcher[NodeEvent]] = [self._events, self._exchanges]
-            watchers += [] if self._recording is None else [self._recording]
-            self._runner = MasterRunner(
-                self._node, sock, address, stop=stop, wire=wire, watchers=watchers, overload=self._overload,
-                tell=LOG.warning,
-            )  # fmt: skip
-            await self._runner.start()
-            self._opened = opening.pop_all()
-        try:
-            if not await either(self._runner.connected, stop, self.connect_timeout_s):
-                raise UnavailableError(
-                    f"no session with {self.address} within {self.connect_timeout_s:g} s: is the slave running there?"
-                )
-            self._check_alive()
-        except BaseException:
-            await self._leave("the program gave up")
-            raise
-        return self
-
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        await self._leave("done")
-
     async def exchange(self, position: PositionLike) -> Vector:
         """Set the position [m], wait until it is sent, and return the force [N] that is held then.
 
@@ -133,33 +240,11 @@ class Master(MasterSetup, MasterView):
         UnavailableError
             If the session has ended.
         """
-        self._check_alive()
-        self.position = position
-        return await self._exchanges.add()
-
-    def events(self) -> AsyncIterator[NodeEvent]:
-        """Return the events, to be iterated with ``async for``: Connected, LinkStale, Failed and so on.
-
-        The iteration ends with the session. At most 1000 events wait.
-        """
-        return self._events.each()
-
-    def _report(self, node: MasterNode) -> dict[str, Any]:
-        recorder = None if self._recording is None else self._recording.recorder
-        return master_report(node, self._runner.account(node.end_reason), self._overload, recorder=recorder)
-
-    async def _leave(self, reason: str) -> None:
-        # The session is closed even if the program cancels this task.
-        try:
-            await asyncio.shield(self._runner.finish(reason))
-        finally:
-            self._opened.close()
-        self._exchanges.give_up("the master was left")
-        self._events.end()
+        return await self._exchange(position)
 
 
 @dataclass(eq=False)
-class ThreadedMaster(MasterSetup, MasterView):
+class ThreadedMaster(_LiveMaster, InThread[MasterNode, NodeEvent]):
     """A master in a thread of its own, for programs without asyncio. See `MasterSetup` for the parameters.
 
     ::
@@ -172,49 +257,21 @@ class ThreadedMaster(MasterSetup, MasterView):
     program: code that holds it for milliseconds delays positions. Raises on entering what `Master` raises.
     """
 
-    def __enter__(self) -> Self:
-        self._master = Master(**{name: getattr(self, name) for name in MasterSetup.__dataclass_fields__ if name != "_"})
-        self._thread = LoopThread(self._master, f"hapticnet {self.name}")
-        self._node, self._hand = self._master._node, self._master._hand
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._thread.leave()
-
     def exchange(self, position: PositionLike) -> Vector:
-        """Set the position [m], wait until it is sent, and return the force [N] that is held then.
-
-        A loop of calls runs at the rate of the session. The force is the answer to earlier positions.
-
-        Raises
-        ------
-        SampleError
-            If the position is not finite or has another number of axes.
-        UnavailableError
-            If the session has ended.
-        """
-        return self._thread.wait_for(self._master.exchange(position))
-
-    def _report(self, node: MasterNode) -> dict[str, Any]:
-        return self._master._report(node)
-
-    def take_events(self) -> list[NodeEvent]:
-        """Return the events since the last call."""
-        return self._master._events.take()
+        """Set the position [m], wait until it is sent, and return the force [N]; see `Master.exchange`."""
+        return self._wait_for(self._exchange(position))
 
     def change(self, **changes: Any) -> None:
         """Ask for another codec or JND while the session runs; see `MasterView.change`."""
 
         async def change() -> None:
-            self._master.change(**changes)
+            MasterView.change(self, **changes)
 
-        self._thread.wait_for(change())
+        self._wait_for(change())
 
 
 @dataclass(eq=False)
-class TickedMaster(MasterSetup, MasterView):
+class TickedMaster(MasterSetup, MasterView, Ticked[MasterNode, NodeEvent]):
     """A master without loop or thread: the program calls `tick` from its own timer. See `MasterSetup`.
 
     ::
@@ -237,20 +294,14 @@ class TickedMaster(MasterSetup, MasterView):
     def __post_init__(self) -> None:
         if self.record is not None:
             raise SettingsError("record needs hn.Master or hn.ThreadedMaster, which have an event loop")
-        self._opened = ExitStack()
-        device, wire = self._opened.enter_context(self.opened_device())
-        if wire is not None:
-            self._opened.close()
-            raise SettingsError("a serial device needs hn.Master or hn.ThreadedMaster, which have an event loop")
-        self._node, self._hand, sock, self._slave = self.make(device)
-        self._socket = TickedSocket(sock, "master")
+        with ExitStack() as opening:
+            device, wire = opening.enter_context(self.opened_device())
+            if wire is not None:
+                raise SettingsError("a serial device needs hn.Master or hn.ThreadedMaster, which have an event loop")
+            self._node, self._hand, self._sock, self._slave = self.make(device)
+            self._opened = opening.pop_all()
         self._events = EventQueue[NodeEvent]()
         self._due_us = self._unknown_peers = 0
-
-    @property
-    def send_errors(self) -> int:
-        """Datagrams that could not be sent or delivered."""
-        return self._socket.errors
 
     def tick(self, position: PositionLike | None = None) -> Vector:
         """Set the position [m] if there is one, exchange datagrams, and return the force [N] that is held.
@@ -268,7 +319,7 @@ class TickedMaster(MasterSetup, MasterView):
             self.position = position
         node = self.node
         end_us = now_us() + DRAIN_US
-        for data, address in self._socket.arrived():
+        for data, address in self._arrived():
             now = now_us()
             if address == self._slave:
                 node.receive_datagram(data, now)
@@ -299,28 +350,13 @@ class TickedMaster(MasterSetup, MasterView):
         )
         return master_report(node, run, Overload(scheduling(), LOG.warning))
 
-    def take_events(self) -> list[NodeEvent]:
-        """Return the events since the last call."""
-        return self._events.take()
-
-    def close(self) -> None:
-        """End the session and close the socket. The slave is told, but its answer is not waited for."""
-        if self._socket.is_open:
-            self.node.close("done", now_us())
-            self._send()
-            self._socket.close()
-            self._opened.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
+    def _part(self) -> None:
+        self.node.close("done", now_us())
+        self._send()
+        self._opened.close()
 
     def _send(self) -> None:
         for data in self.node.datagrams_to_send():
-            self._socket.send(data, self._slave)
+            self._put(data, self._slave)
         while (event := self.node.next_event()) is not None:
             self._events.note(event, now_us())

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, cast
 
 from hapticnet import options
-from hapticnet.api.events import LOG
-from hapticnet.api.inputs import as_codec, served
+from hapticnet.api.inputs import as_codec, serve_class
+from hapticnet.api.live import LOG
 from hapticnet.checks import axes_of
 from hapticnet.codec import registry
 from hapticnet.codec.base import Codec
@@ -194,7 +194,8 @@ class MasterSetup:
         if self.record is not None:
             check_format(user_path(self.record))
         law = {"weber_fraction": self.weber_fraction, "floor_n": self.floor_n, "multiplier": self.multiplier}
-        codec = served(as_codec(self.codec, **law, parameters={}))
+        codec = as_codec(self.codec, **law, parameters={})
+        serve_class(type(codec))
         return MasterSettings(
             codec=codec.name,
             parameters=registry.codec_parameters(codec),

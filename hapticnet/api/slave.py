@@ -1,25 +1,190 @@
 """``hn.Slave``, ``hn.ThreadedSlave``, ``hn.TickedSlave``: a slave inside another program."""
 
 import asyncio
-from collections.abc import AsyncIterator
-from dataclasses import dataclass
-from types import TracebackType
-from typing import Any, Self
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager
+from dataclasses import KW_ONLY, dataclass
+from socket import socket
+from typing import Annotated, Any, TypeAlias
 
-from hapticnet.api.events import LOG, EventQueue
-from hapticnet.api.slave_setup import SlaveSetup, address_of
-from hapticnet.api.threads import LoopThread
-from hapticnet.api.ticked import TickedSocket
-from hapticnet.api.views import SlaveView
+from hapticnet import options
+from hapticnet.api.inputs import serve_class
+from hapticnet.api.live import LOG, EventQueue, InThread, NodeView, OnLoop, Ticked
+from hapticnet.codec import registry
+from hapticnet.errors import SettingsError
+from hapticnet.files import user_path
 from hapticnet.node.events import SlaveEvent
+from hapticnet.node.settings import OnError, SlaveSettings
 from hapticnet.node.slave import SlaveNode
+from hapticnet.options import Option, check_options, described
+from hapticnet.protocol.settings import SessionSettings
 from hapticnet.runtime.overload import Overload
 from hapticnet.runtime.runners import SlaveRunner, slave_report
-from hapticnet.runtime.system import now_us, scheduling, waited_us
+from hapticnet.runtime.system import SystemEntropy, now_us, scheduling, waited_us
+from hapticnet.runtime.trust import SlaveTrust, slave_trust
+from hapticnet.runtime.udp import bound_address, host_of, is_loopback, listen, parse_host_port, text_of
+from hapticnet.scene.base import HasStep, Touchable
+from hapticnet.scene.sources import as_touchable, find_source
+
+SceneLike: TypeAlias = str | HasStep | Callable[[], HasStep]
+"""The name of a scene, an object with a method ``step``, or a function that makes one for each master."""
+
+
+@described
+@dataclass
+class SlaveSetup:
+    """Parameters of a slave.
+
+    They are checked when the slave opens.
+    """
+
+    scene: Annotated[
+        SceneLike,
+        Option(
+            'What masters touch: the name of a scene (``"paper:SEED"``, a preset, a .toml file, ``"FILE.py:Class"``),'
+            " an object with a method ``step(sample)`` that returns the force [N], or a class or function that makes"
+            " such an object for each master. An object is touched by one master at a time."
+        ),
+    ] = "paper:0"
+    _: KW_ONLY
+    listen: options.Listen = "127.0.0.1:47800"
+    key: options.KeyPath = None
+    masters: options.MastersPath = None
+    insecure: options.Insecure = False
+    codecs: Annotated[
+        Sequence[str | type[Any]],
+        Option('Codecs of yours that masters may ask for: classes, ``"FILE.py:Class"`` or ``"package.module:Class"``.'),
+    ] = ()
+    keep_s: options.Keep = 30.0
+    fastest_rate_hz: options.FastestRate = 10_000.0
+    most_sessions: options.MostSessions = 64
+    most_sessions_per_key: options.MostSessionsPerKey = 16
+    on_error: Annotated[
+        OnError,
+        Option(
+            'What an exception in ``step`` does: ``"end"`` the session, or ``"pause"``, which answers with zero force'
+            " until `resume`."
+        ),
+    ] = "end"
+    announce: options.Announce = "declared"
+
+    def make(self) -> tuple[SlaveNode, socket]:
+        """Return the node and a socket that listens.
+
+        Raises
+        ------
+        SettingsError, FileError
+            If a parameter cannot be used.
+        UnavailableError
+            If the address is taken or of another host.
+        """
+        check_options(self)
+        self._closing: list[Callable[[], list[str]]] = []
+        make_scene, most = self._scenes()
+        for each in self.codecs:
+            if isinstance(each, str):
+                registry.parse_codec(each)
+            else:
+                serve_class(each)
+        sock = listen(parse_host_port(self.listen, lowest_port=0))
+        try:
+            key, masters = (None if path is None else user_path(path) for path in (self.key, self.masters))
+            loopback = is_loopback(sock.getsockname())
+            trust = slave_trust(bound_address(sock), loopback, key, masters, self.insecure, str)
+            if trust.guests is not None:
+                self._closing.append(trust.guests.close)
+            settings = SlaveSettings(
+                fastest_rate_hz=self.fastest_rate_hz,
+                on_error=self.on_error,
+                announces=self.announce,
+                session=SessionSettings(
+                    most_sessions=most, most_per_identity=self.most_sessions_per_key, keep_us=round(self.keep_s * 1e6)
+                ),
+            )
+            node = slave_node(make_scene, settings, trust)
+        except BaseException:
+            sock.close()
+            raise
+        return node, sock
+
+    def _scenes(self) -> tuple[Callable[[], Touchable], int]:
+        """Return what makes a scene for each master, and how many masters may be served at once."""
+        given = self.scene
+        if isinstance(given, str):
+            source = find_source(given)
+            source.prepare()
+            self._closing.append(source.close)
+            return source.make, self.most_sessions
+        if hasattr(given, "step") and not isinstance(given, type):
+            touched = as_touchable(given)
+            return lambda: touched, 1
+        if not callable(given):
+            raise SettingsError(f"scene is {given!r}; it must be text, an object with step(sample), or a function")
+        make: Callable[[], Any] = given
+        as_touchable(make())  # refuse it now rather than when a master joins
+        return lambda: as_touchable(make()), self.most_sessions
+
+    def close_scenes(self) -> None:
+        """Close the objects of users that were made here, and log what goes wrong."""
+        for close in self._closing:
+            for fault in close():
+                LOG.warning(fault)
+
+
+def slave_node(make_scene: Callable[[], Touchable], settings: SlaveSettings, trust: SlaveTrust) -> SlaveNode:
+    """Return a node that serves a scene to those it trusts, and to masters with a scene of their own that one."""
+    entropy = SystemEntropy()
+    return SlaveNode(
+        lambda entry: make_scene() if (listed := trust.scene_of(entry)) is None else listed.make(),
+        settings,
+        entropy,
+        doors=trust.doors(entropy),
+        write_address=text_of,
+        host_of=host_of,
+        clock=now_us,
+    )
+
+
+class SlaveView(NodeView[SlaveNode, SlaveEvent]):
+    """A slave at work."""
+
+    address: str = ""
+    """Where it listens, HOST:PORT; empty if it does not."""
+
+    @property
+    def connected(self) -> tuple[str, ...]:
+        """Names of the masters that have a session now."""
+        return tuple(context.session.request.name for context in self.node.contexts if context.seated)
+
+    def resume(self) -> None:
+        """Step the scenes again that have failed and are paused."""
+        self.node.resume()
+
+
+class _LiveSlave(SlaveSetup, SlaveView):
+    """A slave on an event loop."""
+
+    @asynccontextmanager
+    async def _live(self) -> AsyncIterator[None]:
+        self._node, sock = self.make()
+        self.address = str(bound_address(sock))
+        self._events = EventQueue[SlaveEvent]()
+        self._overload = Overload(scheduling(), LOG.warning)
+        runner = SlaveRunner(self._node, sock, watchers=[self._events], overload=self._overload, tell=LOG.warning)
+        await runner.start()
+        try:
+            yield
+        finally:
+            await asyncio.shield(runner.finish("shutting down"))
+            self.close_scenes()
+            self._events.end()
+
+    def _report(self, node: SlaveNode) -> dict[str, Any]:
+        return slave_report(node, self._overload)
 
 
 @dataclass(eq=False)
-class Slave(SlaveSetup, SlaveView):
+class Slave(_LiveSlave, OnLoop[SlaveNode, SlaveEvent]):
     """A slave on the program's own event loop. See `SlaveSetup` for the parameters.
 
     ::
@@ -38,32 +203,9 @@ class Slave(SlaveSetup, SlaveView):
         On entering, if the address is taken or of another host.
     """
 
-    async def __aenter__(self) -> Self:
-        self._node, sock = self.make()
-        self.address = address_of(sock)
-        self._events = EventQueue[SlaveEvent]()
-        self._overload = Overload(scheduling(), LOG.warning)
-        self._runner = SlaveRunner(self._node, sock, watchers=[self._events], overload=self._overload, tell=LOG.warning)
-        await self._runner.start()
-        return self
-
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        await asyncio.shield(self._runner.finish("shutting down"))
-        self.close_scenes()
-        self._events.end()
-
-    def _report(self, node: SlaveNode) -> dict[str, Any]:
-        return slave_report(node, self._overload)
-
-    def events(self) -> AsyncIterator[SlaveEvent]:
-        """Return the events, to be iterated with ``async for``: MasterJoined, MasterLeft, ScenePaused and so on."""
-        return self._events.each()
-
 
 @dataclass(eq=False)
-class ThreadedSlave(SlaveSetup, SlaveView):
+class ThreadedSlave(_LiveSlave, InThread[SlaveNode, SlaveEvent]):
     """A slave in a thread of its own, for programs without asyncio. See `SlaveSetup` for the parameters.
 
     ::
@@ -74,27 +216,9 @@ class ThreadedSlave(SlaveSetup, SlaveView):
     ``step`` is called in that thread. Raises on entering what `Slave` raises.
     """
 
-    def __enter__(self) -> Self:
-        self._slave = Slave(**{name: getattr(self, name) for name in SlaveSetup.__dataclass_fields__ if name != "_"})
-        self._thread = LoopThread(self._slave, "hapticnet slave")
-        self._node, self.address = self._slave._node, self._slave.address
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._thread.leave()
-
-    def _report(self, node: SlaveNode) -> dict[str, Any]:
-        return self._slave._report(node)
-
-    def take_events(self) -> list[SlaveEvent]:
-        """Return the events since the last call."""
-        return self._slave._events.take()
-
 
 @dataclass(eq=False)
-class TickedSlave(SlaveSetup, SlaveView):
+class TickedSlave(SlaveSetup, SlaveView, Ticked[SlaveNode, SlaveEvent]):
     """A slave without loop or thread: the program calls `tick` from its own loop. See `SlaveSetup`.
 
     ::
@@ -107,20 +231,14 @@ class TickedSlave(SlaveSetup, SlaveView):
     """
 
     def __post_init__(self) -> None:
-        self._node, sock = self.make()
-        self.address = address_of(sock)
-        self._socket = TickedSocket(sock, "slave")
+        self._node, self._sock = self.make()
+        self.address = str(bound_address(self._sock))
         self._events = EventQueue[SlaveEvent]()
-
-    @property
-    def send_errors(self) -> int:
-        """Datagrams that could not be sent or delivered."""
-        return self._socket.errors
 
     def tick(self) -> None:
         """Answer what has arrived; each session gets the force at its newest position."""
         node, now = self.node, now_us()
-        node.receive_datagrams(list(self._socket.arrived()), now)
+        node.receive_datagrams(list(self._arrived()), now)
         due_us = node.next_timer_us()
         if due_us is not None and now >= due_us:
             node.tick(now)
@@ -132,28 +250,13 @@ class TickedSlave(SlaveSetup, SlaveView):
     def _report(self, node: SlaveNode) -> dict[str, Any]:
         return slave_report(node, Overload(scheduling(), LOG.warning))
 
-    def take_events(self) -> list[SlaveEvent]:
-        """Return the events since the last call."""
-        return self._events.take()
-
-    def close(self) -> None:
-        """End every session and close the socket."""
-        if self._socket.is_open:
-            self.node.close("shutting down", now_us())
-            self._send()
-            self._socket.close()
-            self.close_scenes()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
+    def _part(self) -> None:
+        self.node.close("shutting down", now_us())
+        self._send()
+        self.close_scenes()
 
     def _send(self) -> None:
         for data, address in self.node.datagrams_to_send():
-            self._socket.send(data, address)
+            self._put(data, address)
         while (event := self.node.next_event()) is not None:
             self._events.note(event, now_us())

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from hapticnet.api.slave_setup import place, slave_node
+from hapticnet.api.slave import slave_node
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
 from hapticnet.cli.console import Console, check_outputs, deliver
@@ -34,7 +34,7 @@ from hapticnet.runtime.session_recordings import SlaveRecording
 from hapticnet.runtime.signals import Rescue
 from hapticnet.runtime.system import OTHER, now_us, policy, prefer_realtime, run
 from hapticnet.runtime.trust import Guests, slave_trust
-from hapticnet.runtime.udp import bound_address, is_loopback, parse_host_port
+from hapticnet.runtime.udp import bound_address, is_loopback, parse_host_port, text_of
 from hapticnet.runtime.udp import listen as listen_on
 from hapticnet.runtime.watching import Watcher
 from hapticnet.scene.sources import find_source
@@ -220,7 +220,7 @@ class SlaveMessages(Watcher[SlaveEvent]):
             reason, address = node.unread_hello
             if reason not in self._said_unread and len(self._said_unread) < MOST_UNREAD:
                 self._said_unread.add(reason)
-                self._console.warn(f"a HELLO from {place(address)} was dropped: {reason}")
+                self._console.warn(f"a HELLO from {text_of(address)} was dropped: {reason}")
         self._console.status(status(node))
 
 
@@ -236,13 +236,13 @@ def in_words(event: SlaveEvent, listed: str | None = None) -> str:
     if isinstance(event, MasterRefused):
         whose = "" if event.public is None else f" with the public key {format_key(event.public)}"
         own = repr(event.name) if listed is None else f"{listed!r} ({event.name!r})"
-        return f"{own} from {place(event.address)}{whose} was refused: {event.reason}"
+        return f"{own} from {text_of(event.address)}{whose} was refused: {event.reason}"
     if isinstance(event, StepsTooSlow):
         return str(event)
     session = event.context.session
     if isinstance(event, MasterJoined):
         request = session.request
-        where = place(event.context.address)
+        where = text_of(event.context.address)
         return f"{who(event.context)} joined from {where}: {request.codec}, asks for {request.rate_hz:g} Hz"
     if isinstance(event, ScenePaused):
         return f"{who(event.context)} feels nothing from now on: {event.reason}"
@@ -259,10 +259,10 @@ def fields_of(event: SlaveEvent, listed: str | None = None) -> dict[str, Any]:
         return {"code": event.what}
     about: dict[str, Any]
     if isinstance(event, MasterRefused):
-        about = {"master": event.name, "address": place(event.address), "refusal": event.code.name}
+        about = {"master": event.name, "address": text_of(event.address), "refusal": event.code.name}
     else:
         request, listed = event.context.session.request, event.context.listed
-        about = {"master": request.name, "address": place(event.context.address), "codec": request.codec}
+        about = {"master": request.name, "address": text_of(event.context.address), "codec": request.codec}
     return about if listed is None else {**about, "listed": listed}
 
 

@@ -201,6 +201,11 @@ def bound_address(sock: socket.socket) -> HostPort:
     return HostPort(host, port)
 
 
+def text_of(address: SocketAddress) -> str:
+    """Return a socket's address as text, HOST:PORT."""
+    return str(HostPort(address[0], address[1]))
+
+
 def host_of(address: SocketAddress) -> str:
     """Return the host of an address. Of an IPv6 address, the first 64 bits: one subscriber usually has all the rest."""
     host: str = address[0]
