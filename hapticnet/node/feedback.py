@@ -9,7 +9,7 @@ of the codec where the scene has no model that is right now.
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from hapticnet.codec.base import Codec, Decoder, Encoder
 from hapticnet.codec.plugins import LARGEST_PAYLOAD
@@ -55,10 +55,6 @@ class AnnouncingAccount:
     left_out: int = 0
     on_model: int = 0  # samples at which a model was applied
     fault: str | None = None  # what was wrong with the newest announcement that was not usable as a whole
-
-    def report(self) -> dict[str, Any]:
-        """Return the account for JSON."""
-        return asdict(self)
 
 
 class AnnouncingEncoder:
@@ -238,28 +234,6 @@ class AnnouncingEncoder:
         return None if payload is None else OF_CODEC + payload
 
 
-class Announcing(NamedTuple):
-    """What the slave of a session with announcements uses: the encoder, and a mirror of the master's decoder."""
-
-    encoder: AnnouncingEncoder
-    mirror: AnnouncedDecoder
-
-    def step(self, t_us: int, position: Vector, state: int | None) -> None:
-        """Step the model as the scene was; `state` is what the master says of its own at this position, if it does."""
-        self.encoder.step(t_us, position, state)
-        self.mirror.move(t_us, position, state)
-
-
-def announcing(encoder: Encoder, decoder: Decoder, law: WeberLaw, scene: Touchable, rate_hz: float) -> Announcing:
-    """Return encoder and decoder of a session whose scene announces what is ahead of it."""
-    stiffest_n_per_m = stiffest_at(rate_hz)
-    look_ahead = look_ahead_of(scene) or (lambda: None)
-    return Announcing(
-        AnnouncingEncoder(encoder, law, scene.axes, look_ahead, stiffest_n_per_m),
-        AnnouncedDecoder(decoder, scene.axes, stiffest_n_per_m),
-    )
-
-
 def _covers(held: LayerAhead, layer: LayerAhead, position: Vector, tolerance_n: float) -> bool:
     """Return whether a layer is held already, as exactly as it matters: a far surface may be somewhere else."""
     placed = held._replace(
@@ -281,10 +255,7 @@ class SceneFailedError(HapticnetError):
 
 
 class Feedback:
-    """What is sent for each force, and what the master holds then.
-
-    `announced`, `rate_hz`: whether the contact ahead is announced, and the rate that was granted.
-    """
+    """What is sent for each force, and what the master holds then."""
 
     def __init__(
         self, session: SlaveSession, codec: Codec, scene: Touchable, *, announced: bool, rate_hz: float
@@ -292,7 +263,7 @@ class Feedback:
         # the encoder, and a decoder of what is sent: it holds what the master holds if nothing is lost
         self.encoder: Encoder = codec.encoder(scene.axes)
         self.mirror: Decoder = codec.decoder(scene.axes)
-        self.held_n: Vector = (0.0,) * scene.axes  # that force [N] at the newest position that was settled
+        self.held_n: Vector = (0.0,) * scene.axes  # that force [N] at the newest position that was accounted for
         self._session = session
         self._codec = codec
         self._idle_below_n = slave_idle_below_n(codec.law)
@@ -300,27 +271,27 @@ class Feedback:
         self._longest_us = round(1.5e6 / rate_hz)  # longest time between two positions if none is missing
         self._t_us: int | None = None
         self._renewed_us: int | None = None
-        self._announcing: Announcing | None = None
+        self._announcing: AnnouncingEncoder | None = None
+        self._models: AnnouncedDecoder | None = None  # the mirror, where the contact ahead is announced
         if announced:
-            self._announcing = announcing(self.encoder, self.mirror, codec.law, scene, rate_hz)
-            self.encoder, self.mirror = self._announcing
+            stiffest_n_per_m, look_ahead = stiffest_at(rate_hz), look_ahead_of(scene) or (lambda: None)
+            self.encoder = self._announcing = AnnouncingEncoder(
+                self.encoder, codec.law, scene.axes, look_ahead, stiffest_n_per_m
+            )
+            self.mirror = self._models = AnnouncedDecoder(self.mirror, scene.axes, stiffest_n_per_m)
         # A user's codec need not say so; completing an update that is complete does no harm.
         self._builds_on_earlier: bool = getattr(codec, "builds_on_earlier", True)
 
     @property
-    def announced(self) -> bool:
-        """Whether the contact ahead is announced."""
-        return self._announcing is not None
-
-    @property
     def on_model(self) -> bool:
         """Whether the newest update is a model of the contact ahead."""
-        return self._announcing is not None and self._announcing.encoder.on_model
+        return self._announcing is not None and self._announcing.on_model
 
     def step(self, sample: PositionSample, told: int | None) -> None:
         """Step the models as the scene was; `told` is the state that the master reports of its own, if it does."""
-        if self._announcing is not None:
+        if self._announcing is not None and self._models is not None:
             self._announcing.step(sample.t_us, sample.position_m, told)
+            self._models.move(sample.t_us, sample.position_m, told)
 
     def answer(self, sample: PositionSample, force_n: Vector, now_us: int) -> tuple[bytes | None, bytes | None]:
         """Return the payload of the update that a force takes, and the datagram to send; None where there is none.
@@ -344,7 +315,7 @@ class Feedback:
         except Exception as error:
             raise SceneFailedError(f"the force cannot be encoded: {in_words(error)}") from error
         if payload is not None:
-            repeated, right = (False, False) if self._announcing is None else self._announcing.encoder.newest
+            repeated, right = (False, False) if self._announcing is None else self._announcing.newest
             before = None if right else self.held_n
             return payload, session.force(sample.t_us, payload, now_us, before=before, repeated=repeated)
         if due or session.has_news or self._keepalive_is_due(force_n, now_us):
@@ -365,9 +336,9 @@ class Feedback:
 
     def report(self) -> dict[str, Any] | None:
         """Return what became of the announcements, for JSON; None if nothing is announced."""
-        return None if self._announcing is None else self._announcing.encoder.account.report()
+        return None if self._announcing is None else asdict(self._announcing.account)
 
-    def _renew(self, announcing: Announcing, t_us: int, now_us: int) -> None:
+    def _renew(self, announcing: AnnouncingEncoder, t_us: int, now_us: int) -> None:
         """Send the model again after positions were missed, if its force depends on the way of the tool.
 
         The master's model has gone that way, this one has not: at rest, nothing else would bring them together.
@@ -376,11 +347,11 @@ class Feedback:
         self._missed = self._missed or (before_us is not None and t_us - before_us > self._longest_us)
         if not self._missed:
             return
-        if not announcing.encoder.rubs:
+        if not announcing.rubs:
             self._missed = False
         elif self._renewed_us is None or not 0 <= now_us - self._renewed_us < RENEW_US:
             self._missed, self._renewed_us = False, now_us
-            announcing.encoder.renew()
+            announcing.renew()
 
     def _encode(self, sample: PositionSample, force_n: Vector) -> bytes | None:
         payload = self.encoder.encode(sample.t_us, force_n, sample.position_m)

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 from hapticnet.control.force import ForceController
 from hapticnet.control.force_settings import ForceControlSettings
@@ -60,7 +60,7 @@ class Fingertip:
     """
 
     def __init__(self, device: Device, limits: LimitSettings, control: ForceControlSettings) -> None:
-        self.device = device  # the device
+        self.device = device
         max_force_n = min(control.max_force_n, device.max_force_n)
         headroom_n = min(control.headroom_n, 0.5 * max_force_n)
         # largest force [N] that is requested, so that the overshoot of the loop stays within the device's limit
@@ -73,7 +73,7 @@ class Fingertip:
             search_n=min(control.search_n, 0.5 * max_force_n),
             yield_n=min(control.yield_n, 0.5 * max_force_n),
         )
-        self.controller = ForceController(within_device)  # the force loop
+        self.controller = ForceController(within_device)
         self.target_n = 0.0  # force [N] requested of the device, after the limits
         self.displacement_m = 0.0  # platform displacement last requested [m]
         self.reading: Reading | None = None  # the newest reading; None while the device is lost
@@ -156,7 +156,7 @@ class Actuator:
     """An actuator and the limits of what is asked of it. Takes the place of a `Fingertip`."""
 
     def __init__(self, device: UserActuator, limits: LimitSettings) -> None:
-        self.device = device  # the actuator
+        self.device = device
         # 0: an actuator has no platform
         self.target_n = self.displacement_m = 0.0  # force [N] requested of the device, after the limits
         self.reading: Reading | None = None  # the newest force that it sensed; None if it senses none
@@ -188,14 +188,6 @@ class Actuator:
         return self._events.pop(0) if self._events else None
 
 
-class Felt(NamedTuple):
-    """Force [N] requested of the device and sensed by it, and the displacement [m] of its platform."""
-
-    target_n: float
-    sensed_n: float
-    displacement_m: float
-
-
 class Rendering:
     """A device with its limits and, if it takes positions, its force loop; or none."""
 
@@ -222,8 +214,10 @@ class Rendering:
         """Rate [Hz] below which the device's force loop must not run."""
         return self.with_loop.device.least_rate_hz if self.with_loop is not None else 0.0
 
-    def press(self, held_n: Vector, ahead_n: Vector, now_us: int, *, counts: bool) -> Felt:
-        """Render a force [N]; what drives a device may raise anything.
+    def press(self, held_n: Vector, ahead_n: Vector, now_us: int, *, counts: bool) -> tuple[float, float, float]:
+        """Render a force [N]; return the force [N] requested and sensed, and the displacement [m] of the platform.
+
+        What drives a device may raise anything.
 
         `ahead_n`: the force expected by the time the device will have moved.
         `counts`: whether the error of the device counts for the report.
@@ -234,7 +228,7 @@ class Rendering:
         fingertip.press(rendered_n, now_us, rendered_n if ahead_n is held_n else self._part(ahead_n))
         if counts and fingertip.reading is not None:
             self._tracking.add((fingertip.target_n,), (fingertip.sensed_n,))
-        return Felt(fingertip.target_n, fingertip.sensed_n, fingertip.displacement_m)
+        return fingertip.target_n, fingertip.sensed_n, fingertip.displacement_m
 
     def next_event(self) -> FingertipEvent | None:
         """Return the next event, or None."""

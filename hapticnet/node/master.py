@@ -235,7 +235,7 @@ class MasterNode:
 
     def _touch(self, first_touch: FirstTouch, now_us: int) -> None:
         try:
-            outcome = first_touch.tick(now_us)
+            outcome = first_touch.outcome(now_us)
         except Exception as error:  # what drives a device may raise anything
             self._fail(f"the device failed: {in_words(error)}", now_us)
             return

@@ -1,11 +1,12 @@
-"""Who has a place at a slave, and who gives way when there are none left.
+"""Who has a place at a slave, who gives way when there are none left, and whose scene is stepped between positions.
 
-Each question is answered by a look at all sessions: at most `most_sessions`, and only for the few requests a second
-that `HelloFilter` lets through. Only `next_expiry_us` is asked after each datagram, and therefore kept.
+Each question about places is answered by a look at all sessions: at most `most_sessions`, and only for the few requests
+a second that `HelloFilter` lets through. Only `next_expiry_us` is asked after each datagram, and therefore kept.
 """
 
 from collections import Counter
 from collections.abc import Collection, Hashable, Iterable
+from math import ceil
 from typing import Final
 
 from hapticnet.errors import HapticnetError
@@ -155,3 +156,74 @@ class SessionTable:
     def _look_at_expiry(self, besides: Collection[SlaveContext] = ()) -> None:
         others = (each for each in self.by_number.values() if each not in besides)
         self._expiry_us = min((each.session.expires_us() for each in others), default=None)
+
+
+EACH_HZ: Final = 4_000
+"""Steps between positions a second for one identity: four usual sessions in full, and a quarter of a core."""
+
+ALL_HZ: Final = 12_000
+"""Steps between positions a second for all."""
+
+MOST_AT_ONCE: Final = 8
+"""Steps in a row before positions that have arrived meanwhile are answered: they wait for half a millisecond."""
+
+
+class LineSteps:
+    """When scenes are stepped between positions that are sent only when they matter, and how often at most.
+
+    A line takes its master ten datagrams a second, and the slave as many steps as the session's rate says. Every step
+    that is not paid for by a datagram therefore counts toward a limit, for each identity and in all. Where a limit is
+    reached, the sessions of that identity, or all, are stepped at every second, third, … of their times, and all
+    positions that arrive are still answered.
+    """
+
+    def __init__(self) -> None:
+        self._steps_us: dict[SlaveContext, int] = {}  # when each is to be stepped
+        self._rates_hz: dict[SlaveContext, int] = {}
+        self._asked_hz: dict[Hashable, int] = {}  # by identity
+        self._all_hz = 0  # what the identities get, together, if that is not above the limit
+
+    def note(self, context: SlaveContext) -> None:
+        """Note that a session was answered, so that it is to be stepped at another time."""
+        reckoning = context.reckoning
+        if reckoning is None or reckoning.next_step_us() is None:  # it waits for a position: others may be stepped more
+            self.forget(context)
+            return
+        if context not in self._rates_hz:
+            self._rates_hz[context] = rate_hz = ceil(context.grant.rate_hz)
+            self._ask(context.identity, rate_hz)
+        reckoning.every = ceil(self._asked_hz[context.identity] / EACH_HZ) * ceil(self._all_hz / ALL_HZ)
+        step_us = reckoning.next_step_us()
+        if step_us is None:
+            self._steps_us.pop(context, None)
+        else:
+            self._steps_us[context] = step_us
+
+    def forget(self, context: SlaveContext) -> None:
+        """Remove a session."""
+        rate_hz = self._rates_hz.pop(context, None)
+        if rate_hz is not None:
+            self._ask(context.identity, -rate_hz)
+            self._steps_us.pop(context, None)
+
+    def due(self, now_us: int) -> list[SlaveContext]:
+        """Return the sessions to step now, those first that wait for longest; call `note` after each step."""
+        steps_us = self._steps_us
+        due = sorted((each for each, step_us in steps_us.items() if step_us <= now_us), key=steps_us.__getitem__)
+        for context in due[:MOST_AT_ONCE]:
+            del steps_us[context]
+        return due[:MOST_AT_ONCE]
+
+    def earliest_us(self) -> int | None:
+        """Return when a session is to be stepped next [µs]; None if there is none."""
+        return min(self._steps_us.values(), default=None)
+
+    def _ask(self, identity: Hashable, more_hz: int) -> None:
+        """Note that an identity has sessions of more, or fewer, steps a second in all."""
+        before_hz = self._asked_hz.get(identity, 0)
+        after_hz = before_hz + more_hz
+        self._all_hz += min(after_hz, EACH_HZ) - min(before_hz, EACH_HZ)
+        if after_hz:
+            self._asked_hz[identity] = after_hz
+        else:
+            del self._asked_hz[identity]

@@ -8,8 +8,7 @@ from hapticnet.errors import PeerError
 from hapticnet.node.admission import Admission, MakeScene, RefusalError
 from hapticnet.node.events import MasterJoined, MasterLeft, MasterRefused, ScenePaused, SceneResumed, SlaveEvent
 from hapticnet.node.feedback import SceneFailedError
-from hapticnet.node.line_steps import LineSteps
-from hapticnet.node.session_table import NoSeatError, SessionTable
+from hapticnet.node.session_table import LineSteps, NoSeatError, SessionTable
 from hapticnet.node.settings import SlaveSettings
 from hapticnet.node.slave_context import SlaveContext
 from hapticnet.node.step_times import Clock, StepTimes, no_wait

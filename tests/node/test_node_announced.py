@@ -15,7 +15,8 @@ from hapticnet.channel.spec import parse_channel
 from hapticnet.codec.registry import every_codec
 from hapticnet.device.user import UserActuator
 from hapticnet.measure.metrics import error_report
-from hapticnet.node.feedback import announcing
+from hapticnet.node.decoders import AnnouncedDecoder
+from hapticnet.node.feedback import AnnouncingEncoder
 from hapticnet.node.loopback import Loopback
 from hapticnet.node.master import MasterNode
 from hapticnet.node.settings import MasterSettings, SlaveSettings
@@ -24,7 +25,7 @@ from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.perception import WeberLaw
 from hapticnet.protocol.wire import Kind, unpack
 from hapticnet.samples import ForceSample, PositionSample
-from hapticnet.scene.ahead import LayerAhead
+from hapticnet.scene.ahead import LayerAhead, stiffest_at
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.settings import Tissue
 from hapticnet.scene.sources import as_touchable, find_scene
@@ -138,7 +139,9 @@ def test_without_loss_and_delay_the_law_holds_at_every_sample_whatever_the_scene
         what = said[index // 20 % len(said)]
         return true if what == "truth" else what
 
-    encoder, mirror = announcing(codec.encoder(1), codec.decoder(1), LAW, Telling(scene, tell), 1000.0)
+    look_ahead, stiffest_n_per_m = Telling(scene, tell).ahead, stiffest_at(1000.0)
+    encoder = AnnouncingEncoder(codec.encoder(1), LAW, 1, look_ahead, stiffest_n_per_m)
+    mirror = AnnouncedDecoder(codec.decoder(1), 1, stiffest_n_per_m)
     for a, b in itertools.pairwise(stops):
         for k in range(40):
             t_us, x = 1000 * index, (a + (b - a) * k / 40 + float(rng.normal(0.0, 2e-5)),)

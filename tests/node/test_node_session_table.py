@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from hapticnet.node import session_table
-from hapticnet.node.line_steps import Alarms
 from hapticnet.node.session_table import NoSeatError, SessionTable
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.protocol.states import SlaveState
@@ -208,33 +207,3 @@ def test_the_tables_decide_as_a_look_at_every_session(monkeypatch, seed):
         history.end(context)
     assert len(history.table) == 0
     assert history.table.next_expiry_us() is None
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_alarms_ring_when_a_look_at_all_times_says_so(seed):
-    rng = np.random.default_rng(seed)
-    times = {}
-    alarms = Alarms(lambda item: times.get(item))
-    for now_us in range(2000):
-        item = int(rng.integers(30))
-        if rng.random() < 0.1:
-            times.pop(item, None)
-            alarms.forget(item)
-        else:
-            times[item] = None if rng.random() < 0.1 else now_us + int(rng.integers(1, 60))
-            alarms.note(item)
-        earliest_us = min((time_us for time_us in times.values() if time_us is not None), default=None)
-        assert alarms.earliest_us() == earliest_us
-        due = {item for item, time_us in times.items() if time_us is not None and time_us <= now_us}
-        assert set(alarms.due(now_us, 100)) == due
-        for item in due:
-            times[item] += int(rng.integers(1, 90))
-            alarms.note(item)
-
-
-def test_alarms_that_come_and_go_take_no_room():
-    alarms = Alarms(lambda item: 10_000 - item)
-    for item in range(10_000):
-        alarms.note(item)
-        alarms.forget(item)
-    assert len(alarms._heap) < 200
