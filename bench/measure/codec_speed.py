@@ -21,7 +21,7 @@ from hapticnet.codec.registry import every_codec
 from hapticnet.codec.schemes.adaptive_predictive import AdaptivePredictive
 from hapticnet.codec.schemes.deadband import Deadband
 from hapticnet.compiled import fast_extra_installed
-from hapticnet.experiment.paper_force import paper_recording
+from hapticnet.experiment.trials import paper_trial
 from hapticnet.perception import WeberLaw
 
 CODECS = every_codec()
@@ -154,7 +154,8 @@ def measure_deadband(stimuli: Array, c_loop: Loop, repetitions: int) -> dict[str
 
 def measure_codec(codec: Codec, stimuli: Array, c_loop: Loop | None, repetitions: int) -> dict[str, float | str]:
     """Return ns a sample of a codec's streaming pair on one and three axes, and its speed over a whole recording."""
-    scene = paper_recording(1)
+    scene = paper_trial(1)
+    assert scene.positions is not None
     if c_loop is not None:
         check_exact(codec, stimuli[:COMPARED], c_loop)
     speed: dict[str, float] = {}
@@ -169,7 +170,7 @@ def measure_codec(codec: Codec, stimuli: Array, c_loop: Loop | None, repetitions
     return {
         "codec": codec.name,
         "walk_ns": stream_ns(codec, [stimuli[:STREAMED]], repetitions),
-        "paper_ns": stream_ns(codec, [scene.force_n[:, 0]], repetitions, scene.position_m[:, 0]),
+        "paper_ns": stream_ns(codec, [scene.stimuli[:, 0]], repetitions, scene.positions[:, 0]),
         "axes3_ns": stream_ns(codec, three, 1),
         "fast": 0.0,
         "c": 0.0,

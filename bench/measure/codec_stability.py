@@ -25,8 +25,7 @@ from hapticnet.codec.registry import every_codec, make_codec
 from hapticnet.codec.schemes.deadband import Deadband
 from hapticnet.compiled import fast_extra_installed
 from hapticnet.experiment.comparison import REPAIR_US
-from hapticnet.experiment.paper_force import paper_recording
-from hapticnet.experiment.trial import Trial
+from hapticnet.experiment.trials import Trial, paper_trial
 from hapticnet.measure.metrics import error_report
 from hapticnet.perception import WeberLaw
 from hapticnet.samples import Vector
@@ -90,8 +89,8 @@ def ends_in_step(codec: Codec, trial: Trial) -> bool:
 
 def through_loss(codecs: Sequence[Codec], seeds: Sequence[int], insertions: int | None) -> list[Row]:
     """Return a row for every codec and share of updates lost, over the paper's scene of all seeds."""
-    scenes = [paper_recording(seed, insertions=insertions) for seed in seeds]
-    true = np.concatenate([scene.force_n for scene in scenes])
+    scenes = [paper_trial(seed, insertions=insertions) for seed in seeds]
+    true = np.concatenate([scene.stimuli for scene in scenes])
     rows = []
     for codec in codecs:
         for loss in LOSSES:
@@ -99,7 +98,7 @@ def through_loss(codecs: Sequence[Codec], seeds: Sequence[int], insertions: int 
             for seed, scene in zip(seeds, scenes, strict=True):
                 channel = np.random.default_rng([seed, round(100 * loss)])
                 encoding, received = encode_lossy(
-                    codec, scene.t_us, scene.force_n, scene.position_m, loss=loss, repair_us=REPAIR_US, rng=channel
+                    codec, scene.t_us, scene.stimuli, scene.positions, loss=loss, repair_us=REPAIR_US, rng=channel
                 )
                 decoded.append(encoding.decoded)
                 waits_ms += recoveries_ms(scene.t_us.tolist(), encoding.sent.tolist(), set(received.tolist()))

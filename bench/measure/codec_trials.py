@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from hapticnet.arrays import FloatArray
 from hapticnet.codec.base import Decoder, Encoder
-from hapticnet.experiment.trial import Trial
+from hapticnet.experiment.trials import Trial
 from hapticnet.perception import WeberLaw
 
 PERIOD_US = 1000

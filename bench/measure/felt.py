@@ -18,7 +18,7 @@ from felt_signals import KINDS, signals
 from hapticnet.channel.settings import BernoulliLoss, ChannelSettings, Jitter
 from hapticnet.codec.registry import every_codec, make_codec
 from hapticnet.experiment.comparison import REPAIR_US
-from hapticnet.experiment.trial import Trial
+from hapticnet.experiment.trials import Trial
 from hapticnet.measure.energy import energy_report
 from hapticnet.measure.metrics import error_report
 from hapticnet.node.closed_loop import simulate_link

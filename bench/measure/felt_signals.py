@@ -11,8 +11,7 @@ from typing import Final
 import numpy as np
 from rate_distortion_signals import recorded_signals
 
-from hapticnet.experiment.scene_force import scene_trial
-from hapticnet.experiment.trial import Trial
+from hapticnet.experiment.trials import Trial, scene_trial
 from hapticnet.operator.scripted import InsertionSettings, PalpatingOperator, PalpationSettings, ScriptedOperator
 from hapticnet.scene.settings import BodySceneSettings, SceneSettings, Tissue
 from hapticnet.scene.sources import find_scene, make_scene, paper_scene

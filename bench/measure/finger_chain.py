@@ -13,7 +13,7 @@ from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.control.hold import ForceLimiter, LimitSettings
 from hapticnet.device.base import Device, Reading
 from hapticnet.device.simulated import Finger, PlantSettings
-from hapticnet.experiment.paper_force import paper_recording
+from hapticnet.experiment.trials import paper_trial
 from hapticnet.hardware import MAX_FORCE_N
 from hapticnet.node.fingertip import Fingertip
 from hapticnet.node.loopback import Loopback
@@ -115,7 +115,7 @@ def demo_target(seed: int) -> Numbers:
     """Return what the demo asks of the platform [N], in each ms: the scene's force after the limits."""
     largest_n = ForceControlSettings().max_force_n - ForceControlSettings().headroom_n
     limiter = ForceLimiter(LimitSettings(max_force_n=largest_n))
-    forces_n = np.abs(paper_recording(seed, insertions=INSERTIONS).force_n[:, 0])
+    forces_n = np.abs(paper_trial(seed, insertions=INSERTIONS).stimuli[:, 0])
     return np.array([limiter.limit(force_n, TICK_US * tick) for tick, force_n in enumerate(forces_n.tolist())])
 
 

@@ -21,7 +21,7 @@ from hapticnet.codec.registry import make_codec
 from hapticnet.codec.schemes.motion_predictive import MotionPredictive, Sender, start
 from hapticnet.codec.steps import Steps
 from hapticnet.experiment.comparison import REPAIR_US
-from hapticnet.experiment.trial import Trial
+from hapticnet.experiment.trials import Trial
 from hapticnet.measure.bound import fewest_holds
 from hapticnet.measure.metrics import error_report
 from hapticnet.node.closed_loop import simulate_link

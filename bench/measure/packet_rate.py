@@ -22,7 +22,7 @@ from hapticnet.codec.recording import encode_array
 from hapticnet.codec.registry import make_codec
 from hapticnet.experiment.analysis import Columns, bytes_per_penetration
 from hapticnet.experiment.conditions import CONDITIONS, Condition
-from hapticnet.experiment.paper_force import paper_recording
+from hapticnet.experiment.trials import paper_trial
 from hapticnet.measure.metrics import error_report
 from hapticnet.node.settings import MasterSettings
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
@@ -41,12 +41,16 @@ Row = dict[str, Any]
 
 def true_forces(seed: int, motion: InsertionSettings, rate_hz: float) -> Columns:
     """Return the true force at every position of one seed's hand in its scene, as a slave records it."""
-    true = paper_recording(seed, rate_hz, motion=motion)
+    true = paper_trial(seed, rate_hz, motion=motion)
+    assert true.positions is not None
+    force_n = true.stimuli[:, 0]
+    # Each tissue is breached before the next one is touched, so each contact ends with a breach.
+    breached = np.diff(np.sign(force_n), prepend=0.0) < 0.0
     return {
         "t_us": true.t_us + float(START_US),
-        "position_m": true.position_m[:, 0],
-        "force_n": true.force_n[:, 0],
-        "breaches": true.breaches.astype(float),
+        "position_m": true.positions[:, 0],
+        "force_n": force_n,
+        "breaches": np.cumsum(breached).astype(float),
     }
 
 

@@ -20,7 +20,7 @@ from hapticnet.codec.recording import encode_array
 from hapticnet.codec.registry import codec_parameters, every_codec, make_codec
 from hapticnet.experiment.comparison import REPAIR_US, compare
 from hapticnet.experiment.comparison import Row as ComparisonRow
-from hapticnet.experiment.trial import Trial
+from hapticnet.experiment.trials import Trial
 from hapticnet.measure.bound import fewest_holds
 from hapticnet.node.offline import cost_report
 from hapticnet.perception import WeberLaw

@@ -13,8 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hapticnet.errors import SettingsError
-from hapticnet.experiment.paper_force import paper_recording
-from hapticnet.experiment.trial import Trial
+from hapticnet.experiment.trials import Trial, paper_trial
 from hapticnet.recordings.loading import load_recording
 
 Array = npt.NDArray[np.float64]
@@ -28,13 +27,7 @@ KINESTHETIC: Final = "stiff wall"
 
 def paper_signals(seeds: Sequence[int], insertions: int) -> list[Trial]:
     """Return the paper's scene, played by the hand of each seed."""
-    trials = []
-    for seed in seeds:
-        true = paper_recording(seed, RATE_HZ, insertions=insertions)
-        trials.append(
-            Trial(name=f"paper's scene {seed}", t_us=true.t_us, stimuli=true.force_n, positions=true.position_m)
-        )
-    return trials
+    return [paper_trial(seed, RATE_HZ, insertions=insertions) for seed in seeds]
 
 
 def made_signals(seed: int, seconds: float) -> list[Trial]:

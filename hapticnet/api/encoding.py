@@ -18,7 +18,7 @@ from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.experiment import comparison
 from hapticnet.experiment.comparison import Row, codec_label
 from hapticnet.experiment.grid import grid_codecs
-from hapticnet.experiment.trial import Trial
+from hapticnet.experiment.trials import Trial
 from hapticnet.measure.quality import QualityReport, quality_report
 from hapticnet.node.offline import cost_report
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION

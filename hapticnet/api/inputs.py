@@ -12,7 +12,7 @@ from hapticnet.codec import registry
 from hapticnet.codec.base import Codec
 from hapticnet.codec.plugins import checked_class, rehearse
 from hapticnet.errors import SampleError, SettingsError
-from hapticnet.experiment.trial import Trial
+from hapticnet.experiment.trials import Trial
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION, WeberLaw
 from hapticnet.recordings.loading import Recording
 

@@ -10,7 +10,7 @@ from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION
 
 if TYPE_CHECKING:
     from hapticnet.experiment.comparison import Row
-    from hapticnet.experiment.trial import Trial
+    from hapticnet.experiment.trials import Trial
 
 MULTIPLIERS = "1,2,4"
 
@@ -85,6 +85,7 @@ def compare(
     from hapticnet.experiment.comparison_table import latex as latex_tables
     from hapticnet.experiment.grid import grid_codecs
     from hapticnet.experiment.provenance import provenance, provenance_lines
+    from hapticnet.experiment.trials import paper_trial
 
     if not traces and any(option is not None for option in (force_column, position_column, time_column, sampling_rate)):
         raise SettingsError(
@@ -116,7 +117,7 @@ def compare(
         trials = scene_trials(scene, list(files), say, start=start, seed=seed, **reading, max_bytes=max_size)
     else:
         trials = recorded_trials(list(files), say, columns=force_column, **reading, max_bytes=max_size)
-        trials = trials or [_paper(seed)]
+        trials = trials or [paper_trial(seed, insertions=2)]
     check_outputs(csv, latex, inputs=files)
     check_new(csv, latex, overwrite=overwrite)
     figures = None
@@ -188,13 +189,3 @@ def _grid(texts: list[str], multipliers: str, weber: float, floor: float, loss: 
         raise SettingsError(f"--multipliers {multipliers!r} must be numbers of JNDs, such as 1,2,4") from None
     usual = {"multiplier": values, "weber_fraction": [weber], "floor_n": [floor], "loss": [parse_share(loss)]}
     return usual | grid
-
-
-def _paper(seed: int) -> "Trial":
-    from hapticnet.experiment.paper_force import paper_recording
-    from hapticnet.experiment.trial import Trial
-
-    recorded = paper_recording(seed, rate_hz=1000.0, insertions=2)
-    return Trial(
-        name=f"paper's scene {seed}", t_us=recorded.t_us, stimuli=recorded.force_n, positions=recorded.position_m
-    )

@@ -16,7 +16,7 @@ from hapticnet.cli.console import show
 from hapticnet.experiment.comparison import Row
 from hapticnet.experiment.comparison_table import COLUMNS, Column, heading, notes
 from hapticnet.experiment.summary import Block, blocks, means
-from hapticnet.experiment.trial import Trial
+from hapticnet.experiment.trials import Trial
 
 WIDEST: Final = 1000
 """Characters of a line that is not read on a terminal: more than any table needs."""

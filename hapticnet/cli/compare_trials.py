@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 from hapticnet.errors import SettingsError
 
 if TYPE_CHECKING:
-    from hapticnet.experiment.trial import Trial
+    from hapticnet.experiment.trials import Trial
     from hapticnet.recordings.loading import Motion, Recording
 
 
 def recorded_trials(files: Sequence[Path], say: Callable[[str], None], **reading: Any) -> "list[Trial]":
     """Return the forces and positions of files; `reading` says how to read them, as for `load_recording`."""
-    from hapticnet.experiment.trial import Trial
+    from hapticnet.experiment.trials import Trial
     from hapticnet.recordings.loading import load_recording
 
     return [
@@ -37,7 +37,7 @@ def scene_trials(
     """
     import numpy as np
 
-    from hapticnet.experiment.scene_force import placed, scene_trial
+    from hapticnet.experiment.trials import placed, scene_trial
     from hapticnet.operator.scripted import scripted_hand
     from hapticnet.operator.trace import TraceOperator
     from hapticnet.recordings.loading import load_motion

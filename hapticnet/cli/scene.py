@@ -69,7 +69,7 @@ def run_scene(
     from hapticnet.cli.compare_trials import parse_start
     from hapticnet.cli.console import Console, check_outputs
     from hapticnet.errors import SettingsError
-    from hapticnet.experiment.scene_force import placed
+    from hapticnet.experiment.trials import placed
     from hapticnet.node.recording import axis_columns
     from hapticnet.recordings.loading import load_motion
     from hapticnet.recordings.text import write_csv

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -16,13 +16,13 @@ from hapticnet.checks import check_parameter
 from hapticnet.codec.base import Codec, Encoding
 from hapticnet.codec.recording import encode_array, encode_lossy, encode_streamed
 from hapticnet.codec.registry import codec_parameters
-from hapticnet.experiment.trial import Trial
+from hapticnet.experiment.trials import Trial
 from hapticnet.experiment.workers import workers
 from hapticnet.measure.bound import fewest_holds, fewest_lines
 from hapticnet.measure.energy import energy_report
 from hapticnet.measure.metrics import ErrorReport, error_report
 from hapticnet.measure.quality import QualityReport, quality_report
-from hapticnet.node.closed_loop import simulate_link
+from hapticnet.node.closed_loop import Felt, simulate_link
 from hapticnet.node.offline import CostReport, cost_report
 from hapticnet.perception import WeberLaw
 
@@ -41,67 +41,51 @@ DELAY_US: Final = 25_000
 class Limits:
     """The fewest packets that any encoder needs on one recording under one law; see `measure.bound`.
 
-    Attributes
-    ----------
-    holds, lines
-        With a zero-order hold, and with straight lines. On two and three axes these are lower bounds.
+    On two and three axes these are lower bounds.
     """
 
     holds: int
+    """With a zero-order hold."""
     lines: int
+    """With straight lines."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """One codec with one law on one recording.
-
-    Attributes
-    ----------
-    trial
-        Name of the recording.
-    codec, label
-        Name of the codec, and its name with the parameters that differ from their defaults, as on a command line.
-    at_rest
-        Whether the codec depends on motion but no positions were given, so that it behaves as if the tool were at rest.
-    weber_fraction, floor_n, multiplier
-        The codec's law; see `perception.WeberLaw`.
-    loss
-        Share of the updates that were lost at random.
-    delay_us
-        Delay of each way [µs] for `felt`.
-    felt
-        Errors of the force that is applied at each tick against the true force of that tick, over a link with this
-        delay and loss; see `node.closed_loop`.
-    felt_created_share
-        Energy that this force creates, as a share of the work that the hand does against the true force; see
-        `measure.energy`. None without positions.
-    over_optimum
-        Packets sent over the fewest that any zero-order hold needs.
-    nanoseconds_per_sample
-        Time to encode and decode one sample in a stream, in plain Python on this machine [ns]. It is measured, so it
-        varies from run to run, and grows when other processes are busy.
-    """
+    """One codec with one law on one recording."""
 
     trial: str
+    """Name of the recording."""
     codec: str
     label: str
+    """The codec with the parameters that differ from their defaults, as on a command line."""
     parameters: dict[str, float]
     at_rest: bool
+    """Whether the codec depends on motion but no positions were given: it behaves as if the tool were at rest."""
     weber_fraction: float
     floor_n: float
     multiplier: float
+    """The codec's law; see `perception.WeberLaw`."""
     loss: float
+    """Share of the updates that were lost at random."""
     delay_us: int
+    """Delay of each way [µs] for `felt`."""
     cost: CostReport
     quality: QualityReport
     felt: ErrorReport
+    """Errors of the force that is applied at each tick against the true force of that tick, over such a link."""
     felt_created_share: float | None
+    """Energy that this force creates, as a share of the work of the hand against the true force; see
+    `measure.energy`. None without positions."""
     limits: Limits
     over_optimum: float
+    """Packets sent over the fewest that any zero-order hold needs."""
     packets_per_s: float
     wire_bytes_per_s: float
     session_wire_bytes_per_s: float
     nanoseconds_per_sample: float
+    """Time to encode and decode one sample in a stream, in plain Python on this machine [ns]. It is measured, so it
+    varies from run to run, and grows when other processes are busy."""
 
     def flat(self) -> dict[str, Any]:
         """Return all figures in one level, for JSON and CSV. Infinite values become None: JSON has no infinity."""
@@ -174,19 +158,13 @@ def compare(
 _Measured: TypeAlias = tuple[CostReport, QualityReport, ErrorReport, float | None, float]
 
 
-@dataclass(frozen=True, slots=True)
-class _Shared:
+class _Shared(NamedTuple):
     """What every process of a comparison has."""
 
     trials: Sequence[Trial]
     codecs: Sequence[Codec]
     seed: int
     delay_us: int
-
-
-def find_limits(law: WeberLaw, trial: Trial) -> Limits:
-    """Return the fewest packets for a trial."""
-    return Limits(holds=fewest_holds(law, trial.stimuli), lines=fewest_lines(law, trial.t_us, trial.stimuli))
 
 
 def encode_trial(
@@ -201,17 +179,22 @@ def encode_trial(
 
 
 def felt_report(
-    codec: Codec, trial: Trial, *, loss: float, delay_us: int, seed: int
-) -> tuple[ErrorReport, float | None]:
-    """Return what the hand feels over a link that delays both ways and loses updates.
+    codec: Codec,
+    trial: Trial,
+    *,
+    forward: ChannelSettings,
+    feedback: ChannelSettings,
+    repair_us: int,
+    rng: np.random.Generator,
+) -> tuple[Felt, ErrorReport, float | None]:
+    """Return what the hand feels over a network; see `node.closed_loop.simulate_link`.
 
     Returns
     -------
     tuple
-        The errors of the force applied at each tick, and the share of energy that it creates; None without positions.
+        What was applied, its errors against the true force of each tick, and the share of energy that it creates; None
+        without positions.
     """
-    forward = ChannelSettings(delay_us=delay_us)
-    feedback = ChannelSettings(delay_us=delay_us, loss=BernoulliLoss(loss) if loss else None)
     felt = simulate_link(
         codec,
         trial.t_us,
@@ -219,13 +202,23 @@ def felt_report(
         trial.positions,
         forward=forward,
         feedback=feedback,
-        repair_us=REPAIR_US + 2 * delay_us,
-        rng=np.random.default_rng(seed),
+        repair_us=repair_us,
+        rng=rng,
     )
     errors = error_report(codec.law, trial.stimuli, felt.applied)
     if trial.positions is None:
-        return errors, None
-    return errors, energy_report(codec.law, trial.stimuli, felt.applied, trial.positions).created_share
+        return felt, errors, None
+    return felt, errors, energy_report(codec.law, trial.stimuli, felt.applied, trial.positions).created_share
+
+
+def delayed_report(
+    codec: Codec, trial: Trial, *, loss: float = 0.0, delay_us: int = DELAY_US, seed: int = 0
+) -> tuple[ErrorReport, float | None]:
+    """Return the same over a link that delays both ways and loses updates; they are replaced after a round trip."""
+    forward = ChannelSettings(delay_us=delay_us)
+    feedback = ChannelSettings(delay_us=delay_us, loss=BernoulliLoss(loss) if loss else None)
+    repair_us, rng = REPAIR_US + 2 * delay_us, np.random.default_rng(seed)
+    return felt_report(codec, trial, forward=forward, feedback=feedback, repair_us=repair_us, rng=rng)[1:]
 
 
 def codec_label(codec: Codec) -> str:
@@ -261,8 +254,9 @@ def _row(trial: Trial, codec: Codec, loss: float, delay_us: int, limits: Limits,
     )
 
 
-def _limits(shared: _Shared, law: tuple[int, WeberLaw]) -> Limits:
-    return find_limits(law[1], shared.trials[law[0]])
+def _limits(shared: _Shared, case: tuple[int, WeberLaw]) -> Limits:
+    trial, law = shared.trials[case[0]], case[1]
+    return Limits(holds=fewest_holds(law, trial.stimuli), lines=fewest_lines(law, trial.t_us, trial.stimuli))
 
 
 def _measured(shared: _Shared, case: tuple[int, float, int]) -> _Measured:
@@ -272,7 +266,7 @@ def _measured(shared: _Shared, case: tuple[int, float, int]) -> _Measured:
     quality = quality_report(
         codec.law, trial.t_us, trial.stimuli, encoding.decoded, encoding.sent, trial.positions, received=received
     )
-    felt, created_share = felt_report(codec, trial, loss=loss, delay_us=shared.delay_us, seed=shared.seed)
+    felt, created_share = delayed_report(codec, trial, loss=loss, delay_us=shared.delay_us, seed=shared.seed)
     return cost, quality, felt, created_share, _nanoseconds_per_sample(codec, trial)
 
 

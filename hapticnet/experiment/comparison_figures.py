@@ -12,7 +12,7 @@ from hapticnet.experiment.comparison import Row, codec_label, encode_trial
 from hapticnet.experiment.signal_figure import Signal, check_window, draw_signal
 from hapticnet.experiment.style import BLUE, INK, check_format, draw_codecs, finish_axes, legend, picture, pyplot
 from hapticnet.experiment.summary import HOLD_OPTIMUM, LINE_OPTIMUM, METHOD, Block, blocks, means
-from hapticnet.experiment.trial import Trial
+from hapticnet.experiment.trials import Trial
 
 HEIGHT_IN: Final = 4.0
 SHOWN_S: Final = 4.0

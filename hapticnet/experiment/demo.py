@@ -14,9 +14,9 @@ import numpy as np
 from hapticnet.codec.registry import make_codec, parse_codec, split_codec
 from hapticnet.errors import UnavailableError
 from hapticnet.experiment.analysis import Columns, bytes_per_penetration, felt_error, vectors
-from hapticnet.experiment.comparison import DELAY_US, felt_report
+from hapticnet.experiment.comparison import DELAY_US, delayed_report
 from hapticnet.experiment.conditions import Condition, conditions_with
-from hapticnet.experiment.trial import Trial
+from hapticnet.experiment.trials import Trial
 from hapticnet.measure.metrics import ErrorReport
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION, WeberLaw
 from hapticnet.recordings.text import read_csv
@@ -219,7 +219,7 @@ def _over_a_link(condition: Condition, samples: Columns) -> tuple[ErrorReport, f
     )
     name, parameters = parse_codec(condition.codec)
     law = WeberLaw(weber_fraction=PAPER_WEBER_FRACTION, floor_n=PAPER_FLOOR_N, multiplier=condition.multiplier)
-    return felt_report(make_codec(name, law, parameters), trial, loss=0.0, delay_us=DELAY_US, seed=0)
+    return delayed_report(make_codec(name, law, parameters), trial)
 
 
 def _samples(folder: Path, condition: Condition) -> Path:

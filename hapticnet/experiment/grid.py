@@ -1,4 +1,4 @@
-"""Grids of settings: the codecs and losses that ``--grid KEY=FROM:TO:COUNT`` or ``KEY=a,b,c`` stands for."""
+"""Grids of settings, of ``compare --grid`` and of the axes of a study: their values, and the codecs they stand for."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -14,6 +14,17 @@ from hapticnet.perception import WeberLaw
 LAW_KEYS: Final = ("multiplier", "weber_fraction", "floor_n")
 LOSS_KEY: Final = "loss"
 MOST_VALUES: Final = 1000
+
+
+def spread(first: float, last: float, count: int, *, in_ratios: bool = False) -> list[float]:
+    """Return values from the first to the last in equal steps, or in equal ratios, if both are above 0."""
+    shares = [step / max(count - 1, 1) for step in range(count)]
+    if in_ratios:
+        values = [first * (last / first) ** share for share in shares]
+    else:
+        values = [first + (last - first) * share for share in shares]
+    # Twelve digits, so that a range has 0.3 in it and not 0.30000000000000004.
+    return [float(f"{value:.12g}") for value in values]
 
 
 def parse_grid(texts: Sequence[str]) -> dict[str, list[float]]:
@@ -77,11 +88,9 @@ def _values(key: str, text: str) -> list[float]:
     if ":" not in text:
         values = [float(part) for part in text.split(",")]
     else:
-        start, end, count = (float(part) for part in text.split(":"))
+        first, last, count = (float(part) for part in text.split(":"))
         check_integer(f"the number of values of {key}", count, 1, MOST_VALUES)
-        steps = max(int(count) - 1, 1)
-        # Twelve digits, so that 0.1:1:10 has 0.3 in it and not 0.30000000000000004.
-        values = [float(f"{start + (end - start) * step / steps:.12g}") for step in range(int(count))]
+        values = spread(first, last, int(count))
     if not key or not all(map(math.isfinite, values)):
         raise ValueError
     return list(dict.fromkeys(values))

@@ -16,7 +16,7 @@ from hapticnet.errors import printable
 def provenance() -> dict[str, Any]:
     """Return version, date (UTC), machine and command of this process, for JSON."""
     return {
-        "version": _version(),
+        "version": own_version(),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "machine": describe_machine(),
         "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
@@ -41,8 +41,8 @@ def describe_machine() -> dict[str, str | int | None]:
     }
 
 
-def _version() -> str:
-    # The package itself cannot be asked: it imports the public interface, which stands above this module.
+def own_version() -> str:
+    """Return the version of hapticnet. The package cannot be asked: it imports the API, which stands above this."""
     try:
         return version("hapticnet")
     except PackageNotFoundError:

@@ -1,12 +1,25 @@
-"""What every task has: a plan that is sent to workers, and a runner that computes its runs."""
+"""The runs of a study: every combination of its axes, numbered, and the rows that they give.
 
-from typing import Final, Protocol
+A plan is sent to workers, so it can be pickled; a runner computes its runs there.
+"""
+
+import itertools
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
 from hapticnet.errors import in_words
-from hapticnet.sweep.grid import Shard
-from hapticnet.sweep.link import Columns, Row
+
+Kind: TypeAlias = Literal["int", "float", "text"]
+Columns: TypeAlias = dict[str, Kind]
+"""Names and types of the columns of a table."""
+
+Row: TypeAlias = dict[str, Any]
+"""One run: a value, or None, for each column."""
 
 RUN_COLUMNS: Final[Columns] = {"run": "int", "repeat": "int"}
 ERROR_COLUMNS: Final[Columns] = {"error": "text"}
@@ -15,79 +28,93 @@ FOR_REPEAT: Final = 1
 """Second part of the spawn key of what all combinations of a repeat share, such as the motion of the hand."""
 
 
-class Plan(Protocol):
-    """A study with its files read and its combinations counted. It can be pickled."""
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """The product of some axes. The last axis changes fastest."""
+
+    axes: tuple[tuple[Any, ...], ...]
+
+    def __len__(self) -> int:
+        return math.prod(len(axis) for axis in self.axes)
+
+    def __getitem__(self, cell: int) -> tuple[Any, ...]:
+        values: list[Any] = []
+        for axis in reversed(self.axes):
+            cell, place = divmod(cell, len(axis))
+            values.append(axis[place])
+        return tuple(reversed(values))
+
+
+class Shard(NamedTuple):
+    """Runs that are computed and stored together: from `first` to before `end`."""
+
+    first: int
+    end: int
 
     @property
-    def name(self) -> str:
-        """Name of the study."""
-        ...
+    def runs(self) -> int:
+        """Number of runs."""
+        return self.end - self.first
 
-    @property
-    def digest(self) -> str:
-        """SHA-256 of all that determines its numbers, except how often it is repeated."""
-        ...
 
-    @property
-    def seed(self) -> int:
-        """Seed of all random numbers."""
-        ...
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan(ABC):
+    """A study with its files read and its combinations counted."""
 
-    @property
-    def repeats(self) -> int:
-        """How often every combination is run."""
-        ...
+    task: ClassVar[str]
+    measured: ClassVar[Columns]
+    """What a run measures; docs/use/compare.md explains each."""
+
+    name: str
+    seed: int
+    repeats: int
+    """How often every combination is run."""
+    grid: Grid
+    swept: tuple[str, ...]
+    """Parameters of codecs that the study varies."""
+    digest: str = ""
+    """SHA-256 of all that determines the numbers, except how often the study is repeated."""
 
     @property
     def cells(self) -> int:
         """Number of combinations."""
-        ...
+        return len(self.grid)
+
+    @property
+    def runs(self) -> int:
+        """Number of runs."""
+        return self.cells * self.repeats
 
     @property
     def sharing(self) -> int:
-        """So many combinations in a row share most of their work, so a shard better has all of them."""
-        ...
+        """So many combinations in a row share most of their work, so a shard should have all of them."""
+        return 1
+
+    @property
+    @abstractmethod
+    def settings(self) -> Columns:
+        """Columns that tell combinations apart."""
 
     @property
     def columns(self) -> Columns:
-        """Columns of a row, besides those that every task has."""
-        ...
+        """All columns of a row."""
+        return {**RUN_COLUMNS, **self.settings, **self.measured, **ERROR_COLUMNS}
 
-    @property
-    def measures(self) -> tuple[str, ...]:
-        """Those of the columns that a run measures; the others tell combinations apart."""
-        ...
-
+    @abstractmethod
     def runner(self) -> "Runner":
         """Return what computes its runs in this process."""
-        ...
 
 
-class Runner(Protocol):
+class Runner(ABC):
     """Computes runs. It may keep what several of them need, but no result may depend on which runs it did before."""
 
+    @abstractmethod
     def settings(self, cell: int) -> Row:
         """Return the columns that tell a combination from others."""
-        ...
 
+    @abstractmethod
     def measure(self, repeat: int, cell: int, rng: np.random.Generator) -> Row:
         """Return what a run finds. The generator belongs to this run alone."""
-        ...
-
-
-def all_columns(plan: Plan) -> Columns:
-    """Return all columns of the rows of a plan."""
-    return {**RUN_COLUMNS, **plan.columns, **ERROR_COLUMNS}
-
-
-def runs_of(plan: Plan) -> int:
-    """Return the number of runs of a plan."""
-    return plan.cells * plan.repeats
-
-
-def rng_of_run(seed: int, run: int) -> np.random.Generator:
-    """Return the random numbers of a run: the same in any shard, worker and order."""
-    return np.random.default_rng(np.random.SeedSequence(entropy=seed, spawn_key=(run,)))
 
 
 def rng_of_repeat(seed: int, repeat: int) -> np.random.Generator:
@@ -96,18 +123,52 @@ def rng_of_repeat(seed: int, repeat: int) -> np.random.Generator:
 
 
 def rows_of(plan: Plan, runner: Runner, shard: Shard) -> list[Row]:
-    """Return the rows of a shard. A run that fails has its error in the place of its figures."""
-    cells = plan.cells
-    nothing: Row = dict.fromkeys(all_columns(plan))
+    """Return the rows of a shard: the same in any shard, worker and order. A run that fails has its error instead."""
+    nothing: Row = dict.fromkeys(plan.columns)
     rows = []
     for run in range(shard.first, shard.end):
-        repeat, cell = divmod(run, cells)
+        repeat, cell = divmod(run, plan.cells)
         row = nothing | {"run": run, "repeat": repeat} | runner.settings(cell)
+        rng = np.random.default_rng(np.random.SeedSequence(entropy=plan.seed, spawn_key=(run,)))
         try:
-            row |= runner.measure(repeat, cell, rng_of_run(plan.seed, run))
+            row |= runner.measure(repeat, cell, rng)
         except (MemoryError, OSError):  # of this machine, not of this run
             raise
         except Exception as error:  # a user's codec may raise anything
             row["error"] = in_words(error)
         rows.append(row)
     return rows
+
+
+def gaps(shards: Iterable[Shard], runs: int) -> list[Shard]:
+    """Return the ranges of 0 … `runs` that no shard covers, in order."""
+    missing, at = [], 0
+    for shard in [*sorted(shards), Shard(runs, runs)]:
+        if shard.first > at:
+            missing.append(Shard(at, min(shard.first, runs)))
+        at = max(at, shard.end)
+    return missing
+
+
+def overlap(shards: Sequence[Shard]) -> tuple[Shard, Shard] | None:
+    """Return two shards that have a run in common; None if there are none."""
+    return next(((one, other) for one, other in itertools.pairwise(sorted(shards)) if one.end > other.first), None)
+
+
+class Cutter:
+    """Cuts what is missing into shards."""
+
+    def __init__(self, missing: Iterable[Shard]) -> None:
+        self._gaps = list(missing)[::-1]
+        self.left = sum(gap.runs for gap in self._gaps)
+
+    def cut(self, most: int) -> Shard | None:
+        """Return the next shard of at most so many runs; None if nothing is left."""
+        if not self._gaps:
+            return None
+        gap = self._gaps.pop()
+        end = min(gap.end, gap.first + max(1, most))
+        if end < gap.end:
+            self._gaps.append(Shard(end, gap.end))
+        self.left -= end - gap.first
+        return Shard(gap.first, end)

@@ -1,42 +1,132 @@
-"""What is touched in a study of felt forces: scenes with a scripted hand, or recordings."""
+"""What a run is made of: a codec, the networks, and what is touched, in a form that a worker can be sent."""
 
 import dataclasses
 import hashlib
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
 import numpy as np
 
+from hapticnet.channel.settings import ChannelSettings
+from hapticnet.channel.spec import parse_channel
+from hapticnet.codec.base import Codec
+from hapticnet.codec.registry import codec_parameters, make_codec, parse_codec, split_codec
 from hapticnet.errors import FileError, SettingsError
-from hapticnet.experiment.scene_force import scene_trial
-from hapticnet.experiment.trial import Trial
+from hapticnet.experiment.comparison import codec_label
+from hapticnet.experiment.grid import LAW_KEYS, grid_codecs
+from hapticnet.experiment.trials import Trial, scene_trial
 from hapticnet.files import MAX_BYTES
 from hapticnet.operator.scripted import InsertionSettings, PalpatingOperator, PalpationSettings, ScriptedOperator
+from hapticnet.perception import WeberLaw
 from hapticnet.recordings.loading import load_recording
 from hapticnet.scene.sources import find_scene, make_scene
-from hapticnet.sweep.link import Columns, Row
-from hapticnet.sweep.study import Reading
+from hapticnet.sweep.runs import Columns, Row
+from hapticnet.sweep.study import LinkAxes, Reading
+
+PARAMETER: Final = "parameter_"
+"""Start of the names of columns with parameters of codecs."""
+
+LINK_COLUMNS: Final[Columns] = {
+    "forward": "text", "feedback": "text", "delay_ms": "float", "jitter_ms": "float", "loss": "float",
+}  # fmt: skip
+SOURCE_COLUMNS: Final[Columns] = {"source": "text", "hand": "text", "rate_hz": "float"}
 
 HANDS: Final[dict[str, type[InsertionSettings] | type[PalpationSettings]]] = {
     "scripted": InsertionSettings,
     "palpation": PalpationSettings,
 }
 
-SOURCE_COLUMNS: Final[Columns] = {"source": "text", "hand": "text", "rate_hz": "float"}
+
+@dataclass(frozen=True, slots=True)
+class Coder:
+    """A codec as a worker makes it; `source` is its name, or ``FILE.py:CLASS`` or ``package.module:CLASS``."""
+
+    source: str
+    name: str
+    label: str
+    law: WeberLaw
+    parameters: tuple[tuple[str, float], ...]
+
+    def make(self) -> Codec:
+        """Return the codec. A user's class is imported."""
+        return make_codec(parse_codec(self.source)[0], self.law, dict(self.parameters))
+
+    @property
+    def text(self) -> str:
+        """The codec as written for ``--codec``."""
+        values = ",".join(f"{key}={value!r}" for key, value in self.parameters)
+        return f"{self.source}:{values}" if values else self.source
+
+    def row(self, swept: tuple[str, ...]) -> Row:
+        """Return the columns of `coder_columns`."""
+        law = {key: getattr(self.law, key) for key in LAW_KEYS}
+        own = dict(self.parameters)
+        return {"codec": self.name, "label": self.label, **law, **{f"{PARAMETER}{key}": own.get(key) for key in swept}}
+
+
+def coder_columns(swept: tuple[str, ...]) -> Columns:
+    """Return the columns of a codec and of the parameters that a study varies."""
+    numbers: Columns = dict.fromkeys((*LAW_KEYS, *(f"{PARAMETER}{key}" for key in swept)), "float")
+    return {"codec": "text", "label": "text", **numbers}
+
+
+def coders(axes: LinkAxes) -> tuple[Coder, ...]:
+    """Return the codecs of a study with each of their laws and parameters.
+
+    Raises
+    ------
+    SettingsError
+        If a codec cannot be made, or none of them has a parameter.
+    """
+    sources = {parse_codec(text)[0]: split_codec(text)[0] for text in axes.codec}
+    laws = {key: getattr(axes, key) for key in LAW_KEYS}
+    return tuple(
+        Coder(sources[codec.name], codec.name, codec_label(codec), codec.law, tuple(codec_parameters(codec).items()))
+        for codec in grid_codecs(axes.codec, laws | axes.parameters)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """The networks from master to slave and back."""
+
+    forward: ChannelSettings
+    feedback: ChannelSettings
+
+    def row(self) -> Row:
+        """Return the columns of `LINK_COLUMNS`."""
+        jitter, loss = self.feedback.jitter, self.feedback.loss
+        return {
+            "forward": self.forward.describe(),
+            "feedback": self.feedback.describe(),
+            "delay_ms": self.feedback.delay_us / 1e3,
+            "jitter_ms": 0.0 if jitter is None else jitter.deviation_us / 1e3,
+            "loss": 0.0 if loss is None else loss.mean,
+        }
+
+
+def links(axes: LinkAxes) -> tuple[Link, ...]:
+    """Return every combination of the networks of a study.
+
+    Raises
+    ------
+    SettingsError
+        If a part is given both by ``forward`` or ``feedback`` and by an axis of its own.
+    """
+    given = (("delay", axes.delay), ("jitter", axes.jitter), ("loss", axes.loss))
+    parts = [[f"{key}={value}" for value in values] for key, values in given if values is not None]
+    return tuple(
+        Link(parse_channel(",".join([forward, *each])), parse_channel(",".join([feedback, *each])))
+        for forward, feedback in product(axes.forward, axes.feedback)
+        for each in product(*parts)
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class Touched:
-    """A scene that a scripted hand touches. Every repeat has another motion.
-
-    Attributes
-    ----------
-    scene
-        Settings of a scene of tissues or bodies; see `scene.sources.find_scene`.
-    hand
-        The hand as the study writes it.
-    """
+    """A scene of tissues or bodies that a scripted hand touches. Every repeat has another motion."""
 
     name: str
     scene: Any
@@ -88,14 +178,12 @@ Source: TypeAlias = Touched | Recorded
 
 
 def touched(scene: str, hand: str | None, rate_hz: float, folder: Path) -> Touched:
-    """Return a scene and the hand that touches it.
+    """Return a scene, whose path is relative to `folder`, and the hand that touches it.
 
     Parameters
     ----------
     hand
         "scripted" or "palpation", or one of them with ``:KEY=VALUE,…``; None: the one that suits the scene, once.
-    folder
-        What the path of a scene is relative to.
 
     Raises
     ------
@@ -119,27 +207,12 @@ def touched(scene: str, hand: str | None, rate_hz: float, folder: Path) -> Touch
 
 
 def recorded(path: Path, name: str, reading: Reading) -> Recorded:
-    """Return a recording.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be used.
-    """
-    found = load_recording(
-        path,
-        columns=reading.column,
-        position=reading.position,
-        position_scale=reading.position_scale,
-        time=reading.time,
-        rate_hz=reading.rate_hz,
-        missing=reading.missing,
-        max_bytes=MAX_BYTES,
-    )
-    t_us = found.t_us
-    if t_us[-1] == t_us[0]:
-        raise FileError(f"{path}: {len(t_us)} samples over no time; at least two different times are needed")
-    return Recorded(Trial(name=name, t_us=t_us, stimuli=found.force, positions=found.position))
+    """Return a recording; raise FileError if the file cannot be used."""
+    options = reading.model_dump(exclude={"column"})
+    found = load_recording(path, columns=reading.column, max_bytes=MAX_BYTES, **options)
+    if found.t_us[-1] == found.t_us[0]:
+        raise FileError(f"{path}: {len(found.t_us)} samples over no time; at least two different times are needed")
+    return Recorded(Trial(name=name, t_us=found.t_us, stimuli=found.force, positions=found.position))
 
 
 def _motion(text: str) -> InsertionSettings | PalpationSettings:

@@ -1,39 +1,143 @@
-"""A study as its file states it: STUDY.toml with a task, its axes, and how often all of it is repeated."""
+"""A study as its file states it: STUDY.toml with a task, the values of its axes, and the number of repeats."""
 
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, TypeAlias
+from typing import Annotated, Any, Final, Literal, TypeAlias, TypeVar
 
-from pydantic import BaseModel, Field
+from pydantic import AfterValidator, BaseModel, BeforeValidator, Field
 
+from hapticnet.channel.settings import BernoulliLoss, format_time, parse_jitter, parse_loss, parse_time_us
+from hapticnet.channel.spec import parse_channel
 from hapticnet.checks import meant
 from hapticnet.documents import STRICT, parse_document, parse_tables, read_document
-from hapticnet.errors import SettingsError
+from hapticnet.errors import HapticnetError, SettingsError
+from hapticnet.experiment.grid import spread
 from hapticnet.perception import PAPER_FLOOR_N, PAPER_WEBER_FRACTION
-from hapticnet.sweep.axes import Channels, Jitters, Losses, Numbers, Repairs, Texts, Times
 
 MOST_RUNS: Final = 10**9
 MOST_REPEATS: Final = 10**8
+MOST_VALUES: Final = 10_000
+RANGE_KEYS: Final = ("from", "to", "count", "spacing")
+SPACINGS: Final = ("linear", "ratio")
+FORMS: Final = "one value, a list of values, or a range such as { from = 1, to = 4, count = 7 }"
+NONE: Final = "none"
+
+Value = TypeVar("Value")
+
+
+def _as_list(given: Any) -> list[Any]:
+    """Return the values of an axis, also those of a range. Raise ValueError with words for a person."""
+    if isinstance(given, Mapping):
+        return _range(given)
+    values = given if isinstance(given, list) else [given]
+    if not values:
+        raise ValueError(f"an axis needs at least one value; write {FORMS}")
+    if len(values) > MOST_VALUES:
+        raise ValueError(f"an axis has at most {MOST_VALUES} values, and this one has {len(values)}")
+    return values
+
+
+def _range(given: Mapping[str, Any]) -> list[Any]:
+    unknown = [key for key in given if key not in RANGE_KEYS]
+    missing = [key for key in RANGE_KEYS[:3] if key not in given]
+    if unknown or missing:
+        wrong = f"has no key {unknown[0]!r}" if unknown else f"needs {missing[0]!r}"
+        raise ValueError(f"a range {wrong}; write {{ from = 1, to = 4, count = 7 }}, and spacing = 'ratio' if wanted")
+    first, last, count, spacing = given["from"], given["to"], given["count"], given.get("spacing", SPACINGS[0])
+    if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MOST_VALUES:
+        raise ValueError(f"the count of a range must be a whole number from 1 to {MOST_VALUES}; it is {count!r}")
+    if spacing not in SPACINGS:
+        raise ValueError(f"the spacing of a range must be {' or '.join(SPACINGS)}; it is {spacing!r}")
+    are_times = isinstance(first, str) and isinstance(last, str)
+    if are_times:
+        first, last = _in_words(parse_time_us, first), _in_words(parse_time_us, last)
+    elif not (_is_number(first) and _is_number(last)):
+        raise ValueError(f"the ends of a range must be two numbers or two times; they are {first!r} and {last!r}")
+    if spacing == "ratio" and not (first > 0 and last > 0):
+        raise ValueError(f"a range in equal ratios must be above 0; it is from {first:g} to {last:g}")
+    values = spread(first, last, count, in_ratios=spacing == "ratio")
+    return [format_time(round(each)) for each in values] if are_times else values
+
+
+def _numbers(given: Any) -> list[float]:
+    values = _as_list(given)
+    for value in values:
+        if not _is_number(value):
+            raise ValueError(f"each value must be a number, and {value!r} is none; write {FORMS}")
+    return _without_repeats([float(value) for value in values])
+
+
+def _texts(given: Any) -> list[str]:
+    values = _as_list(given)
+    for value in values:
+        if not isinstance(value, str) or not value:
+            raise ValueError(f"each value must be text in quotes, and {value!r} is not")
+    return _without_repeats(values)
+
+
+def _without_repeats(values: list[Value]) -> list[Value]:
+    return list(dict.fromkeys(values))
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _in_words(parse: Callable[[Any], Value], text: Any) -> Value:
+    """Return what a parser makes of a text; its error becomes one that the model reports with the key."""
+    try:
+        return parse(text)
+    except HapticnetError as error:
+        raise ValueError(str(error)) from error
+
+
+def _time(text: str) -> str:
+    return format_time(_in_words(parse_time_us, text))
+
+
+def _channel(text: str) -> str:
+    _in_words(parse_channel, text)
+    return text
+
+
+def _jitter(text: str) -> str:
+    return text if text == NONE else _in_words(parse_jitter, text).describe()
+
+
+def _repair(text: str) -> str:
+    return text if text in ("round-trip", "never") else _time(text)
+
+
+def _loss(value: Any) -> str:
+    """Return a loss as a channel's specification writes it; a number is a share."""
+    if _is_number(value):
+        text = _in_words(lambda share: BernoulliLoss(float(share)).describe(), value)
+    elif isinstance(value, str):
+        text = value if value == NONE else _in_words(parse_loss, value).describe()
+    else:
+        raise ValueError(
+            f"each value must be a share or text such as '2%' or 'gilbert:0.004,0.4', and {value!r} is neither"
+        )
+    return NONE if text == "0%" else text
+
+
+def _each(convert: Callable[[Any], str]) -> AfterValidator:
+    return AfterValidator(lambda values: _without_repeats(list(map(convert, values))))
+
+
+Numbers: TypeAlias = Annotated[list[float], BeforeValidator(_numbers)]
+Texts: TypeAlias = Annotated[list[str], BeforeValidator(_texts)]
+Times: TypeAlias = Annotated[Texts, _each(_time)]
+Channels: TypeAlias = Annotated[Texts, _each(_channel)]
+Jitters: TypeAlias = Annotated[Texts, _each(_jitter)]
+Losses: TypeAlias = Annotated[list[Any], BeforeValidator(_as_list), _each(_loss)]
+Repairs: TypeAlias = Annotated[Texts, _each(_repair)]
 
 
 class LinkAxes(BaseModel):
-    """The axes that every task has.
-
-    Attributes
-    ----------
-    codec
-        Codecs as written for ``--codec``.
-    parameters
-        Values of the codecs' parameters; each applies to the codecs that have it.
-    multiplier, weber_fraction, floor_n
-        The law; see `perception.WeberLaw`. "raw" has no threshold and comes once.
-    rate_hz
-        Positions a second.
-    forward, feedback
-        Networks from master to slave and back, as for ``--channel-out``.
-    delay, jitter, loss
-        Parts of both networks, as in a channel's specification.
-    """
+    """The axes that every task has: codecs and their law, the rate of positions, and parts of the networks."""
 
     model_config = STRICT
 
@@ -51,20 +155,7 @@ class LinkAxes(BaseModel):
 
 
 class FeltAxes(LinkAxes):
-    """The axes of the task "felt".
-
-    Attributes
-    ----------
-    scene
-        Scenes as for ``--scene``: paper:SEED, a preset or a TOML file.
-    hand
-        Hands that touch them: "scripted" (insertions) or "palpation", or one of them with ":KEY=VALUE,…", whose keys
-        are those of `InsertionSettings` and `PalpationSettings`. By default the one that suits each scene, once.
-    recording
-        Recordings of force and, if possible, position, in the place of scene and hand.
-    repair
-        Time after which a lost update is replaced; "round-trip": that of `comparison.compare`; "never".
-    """
+    """The axes of the task "felt": what is touched, and after which time a lost update is replaced."""
 
     scene: Texts | None = None
     hand: Texts | None = None
@@ -73,13 +164,7 @@ class FeltAxes(LinkAxes):
 
 
 class OrderingAxes(LinkAxes):
-    """The axes of the task "ordering".
-
-    Attributes
-    ----------
-    observer
-        Simulated observers, as for ``--simulate``.
-    """
+    """The axes of the task "ordering"."""
 
     observer: Texts = ["literature"]
 
@@ -98,21 +183,7 @@ class Reading(BaseModel):
 
 
 class Shown(BaseModel):
-    """What ``hapticnet sweep show`` shows without options; it changes no number.
-
-    Attributes
-    ----------
-    by
-        Columns by which rows are grouped.
-    of
-        Columns whose mean and quantiles are shown.
-    x, y
-        Columns of the axes of the figure.
-    line, panel
-        Columns with one line, and one panel, for each combination of their values.
-    where
-        A condition on rows, in SQL.
-    """
+    """What ``hapticnet sweep show`` shows without options, by names of columns; it changes no number."""
 
     model_config = STRICT
 
@@ -126,17 +197,7 @@ class Shown(BaseModel):
 
 
 class Study(BaseModel):
-    """What the files of all tasks have.
-
-    Attributes
-    ----------
-    name
-        Name of the study, for tables and figures.
-    seed
-        Seed of all random numbers.
-    repeats
-        How often every combination is run. More repeats add runs and change none.
-    """
+    """What the files of all tasks have. More repeats add runs and change none."""
 
     model_config = STRICT
 
@@ -155,13 +216,7 @@ class FeltStudy(Study):
 
 
 class OrderingStudy(Study):
-    """Trials in which simulated observers order three tissues; see `study.trial`.
-
-    Attributes
-    ----------
-    answers
-        Observers of each kind who answer about one trial. Each has a perception of their own.
-    """
+    """Trials in which simulated observers order three tissues; `answers` of each kind judge one trial."""
 
     task: Literal["ordering"]
     axes: OrderingAxes = Field(default_factory=OrderingAxes)

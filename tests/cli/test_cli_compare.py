@@ -12,7 +12,7 @@ from hapticnet.cli.console import Console
 from hapticnet.codec.registry import every_codec, make_codec
 from hapticnet.experiment.comparison import compare
 from hapticnet.experiment.comparison_table import COLUMNS, latex
-from hapticnet.experiment.trial import Trial
+from hapticnet.experiment.trials import Trial
 from hapticnet.perception import WeberLaw
 from hapticnet.recordings.text import read_csv
 from tests.ready import hapticnet

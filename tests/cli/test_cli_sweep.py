@@ -14,11 +14,11 @@ import pytest
 from pyarrow import parquet
 
 from hapticnet.errors import FileError
-from hapticnet.sweep import cluster
-from hapticnet.sweep.conduct import Progress
-from hapticnet.sweep.folder import Folder, shard_name
-from hapticnet.sweep.grid import Shard
-from hapticnet.sweep.query import open_results
+from hapticnet.sweep import pools
+from hapticnet.sweep.engine import Progress
+from hapticnet.sweep.results import open_results
+from hapticnet.sweep.runs import Shard
+from hapticnet.sweep.store import Store, shard_name
 
 STUDY = """
 name = "small"
@@ -172,7 +172,7 @@ def test_a_damaged_or_foreign_shard_is_named(run, study, swept):
     for at in range(4, len(content), 199):
         shard.write_bytes(content[:at] + bytes([content[at] ^ 1 << at % 8]) + content[at + 1 :])
         with pytest.raises(FileError, match=f"^{re.escape(str(shard))} .*; remove it, and its runs are computed again"):
-            open_results(Folder(swept))
+            open_results(Store(swept))
     shard.write_bytes(content[:100] + b"!" + content[101:])
     for verb in (("sweep", "show", swept), ("sweep", study, "--out-dir", swept)):
         one_line(run(*verb), 3, f"{shard} was changed or damaged; remove it, and its runs are computed again")
@@ -201,7 +201,7 @@ def test_what_is_missing_on_the_command_line_or_the_machine_is_told(run, study, 
     both = ("--jobs", "1", "--scheduler", "tcp://127.0.0.1:1")
     one_line(run("sweep", study, "--out-dir", tmp_path / "x", *both), 2, "give one of them")
     one_line(run("sweep", "show", tmp_path), 3, "is not a folder that hapticnet sweep wrote")
-    monkeypatch.setattr(cluster, "CONNECT_S", 0.3)
+    monkeypatch.setattr(pools, "CONNECT_S", 0.3)
     gone = ("--scheduler", "tcp://127.0.0.1:1")
     one_line(
         run("sweep", study, "--out-dir", tmp_path / "x", *gone), 4, "no Dask scheduler answers at tcp://127.0.0.1:1"
@@ -223,7 +223,7 @@ def test_a_signal_ends_the_sweep_with_its_code_after_the_shards_in_hand(run, stu
         assert is_stopped()
         return Progress(runs=18, done=5, computed=5, stopped=True)
 
-    monkeypatch.setattr("hapticnet.sweep.conduct.conduct", conduct)
+    monkeypatch.setattr("hapticnet.sweep.engine.sweep", conduct)
     for number in (signal.SIGINT, signal.SIGTERM):
         done = run("sweep", study, "--out-dir", tmp_path / "out")
         assert done.returncode == 128 + number

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from pyarrow import parquet
 
-from hapticnet.sweep.folder import SHARDS
+from hapticnet.sweep.store import SHARDS
 
 pytestmark = [pytest.mark.docker, pytest.mark.timeout(900)]
 

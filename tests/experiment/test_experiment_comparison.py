@@ -10,7 +10,7 @@ from hapticnet.codec.recording import encode_array
 from hapticnet.codec.registry import every_codec, make_codec
 from hapticnet.errors import SampleError, SettingsError
 from hapticnet.experiment.comparison import compare
-from hapticnet.experiment.trial import Trial
+from hapticnet.experiment.trials import Trial
 from hapticnet.perception import WeberLaw
 
 CODECS = every_codec()

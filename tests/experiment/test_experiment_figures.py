@@ -13,7 +13,7 @@ from hapticnet.experiment.comparison_figures import Figures
 from hapticnet.experiment.figures import draw_run
 from hapticnet.experiment.step_response import plot_step
 from hapticnet.experiment.style import COLOURS, check_format, draw_codecs, finish_axes, legend, mark_level, picture
-from hapticnet.experiment.trial import Trial
+from hapticnet.experiment.trials import Trial
 from hapticnet.perception import WeberLaw
 from tests.ready import ROOT
 

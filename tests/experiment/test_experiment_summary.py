@@ -8,7 +8,7 @@ from hapticnet.errors import SettingsError
 from hapticnet.experiment.comparison import codec_label, compare
 from hapticnet.experiment.grid import grid_codecs, parse_grid
 from hapticnet.experiment.summary import blocks, means, t_quantile
-from hapticnet.experiment.trial import Trial
+from hapticnet.experiment.trials import Trial
 from hapticnet.perception import WeberLaw
 
 

@@ -7,11 +7,10 @@ import time
 
 from pyarrow import parquet
 
-from hapticnet.sweep.folder import SHARDS
-from hapticnet.sweep.grid import Shard
-from hapticnet.sweep.planning import plan_of
-from hapticnet.sweep.runs import rows_of, runs_of
+from hapticnet.sweep.runs import Shard, rows_of
+from hapticnet.sweep.store import SHARDS
 from hapticnet.sweep.study import read_study
+from hapticnet.sweep.tasks import plan_of
 
 STUDY = """
 name = "interrupted"
@@ -78,4 +77,4 @@ def test_an_interrupted_and_a_killed_sweep_go_on_where_they_were(start, tmp_path
     assert json.loads(third.output.read_text())["complete"]
     rows = [row for file in sorted(out.glob(SHARDS)) for row in parquet.read_table(file).to_pylist()]
     plan = plan_of(read_study(study))
-    assert rows == rows_of(plan, plan.runner(), Shard(0, runs_of(plan)))
+    assert rows == rows_of(plan, plan.runner(), Shard(0, plan.runs))

@@ -8,7 +8,7 @@ from hapticnet.codec.recording import encode_array
 from hapticnet.codec.registry import every_codec, make_codec
 from hapticnet.codec.schemes.deadband import Deadband
 from hapticnet.experiment.analysis import felt_error
-from hapticnet.experiment.paper_force import paper_recording
+from hapticnet.experiment.trials import paper_trial
 from hapticnet.measure.energy import energy_report
 from hapticnet.measure.metrics import error_report
 from hapticnet.node.closed_loop import Felt, simulate_link
@@ -17,7 +17,7 @@ from hapticnet.perception import WeberLaw
 CODECS = every_codec()
 
 LAW = WeberLaw()
-PAPER = paper_recording(1, rate_hz=1000.0, insertions=1)
+PAPER = paper_trial(1, rate_hz=1000.0, insertions=1)
 LOSSLESS_CODECS = [name for name in CODECS if not make_codec(name, LAW).needs_position]
 
 
@@ -27,8 +27,8 @@ def felt(name: str, delay_us: int = 0, loss: float = 0.0, seed: int = 1, repair_
     return simulate_link(
         make_codec(name, LAW),
         PAPER.t_us,
-        PAPER.force_n,
-        PAPER.position_m,
+        PAPER.stimuli,
+        PAPER.positions,
         forward=one_way,
         feedback=lossy,
         repair_us=repair_us,
@@ -38,7 +38,7 @@ def felt(name: str, delay_us: int = 0, loss: float = 0.0, seed: int = 1, repair_
 
 @pytest.mark.parametrize("name", CODECS)
 def test_without_delay_and_loss_it_is_what_the_codec_applies(name):
-    encoding = encode_array(make_codec(name, LAW), PAPER.t_us, PAPER.force_n, PAPER.position_m)
+    encoding = encode_array(make_codec(name, LAW), PAPER.t_us, PAPER.stimuli, PAPER.positions)
     result = felt(name)
     assert np.array_equal(result.applied, encoding.decoded)
     assert result.sent == result.received == len(encoding.sent)
@@ -48,7 +48,7 @@ def test_without_delay_and_loss_it_is_what_the_codec_applies(name):
 def test_the_uncompressed_force_is_late_by_the_round_trip(delay_us):
     late = 2 * delay_us // 1000
     applied = felt("raw", delay_us).applied
-    assert np.array_equal(applied[late:], PAPER.force_n[:-late].astype(np.float32))
+    assert np.array_equal(applied[late:], PAPER.stimuli[:-late].astype(np.float32))
     assert not applied[:late].any()
 
 
@@ -67,9 +67,9 @@ def test_positions_and_forces_that_are_overtaken_are_left_out():
 
 
 def test_a_lost_update_is_replaced_once_it_is_known_to_be_lost():
-    lossless = error_report(LAW, PAPER.force_n, felt("deadband").applied).exceed_jnd_fraction
+    lossless = error_report(LAW, PAPER.stimuli, felt("deadband").applied).exceed_jnd_fraction
     soon, late, never = (
-        error_report(LAW, PAPER.force_n, felt("deadband", loss=0.3, repair_us=each).applied).exceed_jnd_fraction
+        error_report(LAW, PAPER.stimuli, felt("deadband", loss=0.3, repair_us=each).applied).exceed_jnd_fraction
         for each in (2_000, 50_000, 10**9)
     )
     assert lossless == 0.0 < soon < late < never
@@ -88,14 +88,14 @@ def test_it_agrees_with_a_session_in_virtual_time():
     link.run(seconds=4.0)
     session = felt_error(LAW, link.slave_samples(), link.master_samples())
     alone = felt("raw", 10_000).applied[:4000]
-    expected = error_report(LAW, PAPER.force_n[:4000], alone)
+    expected = error_report(LAW, PAPER.stimuli[:4000], alone)
     assert session.exceed_jnd_fraction == pytest.approx(expected.exceed_jnd_fraction, abs=0.03)
 
 
 @pytest.mark.parametrize(("delay_us", "share"), [(5_000, 1 / 8), (25_000, 1 / 4), (50_000, 0.42)])
 def test_a_codec_that_knows_where_the_hand_is_feels_truer_than_an_uncompressed_stream(delay_us, share):
     raw, ours = (
-        error_report(LAW, PAPER.force_n, felt(name, delay_us).applied).exceed_jnd_fraction
+        error_report(LAW, PAPER.stimuli, felt(name, delay_us).applied).exceed_jnd_fraction
         for name in ("raw", "motion-predictive")
     )
     assert ours < share * raw

@@ -9,9 +9,10 @@ import pytest
 from pyarrow import parquet
 
 from hapticnet.codec import registry
-from hapticnet.sweep.folder import SHARDS
-from hapticnet.sweep.planning import AnyPlan, plan_of
+from hapticnet.sweep.runs import Plan
+from hapticnet.sweep.store import SHARDS
 from hapticnet.sweep.study import read_study
+from hapticnet.sweep.tasks import plan_of
 
 SMALL = """
 name = "small"
@@ -58,7 +59,7 @@ def write_study(tmp_path: Path) -> Callable[..., Path]:
 
 
 @pytest.fixture
-def plan(write_study: Callable[..., Path]) -> AnyPlan:
+def plan(write_study: Callable[..., Path]) -> Plan:
     """Return the plan of that study: 64 runs."""
     return plan_of(read_study(write_study()))
 

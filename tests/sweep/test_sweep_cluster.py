@@ -6,12 +6,11 @@ import socket
 import pytest
 
 from hapticnet.errors import UnavailableError
-from hapticnet.sweep import cluster as module
-from hapticnet.sweep.cluster import ClusterPool
-from hapticnet.sweep.conduct import Sizes, conduct
-from hapticnet.sweep.folder import Folder
-from hapticnet.sweep.grid import Shard
-from hapticnet.sweep.runs import rows_of, runs_of
+from hapticnet.sweep import pools as module
+from hapticnet.sweep.engine import Sizes, sweep
+from hapticnet.sweep.pools import ClusterPool
+from hapticnet.sweep.runs import Shard, rows_of
+from hapticnet.sweep.store import Store
 
 distributed = pytest.importorskip("distributed")
 
@@ -32,10 +31,10 @@ def cluster():
 
 
 def swept(plan, path, pool, **options):
-    folder = Folder(path)
+    folder = Store(path)
     with folder.held():
         try:
-            return conduct(plan, folder, folder.open(plan, "", {}), pool, sizes=Sizes(4), **options)
+            return sweep(plan, folder, folder.open(plan, "", {}), pool, sizes=Sizes(4), **options)
         finally:
             pool.close()
 
@@ -44,7 +43,7 @@ def test_a_cluster_gives_the_same_rows_and_goes_on_after_its_scheduler_was_gone(
     plan, rows, tmp_path, cluster, monkeypatch
 ):
     monkeypatch.setattr(module, "CONNECT_S", 0.5)
-    truth = rows_of(plan, plan.runner(), Shard(0, runs_of(plan)))
+    truth = rows_of(plan, plan.runner(), Shard(0, plan.runs))
     address = cluster.scheduler_address
     done = swept(plan, tmp_path / "one", ClusterPool(plan, address))
     assert (done.done, done.poison) == (64, [])

@@ -6,10 +6,9 @@ import pytest
 
 from hapticnet.codec.registry import every_codec
 from hapticnet.errors import HapticnetError
-from hapticnet.sweep.grid import Cutter, Grid, Shard, gaps, overlap
-from hapticnet.sweep.planning import plan_of
-from hapticnet.sweep.runs import runs_of
+from hapticnet.sweep.runs import Cutter, Grid, Shard, gaps, overlap
 from hapticnet.sweep.study import parse_study, read_study
+from hapticnet.sweep.tasks import plan_of
 
 CODECS = every_codec()
 
@@ -134,7 +133,7 @@ def test_the_raw_codec_has_no_threshold_to_vary_and_parameters_apply_where_they_
 
 def test_more_repeats_append_runs(tmp_path):
     plan = plan_from(tmp_path, "repeats = 2\n" + HEAD + "[axes]\nmultiplier = [1, 2, 3]\nloss = [0, 0.1]")
-    assert (plan.cells, runs_of(plan)) == (6, 12)
+    assert (plan.cells, plan.runs) == (6, 12)
 
 
 def test_a_grid_numbers_every_combination_once_with_the_last_axis_fastest():
@@ -163,7 +162,7 @@ STUDIES = sorted((Path(__file__).parents[2] / "studies").glob("*.toml"))
 def test_the_ready_studies_can_be_planned_and_show_columns_that_exist(path):
     file = read_study(path)
     plan = plan_of(file)
-    assert 100 <= runs_of(plan) <= 2000
+    assert 100 <= plan.runs <= 2000
     show = file.study.show
     assert show.by is not None
     assert {*show.by, *(show.of or ()), show.x, show.y, *(show.line or ()), *(show.panel or ())} <= set(plan.columns)

@@ -11,10 +11,9 @@ from hapticnet.experiment.comparison import REPAIR_US
 from hapticnet.measure.metrics import error_report
 from hapticnet.node.closed_loop import simulate_link
 from hapticnet.perception import WeberLaw
-from hapticnet.sweep.grid import Shard
-from hapticnet.sweep.planning import plan_of
-from hapticnet.sweep.runs import all_columns, rows_of, runs_of
+from hapticnet.sweep.runs import Shard, rows_of
 from hapticnet.sweep.study import read_study
+from hapticnet.sweep.tasks import plan_of
 
 SHORT = "scripted:insertions=1,approach_s=0.05,push_s=0.2,pause_s=0,withdraw_s=0.05,rest_s=0"
 
@@ -57,7 +56,7 @@ def test_all_combinations_of_a_repeat_meet_the_same_hand_and_every_repeat_anothe
         f'name = "x"\ntask = "felt"\nrepeats = 2\n[axes]\nhand = "{SHORT}"\nscene = ["paper:1", "paper:2"]\n'
         'multiplier = [1, 2]\nrepair = ["never", "round-trip"]\n'
     )
-    rows = rows_of(plan, plan.runner(), Shard(0, runs_of(plan)))
+    rows = rows_of(plan, plan.runner(), Shard(0, plan.runs))
     by_hand = {(row["source"], row["repeat"]): row["coded_rmse_n"] for row in rows if row["multiplier"] == 1.0}
     assert len(set(by_hand.values())) == len(by_hand) == 4
     for row in rows:
@@ -86,4 +85,4 @@ def test_observers_who_feel_the_same_trial_answer_by_their_own_random_numbers(pl
     # Another worker, which did not play the trial for the observers before, gives the same answers.
     other = pickle.loads(pickle.dumps(plan))  # noqa: S301 - of this test
     assert rows_of(other, other.runner(), Shard(2, 3)) == whole[2:3]
-    assert set(whole[0]) == set(all_columns(plan))
+    assert set(whole[0]) == set(plan.columns)

@@ -1,16 +1,26 @@
-"""``hapticnet sweep run``: compute the missing runs of a study."""
+"""``hapticnet sweep run``: compute the missing runs of a study, and show how far it is."""
 
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from types import FrameType
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
 from hapticnet import options
+from hapticnet.cli.console import Console
 
 if TYPE_CHECKING:
-    from hapticnet.sweep.conduct import Progress
-    from hapticnet.sweep.planning import AnyPlan
-    from hapticnet.sweep.pool import Pool
+    from hapticnet.sweep.engine import Progress, ShardPool
+    from hapticnet.sweep.runs import Plan
+
+LINE_S: Final = 30.0
+"""Time [s] between two lines where there is no terminal."""
 
 
 def run(
@@ -41,17 +51,16 @@ def run(
     The numbers do not depend on --jobs and --shard. Ctrl-C finishes the shards under way; run the same command
     again to go on.
     """
+    from dataclasses import asdict
+
     from hapticnet.checks import check_integer
     from hapticnet.cli.console import check_outputs, deliver
-    from hapticnet.cli.sweep.progress import shown
     from hapticnet.errors import SettingsError, UnavailableError
     from hapticnet.experiment.provenance import provenance
-    from hapticnet.sweep.conduct import Sizes, conduct
-    from hapticnet.sweep.folder import Folder
-    from hapticnet.sweep.planning import plan_of
-    from hapticnet.sweep.stopping import stopped_by_signals
+    from hapticnet.sweep import engine
+    from hapticnet.sweep.store import Store, arrow
     from hapticnet.sweep.study import read_study
-    from hapticnet.sweep.table import arrow
+    from hapticnet.sweep.tasks import plan_of
 
     if jobs is not None and scheduler is not None:
         raise SettingsError("--jobs are processes here, and --scheduler has its own; give one of them")
@@ -61,67 +70,119 @@ def run(
     file = read_study(study)
     plan = plan_of(file, repeats)
     check_outputs(report, inputs=[study])
+    cores = len(os.sched_getaffinity(0)) if jobs is None else jobs
     if dry_run:
-        deliver(_estimate(plan, jobs, shard), as_json=json, file=report)
+        counts = {"combinations": plan.cells, "repeats": plan.repeats, "runs": plan.runs, "workers": cores}
+        found = asdict(engine.estimate(plan, cores, shard_runs=shard))
+        deliver({"study": plan.name, **counts, **found}, as_json=json, file=report)
         return
     if out_dir is None:
         raise SettingsError("--out-dir DIR is missing: the folder of the results")
-    folder = Folder(out_dir)
-    with folder.held():
-        there = folder.open(plan, file.text, {"provenance": provenance()})
-        with stopped_by_signals() as stop, shown(plan.name, quiet=quiet or json) as show:
-            pool = _pool(plan, jobs, scheduler)
+    store = Store(out_dir)
+    with store.held():
+        there = store.open(plan, file.text, {"provenance": provenance()})
+        console = Console("sweep", quiet=quiet or json)
+        with _stopped_by_signals() as taken, _shown(plan.name, console, quiet=quiet or json) as show:
+            pool = _pool(plan, cores, scheduler)
             try:
-                found = conduct(
+                progress = engine.sweep(
                     plan,
-                    folder,
+                    store,
                     there,
                     pool,
-                    sizes=Sizes(shard, plan.sharing),
-                    is_stopped=stop,
-                    on_progress=show.update,
+                    sizes=engine.Sizes(shard, plan.sharing),
+                    is_stopped=lambda: bool(taken),
+                    on_progress=show,
                 )
             finally:
                 pool.close()
-        show.notes(found)
-        deliver(_account(plan, out_dir, found), as_json=json, file=report)
-    if found.stopped and stop.signal is not None:
-        raise typer.Exit(128 + stop.signal)
-    if found.poison:
+        if progress.failed:
+            console.warn(
+                f"{progress.failed:,} runs have an error in the place of figures, the first: {progress.first_error}"
+            )
+        if progress.stopped:
+            console.say(f"stopped with {progress.done:,} of {progress.runs:,} runs; the same command goes on")
+        deliver(_account(plan, out_dir, progress), as_json=json, file=report)
+    if progress.stopped and taken:
+        raise typer.Exit(128 + taken[0])
+    if progress.poison:
         raise UnavailableError(
-            f"{len(found.poison)} shards could not be computed, because their workers ended each time; the files"
-            f" {out_dir}/*.poison.json tell which; run the same command again to try them again"
+            f"{len(progress.poison)} shards could not be computed, the first because {progress.first_reason}; run the"
+            " same command again to try them again"
         )
 
 
-def _pool(plan: "AnyPlan", jobs: int | None, scheduler: str | None) -> "Pool":
-    if scheduler is not None:
-        from hapticnet.sweep.cluster import ClusterPool
+def _pool(plan: "Plan", jobs: int, scheduler: str | None) -> "ShardPool":
+    from hapticnet.sweep.pools import ClusterPool, local_pool
 
-        return ClusterPool(plan, scheduler)
-    from hapticnet.sweep.local import LocalPool
-
-    return LocalPool(plan, _cores() if jobs is None else jobs)
+    return local_pool(plan, jobs) if scheduler is None else ClusterPool(plan, scheduler)
 
 
-def _cores() -> int:
-    import os
+@contextmanager
+def _stopped_by_signals() -> Iterator[list[int]]:
+    """Yield the signals that came: the first SIGINT or SIGTERM stops the sweep, the second ends it at once."""
+    taken: list[int] = []
 
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    def take(number: int, _frame: FrameType | None) -> None:
+        if taken:
+            raise KeyboardInterrupt
+        taken.append(number)
+
+    if threading.current_thread() is not threading.main_thread():  # no other thread can listen to them
+        yield taken
+        return
+    before = {number: signal.signal(number, take) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield taken
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
-def _estimate(plan: "AnyPlan", jobs: int | None, shard: int | None) -> dict[str, Any]:
-    from dataclasses import asdict
+@contextmanager
+def _shown(name: str, console: Console, *, quiet: bool) -> "Iterator[Callable[[Progress], None]]":
+    """Yield what shows the progress of a study: a bar on a terminal, a line now and then elsewhere."""
+    if quiet or sys.stderr is None or not sys.stderr.isatty():
+        said_s = 0.0
 
-    from hapticnet.sweep.estimate import estimate
-    from hapticnet.sweep.runs import runs_of
+        def say(progress: "Progress") -> None:
+            nonlocal said_s
+            if progress.seconds - said_s >= LINE_S:
+                said_s = progress.seconds
+                console.say(f"{progress.done:,} of {progress.runs:,} runs, {_state(progress)}")
 
-    number = _cores() if jobs is None else jobs
-    counts = {"combinations": plan.cells, "repeats": plan.repeats, "runs": runs_of(plan), "workers": number}
-    return {"study": plan.name, **counts, **asdict(estimate(plan, number, shard_runs=shard))}
+        yield say
+        return
+    from rich.console import Console as Terminal
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
+    from rich.progress import Progress as Bar
+
+    columns = (BarColumn(bar_width=20), MofNCompleteColumn(), TextColumn("{task.fields[state]}"))
+    with Bar(*columns, console=Terminal(stderr=True), transient=True) as bar:
+        task = bar.add_task(name, total=None, state="")
+        yield lambda progress: bar.update(task, total=progress.runs, completed=progress.done, state=_state(progress))
 
 
-def _account(plan: "AnyPlan", out: Path, found: "Progress") -> dict[str, Any]:
+def _state(progress: "Progress") -> str:
+    if progress.stopped:
+        return "finishing the shards in hand"
+    parts = [f"{progress.runs_per_s:.3g} runs/s", f"{progress.workers} workers"]
+    if progress.left_s is not None:
+        parts.append(f"{_time(progress.left_s)} left")
+    if progress.failed:
+        parts.append(f"{progress.failed:,} failed")
+    if progress.broken:
+        parts.append(f"{progress.broken} workers lost")
+    return ", ".join(parts)
+
+
+def _time(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s" if minutes else f"{rest} s"
+
+
+def _account(plan: "Plan", out: Path, found: "Progress") -> dict[str, Any]:
     return {
         "study": plan.name,
         "digest": plan.digest,

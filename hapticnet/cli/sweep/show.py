@@ -8,7 +8,7 @@ import typer
 from hapticnet import options
 
 if TYPE_CHECKING:
-    from hapticnet.sweep.query import Results, Summary
+    from hapticnet.sweep.results import Results, Summary
     from hapticnet.sweep.study import Shown
 
 
@@ -40,8 +40,8 @@ def show(
     """Print mean and quantiles of the results for each group of runs, or draw them."""
     from hapticnet.cli.console import Console, check_needed, check_new, check_outputs, write_text
     from hapticnet.errors import SettingsError
-    from hapticnet.sweep.folder import STUDY, Folder
-    from hapticnet.sweep.query import chosen, open_results, summary
+    from hapticnet.sweep.results import chosen, open_results, summary
+    from hapticnet.sweep.store import STUDY, Store
     from hapticnet.sweep.study import read_study
 
     try:
@@ -49,7 +49,7 @@ def show(
     except ValueError:
         raise SettingsError(f"--quantiles {quantiles!r} must be numbers from 0 to 1, such as 0.05,0.5,0.95") from None
     check_needed("--plot", plot, {"--x": x, "--y": y, "--line": line, "--panel": panel})
-    results = open_results(Folder(folder))
+    results = open_results(Store(folder))
     shown = read_study(folder / STUDY).study.show
     where = where or shown.where
     check_outputs(csv, plot)
@@ -83,7 +83,7 @@ def _names(text: str | None) -> list[str] | None:
 
 def _draw(results: "Results", shown: "Shown", groups: tuple[str, ...], file: Path, where: str | None) -> None:
     from hapticnet.errors import SettingsError
-    from hapticnet.sweep.figure import Drawing, draw
+    from hapticnet.sweep.results import Drawing, draw
 
     if shown.x is None or shown.y is None:
         raise SettingsError("--plot needs --x and --y, because the study's [show] does not name them")

@@ -7,15 +7,13 @@ from collections import deque
 import pytest
 
 from hapticnet.errors import FileError, SettingsError, UnavailableError
-from hapticnet.sweep.conduct import ATTEMPTS, HOPELESS, Progress, Sizes, conduct
-from hapticnet.sweep.folder import Folder, shard_name
-from hapticnet.sweep.grid import Shard
-from hapticnet.sweep.local import LocalPool
-from hapticnet.sweep.planning import plan_of
-from hapticnet.sweep.pool import Broken
-from hapticnet.sweep.runs import rows_of, runs_of
+from hapticnet.experiment.workers import EndedError, Outcome
+from hapticnet.sweep.engine import ATTEMPTS, HOPELESS, Progress, Sizes, compute, sweep
+from hapticnet.sweep.pools import local_pool
+from hapticnet.sweep.runs import Shard, rows_of
+from hapticnet.sweep.store import Store, shard_name
 from hapticnet.sweep.study import read_study
-from hapticnet.sweep.work import compute
+from hapticnet.sweep.tasks import plan_of
 
 
 class HerePool:
@@ -45,8 +43,8 @@ class HerePool:
         self.began.append(shard)
         if self._breaks and self._poison & set(range(*shard)):
             self._breaks -= 1
-            return [Broken(shard, "it ended")]
-        return [compute(self._plan, self._runner, shard)]
+            return [Outcome(shard, None, EndedError("it ended"))]
+        return [Outcome(shard, compute(self._plan, self._runner, shard), None)]
 
     def drop_waiting(self):
         self._waiting.clear()
@@ -56,15 +54,15 @@ class HerePool:
 
 
 def swept(plan, path, pool, *, shard=None, **options) -> Progress:
-    folder = Folder(path)
+    folder = Store(path)
     with folder.held():
         there = folder.open(plan, "", {})
-        return conduct(plan, folder, there, pool, sizes=Sizes(shard), **options)
+        return sweep(plan, folder, there, pool, sizes=Sizes(shard), **options)
 
 
 @pytest.fixture
 def truth(plan):
-    return rows_of(plan, plan.runner(), Shard(0, runs_of(plan)))
+    return rows_of(plan, plan.runner(), Shard(0, plan.runs))
 
 
 def test_the_rows_do_not_depend_on_the_size_of_shards(plan, truth, rows, tmp_path):
@@ -86,7 +84,7 @@ def test_the_rows_do_not_depend_on_processes_not_even_if_one_is_killed(plan, tru
             victim.kill()
             killed.append(victim.pid)
 
-    pool = LocalPool(plan, workers)
+    pool = local_pool(plan, workers)
     try:
         done = swept(plan, tmp_path / "out", pool, shard=4, on_progress=kill_one)
     finally:
@@ -130,11 +128,10 @@ def test_a_shard_whose_worker_ends_each_time_is_marked_and_the_others_are_comput
     assert done.poison == [Shard(20, 24)]
     assert pool.began.count(Shard(20, 24)) == ATTEMPTS
     assert rows(out) == truth[:20] + truth[24:]
-    assert "it ended" in (out / "shard-0000000020-0000000024.poison.json").read_text()
+    assert done.first_reason == "it ended"
     again = swept(plan, out, HerePool(plan), shard=4)
     assert (again.computed, again.poison) == (4, [])
     assert rows(out) == truth
-    assert not list(out.glob("*.poison.json"))
 
 
 def test_a_shard_whose_worker_ends_twice_is_computed_the_third_time(plan, truth, rows, tmp_path):
@@ -245,7 +242,7 @@ def test_a_run_that_ends_its_process_costs_its_own_shard_only(write_study, rows,
     text = path.read_text().replace('["deadband", "linear-predictive"]', '"mine.py:Mine"').replace("2.5", "9")
     path.write_text(text.replace("repeats = 4", "repeats = 1"))
     plan = plan_of(read_study(path))  # 8 runs, the last 4 of which end their process
-    pool = LocalPool(plan, 2)
+    pool = local_pool(plan, 2)
     try:
         done = swept(plan, tmp_path / "out", pool, shard=4)
     finally:

@@ -1,18 +1,25 @@
-"""The folder of a study's results: shards that are whole or not there, and what they belong to."""
+"""The store of a study's results: a folder of shards that are whole or not there, and what they belong to.
 
+A shard is a Parquet file. Its name has a digest of the file, so that no changed bit passes unnoticed.
+"""
+
+import hashlib
 import json
+import platform
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
 from hapticnet.documents import LARGEST_DOCUMENT
 from hapticnet.errors import FileError, SettingsError, UnavailableError
-from hapticnet.files import PART, check_folder, locked, read_text, replacing, replacing_bytes
-from hapticnet.sweep.grid import Shard, overlap
-from hapticnet.sweep.runs import Plan, all_columns, runs_of
-from hapticnet.sweep.table import digest_of, read_origin, versions
+from hapticnet.experiment.provenance import own_version
+from hapticnet.files import PART, check_folder, locked, read_bytes, read_text, replacing, replacing_bytes
+from hapticnet.sweep.runs import Columns, Plan, Row, Shard, overlap
 
 ABOUT: Final = "sweep.json"
 STUDY: Final = "study.toml"
@@ -21,17 +28,72 @@ SHARDS: Final = "shard-*.parquet"
 """The files with the rows, as a glob."""
 
 _SHARD: Final = re.compile(r"shard-(\d{10})-(\d{10})-([0-9a-f]{16})\.parquet")
-_POISON: Final = re.compile(r"shard-(\d{10})-(\d{10})\.poison\.json")
+
+METADATA_KEY: Final = b"hapticnet"
+LARGEST_SHARD: Final = 256 * 2**20
+"""Size limit of a shard [B]; the runs of half a minute take less than 1 MB."""
+
+NEEDS: Final = "hapticnet sweep needs pyarrow and duckdb (extra sweep): pip install pyarrow duckdb"
 
 
-class Folder:
-    """Results of one study.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Origin:
+    """Provenance of a shard: the digest of its study, its runs, and the versions that computed it."""
 
-    Parameters
-    ----------
-    path
-        The folder; `open` creates it.
-    """
+    study: str
+    first: int
+    end: int
+    hapticnet: str
+    numpy: str
+    python: str
+
+
+def origin(digest: str, shard: Shard) -> Origin:
+    """Return the origin of a shard that is computed in this process."""
+    return Origin(study=digest, first=shard.first, end=shard.end, **versions())
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Return what numbers may depend on besides the study."""
+    return {"hapticnet": own_version(), "numpy": version("numpy"), "python": platform.python_version()}
+
+
+def arrow() -> tuple[Any, Any]:
+    """Return pyarrow and pyarrow.parquet; an UnavailableError says what to install."""
+    try:
+        import pyarrow as pa
+        from pyarrow import parquet
+    except ImportError as error:
+        raise UnavailableError(NEEDS) from error
+    return pa, parquet
+
+
+def shard_bytes(columns: Columns, rows: list[Row], about: Origin) -> bytes:
+    """Return rows as a Parquet file with zstd compression."""
+    pa, parquet = arrow()
+    types = {"int": pa.int64(), "float": pa.float64(), "text": pa.string()}
+    schema = pa.schema(
+        [(name, types[kind]) for name, kind in columns.items()],
+        metadata={METADATA_KEY: json.dumps(asdict(about)).encode()},
+    )
+    sink = pa.BufferOutputStream()
+    parquet.write_table(pa.Table.from_pylist(rows, schema=schema), sink, compression="zstd")
+    content: bytes = sink.getvalue().to_pybytes()
+    return content
+
+
+def shard_name(shard: Shard, content: bytes) -> str:
+    """Return the file name of a shard."""
+    return f"shard-{shard.first:010d}-{shard.end:010d}-{_digest_of(content)}.parquet"
+
+
+def _digest_of(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:16]
+
+
+class Store:
+    """The folder with the results of one study; `open` creates it."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -70,43 +132,35 @@ class Folder:
         """
         self._refuse_other(plan)
         for left in self.path.iterdir():
-            if left.name.endswith(PART) or _POISON.fullmatch(left.name):
+            if left.name.endswith(PART):
                 left.unlink()
         shards = self.shards(plan.digest)
-        runs = runs_of(plan)
         last = max((shard.end for shard in shards), default=0) - 1
-        if last >= runs:
+        if last >= plan.runs:
             raise SettingsError(
-                f"{self.path} has run {last:,} already, and this study has {runs:,} runs; fewer repeats need another"
-                " folder"
+                f"{self.path} has run {last:,} already, and this study has {plan.runs:,} runs; fewer repeats need"
+                " another folder"
             )
         content = {
             "name": plan.name,
             "study": plan.digest,
-            "task": type(plan).__name__.removesuffix("Plan").lower(),
+            "task": plan.task,
             "seed": plan.seed,
             "cells": plan.cells,
             "repeats": plan.repeats,
-            "runs": runs,
-            "columns": all_columns(plan),
-            "measures": plan.measures,
+            "runs": plan.runs,
+            "columns": plan.columns,
+            "measures": tuple(plan.measured),
             "versions": versions(),
             **about,
         }
-        with replacing(self.path / STUDY, follow=False) as file:
-            file.write(text)
-        with replacing(self.path / ABOUT, follow=False) as file:
-            file.write(json.dumps(content, indent=1) + "\n")
+        for name, whole in ((STUDY, text), (ABOUT, json.dumps(content, indent=1) + "\n")):
+            with replacing(self.path / name, follow=False) as file:
+                file.write(whole)
         return shards
 
     def about(self) -> dict[str, Any]:
-        """Return what the folder belongs to.
-
-        Raises
-        ------
-        FileError
-            If it is not a folder of a study.
-        """
+        """Return what the folder belongs to; raise FileError if it is not a folder of a study."""
         path = self.path / ABOUT
         if not path.exists():
             raise FileError(f"{self.path} has no {ABOUT}: it is not a folder that hapticnet sweep wrote")
@@ -118,7 +172,7 @@ class Folder:
         return content | known
 
     def shards(self, digest: str) -> list[Shard]:
-        """Return the shards that are there and whole.
+        """Return the shards that are there.
 
         Raises
         ------
@@ -128,7 +182,7 @@ class Folder:
         found: dict[Path, Shard] = {}
         for file in sorted(self.path.glob(SHARDS)):
             named = _SHARD.fullmatch(file.name)
-            about, rows, digest_found = read_origin(file)
+            about, rows, digest_found = _read_origin(file)
             if named is not None and named[3] != digest_found:
                 raise FileError(f"{file} was changed or damaged; remove it, and its runs are computed again")
             shard = Shard(about.first, about.end)
@@ -143,20 +197,9 @@ class Folder:
         return list(found.values())
 
     def write(self, shard: Shard, content: bytes) -> None:
-        """Store a shard: all of it, on disk, under its name; or nothing.
-
-        Raises
-        ------
-        FileError
-            If it cannot be written.
-        """
+        """Store a shard: all of it, on disk, under its name; or nothing. Raise FileError if it cannot be written."""
         with replacing_bytes(self.path / shard_name(shard, content), follow=False, sync=True) as file:
             file.write(content)
-
-    def mark(self, shard: Shard, reason: str) -> None:
-        """Note that a shard could not be computed, and why."""
-        with replacing(self.path / f"{_stem(shard)}.poison.json", follow=False) as file:
-            file.write(json.dumps({"first": shard.first, "end": shard.end, "reason": reason}) + "\n")
 
     def _refuse_other(self, plan: Plan) -> None:
         """Raise SettingsError if the folder belongs to another study, or another hapticnet computed it."""
@@ -177,10 +220,14 @@ class Folder:
             )
 
 
-def shard_name(shard: Shard, content: bytes) -> str:
-    """Return the file name of a shard: it has a digest of the file, so that no changed bit passes unnoticed."""
-    return f"{_stem(shard)}-{digest_of(content)}.parquet"
-
-
-def _stem(shard: Shard) -> str:
-    return f"shard-{shard.first:010d}-{shard.end:010d}"
+def _read_origin(path: Path) -> tuple[Origin, int, str]:
+    """Return the origin of a shard, its number of rows, and the digest of the file."""
+    pa, parquet = arrow()
+    content = read_bytes(path, LARGEST_SHARD)
+    try:
+        about = parquet.read_metadata(pa.BufferReader(content))
+        return Origin(**json.loads(about.metadata[METADATA_KEY])), int(about.num_rows), _digest_of(content)
+    except (pa.ArrowException, OSError, KeyError, TypeError, ValueError) as error:
+        raise FileError(
+            f"{path} is not a whole shard of a study; remove it, and its runs are computed again"
+        ) from error

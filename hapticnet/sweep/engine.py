@@ -1,0 +1,305 @@
+"""The engine of a sweep: cut what is missing into shards, give them to a pool of workers, and store each result."""
+
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Final, Protocol
+
+from hapticnet.errors import FileError, HapticnetError, UnavailableError, in_words
+from hapticnet.experiment.workers import EndedError, Outcome
+from hapticnet.sweep.runs import Cutter, Plan, Runner, Shard, gaps, rows_of
+from hapticnet.sweep.store import Store, origin, shard_bytes
+
+SHARD_S: Final = 3.0
+"""Duration of a shard [s]: long compared with the cost of sending and storing one, and short to wait for."""
+
+SHORTEST_S: Final = 0.3
+"""Duration of the last shards [s], which are short so that all workers end at about the same time."""
+
+FIRST_RUNS: Final = 2
+"""Runs in a shard before it is known how long a run takes."""
+
+GROWTH: Final = 8
+"""Most times by which shards grow from one to the next: the first ones include the start of a worker."""
+
+WINDOW: Final = 8
+POLL_S: Final = 0.25
+ATTEMPTS: Final = 3
+"""How often a shard is tried whose worker ends."""
+
+HOPELESS: Final = 5
+"""If so many shards cannot be computed, and none could, the sweep ends."""
+
+PLACES: Final = 5
+RUNS_EACH: Final = 4
+"""An estimate times runs at so many places of the study, so many in a row, since neighbours share work."""
+
+LONGEST_S: Final = 20.0
+"""Time [s] after which an estimate tries no further place."""
+
+
+@dataclass(frozen=True, slots=True)
+class Computed:
+    """A shard that was computed: its Parquet file, its runs with an error, and its duration and processor time [s]."""
+
+    shard: Shard
+    content: bytes
+    failed: int
+    first_error: str | None
+    seconds: float
+    cpu_s: float
+
+
+class ShardPool(Protocol):
+    """Workers that compute shards, such as `workers.Pool`; UnavailableError if they are gone."""
+
+    @property
+    def workers(self) -> int:
+        """Number of workers at present."""
+        ...
+
+    @property
+    def room(self) -> int:
+        """How many more shards it should be given now."""
+        ...
+
+    @property
+    def in_hand(self) -> int:
+        """Number of shards it was given and has not returned."""
+        ...
+
+    def submit(self, item: Shard) -> None:
+        """Let a worker compute a shard."""
+        ...
+
+    def outcomes(self, timeout_s: float) -> list[Outcome]:
+        """Wait until something is finished, at most so long, and return it: `Computed`, or an error."""
+        ...
+
+    def drop_waiting(self) -> None:
+        """Take back the shards that nobody computes yet."""
+        ...
+
+    def close(self) -> None:
+        """End the workers at once."""
+        ...
+
+
+@dataclass(slots=True)
+class Progress:
+    """How far a sweep is."""
+
+    runs: int
+    """Runs of the study."""
+    done: int = 0
+    """Runs that are stored."""
+    computed: int = 0
+    """Runs that this sweep computed and stored."""
+    shards: int = 0
+    """Shards that this sweep stored."""
+    failed: int = 0
+    """Computed runs that have an error instead of measures."""
+    first_error: str | None = None
+    broken: int = 0
+    """How often a worker ended while it computed."""
+    poison: list[Shard] = field(default_factory=list)
+    """Shards that were given up."""
+    first_reason: str | None = None
+    """Why the first of them was."""
+    worker_s: float = 0.0
+    worker_cpu_s: float = 0.0
+    """Sums of the shards' durations and processor times [s]."""
+    seconds: float = 0.0
+    """Duration of this sweep so far [s]."""
+    workers: int = 0
+    """Workers at present."""
+    stopped: bool = False
+    """Whether the sweep was asked to stop before its end."""
+
+    @property
+    def runs_per_s(self) -> float:
+        """Runs stored by this sweep for each second of it."""
+        return self.computed / self.seconds if self.seconds > 0.0 else 0.0
+
+    @property
+    def left_s(self) -> float | None:
+        """Expected time to the end [s]; None before anything is computed."""
+        given_up = sum(shard.runs for shard in self.poison)
+        return (self.runs - self.done - given_up) / self.runs_per_s if self.computed else None
+
+    def note(self, computed: Computed) -> None:
+        """Count a shard that was stored."""
+        self.done += computed.shard.runs
+        self.computed += computed.shard.runs
+        self.shards += 1
+        self.failed += computed.failed
+        self.first_error = self.first_error or computed.first_error
+        self.worker_s += computed.seconds
+        self.worker_cpu_s += computed.cpu_s
+
+
+class Sizes:
+    """How many runs the next shard has.
+
+    Parameters
+    ----------
+    fixed
+        Always so many; None: as many as take `SHARD_S`, and fewer toward the end.
+    sharing
+        Otherwise a multiple of this; see `Plan.sharing`.
+    """
+
+    def __init__(self, fixed: int | None = None, sharing: int = 1) -> None:
+        self._fixed = fixed
+        self._sharing = sharing
+        self._recent: deque[tuple[int, float]] = deque(maxlen=WINDOW)
+        self._largest = FIRST_RUNS
+
+    def note(self, runs: int, seconds: float) -> None:
+        """Take in how long a shard took [s]."""
+        self._recent.append((runs, seconds))
+
+    def next(self, left: int, workers: int) -> int:
+        """Return the size of the next shard while so many runs are left for so many workers."""
+        if self._fixed is not None:
+            return self._fixed
+        seconds = sum(each for _, each in self._recent)
+        if seconds <= 0.0:
+            return self._rounded(FIRST_RUNS)
+        per_s = sum(runs for runs, _ in self._recent) / seconds
+        fair = left // (2 * max(workers, 1))
+        wanted = min(SHARD_S * per_s, max(fair, SHORTEST_S * per_s), GROWTH * self._largest)
+        size = self._rounded(wanted)
+        self._largest = max(self._largest, size)
+        return size
+
+    def _rounded(self, runs: float) -> int:
+        return max(1, round(runs / self._sharing)) * self._sharing
+
+
+def compute(plan: Plan, runner: Runner, shard: Shard) -> Computed:
+    """Return a shard that is ready to be stored."""
+    began_s, cpu_s = time.perf_counter(), time.thread_time()
+    rows = rows_of(plan, runner, shard)
+    content = shard_bytes(plan.columns, rows, origin(plan.digest, shard))
+    errors = [str(row["error"]) for row in rows if row["error"] is not None]
+    seconds, cpu_s = time.perf_counter() - began_s, time.thread_time() - cpu_s
+    return Computed(shard, content, len(errors), errors[0] if errors else None, seconds, cpu_s)
+
+
+def sweep(
+    plan: Plan,
+    store: Store,
+    there: Sequence[Shard],
+    pool: ShardPool,
+    *,
+    sizes: Sizes,
+    is_stopped: Callable[[], bool] = lambda: False,
+    on_progress: Callable[[Progress], None] = lambda _progress: None,
+    clock: Callable[[], float] = time.monotonic,
+) -> Progress:
+    """Compute and store the missing runs of a study.
+
+    Parameters
+    ----------
+    there
+        Shards that are stored already.
+    is_stopped
+        Asked a few times a second; once true, the shards in hand are finished and nothing else is begun.
+    on_progress
+        Called whenever something may have changed.
+
+    Raises
+    ------
+    FileError
+        If a shard cannot be stored. All that were stored before are kept.
+    UnavailableError
+        If the workers are gone, or none of them can compute anything.
+    """
+    cutter = Cutter(gaps(there, plan.runs))
+    progress = Progress(runs=plan.runs, done=sum(shard.runs for shard in there))
+    again: deque[Shard] = deque()
+    attempts: dict[Shard, int] = {}
+    began_s = clock()
+
+    def note(outcome: Outcome) -> None:
+        shard: Shard = outcome.item
+        if outcome.error is None:
+            store.write(shard, outcome.value.content)
+            sizes.note(shard.runs, outcome.value.seconds)
+            progress.note(outcome.value)
+            return
+        progress.broken += 1
+        attempts[shard] = attempts.get(shard, 0) + 1
+        reason = str(outcome.error) if isinstance(outcome.error, HapticnetError) else in_words(outcome.error)
+        is_final = isinstance(outcome.error, EndedError) and outcome.error.final
+        if attempts[shard] < ATTEMPTS and not is_final:
+            again.append(shard)
+            return
+        progress.poison.append(shard)
+        progress.first_reason = progress.first_reason or reason
+        if len(progress.poison) >= HOPELESS and not progress.computed:
+            raise UnavailableError(f"no shard can be computed: {reason}")
+
+    try:
+        while True:
+            if not progress.stopped and is_stopped():
+                progress.stopped = True
+                pool.drop_waiting()
+            while not progress.stopped and pool.room > 0:
+                shard = again.popleft() if again else cutter.cut(sizes.next(cutter.left, pool.workers))
+                if shard is None:
+                    break
+                pool.submit(shard)
+            if not pool.in_hand and (progress.stopped or not (again or cutter.left)):
+                return progress
+            for outcome in pool.outcomes(POLL_S):
+                note(outcome)
+            progress.seconds, progress.workers = clock() - began_s, pool.workers
+            on_progress(progress)
+    except (FileError, UnavailableError) as error:
+        kept = f"{progress.done:,} of {plan.runs:,} runs are kept; run the same command again to go on"
+        raise type(error)(f"{error}; {kept}") from error
+    finally:
+        progress.seconds = clock() - began_s
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Estimate:
+    """What a study takes: times [s] on workers like this machine, and number and size [B] of its files."""
+
+    timed: int
+    """Number of runs that were timed."""
+    seconds_per_run: float
+    worker_seconds: float
+    seconds: float
+    """Time with all workers [s]."""
+    shards: int
+    bytes: int
+
+
+def estimate(plan: Plan, workers: int, *, shard_runs: int | None = None) -> Estimate:
+    """Run a few runs of a study and return what all of it takes."""
+    each = min(-(-RUNS_EACH // plan.sharing) * plan.sharing, plan.runs)
+    last = plan.runs - each
+    places = sorted({place * last // (PLACES - 1) // plan.sharing * plan.sharing for place in range(PLACES)})
+    runner, rows = plan.runner(), []
+    began_s = time.perf_counter()
+    for first in places:
+        rows += rows_of(plan, runner, Shard(first, first + each))
+        if time.perf_counter() - began_s > LONGEST_S:
+            break
+    per_run_s = (time.perf_counter() - began_s) / len(rows)
+    shards = -(-plan.runs // (shard_runs or max(1, round(SHARD_S / per_run_s))))
+    content, empty = (
+        len(shard_bytes(plan.columns, some, origin(plan.digest, Shard(0, len(some))))) for some in (rows, [])
+    )
+    return Estimate(
+        timed=len(rows),
+        seconds_per_run=per_run_s,
+        worker_seconds=per_run_s * plan.runs,
+        seconds=per_run_s * plan.runs / workers,
+        shards=shards,
+        bytes=shards * empty + plan.runs * (content - empty) // len(rows),
+    )

@@ -1,0 +1,341 @@
+"""The results of a study as a table and as a figure: mean and quantiles of measures for groups of runs.
+
+DuckDB reads the shards.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from hapticnet.checks import check_parameter
+from hapticnet.errors import FileError, SettingsError, UnavailableError
+from hapticnet.experiment.style import (
+    LOG_MARK,
+    PRINT_WIDTH_IN,
+    check_format,
+    draw_codecs,
+    finish_axes,
+    legend,
+    picture,
+)
+from hapticnet.experiment.summary import t_quantile
+from hapticnet.sweep.store import NEEDS, SHARDS, Store
+from hapticnet.sweep.study import Shown
+
+QUANTILES: Final = (0.05, 0.5, 0.95)
+DEFAULT_MEASURES: Final = {
+    "felt": ("packets_per_s", "felt_rmse_n", "felt_exceed_jnd"),
+    "ordering": ("correct", "bytes_per_penetration"),
+}
+NOT_VARIED: Final = ("run", "repeat", "error")
+
+
+LABELS: Final = {
+    "packets_per_s": "packets/s",
+    "wire_bytes_per_s": "B/s with headers",
+    "felt_rmse_n": "RMS error of the felt force [N]",
+    "felt_max_error_n": "largest error of the felt force [N]",
+    "felt_exceed_jnd": "share of time above 1 JND",
+    "felt_rms_jnd": "RMS distance of the felt force [JND]",
+    "coded_rmse_n": "RMS error of the codec [N]",
+    "correct": "share of correct orders",
+    "bytes_per_penetration": "B per penetration",
+    "multiplier": "threshold [JND]",
+    "delay_ms": "delay of each way [ms]",
+    "jitter_ms": "jitter [ms]",
+    "loss": "share lost",
+    "rate_hz": "positions/s",
+}
+MOST_PANELS: Final = 12
+PANEL_HEIGHT_IN: Final = 2.3
+ACROSS: Final = 3
+"""Panels in a row, at most."""
+
+MOST_DECADES: Final = 2.5
+"""Decades up to which an axis of a panel has labels within a decade."""
+
+LINEAR: Final = ("correct",)
+
+
+@dataclass(frozen=True, slots=True)
+class Results:
+    """The results in a folder."""
+
+    store: Store
+    about: dict[str, Any]
+    """What the folder says of itself; see `Store.about`."""
+    varied: tuple[str, ...]
+    """Settings with more than one value."""
+
+    @property
+    def settings(self) -> tuple[str, ...]:
+        """Columns that tell runs apart."""
+        return tuple(name for name in self.about["columns"] if name not in (*self.about["measures"], "error"))
+
+    @property
+    def numbers(self) -> tuple[str, ...]:
+        """Columns of which there is a mean."""
+        return tuple(name for name, kind in self.about["columns"].items() if kind != "text")
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """A table of the measures `of` for groups of runs, by the settings `by`.
+
+    A row has the values of the settings, the number of runs, and for each measure its mean, quantiles and deviation.
+    """
+
+    by: tuple[str, ...]
+    of: tuple[str, ...]
+    quantiles: tuple[float, ...]
+    deviations: bool
+    rows: list[tuple[Any, ...]]
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of all columns."""
+        marks = ["mean", *(f"q{100 * each:g}" for each in self.quantiles), *(["sd"] if self.deviations else [])]
+        return (*self.by, "runs", *(f"{name}_{mark}" for name in self.of for mark in marks))
+
+
+def open_results(store: Store) -> Results:
+    """Return the results in a folder.
+
+    Raises
+    ------
+    FileError
+        If it is not the folder of a study, a shard in it is damaged or another study's, or nothing is there yet.
+    UnavailableError
+        If DuckDB is not installed.
+    """
+    about = store.about()
+    if not store.shards(about["study"]):
+        raise FileError(f"{store.path}: no shard is finished yet")
+    others = (*about["measures"], *NOT_VARIED)
+    settings = [name for name in about["columns"] if name not in others]
+    counts = _rows(store, "SELECT " + ", ".join(f"count(DISTINCT {_quoted(name)})" for name in settings))[0]
+    varied = tuple(name for name, count in zip(settings, counts, strict=True) if count > 1)
+    return Results(store, about, varied)
+
+
+def chosen(
+    results: Results, shown: Shown, by: Sequence[str] | None, of: Sequence[str] | None
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the groups and measures that are asked for, by the study, or that are usual; SettingsError if unknown."""
+    groups = tuple(by or shown.by or _usual(results))
+    measures = tuple(of or shown.of or DEFAULT_MEASURES.get(results.about["task"], results.about["measures"][:3]))
+    for name in groups:
+        if name not in results.settings:
+            raise SettingsError(f"--by: there is no setting {name!r}; there are: {', '.join(results.settings)}")
+    for name in measures:
+        if name not in results.numbers:
+            raise SettingsError(f"--of: there is no measure {name!r}; there are: {', '.join(results.numbers)}")
+    return groups, measures
+
+
+def summary(
+    results: Results,
+    by: Sequence[str],
+    of: Sequence[str],
+    *,
+    quantiles: Sequence[float] = QUANTILES,
+    deviations: bool = False,
+    where: str | None = None,
+) -> Summary:
+    """Return mean and quantiles of measures for each group. Runs with errors are left out.
+
+    Parameters
+    ----------
+    deviations
+        Whether to add the standard deviation over the runs of a group; None of a single run.
+    where
+        A condition on rows, in SQL.
+
+    Raises
+    ------
+    SettingsError
+        If a quantile is out of range, or DuckDB does not understand the condition.
+    FileError
+        If a shard cannot be read.
+    """
+    for each in quantiles:
+        check_parameter("quantile", each, 0.0, 1.0)
+    groups = [_quoted(name) for name in by]
+    parts = [*groups, "count(*)"]
+    for name in map(_quoted, of):
+        parts += [f"avg({name})", *(f"quantile_cont({name}::DOUBLE, {each!r})" for each in quantiles)]
+        parts += [f"stddev_samp({name})"] if deviations else []
+    condition = f" WHERE error IS NULL AND ({where})" if where else " WHERE error IS NULL"
+    grouped = f" GROUP BY {', '.join(groups)} ORDER BY {', '.join(groups)}" if groups else ""
+    rows = _rows(results.store, f"SELECT {', '.join(parts)}", condition + grouped)
+    return Summary(tuple(by), tuple(of), tuple(quantiles), deviations, rows)
+
+
+def _usual(results: Results) -> tuple[str, ...]:
+    """Return what varies, without what says the same in other words."""
+    varied = list(results.varied)
+    for short, longs in (
+        ("codec", ("label",)),
+        ("delay_ms", ("forward", "feedback")),
+        ("loss", ("forward", "feedback")),
+    ):
+        if short in varied:
+            varied = [name for name in varied if name not in longs]
+    return tuple(varied)
+
+
+def _rows(store: Store, select: str, rest: str = "") -> list[tuple[Any, ...]]:
+    try:
+        import duckdb
+    except ImportError as error:
+        raise UnavailableError(NEEDS) from error
+    source = str(store.path / SHARDS).replace("'", "''")
+    try:
+        with duckdb.connect() as connection:
+            # Sums of floats depend on their order: a single thread gives the same table each time.
+            connection.execute("SET threads = 1")
+            rows: list[tuple[Any, ...]] = connection.execute(
+                f"{select} FROM (SELECT * FROM read_parquet('{source}') ORDER BY run){rest}"  # noqa: S608 - own data
+            ).fetchall()
+    except (duckdb.BinderException, duckdb.ParserException, duckdb.ConversionException) as error:
+        raise SettingsError(f"DuckDB does not understand the condition: {_first_line(error)}") from error
+    except duckdb.Error as error:
+        raise FileError(f"{store.path}: {_first_line(error)}") from error
+    return rows
+
+
+def _quoted(name: str) -> str:
+    escaped = name.replace('"', '""')
+    return f'"{escaped}"'
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).partition("\n")[0]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Drawing:
+    """What to draw: the columns of the axes, and those with a line or a panel for each combination of their values.
+
+    Of measures, the mean of each group is drawn. If `x` is a measure, a line has a point for each combination of the
+    values of `by`; if it is a setting, for each of its values.
+    """
+
+    x: str
+    y: str
+    line: tuple[str, ...]
+    panel: tuple[str, ...]
+    by: tuple[str, ...]
+
+
+def draw(results: Results, drawing: Drawing, file: Path, *, where: str | None = None) -> None:
+    """Draw a figure into a file: the mean of each group of runs.
+
+    Raises
+    ------
+    SettingsError
+        If there is no such column, or there are too many panels.
+    UnavailableError
+        If matplotlib is missing.
+    """
+    check_format(file.suffix[1:])
+    for option, name in (("--x", drawing.x), ("--y", drawing.y)):
+        if name not in results.numbers:
+            raise SettingsError(
+                f"{option}: there is no column {name!r} of numbers; there are: {', '.join(results.numbers)}"
+            )
+    for option, settings in (("--line", drawing.line), ("--panel", drawing.panel)):
+        for name in settings:
+            if name not in results.settings:
+                raise SettingsError(f"{option}: there is no setting {name!r}; there are: {', '.join(results.settings)}")
+    panels = _panels(results, drawing, where)
+    if len(panels) > MOST_PANELS:
+        raise SettingsError(
+            f"--panel {','.join(drawing.panel)} makes {len(panels)} panels; at most {MOST_PANELS} are drawn"
+        )
+    runs = max(runs for _, _, runs in panels)
+    columns = 2 if len(panels) == 4 else min(ACROSS, len(panels))
+    rows = -(-len(panels) // columns)
+    with picture(file, 0.9 + PANEL_HEIGHT_IN * rows, width_in=PRINT_WIDTH_IN) as figure:
+        grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+        for axes, (title, lines, _) in zip(grid.flat, panels, strict=False):
+            draw_codecs(axes, lines)
+            axes.set_title(title)
+        for axes in list(grid.flat)[len(panels) :]:
+            axes.set_visible(False)
+        whiskers = (
+            f"; whiskers: 95 % interval of the mean over up to {runs:,} runs" if runs > 1 else "; one run a point"
+        )
+        figure.suptitle(results.about["name"] + whiskers, fontsize=9)
+        _finish(figure, grid, drawing)
+
+
+def _finish(figure: Any, grid: Any, drawing: Drawing) -> None:
+    shown = [axes for axes in grid.flat if axes.get_visible()]
+    if drawing.y not in LINEAR:  # errors and rates span decades; shares of answers do not
+        finish_axes(*shown, across="log" if drawing.x.endswith("_per_s") else "linear")
+        for axes in shown:
+            _thin_out(axes)
+    for axes in grid[-1]:
+        axes.set_xlabel(LABELS.get(drawing.x, drawing.x))
+    told = LABELS.get(drawing.y, drawing.y) + (LOG_MARK if grid.flat[0].get_yscale() == "log" else "")
+    figure.supylabel(told, fontsize="medium")  # once: the panels share the axis
+    if drawing.line:
+        legend(figure, *shown)
+
+
+def _thin_out(axes: Any) -> None:
+    """Label decades only where an axis spans many of them."""
+    from matplotlib.ticker import LogLocator
+
+    for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
+        if axis.get_scale() == "log" and low > 0.0 and math.log10(high / low) > MOST_DECADES:
+            axis.set_major_locator(LogLocator(subs=(1.0,)))
+
+
+def _panels(
+    results: Results, drawing: Drawing, where: str | None
+) -> list[tuple[str, Mapping[str, Sequence[tuple[float, ...]]], int]]:
+    """Return for each panel its title, its lines, as points (x, y, half widths), and the most runs of a point."""
+    shown = (*drawing.panel, *drawing.line)
+    others = (drawing.x,) if drawing.x in results.settings else drawing.by
+    by = tuple(dict.fromkeys([*shown, *others]))
+    found = summary(
+        results, by, tuple(dict.fromkeys([drawing.x, drawing.y])), quantiles=(), deviations=True, where=where
+    )
+    panels: dict[str, dict[str, list[tuple[float, ...]]]] = {}
+    runs: dict[str, int] = {}
+    for row in found.rows:
+        named = dict(zip(found.columns, row, strict=True))
+        x, y = named[f"{drawing.x}_mean"], named[f"{drawing.y}_mean"]
+        if x is not None and y is not None:
+            panel = "\n".join(_values_of(drawing.panel, named))  # two settings do not fit above a panel on one line
+            line = ", ".join(_values_of(drawing.line, named))
+            half_widths = (_half_width(named[f"{name}_sd"], named["runs"]) for name in (drawing.x, drawing.y))
+            panels.setdefault(panel, {}).setdefault(line, []).append((x, y, *half_widths))
+            runs[panel] = max(runs.get(panel, 0), named["runs"])
+    if not panels:
+        raise SettingsError("there is nothing to draw: no run without error meets the condition")
+    return [
+        (title, {line: sorted(points) for line, points in lines.items()}, runs[title])
+        for title, lines in panels.items()
+    ]
+
+
+def _half_width(deviation: float | None, runs: int) -> float:
+    """Return half of the interval of Student's t around a mean; 0 of a single run."""
+    return 0.0 if deviation is None or runs < 2 else t_quantile(runs - 1) * deviation / math.sqrt(runs)
+
+
+def _values_of(names: Sequence[str], row: Mapping[str, Any]) -> list[str]:
+    """Return the value of each setting with what the setting is called and its unit."""
+    return [_value(LABELS.get(name, name), row[name]) for name in names]
+
+
+def _value(label: str, value: Any) -> str:
+    if not isinstance(value, float):
+        return str(value)
+    name, _, unit = label.partition(" [")
+    return f"{name} {value:g} {unit.removesuffix(']')}".rstrip()
