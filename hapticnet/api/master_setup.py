@@ -25,7 +25,7 @@ from hapticnet.options import Option, check_options, described
 from hapticnet.protocol.settings import SessionSettings
 from hapticnet.recordings.session.archive import check_format
 from hapticnet.runtime import devices
-from hapticnet.runtime.session_recordings import MasterRecording
+from hapticnet.runtime.recorder import MasterRecording
 from hapticnet.runtime.system import SystemEntropy, now_us
 from hapticnet.runtime.trust import master_key
 from hapticnet.runtime.udp import SocketAddress, is_loopback, open_toward, parse_host_port

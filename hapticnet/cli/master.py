@@ -42,8 +42,8 @@ from hapticnet.recordings.session.session import settings_line
 from hapticnet.runtime import devices
 from hapticnet.runtime.metrics import MasterMetrics
 from hapticnet.runtime.overload import Overload, signs
+from hapticnet.runtime.recorder import MasterRecording
 from hapticnet.runtime.runners import MasterRun, master_report, run_master
-from hapticnet.runtime.session_recordings import MasterRecording
 from hapticnet.runtime.signals import Rescue
 from hapticnet.runtime.system import OTHER, SystemEntropy, now_us, policy, prefer_realtime, run
 from hapticnet.runtime.trust import master_key, refusal_advice, silence_advice

@@ -29,8 +29,8 @@ from hapticnet.recordings.session.archive import check_format
 from hapticnet.recordings.session.mcap_writer import DISTURBANCES
 from hapticnet.runtime.metrics import SlaveMetrics
 from hapticnet.runtime.overload import Overload
+from hapticnet.runtime.recorder import SlaveRecording
 from hapticnet.runtime.runners import run_slave, slave_report
-from hapticnet.runtime.session_recordings import SlaveRecording
 from hapticnet.runtime.signals import Rescue
 from hapticnet.runtime.system import OTHER, now_us, policy, prefer_realtime, run
 from hapticnet.runtime.trust import Guests, slave_trust

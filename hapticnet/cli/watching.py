@@ -5,8 +5,8 @@ from typing import Any
 
 from hapticnet.cli.console import Console
 from hapticnet.runtime.overload import Overload
-from hapticnet.runtime.systemd import Notifier, notify_socket
 from hapticnet.runtime.udp import parse_host_port
+from hapticnet.runtime.watching import Notifier, notify_socket
 
 
 def watch_for_programs(

@@ -1,50 +1,62 @@
-"""Recordings of running nodes: rows and events go to the writer process in batches, between ticks."""
+"""Recordings of running nodes: rows and events go to a writer process in batches, between ticks.
 
+Two watchers record: a master's ticks in one file, each session of a slave in a file of its own.
+"""
+
+import asyncio
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import asdict, fields, is_dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Generic
 
 import msgpack
 
-from hapticnet.errors import FileError
+from hapticnet.errors import FileError, in_words
+from hapticnet.node.events import MasterJoined, MasterLeft, MasterRefused, NodeEvent, SettingsInForce, SlaveEvent
+from hapticnet.node.master import MasterNode
+from hapticnet.node.recording import Recording
+from hapticnet.node.settings import MasterSettings
+from hapticnet.node.slave import SlaveNode
+from hapticnet.node.slave_context import SlaveContext
+from hapticnet.node.step_times import StepsTooSlow
+from hapticnet.protocol.wire import OPEN, SEALED
 from hapticnet.recordings.session.archive import FILES
 from hapticnet.recordings.session.frames import FrameKind, Heading, pack_begin, pack_frame, pack_rows_header
 from hapticnet.recordings.session.session import Table
 from hapticnet.runtime.processes import SideProcess
 from hapticnet.runtime.system import now_us
+from hapticnet.runtime.watching import Event, Watcher
 from hapticnet.runtime.writer import DONE, FAILED, STOPPED
 
 if TYPE_CHECKING:
     from array import array
 
 FILE_LIMIT: Final = 1000  # most files and folders that the recordings of a run may be
-RECORD_LIMIT_BYTES: Final = 2 * 2**30  # disk space [B] that recordings may take unless another limit is given
-
-MOST_WAITING_BYTES: Final = 64 * 2**20
-"""Most bytes that wait for the writer: 10 minutes of one session of 1 kHz, 10 s of 64."""
-
+MOST_WAITING_BYTES: Final = 64 * 2**20  # that wait for the writer: 10 minutes of one session of 1 kHz, 10 s of 64
 FINISH_WITHIN_S: Final = 60.0  # longest time that the end of a run waits for the writer
+BATCH_S: Final = 0.05  # time between two batches for the writer: a node that is killed loses what is younger
+CATCH_UP_S: Final = 0.005  # the same while bytes wait, or sessions are due
+MOST_EARLY_EVENTS: Final = 1000  # most events that are kept until there is a first row
+MOST_AT_ONCE: Final = 16  # most sessions of a slave that are collected in one call, in about 0.1 ms
+
+WIRE_VERSIONS: Final = {"open": OPEN, "sealed": SEALED}
 
 
 class Recorder:
     """Hand recordings to a writer process.
 
     `start`, then `open` each, give it `rows`, `end` each, and `finish` the run; `pump` again and again. Only `finish`
-    waits. A disk that is full, slow or gone ends the recording, not the run.
-
-    `tell`: Called with a line for the user when something is not recorded.
-    `limit_bytes`: Bound of the disk space taken.
-    `about`: Configuration, seed and versions, for every file.
+    waits. A disk that is full, slow or gone ends the recording, not the run. `tell` is called with a line for the user
+    when something is not recorded; `about` (configuration, seed, versions) goes into every file.
     """
 
     def __init__(
         self, tell: Callable[[str], None], *, limit_bytes: int, about: Mapping[str, Any] | None = None
     ) -> None:
-        self.process: SideProcess | None = None  # The writer; None before `start`.
-        self.stopped: str | None = None  # Why nothing more is recorded; None while something is.
+        self.process: SideProcess | None = None  # the writer; None before `start`
+        self.stopped: str | None = None  # why nothing more is recorded
         self._fault: str | None = None  # the first thing that was not recorded as it should
         self._tell = tell
         self._limit_bytes = limit_bytes
@@ -67,11 +79,7 @@ class Recorder:
     def open(
         self, path: Path, side: str, tables: Sequence[Table], unix_offset_us: int, about: Mapping[str, Any]
     ) -> int | None:
-        """Begin a recording and return its number; None if there are too many.
-
-        `tables`: The main one first.
-        `unix_offset_us`: Add it to the rows' `t_us` for µs since 1970.
-        """
+        """Begin a recording and return its number; None if there are too many. The main table is the first."""
         files = FILES[path.suffix.lower()]
         if self._files + files > FILE_LIMIT:
             if not self._not_recorded:
@@ -81,13 +89,7 @@ class Recorder:
         self._files += files
         self._path = None if self._begun else path.absolute()
         self._begun += 1
-        heading = Heading(
-            path=path.absolute(),
-            side=side,
-            tables=tuple(tables),
-            unix_offset_us=unix_offset_us,
-            about={**self._about, **about},
-        )
+        heading = Heading(path.absolute(), side, tuple(tables), unix_offset_us, {**self._about, **about})
         self._put(pack_begin(self._begun, heading))
         return self._begun
 
@@ -180,6 +182,211 @@ class Recorder:
         else:
             self._fault = self._fault or text
             self._tell(text)
+
+
+class _Track:
+    """The rows and events of one node, on their way to one file.
+
+    The file begins with the first row. A slave's rows tell with it how the master's clock relates to its own.
+    """
+
+    def __init__(self, recorder: Recorder, path: Path, side: str, names: tuple[str, str]) -> None:
+        self._recorder = recorder
+        self._path = path
+        self._side = side
+        self._names = names
+        self._number: int | None = None
+        self._begun = False
+        self._shift_us = 0
+        self._early: list[tuple[int, object]] = []
+
+    def collect(
+        self, main: Recording | None, datagrams: Recording | None, about: Callable[[], Mapping[str, Any]]
+    ) -> None:
+        """Hand over the rows that were added since the last call."""
+        numbers = main.take() if main is not None else None
+        if numbers and main is not None and not self._begun:
+            self._begin(main.columns, numbers, datagrams, about())
+        if self._number is None:
+            if self._begun and datagrams is not None:
+                datagrams.take()  # not recorded, so nothing may pile up
+            return
+        if numbers:
+            self._recorder.rows(self._number, 0, numbers)
+        if datagrams is not None and (rows := datagrams.take()):
+            self._recorder.rows(self._number, 1, rows)
+
+    def note(self, event: object, now_us: int) -> None:
+        """Record an event; `now_us` is the node's own clock."""
+        if self._number is not None:
+            self._recorder.event(self._number, now_us + self._shift_us, event)
+        elif not self._begun and len(self._early) < MOST_EARLY_EVENTS:
+            self._early.append((now_us, event))
+
+    def end(self, about: Mapping[str, Any]) -> None:
+        """Complete the file."""
+        if self._number is not None:
+            self._recorder.end(self._number, about)
+            self._number = None
+
+    def _begin(
+        self, columns: tuple[str, ...], numbers: Sequence[float], datagrams: Recording | None, about: Mapping[str, Any]
+    ) -> None:
+        self._begun = True
+        if "answered_us" in columns:
+            self._shift_us = round(numbers[columns.index("t_us")] - numbers[columns.index("answered_us")])
+        tables = [Table(self._names[0], columns)]
+        if datagrams is not None:
+            tables.append(Table(self._names[1], datagrams.columns, shift_us=self._shift_us))
+        offset_us = unix_offset_us() - self._shift_us
+        self._number = self._recorder.open(self._path, self._side, tables, offset_us, about)
+        for at_us, event in self._early:
+            self.note(event, at_us)
+        self._early.clear()
+
+
+class _Recording(Watcher[Event], Generic[Event]):
+    """Hand rows to the writer every `BATCH_S`."""
+
+    name = "recording"
+
+    def __init__(self, recorder: Recorder) -> None:
+        self.recorder = recorder
+        self._handle: asyncio.TimerHandle | None = None
+
+    async def start(self) -> None:
+        """Begin."""
+        self.recorder.start()
+        self._handle = asyncio.get_running_loop().call_later(BATCH_S, self._fire)
+
+    async def stop(self) -> None:
+        """Complete the files, without holding up the loop."""
+        if self._handle is not None:
+            self._handle.cancel()
+        self._collect_all()
+        await asyncio.to_thread(self.recorder.finish)
+
+    def _collect(self) -> bool:
+        """Hand over rows; return whether more are due now."""
+        raise NotImplementedError
+
+    def _collect_all(self) -> None:
+        """Hand over what remains at the end."""
+        raise NotImplementedError
+
+    def _fire(self) -> None:
+        recorder = self.recorder
+        try:
+            more = not recorder.is_behind and self._collect()
+            recorder.pump()
+        except Exception as error:  # of the recorder's own code; the run must go on
+            recorder.stop(f"the recorder failed: {in_words(error)}", is_fault=True)
+            return
+        pause_s = CATCH_UP_S if more or recorder.is_behind else BATCH_S
+        self._handle = asyncio.get_running_loop().call_later(pause_s, self._fire)
+
+
+class MasterRecording(_Recording[NodeEvent]):
+    """Record every tick of a master in a file; its settings must ask the node for that."""
+
+    def __init__(
+        self, node: MasterNode, file: Path, say: Callable[[str], None], *, limit_bytes: int,
+        about: Mapping[str, Any] | None = None,
+    ) -> None:  # fmt: skip
+        super().__init__(Recorder(say, limit_bytes=limit_bytes, about=about))
+        self._node = node
+        self._track = _Track(self.recorder, file, "master", ("tick", "datagram"))
+
+    def note(self, event: NodeEvent, now_us: int) -> None:
+        """Record an event."""
+        self._track.note(event, now_us)
+
+    def _collect(self) -> bool:
+        self._track.collect(self._node.recording, self._node.datagrams, lambda: about_master(self._node.settings))
+        return False
+
+    def _collect_all(self) -> None:
+        self._collect()
+        self._track.end({"report": self._node.report()})
+
+
+class SlaveRecording(_Recording[SlaveEvent]):
+    """Record every session of a slave in FOLDER/NAME-SESSION and a suffix; the node's settings must ask for that.
+
+    `channel_out` is the network emulated for the answers, as written for ``--channel-out``.
+    """
+
+    def __init__(
+        self, node: SlaveNode, folder: Path, say: Callable[[str], None], *, suffix: str, limit_bytes: int,
+        channel_out: str | None = None, about: Mapping[str, Any] | None = None,
+    ) -> None:  # fmt: skip
+        super().__init__(Recorder(say, limit_bytes=limit_bytes, about=about))
+        self._node = node
+        self._channel_out = channel_out
+        self._folder = folder
+        self._suffix = suffix
+        self._tracks: dict[SlaveContext, _Track] = {}
+        self._due: list[SlaveContext] = []
+
+    def note(self, event: SlaveEvent, now_us: int) -> None:
+        """Record an event; complete the file of a master that has left."""
+        if isinstance(event, MasterRefused | StepsTooSlow):  # of no session
+            return
+        context = event.context
+        if isinstance(event, MasterJoined):
+            file = self._folder / f"{file_name(context.session.request.name, context.session.number)}{self._suffix}"
+            self._tracks[context] = _Track(self.recorder, file, "slave", ("step", "datagram"))
+        track = self._tracks.get(context)
+        if track is None:
+            return
+        if isinstance(event, MasterLeft):
+            self._collect_one(context, track)
+        track.note(event, now_us)
+        if isinstance(event, MasterJoined):
+            settings = SettingsInForce.of(context.session.request, context.grant)
+            track.note(replace(settings, channel_out=self._channel_out), now_us)
+        elif isinstance(event, MasterLeft):
+            track.end({"report": context.report()})
+            del self._tracks[context]
+
+    def _collect(self) -> bool:
+        """Collect some sessions, since answers wait meanwhile; return whether more of this round are due."""
+        self._due = self._due or list(self._tracks)
+        now, self._due = self._due[:MOST_AT_ONCE], self._due[MOST_AT_ONCE:]
+        for context in now:
+            if context in self._tracks:
+                self._collect_one(context, self._tracks[context])
+        return bool(self._due)
+
+    def _collect_all(self) -> None:
+        while self._collect():
+            pass
+
+    @staticmethod
+    def _collect_one(context: SlaveContext, track: _Track) -> None:
+        track.collect(context.recording, context.datagrams, lambda: _of_context(context))
+
+
+def file_name(master: str, session: int) -> str:
+    """Return the name of a session's file without suffix."""
+    return "".join(c if c.isalnum() or c in "-_" else "_" for c in master) + f"-{session:08x}"
+
+
+def about_master(settings: MasterSettings) -> dict[str, Any]:
+    """Return a master's configuration for its recording, without its key.
+
+    What was in force is told by the events `SettingsInForce`.
+    """
+    plain = asdict(replace(settings, key=None))
+    del plain["key"]
+    return {"asked_at_start": plain, "sealed": settings.key is not None, "wire_versions": WIRE_VERSIONS}
+
+
+def _of_context(context: SlaveContext) -> dict[str, Any]:
+    """Return what a session's master asked for and was granted, without tickets."""
+    request, grant = context.session.request._asdict(), context.grant._asdict()
+    del request["ticket"], grant["ticket"]
+    return {"request": request, "grant": grant, "wire_versions": WIRE_VERSIONS}
 
 
 def unix_offset_us() -> int:

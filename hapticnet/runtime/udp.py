@@ -146,22 +146,16 @@ def parse_host_port(text: str, *, lowest_port: int = 1) -> HostPort:
     return HostPort(host, int(port))
 
 
-def listen(address: HostPort, *, shared: bool = False) -> socket.socket:
-    """Return a socket bound to `address`; raise UnavailableError if this fails.
-
-    Of one address there may be several `shared` ones of the same user, among which the system distributes datagrams.
-    """
+def listen(address: HostPort) -> socket.socket:
+    """Return a socket bound to `address`; raise UnavailableError if this fails."""
     family, target = _resolve(address)
     sock = _socket(family)
     try:
-        if shared:
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
         sock.bind(target)
     except OSError as error:
         sock.close()
-        if error.errno == errno.EADDRINUSE:
-            raise UnavailableError(f"cannot listen on {address}: the port is in use") from error
-        raise UnavailableError(f"cannot listen on {address}: {_words(error)}") from error
+        reason = "the port is in use" if error.errno == errno.EADDRINUSE else _words(error)
+        raise UnavailableError(f"cannot listen on {address}: {reason}") from error
     return sock
 
 
@@ -187,12 +181,6 @@ def open_toward(address: HostPort) -> tuple[socket.socket, SocketAddress]:
     """
     family, target = _resolve(address)
     return _socket(family), target
-
-
-def look_up(address: HostPort) -> HostPort:
-    """Return an address with its host as a number; raise UnavailableError if there is no such host."""
-    host, port, *_ = _resolve(address)[1]
-    return HostPort(host, port)
 
 
 def bound_address(sock: socket.socket) -> HostPort:
@@ -224,8 +212,7 @@ def is_loopback(address: SocketAddress) -> bool:
 class UdpPort:
     """A socket on an event loop: receives datagrams, and sends directly or through an emulated channel.
 
-    `receive`: Called with the datagrams that have queued up, each with its source, and the time [µs]; None: this port
-      only sends.
+    `receive`: Called with the datagrams that have queued up, each with its source, and the time [µs].
     `at_once`: Hand each datagram over by itself, as soon as it is read, and let others have the loop after `DRAIN_US`.
     `peer`: The only address whose datagrams are accepted; None: all are.
     `channel`, `channel_in`: Channels that outgoing datagrams pass first, and that arriving ones pass before they are
@@ -236,7 +223,7 @@ class UdpPort:
         self,
         loop: asyncio.AbstractEventLoop,
         sock: socket.socket,
-        receive: Receive | None,
+        receive: Receive,
         *,
         at_once: bool = False,
         peer: SocketAddress | None = None,
@@ -259,8 +246,7 @@ class UdpPort:
         self._channel_in = channel_in
         self._alarm_in = Alarm(loop, self._hand_over) if channel_in else None
         self._due: deque[tuple[bytes, SocketAddress]] = deque()  # out of the channel, and not handed over yet
-        if receive is not None:
-            loop.add_reader(sock.fileno(), self._drain)
+        loop.add_reader(sock.fileno(), self._drain)
 
     def send(self, data: bytes, address: SocketAddress) -> None:
         """Send a datagram to `address`."""
@@ -287,7 +273,7 @@ class UdpPort:
 
     def _drain(self) -> None:
         receive = self._receive
-        if receive is None or self._due:  # what is due comes first, and must not become ever more
+        if self._due:  # what is due comes first, and must not become ever more
             return
         receive_from = self._sock.recvfrom
         at_once = self._at_once
@@ -324,7 +310,7 @@ class UdpPort:
         self._drained_us = now_us()
 
     def _hand_over(self) -> None:
-        if self._channel_in is None or self._alarm_in is None or self._receive is None:
+        if self._channel_in is None or self._alarm_in is None:
             return
         now = now_us()
         due = self._channel_in.due(now)

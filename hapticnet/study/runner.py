@@ -18,8 +18,7 @@ from hapticnet.files import make_folder
 from hapticnet.recordings.session.archive import check_mcap
 from hapticnet.recordings.session.export import export
 from hapticnet.recordings.session.session import REPORT, Event, Session
-from hapticnet.runtime.recorder import event_text
-from hapticnet.runtime.session_recordings import about_master
+from hapticnet.runtime.recorder import about_master, event_text
 from hapticnet.runtime.system import start_background
 from hapticnet.study.flow import Flow
 from hapticnet.study.order import PRACTICE
