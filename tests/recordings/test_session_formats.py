@@ -17,7 +17,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from hapticnet.errors import FileError, UnavailableError
 from hapticnet.node.recording import DATAGRAM_COLUMNS, master_columns
 from hapticnet.recordings.loading import load_motion, load_recording
-from hapticnet.recordings.session import mcap_reader
+from hapticnet.recordings.session import mcap_reader, recovery
 from hapticnet.recordings.session import session as session_module
 from hapticnet.recordings.session.export import export
 from hapticnet.recordings.session.mcap_reader import records
@@ -293,8 +293,8 @@ def test_a_description_that_is_repeated_counts_once(tmp_path):
 
 
 def test_recovery_unpacks_a_bounded_multiple_of_the_file(tmp_path, monkeypatch):
-    monkeypatch.setattr(mcap_reader, "MAX_BYTES", 10_000)
-    monkeypatch.setattr(mcap_reader, "MOST_PER_BYTE", 2)
+    monkeypatch.setattr(recovery, "MAX_BYTES", 10_000)
+    monkeypatch.setattr(recovery, "MOST_PER_BYTE", 2)
     message = mcap_record(5, (3).to_bytes(2, "little") + bytes(100))
     mcap_with_chunks(tmp_path / "run.mcap", (message * 10_000, "zstd", None))
     with pytest.raises(FileError, match="unpacks to more than 10000 bytes"):

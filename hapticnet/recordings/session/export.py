@@ -37,7 +37,7 @@ def export(session: Session, path: Path) -> None:
     UnavailableError
         If the format needs an extra.
     """
-    why = {} if session.is_whole else {INCOMPLETE: "the file from which it was exported was cut off or damaged"}
+    why = {} if session.is_whole else {INCOMPLETE: "the file that it comes from was cut off or damaged"}
     about: dict[str, Any] = {**session.about, **why}
     known = {**about, "side": session.side, "unix_offset_us": session.unix_offset_us}
     try:
@@ -67,14 +67,19 @@ def _write(session: Session, path: Path, about: dict[str, Any]) -> None:
     tables = tuple(Table(name, tuple(columns)) for name, columns in session.tables.items())
     report = {REPORT: about.pop(REPORT)} if REPORT in about else {}
     writer = FORMATS[path.suffix.lower()](Heading(path, session.side, tables, session.unix_offset_us, about))
-    for event in session.events:
-        writer.event(*event)
-    for index, columns in enumerate(session.tables.values()):
-        rows = np.stack([column.astype(np.float64) for column in columns.values()], axis=1)
-        for start in range(0, len(rows), ROWS_AT_ONCE):
-            writer.rows(index, rows[start : start + ROWS_AT_ONCE])
-            writer.flush()
-    writer.finish(report)
+    try:
+        for event in session.events:
+            writer.event(*event)
+        for index, columns in enumerate(session.tables.values()):
+            rows = np.stack([column.astype(np.float64) for column in columns.values()], axis=1)
+            for start in range(0, len(rows), ROWS_AT_ONCE):
+                writer.rows(index, rows[start : start + ROWS_AT_ONCE])
+                writer.flush()
+        writer.finish(report)
+    except BaseException:
+        for sink in writer.files:
+            sink.discard()
+        raise
 
 
 def _write_npz(session: Session, path: Path, known: str) -> None:

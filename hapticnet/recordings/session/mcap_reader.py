@@ -1,4 +1,4 @@
-"""MCAP files read back: whole, cut off anywhere, or damaged. Source: mcap.dev/spec."""
+"""MCAP files of hapticnet read back: whole, cut off anywhere, or damaged. Source: mcap.dev/spec."""
 
 import struct
 import zlib
@@ -11,12 +11,10 @@ from typing import IO, Any, Final, TypeAlias
 import numpy as np
 
 from hapticnet.errors import FileError, HapticnetError, UnavailableError
-from hapticnet.files import MAX_BYTES
 from hapticnet.recordings.columns import check_columns
-from hapticnet.recordings.session.mcap_writer import ABOUT, CHUNK_BYTES, NEEDS_MCAP, REPORT
+from hapticnet.recordings.session.mcap_writer import ABOUT, NEEDS_MCAP, REPORT
 from hapticnet.recordings.session.protobuf import row_dtype, unpack_log
 from hapticnet.recordings.session.session import (
-    INCOMPLETE,
     LARGEST_JSON,
     Event,
     Session,
@@ -24,7 +22,6 @@ from hapticnet.recordings.session.session import (
     check_events,
     parse_json,
 )
-from hapticnet.recordings.session.sink import Sink
 
 _RECORD: Final = struct.Struct("<BQ")
 _MESSAGE: Final = struct.Struct("<HIQQ")
@@ -47,16 +44,13 @@ LARGEST_DESCRIPTION: Final = 2**20
 """Larger descriptions of a topic are taken for damage: schemas and channels."""
 
 LARGEST_DESCRIPTIONS: Final = 64 * 2**20
-"""Limit of all of them together [B]."""
-
-MOST_PER_BYTE: Final = 100
-"""What is recovered may unpack to so many times the size of its file, or to `MAX_BYTES` if that is more."""
+"""Limit of all channels together [B]."""
 
 RECOVERED: Final = "hapticnet.recovered"
-"""Metadata of a file that `recover` wrote."""
+"""Metadata of a file that an earlier `hapticnet recover` wrote."""
 
 Record: TypeAlias = Any
-"""A record of the package mcap: Schema, Channel, Metadata, Attachment, Footer; or `Messages` or `Damage`."""
+"""A record of the package mcap: Channel, Metadata, Footer; or `Messages` or `Damage`."""
 
 
 class Damage:
@@ -65,21 +59,16 @@ class Damage:
 
 @dataclass(frozen=True, slots=True)
 class Messages:
-    """Consecutive messages of a chunk: of each, channel, log time and publish time [ns], sequence, content."""
+    """Consecutive messages of a chunk: channel and content of each."""
 
-    each: list[tuple[int, int, int, int, bytes]]
+    each: list[tuple[int, bytes]]
 
 
-def records(file: IO[bytes], path: Path, max_bytes: int, *, attachments: bool = True) -> Iterator[Record]:
+def records(file: IO[bytes], path: Path, max_bytes: int) -> Iterator[Record]:
     """Yield what is whole in a file, in its order, and stop where it is cut off or its structure is damaged.
 
-    In the place of a record that is damaged comes a `Damage`. A Footer comes last if the file is complete. A schema or
-    a channel comes once, though files repeat them.
-
-    Parameters
-    ----------
-    attachments
-        Whether to read attachments, or to pass over them.
+    In the place of a record that is damaged comes a `Damage`. A Footer comes last if the file is complete. A channel
+    comes once, though files repeat them; schemas and attachments are passed over.
 
     Raises
     ------
@@ -92,28 +81,21 @@ def records(file: IO[bytes], path: Path, max_bytes: int, *, attachments: bool = 
     try:
         from mcap.data_stream import ReadDataStream
         from mcap.opcode import Opcode
-        from mcap.records import Attachment, Chunk, Footer, Metadata
+        from mcap.records import Chunk, Footer, Metadata
         from mcap.writer import MCAP0_MAGIC
     except ImportError as error:
         raise UnavailableError(NEEDS_MCAP) from error
 
-    kinds: dict[int, Any] = {
-        Opcode.ATTACHMENT: Attachment,
-        Opcode.METADATA: Metadata,
-        Opcode.CHUNK: Chunk,
-        Opcode.FOOTER: Footer,
-    }
+    kinds: dict[int, Any] = {Opcode.METADATA: Metadata, Opcode.CHUNK: Chunk, Opcode.FOOTER: Footer}
     if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
         raise FileError(f"{path}: not an MCAP file")
-    if not attachments:
-        del kinds[Opcode.ATTACHMENT]
     described = _Described(path)
     unpacked = 0
     while len(head := file.read(_RECORD.size)) == _RECORD.size:
         code, length = _RECORD.unpack(head)
         if not code or length > LARGEST_RECORD:  # the specification has no record 0
             return
-        if code not in kinds and code not in _IN_CHUNKS:  # indexes and the like
+        if code not in kinds and code not in _IN_CHUNKS:  # indexes, attachments and the like
             file.seek(length, 1)
             continue
         body = file.read(length)
@@ -170,26 +152,25 @@ def _unpacked(chunk: Record) -> bytes:
 
 @dataclass(slots=True)
 class _Described:
-    """The schemas and channels of a file so far."""
+    """The channels of a file so far."""
 
     path: Path
-    seen: set[tuple[int, int]] = field(default_factory=set)
+    seen: set[int] = field(default_factory=set)
     size: int = 0
 
-    def add(self, code: int, data: bytes) -> Record:
-        """Return a schema or channel, None if it was there already; FileError if they are too large together."""
+    def add(self, data: bytes) -> Record:
+        """Return a channel, None if it was there already; FileError if they are too large together."""
         from mcap.data_stream import ReadDataStream
-        from mcap.records import Channel, Schema
+        from mcap.records import Channel
 
-        if (code, data[0] | data[1] << 8) in self.seen:
+        if data[0] | data[1] << 8 in self.seen:
             return None
         self.size += len(data)
         if self.size > LARGEST_DESCRIPTIONS:
             raise FileError(f"{self.path}: its topics take more than {LARGEST_DESCRIPTIONS} bytes to describe")
-        stream = ReadDataStream(BytesIO(data))
-        record = Schema.read(stream) if code == _SCHEMA_CODE else Channel.read(stream)
-        self.seen.add((code, record.id))
-        return record
+        channel = Channel.read(ReadDataStream(BytesIO(data)))
+        self.seen.add(channel.id)
+        return channel
 
 
 def _contents(data: bytes, described: _Described) -> Iterator[Record]:
@@ -203,83 +184,19 @@ def _contents(data: bytes, described: _Described) -> Iterator[Record]:
     if at > end:
         raise ValueError("a record reaches past the end of its chunk")
     at = 0
-    each: list[tuple[int, int, int, int, bytes]] = []
+    each: list[tuple[int, bytes]] = []
     while at < end:
         code, length = _RECORD.unpack_from(data, at)
         at += _RECORD.size
         if code == _MESSAGE_CODE:
-            channel, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(data, at)
-            each.append((channel, log_ns, publish_ns, sequence, data[at + _MESSAGE.size : at + length]))
+            each.append((_MESSAGE.unpack_from(data, at)[0], data[at + _MESSAGE.size : at + length]))
         if each and (code != _MESSAGE_CODE or len(each) == MOST_MESSAGES):
             yield Messages(each)
             each = []
-        if code != _MESSAGE_CODE and (record := described.add(code, data[at : at + length])):
-            yield record
+        if code == _CHANNEL_CODE and (channel := described.add(data[at : at + length])):
+            yield channel
         at += length
     yield Messages(each)
-
-
-def recover(source: Path, target: Path) -> tuple[int, bool]:
-    """Copy what is whole in an MCAP file of any kind into a new file with a summary.
-
-    Returns the number of messages, and whether the file was complete and undamaged already.
-
-    Raises
-    ------
-    FileError
-        If it is not an MCAP file, or the new one cannot be written.
-    UnavailableError
-        If the extra ``record`` is not installed.
-    """
-    try:
-        sink = Sink(target)
-        try:
-            done = _copy(source, sink)
-            sink.finish()
-        except BaseException:
-            sink.discard()
-            raise
-    except OSError as error:
-        raise FileError(f"{error.filename or target}: {error.strerror}") from error
-    return done
-
-
-def _copy(source: Path, sink: Sink) -> tuple[int, bool]:
-    try:
-        from mcap.writer import CompressionType, Writer
-    except ImportError as error:
-        raise UnavailableError(NEEDS_MCAP) from error
-    count, damages, complete = 0, 0, False
-    schemas: dict[int, int] = {0: 0}
-    channels: dict[int, int] = {}
-    writer: Any = Writer(sink, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)  # type: ignore[arg-type]
-    writer.start(profile="", library="hapticnet")
-    with source.open("rb") as file:
-        most = max(MAX_BYTES, MOST_PER_BYTE * source.stat().st_size)
-        for record in records(file, source, most):
-            kind = type(record).__name__
-            damages += kind == "Damage"
-            complete = kind == "Footer"
-            if isinstance(record, Messages):
-                for channel, log_ns, publish_ns, sequence, data in record.each:
-                    if channel in channels:
-                        writer.add_message(channels[channel], log_ns, data, publish_ns, sequence)
-                        count += 1
-                sink.flush()
-            elif kind == "Schema" and record.id not in schemas:
-                schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
-            elif kind == "Channel":
-                channels[record.id] = writer.register_channel(
-                    record.topic, record.message_encoding, schemas.get(record.schema_id, 0), record.metadata
-                )
-            elif kind == "Metadata":
-                writer.add_metadata(record.name, record.metadata)
-            elif kind == "Attachment":
-                writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, record.data)
-    if damages or not complete:
-        writer.add_metadata(RECOVERED, {INCOMPLETE: "it was recovered from a file that was cut off or damaged"})
-    writer.finish()
-    return count, complete and not damages
 
 
 @dataclass(slots=True)
@@ -315,17 +232,17 @@ def read_mcap(path: Path, max_bytes: int) -> Session:
     topics: dict[int, str] = {}
     whole, damages = False, 0
     with path.open("rb") as file:
-        for record in records(file, path, max_bytes, attachments=False):
+        for record in records(file, path, max_bytes):
             kind = type(record).__name__
             damages += kind == "Damage"
             whole = kind == "Footer" and not damages
             if isinstance(record, Messages):
-                for channel, _, _, _, data in record.each:
+                for channel, data in record.each:
                     if channel in reading:
                         reading[channel].parts.append(data)
                     elif channel in event_channels:
                         logs.append(unpack_log(data))
-                for number in {message[0] for message in record.each} & reading.keys():
+                for number in {channel for channel, _ in record.each} & reading.keys():
                     reading[number].join()
                 check_events(path, len(logs))
             elif kind == "Channel":

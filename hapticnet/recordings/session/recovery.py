@@ -10,11 +10,15 @@ from pathlib import Path
 from typing import Final
 
 from hapticnet.errors import FileError, HapticnetError
-from hapticnet.files import check_readable, check_replaceable, open_in_place, open_regular
-from hapticnet.recordings.session.mcap_reader import recover
+from hapticnet.files import MAX_BYTES, check_readable, check_replaceable, open_in_place, open_regular
+from hapticnet.recordings.session.export import export
+from hapticnet.recordings.session.mcap_reader import read_mcap
 from hapticnet.recordings.session.sink import UNFINISHED, beside, named
 
 _BLOCK: Final = 1 << 16
+
+MOST_PER_BYTE: Final = 100
+"""What is recovered may unpack to so many times the size of its file, or to `MAX_BYTES` if that is more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +26,7 @@ class Recovered:
     """What was recovered."""
 
     path: Path  # the complete file
-    count: int  # messages of an .mcap file, rows of the main table of a .csv file
+    count: int  # rows of the main table
     was_complete: bool  # the file was complete already; nothing was written then
 
 
@@ -51,20 +55,22 @@ def recover_file(path: Path, out: Path | None = None) -> Recovered:
     check_readable(path, max_bytes=sys.maxsize)
     try:
         if UNFINISHED not in path.name:  # this one is only read; the others are changed and deleted
+            if path.suffix.lower() != ".mcap":
+                raise FileError(f"{path}: only .mcap files and *{UNFINISHED} can be recovered")
             return _mend(path, out or path.with_name(f"{path.stem}-recovered{path.suffix}"))
         if path.is_symlink():
             raise FileError(f"{path} is a link; name the file that it leads to")
         _refuse_if_written(path)
         target = out or named(path)
-        _refuse_existing(target)
         kind = named(path).suffix.lower()
-        if kind not in (".mcap", ".csv"):
-            raise FileError(f"{path}: not an unfinished recording; expected .mcap or .csv before {UNFINISHED}")
         if kind == ".csv":
+            _refuse_existing(target)
             return Recovered(target, _complete_csv(path, target), was_complete=False)
-        count, _ = recover(path, target)
+        if kind != ".mcap":
+            raise FileError(f"{path}: not an unfinished recording; expected .mcap or .csv before {UNFINISHED}")
+        done = _mend(path, target, rename=True)
         path.unlink()
-        return Recovered(target, count, was_complete=False)
+        return done
     except HapticnetError:
         raise
     except Exception as error:  # of many kinds, if it is damaged
@@ -72,16 +78,16 @@ def recover_file(path: Path, out: Path | None = None) -> Recovered:
         raise FileError(f"{path}: cannot be recovered: {reason}") from error
 
 
-def _mend(path: Path, target: Path) -> Recovered:
-    if path.suffix.lower() != ".mcap":
-        raise FileError(f"{path}: only .mcap files and *{UNFINISHED} can be recovered")
-    if path.stat().st_size < 8:
-        raise FileError(f"{path}: not an MCAP file")
-    _refuse_existing(target)
-    count, was_complete = recover(path, target)
-    if was_complete:
-        target.unlink()
-    return Recovered(path if was_complete else target, count, was_complete)
+def _mend(path: Path, target: Path, *, rename: bool = False) -> Recovered:
+    """Write what is whole in an .mcap file into another, unless all of it is and its name is right."""
+    if target.suffix.lower() != ".mcap":
+        raise FileError(f"{target}: expected a name that ends in .mcap")
+    session = read_mcap(path, max(MAX_BYTES, MOST_PER_BYTE * path.stat().st_size))
+    was_complete = session.is_whole and not rename
+    if not was_complete:
+        _refuse_existing(target)
+        export(session, target)
+    return Recovered(path if was_complete else target, len(session.main["t_us"]), was_complete)
 
 
 def _refuse_existing(target: Path) -> None:

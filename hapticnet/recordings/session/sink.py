@@ -63,7 +63,7 @@ class Sink:
     def discard(self) -> None:
         """Close and delete the file."""
         self.close()
-        self.file.unlink()
+        self.file.unlink(missing_ok=True)
 
     def finish(self) -> None:
         """Flush, close and rename. An existing FILE is replaced."""
