@@ -11,8 +11,6 @@ from dataclasses import asdict, fields, is_dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Generic
 
-import msgpack
-
 from hapticnet.errors import FileError, in_words
 from hapticnet.node.events import MasterJoined, MasterLeft, MasterRefused, NodeEvent, SettingsInForce, SlaveEvent
 from hapticnet.node.master import MasterNode
@@ -101,12 +99,11 @@ class Recorder:
 
     def event(self, number: int, t_us: int, event: object) -> None:
         """Record an event of a node."""
-        content = msgpack.packb([t_us, type(event).__name__, event_text(event)])
-        self._put(pack_frame(FrameKind.EVENT, number, content))
+        self._put(pack_frame(FrameKind.EVENT, number, t_us, type(event).__name__, event_text(event)))
 
     def end(self, number: int, about: Mapping[str, Any]) -> None:
         """Complete a recording; `about` is what is known only now, such as the report."""
-        self._put(pack_frame(FrameKind.ABOUT, number, msgpack.packb(dict(about), default=str)))
+        self._put(pack_frame(FrameKind.ABOUT, number, dict(about)))
         self._put(pack_frame(FrameKind.END, number))
 
     def pump(self) -> None:

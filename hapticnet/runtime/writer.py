@@ -14,7 +14,7 @@ from typing import Final
 
 from hapticnet.errors import in_words
 from hapticnet.recordings.session.archive import Archive
-from hapticnet.recordings.session.frames import FrameReader
+from hapticnet.recordings.session.frames import frame_reader
 
 FLUSH_S: Final = 0.12  # rows reach the file at the latest this long [s] after the pipe
 
@@ -43,7 +43,7 @@ def main() -> None:
 
 
 def _serve(archive: Archive) -> None:
-    reader = FrameReader()
+    reader = frame_reader()
     flushed = time.monotonic()
     while True:
         ready, _, _ = select.select([0], [], [], FLUSH_S)
@@ -51,8 +51,9 @@ def _serve(archive: Archive) -> None:
             data = os.read(0, PIPE_BYTES)
             if not data:
                 break
-            for frame in reader.feed(data):
-                archive.take(frame)
+            reader.feed(data)
+            for frame in reader:
+                archive.take(*frame)
         if time.monotonic() - flushed >= FLUSH_S or not ready:
             archive.flush()
             flushed = time.monotonic()

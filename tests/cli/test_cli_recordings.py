@@ -4,13 +4,12 @@ import json
 import shutil
 from dataclasses import replace
 
-import msgpack
 import numpy as np
 import pyarrow.parquet
 import pytest
 
 from hapticnet.errors import FileError, SettingsError
-from hapticnet.recordings.session.frames import FrameKind, FrameReader, pack_begin
+from hapticnet.recordings.session.frames import FrameKind, pack_begin
 from hapticnet.recordings.session.reading import read_session
 from hapticnet.recordings.session.sink import UNFINISHED
 from tests.recordings.session_cases import (
@@ -18,6 +17,7 @@ from tests.recordings.session_cases import (
     EVENTS,
     LIVE,
     SUFFIXES,
+    feed,
     give,
     give_rows,
     heading,
@@ -225,10 +225,9 @@ def test_nothing_in_a_file_speaks_to_the_terminal(run, tmp_path):
     plain = heading(tmp_path / "a.csv")
     archive = make_archive([])
     begins = pack_begin(1, replace(plain, side=evil, about={evil: evil, "settings": {"codec": evil}, "more": [evil]}))
-    for frame in FrameReader().feed(begins):
-        archive.take(frame)
-    give(archive, FrameKind.EVENT, msgpack.packb([1_000_000, evil, evil]))
-    give(archive, FrameKind.EVENT, msgpack.packb([1_000_000, "SettingsInForce", json.dumps({"codec": evil})]))
+    feed(archive, begins)
+    give(archive, FrameKind.EVENT, 1_000_000, evil, evil)
+    give(archive, FrameKind.EVENT, 1_000_000, "SettingsInForce", json.dumps({"codec": evil}))
     give_rows(archive, tick_rows(5))
     archive.finish()
     np.savez(tmp_path / "b.npz", **{evil: np.zeros((2, 2, 2))})

@@ -3,13 +3,19 @@
 import json
 from pathlib import Path
 
-import msgpack
 import numpy as np
 
 from hapticnet.node.recording import DATAGRAM_COLUMNS, master_columns
 from hapticnet.recordings.session.archive import Archive
 from hapticnet.recordings.session.export import export
-from hapticnet.recordings.session.frames import FrameKind, FrameReader, Heading, pack_begin, pack_frame
+from hapticnet.recordings.session.frames import (
+    FrameKind,
+    Heading,
+    frame_reader,
+    pack_begin,
+    pack_frame,
+    pack_rows_header,
+)
 from hapticnet.recordings.session.session import Event, Session, Table
 
 PLENTY = 2**30
@@ -46,19 +52,24 @@ def datagram_rows(count: int) -> np.ndarray:
     return np.stack([1_000_000 + 500 * numbers, numbers % 2, 4 + numbers % 2, 20 + numbers % 9], axis=1).astype(float)
 
 
-def give(archive: Archive, kind: FrameKind, content: bytes = b"", *, recording: int = 1) -> None:
+def feed(archive: Archive, data: bytes) -> None:
+    reader = frame_reader()
+    reader.feed(data)
+    for frame in reader:
+        archive.take(*frame)
+
+
+def give(archive: Archive, kind: FrameKind, *content: object, recording: int = 1) -> None:
     """Pass a frame to an archive, as bytes that come through a pipe."""
-    for frame in FrameReader().feed(pack_frame(kind, recording, content)):
-        archive.take(frame)
+    feed(archive, pack_frame(kind, recording, *content))
 
 
 def begin(archive: Archive, path: Path, *, recording: int = 1, axes: int = 1) -> None:
-    for frame in FrameReader().feed(pack_begin(recording, heading(path, axes=axes))):
-        archive.take(frame)
+    feed(archive, pack_begin(recording, heading(path, axes=axes)))
 
 
 def give_rows(archive: Archive, rows: np.ndarray, table: int = 0, *, recording: int = 1) -> None:
-    give(archive, FrameKind.ROWS, bytes([table]) + rows.tobytes(), recording=recording)
+    feed(archive, pack_rows_header(recording, table, rows.nbytes) + rows.tobytes())
 
 
 def make_archive(said: list[str], limit_bytes: int = PLENTY) -> Archive:
@@ -82,13 +93,13 @@ def write_session(
     archive = make_archive(said)
     begin(archive, path, axes=axes)
     for event in EVENTS:
-        give(archive, FrameKind.EVENT, msgpack.packb(event))
+        give(archive, FrameKind.EVENT, *event)
     for start in range(0, ticks, batch):
         give_rows(archive, rows["tick"][start : start + batch])
         give_rows(archive, rows["datagram"][2 * start : 2 * (start + batch)], 1)
         archive.flush()
     if finish:
-        give(archive, FrameKind.ABOUT, msgpack.packb({"report": {"ticks": ticks}}))
+        give(archive, FrameKind.ABOUT, {"report": {"ticks": ticks}})
         give(archive, FrameKind.END)
     assert said == []
     return rows

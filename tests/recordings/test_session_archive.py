@@ -9,13 +9,14 @@ import pytest
 from hapticnet.errors import SettingsError, UnavailableError
 from hapticnet.recordings.session import sink as sink_module
 from hapticnet.recordings.session.archive import FILES, check_format
-from hapticnet.recordings.session.frames import FrameKind, FrameReader, pack_begin, pack_frame
+from hapticnet.recordings.session.frames import FrameKind, frame_reader, pack_begin, pack_frame
 from hapticnet.recordings.session.reading import read_session
 from hapticnet.recordings.session.recovery import recover_file
 from hapticnet.recordings.session.sink import UNFINISHED
 from tests.recordings.session_cases import (
     LIVE,
     begin,
+    feed,
     give,
     give_rows,
     heading,
@@ -205,11 +206,13 @@ def test_without_the_extra_one_line_says_what_to_install(monkeypatch):
 def test_frames_arrive_in_any_pieces(tmp_path):
     data = pack_begin(1, heading(tmp_path / "a.mcap")) + pack_frame(FrameKind.END, 1) * 3
     for size in (1, 7, 1000):
-        reader = FrameReader()
-        frames = [frame for at in range(0, len(data), size) for frame in reader.feed(data[at : at + size])]
-        assert [frame.kind for frame in frames] == [FrameKind.BEGIN, *[FrameKind.END] * 3]
+        reader, kinds = frame_reader(), []
+        for at in range(0, len(data), size):
+            reader.feed(data[at : at + size])
+            kinds += [kind for kind, *_ in reader]
+        assert kinds == [FrameKind.BEGIN, *[FrameKind.END] * 3]
 
 
 def test_bytes_that_are_no_frames_are_refused():
     with pytest.raises(ValueError, match="not a valid FrameKind"):
-        list(FrameReader().feed(bytes(13)))
+        feed(make_archive([]), b"\x92\x09\x01")

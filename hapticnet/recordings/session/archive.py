@@ -9,13 +9,12 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
-import msgpack
 import numpy as np
 
 from hapticnet.arrays import FloatArray
 from hapticnet.errors import HapticnetError, SettingsError, UnavailableError, in_words
 from hapticnet.files import written_beside
-from hapticnet.recordings.session.frames import Frame, FrameKind, Heading, unpack_heading
+from hapticnet.recordings.session.frames import FrameKind, Heading
 from hapticnet.recordings.session.mcap_writer import NEEDS_MCAP, McapWriter
 from hapticnet.recordings.session.session import as_type
 from hapticnet.recordings.session.sink import Sink, beside, free_suffix
@@ -156,14 +155,14 @@ class Archive:
         self._saved_bytes = 0
         self._open: dict[int, tuple[Writer, Heading, dict[str, Any]]] = {}
 
-    def take(self, frame: Frame) -> None:
+    def take(self, kind: int, number: int, *content: Any) -> None:
         """Carry out a frame."""
         if self.stopped:
             return
         try:
-            self._take(frame)
+            self._take(FrameKind(kind), number, content)
         except (OSError, HapticnetError) as error:
-            self._fail(frame.recording, error)
+            self._fail(number, error)
 
     def flush(self) -> None:
         """Pass everything to the operating system."""
@@ -179,18 +178,17 @@ class Archive:
         for number in list(self._open):
             self._finish(number)
 
-    def _take(self, frame: Frame) -> None:
-        number = frame.recording
-        if frame.kind is FrameKind.BEGIN:
-            heading = unpack_heading(frame.content)
+    def _take(self, kind: FrameKind, number: int, content: tuple[Any, ...]) -> None:
+        if kind is FrameKind.BEGIN:
+            heading = Heading.of(content[0])
             self._open[number] = FORMATS[heading.path.suffix.lower()](heading), heading, {}
             return
         if number not in self._open:
             return
         writer, heading, about = self._open[number]
-        if frame.kind is FrameKind.ROWS:
-            table = frame.content[0]
-            rows = np.frombuffer(frame.content[1:]).reshape(-1, len(heading.tables[table].columns))
+        if kind is FrameKind.ROWS:
+            table, data = content
+            rows = np.frombuffer(data).reshape(-1, len(heading.tables[table].columns))
             if shift_us := heading.tables[table].shift_us:
                 rows = np.concatenate([rows[:, :1] + shift_us, rows[:, 1:]], axis=1)
             size = self._saved_bytes + sum(writer.size for writer, _, _ in self._open.values())
@@ -198,10 +196,10 @@ class Archive:
                 self._end(f"the limit of {self._limit_bytes:,} bytes for recordings is reached", is_fault=False)
             else:
                 writer.rows(table, rows)
-        elif frame.kind is FrameKind.EVENT:
-            writer.event(*msgpack.unpackb(frame.content))
-        elif frame.kind is FrameKind.ABOUT:
-            about |= msgpack.unpackb(frame.content)
+        elif kind is FrameKind.EVENT:
+            writer.event(*content)
+        elif kind is FrameKind.ABOUT:
+            about |= content[0]
         else:
             self._finish(number)
 
