@@ -29,8 +29,7 @@ from typing import Any, Final
 
 from hapticnet import rounding
 
-SOURCES: Final = ("*.py", "codec/**/*.py", "measure/*.py")
-"""Files of hapticnet whose content names the folder of machine code."""
+SOURCES: Final = ("*.py", "codec/**/*.py", "measure/*.py")  # sources whose content names the folder of machine code
 
 LARGEST_INLINED: Final = 900
 """Size of the bytecode [B] up to which a function is compiled into its callers. Larger ones are called: they run only

@@ -16,8 +16,7 @@ LARGEST_DOCUMENT: Final = 4 * 2**20  # size limit of a TOML file [B]; a scene of
 MOST_PARTS: Final = 16  # most parts of a dotted key: time and memory of tomllib grow with their square
 MOST_PARTS_TOGETHER: Final = 200_000  # most parts of all dotted keys: each takes 1 kB of memory
 
-STRICT: Final = ConfigDict(extra="forbid", strict=True)
-"""Model configuration of a document: no unknown keys, no type conversions."""
+STRICT: Final = ConfigDict(extra="forbid", strict=True)  # configuration of models: no unknown keys, no conversions
 
 _CONTROL: Final = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 

@@ -2,26 +2,13 @@
 
 from typing import Final
 
-MAX_FORCE_N: Final = 5.0
-"""Largest force [N] the paper's fingertip device renders."""
-
-SENSOR_THRESHOLD_N: Final = 0.2
-"""Smallest force [N] that a sensor of the FSR 400 series detects (data sheet)."""
-
-SERVO_FRAME_US: Final = 20_000
-"""Period [µs] at which a servo takes a new pulse; 50 Hz is the convention of analog servos."""
-
-SERVO_DEADBAND_US: Final = 8.0
-"""Change of pulse [µs] below which a servo does not move; typical of the HS-55."""
-
-SERVO_LAG_S: Final = 0.03
-"""Time constant [s] of a servo's first-order lag; 20 to 40 ms is typical of the HS-55."""
-
-CONTACT_M: Final = 0.002
-"""Platform displacement [m] at which it touches the finger. An assumption."""
-
-STIFFNESS_N_M: Final = 1000.0
-"""Tangent stiffness [N/m] of a finger at 1 N, the middle of the typical range of 300 to 3000."""
+MAX_FORCE_N: Final = 5.0  # largest force [N] the paper's fingertip device renders
+SENSOR_THRESHOLD_N: Final = 0.2  # smallest force [N] that a sensor of the FSR 400 series detects (data sheet)
+SERVO_FRAME_US: Final = 20_000  # period [µs] at which a servo takes a new pulse: 50 Hz, as usual for analog servos
+SERVO_DEADBAND_US: Final = 8.0  # change of pulse [µs] below which a servo does not move; typical of the HS-55
+SERVO_LAG_S: Final = 0.03  # time constant [s] of a servo's first-order lag; 20 to 40 ms is typical of the HS-55
+CONTACT_M: Final = 0.002  # Platform displacement [m] at which it touches the finger. An assumption.
+STIFFNESS_N_M: Final = 1000.0  # tangent stiffness [N/m] of a finger at 1 N; 300 to 3000 is typical
 
 SOFTEST_N_M: Final = 200.0
 STIFFEST_N_M: Final = 5000.0

@@ -33,8 +33,7 @@ _REPR.maxstring = _REPR.maxother = _REPR.maxlong = 200
 
 _BOOLS: Final = {"true": True, "false": False}
 
-_files: dict[Path, tuple[int, ModuleType]] = {}
-"""Modules made from files, with the time at which each file was changed last."""
+_files: dict[Path, tuple[int, ModuleType]] = {}  # modules made from files, and when each file was last changed
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,20 +14,16 @@ from hapticnet.runtime.watching import Watcher
 
 PERIOD_S: Final = 0.001
 MOST_IN_A_PERIOD: Final = 8
-"""Most datagrams that are read in a period, so that a flood delays no tick: reading one takes some 8 µs."""
+"""Most datagrams read in a period, so that a flood delays no tick: reading one takes some 8 µs."""
 
-BUFFER_BYTES: Final = 16 * 1024
-"""Receive buffer [B], for some 40 positions: in a flood, those that are read are a few milliseconds old at most."""
+BUFFER_BYTES: Final = 16 * 1024  # receive buffer [B] for some 40 positions: even in a flood, they are milliseconds old
 
 
 class HandPort(Watcher[NodeEvent]):
     """Pass datagrams to a `RemoteOperator`, and its answers back.
 
     Positions are read when they arrive. The answer leaves after the tick that sent the position to the slave, so that
-    it delays nothing.
-
-    `sock`: A socket that is bound to the address; `stop` closes it.
-    `say`: Called with each message for a person.
+    it delays nothing. `stop` closes the socket; `say` is called with each message for a person.
     """
 
     name = "udp operator"

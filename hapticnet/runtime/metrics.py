@@ -33,9 +33,8 @@ Values: TypeAlias = dict[str, float | dict[str, float]]
 
 
 class Metrics(Watcher[Event], Generic[Event]):
-    """Base of the metrics of master and slave.
+    """Base of the metrics of master and slave. `tell` is called with a line for the user if the serving process fails.
 
-    `tell`: Called with a line for the user if the serving process fails.
     Raises UnavailableError if prometheus-client is not installed, or the address is not available.
     """
 

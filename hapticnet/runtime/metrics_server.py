@@ -89,10 +89,7 @@ CLIENT_TIMEOUT_S: Final = 5.0
 
 
 class Figures(Collector):
-    """The newest figures of a node.
-
-    `role`: ``master`` or ``slave``.
-    """
+    """The newest figures of a ``master`` or ``slave``."""
 
     def __init__(self, role: str) -> None:
         self.heard_s = time.monotonic()
@@ -132,10 +129,7 @@ class Figures(Collector):
 
 
 def histogram(counts: dict[str, int]) -> tuple[list[tuple[str, float]], float]:
-    """Return the cumulative buckets of a histogram in seconds, and the sum of its values to half a per cent.
-
-    `counts`: Counts of a `Distribution` by bucket.
-    """
+    """Return cumulative buckets [s] of `counts` of a `Distribution`, and the sum of its values to half a per cent."""
     ratio = Distribution.RATIO
     in_s = sorted((1e-6 * ratio ** (int(bucket) + 1), count) for bucket, count in counts.items())
     buckets = [(str(edge_s), float(sum(count for upper_s, count in in_s if upper_s <= edge_s * ratio**0.5)))

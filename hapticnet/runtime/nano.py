@@ -20,13 +20,11 @@ from hapticnet.errors import SettingsError, UnavailableError
 
 CYCLES_PER_US: Final = 16  # clock cycles per µs of the Nano: 16 MHz
 
-LONGEST_STEP_US: Final = 10_000_000
-"""Longest step [µs]: the firmware's output during a step must fit the harness's buffers."""
+LONGEST_STEP_US: Final = 10_000_000  # longest step [µs]: the firmware's output must fit the harness's buffers
 
 MOST_BYTES: Final = 0xFFFF  # largest number of bytes passed in one step
 
-BUILD_VARIABLE: Final = "HAPTICNET_FIRMWARE"
-"""Environment variable with the folder of simulator and firmware; default: the folder in the checkout."""
+BUILD_VARIABLE: Final = "HAPTICNET_FIRMWARE"  # folder of simulator and firmware; default: the one in the checkout
 
 _REQUEST: Final = struct.Struct("<IHH")
 _REPLY: Final = struct.Struct("<QIIII")
@@ -73,12 +71,7 @@ class Step(NamedTuple):
 
 
 class Simavr:
-    """A running simulation.
-
-    `harness`: The simulator, built by ``make -C firmware sim``.
-    `firmware`: The ELF file to run.
-    Raises UnavailableError if either file is missing or the simulator does not start.
-    """
+    """A running simulation of an ELF file. Raises UnavailableError if a file is missing or it does not start."""
 
     def __init__(self, harness: Path, firmware: Path) -> None:
         for path, target in ((harness, "sim"), (firmware, "firmware")):
@@ -94,13 +87,11 @@ class Simavr:
             raise UnavailableError(f"cannot start {harness}: {error}") from error
 
     def advance(self, duration_us: int, *, millivolts: float = 0.0, data: bytes = b"") -> Step:
-        """Advance time.
+        """Advance time by up to ten seconds, which may be exceeded by a few clock cycles.
 
-        `duration_us`: Duration [µs], up to ten seconds; it may be exceeded by a few clock cycles.
-        `millivolts`: Voltage [mV] at the force sensor's pin during the step, clamped to the 5 V supply.
-        `data`: Bytes for the firmware, up to `MOST_BYTES`; they arrive one after the other at the speed of the line.
-        Raises SettingsError if the duration is out of range or there are too many bytes; UnavailableError if the
-        simulator has ended.
+        `millivolts` is the voltage at the force sensor's pin, clamped to the 5 V supply. The `data` for the firmware,
+        up to `MOST_BYTES`, arrive at the speed of the line. Raises SettingsError if the duration is out of range or
+        there are too many bytes; UnavailableError if the simulator has ended.
         """
         check_parameter("step", duration_us, 0, LONGEST_STEP_US, "µs")
         if len(data) > MOST_BYTES:
@@ -128,11 +119,12 @@ class Simavr:
         self._process.wait()
 
 
-SLICE_US: Final = 1_000
-"""Interval [µs] at which the converter's voltage follows the plant; the firmware averages over the same time."""
+SLICE_US: Final = (
+    1_000  # interval [µs] at which the converter's voltage follows the plant; the firmware averages as long
+)
 
 LONGEST_GAP_US: Final = 2_000_000
-"""Longest gap [µs] that is simulated; after it the firmware has long retracted and the servos are at rest."""
+"""Longest gap [µs] that is simulated; by then the firmware has retracted and the servos rest."""
 
 SHORTEST_PULSE_US: Final = 500.0
 LONGEST_PULSE_US: Final = 2_500.0
@@ -147,10 +139,8 @@ SensorHook: TypeAlias = Callable[[float, int], float]
 class Board:
     """The firmware on its board, connected to the plant: pulses out, sensor voltage in.
 
-    `settings`: Settings of the plant.
-    `rng`: Source of the plant's noise.
-    `build`: Simulator and firmware; default: those that `simavr_build` finds.
-    Raises UnavailableError if there is no build, or the simulator does not start.
+    `build` has simulator and firmware; default: those that `simavr_build` finds. Raises UnavailableError if there are
+    none, or the simulator does not start.
     """
 
     def __init__(
@@ -220,14 +210,8 @@ class SimulatedNano(Device):
     """The fingertip device in lockstep: host's end of the line, firmware and plant.
 
     Each `exchange` first advances board, plant and line to the given time. `close` ends the simulator. If the simulator
-    ends by itself, the device is lost.
-
-    `settings`: Settings of the plant.
-    `rng`: Source of noise and losses.
-    `wired`: The host's end; default: one that knows linkage, servos and sensor of the plant.
-    `build`: Simulator and firmware; default: those that `simavr_build` finds.
-    `disturbance`: Disturbance of what the host writes.
-    `wired`: The host's end of the wire.
+    ends by itself, the device is lost. `wired` is the host's end of the wire; default: one that knows linkage, servos
+    and sensor of the plant.
     """
 
     def __init__(
@@ -263,10 +247,7 @@ class SimulatedNano(Device):
         return self.plant.contact_force_n
 
     def exchange(self, displacement_m: float, now_us: int) -> Reading | None:
-        """Set the platform displacement [m] and return the newest reading, or None while the device is lost.
-
-        A repeated or earlier time advances nothing, and the clock continues from it.
-        """
+        """Set the displacement [m] and return the newest reading or None; no time passes unless `now_us` is later."""
         try:
             self._advance(now_us)
         except UnavailableError as error:

@@ -15,8 +15,7 @@ from hapticnet.runtime.nano import SLICE_US, Board
 from hapticnet.runtime.signals import stop_on_signals
 from hapticnet.runtime.timer import Repeating, Ticker, until
 
-MOST_CATCH_UP_US: Final = 50_000
-"""Longest stall [µs] that is made up for; the rest of a longer one is skipped, also for the firmware."""
+MOST_CATCH_UP_US: Final = 50_000  # longest stall [µs] that is made up for; the rest of a longer one is skipped
 
 TERMINALS: Final = "/dev/pts/"  # directory of pseudo-terminals: pts(4)
 MOST_BYTES: Final = 4096  # largest number of bytes read at a time: the capacity of a pseudo-terminal
@@ -26,11 +25,9 @@ class NanoPty:
     """A board on a pseudo-terminal.
 
     As with a real port, output of the firmware is lost while the port is closed. Unlike a real port, opening it does
-    not reset the controller.
-
-    `link`: Symbolic link to make to the pseudo-terminal, for a name that stays the same.
-    Raises UnavailableError if no pseudo-terminal can be created; FileError if the link cannot be made; an existing file
-    that is not a link is not touched.
+    not reset the controller. `link` is a symbolic link to make, for a name that stays the same. Raises UnavailableError
+    if no pseudo-terminal can be created; FileError if the link cannot be made; an existing file that is not a link is
+    not touched.
     """
 
     def __init__(self, board: Board, *, link: Path | None = None) -> None:

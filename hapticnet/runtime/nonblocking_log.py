@@ -34,10 +34,7 @@ class Form(Enum):
     """How a line is written."""
 
     PLAIN = "plain"  # ``master: link stale``, for commands that a person waits for
-
-    STAMPED = "stamped"
-    """``2026-11-22T08:17:50.123Z warning master: link stale``, for processes that run until they are stopped."""
-
+    STAMPED = "stamped"  # ``2026-11-22T08:17:50.123Z warning master: link stale``, for processes that run for long
     JSON = "json"  # one JSON object per line, for log collectors
     JOURNAL = "journal"  # ``<4>master: link stale``: the journal adds the time itself (sd-daemon(3))
 
@@ -99,7 +96,7 @@ def is_journal(environment: Mapping[str, str], descriptor: int) -> bool:
 
 LINES_PER_S: Final = 20.0
 MOST_AT_ONCE: Final = 100
-"""Limits of the lines of a process; further ones are left out. A hundred masters may join at the same time."""
+"""Limits of the lines of a process; further ones are left out. A hundred masters may join together."""
 
 MOST_WAITING: Final = 1000  # most lines that wait for the reader; further ones are left out
 SUMMARY_EVERY_S: Final = 1.0  # time [s] between two lines that tell how many were left out
@@ -112,9 +109,7 @@ class NonblockingLog:
     """Lines and a live status line for a stream.
 
     Until `start` is called each line is written at once, and a reader who pauses is waited for. From then on a thread
-    writes them, and their rate is limited.
-
-    `stream`: Returns the stream, or None if the process has none.
+    writes them, and their rate is limited. `stream` returns the stream, or None if the process has none.
     """
 
     def __init__(self, stream: Callable[[], TextIO | None]) -> None:

@@ -11,20 +11,14 @@ from hapticnet.runtime.udp import UdpPort
 
 WINDOW_US: Final = 900_000  # least time [µs] over which ages and missed ticks are judged
 
-LARGEST_QUEUE_AGE_US: Final = 5_000
-"""Age [µs] of queued datagrams, 99th percentile, above which the user is told: five samples of 1 kHz."""
+LARGEST_QUEUE_AGE_US: Final = 5_000  # age [µs] of datagrams, 99th percentile, above which the user is told
 
 LARGEST_MISSED_SHARE: Final = 0.01  # share of missed ticks above which the user is told
 TELL_EVERY_US: Final = 10_000_000  # time [µs] between two lines about the same sign
 
 
 class Overload:
-    """Watch a socket and a ticker.
-
-    `say`: Called with each warning for the user.
-    `scheduling`: As given.
-    `port`, `ticker`: What is watched; None before `attach`, and if there is no ticker.
-    """
+    """Watch a socket and, if there is one, a ticker; `say` is called with each warning for the user."""
 
     def __init__(self, scheduling: str, say: Callable[[str], None]) -> None:
         self.scheduling = scheduling  # the scheduling that was granted, as `prefer_realtime` describes it

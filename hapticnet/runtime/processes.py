@@ -14,8 +14,7 @@ from typing import Final
 
 from hapticnet.errors import UnavailableError
 
-SAFE_PATH: Final = "PYTHONSAFEPATH"
-"""Environment variable with the effect of -P: Python does not search the working folder for modules."""
+SAFE_PATH: Final = "PYTHONSAFEPATH"  # Has the effect of -P: Python does not search the working folder for modules.
 
 
 def python_command(*arguments: str) -> list[str]:
@@ -49,12 +48,8 @@ POLL_S: Final = 0.01
 class SideProcess:
     """A child process at normal priority that is fed through its standard input. Nobody waits for it.
 
-    It ends when its input is closed, thus also when this process is killed. A Ctrl-C on the terminal does not reach it.
-
-    `module`: The module that is run.
-    `arguments`: Its arguments.
-    `descriptors`: File descriptors that it gets.
-    Raises UnavailableError if it cannot be started.
+    It runs a module, and ends when its input is closed, thus also when this process is killed. A Ctrl-C on the terminal
+    does not reach it. `descriptors` are passed on to it. Raises UnavailableError if it cannot be started.
     """
 
     def __init__(self, module: str, *arguments: str, descriptors: Sequence[int] = ()) -> None:
@@ -154,8 +149,7 @@ def _normal_priority() -> None:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
-LISTENING: Final = "listening on "
-"""Start of a slave's message that it can be reached, followed by its address and a comma."""
+LISTENING: Final = "listening on "  # start of a slave's message that it can be reached, before its address and a comma
 
 END_WITHIN_S: Final = 5.0
 

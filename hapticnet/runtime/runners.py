@@ -70,11 +70,8 @@ class MasterRun:
 class MasterRunner(_Runner[NodeEvent]):
     """A master node at work on the running event loop. It leaves signals alone.
 
-    `slave`: Address of the slave.
-    `wire`: The serial line of a wired device, or None.
-    `channel`, `channel_in`: Emulated networks for outgoing and for arriving datagrams, or None.
-    `tell`: Called with a line for the user if a watcher fails.
-    `stop`: Set from elsewhere to end the run; set here when the session has ended.
+    `wire` is the serial line of a wired device; `channel` and `channel_in` are emulated networks for outgoing and for
+    arriving datagrams. `stop` is set from elsewhere to end the run, and set here when the session has ended.
     """
 
     def __init__(

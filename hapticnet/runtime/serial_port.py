@@ -23,8 +23,9 @@ DEFAULT_BAUD: Final = 500_000
 BAUDS: Final = (DEFAULT_BAUD, 115_200)
 """Baud rates for which the firmware can be built."""
 
-BY_ID: Final = Path("/dev/serial/by-id")
-"""Directory in which udev links ports by the name of the device, which is the same after replugging."""
+BY_ID: Final = Path(
+    "/dev/serial/by-id"
+)  # links by udev with the name of the device, which is the same after replugging
 
 NANO_VENDORS: Final = {
     0x0403: "FTDI chip, as on Arduino Nanos",
@@ -35,7 +36,7 @@ NANO_VENDORS: Final = {
 """USB vendor ids of Nanos and their adapters, from the USB ID Repository."""
 
 START_WITHIN_S: Final = 5.0
-"""Time for a device to give readings [s]: three seconds until it counts as silent, plus time to open the port."""
+"""Time for a device to give readings [s]: three until it counts as silent, and to open the port."""
 
 RETRY_S: Final = 0.25
 WAIT_STEP_S: Final = 0.005

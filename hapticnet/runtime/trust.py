@@ -72,10 +72,9 @@ def read_guests(file: Path, own: bytes | None) -> tuple[Roster, dict[str, SceneS
 class SlaveTrust:
     """Whom a slave serves."""
 
-    guests: Guests | None  # The masters with keys; None if there are no sealed sessions.
+    guests: Guests | None  # the masters with keys; None if there are no sealed sessions
     serves_open: bool  # whether open sessions are served
-    unused_key: Path | None = None
-    """This host's key, if it is there and sessions are open because the slave listens on loopback; else None."""
+    unused_key: Path | None = None  # this host's key, if sessions are open only because the slave listens on loopback
 
     @property
     def files(self) -> list[Path]:

@@ -22,8 +22,7 @@ from hapticnet.runtime.timer import Alarm
 
 AGES_KEPT: Final = 1000  # ages kept until they are taken: those of a second, even of a port that reads continuously
 
-TOLERANCE_US: Final = 1000.0
-"""What two clocks of the system may differ by between two samples, and in when they are read [µs]."""
+TOLERANCE_US: Final = 1000.0  # difference of two clocks of the system between two samples [µs], at most
 
 # From <asm-generic/socket.h> and <linux/sock_diag.h>.
 _SO_TIMESTAMPNS: Final = 35
@@ -89,24 +88,19 @@ class ReceiveQueue:
 
 SocketAddress: TypeAlias = Any  # what the socket module uses: (host, port), or four values for IPv6
 
-OutgoingChannel: TypeAlias = Emulator[tuple[bytes, SocketAddress]]
-"""A channel for outgoing datagrams, each with its destination."""
-
-IncomingChannel: TypeAlias = Emulator[tuple[bytes, SocketAddress]]
-"""A channel for arriving datagrams, each with its source."""
+OutgoingChannel: TypeAlias = Emulator[tuple[bytes, SocketAddress]]  # for outgoing datagrams, each with its destination
+IncomingChannel: TypeAlias = Emulator[tuple[bytes, SocketAddress]]  # for arriving datagrams, each with its source
 
 Receive: TypeAlias = Callable[[list[tuple[bytes, SocketAddress]], int], None]
 
 READ_BYTES: Final = MAX_DATAGRAM_BYTES + 1  # one more than is allowed, so that oversized datagrams can be recognised
 DRAIN_AT_MOST: Final = 256  # largest number of datagrams read in a row
 
-DRAIN_US: Final = 300
-"""Longest time [µs] for which a master takes in datagrams in a row, so that a flood does not delay its tick by more.
-The rest stays in the socket's queue."""
+DRAIN_US: Final = 300  # longest time [µs] that a master reads in a row, so that a flood delays no tick by more
 
 PROMPT_US: Final = 2_000
-"""If the socket was empty this short a time ago, the first datagram is handed over before the next one is looked for:
-to find that there is none takes as long as a tenth of a round trip."""
+"""If the socket was empty this short a time ago, the first datagram is handed over before the next is looked for, which
+takes as long as a tenth of a round trip."""
 
 POLL_S: Final = 0.01
 
@@ -117,8 +111,7 @@ tests whether the system allows that much."""
 SEND_BUFFER_BYTES: Final = 1 << 20
 
 SAMPLE_EVERY: Final = 16
-"""The age of the oldest queued datagram is looked up once in so many drains, and in each drain after one of more than
-so many datagrams."""
+"""The age of the oldest datagram is looked up once in so many drains, and in each after one of more datagrams."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,11 +205,9 @@ def is_loopback(address: SocketAddress) -> bool:
 class UdpPort:
     """A socket on an event loop: receives datagrams, and sends directly or through an emulated channel.
 
-    `receive`: Called with the datagrams that have queued up, each with its source, and the time [µs].
-    `at_once`: Hand each datagram over by itself, as soon as it is read, and let others have the loop after `DRAIN_US`.
-    `peer`: The only address whose datagrams are accepted; None: all are.
-    `channel`, `channel_in`: Channels that outgoing datagrams pass first, and that arriving ones pass before they are
-      handed over; or None.
+    `receive` is called with the datagrams that have queued up, each with its source, and the time [µs]; with `at_once`,
+    for each as soon as it is read, for `DRAIN_US` in a row. If there is a `peer`, only its datagrams are accepted.
+    Outgoing datagrams pass `channel` first, and arriving ones `channel_in`, if these are given.
     """
 
     def __init__(

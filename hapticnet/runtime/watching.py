@@ -41,10 +41,7 @@ class Watcher(Generic[Event]):
 
 
 class Closing(Watcher[Any]):
-    """Call ``close()`` of a user's object after the last tick, if it has that method.
-
-    `what`: What messages call the object.
-    """
+    """Call ``close()`` of a user's object, which messages call `what`, after the last tick, if it has that method."""
 
     def __init__(self, made: object, what: str, say: Callable[[str], None]) -> None:
         self._made = made
@@ -59,10 +56,7 @@ class Closing(Watcher[Any]):
 
 
 class Watchers(Generic[Event]):
-    """The watchers of a run.
-
-    `tell`: Called with a line for the user if a watcher fails.
-    """
+    """The watchers of a run; `tell` is called with a line for the user if one fails."""
 
     def __init__(self, watchers: Sequence[Watcher[Event]], tell: Callable[[str], None]) -> None:
         self._watchers = list(watchers)
@@ -124,17 +118,15 @@ class Watchers(Generic[Event]):
 
 
 EXTENSION_US: Final = 10_000_000
-"""Time [µs] that systemd is asked to wait for the end, again and again while a slave waits for its masters."""
+"""Time [µs] that systemd is asked, again and again, to wait while a slave waits for its masters."""
 
 
 class Notifier(Watcher[Event], Generic[Event]):
     """Tell systemd that the process is ready, and then twice a second that its event loop runs.
 
-    A unit with ``Type=notify`` and ``WatchdogSec=`` thus notices a loop that is stuck, too.
-
-    `path`: The socket of systemd, from the variable NOTIFY_SOCKET; ``@`` at its start stands for an abstract one.
-    `status`: Returns a line for ``systemctl status``.
-    `stopping`: Returns whether the process was told to end and waits for others; systemd then waits for it, too.
+    A unit with ``Type=notify`` and ``WatchdogSec=`` thus notices a loop that is stuck, too. `path` is its socket; ``@``
+    at the start stands for an abstract one. `status` returns a line for ``systemctl status``; `stopping`, whether the
+    process was told to end and waits for others: systemd then waits for it, too.
     """
 
     name = "systemd"
