@@ -28,12 +28,10 @@ from hapticnet.study.screens import Screen, ScreenKind
 from hapticnet.study.texts import Texts
 from hapticnet.study.trial import Stimulus
 from hapticnet.web import messages
-from hapticnet.web.audience import Audience
+from hapticnet.web.audience import Audience, hello
 from hapticnet.web.client import Client
-from hapticnet.web.description import hello
-from hapticnet.web.messages import CloseCode, View
+from hapticnet.web.messages import CloseCode, Key, MistakeError, Noise, PageMessage, View
 from hapticnet.web.mirror import Mirror
-from hapticnet.web.requests import Key, MistakeError, Noise, PageMessage
 
 if TYPE_CHECKING:
     import asyncio

@@ -3,21 +3,75 @@
 import asyncio
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Final
+from typing import Any, Final
 
 from hapticnet.errors import PeerError
 from hapticnet.node.events import NodeEvent
 from hapticnet.operator.live import HandState, LiveHand
 from hapticnet.runtime.watching import Watcher
-from hapticnet.web import messages, requests
+from hapticnet.web import messages
 from hapticnet.web.client import Client
-from hapticnet.web.messages import CloseCode, View
+from hapticnet.web.messages import CloseCode, Hand, MistakeError, Order, PageMessage, View
 from hapticnet.web.mirror import Mirror
-from hapticnet.web.requests import Hand, MistakeError, PageMessage, Release, Take
-from hapticnet.web.seat import Seat
 
 MOST_PAGES: Final = 16
 INTERVAL_S: Final = 1 / messages.MESSAGES_PER_S
+
+
+class Seat:
+    """The hand, None if the positions come from elsewhere, and the page that has it."""
+
+    def __init__(self, hand: LiveHand | None) -> None:
+        self.holder: Client | None = None  # the page that has it, or None
+        self._hand = hand
+
+    @property
+    def state(self) -> HandState:
+        """What the hand is doing."""
+        return HandState.FREE if self._hand is None else self._hand.state
+
+    def take(self, client: Client) -> None:
+        """Give the hand to a page; raise PeerError if another one has it or there is none."""
+        if self._hand is None:
+            raise PeerError("the positions of this run come from elsewhere; there is no hand to take")
+        if self.holder is not None and self.holder is not client:
+            raise PeerError("another page moves the needle")
+        self.holder = client
+        self._hand.take()
+
+    def move(self, client: Client, hand: Hand) -> None:
+        """Move the hand, if this page has it. Otherwise it has just lost it, which is not its mistake."""
+        client.heard = hand
+        if self._hand is not None and client is self.holder:
+            self._hand.move(hand.position_m)
+
+    def release(self, client: Client) -> None:
+        """Take the hand back from a page, if it has it."""
+        if client is self.holder:
+            self.let_go()
+
+    def let_go(self) -> None:
+        """Withdraw the needle and free the hand, whoever has it."""
+        self.holder = None
+        if self._hand is not None and self._hand.state is not HandState.FREE:
+            self._hand.release()
+
+    def check(self) -> None:
+        """Take the hand back from a page that was silent for too long."""
+        if self.holder is not None and self.state in (HandState.WITHDRAWING, HandState.FREE):
+            self.holder = None
+
+
+def hello(view: View, source: str, hand: LiveHand | None) -> dict[str, Any]:
+    """Return what the first message to any page tells; `source` is where the positions come from, in a word."""
+    settings = None if hand is None else hand.settings
+    about = {
+        "source": source,
+        "speed_m_per_s": None if settings is None else settings.speed_m_per_s,
+        "delay_ms": None if settings is None else settings.delay_us / 1000,
+        "repeat_ms": messages.REPEAT_MS,
+    }
+    return {"version": messages.VERSION, "view": view, "messages_per_s": messages.MESSAGES_PER_S, "hand": about}
 
 
 class Audience(Watcher[NodeEvent], ABC):
@@ -90,12 +144,12 @@ class Audience(Watcher[NodeEvent], ABC):
     def receive(self, client: Client, data: str | bytes) -> None:
         """Do what a page asks; what it may not ask, and what makes no sense, is answered with an error."""
         try:
-            message = requests.parse_text(data) if isinstance(data, str) else requests.parse_binary(data)
+            message = messages.parse_text(data) if isinstance(data, str) else messages.parse_binary(data)
             if isinstance(message, Hand):
                 self.seat.move(client, message)
-            elif isinstance(message, Take):
+            elif message is Order.TAKE:
                 self._give_hand(client)
-            elif isinstance(message, Release):
+            elif message is Order.RELEASE:
                 self.seat.release(client)
             else:
                 self._obey(client, message)
@@ -149,7 +203,7 @@ class Audience(Watcher[NodeEvent], ABC):
         if not self._has_told_mistake:  # a page that connects again and again must not fill the log
             self._has_told_mistake = True
             self._say(f"a page sent a message that makes no sense and was ignored: {text}")
-        elif client.mistakes >= requests.MOST_MISTAKES:
+        elif client.mistakes >= messages.MOST_MISTAKES:
             client.close(CloseCode.TOO_MANY_MISTAKES, "too many messages that make no sense")
 
     def _ring(self) -> None:

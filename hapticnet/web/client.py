@@ -10,7 +10,7 @@ from hapticnet.runtime.system import now_us
 from hapticnet.web.messages import View
 
 if TYPE_CHECKING:
-    from hapticnet.web.requests import Hand
+    from hapticnet.web.messages import Hand
 
 LARGEST_BACKLOG: Final = 1 << 18
 """Bytes waiting for a page above which binary messages are left out for it; a second of the watch view is 40 kB."""

@@ -9,7 +9,7 @@ from hapticnet.channel.settings import BernoulliLoss, ChannelSettings
 from hapticnet.codec.registry import codec_parameters, describe_codecs, make_codec
 from hapticnet.errors import PeerError, SettingsError
 from hapticnet.node.master import MasterNode
-from hapticnet.web.requests import Change
+from hapticnet.web.messages import Change
 
 if TYPE_CHECKING:
     from hapticnet.perception import WeberLaw

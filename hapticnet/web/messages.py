@@ -1,215 +1,122 @@
-"""Messages between the server and the pages it serves: their specification. Those of the server are made here.
+"""Messages between the server and the pages it serves: their specification, how the server's are made, a page's read.
 
-Those of a page are read in `requests`.
+The watch view shows everything and has the controls; the operator view shows the scene only. Each has a token of its
+own, so a person at the operator view cannot change the address and see the rest. A view is at ``/VIEW?token=T``, and
+opens the WebSocket ``/socket/VIEW?token=T`` with the token of its own address; ``/static/NAME`` needs no token. The
+server closes the socket with one of `CloseCode` and a reason for a person; after any other code the page tries again.
 
-Addresses
----------
-==============================  =====================================================================================
-``/watch?token=T``              the watch view (``watch.html``): everything, and the controls
-``/operator?token=T``           the operator view (``operator.html``): the scene only
-``/socket/watch?token=T``       WebSocket of the watch view
-``/socket/operator?token=T``    WebSocket of the operator view
-``/static/NAME``                a file of ``hapticnet/web/static``; needs no token and contains no data
-==============================  =====================================================================================
+A trial must not reveal the condition, and neither may the data sent to it: the operator view gets the needle, the
+surfaces, the hand, and whether the scene can be touched; no force, stiffness, breach force, name, codec, counter or
+event. Its messages have the same sizes and come at the same times whatever is transmitted.
 
-Each view has a token of its own, so a person at the operator view cannot change the address and see the rest. A page
-takes its view from the last part of its path and its token from its own address, and opens
-``ws://HOST/socket/VIEW?token=T``. The server closes the socket with one of `CloseCode`, and a reason for a person;
-after any other code (1001 and 1006 are usual) the page tries again after 0.5 s, and after at most 5 s.
-
-A trial must not reveal the condition, and neither may the data that is sent to it: the operator view gets the
-needle, the surfaces, the hand, and whether the scene can be touched. It gets no force, no stiffness, no breach force,
-no name, no codec, no counter and no event. Its messages have the same sizes and come at the same times whatever is
-transmitted.
-
-Binary messages are little-endian, with each number aligned to its size. JSON messages are text, one object each, with
-the key ``type``. Positions are in metres and increase into the tissue; forces are in newtons and positive when they
-push out of it.
+Binary messages are little-endian, each number aligned to its size. JSON messages are text, one object each, with a key
+``type``; messages of unknown type are ignored. Positions are in metres and increase into the tissue; forces are in
+newtons and positive when they push out of it. `HandState` numbers the states of the hand, `Contact` those of a contact.
 
 From the server, binary, `MESSAGES_PER_S` times a second
 --------------------------------------------------------
-``FRAME``, to both views: the scene now.
+``FRAME``, to both views, the scene now: u8 1; u8 state of the hand; u16 number n of surfaces, 0 while the scene is not
+known; u32 number of the frame, in which a gap shows that frames were left out; f64 ``time_ms`` of this page's newest
+HAND, or 0; f32 position of the needle's tip; n × f32 position of each surface, front to back, which follows the tip
+while the tissue is indented; n × u8 contact with each tissue.
 
-======  ========  ===================================================================================================
-offset  type      meaning
-======  ========  ===================================================================================================
-0       u8        1
-1       u8        state of the hand: 0 free, 1 live, 2 holding, 3 withdrawing (`operator.live.HandState`)
-2       u16       number of surfaces n; 0 while the scene is not known
-4       u32       number of this frame, counted by the server; a gap shows that frames were left out
-8       f64       ``time_ms`` of the newest HAND message of this page; 0 if there was none
-16      f32       position of the needle's tip [m]
-20      n × f32   position of each surface [m], front to back; it follows the tip while the tissue is indented
-20+4n   n × u8    contact with each tissue: 0 none, 1 indented, 2 penetrated
-======  ========  ===================================================================================================
-
-``SAMPLES``, to the watch view only: each tick of the master since the last message. The first one after the hello holds
-up to `HISTORY_S` of the past.
-
-======  ============  ===============================================================================================
-offset  type          meaning
-======  ============  ===============================================================================================
-0       u8            2
-1       u8            number of columns c, at most 255
-2       u16           number of rows r
-4       u32           number of the first row, modulo 2³²; rows are numbered without gaps, so a gap shows that messages
-                      were left out for this page (it reads too slowly)
-8       f64           time of the first row [s] since the server began
-16      c × r × f32   column by column, in the order of ``columns`` in the hello
-======  ============  ===============================================================================================
-
-Columns, `COLUMNS`. A page must find a column by its name, and ignore names that it does not know.
+``SAMPLES``, to the watch view, each tick since the last message (in the first, up to `HISTORY_S` of the past): u8 2;
+u8 number c of columns; u16 number r of rows; u32 number of the first row modulo 2³², in which a gap shows that messages
+were left out because the page reads too slowly; f64 time of the first row [s] since the server began; c × r × f32,
+column by column, in the order of ``columns`` in the hello. A page finds a column by its name:
 
 =============  ========================================================================================================
 ``t``          time [s] since the first row of this message
 ``position``   position of the tool's tip [m]; the first axis if there are several
-``true``       force of the scene at that position [N], from the server's copy of the scene; NaN while it is not known
+``true``       force of the scene there [N], from the server's copy of the scene; NaN while it is not known
 ``received``   force that the decoder reconstructs [N]
 ``held``       force being held [N]: ``received``, decayed where the link is stale
-``target``     force requested of the device, after all limits [N]
+``target``     force requested of the device, after all limits [N]; like the next two, 0 without a device
 ``sensed``     force that the device senses [N]
 ``platform``   displacement of the device's platform [m]
 ``packets``    FORCE datagrams that arrived since the row before
 =============  ========================================================================================================
 
-With several axes, ``true``, ``received`` and ``held`` are Euclidean norms. Without a device, ``target``, ``sensed`` and
-``platform`` are 0.
+With several axes, ``true``, ``received`` and ``held`` are Euclidean norms.
 
 From the server, JSON
 ---------------------
-``hello``, first, to both views::
+To both views, after the hello and when they change::
 
-    {"type": "hello", "version": 1, "view": "operator",
-     "messages_per_s": 60,
-     "hand": {"source": "page",          // or "scripted", "trace", …: then nobody can take it
-              "speed_m_per_s": 0.06,     // fastest motion of the needle
-              "delay_ms": 50,            // how far the needle trails a steadily moving hand
-              "repeat_ms": 100}}         // longest pause between HAND messages while the page has the hand
+    {"type": "hello", "version": 1, "view": "operator", "messages_per_s": 60,      // first, and once
+     "hand": {"source": "page",       // or "scripted", "trace", …: then nobody can take it
+              "speed_m_per_s": 0.06,  // fastest motion of the needle
+              "delay_ms": 50,         // how far the needle trails a steadily moving hand
+              "repeat_ms": 100}}      // longest pause between HAND messages while the page has the hand
+    {"type": "scene", "known": true, "range_m": [0.0, 0.085],                      // where the needle can be
+     "tissues": [{"rest_m": 0.02}, …]}                                             // front to back; empty if not known
+    {"type": "hand", "holder": "you" | "another" | "nobody", "state": "free" | "live" | "holding" | "withdrawing"}
+    {"type": "ready", "ready": true}  // whether a slave's scene can be touched; a change of codec does not change this
+    {"type": "error", "message": "delay_ms is 900; it must be between 0 and 250"}  // its message was refused
 
-The hello of the watch view has, besides::
+To the watch view, the hello has ``rate_hz``, ``axes``, ``device``, ``largest_n``, ``master``, ``hapticnet``,
+``columns``, ``history_s``, ``codecs`` (each with ``name`` and ``summary``), ``limits`` and ``adjustable`` (what a page
+may change), and ``operator_url``; the scene has a ``name``, and each tissue ``name``, ``stiffness_n_per_m`` and
+``breach_force_n``. To it alone::
 
-     "rate_hz": 1000, "axes": 1, "device": "…" or null, "largest_n": 4.6 or null, "master": "…", "hapticnet": "0.1.0",
-     "columns": ["t", "position", …], "history_s": 5,
-     "codecs": [{"name": "deadband", "summary": "…"}, …],
-     "limits": {"multiplier": [0, 8], "delay_ms": [0, 250], "loss_percent": [0, 50]},
-     "adjustable": ["multiplier", "codec", "delay_ms", "loss_percent"],   // what this server lets a page change
-     "operator_url": "http://…"                                           // of the operator view, to open elsewhere
-
-``scene``, to both, after the hello and when the scene changes::
-
-    {"type": "scene", "known": true, "range_m": [0.0, 0.085],   // where the needle can be
-     "tissues": [{"rest_m": 0.02}, …]}                          // front to back; empty if not known
-
-To the watch view it has a ``name``, and each tissue ``name``, ``stiffness_n_per_m`` and ``breach_force_n``.
-
-``hand``, to both, after the hello and when it changes::
-
-    {"type": "hand", "holder": "you" | "another" | "nobody", "state": "free"}
-
-``state`` is ``"free"``, ``"live"``, ``"holding"`` or ``"withdrawing"``. The holder changes to ``"nobody"`` when the
-needle is withdrawn because the page fell silent; the page must then take the hand again.
-
-``ready``, to both, after the hello and when it changes: whether there is a slave whose scene can be touched. A change
-of codec is not a change of this::
-
-    {"type": "ready", "ready": true}
-
-``state``, to the watch view, `STATES_PER_S` times a second::
-
-    {"type": "state", "t_s": 12.4, "link": "established", "connections": 1, "sealed": false,
+    {"type": "event", "t_s": 3.2, "text": "link stale: …"}                         // the newest `EVENTS_KEPT` at first
+    {"type": "state", "t_s": 12.4, "link": "established", "connections": 1, "sealed": false,  // `STATES_PER_S` a second
      "codec": "deadband", "parameters": {"step_n": 0}, "multiplier": 1.0, "weber_fraction": 0.05, "floor_n": 0.025,
-     "delay_ms": 0, "loss_percent": 0,              // of the emulated channel, in each direction
-     "round_trip_ms": 0.41 or null,                 // median over the last second
-     "feedback": TRAFFIC, "forward": TRAFFIC,
-     "arrived": 1400, "lost": 0,                    // datagrams of the slave since ``since_s``
-     "device": "ready" or null,                     // its status in words
-     "pages": {"watch": 2, "operator": 1, "left_out": 0}}   // left_out: messages that slow pages did not get
+     "delay_ms": 0, "loss_percent": 0,         // of the emulated channel, in each direction
+     "since_s": 0.0,                           // when codec, multiplier, delay or loss last changed
+     "round_trip_ms": 0.41 or null,            // median over the last second
+     "feedback": TRAFFIC, "forward": TRAFFIC, "arrived": 1400, "lost": 0,          // datagrams of the slave since then
+     "device": "ready" or null,                // its status in words
+     "pages": {"watch": 2, "operator": 1, "left_out": 0}}                          // messages not sent to slow pages
 
-    TRAFFIC = {"packets_per_s": 21, "bytes_per_s": 1344,                  // over the last second, UDP and IP headers
-               "raw_packets_per_s": 1000, "raw_bytes_per_s": 49000,       // the same if every sample were sent raw
-               "packets": 812, "bytes": 51968, "raw_packets": 12400, "raw_bytes": 607600}   // since ``since_s``,
-                                                                          // while a force was felt
+    TRAFFIC = {"packets_per_s": 21, "bytes_per_s": 1344,                           // over the last second, with headers
+               "raw_packets_per_s": 1000, "raw_bytes_per_s": 49000,                // the same if all samples were sent
+               "packets": 812, "bytes": 51968, "raw_packets": 12400, "raw_bytes": 607600}  // since then, in contact
 
-``link`` is the state of the session: connecting, established, stale, closing or closed. ``state`` also has ``since_s``,
-the time when codec, multiplier, delay or loss last changed (0 at first). The threshold of the deadband around a force F
-is ``multiplier · max(weber_fraction · |F|, floor_n)``.
-
-``event``, to the watch view: something to tell a person::
-
-    {"type": "event", "t_s": 3.2, "text": "link stale: nothing arrived from the slave; …"}
-
-The newest `EVENTS_KEPT` come after the hello.
-
-``error``, to the page whose message was refused::
-
-    {"type": "error", "message": "delay_ms is 900; it must be between 0 and 250"}
-
-A page must ignore messages of unknown type.
-
-In an experiment
-----------------
-There is the operator view only, and one page at a time. Its hello has ``"experiment": {"masking_noise": false,
-"texts": {"connected": "…", …}}``: whether masking noise begins with the first press on the page, and what the page says
-around the tasks (`hapticnet.study.texts.Texts.for_page`). Tissues have a name, which is their number from
-front to back. Frames come, and the hand can be taken, only while a scene can be touched.
-
-``task``, after the hello and when it changes: what to show, and which keys do something (`hapticnet.study.screens`)::
+In an experiment there is the operator view only, one page at a time. Its hello has ``"experiment": {"masking_noise":
+false, "texts": {"connected": "…", …}}``, tissues are named by their number from front to back, frames come only while a
+scene can be touched, and ``task`` says what to show and which keys do something (`hapticnet.study.screens`)::
 
     {"type": "task", "number": 7, "screen": "trial", "title": "Feel the three tissues", "text": "…",
      "keys": [{"key": "1", "does": "tissue 1"}, {"key": "escape", "does": "stop: …"}],
-     "typed": "21",                         // what has been typed of an answer
-     "remark": "",                          // what was wrong with the last key
-     "progress": "3 of 40 trials",          // may be empty
-     "wait_s": 0.0}                         // time until the key ``enter`` does something
+     "typed": "21", "remark": "", "progress": "3 of 40 trials",                    // of an answer; on the last key
+     "wait_s": 0.0}                                                                // until "enter" does something
 
-``screen`` is one of ``instructions``, ``consent``, ``about``, ``meet``, ``practice``, ``trial``, ``stimuli``,
-``question``, ``moment``, ``feedback``, ``repeat``, ``rating``, ``break``, ``stopped`` and ``done``; a page shows the
-scene in a ``trial``. No task names a condition or a force, or, outside of practice, the right answer.
+No task names a condition or a force, or, outside of practice, the right answer.
 
-From the page, binary
----------------------
-``HAND``, `requests.HAND_BYTES` bytes, while the page has the hand: for each motion, at most `HANDS_PER_S` a second,
-and again every ``repeat_ms`` while nothing moves.
+From the page
+-------------
+``HAND``, `HAND_BYTES` bytes, while the page has the hand, for each motion, at most `HANDS_PER_S` a second, and again
+every ``repeat_ms``: u8 1; u8 0; u16 0; f32 position wanted of the needle's tip, which the server limits to ``range_m``
+and in speed; f64 ``time_ms``, the motion's ``event.timeStamp``, which FRAME returns. If none comes for `HOLD_AFTER_US`,
+the needle stops; after `WITHDRAW_AFTER_US`, and when the socket closes, it is withdrawn and the hand is free.
 
-======  ====  =======================================================================================================
-offset  type  meaning
-======  ====  =======================================================================================================
-0       u8    1
-1       u8    0, reserved
-2       u16   0, reserved
-4       f32   position wanted of the needle's tip [m]; the server limits it to ``range_m`` and limits the speed
-8       f64   ``time_ms``: ``event.timeStamp`` of the motion; FRAME returns it
-======  ====  =======================================================================================================
-
-If none comes for `HOLD_AFTER_US`, the needle stops where it is; after `WITHDRAW_AFTER_US`, and when the socket closes,
-it is withdrawn at the speed limit and the hand is free.
-
-From the page, JSON
--------------------
 ==========================================  =========================================================================
 ``{"type": "take"}``                        take the hand; refused with ``error`` while another page has it
 ``{"type": "release"}``                     give the hand back: the needle is withdrawn; sent when the page is hidden
 ``{"type": "let_go"}``                      watch view: withdraw the needle and free the hand, whoever has it
-``{"type": "set", "multiplier": 2.0}``      watch view: change what ``adjustable`` lists, one or several keys;
-                                            ``"codec"`` is the name of one in ``codecs``
+``{"type": "set", "multiplier": 2.0}``      watch view: change one or several settings of ``adjustable``
 ``{"type": "key", "number": 7,``            experiment: press a key of the task with this number; ignored if that
-``"key": "enter"}``                         task is over, so that no press is taken for the answer to another question
-``{"type": "noise", "level": 0.3}``         experiment: the level of the masking noise is now this share of full
-                                            scale; 0 if it is off
+``"key": "enter"}``                         task is over, so that no press answers another question
+``{"type": "noise", "level": 0.3}``         experiment: level of the masking noise, as a share of full scale
 ==========================================  =========================================================================
 
 The answer to ``set`` is the next ``state``, or an ``error`` and no change at all. A message that is not of this
-specification is counted and answered with ``error``; after `requests.MOST_MISTAKES` the server closes the socket.
+specification is counted and answered with ``error``; after `MOST_MISTAKES` the server closes the socket.
 """
 
 import enum
 import json
+import math
 import struct
 from collections.abc import Sequence
-from typing import Any, Final, Literal, TypeAlias, get_args
+from dataclasses import dataclass
+from typing import Any, Final, Literal, NamedTuple, TypeAlias, get_args
 
 from hapticnet.arrays import FloatArray
+from hapticnet.errors import PeerError
 from hapticnet.operator.live import HandState
+from hapticnet.samples import LARGEST_COMPONENT
 
 VERSION: Final = 1
 View: TypeAlias = Literal["operator", "watch"]
@@ -226,6 +133,11 @@ SAMPLES: Final = 2
 _FRAME_HEAD: Final = struct.Struct("<BBHIdf")
 _SAMPLES_HEAD: Final = struct.Struct("<BBHId")
 MOST_ROWS: Final = 0xFFFF
+MOST_MISTAKES: Final = 20
+LARGEST_MESSAGE: Final = 4096  # limit of a message from a page [B]
+HAND: Final = 1
+_HAND: Final = struct.Struct("<BBHfd")
+HAND_BYTES: Final = _HAND.size
 
 
 class CloseCode(enum.IntEnum):
@@ -257,3 +169,127 @@ def samples(first_row: int, start_s: float, columns: FloatArray) -> bytes:
 def text(kind: str, **content: Any) -> str:
     """Return a JSON message. JSON has no NaN and no infinity; they are a mistake of the caller."""
     return json.dumps({"type": kind, **content}, allow_nan=False)
+
+
+class MistakeError(PeerError):
+    """A message from a page is not of this specification."""
+
+
+class Hand(NamedTuple):
+    """A position of the hand from a page."""
+
+    position_m: float
+    time_ms: float
+
+
+class Order(enum.Enum):
+    """Take the hand, give it back, or withdraw the needle and free the hand whoever has it."""
+
+    TAKE = "take"
+    RELEASE = "release"
+    LET_GO = "let_go"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Change:
+    """Settings to change while it runs; None leaves one as it is."""
+
+    multiplier: float | None = None
+    codec: str | None = None
+    delay_ms: float | None = None
+    loss_percent: float | None = None
+
+
+class Key(NamedTuple):
+    """Press a key of the task with this number."""
+
+    number: int
+    key: str
+
+
+class Noise(NamedTuple):
+    """The level of the masking noise, as a share of full scale; 0 if it is off."""
+
+    level: float
+
+
+PageMessage: TypeAlias = Hand | Order | Change | Key | Noise
+
+LIMITS: Final[dict[str, tuple[float, float]]] = {
+    "multiplier": (0.0, 8.0),
+    "delay_ms": (0.0, 250.0),
+    "loss_percent": (0.0, 50.0),
+}
+"""Ranges of the settings that a page may change.
+
+The delay applies in each direction, so that the largest one stays well below the largest age of a force, 1 s.
+"""
+
+
+def parse_binary(data: bytes) -> Hand:
+    """Return the HAND message in `data`; raise MistakeError if it is none, or its numbers are not finite."""
+    if len(data) != HAND_BYTES or data[0] != HAND:
+        kind = data[0] if data else "none"
+        raise MistakeError(
+            f"binary message of {len(data)} bytes and kind {kind}; expected {HAND_BYTES} and kind {HAND}"
+        )
+    _, _, _, position_m, time_ms = _HAND.unpack(data)
+    if not abs(position_m) <= LARGEST_COMPONENT or not math.isfinite(time_ms):
+        raise MistakeError(f"the hand is at {position_m} m at {time_ms} ms; both must be finite")
+    return Hand(position_m, time_ms)
+
+
+def parse_text(data: str) -> PageMessage:
+    """Return the JSON message in `data`.
+
+    Raise MistakeError if it is not JSON, not of a known type, or a value is out of range.
+    """
+    try:
+        content = json.loads(data)
+    except (ValueError, RecursionError):
+        raise MistakeError(f"{data[:40]!r} is not JSON") from None
+    if not isinstance(content, dict) or not isinstance(kind := content.pop("type", None), str):
+        raise MistakeError("a message must be an object with a 'type'")
+    if kind == "set":
+        return _change(content)
+    if kind == "key":
+        return _key(content)
+    if kind == "noise":
+        return _noise(content)
+    orders = {each.value: each for each in Order}
+    if kind not in orders:
+        raise MistakeError(f"unknown message {kind[:40]!r}; there are: {', '.join(orders)}, set, key, noise")
+    if content:
+        raise MistakeError(f"message {kind!r} has no key {next(iter(content))[:40]!r}")
+    return orders[kind]
+
+
+def _change(content: dict[str, Any]) -> Change:
+    if not content:
+        raise MistakeError(f"message 'set' changes nothing; it takes: {', '.join(Change.__dataclass_fields__)}")
+    for key, value in content.items():
+        if key == "codec":
+            if not isinstance(value, str):
+                raise MistakeError("codec must be a name")
+        elif key not in LIMITS:
+            raise MistakeError(f"cannot set {key[:40]!r}; only: {', '.join(Change.__dataclass_fields__)}")
+        elif isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise MistakeError(f"{key} must be a number")
+        elif not LIMITS[key][0] <= value <= LIMITS[key][1]:
+            low, high = LIMITS[key]
+            raise MistakeError(f"{key} is {str(value)[:20]}; it must be between {low:g} and {high:g}")
+    return Change(**content)
+
+
+def _key(content: dict[str, Any]) -> Key:
+    number, key = content.get("number"), content.get("key")
+    if len(content) != 2 or type(number) is not int or not isinstance(key, str):
+        raise MistakeError("message 'key' takes the number of a task and a key, and nothing else")
+    return Key(number, key)
+
+
+def _noise(content: dict[str, Any]) -> Noise:
+    level = content.get("level")
+    if len(content) != 1 or isinstance(level, bool) or not isinstance(level, (int, float)) or not 0.0 <= level <= 1.0:
+        raise MistakeError("message 'noise' takes a level between 0 and 1, and nothing else")
+    return Noise(float(level))

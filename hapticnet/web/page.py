@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
+from hapticnet import __version__
 from hapticnet.node.events import NodeEvent, SettingsInForce
 from hapticnet.node.master import MasterNode
 from hapticnet.operator.live import LiveHand
@@ -12,10 +13,10 @@ from hapticnet.protocol.states import Connected
 from hapticnet.runtime.system import now_us
 from hapticnet.scene.settings import SceneSettings
 from hapticnet.web import messages
-from hapticnet.web.audience import Audience
+from hapticnet.web.audience import Audience, hello
 from hapticnet.web.controls import Controls
-from hapticnet.web.description import Description
-from hapticnet.web.requests import Change, LetGo, MistakeError, PageMessage
+from hapticnet.web.messages import Change, MistakeError, Order, PageMessage, View
+from hapticnet.web.mirror import Mirror, scene_called
 from hapticnet.web.ticks import Ticks
 from hapticnet.web.traffic import RecentMedian, TrafficMeter
 
@@ -56,7 +57,7 @@ class Page(Audience):
         self._ticks = Ticks(node, self._start_us)
         self._traffic = TrafficMeter(node)
         self._round_trip = RecentMedian()
-        self._description = Description(node, controls, settings)
+        self._mirror: Mirror | None = None  # the copy of the slave's scene; None while it is not known
         self._events: deque[str] = deque(maxlen=messages.EVENTS_KEPT)
         self._connections = 0
         self._streamed_us = 0  # when there was a session last
@@ -70,9 +71,9 @@ class Page(Audience):
         if isinstance(event, Connected):
             self._connections += 1
             self._flush()  # what was before belongs to the scene before
-            if self._description.follow_scene(event.grant.scene, is_new=not event.grant.resumed):
+            if self._follow_scene(event.grant.scene, is_new=not event.grant.resumed):
                 for client in self.clients:
-                    client.post(self._description.scene(client.view))
+                    client.post(self._scene(client.view))
         text = messages.text("event", t_s=self._seconds(now_us), text=self._settings.in_words(event))
         self._events.append(text)
         self._tell_watchers(text)
@@ -94,8 +95,8 @@ class Page(Audience):
         return {**{view: views.count(view) for view in messages.VIEWS}, "left_out": left_out}
 
     def _greet(self, client: "Client") -> None:
-        client.post(self._description.hello(client.view))
-        client.post(self._description.scene(client.view))
+        client.post(self._hello(client.view))
+        client.post(self._scene(client.view))
         client.post(messages.text("ready", ready=self._is_ready))
         self._tell_hand(client)
         if client.view == "watch":
@@ -108,7 +109,7 @@ class Page(Audience):
     def _obey(self, client: "Client", message: PageMessage) -> None:
         if client.view != "watch":
             raise MistakeError("the operator view cannot do that")
-        if isinstance(message, LetGo):
+        if message is Order.LET_GO:
             self.seat.let_go()
         elif isinstance(message, Change):
             self._controls.apply(message)
@@ -127,12 +128,12 @@ class Page(Audience):
         if self._frames % FRAMES_PER_STATE == 0:
             self._tell_watchers(self._state(), is_replaceable=True)
         position_m = self._node.position_m
-        tip_m = self._description.range_m[0] if position_m is None else position_m[0]
-        self._send_frames(tip_m, self._description.mirror)
+        tip_m = self._range_m[0] if position_m is None else position_m[0]
+        self._send_frames(tip_m, self._mirror)
 
     def _flush(self) -> None:
         """Send the ticks since the last call to the watch views."""
-        for block in self._ticks.take(self._description.mirror):
+        for block in self._ticks.take(self._mirror):
             self._tell_watchers(block, is_replaceable=True)
 
     def _follow_readiness(self) -> None:
@@ -173,6 +174,58 @@ class Page(Audience):
             device=self._node.device_status,
             pages=self.report(),
         )
+
+    @property
+    def _range_m(self) -> tuple[float, float]:
+        """Positions [m] that are shown, and between which a hand may move the needle."""
+        if self._mirror is not None:
+            return self._mirror.range_m
+        hand = self._settings.hand
+        return hand.range_m if hand is not None else (0.0, 0.1)
+
+    def _follow_scene(self, name: str, *, is_new: bool) -> bool:
+        """Use the scene that the slave calls `name`; return whether it is another one than before."""
+        before = self._mirror.settings if self._mirror is not None else None
+        known = scene_called(name, self._settings.scene) if self._node.axes == 1 else None
+        if known is None:
+            self._mirror = None
+        elif is_new or known != before:
+            self._mirror = Mirror(known, is_new=is_new)
+        if self._mirror is not None and self._settings.hand is not None:
+            self._settings.hand.set_range(*self._mirror.range_m)
+        return known != before or known is None
+
+    def _hello(self, view: View) -> str:
+        """Return the first message to a page."""
+        settings = self._settings
+        content = hello(view, settings.source, settings.hand)
+        if view == "watch":
+            content |= {
+                "rate_hz": 1e6 / self._node.position_period_us,
+                "axes": self._node.axes,
+                "device": settings.device,
+                "largest_n": self._node.largest_n,
+                "master": self._node.settings.name,
+                "hapticnet": __version__,
+                "columns": messages.COLUMNS,
+                "history_s": messages.HISTORY_S,
+                "codecs": self._controls.codecs(),
+                "limits": messages.LIMITS,
+                "adjustable": self._controls.adjustable,
+                "operator_url": settings.operator_url,
+            }
+        return messages.text("hello", **content)
+
+    def _scene(self, view: View) -> str:
+        """Return the message about the scene."""
+        tissues = self._mirror.settings.tissues if self._mirror is not None else ()
+        shown: list[dict[str, Any]] = [{"rest_m": tissue.rest_position_m} for tissue in tissues]
+        content: dict[str, Any] = {"known": self._mirror is not None, "range_m": self._range_m, "tissues": shown}
+        if view == "watch":  # what the operator view is not told, it cannot show
+            content["name"] = self._node.scene_name
+            for about, tissue in zip(shown, tissues, strict=True):
+                about |= {key: getattr(tissue, key) for key in ("name", "stiffness_n_per_m", "breach_force_n")}
+        return messages.text("scene", **content)
 
     def _seconds(self, at_us: int) -> float:
         return round(1e-6 * (at_us - self._start_us), 3)

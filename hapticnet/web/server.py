@@ -22,8 +22,7 @@ from hapticnet.web.access import Access
 from hapticnet.web.audience import Audience
 from hapticnet.web.client import PARTING_S, Client
 from hapticnet.web.gate import Gate
-from hapticnet.web.messages import CloseCode, View
-from hapticnet.web.requests import LARGEST_MESSAGE
+from hapticnet.web.messages import LARGEST_MESSAGE, CloseCode, View
 
 HEARTBEAT_S: Final = 5.0  # time [s] between two pings, which find pages that have gone without a word
 

@@ -27,7 +27,7 @@ from hapticnet.runtime.udp import HostPort, bound_address, host_of, listen, open
 from hapticnet.scene.scene import Scene
 from hapticnet.scene.settings import SceneSettings
 from hapticnet.scene.sources import find_scene
-from hapticnet.web import messages, requests
+from hapticnet.web import messages
 from hapticnet.web.access import Access, listen_for_pages
 from hapticnet.web.controls import Controls
 from hapticnet.web.messages import View
@@ -84,7 +84,7 @@ class Client:
         await self.socket.send_str(json.dumps({"type": kind, **content}))
 
     async def move(self, position_m: float, time_ms: float = 1.0) -> None:
-        await self.socket.send_bytes(struct.pack("<BBHfd", requests.HAND, 0, 0, position_m, time_ms))
+        await self.socket.send_bytes(struct.pack("<BBHfd", messages.HAND, 0, 0, position_m, time_ms))
 
     def last(self, kind: str) -> dict[str, Any]:
         return next((each for each in reversed(self.json) if each["type"] == kind), {})

@@ -9,9 +9,8 @@ import numpy as np
 from playwright.sync_api import Browser, Page, Route, WebSocketRoute
 
 from hapticnet.operator.live import HandState
-from hapticnet.web import messages, requests
-from hapticnet.web.messages import View
-from hapticnet.web.requests import Hand
+from hapticnet.web import messages
+from hapticnet.web.messages import Hand, View
 from hapticnet.web.server import HEADERS, static_files
 
 ORIGIN = "http://127.0.0.1:47880"
@@ -78,7 +77,7 @@ def serve_files(page: Page, stage: Stage) -> None:
     """Answer each request with a file of the package, as the server does."""
 
     def answer(route: Route) -> None:
-        stage.requests.append(route.request.url)
+        stage.messages.append(route.request.url)
         name = route.request.url.removeprefix(f"{ORIGIN}/").partition("?")[0].removeprefix("static/")
         body, kind = FILES[f"{name}.html" if name in messages.VIEWS else name]
         route.fulfill(body=body, content_type=kind, headers=HEADERS)
@@ -97,9 +96,9 @@ def open_view(browser: Browser, view: View, **context: Any) -> Stage:
     def receive(data: str | bytes) -> None:
         if isinstance(data, str):
             stage.said.append(json.loads(data))
-            requests.parse_text(data)  # a page says only what is specified
+            messages.parse_text(data)  # a page says only what is specified
         else:
-            stage.hands.append(requests.parse_binary(data))
+            stage.hands.append(messages.parse_binary(data))
 
     def connect(socket: WebSocketRoute) -> None:
         socket.on_message(receive)
@@ -121,7 +120,7 @@ def greet(stage: Stage, view: View) -> None:
         hello |= {
             "rate_hz": 1000, "axes": 1, "device": "sim", "largest_n": 4.6,
             "master": "m", "hapticnet": "0", "history_s": 5.0,
-            "columns": messages.COLUMNS, "limits": requests.LIMITS,
+            "columns": messages.COLUMNS, "limits": messages.LIMITS,
             "adjustable": ["multiplier", "codec", "loss_percent"],
             "codecs": [{"name": "deadband", "summary": "d"}, {"name": "raw", "summary": "r"}],
             "operator_url": f"{ORIGIN}/operator?token=o",

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from hapticnet.errors import PeerError
 from hapticnet.operator.live import HandState
-from hapticnet.web import messages, requests
-from hapticnet.web.requests import Change, Hand, Key, LetGo, MistakeError, Noise, Release, Take
+from hapticnet.web import messages
+from hapticnet.web.messages import Change, Hand, Key, MistakeError, Noise, Order
 from tests.web.rig import read_frame, read_samples
 
 
@@ -33,13 +33,13 @@ def test_samples_are_column_by_column():
 
 
 def test_what_a_page_may_say():
-    assert requests.parse_text('{"type": "take"}') == Take()
-    assert requests.parse_text('{"type": "release"}') == Release()
-    assert requests.parse_text('{"type": "let_go"}') == LetGo()
-    assert requests.parse_text('{"type": "set", "codec": "raw", "delay_ms": 20}') == Change(codec="raw", delay_ms=20)
-    assert requests.parse_text('{"type": "key", "number": 7, "key": "enter"}') == Key(7, "enter")
-    assert requests.parse_text('{"type": "noise", "level": 0}') == Noise(0.0)
-    assert requests.parse_binary(struct.pack("<BBHfd", 1, 0, 0, 0.5, 3.25)) == Hand(0.5, 3.25)
+    assert messages.parse_text('{"type": "take"}') == Order.TAKE
+    assert messages.parse_text('{"type": "release"}') == Order.RELEASE
+    assert messages.parse_text('{"type": "let_go"}') == Order.LET_GO
+    assert messages.parse_text('{"type": "set", "codec": "raw", "delay_ms": 20}') == Change(codec="raw", delay_ms=20)
+    assert messages.parse_text('{"type": "key", "number": 7, "key": "enter"}') == Key(7, "enter")
+    assert messages.parse_text('{"type": "noise", "level": 0}') == Noise(0.0)
+    assert messages.parse_binary(struct.pack("<BBHfd", 1, 0, 0, 0.5, 3.25)) == Hand(0.5, 3.25)
 
 
 @pytest.mark.parametrize(
@@ -75,7 +75,7 @@ def test_what_a_page_may_say():
 )
 def test_a_malformed_text_is_refused_in_one_short_line(text: str, complaint: str):
     with pytest.raises(MistakeError, match=complaint) as refused:
-        requests.parse_text(text)
+        messages.parse_text(text)
     assert len(str(refused.value)) < 200
     assert "\n" not in str(refused.value)
 
@@ -94,17 +94,17 @@ def test_a_malformed_text_is_refused_in_one_short_line(text: str, complaint: str
 )
 def test_a_malformed_binary_is_refused(data: bytes):
     with pytest.raises(MistakeError):
-        requests.parse_binary(data)
+        messages.parse_binary(data)
 
 
 @settings(max_examples=50)
 @given(st.one_of(st.text(), st.recursive(st.none() | st.floats() | st.text(), st.lists).map(json.dumps)))
 def test_any_text_is_understood_or_refused(text: str):
     with contextlib.suppress(PeerError):
-        requests.parse_text(text)
+        messages.parse_text(text)
 
 
 @given(st.binary(max_size=40))
 def test_any_bytes_are_understood_or_refused(data: bytes):
     with contextlib.suppress(PeerError):
-        assert math.isfinite(requests.parse_binary(data).position_m)
+        assert math.isfinite(messages.parse_binary(data).position_m)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hapticnet.operator.live import HandState
-from hapticnet.web import messages, requests
+from hapticnet.web import messages
 
 pytest.importorskip("playwright")
 from tests.web.staged import ORIGIN, Stage, serve_files
@@ -65,7 +65,7 @@ def test_a_page_takes_no_message_that_is_cut_off(modules: Modules, kept: int):
 
 def test_the_server_reads_hands_as_a_page_writes_them(modules: Modules):
     data = modules.run("wire", "(m) => [...new Uint8Array(m.encodeHand(0.015625, 1234.5))]")
-    assert requests.parse_binary(bytes(data)) == requests.Hand(0.015625, 1234.5)
+    assert messages.parse_binary(bytes(data)) == messages.Hand(0.015625, 1234.5)
 
 
 def test_the_history_keeps_the_newest_rows_in_order_and_counts_those_that_are_missing(modules: Modules):

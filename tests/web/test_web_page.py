@@ -9,7 +9,7 @@ import pytest
 
 from hapticnet.operator.scripted import InsertionSettings, ScriptedOperator
 from hapticnet.scene.settings import SceneSettings, Tissue
-from hapticnet.web import messages, requests
+from hapticnet.web import messages
 from hapticnet.web.messages import CloseCode
 from tests.web.rig import Client, Rig, play, rig, until
 
@@ -244,7 +244,7 @@ def test_malformed_messages_are_told_once_and_end_only_that_page():
     async def scenario() -> None:
         async with rig() as run, run.open("watch") as good, run.open("watch") as bad:
             await take(run, good)
-            for number in range(requests.MOST_MISTAKES):
+            for number in range(messages.MOST_MISTAKES):
                 await (bad.socket.send_str("{") if number % 2 else bad.socket.send_bytes(b"\xff" * number))
             await until(lambda: bad.socket.closed)
             assert bad.socket.close_code == CloseCode.TOO_MANY_MISTAKES
@@ -253,7 +253,7 @@ def test_malformed_messages_are_told_once_and_end_only_that_page():
             await push(good, 0.01, 0.3)
             assert good.last("hand")["holder"] == "you"
             async with run.open("watch") as big:
-                await big.socket.send_str("x" * (requests.LARGEST_MESSAGE + 1))
+                await big.socket.send_str("x" * (messages.LARGEST_MESSAGE + 1))
                 await until(lambda: big.socket.closed)
             async with run.open("watch") as flooding:
                 for _ in range(2000):
