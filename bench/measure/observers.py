@@ -12,20 +12,23 @@ import dataclasses
 import json
 import math
 from functools import partial
+from itertools import permutations
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from hapticnet.arrays import FloatArray
 from hapticnet.experiment.provenance import provenance
 from hapticnet.experiment.style import COLOURS, DASHES, MARKERS, VERMILION, legend, mark_level, picture
+from hapticnet.experiment.workers import workers
+from hapticnet.perception import WeberLaw
 from hapticnet.study import hand
 from hapticnet.study.analysis import PAPER_ERRORS
-from hapticnet.study.library import Felt, play_library
-from hapticnet.study.observers import OBSERVERS, Observer, ObserverSettings, judged
+from hapticnet.study.observers import CUE_FIELDS, OBSERVERS, Look, Observer, ObserverSettings, contacts, judged
 from hapticnet.study.plan import ConditionPlan, JndPlan, Plan
-from hapticnet.study.trial import Stimulus
+from hapticnet.study.rig import MakeHand, play_trial
+from hapticnet.study.trial import Stimulus, stimulus_of
 
 PAPER: Final = {0.0: 0.775, 1.0: 0.8, 2.0: 0.675, 4.0: 0.5375}
 THRESHOLDS: Final = (0.0, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 8.0)
@@ -43,6 +46,56 @@ MECHANISMS: Final[dict[str, ObserverSettings]] = {
     "step lapses": OBSERVERS["step-lapses"],
     "rhythm": OBSERVERS["rhythm"],
 }
+
+
+class Felt(NamedTuple):
+    """What was felt in the trials of one condition, tissues from softest to hardest. Arrays have shape (trials, 3)."""
+
+    condition: str
+    multiplier: float
+    means: dict[str, FloatArray]  # mean of each attribute of `Look` over the contacts of a trial
+    counts: FloatArray  # number of contacts
+    bytes_per_penetration: float  # mean, from the touch of a tissue to its breach
+
+
+def play_library(
+    plan: Plan, *, motions: int, jobs: int, seed: int = 1, make_hand: MakeHand = hand.scripted_hand
+) -> list[Felt]:
+    """Play every order of the tissues under every condition of a plan, with so many motions of the hand each."""
+    orders = list(permutations(plan.order.breach_forces_n))
+    tasks = [
+        (condition, forces_n, seed + 1000 * motion + order)
+        for condition in plan.condition
+        for order, forces_n in enumerate(orders)
+        for motion in range(motions)
+    ]
+    with workers(jobs, (plan, make_hand)) as run:
+        played = list(run(_play, tasks))
+    own = len(orders) * motions
+    return [_felt(condition, played[i * own : (i + 1) * own]) for i, condition in enumerate(plan.condition)]
+
+
+def _play(shared: tuple[Plan, MakeHand], task: tuple[ConditionPlan, Any, int]) -> tuple[list[list[Look]], float]:
+    """Return the contacts with each tissue, softest first, and the bytes per penetration."""
+    (plan, make_hand), (condition, forces_n, seed) = shared, task
+    law = WeberLaw(weber_fraction=plan.jnd.weber_fraction, floor_n=plan.jnd.floor_n)
+    stimulus = stimulus_of(plan, condition, law, number=1, breach_forces_n=forces_n, seed=seed)
+    outcome = play_trial(stimulus, make_hand=make_hand)
+    looks, softest = contacts(outcome), sorted(range(3), key=forces_n.__getitem__)
+    ranked = [[look for look in looks if look.tissue == tissue] for tissue in softest]
+    return ranked, outcome.measures.penetration_bytes / max(outcome.measures.penetrations, 1)
+
+
+def _felt(condition: ConditionPlan, played: list[tuple[list[list[Look]], float]]) -> Felt:
+    names = [field.name for field in dataclasses.fields(Look)]
+    means = {
+        name: np.array(
+            [[np.mean([getattr(look, name) for look in own]) if own else 0.0 for own in ranked] for ranked, _ in played]
+        )
+        for name in names
+    }
+    counts = np.array([[float(len(own)) for own in ranked] for ranked, _ in played])
+    return Felt(condition.name, condition.threshold, means, counts, float(np.mean([spent for _, spent in played])))
 
 
 def plan_of(thresholds: tuple[float, ...]) -> Plan:
@@ -78,9 +131,9 @@ def answered(
     """Return orders, shape (experiments · people · trials, 3); a perfect observer always answers 0, 1, 2."""
     people = np.exp(rng.normal(0.0, observer.spread, (experiments * PEOPLE, 1)))
     noisier = np.repeat(people, TRIALS, axis=0) * factor
-    drawn = rng.integers(len(felt.steps), size=len(noisier))
-    cues = felt.cues[observer.cue][drawn]
-    return judged(observer, cues, felt.updates[drawn], felt.steps[drawn], felt.counts[drawn], rng, factor=noisier)
+    drawn = rng.integers(len(felt.counts), size=len(noisier))
+    cues, updates, steps = (felt.means[name][drawn] for name in (CUE_FIELDS[observer.cue], "updates", "step"))
+    return judged(observer, cues, updates, steps, felt.counts[drawn], rng, factor=noisier)
 
 
 def figures(orders: Any, experiments: int) -> dict[str, Any]:
@@ -133,14 +186,14 @@ def limits_rows(settings: ObserverSettings, people: int = 200) -> list[dict[str,
 
 def felt_row(felt: Felt) -> dict[str, Any]:
     """Return what the finger felt under one condition."""
-    peaks = felt.cues["peak"]
+    peaks = felt.means["peak_n"]
     return {
         "condition": felt.condition,
         "peaks_n": peaks.mean(axis=0).round(3).tolist(),
         "sd_of_ln": np.log(peaks).std(axis=0).round(4).tolist(),
-        "slopes_n_per_m": felt.cues["slope"].mean(axis=0).round(1).tolist(),
-        "updates": felt.updates.mean(axis=0).round(1).tolist(),
-        "step": round(float(felt.steps.mean()), 4),
+        "slopes_n_per_m": felt.means["slope_n_per_m"].mean(axis=0).round(1).tolist(),
+        "updates": felt.means["updates"].mean(axis=0).round(1).tolist(),
+        "step": round(float(felt.means["step"].mean()), 4),
         "bytes": round(felt.bytes_per_penetration, 1),
     }
 

@@ -151,7 +151,7 @@ def order_intervals(experiments: int) -> list[dict[str, Any]]:
         for spread in (0.0, 0.7):
             for shares in ((0.775, 0.775), (0.775, 0.5375), (0.97, 0.87)):
                 rng = np.random.default_rng([11, len(rows)])
-                answers = ShareAnswers(("a", "b"), (0.0, 1.0), shares, spread)
+                answers = ShareAnswers(("a", "b"), shares, spread)
                 true = shares[1] - shares[0]
                 inside = np.zeros((experiments, 4))
                 for index, scores in enumerate(answers.scores(experiments, people, trials, rng)):
@@ -173,7 +173,7 @@ def order_intervals(experiments: int) -> list[dict[str, Any]]:
 def curve_intervals(experiments: int) -> list[dict[str, Any]]:
     """Return how often the interval of the point where a curve leaves the margin has that point."""
     values, shares = (0.0, 1.0, 2.0, 4.0), (0.8, 0.75, 0.65, 0.5)  # it has fallen by 0.1 at 1.5
-    answers, rows = ShareAnswers(("a", "b", "c", "d"), values, shares), []
+    answers, rows = ShareAnswers(("a", "b", "c", "d"), shares), []
     for people, trials in ((8, 10), (16, 20)):
         rng = np.random.default_rng([12, people])
         found = [

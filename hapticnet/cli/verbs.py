@@ -233,7 +233,7 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {
     ),
     "Study": (
         "participant", "session", "plan", "simulate", "wall-clock", "resume", "analyse", "shares", "participants",
-        "trials", "experiments", "margin", "motions", "repeats", "shard", "dry-run",
+        "trials", "experiments", "margin", "repeats", "shard", "dry-run",
     ),
     "Recording": ("record", "record-dir", "record-format", "record-limit"),
     "Page and monitoring": ("page", "metrics"),

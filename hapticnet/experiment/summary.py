@@ -4,6 +4,7 @@ import math
 import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Final
 
 from hapticnet.experiment.comparison import Row
@@ -97,6 +98,7 @@ def means(single: Sequence[Block]) -> list[Block]:
     ]
 
 
+@cache
 def t_quantile(freedom: int, confidence: float = CONFIDENCE) -> float:
     """Return the two-sided quantile of Student's t distribution with `freedom` degrees of freedom.
 

@@ -5,6 +5,7 @@ A session meets the finger, presents pairs of forces (for a JND), and plays tria
 `Rig` is its interface. `VirtualRig` runs it in virtual time with a simulated device; `real_rig.RealRig` in real time.
 """
 
+import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final, Protocol, TypeAlias
@@ -13,7 +14,9 @@ import numpy as np
 
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
-from hapticnet.control.hold import Hold, HoldSettings
+from hapticnet.control.force_settings import ForceControlSettings
+from hapticnet.control.hold import Hold, HoldSettings, LimitSettings
+from hapticnet.device.simulated import PlantSettings, SimulatedDevice
 from hapticnet.errors import UnavailableError
 from hapticnet.node.events import Failed, NodeEvent
 from hapticnet.node.fingertip import DeviceLost, Fingertip, ForceFault
@@ -300,3 +303,21 @@ class VirtualRig:
             feedback=feedback,
             start_us=self._now_us,
         )
+
+
+def play_trial(stimulus: Stimulus, *, make_hand: MakeHand = scripted_hand) -> Played:
+    """Play one trial through the chain in virtual time, with a device that has just met the finger.
+
+    Raises
+    ------
+    UnavailableError
+        If it cannot be played.
+    """
+    device = SimulatedDevice(PlantSettings(), np.random.default_rng([stimulus.seed, 9]))
+    rig = VirtualRig(Fingertip(device, LimitSettings(), ForceControlSettings()), MasterSettings(), make_hand=make_hand)
+    asyncio.run(rig.run(Meet()))
+    outcome = asyncio.run(rig.run(Play(stimulus)))
+    if not isinstance(outcome, Played):
+        reason = f" failed: {outcome.reason}" if isinstance(outcome, Fault) else " was not played"
+        raise UnavailableError(f"a simulated trial with {stimulus.codec}{reason}")
+    return outcome

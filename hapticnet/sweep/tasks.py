@@ -28,8 +28,8 @@ from hapticnet.files import read_bytes
 from hapticnet.measure.quality import perceptual_distances
 from hapticnet.node.offline import cost_report
 from hapticnet.scene.sources import PAPER_BREACH_FORCES_N, PAPER_GAP_M
-from hapticnet.study.library import play_trial
 from hapticnet.study.observers import Look, Observer, ObserverSettings, contacts, parse_observer
+from hapticnet.study.rig import play_trial
 from hapticnet.study.trial import Played, Stimulus
 from hapticnet.sweep.runs import Columns, Grid, Plan, Row, Runner, rng_of_repeat
 from hapticnet.sweep.sources import (

@@ -107,7 +107,7 @@ def test_the_interval_of_differences_covers_the_true_one_for_scores_near_1():
 @pytest.mark.parametrize("share", [0.54, 0.775, 0.97])
 def test_the_interval_of_a_share_covers_it_where_participants_differ(share):
     rng = np.random.default_rng(5)
-    answers = ShareAnswers(("a",), (0.0,), (share,), 0.7)
+    answers = ShareAnswers(("a",), (share,), 0.7)
     inside = over_trials = 0
     for scores in answers.scores(300, 16, 20, rng)[:, :, 0]:
         right = round(20 * scores.sum())

@@ -2,10 +2,9 @@
 
 import json as json_module
 import math
-import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final, TypeVar
 
 import typer
 
@@ -13,7 +12,8 @@ from hapticnet import options
 
 if TYPE_CHECKING:
     from hapticnet.study.plan import Plan
-    from hapticnet.study.power import Answers
+
+Number = TypeVar("Number", int, float)
 
 FILES: Final = ("report.md", "conditions.csv", "conditions.tex", "results.json")
 
@@ -145,23 +145,13 @@ def power(
             help="Shares of correct orders that you expect, one for each condition, such as 0.775,0.8,0.675,0.5375.",
         ),
     ] = None,
-    simulate: Annotated[
-        str | None,
-        typer.Option(
-            metavar="OBSERVER",
-            help="In place of shares, play the plan for a simulated observer; most lose nothing by a deadband, see"
-            " docs/understand/observers.md.",
-        ),
-    ] = None,
     participants: Annotated[str, typer.Option(metavar="N[,N…]", help="Numbers of participants.")] = "8,16,24",
     trials: Annotated[
         str | None, typer.Option(metavar="N[,N…]", help="Trials of each condition; default: the plan's.")
     ] = None,
     experiments: Annotated[int, typer.Option(metavar="N", help="Simulated experiments of each design.")] = 1000,
     margin: Annotated[float | None, typer.Option(help="Margin of equivalence; default: the plan's.")] = None,
-    motions: Annotated[int, typer.Option(min=1, max=100, help="Motions of the hand played for each order.")] = 2,
     seed: options.Seed = 1,
-    jobs: options.Jobs = None,
     json: options.Json = False,
 ) -> None:
     """Simulate experiments: power of the tests, and widths of the intervals. No person takes part.
@@ -173,69 +163,32 @@ def power(
     from hapticnet.cli.console import Console, show
     from hapticnet.experiment.provenance import provenance
     from hapticnet.study.plan import find_plan
-    from hapticnet.study.power import lines
+    from hapticnet.study.power import ShareAnswers, lines
     from hapticnet.study.power import power as power_of
 
     chosen = find_plan(plan)
     designs = [
         (people, each)
-        for each in _numbers("trials", str(chosen.order.trials) if trials is None else trials)
-        for people in _numbers("participants", participants)
+        for each in _numbers("trials", str(chosen.order.trials) if trials is None else trials, int)
+        for people in _numbers("participants", participants, int)
     ]
+    expected = shares or _paper_shares(chosen)
+    answers = ShareAnswers(tuple(each.name for each in chosen.condition), tuple(_numbers("shares", expected, float)))
     console = Console("experiment", quiet=json)
-    cores = jobs or os.cpu_count() or 1
     try:
-        answers, source = _answers(chosen, simulate, shares, motions, seed, cores, console.progress)
         found = power_of(
             answers,
             designs,
             experiments=experiments,
             margin=chosen.order.equivalence_margin if margin is None else margin,
             seed=seed,
-            jobs=cores,
             on_design=lambda people, each: console.progress(f"{people} participants, {each} trials"),
         )
     finally:
         console.finish()
+    source = f"assumed shares {expected}"
     account = {"provenance": provenance(), "simulated": source, "designs": [asdict(each) for each in found]}
     show(_json(account) if json else "\n".join(lines(found, source)))
-
-
-def _answers(
-    plan: "Plan",
-    observer: str | None,
-    shares: str | None,
-    motions: int,
-    seed: int,
-    jobs: int,
-    status: Callable[[str], None],
-) -> "tuple[Answers, str]":
-    """Return where scores come from, and what to call it."""
-    from hapticnet.errors import SettingsError
-    from hapticnet.study.library import play_library
-    from hapticnet.study.observers import labelled, parse_observer
-    from hapticnet.study.power import ObserverAnswers, ShareAnswers
-
-    if shares is not None and observer is not None:
-        raise SettingsError("--shares and --simulate both say how people answer; give one of them")
-    if observer is None:
-        shares = shares or _paper_shares(plan)
-        try:
-            values = tuple(float(part) for part in shares.split(","))
-        except ValueError:
-            raise SettingsError(f"shares {shares!r} must be numbers from 0 to 1, such as 0.775,0.8") from None
-        multipliers = tuple(each.threshold for each in plan.condition)
-        assumed = ShareAnswers(tuple(each.name for each in plan.condition), multipliers, values)
-        return assumed, f"assumed shares {shares}"
-    settings = parse_observer(observer)
-    library = play_library(
-        plan,
-        motions=motions,
-        seed=seed,
-        jobs=jobs,
-        on_trial=lambda done, of: status(f"playing {done} of {of} trials"),
-    )
-    return ObserverAnswers(tuple(library), settings), f"observer {labelled(settings.name)}"
 
 
 def _paper_shares(plan: "Plan") -> str:
@@ -255,13 +208,14 @@ def _paper_shares(plan: "Plan") -> str:
     return ",".join(f"{known[each.codec, each.threshold].paper_correct:g}" for each in plan.condition)
 
 
-def _numbers(name: str, text: str) -> list[int]:
+def _numbers(name: str, text: str, kind: type[Number]) -> list[Number]:
     from hapticnet.errors import SettingsError
 
     try:
-        return [int(part) for part in text.split(",")]
+        return [kind(part) for part in text.split(",")]
     except ValueError:
-        raise SettingsError(f"{name} {text!r} must be whole numbers, such as 8,16,24") from None
+        told = "whole numbers, such as 8,16,24" if kind is int else "numbers from 0 to 1, such as 0.775,0.8"
+        raise SettingsError(f"{name} {text!r} must be {told}") from None
 
 
 def export(
