@@ -23,14 +23,9 @@ _FLOAT_BYTES: Final = 8
 
 
 class ArraySource:
-    """Arrays as columns; satisfies `sources.Source`.
+    """Arrays as columns; `read` returns those of some names, each of shape (rows,).
 
     A two-dimensional array NAME is the columns NAME.0, NAME.1, …; a single array without a name is "0", "1", ….
-
-    Parameters
-    ----------
-    read
-        Returns the columns of some names, each of shape (rows,).
     """
 
     def __init__(
@@ -162,7 +157,7 @@ def open_mat(path: Path, max_bytes: int) -> ArraySource:
     except ImportError as error:
         raise UnavailableError(f"{path}: reading MATLAB files needs SciPy (extra mat): pip install scipy") from error
     elements = sum(int(np.prod(shape, dtype=object)) for _, shape, _ in io.whosmat(path))
-    if 8 * elements > max_bytes:
+    if 8 * elements > max_bytes:  # loading an array with a damaged shape can end the process
         raise FileError(f"{path}: unpacks to {8 * elements} bytes; the limit is {max_bytes}")
     if _unpacked_mat(path, max_bytes) > max_bytes:  # with the fields of structures, which whosmat does not tell
         raise FileError(f"{path}: unpacks to more than {max_bytes} bytes, which is the limit")

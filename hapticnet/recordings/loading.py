@@ -32,42 +32,20 @@ Missing = Literal["refuse", "drop", "hold"]
 Columns = str | Sequence[str]
 
 SLOWEST_HZ: Final = 1e-3
-FASTEST_HZ: Final = 1e6
-"""Range of sampling rates; time stamps are whole microseconds."""
-
+FASTEST_HZ: Final = 1e6  # time stamps are whole microseconds
 SMALLEST_SCALE: Final = 1e-9
-LARGEST_SCALE: Final = 1e9
-"""Range of metres in one unit of position."""
+LARGEST_SCALE: Final = 1e9  # metres in one unit of position
+LATEST_US: Final = 2.0**53  # largest time stamp, 285 years: float64 counts whole microseconds up to here
 
-LATEST_US: Final = 2.0**53
-"""Largest time stamp [µs], 285 years: float64 counts whole microseconds up to here."""
-
-GAP_STEPS: Final = 5
-"""A gap is a step in time longer than this many median steps."""
-
-PEAK_SHARE: Final = 1e-3
-"""Share of the samples that may be peaks, at least one sample."""
-
-PEAK_RATIO: Final = 10
-"""How many times farther from the median than the rest a peak is."""
-
-FEWEST_SAMPLES: Final = 10
-"""Fewer samples are not searched for peaks."""
+GAP_STEPS: Final = 5  # a gap is a step in time longer than this many median steps
+PEAK_SHARE: Final = 1e-3  # share of the samples that may be peaks, at least one sample
+PEAK_RATIO: Final = 10  # how many times farther from the median than the rest a peak is
+FEWEST_SAMPLES: Final = 10  # fewer samples are not searched for peaks
 
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """A recorded motion.
-
-    Attributes
-    ----------
-    t_us
-        Sampling times [µs], shape (n,), n ≥ 1, as in the file: stamps since 1970 remain so.
-    position
-        Position [m], finite, shape (n, a) with 1 ≤ a ≤ 3.
-    notes
-        As in `Recording`.
-    """
+    """A recorded motion; its fields are as in `Recording`."""
 
     t_us: IntArray
     position: FloatArray
@@ -90,10 +68,7 @@ class Recording:
         Names of the a force columns.
     notes
         What the user should know, one sentence each: how times were read, units that were scaled, missing values,
-        gaps, repeated stamps, peaks. A command prints each as a line on stderr::
-
-            for note in recording.notes:
-                console.say(f"{file}: {note}")
+        gaps, repeated stamps, peaks.
     """
 
     t_us: IntArray
@@ -167,14 +142,7 @@ def load_recording(
                 f"{len(position_at)} position columns for {len(force_at)} force columns; the counts must match"
             )
         t_us, force, moved, notes = _read(
-            source,
-            time_at,
-            force_at,
-            position_at,
-            position_scale,
-            rate_hz,
-            missing,
-            whole_position=position is None,
+            source, time_at, force_at, position_at, position_scale, rate_hz, missing, whole_position=position is None
         )
     if position_scale is not None and not position_at:
         raise SettingsError(
@@ -307,10 +275,7 @@ def _read(
 ) -> tuple[IntArray, FloatArray, FloatArray, tuple[str, ...]]:
     """Return times [µs], shape (n,), forces [N] and positions [m], shapes (n, columns), and notes.
 
-    Parameters
-    ----------
-    whole_position
-        Whether positions in which a value is missing are left out, shape (n, 0).
+    With `whole_position`, positions in which a value is missing are left out, shape (n, 0).
     """
     indices = [*force_at, *position_at]
     times, values, read_notes = _numbers(source, time_at, indices, rate_hz)
@@ -318,7 +283,12 @@ def _read(
         names = ", ".join(source.names[index] for index in position_at)
         read_notes = [*read_notes, f"position: {names} lack values and are not used"]
         indices, position_at, values = force_at, [], values[:, : len(force_at)]
-    scales, unit_notes = _scales(source.names, force_at, position_at, position_scale)
+    units = [scale_of(source.names[index], FORCE_UNITS, "N") for index in force_at]
+    if position_scale is None:
+        units += [scale_of(source.names[index], LENGTH_UNITS, "m") for index in position_at]
+    else:
+        check_parameter("size of --position-scale", abs(position_scale), SMALLEST_SCALE, LARGEST_SCALE)
+        units += [(position_scale, None) for _ in position_at]
     times, values, missing_notes = _without_missing(source, time_at, indices, times, values, missing)
     if np.abs(times).max() > LATEST_US:
         raise FileError(
@@ -332,25 +302,12 @@ def _read(
             f"{source.path}: time runs backwards {len(backwards)} times, first at sample {backwards[0] + 1} from"
             f" {before:.6f} s to {after:.6f} s; samples must be in order"
         )
-    values = values * scales
+    values = values * np.array([scale for scale, _ in units])
     force = np.ascontiguousarray(values[:, : len(force_at)])
     position = np.ascontiguousarray(values[:, len(force_at) :])
     peaks = (_peak_note(force, "force", "N"), _peak_note(position, "position", "m"))
-    notes = [*source.notes, *read_notes, *unit_notes, *missing_notes, *time_notes(t_us), *filter(None, peaks)]
-    return t_us, force, position, tuple(notes)
-
-
-def _scales(
-    names: Sequence[str], force_at: list[int], position_at: list[int], position_scale: float | None
-) -> tuple[FloatArray, list[str]]:
-    """Return the SI units in one unit of each column, and notes for the user."""
-    found = [scale_of(names[index], FORCE_UNITS, "N") for index in force_at]
-    if position_scale is None:
-        found += [scale_of(names[index], LENGTH_UNITS, "m") for index in position_at]
-    else:
-        check_parameter("size of --position-scale", abs(position_scale), SMALLEST_SCALE, LARGEST_SCALE)
-        found += [(position_scale, None) for _ in position_at]
-    return np.array([scale for scale, _ in found]), [note for _, note in found if note]
+    notes = [*source.notes, *read_notes, *(note for _, note in units), *missing_notes, *time_notes(t_us), *peaks]
+    return t_us, force, position, tuple(note for note in notes if note)
 
 
 def _numbers(

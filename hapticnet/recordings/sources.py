@@ -1,11 +1,10 @@
 """What kind of file a recording is, told by its first bytes, and how each kind is opened."""
 
 import zipfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final, TypeAlias
 
-from hapticnet.arrays import FloatArray, IntArray
 from hapticnet.errors import FileError
 from hapticnet.files import check_readable, file_errors
 from hapticnet.recordings.arrays import ArraySource, open_mat, open_npy, open_npz, open_parquet
@@ -13,6 +12,9 @@ from hapticnet.recordings.session.reading import check_main, csv_events, read_se
 from hapticnet.recordings.session.session import change_notes
 from hapticnet.recordings.session.sink import beside
 from hapticnet.recordings.text import TextSource
+
+Source: TypeAlias = ArraySource | TextSource
+"""A file's columns."""
 
 _READABLE: Final = "CSV, TSV, .npy, .npz, .mat, hapticnet's own .mcap and .parquet can be read"
 
@@ -34,7 +36,7 @@ def open_text(path: Path, _max_bytes: int) -> TextSource:
     return source
 
 
-_READERS: Final[dict[str, Callable[[Path, int], "Source"]]] = {
+_READERS: Final[dict[str, Callable[[Path, int], Source]]] = {
     "a NumPy array": open_npy,
     "a NumPy archive": open_npz,
     "a MATLAB file": open_mat,
@@ -44,6 +46,7 @@ _READERS: Final[dict[str, Callable[[Path, int], "Source"]]] = {
     "a text table": open_text,
 }
 
+_COMPRESSED: Final = (b"\x1f\x8b", b"BZh", b"\xfd7zXZ\0", b"\x28\xb5\x2f\xfd", b"7z\xbc\xaf\x27\x1c")
 _KINDS: Final = (
     (b"\x93NUMPY", "a NumPy array", ""),
     (b"MATLAB 5.0 MAT-file", "a MATLAB file", ""),
@@ -55,18 +58,9 @@ _KINDS: Final = (
     (b"SQLite format 3\0", "an SQLite database, such as a ROS 2 bag", "export it as CSV"),
     (b"ARROW1", "an Arrow file (Feather)", "save it as Parquet"),
     (b"TDSm", "a LabVIEW TDMS file", "export it as CSV"),
-    (b"\x1f\x8b", "a gzip archive", "unpack it first"),
-    (b"BZh", "a bzip2 archive", "unpack it first"),
-    (b"\xfd7zXZ\0", "an xz archive", "unpack it first"),
-    (b"\x28\xb5\x2f\xfd", "a Zstandard archive", "unpack it first"),
-    (b"7z\xbc\xaf\x27\x1c", "a 7z archive", "unpack it first"),
+    *((magic, "a compressed file", "unpack it first") for magic in _COMPRESSED),
     (b"\xd0\xcf\x11\xe0", "a Microsoft Office file, such as .xls", "save it as CSV"),
-    (b"\x89PNG", "a PNG picture", ""),
-    (b"\xff\xd8\xff", "a JPEG picture", ""),
-    (b"GIF8", "a GIF picture", ""),
     (b"%PDF-", "a PDF document", ""),
-    (b"RIFF", "a RIFF file, such as .wav", ""),
-    (b"\x7fELF", "a program", ""),
     (b"<!DOCTYPE", "an HTML page", "save the data itself"),
     (b"<html", "an HTML page", "save the data itself"),
     (b"<?xml", "an XML file", "export it as CSV"),
@@ -74,34 +68,6 @@ _KINDS: Final = (
 )
 _HEAD_BYTES: Final = 4096
 _TEXT_CONTROLS: Final = b"\t\n\v\f\r\x1b"
-
-
-class Source(Protocol):
-    """A file's columns."""
-
-    @property
-    def path(self) -> Path:
-        """The file."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the columns."""
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What the user should know about how the file is read."""
-
-    def numbers(self, indices: Sequence[int], /) -> FloatArray:
-        """Return columns, shape (rows, columns), finite, with NaN where a value is missing."""
-
-    def has_stamps(self, index: int, /) -> bool:
-        """Return whether a column holds dates and times."""
-
-    def stamps_us(self, index: int, /) -> IntArray:
-        """Return dates and times in µs since 1970, shape (rows,); `times.NO_STAMP` where one is missing."""
-
-    def place(self, row: int, /) -> str:
-        """Return where a row is in the file, for a message."""
 
 
 def open_source(path: Path, max_bytes: int) -> Source:

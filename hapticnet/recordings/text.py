@@ -102,7 +102,7 @@ class _IrregularError(Exception):
 
 
 class TextSource:
-    """A text table as columns; satisfies `sources.Source`. `_find_layout` finds its separators and header.
+    """A text table as columns. `_find_layout` finds its separators and header.
 
     Blank lines and lines that start with ``#`` or ``%`` are skipped. Columns that are not requested may contain
     anything. The file is read line by line, so memory holds the requested columns only.
