@@ -22,9 +22,7 @@ SHORTEST_PERIOD_US: Final = 10.0
 LONGEST_PERIOD_US: Final = 5e5
 """Median sample period [µs] of plausible time stamps: 2 Hz to 100 kHz. Times in another unit fall outside."""
 
-LARGEST_TIME_US: Final = 1e17
-"""Largest time stamp [µs]; microseconds up to here are exact enough in float64."""
-
+LARGEST_TIME_US: Final = 1e17  # largest time stamp [µs]; microseconds up to here are exact enough in float64
 TIME_COLUMNS: Final = ("t", "t_s", "t_ms", "t_us", "time", "time_s", "timestamp")
 """Columns of a table that cannot be a force."""
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hapticnet.api.encoding import Table
-from hapticnet.api.inputs import as_codec, serve_class
+from hapticnet.api.encoding import Table, make_codec
+from hapticnet.api.inputs import serve_class
 from hapticnet.arrays import FloatArray
 from hapticnet.channel.emulator import Emulator
 from hapticnet.channel.spec import parse_channel
@@ -32,8 +32,7 @@ if TYPE_CHECKING:
     from hapticnet.operator.base import Operator
     from hapticnet.scene.base import Touchable
 
-LONGEST_RUN_S = 1e5
-"""Longest single run [s]; its recordings take about ten gigabytes of memory."""
+LONGEST_RUN_S = 1e5  # longest single run; its recordings take about ten gigabytes of memory
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -166,8 +165,8 @@ class VirtualLink:
             feedback_wire_bytes=slave["sent"]["wire_bytes"],
             forward_lost=slave["received"]["lost"],
             feedback_lost=master["received"]["lost"],
-            round_trip_ms=_milliseconds(round_trip["p50_us"]),
-            round_trip_p99_ms=_milliseconds(round_trip["p99_us"]),
+            round_trip_ms=None if round_trip["p50_us"] is None else round_trip["p50_us"] / 1e3,
+            round_trip_p99_ms=None if round_trip["p99_us"] is None else round_trip["p99_us"] / 1e3,
             slave=slave,
             master=master,
         )
@@ -226,9 +225,7 @@ def virtual_link(
     FileError
         If the scene's file cannot be read.
     """
-    chosen = as_codec(
-        codec, weber_fraction=weber_fraction, floor_n=floor_n, multiplier=multiplier, parameters=parameters
-    )
+    chosen = make_codec(codec, weber_fraction=weber_fraction, floor_n=floor_n, multiplier=multiplier, **parameters)
     serve_class(type(chosen))
     check_integer("seed", seed, 0, 2**63)
     for name, text in (("forward", forward), ("feedback", feedback)):
@@ -267,7 +264,3 @@ def virtual_link(
         feedback=to_master,
     )
     return VirtualLink(loopback, chosen)
-
-
-def _milliseconds(microseconds: float | None) -> float | None:
-    return None if microseconds is None else microseconds / 1e3

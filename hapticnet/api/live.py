@@ -22,8 +22,7 @@ from hapticnet.runtime.watching import Event, Watcher
 LOG: Final = logging.getLogger("hapticnet")
 """Where a program finds what is worth a warning, such as a recording that meets a full disk."""
 
-EVENTS_KEPT: Final = 1000
-"""Events that wait for a program; of more, the oldest are dropped."""
+EVENTS_KEPT: Final = 1000  # events that wait for a program; of more, the oldest are dropped
 
 Node = TypeVar("Node", MasterNode, SlaveNode)
 Result = TypeVar("Result")

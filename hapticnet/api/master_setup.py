@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import KW_ONLY, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, cast
+from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias, cast
 
 from hapticnet import options
 from hapticnet.api.inputs import as_codec, serve_class
@@ -38,6 +38,11 @@ if TYPE_CHECKING:
 
 PositionLike: TypeAlias = float | Sequence[float]
 """A position [m]: a number for one axis, or a sequence with a number for each."""
+
+
+_AS_GIVEN: Final = (
+    "rate_hz", "name", "on_error", "device_takes", "announced", "positions", "position_share", "first_touch", "passive",
+)  # fmt: skip
 
 
 class Hand:
@@ -200,17 +205,9 @@ class MasterSetup:
             codec=codec.name,
             parameters=registry.codec_parameters(codec),
             law=codec.law,
-            rate_hz=self.rate_hz,
-            name=self.name,
             record=self.record is not None,
             record_datagrams=self.record is not None,
-            on_error=self.on_error,
-            device_takes=self.device_takes,
-            announced=bool(self.announced),
-            positions=self.positions,
-            position_share=self.position_share,
-            first_touch=bool(self.first_touch),
-            passive=bool(self.passive),
+            **{name: getattr(self, name) for name in _AS_GIVEN},
             session=SessionSettings(max_age_us=round(self.max_age_s * 1e6)),
             control=devices.control_settings(self._profile()),
         )

@@ -90,10 +90,8 @@ def energy_report(
         If they are not finite numbers of the same shape.
     """
     forces, applied_n = _pair(true, applied)
-    positions = as_forces(position, "position")
+    positions = _finite(position, "position")
     check_shapes(positions, forces, "position", "true")
-    if not np.isfinite(positions).all():
-        raise SampleError(f"position[{int(np.argmin(np.isfinite(positions).all(axis=1)))}] is not finite")
     return energy.energy_report(law, forces, applied_n, positions)
 
 
@@ -146,12 +144,16 @@ def fewest_lines(
 
 
 def _pair(true: npt.ArrayLike, applied: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-    pair = as_forces(true, "true"), as_forces(applied, "applied")
-    check_shapes(pair[1], pair[0], "applied", "true")
-    for name, values in zip(("true", "applied"), pair, strict=True):
-        if not np.isfinite(values).all():
-            raise SampleError(f"{name}[{int(np.argmin(np.isfinite(values).all(axis=1)))}] is not finite")
-    return pair
+    forces, applied_n = _finite(true, "true"), _finite(applied, "applied")
+    check_shapes(applied_n, forces, "applied", "true")
+    return forces, applied_n
+
+
+def _finite(values: npt.ArrayLike, name: str) -> FloatArray:
+    forces = as_forces(values, name)
+    if not np.isfinite(forces).all():
+        raise SampleError(f"{name}[{int(np.argmin(np.isfinite(forces).all(axis=1)))}] is not finite")
+    return forces
 
 
 def _indices(values: npt.ArrayLike, name: str, samples: int) -> npt.NDArray[np.int64]:

@@ -32,11 +32,8 @@ TIME_UNITS: Final = {"s": 1e6, "sec": 1e6, "seconds": 1e6, "ms": 1e3, "us": 1.0,
 OTHER_UNITS: Final = ("rad", "deg", "°", "V", "mV", "Nm", "mNm", "counts", "adc", "raw", "Pa", "kPa", "bar", "g")
 """Units of other quantities, which are named in a note when a force or position column carries one."""
 
-MOST_COLUMNS: Final = 10_000
-"""Most columns of a table, in a file of any kind, and most arrays in an archive."""
-
-NO_STAMP: Final = int(np.datetime64("NaT").astype(np.int64))
-"""Represents a missing stamp, as in NumPy."""
+MOST_COLUMNS: Final = 10_000  # most columns of a table, in a file of any kind, and most arrays in an archive
+NO_STAMP: Final = int(np.datetime64("NaT").astype(np.int64))  # represents a missing stamp, as in NumPy
 
 _TIME_NAMES: Final = (
     "t",

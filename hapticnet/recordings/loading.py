@@ -36,7 +36,6 @@ FASTEST_HZ: Final = 1e6  # time stamps are whole microseconds
 SMALLEST_SCALE: Final = 1e-9
 LARGEST_SCALE: Final = 1e9  # metres in one unit of position
 LATEST_US: Final = 2.0**53  # largest time stamp, 285 years: float64 counts whole microseconds up to here
-
 GAP_STEPS: Final = 5  # a gap is a step in time longer than this many median steps
 PEAK_SHARE: Final = 1e-3  # share of the samples that may be peaks, at least one sample
 PEAK_RATIO: Final = 10  # how many times farther from the median than the rest a peak is

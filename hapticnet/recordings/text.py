@@ -30,9 +30,7 @@ from hapticnet.recordings.columns import (
     stamp_us,
 )
 
-LONGEST_LINE: Final = 2**20
-"""Limit of the characters in a line; a file with a longer one is not a table."""
-
+LONGEST_LINE: Final = 2**20  # limit of the characters in a line; a file with a longer one is not a table
 _SAMPLE_ROWS: Final = 100
 _BLOCK_BYTES: Final = 2**20
 _SKIPPED: Final = ("", "#", "%")

@@ -19,9 +19,7 @@ from hapticnet.recordings.session.mcap_writer import NEEDS_MCAP, McapWriter
 from hapticnet.recordings.session.session import as_type
 from hapticnet.recordings.session.sink import Sink, beside, free_suffix
 
-NUMBER_BYTES: Final = 25
-"""Longest text of a float64 with its separator: -1.2345678901234567e-100."""
-
+NUMBER_BYTES: Final = 25  # longest text of a float64 with its separator: -1.2345678901234567e-100
 FIXED_BYTES: Final = 4096
 EVENT_COLUMNS: Final = ("t_us", "event", "text")
 
@@ -112,8 +110,7 @@ Writer = McapWriter | CsvWriter
 FORMATS: Final[dict[str, Callable[[Heading], Writer]]] = {".mcap": McapWriter, ".csv": CsvWriter}
 """Formats in which sessions are recorded, by the suffix of the file."""
 
-FILES: Final = {".mcap": 1, ".csv": 4}
-"""Files of a recording by its suffix."""
+FILES: Final = {".mcap": 1, ".csv": 4}  # files of a recording by its suffix
 
 
 def check_format(path: Path) -> None:

@@ -10,17 +10,10 @@ from hapticnet.recordings.session.frames import Heading
 from hapticnet.recordings.session.protobuf import LOG, PACKAGE, log_descriptor, pack_log, pack_rows, row_descriptor
 from hapticnet.recordings.session.sink import Sink
 
-CHUNK_BYTES: Final = 64 * 1024
-"""Uncompressed size of a chunk; `flush` ends one earlier."""
-
-MESSAGE_BYTES: Final = 47
-"""What a message adds to its fields at most: 31 B in the chunk, 16 B in the index."""
-
-CHUNK_OVERHEAD_BYTES: Final = 400
-"""What a chunk adds at most, with its index of three channels in the summary."""
-
-FIXED_BYTES: Final = 8192
-"""Room for schemas, channels, statistics and metadata, which are written twice or at the end."""
+CHUNK_BYTES: Final = 64 * 1024  # uncompressed size of a chunk; `flush` ends one earlier
+MESSAGE_BYTES: Final = 47  # what a message adds to its fields at most: 31 B in the chunk, 16 B in the index
+CHUNK_OVERHEAD_BYTES: Final = 400  # what a chunk adds at most, with its index of three channels in the summary
+FIXED_BYTES: Final = 8192  # room for schemas, channels, statistics and metadata, which are written twice or at the end
 
 DISTURBANCES: Final = frozenset(
     (

@@ -24,12 +24,8 @@ from hapticnet.recordings.session.session import (
 from hapticnet.recordings.session.sink import UNFINISHED, beside
 from hapticnet.recordings.text import TextSource
 
-LATEST_US: Final = 100_000_000_000_000_000
-"""Largest plausible time [µs], on any clock: 3,000 years."""
-
-MOST_TABLES: Final = 16
-"""Most tables of a recording; hapticnet writes two."""
-
+LATEST_US: Final = 100_000_000_000_000_000  # largest plausible time [µs], on any clock: 3,000 years
+MOST_TABLES: Final = 16  # most tables of a recording; hapticnet writes two
 _TABLE: Final = re.compile(r"[A-Za-z0-9_-]{1,64}")
 _MCAP_MAGIC: Final = b"\x89MCAP"
 _ZIP_MAGIC: Final = b"PK"

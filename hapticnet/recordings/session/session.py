@@ -16,24 +16,16 @@ from hapticnet.errors import FileError
 SessionTable: TypeAlias = Mapping[str, npt.NDArray[Any]]
 """Columns of float64, int64 or int32 by name, shape (n,) each."""
 
-REPORT: Final = "report"
-"""Fact that a node adds when its session ends."""
-
-INCOMPLETE: Final = "incomplete"
-"""Fact in a recording from which something is missing: why."""
-
+REPORT: Final = "report"  # fact that a node adds when its session ends
+INCOMPLETE: Final = "incomplete"  # fact in a recording from which something is missing: why
 LARGEST_JSON: Final = 32 * 2**20
 """Longest text of events or facts that is read [characters]. Its values take up to 30 times as much memory."""
 
 MOST_VALUES: Final = 3_000_000
 """Most commas and opening brackets in such a text: each value takes 100 bytes and more, however short it is."""
 
-MOST_EVENTS: Final = 300_000
-"""Most events that are read: 12 hours at 7 a second."""
-
-IN_FORCE: Final = "SettingsInForce"
-"""Name of the events that state what is in force from their time on (`node.events`)."""
-
+MOST_EVENTS: Final = 300_000  # most events that are read: 12 hours at 7 a second
+IN_FORCE: Final = "SettingsInForce"  # name of the events that state what is in force from their time on (`node.events`)
 _SURROGATE: Final = re.compile(r"[\ud800-\udfff]|\\u[dD][89a-fA-F]")
 
 INTEGERS: Final = {

@@ -8,8 +8,7 @@ from typing import Final
 
 from hapticnet.errors import FileError
 
-UNFINISHED: Final = ".unfinished"
-"""Suffix of a file that is being written, or was when its writer was killed."""
+UNFINISHED: Final = ".unfinished"  # suffix of a file that is being written, or was when its writer was killed
 
 
 class Sink:
