@@ -19,7 +19,7 @@ COMPILED: Final = (
     "hapticnet/vectors.py",
     "hapticnet/rounding.py",
     "hapticnet/stiffness_bound.py",
-    "hapticnet/measure/metrics.py",
+    "hapticnet/measure/running_error.py",
     "hapticnet/scene/*.py",
     "hapticnet/codec/**/*.py",
     "hapticnet/protocol/*.py",

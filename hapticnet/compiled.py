@@ -220,7 +220,7 @@ def _bodies() -> dict[Callable[..., Any], Callable[..., Any]]:
 
     inline = njit(nogil=True, error_model="numpy", forceinline=True)
     return {
-        rounding.as_single: inline(as_single),
-        rounding.as_half: inline(as_half),
-        rounding.nearest: inline(nearest),
+        _from_source(rounding.as_single): inline(as_single),
+        _from_source(rounding.as_half): inline(as_half),
+        _from_source(rounding.nearest): inline(nearest),
     }

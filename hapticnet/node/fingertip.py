@@ -9,7 +9,7 @@ from hapticnet.control.force_settings import ForceControlSettings
 from hapticnet.control.hold import ForceLimiter, LimitSettings
 from hapticnet.device.base import Device, Reading
 from hapticnet.device.user import UserActuator
-from hapticnet.measure.metrics import RunningError
+from hapticnet.measure.running_error import RunningError
 from hapticnet.node.settings import MasterSettings, device_axis
 from hapticnet.samples import Vector
 

@@ -9,7 +9,7 @@ from hapticnet.codec.positions import PromisedLine, unpack_line
 from hapticnet.codec.registry import codec_parameters
 from hapticnet.codec.schemes.raw import Raw
 from hapticnet.errors import SampleError, in_words
-from hapticnet.measure.metrics import RunningError
+from hapticnet.measure.running_error import RunningError
 from hapticnet.node.dead_reckoning import VELOCITY_STEP_US, DeadReckoning
 from hapticnet.node.decoders import read_state
 from hapticnet.node.feedback import Feedback, SceneFailedError

@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticnet.measure.metrics import RunningError, error_report, worst_window_packets
+from hapticnet.measure.metrics import error_report, worst_window_packets
+from hapticnet.measure.running_error import RunningError
 from hapticnet.perception import WeberLaw
 
 LAW = WeberLaw(weber_fraction=0.1, floor_n=0.05)
