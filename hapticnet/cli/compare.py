@@ -81,8 +81,7 @@ def compare(
     from hapticnet.codec.registry import all_codecs, register_installed_codecs
     from hapticnet.errors import SettingsError
     from hapticnet.experiment.comparison import compare as compare_codecs
-    from hapticnet.experiment.comparison_table import csv_text
-    from hapticnet.experiment.comparison_table import latex as latex_tables
+    from hapticnet.experiment.comparison_table import csv_of, latex_of, print_rows
     from hapticnet.experiment.grid import grid_codecs
     from hapticnet.experiment.provenance import provenance, provenance_lines
     from hapticnet.experiment.trials import paper_trial
@@ -143,7 +142,7 @@ def compare(
     if figures is not None:
         for picture in figures.draw(rows):
             console.say(f"picture: {picture}")
-    for file, table in ((csv, csv_text), (latex, latex_tables)):
+    for file, table in ((csv, csv_of), (latex, latex_of)):
         if file is not None:
             write_text(file, table(rows, provenance_lines()))
             console.say(f"table: {file}")
@@ -151,8 +150,6 @@ def compare(
         settings = {"seed": seed, **values, "loss": losses, "delay_us": delay_us}
         print(json_module.dumps({"provenance": provenance(), "settings": settings, **_account(trials, rows)}, indent=2))
     else:
-        from hapticnet.cli.compare_table import print_rows
-
         print_rows(rows, trials)
 
 

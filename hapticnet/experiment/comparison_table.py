@@ -1,43 +1,47 @@
-"""The columns of a comparison, and its tables for papers and programs: LaTeX (booktabs) and CSV."""
+"""The tables of a comparison: for a person on a terminal, for papers (LaTeX) and for programs (CSV)."""
 
-import csv
-import io
-from collections.abc import Mapping, Sequence
+import re
+import textwrap
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Final
+from typing import Final
 
 from hapticnet.channel.settings import format_share, time_in_words
+from hapticnet.errors import visible
 from hapticnet.experiment.comparison import REPAIR_US, Row
-from hapticnet.experiment.latex import PACKAGES, escaped, row, table
 from hapticnet.experiment.summary import METHOD, Block, Line, blocks, means
+from hapticnet.experiment.table import (
+    LATEX_PACKAGES,
+    UNKNOWN,
+    WIDEST,
+    csv_text,
+    latex_table,
+    latex_text,
+    line_width,
+    print_table,
+)
+from hapticnet.experiment.trials import Trial
 
-UNKNOWN: Final = "–"
+LONGEST_LABEL: Final = 22
+"""Characters of a codec with its parameters on one line of a terminal: enough for every codec's name."""
+
+NOTE_WIDTH: Final = 120
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column of the tables for people.
-
-    Attributes
-    ----------
-    key
-        The field of `Row.flat` that it shows.
-    heading
-        One or two lines.
-    form, factor
-        Format specification of the number, and what the field is multiplied by.
-    meaning
-        Explanation for the note under the table.
-    in_papers
-        Whether the LaTeX table has the column; all of them do not fit on a page.
-    """
+    """A column of the tables for people: the figure of `Row.flat` that it shows, times a factor."""
 
     key: str
     heading: str
+    """One or two lines."""
     form: str
+    """Format specification of the number."""
     meaning: str
+    """Explanation for the note under the table."""
     factor: float = 1.0
     in_papers: bool = True
+    """Whether the LaTeX table has the column; all of them do not fit on a page."""
 
     def cell(self, line: Line) -> str:
         """Return the figure of a line, with its interval if it is a mean."""
@@ -117,65 +121,82 @@ def notes(shown: Sequence[Block]) -> list[str]:
     return told
 
 
-def latex(rows: Sequence[Row], origin: Sequence[str] = ()) -> str:
+def print_rows(rows: Sequence[Row], trials: Sequence[Trial], width: int | None = None) -> None:
+    """Print a comparison on stdout in lines of `width` characters; see `table.print_table`."""
+    width = line_width() if width is None else width
+    single = blocks(rows)
+    shown = single + means(single)
+    for trial in trials:
+        account = trial.account()
+        _print_filled(
+            f"{trial.name}: {account['samples']:,} samples, {account['seconds']:.1f} s, {account['period_ms']:g} ms"
+            f" apart, longest gap {account['longest_gap_ms']:g} ms",
+            width,
+        )
+    for block in shown:
+        print()
+        _print_filled(heading(block, shown), width)
+        names = [line.label if width == WIDEST else _folded(line.label) for line in block.lines]
+        cells = [
+            [name, *(column.cell(line) for column in COLUMNS)] for name, line in zip(names, block.lines, strict=True)
+        ]
+        print_table(["codec", *(column.heading for column in COLUMNS)], cells, width=width)
+    print(textwrap.fill(" ".join(notes(shown)), min(width, NOTE_WIDTH)))
+
+
+def latex_of(rows: Sequence[Row], origin: Sequence[str] = ()) -> str:
     """Return booktabs tables: of the means if there are several recordings, else of the only one.
 
-    Parameters
-    ----------
-    origin
-        Lines of comment at the top; see `provenance.provenance_lines`.
+    `origin` are lines of comment at the top; see `provenance.provenance_lines`.
     """
     single = blocks(rows)
     shown = means(single) or single
     columns = [column for column in COLUMNS if column.in_papers]
-    lines = [*(f"% {line}" for line in origin), PACKAGES, ""]
+    head = ["codec", *(column.heading.replace("\n", " ") for column in columns)]
+    lines = [*(f"% {line}" for line in origin), LATEX_PACKAGES, ""]
     for block in shown:
-        cells = [row(["codec", *(column.heading.replace("\n", " ") for column in columns)]), "\\midrule"]
-        before_optimum = True
-        for line in block.lines:
-            if before_optimum and line.codec is None:
-                cells.append("\\addlinespace")
-                before_optimum = False
-            cells.append(row([line.label, *(column.cell(line) for column in columns)]))
+        cells = [[line.label, *(column.cell(line) for column in columns)] for line in block.lines]
+        codecs = sum(line.codec is not None for line in block.lines)
         lines += [
             "\\begin{table}",
             "\\centering\\footnotesize\\setlength{\\tabcolsep}{4pt}",
-            f"\\caption{{{escaped(heading(block, shown))}}}",
-            *table(f"l{'r' * len(columns)}", cells),
+            f"\\caption{{{latex_text(heading(block, shown))}}}",
+            *latex_table(head, cells, space_before=codecs),
             "\\end{table}",
             "",
         ]
     return "\n".join([*lines, *(f"% {note}" for note in notes(shown))]) + "\n"
 
 
-def csv_text(rows: Sequence[Row], origin: Sequence[str] = ()) -> str:
+def csv_of(rows: Sequence[Row], origin: Sequence[str] = ()) -> str:
     """Return a row for each codec, settings and recording, and for several recordings their means and intervals.
 
     The column ``statistic`` is "recording", "mean" or "half_width": half of the 95 % interval around the mean. Units
-    are those of `Row.flat`; values that do not exist are empty.
-
-    Parameters
-    ----------
-    origin
-        Lines of comment at the top, after ``#``; see `provenance.provenance_lines`.
+    are those of `Row.flat`; values that do not exist are empty. `origin` are lines of comment at the top.
     """
-    single = [{"statistic": "recording", "recordings": 1, **_scalars(row.flat())} for row in rows]
-    averaged = []
+    found = [{"statistic": "recording", "recordings": 1, **row.flat(), "at_rest": int(row.at_rest)} for row in rows]
+    head = [key for key in found[0] if key != "parameters"] if found else []
     for block in means(blocks(rows)):
         for line in block.lines:
             if line.codec is not None:
                 shared = {"recordings": block.recordings, "label": line.label, "codec": line.codec}
-                settings = asdict(block.settings)
-                averaged.append({"statistic": "mean", **line.values, **shared, **settings})
-                averaged.append({"statistic": "half_width", **line.half_widths, **shared, **settings})
-    text = io.StringIO()
-    text.writelines(f"# {line}\n" for line in origin)
-    writer = csv.DictWriter(text, list(single[0]) if single else [], restval="", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(single + averaged)
-    return text.getvalue()
+                shared |= asdict(block.settings)
+                found.append({**line.values, **shared, "statistic": "mean"})
+                found.append({**line.half_widths, **shared, "statistic": "half_width"})
+    return csv_text(head, [[row.get(key) for key in head] for row in found], origin)
 
 
-def _scalars(flat: Mapping[str, Any]) -> dict[str, Any]:
-    cells = {key: value for key, value in flat.items() if key != "parameters"}
-    return cells | {"at_rest": int(flat["at_rest"])}
+def _print_filled(text: str, width: int) -> None:
+    for line in textwrap.wrap(text, width, subsequent_indent="  "):
+        print(visible(line))
+
+
+def _folded(label: str) -> str:
+    """Return a label on as many lines as it needs, broken before parameters."""
+    lines = [""]
+    for part in re.split(r"(?<=[:,])|(?= \()", label):
+        if lines[-1] and len(lines[-1]) + len(part) > LONGEST_LABEL:
+            lines.append("  ")
+            part = part.lstrip()
+        lines[-1] += part
+    return "\n".join(lines)

@@ -1,18 +1,15 @@
 """The report of a study in Markdown, and its tables as CSV and LaTeX."""
 
-import csv
-import io
 import math
 from collections.abc import Iterable, Sequence
 from statistics import fmean
 from typing import Final, TypeAlias
 
-from hapticnet.experiment.latex import PACKAGES, escaped, row, table
+from hapticnet.experiment.table import LATEX_PACKAGES, UNKNOWN, latex_table, latex_text
+from hapticnet.experiment.table import csv_text as csv_of
 from hapticnet.study.analysis import NAMES, Comparison, ConditionResult, Figure, Results
 from hapticnet.study.statistics import ALPHA, standard_error
 from hapticnet.study.weber import ParticipantFile
-
-UNKNOWN: Final = "–"
 
 Cells: TypeAlias = list[Sequence[str]]
 """The rows of a table, the head first."""
@@ -125,26 +122,23 @@ def markdown(
 
 def csv_text(results: Results, origin: Sequence[str] = ()) -> str:
     """Return every figure of every condition and participant as CSV, with the origin as comments."""
-    buffer = io.StringIO()
-    buffer.writelines(f"# {line}\n" for line in (*_warning(results), *origin))
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(["condition", "codec", "multiplier", "measure", "participant", "value"])
+    rows = []
     people = "mean", "standard error", *results.participants
     for condition in results.conditions:
         for key, figure in condition.figures.items():
             for person, value in zip(people, (figure.mean, figure.error, *figure.each), strict=True):
                 text = f"{value:.9g}" if value is not None and math.isfinite(value) else "n/a"
-                writer.writerow([condition.name, condition.codec, condition.multiplier, key, person, text])
-    return buffer.getvalue()
+                rows.append([condition.name, condition.codec, condition.multiplier, key, person, text])
+    head = ["condition", "codec", "multiplier", "measure", "participant", "value"]
+    return csv_of(head, rows, (*_warning(results), *origin))
 
 
 def latex(results: Results, origin: Sequence[str] = ()) -> str:
     """Return the table of the conditions for a paper, with booktabs, no wider than the page."""
     head, *lines = condition_table(results)
-    cells = [row(head), "\\midrule", *map(row, lines)]
-    caption = [f"% caption: {escaped(line)}" for line in _warning(results)]
+    caption = [f"% caption: {latex_text(line)}" for line in _warning(results)]
     comments = [f"% {line}" for line in (*_warning(results), *origin)]
-    return "\n".join([*comments, PACKAGES, *table("l" + "r" * len(results.conditions), cells), *caption]) + "\n"
+    return "\n".join([*comments, LATEX_PACKAGES, *latex_table(head, lines), *caption]) + "\n"
 
 
 def _warning(results: Results) -> list[str]:

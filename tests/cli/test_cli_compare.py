@@ -7,11 +7,10 @@ import re
 import numpy as np
 import pytest
 
-from hapticnet.cli.compare_table import print_rows
 from hapticnet.cli.console import Console
 from hapticnet.codec.registry import every_codec, make_codec
 from hapticnet.experiment.comparison import compare
-from hapticnet.experiment.comparison_table import COLUMNS, latex
+from hapticnet.experiment.comparison_table import COLUMNS, latex_of, print_rows
 from hapticnet.experiment.trials import Trial
 from hapticnet.perception import WeberLaw
 from hapticnet.recordings.text import read_csv
@@ -231,7 +230,7 @@ def test_latex_and_terminal_have_the_same_columns_and_the_mean_of_several_record
     rows, trials = rows_and_trials(3)
     print_rows(rows, trials, 1000)
     printed = capsys.readouterr().out
-    text = latex(rows, ["version: 1"])
+    text = latex_of(rows, ["version: 1"])
     assert text.startswith("% version: 1\n")
     assert text.count("\\begin{table}") == 1
     body = [line for line in text.splitlines() if line.endswith("\\\\")]

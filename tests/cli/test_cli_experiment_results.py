@@ -11,7 +11,7 @@ import pytest
 
 from hapticnet.cli.console import Console
 from hapticnet.cli.experiment.sessions import conduct_all
-from hapticnet.experiment.latex import escaped
+from hapticnet.experiment.table import latex_text
 from hapticnet.study.plan import LimitsPlan
 from hapticnet.study.rows import OrderRow, header, to_line
 from hapticnet.study.weber import participant_file
@@ -119,7 +119,7 @@ def test_the_latex_table_is_no_wider_than_the_page_and_shows_every_character(run
     assert "% Needs \\usepackage{adjustbox} and \\usepackage{booktabs}." in tex
     table = tex.partition("\\toprule")[2].partition("\\bottomrule")[0]
     assert table.isascii()
-    assert escaped("a_b 5% {x} felt > JND < 1, ±2 − 3 µm") == (
+    assert latex_text("a_b 5% {x} felt > JND < 1, ±2 − 3 µm") == (
         "a\\_b 5\\% \\{x\\} felt $>$ JND $<$ 1, $\\pm$2 $-$ 3 $\\mu$m"
     )
 

@@ -40,6 +40,7 @@ def show(
     """Print mean and quantiles of the results for each group of runs, or draw them."""
     from hapticnet.cli.console import Console, check_needed, check_new, check_outputs, write_text
     from hapticnet.errors import SettingsError
+    from hapticnet.experiment.table import csv_text
     from hapticnet.sweep.results import chosen, open_results, summary
     from hapticnet.sweep.store import STUDY, Store
     from hapticnet.sweep.study import read_study
@@ -58,7 +59,7 @@ def show(
     found = summary(results, groups, measures, quantiles=shares, where=where)
     console = Console("sweep", quiet=json)
     if csv is not None:
-        write_text(csv, _csv_text(found))
+        write_text(csv, csv_text(found.columns, found.rows))
         console.say(f"table: {csv}")
     if plot is not None:
         given = shown.model_copy(
@@ -91,17 +92,6 @@ def _draw(results: "Results", shown: "Shown", groups: tuple[str, ...], file: Pat
     draw(results, drawing, file, where=where)
 
 
-def _csv_text(found: "Summary") -> str:
-    import csv
-    import io
-
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(found.columns)
-    writer.writerows(found.rows)
-    return text.getvalue()
-
-
 def _print_json(results: "Results", found: "Summary") -> None:
     import json
 
@@ -113,31 +103,19 @@ def _print_json(results: "Results", found: "Summary") -> None:
 
 
 def _print_table(results: "Results", found: "Summary") -> None:
-    import sys
-
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
     from hapticnet.cli.console import show
-    from hapticnet.errors import visible
+    from hapticnet.experiment.table import print_table
 
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-    for name in (*found.by, "runs"):
-        table.add_column(Text(visible(name)), justify="left" if name in found.by else "right")
     span = [f"{100 * each:g}" for each in (found.quantiles[:1] + found.quantiles[-1:])]
-    for name in found.of:
-        heading = f"{visible(name)}, mean" + (f"\n({'–'.join(span)} %)" if span else "")
-        table.add_column(Text(heading), justify="right")
-    each = 1 + len(found.quantiles)
-    for row in found.rows:
-        start = len(found.by) + 1
-        cells = [_mean_and_span(row[at : at + each]) for at in range(start, len(row), each)]
-        table.add_row(*(Text(visible(cell)) for cell in (*map(_text, row[:start]), *cells)))
+    below = f"\n({'–'.join(span)} %)" if span else ""
+    start, each = len(found.by) + 1, 1 + len(found.quantiles)
+    rows = [
+        [*map(_text, row[:start]), *(_mean_and_span(row[at : at + each]) for at in range(start, len(row), each))]
+        for row in found.rows
+    ]
     runs = sum(row[len(found.by)] for row in found.rows)
     show(f"{results.about['name']}: {runs:,} of {results.about['runs']:,} runs")
-    Console(highlight=False, width=None if sys.stdout.isatty() else 1000).print(table)
+    print_table([*found.by, "runs", *(f"{name}, mean{below}" for name in found.of)], rows, left=len(found.by))
 
 
 def _mean_and_span(values: tuple[Any, ...]) -> str:
